@@ -1,0 +1,214 @@
+"""The frame around every command: one JSON object or human text on stdout, errors on stderr, exit codes.
+
+Nothing heavy is imported here, so that `pamid --help` answers at once.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import importlib
+import io
+import json
+import os
+import sys
+import traceback
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NoReturn
+
+import click
+
+from .table import COMMANDS
+
+INTERRUPTED = 130
+_EPILOG = "Exit codes: 0 done, 2 usage, 3 a file is wrong, 4 the data cannot answer, 5 not converged, 6 partly done."
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a command found: `json` for scripts (with a "schema"), `text` for people; exit_code 0, or 4 to 6 when the
+    result is written and yet falls short."""
+
+    json: dict[str, Any] = field(default_factory=dict)
+    text: str = ""
+    exit_code: int = 0
+
+
+def command(name: str, *, example: str, **settings: Any) -> Callable[[Callable[..., Result]], click.Command]:
+    """Decorator for the one function of a command file. It takes the options, returns a `Result`; the frame prints it.
+
+    The docstring is the help; `example` holds the shell lines that end it (a test runs them). `--json` and `--debug`
+    are added.
+    """
+
+    def wrap(function: Callable[..., Result]) -> click.Command:
+        made = click.command(name, cls=_Command, **settings)(function)
+        assert isinstance(made, _Command)
+        made.example = example.strip()
+        made.params += [
+            click.Option(["--json"], is_flag=True, expose_value=False, help="Print exactly one JSON object."),
+            click.Option(["--debug"], is_flag=True, expose_value=False, help="Show the traceback of an error."),
+        ]
+        return made
+
+    return wrap
+
+
+def main(arguments: Sequence[str] | None = None) -> NoReturn:
+    """Run `pamid` with these arguments (default: those of the process) and exit."""
+    sys.exit(run(sys.argv[1:] if arguments is None else arguments))
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run `pamid` with these arguments and return its exit code."""
+    flags = _flags(arguments)
+    as_json, debug = "--json" in flags, "--debug" in flags
+    stray = io.StringIO()  # in JSON mode nothing but the object may reach stdout
+    try:
+        with contextlib.redirect_stdout(stray) if as_json else contextlib.nullcontext():
+            result = _GROUP.main(list(arguments), prog_name="pamid", standalone_mode=False)
+    except BaseException as error:
+        if isinstance(error, BrokenPipeError):
+            return _hang_up()
+        if debug and not isinstance(error, click.ClickException | click.Abort):
+            traceback.print_exc()
+        return _print_error(error, as_json)
+    if not isinstance(result, Result):  # --help and --version print by themselves
+        code = result if isinstance(result, int) else 0
+        result = Result({"schema": "pamid.text/1", "text": stray.getvalue()}, "", code)
+    elif stray.getvalue():
+        sys.stderr.write(stray.getvalue())
+    return _print_result(result, as_json)
+
+
+class _Command(click.Command):
+    """A command whose help ends with an example, laid out as written."""
+
+    example = ""
+
+    def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        super().format_help(ctx, formatter)
+        formatter.write("\nExample:\n" + "".join(f"  {line}\n" for line in self.example.splitlines()))
+
+
+class _LazyGroup(click.Group):
+    """Finds commands in the table and imports the module of the one that is called."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        if cmd_name not in COMMANDS:
+            return None
+        module, _, attribute = COMMANDS[cmd_name][0].partition(":")
+        found = getattr(importlib.import_module(f".{module}", __package__), attribute)
+        assert isinstance(found, click.Command)
+        return found
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args and not args[0].startswith("-") and args[0] not in COMMANDS:
+            ctx.fail(f"There is no command {args[0]!r}. {_suggest(args[0], COMMANDS)}")
+        return super().resolve_command(ctx, args)
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, help_text) for name, (_, help_text) in COMMANDS.items()])
+
+
+def _show_version(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        click.echo(f"pamid {version('pamid')}")
+        ctx.exit()
+
+
+@click.group(cls=_LazyGroup, epilog=_EPILOG, context_settings={"help_option_names": ["-h", "--help"]})
+@click.option("--version", is_flag=True, is_eager=True, expose_value=False, callback=_show_version,
+              help="Print the version.")  # fmt: skip
+@click.option("--json", is_flag=True, expose_value=False, help="Print exactly one JSON object.")
+@click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error.")
+def _GROUP() -> None:
+    """Find out where a grey-box model departs from its rig, which effect causes it, and how far the gap shrinks."""
+
+
+def _print_result(result: Result, as_json: bool) -> int:
+    try:
+        if as_json:
+            from pamid.run import json_text
+
+            sys.stdout.write(json_text(result.json) if "numpy" in sys.modules else _json(result.json))
+        elif result.text:
+            click.echo(result.text.rstrip("\n"))
+        sys.stdout.flush()
+    except BrokenPipeError:
+        return _hang_up()
+    return result.exit_code
+
+
+def _print_error(error: BaseException, as_json: bool) -> int:
+    told, code = _explain(error)
+    if as_json:
+        sys.stdout.write(_json(told))
+        sys.stdout.flush()
+        return code
+    label = "pamid: " if code == INTERRUPTED else "pamid: error: "
+    coloured = sys.stderr.isatty() and not os.environ.get("NO_COLOR")
+    click.echo(click.style(label, fg="red", bold=True) if coloured else label, nl=False, err=True)
+    click.echo(told["message"], err=True)
+    if told["hint"]:
+        click.echo(f"  {told['hint']}", err=True)
+    return code
+
+
+def _explain(error: BaseException) -> tuple[dict[str, str], int]:
+    """The pamid.error/1 object and the exit code of whatever was raised."""
+    if isinstance(error, click.exceptions.NoArgsIsHelpError):
+        return _error("usage", "A command is missing.", "See `pamid --help`.\n" + error.format_message()), 2
+    if isinstance(error, click.UsageError):
+        where = error.ctx.command_path if error.ctx else "pamid"
+        return _error("usage", error.format_message(), f"See `{where} --help`."), 2
+    if isinstance(error, click.ClickException):
+        return _error("file", error.format_message(), ""), 3
+    if isinstance(error, KeyboardInterrupt | click.Abort):
+        return _error("interrupted", "interrupted", "What was finished is kept."), INTERRUPTED
+    if "pamid.errors" in sys.modules:
+        from pamid.errors import PamidError
+
+        if isinstance(error, PamidError):
+            return error.as_dict(), error.exit_code
+    if isinstance(error, SystemExit):
+        code = error.code if isinstance(error.code, int) else 1
+        return _error("exit", f"left with {error.code!r}", ""), code
+    detail = " ".join(str(error).split())
+    hint = "This is a fault of pamid, or of a rig or effect file. Run it again with --debug for the traceback."
+    return _error("unexpected", f"{type(error).__name__}: {detail}".rstrip(": "), hint), 1
+
+
+def _error(code: str, message: str, hint: str) -> dict[str, str]:
+    return {"schema": "pamid.error/1", "code": code, "message": message, "hint": hint}
+
+
+def _json(value: dict[str, Any]) -> str:
+    return json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _flags(arguments: Sequence[str]) -> set[str]:
+    """Words before a bare `--`; parsing may fail before click has seen them, so they are looked for by hand."""
+    words = list(arguments)
+    return set(words[: words.index("--")] if "--" in words else words)
+
+
+def _suggest(name: str, names: Sequence[str] | dict[str, Any]) -> str:
+    close = difflib.get_close_matches(name, list(names), n=1)
+    return f"Did you mean {close[0]!r}?" if close else ""
+
+
+def _hang_up() -> int:
+    """The reader of a pipe has left (`pamid effects | head`): that is its right, not an error."""
+    with contextlib.suppress(OSError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return 0

@@ -1,0 +1,45 @@
+"""Progress on stderr: a line that updates itself on a terminal, otherwise one line every 15 s (for log files)."""
+
+from __future__ import annotations
+
+import sys
+import time
+from types import TracebackType
+from typing import TextIO
+
+_TERMINAL_S = 0.1
+_LOG_S = 15.0
+_WIDTH = 100
+
+
+class Progress:
+    """`with Progress("fitting", 12) as progress: progress.update(3, "coulomb-friction")`. Quick work says nothing."""
+
+    def __init__(self, label: str, total: int | None = None, *, stream: TextIO | None = None) -> None:
+        self._label = label
+        self._total = total
+        self._stream = stream if stream is not None else sys.stderr
+        self._live = self._stream.isatty()
+        self._begun = self._told = time.monotonic()
+        self._shown = False
+
+    def __enter__(self) -> Progress:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._live and self._shown:
+            self._stream.write("\r\x1b[K")
+            self._stream.flush()
+
+    def update(self, done: int, text: str = "") -> None:
+        """Say that `done` of the total are finished; `text` is what is going on."""
+        now = time.monotonic()
+        if now - self._told < (_TERMINAL_S if self._live else _LOG_S):
+            return
+        self._told, self._shown = now, True
+        count = f"{done}" if self._total is None else f"{done}/{self._total}"
+        line = f"{self._label}: {count} {text}".rstrip()[:_WIDTH] + f" ({now - self._begun:.0f} s)"
+        self._stream.write(f"\r{line}\x1b[K" if self._live else line + "\n")
+        self._stream.flush()

@@ -1,0 +1,17 @@
+"""The commands: where each one lives, and one line of help, so that `pamid --help` need not load any of them."""
+
+from __future__ import annotations
+
+#: name -> (module:function inside this package, one line of help)
+COMMANDS: dict[str, tuple[str, str]] = {
+    "generate-aprbs": ("generate_aprbs:command", "Make an excitation that covers amplitude and frequency."),
+    "simulate": ("simulate:command", "Run a virtual rig with any effects and sensor noise."),
+    "check": ("check:command", "Say what is wrong with a recording, rig or effect, before any fitting."),
+    "fit": ("fit:command", "Fit the parameters of a rig to recordings, with intervals."),
+    "train-residual": ("train_residual:command", "Train a network on what a fitted model leaves over."),
+    "diagnose": ("diagnose:command", "Find where the gap lies, which effect causes it, how far it shrinks."),
+    "report": ("report:command", "Turn a run into tables, figures and one HTML page."),
+    "effects": ("effects:command", "List the catalogue of effects, or explain one."),
+    "rigs": ("rigs:command", "List the rigs, or explain one."),
+    "demo": ("demo:command", "Everything above on a virtual rig, in about a minute."),
+}

@@ -1,0 +1,293 @@
+"""The generic sweep through time: compiled once, serves every model through function addresses.
+
+One sweep carries values and, on request, exact sensitivities of the discrete recursion (not of the differential
+equation): the derivative of what was computed. Explicit Runge-Kutta of order 4, or the L-stable SDIRK2 of Alexander
+(1977) for stiff models, one or more steps per sample, inputs held over the sample.
+
+Rows of the sensitivity matrix: states, cells, past cells. Function numbers: 0 rates, 1 outputs, 2.. cell phases;
+each exists plain (even address) and with partials (odd address).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from llvmlite import ir
+from numba import njit, types
+from numba.extending import intrinsic
+
+GAMMA = 1.0 - 1.0 / np.sqrt(2.0)
+BLOWN_UP = 1e15
+
+
+@intrinsic
+def _invoke(typingctx, address, x, c, b, u, p, t, out):  # type: ignore[no-untyped-def]
+    """Call the compiled function at `address` with seven array addresses."""
+    signature = types.void(*[types.intp] * 8)
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        word = ir.IntType(64)
+        kind = ir.FunctionType(ir.VoidType(), [word] * 7)
+        builder.call(builder.inttoptr(args[0], kind.as_pointer()), args[1:])
+        return context.get_dummy_value()
+
+    return signature, codegen
+
+
+@njit(cache=True, inline="always")
+def _call(address, x, c, b, u, p, t, out):  # type: ignore[no-untyped-def]
+    _invoke(address, x.ctypes.data, c.ctypes.data, b.ctypes.data, u.ctypes.data, p.ctypes.data, t.ctypes.data,
+            out.ctypes.data)
+
+
+@njit(cache=True)
+def _rows(out, n, pointer, columns, first, n_rows, p_column, S, D):  # type: ignore[no-untyped-def]
+    """D[i] = sum_j partial(i, j) S[j] + direct parameter columns; partials follow the n values in `out`."""
+    ns = S.shape[1]
+    for i in range(n):
+        for k in range(ns):
+            D[i, k] = 0.0
+        for e in range(pointer[i], pointer[i + 1]):
+            value = out[n + e]
+            col = columns[first + e]
+            if col < n_rows:
+                if value != 0.0:
+                    for k in range(ns):
+                        D[i, k] += value * S[col, k]
+            else:
+                k = p_column[col - n_rows]
+                if k >= 0:
+                    D[i, k] += value
+
+
+@njit(cache=True)
+def _update_cells(address, phase_n, phase_first, phase_delay, pattern_at, pattern, columns_at, columns, sens,
+                  x, c, b, u, p, t, out, S, D, p_column, buffers, buffer_S, heads):  # type: ignore[no-untyped-def]
+    """All cells at the start of a step. Delay lines sit between phases: push the input, read at the delay."""
+    nx, nc = x.shape[0], c.shape[0]
+    n_rows = nx + 2 * nc
+    for i in range(nc):
+        b[i] = c[i]
+    if sens:
+        for i in range(nc):
+            for k in range(S.shape[1]):
+                S[nx + nc + i, k] = S[nx + i, k]
+    for phase in range(phase_n.shape[0]):
+        n = phase_n[phase]
+        delayed = phase_delay[phase]
+        total = n + (2 if delayed >= 0 else 0)
+        f = 2 + phase
+        _call(address[2 * f + (1 if sens else 0)], x, c, b, u, p, t, out)
+        at = phase_first[phase]
+        if sens:
+            _rows(out, total, pattern[pattern_at[f]:], columns, columns_at[f], n_rows, p_column, S, D)
+        for i in range(n):
+            c[at + i] = out[i]
+            if sens:
+                for k in range(S.shape[1]):
+                    S[nx + at + i, k] = D[i, k]
+        if delayed >= 0:
+            cell = at + n
+            size = buffers.shape[1]
+            head = (heads[delayed] + 1) % size
+            heads[delayed] = head
+            if t[4] > 0.5:
+                for m in range(size):
+                    buffers[delayed, m] = out[n]
+                    if sens:
+                        for k in range(S.shape[1]):
+                            buffer_S[delayed, m, k] = D[n, k]
+            buffers[delayed, head] = out[n]
+            position = min(max(out[n + 1] / t[1], 0.0), size - 2.0)
+            whole = int(position)
+            part = position - whole
+            near, far = (head - whole) % size, (head - whole - 1) % size
+            c[cell] = (1.0 - part) * buffers[delayed, near] + part * buffers[delayed, far]
+            if sens:
+                slope = (buffers[delayed, far] - buffers[delayed, near]) / t[1]
+                for k in range(S.shape[1]):
+                    buffer_S[delayed, head, k] = D[n, k]
+                    S[nx + cell, k] = ((1.0 - part) * buffer_S[delayed, near, k] + part * buffer_S[delayed, far, k]
+                                       + slope * D[n + 1, k])
+
+
+@njit(cache=True)
+def _rk4(address, pattern, columns, sens, x, c, b, u, p, t, h, out, S, D, p_column, x0, acc, S0,
+         A):  # type: ignore[no-untyped-def]
+    nx, nc = x.shape[0], c.shape[0]
+    n_rows = nx + 2 * nc
+    ns = S.shape[1]
+    for i in range(nx):
+        x0[i] = x[i]
+        acc[i] = 0.0
+    if sens:
+        for i in range(nx):
+            for k in range(ns):
+                S0[i, k] = S[i, k]
+                A[i, k] = 0.0
+    for stage in range(4):
+        weight = h / 6.0 if stage == 0 or stage == 3 else h / 3.0
+        reach = 0.5 * h if stage < 2 else h
+        _call(address[1 if sens else 0], x, c, b, u, p, t, out)
+        if sens:
+            _rows(out, nx, pattern, columns, 0, n_rows, p_column, S, D)
+            for i in range(nx):
+                for k in range(ns):
+                    A[i, k] += weight * D[i, k]
+                    S[i, k] = S0[i, k] + reach * D[i, k]
+        for i in range(nx):
+            acc[i] += weight * out[i]
+            x[i] = x0[i] + reach * out[i]
+    for i in range(nx):
+        x[i] = x0[i] + acc[i]
+        if sens:
+            for k in range(ns):
+                S[i, k] = S0[i, k] + A[i, k]
+
+
+@njit(cache=True)
+def _factor(M, pivots):  # type: ignore[no-untyped-def]
+    """LU in place with partial pivoting."""
+    n = M.shape[0]
+    for j in range(n):
+        best = j
+        for i in range(j + 1, n):
+            if abs(M[i, j]) > abs(M[best, j]):
+                best = i
+        pivots[j] = best
+        if best != j:
+            for k in range(n):
+                M[j, k], M[best, k] = M[best, k], M[j, k]
+        if M[j, j] == 0.0:
+            M[j, j] = 1e-300
+        for i in range(j + 1, n):
+            M[i, j] /= M[j, j]
+            for k in range(j + 1, n):
+                M[i, k] -= M[i, j] * M[j, k]
+
+
+@njit(cache=True)
+def _solve(M, pivots, B):  # type: ignore[no-untyped-def]
+    """Solve in place for all columns of B."""
+    n, m = B.shape
+    for j in range(n):
+        if pivots[j] != j:
+            for k in range(m):
+                B[j, k], B[pivots[j], k] = B[pivots[j], k], B[j, k]
+    for j in range(n):
+        for i in range(j + 1, n):
+            for k in range(m):
+                B[i, k] -= M[i, j] * B[j, k]
+    for j in range(n - 1, -1, -1):
+        for k in range(m):
+            B[j, k] /= M[j, j]
+        for i in range(j):
+            for k in range(m):
+                B[i, k] -= M[i, j] * B[j, k]
+
+
+@njit(cache=True)
+def _matrix(out, pattern, columns, nx, gh, M):  # type: ignore[no-untyped-def]
+    """M = I - gh df/dx."""
+    for i in range(nx):
+        for j in range(nx):
+            M[i, j] = 1.0 if i == j else 0.0
+        for e in range(pattern[i], pattern[i + 1]):
+            if columns[e] < nx:
+                M[i, columns[e]] -= gh * out[nx + e]
+
+
+@njit(cache=True)
+def _sdirk2(address, pattern, columns, sens, x, c, b, u, p, t, h, out, S, D, p_column, x0, k1, S0, A, M, pivots,
+            r):  # type: ignore[no-untyped-def]
+    """Two implicit stages with Newton to round-off; sensitivities by the implicit function theorem."""
+    nx, nc = x.shape[0], c.shape[0]
+    n_rows = nx + 2 * nc
+    ns = S.shape[1]
+    gh = GAMMA * h
+    for i in range(nx):
+        x0[i] = x[i]
+        k1[i] = 0.0
+        if sens:
+            for k in range(ns):
+                S0[i, k] = S[i, k]
+                A[i, k] = 0.0
+    for stage in range(2):
+        carry = 0.0 if stage == 0 else (1.0 - GAMMA) * h
+        for _ in range(12):
+            _call(address[1], x, c, b, u, p, t, out)
+            _matrix(out, pattern, columns, nx, gh, M)
+            _factor(M, pivots)
+            worst = 0.0
+            for i in range(nx):
+                r[i, 0] = x0[i] + carry * k1[i] + gh * out[i] - x[i]
+            _solve(M, pivots, r)
+            for i in range(nx):
+                x[i] += r[i, 0]
+                worst = max(worst, abs(r[i, 0]) / (1e-6 + abs(x[i])))
+            if worst < 1e-9:
+                break
+        _call(address[1], x, c, b, u, p, t, out)
+        if sens:
+            _matrix(out, pattern, columns, nx, gh, M)
+            _factor(M, pivots)
+            for i in range(nx):
+                for k in range(ns):
+                    S[i, k] = 0.0
+            _rows(out, nx, pattern, columns, 0, n_rows, p_column, S, D)  # everything but df/dx S
+            for i in range(nx):
+                for k in range(ns):
+                    S[i, k] = S0[i, k] + carry * A[i, k] + gh * D[i, k]
+            _solve(M, pivots, S[:nx])
+            if stage == 0:
+                for i in range(nx):
+                    for k in range(ns):
+                        A[i, k] = (S[i, k] - S0[i, k]) / gh
+        if stage == 0:
+            for i in range(nx):
+                k1[i] = (x[i] - x0[i]) / gh
+
+
+@njit(cache=True, nogil=True)
+def sweep(address, n_phase, phase_first, phase_delay, pattern_at, pattern, columns_at, columns,
+          x, c, b, u, p, p_column, S, buffers, buffer_S, heads,
+          time_s, period_s, substeps, implicit, begin, sens, Y, JY):  # type: ignore[no-untyped-def]
+    """Run over the rows of u (samples x inputs); fills Y (samples x outputs) and JY (samples x outputs x columns).
+
+    State, cells, buffers and sensitivities are carried in place, so that the next call continues.
+    Returns the first sample at which the state is no longer finite, or -1.
+    """
+    n, nx, nc, ny, ns = u.shape[0], x.shape[0], c.shape[0], Y.shape[1], S.shape[1]
+    n_rows = nx + 2 * nc
+    width = max(max(nx, ny), nc) + 2
+    out = np.zeros(width + columns.shape[0] + 2)
+    D = np.zeros((width, ns))
+    x0, k1 = np.zeros(nx), np.zeros(nx)
+    S0, A = np.zeros((nx, ns)), np.zeros((nx, ns))
+    M, r, pivots = np.zeros((nx, nx)), np.zeros((nx, 1)), np.zeros(nx, np.int64)
+    t = np.zeros(5)
+    h = period_s / substeps
+    t[1], t[2] = h, period_s
+    for k in range(n):
+        row = u[k]
+        for sub in range(substeps):
+            t[0] = time_s + k * period_s + sub * h
+            t[3] = 1.0 if sub == 0 else 0.0
+            t[4] = 1.0 if begin and k == 0 and sub == 0 else 0.0
+            if nc > 0:
+                _update_cells(address, n_phase, phase_first, phase_delay, pattern_at, pattern, columns_at, columns,
+                              sens, x, c, b, row, p, t, out, S, D, p_column, buffers, buffer_S, heads)
+            if sub == 0:
+                _call(address[3 if sens else 2], x, c, b, row, p, t, out)
+                for i in range(ny):
+                    Y[k, i] = out[i]
+                if sens:
+                    _rows(out, ny, pattern[pattern_at[1]:], columns, columns_at[1], n_rows, p_column, S, JY[k])
+            if implicit:
+                _sdirk2(address, pattern, columns, sens, x, c, b, row, p, t, h, out, S, D, p_column, x0, k1, S0, A,
+                        M, pivots, r)
+            else:
+                _rk4(address, pattern, columns, sens, x, c, b, row, p, t, h, out, S, D, p_column, x0, k1, S0, A)
+        for i in range(nx):
+            if not abs(x[i]) < BLOWN_UP:
+                return k
+    return -1

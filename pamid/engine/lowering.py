@@ -1,0 +1,184 @@
+"""Memory operators become cells: values kept from step to step by the engine.
+
+A cell is updated at the start of every step (of every sample where `sampled`), from the state at that instant and
+its own past, and holds over the step. Inside the step an operator is evaluated relative to its cell, so a play or a
+bristle is exact for a motion one way, whatever the integrator's stages do, and no operator is stiff.
+
+    play     y' = max(x - r, min(x + r, y))
+    bristle  z(x) relaxes over |x - x_k| towards +-reach
+    lag      exact for a held input (averaged over the step), first-order hold for a moving one
+    delay    ring buffer kept by the driver, linear between samples
+    integral an ordinary state
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pamid.equations import (
+    EquationError,
+    Expr,
+    exp,
+    maximum,
+    minimum,
+    rebuild,
+    symbol,
+    symbols,
+    text,
+    walk,
+    where,
+)
+
+TICKS = ("time", "step", "period", "fresh", "begin")  # s, s, s, 1 at the first step of a sample, 1 at the very first
+
+
+def tick(name: str) -> Expr:
+    return symbol("tick", name)
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A remembered value. `update` may read states, inputs, parameters, its own past and other cells' new values."""
+
+    name: str
+    update: Expr
+    start: Expr
+    sampled: bool = False
+    buffer_s: float = 0.0      # > 0: a delay line of that length; `update` is what goes in, `seconds` the delay
+    seconds: Expr | None = None
+
+    @property
+    def here(self) -> Expr:
+        return symbol("cell", self.name)
+
+    @property
+    def past(self) -> Expr:
+        return symbol("past", self.name)
+
+
+@dataclass(frozen=True)
+class Lowered:
+    """Equations without memory operators."""
+
+    states: tuple[str, ...]
+    rates: tuple[Expr, ...]
+    outputs: tuple[Expr, ...]
+    cells: tuple[Cell, ...]      # in the order they have to be updated
+
+
+def _held(node: Expr) -> bool:
+    """Does the value stay put over a step?"""
+    return all(space != "state" for space, _ in symbols([node]))
+
+
+class _Lowering:
+    def __init__(self) -> None:
+        self.new: dict[Expr, Expr] = {}
+        self.cells: list[Cell] = []
+        self.states: list[tuple[str, Expr]] = []
+
+    def name(self, kind: str) -> str:
+        return f"{kind}{len(self.cells) + len(self.states)}"
+
+    def cell(self, kind: str, update: Expr, start: Expr) -> Cell:
+        made = Cell(self.name(kind), update, start)
+        self.cells.append(made)
+        return made
+
+    def play(self, x: Expr, r: Expr) -> Expr:
+        past = symbol("past", self.name("play"))
+        y = self.cell("play", maximum(x - r, minimum(x + r, past)), x)
+        return maximum(x - r, minimum(x + r, y.here))
+
+    def bristle(self, x: Expr, reach: Expr) -> Expr:
+        def moved(z: Expr, origin: Expr) -> Expr:
+            step = x - origin
+            decay = exp(-abs(step) / reach)
+            end = where(step > 0.0, reach, where(step < 0.0, -reach, z))
+            return end + (z - end) * decay
+
+        z_name = self.name("bristle")
+        origin = symbol("past", f"{z_name}_origin")
+        z = Cell(z_name, moved(symbol("past", z_name), origin), 0.0 * x)
+        at = Cell(f"{z_name}_origin", x, x)
+        self.cells += [z, at]
+        return moved(z.here, at.here)
+
+    def lag(self, x: Expr, tau: Expr) -> Expr:
+        tau = maximum(tau, 1e-12)
+        h = tick("step")
+        decay = exp(-h / tau)
+        name = self.name("lag")
+        y, before = symbol("past", name), symbol("past", f"{name}_input")
+        if _held(x):
+            cell = Cell(name, before + (y - before) * decay, x)
+            out = x + (cell.here - x) * (tau / h) * (1.0 - decay)
+        else:
+            slope = (x - before) / h
+            cell = Cell(name, x - slope * tau + (y - before + slope * tau) * decay, x)
+            out = x + (cell.here - symbol("cell", f"{name}_input"))
+        self.cells += [Cell(f"{name}_input", x, x), cell]
+        return out
+
+    def delay(self, x: Expr, seconds: Expr, longest_s: float) -> Expr:
+        name = self.name("delay")
+        now = symbol("cell", f"{name}_input")
+        self.cells += [Cell(f"{name}_input", x, x), Cell(name, now, now, buffer_s=longest_s, seconds=seconds)]
+        out = symbol("cell", name)
+        return out if _held(x) else x + (out - now)
+
+    def integral(self, x: Expr) -> Expr:
+        name = self.name("integral")
+        self.states.append((name, x))
+        return symbol("state", name)
+
+    def run(self, roots: list[Expr]) -> None:
+        for node in walk(roots):
+            if node in self.new:
+                continue
+            args = tuple(self.new[a] for a in node.args)
+            if node.op == "delay":
+                self.new[node] = self.delay(args[0], args[1], node.value)
+            elif node.op in ("play", "bristle", "lag", "integral"):
+                self.new[node] = getattr(self, node.op)(*args)
+            else:
+                self.new[node] = rebuild(node, args) if args else node
+
+
+def _ordered(cells: list[Cell]) -> tuple[Cell, ...]:
+    """Cells such that each one reads only new values of cells before it."""
+    names = {c.name: c for c in cells}
+    needs = {c.name: {n for space, n in symbols([c.update, c.start, *([c.seconds] if c.seconds else [])])
+                      if space == "cell"} - {c.name} for c in cells}
+    order: list[Cell] = []
+    placed: set[str] = set()
+    while len(order) < len(cells):
+        ready = [c for c in cells if c.name not in placed and needs[c.name] <= placed]
+        if not ready:
+            stuck = [n for n in names if n not in placed]
+            raise EquationError(f"algebraic loop through {', '.join(stuck)}: "
+                                f"{text(names[stuck[0]].update)[:120]}",
+                                "put a delay, a lag or a state into the loop")
+        order += ready[:1]
+        placed.add(ready[0].name)
+    return tuple(order)
+
+
+def lower(rates: dict[str, Expr], outputs: dict[str, Expr], cells: tuple[Cell, ...] = ()) -> Lowered:
+    """Replace every memory operator by cells; adds a state per integral."""
+    work = _Lowering()
+    explicit = [e for c in cells for e in (c.update, c.start)]
+    work.run([*rates.values(), *outputs.values(), *explicit])
+    done = [Cell(c.name, work.new[c.update], work.new[c.start], c.sampled) for c in cells]
+    rate_nodes = [work.new[e] for e in rates.values()]
+    out_nodes = [work.new[e] for e in outputs.values()]
+    return Lowered((*rates, *(n for n, _ in work.states)), (*rate_nodes, *(e for _, e in work.states)),
+                   tuple(out_nodes), _ordered(done + work.cells))
+
+
+def cell_update(cell: Cell) -> Expr:
+    """What the cell becomes at the start of a step."""
+    update = cell.update
+    if cell.sampled:
+        update = where(tick("fresh") > 0.5, update, cell.past)
+    return where(tick("begin") > 0.5, cell.start, update)

@@ -1,0 +1,126 @@
+"""What there is: effects and rigs found by scanning their folders, or loaded from a user's file.
+
+A user's rig or effect file is Python code and is run; recordings, runs and models never are.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import importlib.util
+import pkgutil
+import sys
+from functools import lru_cache
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pamid.effects
+import pamid.rigs
+from pamid.effect import Effect, require_sound
+from pamid.errors import FileError, PamidError, nearest
+from pamid.rig import Rig, check_rig
+
+
+def _classes(module: ModuleType, base: type) -> list[type]:
+    return [v for v in vars(module).values() if isinstance(v, type) and issubclass(v, base) and v is not base
+            and v.__module__ == module.__name__]
+
+
+@lru_cache
+def _scanned(package: str, base: type) -> dict[str, type]:
+    found: dict[str, type] = {}
+    folder = importlib.import_module(package)
+    for info in sorted(pkgutil.iter_modules(folder.__path__), key=lambda m: m.name):
+        for cls in _classes(importlib.import_module(f"{package}.{info.name}"), base):
+            found[cls.name] = cls  # type: ignore[attr-defined]
+    return found
+
+
+def effects() -> dict[str, type[Effect]]:
+    """Every effect of the catalogue by name."""
+    return dict(_scanned("pamid.effects", Effect))
+
+
+def rigs() -> dict[str, type[Rig]]:
+    """Every rig of the catalogue by name."""
+    return dict(_scanned("pamid.rigs", Rig))
+
+
+def load_file(path: Path) -> ModuleType:
+    """Run a user's Python file and return it as a module; errors name the file and the line."""
+    if not path.is_file():
+        raise FileError(f"no such file: {path}", "give a name from pamid rigs / pamid effects, or a path to a .py file")
+    name = f"pamid_user_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:12]}"
+    spec = importlib.util.spec_from_file_location(name, path)
+    if spec is None or spec.loader is None:
+        raise FileError(f"{path} is not a Python file", "a rig or effect file ends in .py")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        spec.loader.exec_module(module)
+    except PamidError as error:
+        raise FileError(f"{path}: {error}", error.hint) from error
+    except SyntaxError as error:
+        raise FileError(f"{path}, line {error.lineno}: {error.msg}", "mend the Python syntax") from error
+    except Exception as error:
+        line = next((t.tb_lineno for t in _frames(error) if t.tb_frame.f_code.co_filename == str(path)), 0)
+        raise FileError(f"{path}, line {line}: {type(error).__name__}: {error}") from error
+    return module
+
+
+def _frames(error: BaseException) -> list[Any]:
+    out, tb = [], error.__traceback__
+    while tb is not None:
+        out.append(tb)
+        tb = tb.tb_next
+    return out[::-1]
+
+
+def _is_path(name: str) -> bool:
+    return name.endswith(".py") or "/" in name
+
+
+def rig_named(name: str) -> Rig:
+    """A rig by name ("one-dof", "one-dof:polynomial") or by the path of a file that holds one."""
+    if _is_path(name):
+        path = Path(name)
+        found = _classes(load_file(path), Rig)
+        if not found:
+            raise FileError(f"{path} holds no rig", "a rig is a class that derives from pamid.Rig")
+        if len(found) > 1:
+            raise FileError(f"{path} holds {len(found)} rigs: {', '.join(c.__name__ for c in found)}",
+                            "keep one rig in one file")
+        rig = found[0]()
+        check_rig(rig, str(path))
+        return rig
+    base, _, variant = name.partition(":")
+    known = rigs()
+    if base not in known:
+        raise FileError(f"unknown rig {base!r}", nearest(base, list(known)) or
+                        f"rigs: {', '.join(known)}; or the path of a rig file")
+    if not variant:
+        return known[base]()
+    choices = getattr(known[base], "variants", ())
+    if variant not in choices:
+        raise FileError(f"rig {base!r} has no variant {variant!r}", nearest(variant, list(choices)) or
+                        f"variants: {', '.join(choices) or 'none'}")
+    return known[base](variant)  # type: ignore[call-arg]
+
+
+def effects_with(specs: tuple[str, ...]) -> tuple[dict[str, type[Effect]], list[str]]:
+    """The catalogue, widened by the effect files among `specs`; and the specs as names."""
+    known, names = effects(), []
+    for spec in specs:
+        head, sep, tail = spec.partition(".py")
+        if sep and _is_path(head + sep):
+            found = _classes(load_file(Path(head + sep)), Effect)
+            if not found:
+                raise FileError(f"{head + sep} holds no effect", "an effect is a class that derives from pamid.Effect")
+            for cls in found:
+                require_sound(cls, head + sep)  # type: ignore[arg-type]
+                known[cls.name] = cls  # type: ignore[attr-defined]
+            names.append(found[0].name + tail)  # type: ignore[attr-defined]
+        else:
+            names.append(spec)
+    return known, names

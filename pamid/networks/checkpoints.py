@@ -1,0 +1,122 @@
+"""Where a training stands, and that on disk: enough to go on exactly as if nobody had stopped it."""
+
+import io
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.errors import FileError
+from pamid.networks.bayes import Evidence
+from pamid.run import write_atomically
+
+Array = NDArray[np.float64]
+
+
+class Step(NamedTuple):
+    """One row of the trace, after an accepted step (row 0: the start).
+
+    `mse` is the mean squared error over the samples used; `gradient` the norm of dF/dw; `mu` the damping the next step
+    begins with; `gamma`, `alpha`, `beta` as re-estimated at these weights; `seconds` since the start was begun;
+    `trials` how many steps were simulated until one was accepted.
+    """
+
+    iteration: int
+    mse: float
+    gradient: float
+    mu: float
+    gamma: float
+    alpha: float
+    beta: float
+    seconds: float
+    trials: int
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """One random start: the weights it has reached, its trace, and why it stopped ("" while it runs)."""
+
+    start: int
+    weights: Array
+    mu: float
+    evidence: Evidence
+    steps: tuple[Step, ...]
+    why: str = ""
+    converged: bool = False
+
+    @property
+    def mse(self) -> float:
+        return self.steps[-1].mse if self.steps else float("inf")
+
+
+@dataclass(frozen=True)
+class Checkpoint:
+    """All attempts so far, the last one being the current; `problem` identifies data, network and options."""
+
+    problem: str
+    attempts: tuple[Attempt, ...]
+
+
+_FIELDS = ("weights", "numbers", "steps", "why")
+
+
+def save_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
+    """Write a checkpoint, whole or not at all."""
+    arrays: dict[str, NDArray] = {"problem": np.array(checkpoint.problem)}
+    for k, a in enumerate(checkpoint.attempts):
+        e = a.evidence
+        arrays[f"weights_{k}"] = a.weights
+        arrays[f"numbers_{k}"] = np.array([a.start, a.mu, e.gamma, e.alpha, e.beta, a.converged], dtype=np.float64)
+        arrays[f"steps_{k}"] = np.array(a.steps, dtype=np.float64).reshape(len(a.steps), len(Step._fields))
+        arrays[f"why_{k}"] = np.array(a.why)
+    buffer = io.BytesIO()
+    np.savez(buffer, **arrays)  # type: ignore[arg-type]
+    write_atomically(Path(path), buffer.getvalue())
+
+
+def load_checkpoint(path: Path, problem: str, n_weights: int) -> Checkpoint:
+    """Read a checkpoint of this very problem; FileError when it is another's, or no checkpoint at all."""
+    arrays = load_arrays(Path(path))
+    if "problem" not in arrays or str(arrays["problem"]) != problem:
+        raise FileError(
+            f"{path} belongs to another training: its data, network, seed or options differ.",
+            "train afresh, or repeat the options of the interrupted training",
+        )
+    attempts = []
+    for k in range((len(arrays) - 1) // len(_FIELDS)):
+        try:
+            weights, numbers, steps, why = (arrays[f"{field}_{k}"] for field in _FIELDS)
+        except KeyError as missing:
+            raise FileError(f"{path} is no whole checkpoint: {missing} is missing.", "train afresh") from None
+        if weights.shape != (n_weights,) or numbers.shape != (6,) or steps.shape[1:] != (len(Step._fields),):
+            raise FileError(f"{path}: attempt {k} has arrays of the wrong shape.", "train afresh")
+        start, mu, gamma, alpha, beta, converged = numbers.tolist()
+        rows = tuple(Step._make((int(r[0]), *r[1:-1], int(r[-1]))) for r in steps.tolist())
+        attempts.append(
+            Attempt(int(start), weights, mu, Evidence(gamma, alpha, beta), rows, str(why), bool(converged))
+        )
+    return Checkpoint(problem, tuple(attempts))
+
+
+def load_arrays(path: Path, data: bytes | None = None) -> dict[str, NDArray]:
+    """Every array of an npz file, refusing pickled objects; FileError says what is wrong with the file.
+
+    `data` are the file's bytes where the caller has read them already (to check a hash on the very same bytes).
+    """
+    try:
+        content = path.read_bytes() if data is None else data
+    except OSError as error:
+        raise FileError(f"{path} cannot be read: {error.strerror}.", "check the path") from None
+    if not content.startswith(b"PK"):  # a bare pickle or .npy would take another branch of numpy.load
+        raise FileError(f"{path} is not an npz file.", "give the file that pamid wrote")
+    try:
+        with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+            return {name: arrays[name] for name in arrays.files}
+    except (ValueError, OSError, EOFError, KeyError, zipfile.BadZipFile) as error:
+        raise FileError(
+            f"{path} is not a plain npz file ({error}).",
+            "pamid never loads pickled objects; make the file anew",
+        ) from None

@@ -1,0 +1,210 @@
+"""A trained network with everything needed to use it on signals in their own units, and its two files.
+
+`network.json` (schema pamid.network/1) is for people and scripts: kind, sizes, inputs and output with unit and scaling,
+sampling period, how the training went, and the SHA-256 of `network.npz`, which holds the weights at full precision.
+Loading reads strict JSON and plain arrays; no code in either file is ever run.
+"""
+
+import hashlib
+import io
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pamid.errors import DataError, FileError, PamidError, nearest
+from pamid.networks.checkpoints import load_arrays
+from pamid.networks.elman import Elman
+from pamid.networks.problem import Network
+from pamid.networks.scaling import Scaling, check_finite, scaling_of
+from pamid.networks.training import Training, train
+from pamid.run import read_json, write_atomically, write_json
+
+Array = NDArray[np.float64]
+Signals = Mapping[str, ArrayLike]
+
+NETWORK_SCHEMA = "pamid.network/1"
+NETWORK_FILE, WEIGHTS_FILE = "network.json", "network.npz"
+_KINDS: dict[str, type] = {Elman.kind: Elman}
+_REMEDY = "Train the network again."
+
+
+@dataclass(frozen=True)
+class TrainedNetwork:
+    """A network and what its numbers mean.
+
+    `input_names` and `input_units` are in the order of the network's inputs; the scalings are in these units.
+    `training` is a summary for readers (why it stopped, mse, gamma, ...), not needed to predict.
+    """
+
+    network: Network
+    weights: Array
+    input_names: tuple[str, ...]
+    input_units: tuple[str, ...]
+    output_name: str
+    output_unit: str
+    input_scaling: Scaling
+    output_scaling: Scaling
+    sampling_period_s: float
+    training: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        columns = {len(self.input_names), len(self.input_units), len(self.input_scaling.low)}
+        if len(columns) != 1 or len(set(self.input_names)) != len(self.input_names):
+            raise DataError("A trained network needs a unit, a scaling and a name of its own for each input.")
+        if len(self.output_scaling.low) != 1:
+            raise DataError("A trained network has one output and one scaling for it.")
+        if not (np.isfinite(self.sampling_period_s) and self.sampling_period_s > 0.0):
+            raise DataError(f"The sampling period must be positive, not {self.sampling_period_s} s.")
+        if np.shape(self.weights) != (self.network.n_weights,) or not np.isfinite(self.weights).all():
+            raise DataError(f"This network needs {self.network.n_weights} finite weights.")
+        self.network.simulate(self.weights, np.zeros((1, len(self.input_names))))  # refuses a wrong number of inputs
+
+    def predict(self, signals: Signals) -> Array:
+        """The output (N,) in its own unit, from a zero state, at this network's sampling period.
+
+        `signals` holds one array (N,) per input name, in the input's unit; others are ignored. DataError names a
+        signal that is missing, of another length, or not finite (with the row).
+        """
+        table = _columns(signals, self.input_names)
+        check_finite(table, self.input_names)
+        return self.output_scaling.backward(self.network.simulate(self.weights, self.input_scaling.forward(table)))
+
+
+def train_on_signals(
+    network: Network,
+    signals: Signals | Sequence[Signals],
+    output: ArrayLike | Sequence[ArrayLike],
+    *,
+    units: Mapping[str, str],
+    output_name: str,
+    output_unit: str,
+    sampling_period_s: float,
+    **options: Any,
+) -> tuple[TrainedNetwork, Training]:
+    """Scale, train and bind together: `signals` in own units, in the order of the network's inputs.
+
+    Several recordings are lists of signals and of outputs; one scaling spans them all. `units` maps each input name to
+    its unit; `options` go to `train`. DataError as in `scaling_of` and `train`.
+    """
+    several = not isinstance(signals, Mapping)
+    recordings: Sequence[Signals] = signals if several else [signals]  # type: ignore[assignment, list-item]
+    outputs = [np.asarray(o, dtype=np.float64) for o in (output if several else [output])]  # type: ignore[union-attr]
+    if not recordings:
+        raise DataError("There is no recording to train on.")
+    names = tuple(recordings[0])
+    tables = [_columns(one, names) for one in recordings]
+    input_scaling = scaling_of(np.concatenate(tables), names)
+    output_scaling = scaling_of(np.concatenate(outputs), (output_name,))
+    scaled = [input_scaling.forward(t) for t in tables], [output_scaling.forward(o) for o in outputs]
+    training = train(network, *scaled, **options)
+    trained = TrainedNetwork(
+        network, training.weights, names, tuple(units.get(n, "") for n in names), output_name, output_unit,
+        input_scaling, output_scaling, sampling_period_s, summary_of(training),
+    )  # fmt: skip
+    return trained, training
+
+
+def summary_of(training: Training) -> dict[str, Any]:
+    """How a training went, without times, so that the same training always gives the same summary."""
+    last = {name: float(column[-1]) for name, column in training.trace.items() if len(column)}
+    summary: dict[str, Any] = {"why": training.why, "converged": training.converged, "remark": training.remark}
+    summary |= {"samples": training.samples, "effective_samples": training.effective_samples}
+    summary |= {name: last[name] for name in ("mse", "gradient", "mu", "gamma", "alpha", "beta") if name in last}
+    summary |= {"iterations": int(last.get("iteration", 0)), "start": training.best}
+    summary["starts_mse"] = [mse if np.isfinite(mse) else None for mse in training.starts_mse]
+    return summary
+
+
+def save_network(folder: Path | str, trained: TrainedNetwork) -> None:
+    """Write `network.npz`, then `network.json` that vouches for it, each whole or not at all."""
+    folder = Path(folder)
+    buffer = io.BytesIO()
+    np.savez(buffer, weights=np.ascontiguousarray(trained.weights, dtype=np.float64))
+    content = buffer.getvalue()
+    scalings = zip(trained.input_scaling.low, trained.input_scaling.high, strict=True)
+    about = {
+        "schema": NETWORK_SCHEMA,
+        "kind": trained.network.kind,  # type: ignore[attr-defined]
+        "sizes": asdict(trained.network),  # type: ignore[call-overload]
+        "n_weights": trained.network.n_weights,
+        "inputs": [
+            {"name": name, "unit": unit, "low": low, "high": high}
+            for name, unit, (low, high) in zip(trained.input_names, trained.input_units, scalings, strict=True)
+        ],
+        "output": {
+            "name": trained.output_name,
+            "unit": trained.output_unit,
+            "low": trained.output_scaling.low[0],
+            "high": trained.output_scaling.high[0],
+        },
+        "sampling_period_s": trained.sampling_period_s,
+        "training": dict(trained.training),
+        "weights": {"file": WEIGHTS_FILE, "sha256": hashlib.sha256(content).hexdigest()},
+    }
+    write_atomically(folder / WEIGHTS_FILE, content)
+    write_json(folder / NETWORK_FILE, about)
+
+
+def load_network(folder: Path | str) -> TrainedNetwork:
+    """Read a network back; FileError where a file is missing, altered, or not what it should be."""
+    path = Path(folder) / NETWORK_FILE
+    about = read_json(path)
+    if not isinstance(about, dict) or about.get("schema") != NETWORK_SCHEMA:
+        raise FileError(f"{path} is not a {NETWORK_SCHEMA}.", "Another version wrote it; train the network again.")
+    try:
+        kind = str(about["kind"])
+        if kind not in _KINDS:
+            raise FileError(f"{path}: unknown kind of network {kind!r}.", nearest(kind, _KINDS) or _REMEDY)
+        inputs, output = about["inputs"], about["output"]
+        network = _KINDS[kind](**about["sizes"])
+        return TrainedNetwork(
+            network=network,
+            weights=_weights(path.parent / WEIGHTS_FILE, str(about["weights"]["sha256"]), network.n_weights),
+            input_names=tuple(str(one["name"]) for one in inputs),
+            input_units=tuple(str(one["unit"]) for one in inputs),
+            output_name=str(output["name"]),
+            output_unit=str(output["unit"]),
+            input_scaling=Scaling(*(tuple(float(one[end]) for one in inputs) for end in ("low", "high"))),
+            output_scaling=Scaling((float(output["low"]),), (float(output["high"]),)),
+            sampling_period_s=float(about["sampling_period_s"]),
+            training=dict(about["training"]),
+        )
+    except FileError:
+        raise
+    except KeyError as missing:
+        raise FileError(f"{path} lacks {missing}.", _REMEDY) from None
+    except (PamidError, TypeError, ValueError) as error:
+        raise FileError(f"{path} does not describe a network: {error}", _REMEDY) from None
+
+
+def _weights(path: Path, sha256: str, n_weights: int) -> Array:
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise FileError(f"{path} cannot be read: {error.strerror}.", _REMEDY) from None
+    if hashlib.sha256(content).hexdigest() != sha256:
+        raise FileError(f"{path} was changed since {NETWORK_FILE} was written (its SHA-256 differs).", _REMEDY)
+    arrays = load_arrays(path, content)
+    weights = arrays.get("weights")
+    if weights is None or weights.shape != (n_weights,) or weights.dtype != np.float64:
+        found = "none" if weights is None else f"{weights.dtype} {weights.shape}"
+        raise FileError(f"{path} should hold {n_weights} float64 weights, found: {found}.", _REMEDY)
+    if not np.isfinite(weights).all():
+        raise FileError(f"{path} holds weights that are not finite.", _REMEDY)
+    return weights
+
+
+def _columns(signals: Signals, names: Sequence[str]) -> Array:
+    """(N, len(names)) in the order of `names`."""
+    for name in names:
+        if name not in signals:
+            raise DataError(f"Signal {name!r} is missing.", nearest(name, signals) or f"Given: {', '.join(signals)}.")
+    columns = [np.asarray(signals[name], dtype=np.float64) for name in names]
+    for name, column in zip(names, columns, strict=True):
+        if column.ndim != 1 or len(column) != len(columns[0]):
+            raise DataError(f"Signal {name!r} has shape {column.shape}, but {names[0]!r} has {columns[0].shape}.")
+    return np.column_stack(columns)

@@ -1,0 +1,398 @@
+"""Levenberg-Marquardt with Bayesian regularisation: its mathematics, its endings, going on after an interruption."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import pamid.networks.training as training_module
+from pamid.errors import DataError, FileError
+from pamid.networks.bayes import Evidence, effective_samples, effective_weights, promised_decrease, solve_damped
+from pamid.networks.checkpoints import Step
+from pamid.networks.elman import Elman
+from pamid.networks.training import Goals, Training, trace_rows, train
+
+
+@dataclass(frozen=True)
+class Linear:
+    """y = U w: the network whose evidence has a closed form."""
+
+    n_weights: int
+
+    def initial(self, seed):
+        return np.random.default_rng(seed).normal(size=self.n_weights)
+
+    def simulate(self, weights, inputs):
+        return inputs @ weights
+
+    def normal_equations(self, weights, inputs, target, washout):
+        u = inputs[washout:]
+        error = target[washout:] - u @ weights
+        return float(error @ error), u.T @ u, u.T @ error
+
+
+def linear_data(n=120, p=8, noise=0.3, seed=0):
+    draw = np.random.default_rng(seed)
+    u = draw.normal(size=(n, p)) * np.logspace(0, -2.5, p)
+    return u, u @ draw.normal(size=p) + noise * draw.normal(size=n)
+
+
+def teacher_data(n=1500, noise=0.0, seed=5, hidden=3):
+    """Held random levels into a random Elman network; target scaled into [-1, 1]."""
+    draw = np.random.default_rng(seed)
+    u = np.repeat(draw.uniform(-1.0, 1.0, (n // 20, 2)), 20, axis=0)
+    teacher = Elman(2, hidden)
+    y = teacher.simulate(teacher.initial(7), u)
+    return u, y / np.abs(y).max() + noise * draw.normal(size=len(u))
+
+
+# --- evidence ---------------------------------------------------------------------------------------------------------
+
+
+def evidence_fixed_point(u, target):
+    """(gamma, alpha, beta, weights) from eigenvalues and a root in alpha / beta, with no iteration in common."""
+    values, vectors = np.linalg.eigh(u.T @ u)
+    projected = vectors.T @ (u.T @ target)
+    n = len(target)
+
+    def at(log_ratio):
+        ratio = np.exp(log_ratio)
+        coordinates = projected / (values + ratio)
+        gamma = np.sum(values / (values + ratio))
+        sse = np.sum((target - u @ (vectors @ coordinates)) ** 2)
+        return gamma, gamma / (2.0 * np.sum(coordinates**2)), (n - gamma) / (2.0 * sse), vectors @ coordinates
+
+    root = brentq(lambda x: np.log(at(x)[1] / at(x)[2]) - x, -15.0, 10.0, xtol=1e-13)
+    return at(root)
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_gamma_alpha_beta_reach_foresee_hagans_fixed_point(seed):
+    u, target = linear_data(seed=seed)
+    gamma, alpha, beta, weights = evidence_fixed_point(u, target)
+    assert 3.0 < gamma < 7.9  # the case is one where regularisation does something
+    trained = train(Linear(8), u, target, iterations=500, seed=seed)
+    assert trained.converged, trained.why
+    assert trained.trace["gamma"][-1] == pytest.approx(gamma, rel=1e-6)
+    assert trained.trace["alpha"][-1] == pytest.approx(alpha, rel=1e-6)
+    assert trained.trace["beta"][-1] == pytest.approx(beta, rel=1e-6)
+    np.testing.assert_allclose(trained.weights, weights, atol=1e-7)
+
+
+def test_every_row_of_the_trace_follows_the_update_rules():
+    """gamma from the old alpha and beta and the Hessian at the new weights; alpha and beta from the new gamma."""
+    u, target = linear_data(seed=4)
+    trace = train(Linear(8), u, target, iterations=6).trace
+    values = np.linalg.eigvalsh(u.T @ u)
+    first = trace["gamma"][0], trace["beta"][0] * 2.0 * trace["mse"][0] * len(target)
+    assert first == pytest.approx((8.0, len(target) - 8.0))
+    for k in range(1, len(trace["gamma"])):
+        alpha, beta = trace["alpha"][k - 1], trace["beta"][k - 1]
+        hessian = 2.0 * beta * (u.T @ u) + 2.0 * alpha * np.eye(8)
+        gamma = 8.0 - 2.0 * alpha * np.trace(np.linalg.inv(hessian))
+        assert trace["gamma"][k] == pytest.approx(gamma, rel=1e-9)
+        assert gamma == pytest.approx(np.sum(beta * values / (beta * values + alpha)), rel=1e-9)
+        sse = trace["mse"][k] * len(target)
+        assert trace["beta"][k] == pytest.approx((len(target) - gamma) / (2.0 * sse), rel=1e-9)
+
+
+def test_without_regularisation_it_is_least_squares():
+    u, target = linear_data(seed=6)
+    trained = train(Linear(8), u, target, iterations=200, regularise=False)
+    np.testing.assert_allclose(trained.weights, np.linalg.lstsq(u, target, rcond=None)[0], atol=1e-8)
+    assert np.all(trained.trace["alpha"] == 0.0) and np.all(trained.trace["beta"] == 1.0)
+
+
+def test_singular_hessians_are_solved_and_counted():
+    draw = np.random.default_rng(0)
+    half = draw.normal(size=(5, 3))
+    matrix, right = half @ half.T, half @ draw.normal(size=3)
+    np.testing.assert_allclose(matrix @ solve_damped(matrix, 0.0, right), right, atol=1e-10)
+    expected = right @ np.linalg.pinv(matrix) @ right
+    assert promised_decrease(matrix, right) == pytest.approx(expected, rel=1e-9)
+    for alpha in (1e-25, 1e-17, 1e-9):  # below, at and above the rounding error of J'J
+        assert effective_weights(Evidence(0.0, alpha, 1.0), matrix) == pytest.approx(3.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("memory", [0.0, 0.9, 0.99])
+def test_effective_samples_of_an_autoregression(memory):
+    draw, n = np.random.default_rng(1), 200_000
+    noise, e = draw.normal(size=n), np.zeros(n)
+    for k in range(1, n):
+        e[k] = memory * e[k - 1] + noise[k]
+    assert effective_samples(e) == pytest.approx(n * (1.0 - memory) / (1.0 + memory), rel=0.1)
+
+
+def test_correlated_residuals_are_remarked():
+    u, y = teacher_data(n=1500)
+    slow = np.sin(np.arange(1500) / 60.0)
+    loud = train(Elman(2, 2), u, 0.2 * y + 0.8 * slow, iterations=5)
+    assert loud.samples == 1500 and loud.effective_samples < 150
+    assert f"{loud.effective_samples:.0f} independent" in loud.remark
+    white = train(Linear(8), *linear_data(n=400), iterations=20)
+    assert white.effective_samples > 200 and white.remark == ""
+
+
+# --- Levenberg-Marquardt ----------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("regularise", [False, True])
+def test_learns_a_teacher_from_random_starts(regularise):
+    u, target = teacher_data()
+    for seed in range(3):
+        trained = train(Elman(2, 3), u, target, iterations=150, seed=seed, regularise=regularise)
+        assert trained.trace["mse"][0] > 1e-2
+        assert trained.trace["mse"][-1] < 1e-10
+        assert trained.converged, trained.why
+
+
+def test_noise_is_not_learnt():
+    u, target = teacher_data(noise=0.05)
+    trained = train(Elman(2, 6), u, target, iterations=80)
+    assert trained.trace["mse"][-1] == pytest.approx(0.05**2, rel=0.15)
+    assert trained.trace["beta"][-1] == pytest.approx(1.0 / (2.0 * 0.05**2), rel=0.15)
+    assert 10.0 < trained.trace["gamma"][-1] < Elman(2, 6).n_weights
+    clean_u, clean = teacher_data(seed=6)
+    assert np.mean((Elman(2, 6).simulate(trained.weights, clean_u) - clean) ** 2) < 0.05**2
+
+
+def test_mu_rises_on_rejected_and_falls_on_accepted_steps():
+    u, target = teacher_data(noise=0.02)
+    trace = train(Elman(2, 5), u, target, iterations=60, regularise=False).trace
+    assert trace["trials"][1:].max() > 1 and trace["trials"][1:].min() == 1  # both kinds occurred
+    assert trace["mu"][0] == 0.005
+    expected = trace["mu"][:-1] * 10.0 ** (trace["trials"][1:] - 1) * 0.1
+    np.testing.assert_allclose(trace["mu"][1:], np.maximum(expected, 1e-20), rtol=1e-9)
+    assert np.all(np.diff(trace["mse"]) < 0.0)
+
+
+def test_a_rejected_step_costs_a_simulation_only():
+    calls = {"simulate": 0, "normal_equations": 0}
+
+    @dataclass(frozen=True)
+    class Counting(Elman):
+        def simulate(self, *arguments):
+            calls["simulate"] += 1
+            return super().simulate(*arguments)
+
+        def normal_equations(self, *arguments):
+            calls["normal_equations"] += 1
+            return super().normal_equations(*arguments)
+
+    trace = train(Counting(2, 5), *teacher_data(noise=0.02), iterations=40, regularise=False).trace
+    assert calls["normal_equations"] == len(trace["mse"])
+    assert calls["simulate"] == trace["trials"].sum() + 1  # and the final residual
+
+
+def test_gradient_in_the_trace_is_the_objectives():
+    u, target = teacher_data(noise=0.02)
+    network = Elman(2, 3)
+    trained = train(network, u, target, iterations=4)
+    alpha, beta = trained.trace["alpha"][-1], trained.trace["beta"][-1]
+
+    def objective(weights):
+        return beta * np.sum((target - network.simulate(weights, u)) ** 2) + alpha * weights @ weights
+
+    steps = 1e-6 * np.eye(network.n_weights)
+    slopes = [(objective(trained.weights + s) - objective(trained.weights - s)) / 2e-6 for s in steps]
+    assert trained.trace["gradient"][-1] == pytest.approx(np.linalg.norm(slopes), rel=1e-4)
+
+
+def test_best_of_several_starts_is_kept():
+    u, target = teacher_data(noise=0.01)
+    several = train(Elman(2, 3), u, target, iterations=8, starts=4, seed=10)
+    single = [train(Elman(2, 3), u, target, iterations=8, seed=10 + s) for s in range(4)]
+    assert several.starts_mse == tuple(s.trace["mse"][-1] for s in single)
+    assert several.best == int(np.argmin(several.starts_mse))
+    np.testing.assert_array_equal(several.weights, single[several.best].weights)
+
+
+def test_washout_leaves_a_wrong_beginning_out():
+    u, target = teacher_data()
+    spoilt = target.copy()
+    spoilt[:100] += 5.0
+    trained = train(Elman(2, 3), u, spoilt, iterations=150, washout=100)
+    assert trained.samples == 1400 and trained.trace["mse"][-1] < 1e-10
+
+
+def test_several_recordings_are_one_objective():
+    u, target = teacher_data()
+    halves = train(Linear(2), [u[:700], u[700:]], [target[:700], target[700:]], iterations=50)
+    whole = train(Linear(2), u, target, iterations=50)
+    np.testing.assert_allclose(halves.weights, whole.weights, rtol=1e-9)
+    apart = train(Elman(2, 3), [u, u], [target, target], iterations=10)  # each from a zero state
+    once = train(Elman(2, 3), u, target, iterations=0)
+    assert apart.samples == 3000
+    assert apart.trace["mse"][0] == pytest.approx(once.trace["mse"][0], rel=1e-12)
+
+
+# --- why it ended -----------------------------------------------------------------------------------------------------
+
+
+def test_each_reason_is_said_in_words():
+    u, target = teacher_data(noise=0.02)
+    used_up = train(Elman(2, 5), u, target, iterations=3)
+    assert used_up.why == "iterations used up" and not used_up.converged
+    assert list(used_up.trace["iteration"]) == [0, 1, 2, 3]
+    flat = train(Elman(2, 3), u, target, iterations=300, regularise=False, goals=Goals(gradient=1e-3))
+    assert flat.why == "gradient below 0.001" and flat.converged and flat.trace["gradient"][-1] <= 1e-3
+    close = train(Elman(2, 3), u, target, iterations=300, goals=Goals(mse=1e-3))
+    assert close.why == "mean squared error below 0.001" and close.converged
+    settled = train(Elman(2, 3), u, target, iterations=300, goals=Goals(gradient=0.0))
+    assert settled.why == "mu reached 1e+10" and settled.converged
+
+
+@dataclass(frozen=True)
+class Cliff(Linear):
+    """A network that overflows as soon as a weight passes `edge`."""
+
+    edge: float = 0.0
+    wrong_way: bool = False
+
+    def simulate(self, weights, inputs):
+        return np.full(len(inputs), np.inf) if np.abs(weights).max() > self.edge else super().simulate(weights, inputs)
+
+    def normal_equations(self, weights, inputs, target, washout):
+        if np.abs(weights).max() > self.edge:
+            return np.inf, np.full((self.n_weights,) * 2, np.nan), np.full(self.n_weights, np.nan)
+        sse, jtj, jte = super().normal_equations(weights, inputs, target, washout)
+        return sse, jtj, -jte if self.wrong_way else jte
+
+
+def test_overflow_at_the_start_is_called_divergence():
+    diverged = train(Cliff(8), *linear_data(), iterations=10)
+    assert diverged.why.startswith("diverged") and not diverged.converged
+    assert np.isfinite(diverged.weights).all() and len(diverged.trace["mse"]) == 0
+
+
+def test_overflow_on_the_way_is_a_rejected_step():
+    u, target = linear_data()
+    best = np.linalg.lstsq(u, target, rcond=None)[0]
+    edge = 0.9 * np.abs(best).max()
+    seed = next(s for s in range(100) if np.abs(Linear(8).initial(s)).max() < edge)
+    trained = train(Cliff(8, edge), u, target, iterations=30, seed=seed, regularise=False)
+    assert np.abs(trained.weights).max() <= edge
+    assert trained.trace["mse"][-1] < trained.trace["mse"][0]
+
+
+def test_a_wrong_derivative_is_not_called_converged():
+    lost = train(Cliff(8, 1e9, True), *linear_data(), iterations=50, regularise=False)
+    assert lost.why.startswith("mu reached 1e+10, though a full step promises") and not lost.converged
+
+
+# --- interruption and resuming ----------------------------------------------------------------------------------------
+
+
+def stop_at(iteration, start=0, error=KeyboardInterrupt):
+    def progress(step: Step, number: int) -> None:
+        if (step.iteration, number) == (iteration, start):
+            raise error
+
+    return progress
+
+
+def same(a: Training, b: Training) -> None:
+    np.testing.assert_array_equal(a.weights, b.weights)
+    assert a.why == b.why and a.starts_mse == b.starts_mse and a.best == b.best
+    for name in set(a.trace) - {"seconds"}:
+        np.testing.assert_array_equal(a.trace[name], b.trace[name], err_msg=name)
+
+
+def test_interrupt_returns_the_best_so_far():
+    u, target = teacher_data(noise=0.02)
+    stopped = train(Elman(2, 3), u, target, iterations=50, progress=stop_at(6))
+    assert stopped.why == "interrupted" and not stopped.converged
+    np.testing.assert_array_equal(stopped.weights, train(Elman(2, 3), u, target, iterations=6).weights)
+    second = train(Elman(2, 3), u, target, iterations=12, starts=3, progress=stop_at(0, start=1))
+    np.testing.assert_array_equal(second.weights, train(Elman(2, 3), u, target, iterations=12).weights)
+    assert len(second.starts_mse) == 2
+
+
+@pytest.mark.parametrize("start", [0, 1])
+def test_resuming_equals_never_having_stopped(tmp_path, start):
+    u, target = teacher_data(noise=0.02)
+    options = {"iterations": 15, "starts": 2, "seed": 3}
+    undisturbed = train(Elman(2, 4), u, target, **options)
+    file = tmp_path / "checkpoint.npz"
+    train(Elman(2, 4), u, target, **options, checkpoint=file, progress=stop_at(7, start))
+    same(train(Elman(2, 4), u, target, **options, resume=file), undisturbed)
+
+
+def test_resuming_after_a_crash(tmp_path, monkeypatch):
+    monkeypatch.setattr(training_module, "CHECKPOINT_SECONDS", 0.0)
+    u, target = teacher_data(noise=0.02)
+    file = tmp_path / "checkpoint.npz"
+    with pytest.raises(RuntimeError):
+        train(Elman(2, 4), u, target, iterations=15, checkpoint=file, progress=stop_at(9, error=RuntimeError))
+    seen = []
+    resumed = train(
+        Elman(2, 4), u, target, iterations=15, resume=file, progress=lambda step, _: seen.append(step.iteration)
+    )
+    assert seen == [10, 11, 12, 13, 14, 15]
+    same(resumed, train(Elman(2, 4), u, target, iterations=15))
+
+
+def test_a_finished_training_can_be_prolonged(tmp_path):
+    u, target = teacher_data(noise=0.02)
+    file = tmp_path / "checkpoint.npz"
+    train(Elman(2, 4), u, target, iterations=5, checkpoint=file)
+    same(train(Elman(2, 4), u, target, iterations=12, resume=file), train(Elman(2, 4), u, target, iterations=12))
+
+
+def test_foreign_or_broken_checkpoints_are_refused(tmp_path):
+    u, target = teacher_data(noise=0.02)
+    file = tmp_path / "checkpoint.npz"
+    train(Elman(2, 4), u, target, iterations=2, checkpoint=file)
+    with pytest.raises(FileError, match="another training"):
+        train(Elman(2, 4), u, target + 1e-9, iterations=2, resume=file)
+    with pytest.raises(FileError, match="another training"):
+        train(Elman(2, 4), u, target, iterations=2, seed=1, resume=file)
+    file.write_bytes(file.read_bytes()[:200])
+    with pytest.raises(FileError, match="not a plain npz"):
+        train(Elman(2, 4), u, target, iterations=2, resume=file)
+    with pytest.raises(FileError, match="cannot be read"):
+        train(Elman(2, 4), u, target, iterations=2, resume=tmp_path / "none.npz")
+
+
+def test_trace_rows():
+    trained = train(Linear(8), *linear_data(), iterations=3)
+    rows = trace_rows(trained)
+    assert rows[0] == ["iteration", "mse", "gradient", "mu", "gamma", "alpha", "beta", "seconds", "trials"]
+    assert [row[0] for row in rows[1:]] == ["0", "1", "2", "3"]
+    assert float(rows[-1][1]) == trained.trace["mse"][-1]
+    assert "seconds" not in trace_rows(trained, seconds=False)[0]
+
+
+# --- bad data ---------------------------------------------------------------------------------------------------------
+
+
+def spoil(table, row, column, value):
+    table = table.copy()
+    table[row, column] = value
+    return table
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda u, t: (u[:10], t[:10]), "10 samples cannot decide 22 weights"),
+        (lambda u, t: (spoil(u, 17, 1, np.nan), t), "Row 17, column 'input 1' is nan"),
+        (lambda u, t: (u, spoil(t[:, None], 23, 0, np.inf)[:, 0]), "Row 23, column 'target' is inf"),
+        (lambda u, t: (u, t[:-1]), r"inputs \(N, m\) and target \(N,\) expected"),
+        (lambda u, t: ([u, u], [t]), "2 recordings of inputs but 1"),
+    ],
+)
+def test_data_that_cannot_be_fitted(change, words):
+    with pytest.raises(DataError, match=words):
+        train(Elman(2, 3), *change(*teacher_data()), iterations=1)
+
+
+def test_options_that_cannot_be_met():
+    u, target = teacher_data()
+    with pytest.raises(DataError, match="washout of 1500"):
+        train(Elman(2, 3), u, target, washout=1500)
+    with pytest.raises(DataError, match="5 samples cannot decide"):
+        train(Elman(2, 3), u, target, washout=1495)
+    with pytest.raises(DataError, match="starts >= 1"):
+        train(Elman(2, 3), u, target, starts=0)
