@@ -74,12 +74,22 @@ def run(arguments: Sequence[str]) -> int:
         if debug and not isinstance(error, click.ClickException | click.Abort):
             traceback.print_exc()
         return _print_error(error, as_json)
-    if not isinstance(result, Result):  # --help and --version print by themselves
-        code = result if isinstance(result, int) else 0
-        result = Result({"schema": "pamid.text/1", "text": stray.getvalue()}, "", code)
-    elif stray.getvalue():
-        sys.stderr.write(stray.getvalue())
-    return _print_result(result, as_json)
+    try:
+        if stray.getvalue() and isinstance(result, Result):
+            sys.stderr.write(stray.getvalue())
+        if not isinstance(result, Result):  # --help and --version print by themselves
+            result = Result({"schema": "pamid.text/1", "text": stray.getvalue()}, "", result or 0)
+        text = _json(result.json) if as_json else result.text.rstrip("\n")
+        if text:
+            click.echo(text)
+            sys.stdout.flush()
+    except BrokenPipeError:
+        return _hang_up()
+    except Exception as error:
+        if debug:
+            traceback.print_exc()
+        return _print_error(error, as_json)
+    return result.exit_code
 
 
 class _Command(click.Command):
@@ -135,25 +145,14 @@ def _GROUP() -> None:
     """Find out where a grey-box model departs from its rig, which effect causes it, and how far the gap shrinks."""
 
 
-def _print_result(result: Result, as_json: bool) -> int:
-    try:
-        if as_json:
-            from pamid.run import json_text
-
-            sys.stdout.write(json_text(result.json) if "numpy" in sys.modules else _json(result.json))
-        elif result.text:
-            click.echo(result.text.rstrip("\n"))
-        sys.stdout.flush()
-    except BrokenPipeError:
-        return _hang_up()
-    return result.exit_code
-
-
 def _print_error(error: BaseException, as_json: bool) -> int:
     told, code = _explain(error)
     if as_json:
-        sys.stdout.write(_json(told))
-        sys.stdout.flush()
+        with contextlib.suppress(BrokenPipeError):
+            click.echo(_json(told))
+        return code
+    if isinstance(error, click.exceptions.NoArgsIsHelpError):
+        click.echo(error.format_message(), err=True)
         return code
     label = "pamid: " if code == INTERRUPTED else "pamid: error: "
     coloured = sys.stderr.isatty() and not os.environ.get("NO_COLOR")
@@ -167,7 +166,7 @@ def _print_error(error: BaseException, as_json: bool) -> int:
 def _explain(error: BaseException) -> tuple[dict[str, str], int]:
     """The pamid.error/1 object and the exit code of whatever was raised."""
     if isinstance(error, click.exceptions.NoArgsIsHelpError):
-        return _error("usage", "A command is missing.", "See `pamid --help`.\n" + error.format_message()), 2
+        return _error("usage", "A command is missing.", "See `pamid --help`."), 2
     if isinstance(error, click.UsageError):
         where = error.ctx.command_path if error.ctx else "pamid"
         return _error("usage", error.format_message(), f"See `{where} --help`."), 2
@@ -193,7 +192,11 @@ def _error(code: str, message: str, hint: str) -> dict[str, str]:
 
 
 def _json(value: dict[str, Any]) -> str:
-    return json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    if "pamid.run" in sys.modules:  # knows NumPy's numbers; without it there can be none
+        from pamid.run import json_text
+
+        return json_text(value, "the result").rstrip("\n")
+    return json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False)
 
 
 def _flags(arguments: Sequence[str]) -> set[str]:

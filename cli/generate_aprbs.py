@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from .frame import Result, command as pamid_command
+from . import frame
 
 #: rig -> loop -> (column, default amplitude, largest amplitude)
 _COLUMNS = {"one-dof": {"closed": ("reference_deg", 40.0, math.inf), "open": ("command", 0.8, 1.0)}}
@@ -18,7 +18,7 @@ pamid generate-aprbs --rig one-dof --duration 200 --amplitude 40 --hold 0.4 1.6 
 """
 
 
-@pamid_command("generate-aprbs", example=EXAMPLE)
+@frame.command("generate-aprbs", example=EXAMPLE)
 @click.option("--rig", default="one-dof", show_default=True, help="Rig to excite.")
 @click.option("--loop", type=click.Choice(["closed", "open"]), default="closed", show_default=True,
               help="Excite the reference of the controller, or the command itself.")
@@ -35,7 +35,7 @@ pamid generate-aprbs --rig one-dof --duration 200 --amplitude 40 --hold 0.4 1.6 
 @click.option("--seed", type=int, default=0, show_default=True, help="Same seed, same signal.")
 @click.option("--output", type=click.Path(dir_okay=False, path_type=Path), required=True, help="CSV file to write.")
 @click.option("--force", is_flag=True, help="Replace the output if it exists.")
-def command(output: Path, force: bool, **request: Any) -> Result:
+def command(output: Path, force: bool, **request: Any) -> frame.Result:
     """Make an amplitude-modulated pseudo-random step signal for a rig.
 
     Writes a CSV (time_s and one column) and, beside it, a JSON file with seed, range, unit and sha256. Prints how well
@@ -74,7 +74,7 @@ def _column_of(request: dict[str, Any]) -> tuple[str, float]:
     return name, amplitude
 
 
-def _write(output: Path, note: Path, column: str, amplitude: float, request: dict[str, Any]) -> Result:
+def _write(output: Path, note: Path, column: str, amplitude: float, request: dict[str, Any]) -> frame.Result:
     from importlib.metadata import version
 
     import numpy as np
@@ -115,4 +115,4 @@ def _write(output: Path, note: Path, column: str, amplitude: float, request: dic
     lines = [f"{output}: {signal.size} samples of {column} at {period:g} s, seed {request['seed']}."]
     lines += [f"  {sentence}" for sentence in covers.sentences()]
     follow = f"pamid simulate --rig {request['rig']} --excitation {output} --output rec.csv"
-    return Result(about, "\n".join([*lines, f"Next: {follow}"]))
+    return frame.Result(about, "\n".join([*lines, f"Next: {follow}"]))

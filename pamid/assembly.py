@@ -138,6 +138,7 @@ class Assembly:
     sizes       magnitudes of signals at ports, for effects' parameters (see `pamid.simulation.port_sizes`)
     background  whether the rig's tolerance-sized nuisance terms take part
     controller  the [controller] table of a recording: the command is then computed, not read
+    outputs     only these outputs of the rig (empty: all): what a recording lacks need not be computed
     """
 
     rig: Rig
@@ -145,6 +146,7 @@ class Assembly:
     background: bool = False
     controller: tuple[tuple[str, float], ...] = ()
     sizes: Sizes = field(default_factory=dict)
+    outputs: tuple[str, ...] = ()
 
     # ---- parameters ----------------------------------------------------------------------------------------------
 
@@ -208,7 +210,7 @@ class Assembly:
     def program_with(self, extra: dict[str, Expr]) -> Program:
         """Compiled equations with further outputs, in the order of `extra`, after the rig's own."""
         t = self.traced
-        outputs = {**t.outputs, **extra}
+        outputs = {**{k: t.outputs[k] for k in self.outputs or t.outputs}, **extra}
         lowered = lower(t.rates, outputs, t.cells)
         return build_program(lowered, t.inputs, tuple(self.keys), tuple(outputs))
 

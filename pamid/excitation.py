@@ -228,8 +228,9 @@ def _spectrum(values: FloatArray, period_s: float) -> tuple[FloatArray, FloatArr
     window = np.hanning(size)
     centred = values - values.mean()
     starts = range(0, values.size - size + 1, max(1, size // 2))
-    power = np.mean([np.abs(np.fft.rfft(window * centred[start : start + size])) ** 2 for start in starts], axis=0)
-    return np.fft.rfftfreq(size, period_s)[1:], power[1:]
+    pieces = np.stack([centred[start : start + size] for start in starts])
+    power = np.mean(np.abs(np.fft.rfft(window * pieces)) ** 2, axis=0)
+    return np.fft.rfftfreq(size, period_s)[1:].astype(float), power[1:].astype(float)
 
 
 def _many(count: int, noun: str) -> str:

@@ -26,7 +26,7 @@ def rms(measured: ArrayLike, model: ArrayLike = 0.0) -> float:
 
 
 def shrinkage(before: float, after: float) -> float:
-    """The part of an error that is gone: 1 - after / before. Negative when the error grew; 0 when there never was one."""
+    """The part of an error that is gone: 1 - after / before. Negative if it grew; 0 if there never was one."""
     if not (math.isfinite(before) and math.isfinite(after)) or before < 0 or after < 0:
         raise DataError(f"A shrinkage needs two finite errors >= 0, not {before:g} and {after:g}.", code="not-finite")
     if before == 0.0:

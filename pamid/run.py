@@ -1,7 +1,7 @@
 """A run: one folder of plain files, each written whole or not at all.
 
-`run.json` is written first (with `ended: null`) and closed last, so that a run that was killed says so itself. It is the
-only file with wall-clock times: the same inputs and the same seed give the same bytes everywhere else.
+`run.json` is written first (with `ended: null`) and closed last, so that a run that was killed says so itself. It is
+the only file with wall-clock times: the same inputs and the same seed give the same bytes everywhere else.
 """
 
 from __future__ import annotations

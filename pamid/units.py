@@ -2,8 +2,8 @@
 
 A name ends in its unit: `angle_deg`, `pressure_1_kpa`, `inertia_kg_m2`, `kd_s_per_deg`. A symbol is the same unit as
 people write it: "deg", "kPa", "kg m2", "s/deg". Grammar of a symbol: factors separated by a space or `*`, a digit after
-a factor is its exponent, one `/`, parentheses around a denominator of several factors. An angle counts as a dimension of
-its own here, so that "rad/s" and "Hz", or "N m" and "N m/rad", are never taken for each other.
+a factor is its exponent, one `/`, parentheses around a denominator of several factors. An angle counts as a dimension
+of its own here, so that "rad/s" and "Hz", or "N m" and "N m/rad", are never taken for each other.
 """
 
 from __future__ import annotations
@@ -60,8 +60,9 @@ _BY_TOKEN: dict[str, str] = {symbol.lower(): symbol for symbol in _ATOMS}
 _QUANTITIES: tuple[tuple[str, str], ...] = (
     (NONE, "dimensionless"), ("s", "time"), ("Hz", "frequency"), ("m", "position"), ("m2", "area"), ("m3", "volume"),
     ("m/s", "velocity"), ("m/s2", "acceleration"), ("m3/s", "flow"), ("rad", "angle"), ("rad/s", "angular velocity"),
-    ("rad/s2", "angular acceleration"), ("N", "force"), ("N m", "torque"), ("Pa", "pressure"), ("Pa/s", "pressure rate"),
-    ("kg", "mass"), ("kg/s", "mass flow"), ("kg m2", "moment of inertia"), ("V", "voltage"), ("A", "current"),
+    ("rad/s2", "angular acceleration"), ("N", "force"), ("N m", "torque"), ("Pa", "pressure"),
+    ("Pa/s", "pressure rate"), ("kg", "mass"), ("kg/s", "mass flow"), ("kg m2", "moment of inertia"),
+    ("V", "voltage"), ("A", "current"),
     ("K", "temperature"), ("W", "power"), ("N/m", "stiffness"), ("N m/rad", "rotational stiffness"),
     ("N s/m", "damping"), ("N m s/rad", "rotational damping"), ("m3/(s Pa)", "sonic conductance"),
 )  # fmt: skip
@@ -168,11 +169,8 @@ def si_unit(symbol: str) -> str:
     for known, _ in _QUANTITIES:
         if unit(known).dimension == dimension:
             return known
-    above, below = _split_fraction(" ".join(symbol.split()))
-    si_of = {"cm": "m", "mm": "m", "um": "m", "ms": "s", "us": "s", "min": "s", "g": "kg", "deg": "rad", "mrad": "rad",
-             "kN": "N", "kPa": "Pa", "MPa": "Pa", "mbar": "Pa", "bar": "Pa", "mA": "A", "mV": "V", "degC": "K"}  # fmt: skip
-    parts = [[(si_of.get(atom, atom), exponent) for atom, exponent in part] for part in (above, below)]
-    return _join_symbol(parts[0], parts[1])
+    above, below = _split_fraction(kind.symbol)
+    return _join_symbol([_si_atom(*factor) for factor in above], [_si_atom(*factor) for factor in below])
 
 
 def display_unit(symbol: str) -> str:
@@ -181,8 +179,16 @@ def display_unit(symbol: str) -> str:
 
 
 def suffixes_for(symbol: str) -> tuple[str, ...]:
-    """The single-word suffixes a column of the same quantity may carry: "kPa" -> ("bar", "kpa", "mbar", "mpa", "pa")."""
+    """The single-word suffixes a column of the same quantity may carry: "deg" -> ("deg", "mrad", "rad")."""
     return tuple(sorted(atom.lower() for atom in _ATOMS if compatible(atom, symbol)))
+
+
+def _si_atom(atom: str, exponent: int) -> tuple[str, int]:
+    """The SI factor that stands for an atom: ("kPa", 1) -> ("Pa", 1), ("l", 1) -> ("m", 3)."""
+    if atom == "l":
+        return "m", 3 * exponent
+    same = (other for other, (factor, _, kind) in _ATOMS.items() if factor == 1.0 and kind == _ATOMS[atom][2])
+    return next(same, atom), exponent
 
 
 def _quantity(dimension: Dimension, symbol: str) -> str:
@@ -235,6 +241,10 @@ def _read_suffix(words: list[str]) -> str:
     above, below = _read_words(words[:split]), _read_words(words[split + 1 :])
     if above is None or below is None:
         return ""
+    # "mass_g_kg" is a mass called g in kg, not a product of two masses
+    kinds = [_ATOMS[atom][2] for atom, _ in above + below]
+    if len(set(kinds)) < len(kinds):
+        return ""
     return _join_symbol(above, below)
 
 
@@ -248,9 +258,7 @@ def _read_words(words: list[str]) -> list[tuple[str, int]] | None:
             return None
         else:
             factors.append((_BY_TOKEN[match.group(1)], int(match.group(2) or 1)))
-    # "mass_g_kg" is a mass called g in kg, not a product of two masses
-    kinds = [_ATOMS[atom][2] for atom, _ in factors]
-    return factors if len(set(kinds)) == len(kinds) else None
+    return factors
 
 
 def _join_symbol(above: list[tuple[str, int]], below: list[tuple[str, int]]) -> str:

@@ -291,3 +291,18 @@ def sweep(address, n_phase, phase_first, phase_delay, pattern_at, pattern, colum
             if not abs(x[i]) < BLOWN_UP:
                 return k
     return -1
+
+
+@njit(cache=True, nogil=True)
+def rate_matrix(address, pattern, columns, x, c, b, u, p, time_s, step_s, period_s):  # type: ignore[no-untyped-def]
+    """df/dx at one point, nx x nx."""
+    nx = x.shape[0]
+    out = np.zeros(nx + columns.shape[0] + 2)
+    t = np.array([time_s, step_s, period_s, 1.0, 0.0])
+    _call(address[1], x, c, b, u, p, t, out)
+    M = np.zeros((nx, nx))
+    for i in range(nx):
+        for e in range(pattern[i], pattern[i + 1]):
+            if columns[e] < nx:
+                M[i, columns[e]] = out[nx + e]
+    return M

@@ -98,6 +98,13 @@ class Program:
         memory.begin = False
         return Y, JY, int(bad)
 
+    def rate_matrix(self, memory: Memory, u: Array, p: Array, *, period_s: float, time_s: float = 0.0) -> Array:
+        """df/dx (nx x nx) where `memory` stands, at the held input u (inputs,)."""
+        from pamid.engine.driver import rate_matrix
+
+        return rate_matrix(self._address, self._pattern[1], self._pattern[3], memory.x, memory.cells, memory.past,
+                           np.ascontiguousarray(u, float), np.ascontiguousarray(p, float), time_s, period_s, period_s)
+
 
 def build_program(lowered: Lowered, inputs: tuple[str, ...], parameters: tuple[str, ...],
                   outputs: tuple[str, ...]) -> Program:

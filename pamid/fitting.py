@@ -1,0 +1,326 @@
+"""Grey-box fit on recorded commands: multiple shooting, weighted least squares with priors, exact Jacobians.
+
+Unknowns are the free parameters and the rig's state at the start of every window. Windows are joined softly (a weak
+pull to where the window before ended), so a slow drift of an integrating state does not drown everything else.
+Residuals are weighted by their own size and correlation time, not by the sensor noise alone: where a model is wrong
+its residuals are large and alike for a long time, and counting each sample as a witness would overrule every prior.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.assembly import Assembly, Bound
+from pamid.engine.program import Stepping
+from pamid.simulation import choose_stepping
+from pamid.windows import PULL, Runner, Track, Window, cut, estimate_start, noise_level
+
+Array = NDArray[np.float64]
+Progress = Callable[[int, float], None]
+
+WINDOW_S = 1.5
+
+
+@dataclass(frozen=True)
+class Weights:
+    """sigma: size of the residual per channel (SI); correlated: samples per independent residual, per channel."""
+
+    sigma: Array
+    correlated: Array
+
+    @property
+    def root(self) -> Array:
+        return 1.0 / (self.sigma * np.sqrt(self.correlated))
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is fitted to what. `free`: places of the fitted parameters; `importance`: a factor per window (bootstrap)."""
+
+    assembly: Assembly
+    tracks: tuple[Track, ...]
+    free: tuple[int, ...]
+    window_s: float = WINDOW_S
+    importance: Array | None = None
+
+    def windows(self, track: Track) -> list[Window]:
+        return cut(len(track), max(20, round(self.window_s / track.period_s)))
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Result of a fit. p: all parameters (SI); covariance of the free ones in prior spreads (see `Scale`)."""
+
+    problem: Problem
+    p: Array
+    starts: tuple[Array, ...]     # per track: windows x rig states
+    weights: Weights
+    cost: float
+    covariance: Array
+    iterations: int
+    converged: bool
+    why: str
+    stepping: Stepping
+    residuals: tuple[Array, ...] = field(repr=False, default=())   # per track: samples x channels, model - measured
+
+
+class Scale:
+    """Parameters in units of their prior spread around their prior mean (logarithms where the prior is)."""
+
+    def __init__(self, bounds: list[Bound], centre: Array) -> None:
+        self.log = np.array([b.log for b in bounds], bool)
+        self.spread = np.array([b.spread for b in bounds])
+        self.centre = np.where(self.log, np.log(np.where(self.log, np.maximum(centre, 1e-300), 1.0)), centre)
+        low, high = np.array([b.low for b in bounds]), np.array([b.high for b in bounds])
+        with np.errstate(divide="ignore"):
+            raw_low = np.where(self.log, np.log(np.where(self.log, np.maximum(low, 0.0), 1.0)), low)
+            raw_high = np.where(self.log, np.log(np.where(self.log, high, 1.0)), high)
+        self.low, self.high = (raw_low - self.centre) / self.spread, (raw_high - self.centre) / self.spread
+
+    def inside(self, p: Array) -> Array:
+        raw = np.where(self.log, np.log(np.where(self.log, np.maximum(p, 1e-300), 1.0)), p)
+        return (raw - self.centre) / self.spread
+
+    def outside(self, s: Array) -> Array:
+        raw = self.centre + s * self.spread
+        return np.where(self.log, np.exp(np.where(self.log, raw, 0.0)), raw)
+
+    def slope(self, p: Array) -> Array:
+        return self.spread * np.where(self.log, p, 1.0)
+
+
+def free_parameters(assembly: Assembly, tracks: tuple[Track, ...]) -> tuple[int, ...]:
+    """Fitted parameters that at least one recording leaves open."""
+    return tuple(i for i, b in enumerate(assembly.parameters)
+                 if b.fitted and any(i not in t.known for t in tracks))
+
+
+def initial_starts(problem: Problem, p: Array, weights: Weights, stepping: Stepping) -> tuple[Array, ...]:
+    """State at the start of every window, one window after the other (moving-horizon estimation)."""
+    out = []
+    for track in problem.tracks:
+        runner = Runner(problem.assembly, track, stepping)
+        values = runner.parameters(p)
+        memory = runner.memory(values)
+        rows = []
+        for window in problem.windows(track):
+            carried = memory.x[: runner.rig_states].copy()
+            x, _, usable = estimate_start(runner, memory, window, values, 1.0 / weights.sigma, carried)
+            x = x if usable else rows[-1] if rows else carried
+            runner.enter(memory, x)
+            runner.run(memory, window, values, False)
+            if not np.isfinite(memory.x).all():
+                memory.x[:] = 0.0
+                memory.x[: runner.rig_states] = x
+            rows.append(x)
+        out.append(np.array(rows))
+    return tuple(out)
+
+
+@dataclass
+class _Normal:
+    """Normal equations: parameters bordering a block-tridiagonal system of window starts."""
+
+    cost: float
+    H: Array
+    g: Array
+    blocks: list[tuple[Array, Array, Array, Array]]   # per track: D (w,n,n), off (w-1,n,n), B (w,n,k), gx (w,n)
+    residuals: list[Array]
+    fine: bool
+
+
+def _evaluate(problem: Problem, scale: Scale, s: Array, p: Array, starts: tuple[Array, ...], weights: Weights,
+              pulls: list[Array], stepping: Stepping, derivatives: bool) -> _Normal:
+    k = len(problem.free)
+    values = p.copy()
+    values[list(problem.free)] = scale.outside(s)
+    slope = scale.slope(values[list(problem.free)])
+    cost, H, g = float(s @ s), np.eye(k), s.copy()
+    blocks, residuals, fine, at = [], [], True, 0
+    for i, track in enumerate(problem.tracks):
+        runner = Runner(problem.assembly, track, stepping, problem.free)
+        own = runner.parameters(values)
+        windows, n = problem.windows(track), runner.rig_states
+        memory = runner.memory(own)
+        D, off = np.zeros((len(windows), n, n)), np.zeros((max(len(windows) - 1, 0), n, n))
+        B, gx = np.zeros((len(windows), n, k)), np.zeros((len(windows), n))
+        left = np.empty_like(track.y)
+        for w, window in enumerate(windows):
+            important = 1.0 if problem.importance is None else float(problem.importance[at + w])
+            runner.enter(memory, starts[i][w])
+            Y, J, ok = runner.run(memory, window, own, derivatives)
+            if not ok:
+                return _Normal(np.inf, H, g, blocks, residuals, False)
+            left[window.start : window.stop] = Y - track.y[window.start : window.stop]
+            r = (left[window.start : window.stop] * weights.root).ravel()
+            cost += important * float(r @ r)
+            joint = w + 1 < len(windows)
+            jump = starts[i][w + 1] - memory.x[:n] if joint else np.zeros(n)
+            cost += float((jump**2 * pulls[i]).sum())
+            if not derivatives:
+                continue
+            A = (J * weights.root[:, None]).reshape(-1, k + n)
+            A[:, :k] *= slope
+            N, v = important * (A.T @ A), important * (A.T @ r)
+            H += N[:k, :k]
+            g += v[:k]
+            D[w] += N[k:, k:]
+            B[w] += N[k:, :k]
+            gx[w] += v[k:]
+            if joint:
+                E = memory.S[:n].copy()          # d end / d (parameters, start)
+                E[:, :k] *= slope
+                P = pulls[i][:, None]
+                H += E[:, :k].T @ (P * E[:, :k])
+                g -= E[:, :k].T @ (pulls[i] * jump)
+                D[w] += E[:, k:].T @ (P * E[:, k:])
+                B[w] += E[:, k:].T @ (P * E[:, :k])
+                gx[w] -= E[:, k:].T @ (pulls[i] * jump)
+                D[w + 1] += np.diag(pulls[i])
+                off[w] -= P * E[:, k:]
+                B[w + 1] -= P * E[:, :k]
+                gx[w + 1] += pulls[i] * jump
+        at += len(windows)
+        blocks.append((D, off, B, gx))
+        residuals.append(left)
+    return _Normal(cost, H, g, blocks, residuals, fine)
+
+
+def _eliminate(block: tuple[Array, Array, Array, Array], damping: float) -> tuple[Array, Array, Array, Array]:
+    """Solve the block-tridiagonal part for [B | gx]: returns (T^-1 B, T^-1 gx, B' T^-1 B, B' T^-1 gx)."""
+    D, off, B, gx = block
+    w, n, k = B.shape
+    rhs = np.concatenate([B, gx[:, :, None]], axis=2)
+    M = D.copy()
+    diagonal = np.einsum("wii->wi", D)
+    M[:, range(n), range(n)] += damping * diagonal + 1e-12 * diagonal.max(axis=1, keepdims=True) + 1e-300
+    z = rhs.copy()
+    gains = np.zeros_like(off)
+    for i in range(w - 1):   # forward elimination; off[i] couples window i+1 (rows) to i (columns)
+        gains[i] = np.linalg.solve(M[i].T, off[i].T).T
+        M[i + 1] -= gains[i] @ off[i].T
+        z[i + 1] -= gains[i] @ z[i]
+    out = np.empty_like(z)
+    out[w - 1] = np.linalg.solve(M[w - 1], z[w - 1])
+    for i in range(w - 2, -1, -1):
+        out[i] = np.linalg.solve(M[i], z[i] - off[i].T @ out[i + 1])
+    X, x = out[:, :, :k], out[:, :, k]
+    return X, x, np.einsum("wnk,wnl->kl", B, X), np.einsum("wnk,wn->k", B, x)
+
+
+def _step(normal: _Normal, s: Array, scale: Scale, damping: float) -> tuple[Array, list[Array], Array]:
+    """Damped Gauss-Newton step in (scaled parameters, window starts) within the bounds; reduced Hessian."""
+    k = len(s)
+    H, g = normal.H.copy(), normal.g.copy()
+    parts = [_eliminate(block, damping) for block in normal.blocks]
+    for _, _, inner, right in parts:
+        H -= inner
+        g -= right
+    held = ((s <= scale.low + 1e-12) & (g > 0)) | ((s >= scale.high - 1e-12) & (g < 0))
+    ds = np.zeros(k)
+    free = ~held
+    if free.any():
+        A = H[np.ix_(free, free)]
+        A = A + damping * np.diag(np.maximum(A.diagonal(), 1e-12))
+        ds[free] = -np.linalg.lstsq(A, g[free], rcond=None)[0]
+    ds = np.clip(s + ds, scale.low, scale.high) - s
+    return ds, [-(x + X @ ds) for X, x, _, _ in parts], H
+
+
+def fit(problem: Problem, *, p: Array | None = None, starts: tuple[Array, ...] | None = None,
+        weights: Weights | None = None, iterations: int = 40, tolerance: float = 1e-4,
+        stepping: Stepping | None = None, progress: Progress | None = None) -> Fit:
+    """Levenberg-Marquardt from p (default: the data sheet) with fixed weights (default: the sensor noise).
+
+    The priors' means are the data-sheet values, whatever p is. Not converging is an outcome: `converged`, `why`.
+    """
+    a, first = problem.assembly, problem.tracks[0]
+    centre = a.values()
+    p = centre.copy() if p is None else p.copy()
+    free = list(problem.free)
+    step = stepping or choose_stepping(a, first.u, Runner(a, first, Stepping()).parameters(p), first.period_s,
+                                       a.start(p))
+    if weights is None:
+        sigma = noise_level(np.concatenate([t.y for t in problem.tracks]))
+        weights = Weights(sigma, np.ones_like(sigma))
+    scale = Scale([a.parameters[i] for i in free], centre[free])
+    s = np.clip(scale.inside(p[free]), scale.low, scale.high)
+    starts = starts if starts is not None else initial_starts(problem, p, weights, step)
+    pulls = [np.zeros(len(a.rig.states)) for _ in problem.tracks]
+    now = _evaluate(problem, scale, s, p, starts, weights, pulls, step, True)
+    if not now.fine:
+        return Fit(problem, p, starts, weights, np.inf, np.eye(len(free)), 0, False,
+                   "the model became unstable at its starting parameters", step)
+    pulls = [PULL * np.einsum("wii->wi", b[0]).mean(axis=0) for b in now.blocks]
+    now = _evaluate(problem, scale, s, p, starts, weights, pulls, step, True)
+    damping, count, why, converged = 1e-3, 0, "iterations used up", False
+    for count in range(1, iterations + 1):
+        ds, dx, _ = _step(now, s, scale, damping)
+        new_s = s + ds
+        new_starts = tuple(x + d for x, d in zip(starts, dx, strict=True))
+        trial = _evaluate(problem, scale, new_s, p, new_starts, weights, pulls, step, True)
+        if trial.cost < now.cost:
+            gain = now.cost - trial.cost
+            s, starts, now, damping = new_s, new_starts, trial, max(damping * 0.2, 1e-9)
+            if gain < tolerance * (1.0 + 1e-3 * now.cost):
+                converged, why = True, ""
+                break
+        else:
+            damping *= 10.0
+            if damping > 1e7 or float(np.abs(ds).max(initial=0.0)) < 1e-7:
+                converged, why = True, ""
+                break
+        if progress is not None:
+            progress(count, now.cost)
+    p[free] = scale.outside(s)
+    _, _, H = _step(now, s, scale, 0.0)
+    covariance = np.linalg.pinv(H, hermitian=True)
+    return Fit(problem, p, starts, weights, now.cost, covariance, count, converged, why, step, tuple(now.residuals))
+
+
+def residual_weights(residuals: tuple[Array, ...], noise: Array) -> Weights:
+    """Size and correlation of residuals per channel: rms (at least the noise) and integrated autocorrelation time."""
+    rms = np.sqrt(np.mean(np.concatenate(residuals) ** 2, axis=0))
+    longest = max(residuals, key=len)
+    return Weights(np.maximum(rms, noise), np.array([correlation_length(longest[:, c]) for c in range(len(rms))]))
+
+
+def correlation_length(r: Array) -> float:
+    """Samples per independent one: 1 + 2 sum of autocorrelations up to the first below 0.05."""
+    n = len(r)
+    size = 1 << (2 * n - 1).bit_length()
+    spectrum = np.fft.rfft(r - r.mean(), size)
+    auto = np.fft.irfft(np.abs(spectrum) ** 2, size)[:n]
+    if auto[0] <= 0.0:
+        return 1.0
+    auto = auto / auto[0]
+    below = np.flatnonzero(auto < 0.05)
+    return float(max(1.0, 1.0 + 2.0 * auto[1 : int(below[0]) if len(below) else n].sum()))
+
+
+def fit_robustly(problem: Problem, *, progress: Progress | None = None, rounds: int = 3) -> Fit:
+    """Fit with weights that follow the residuals: from the data sheet's misfit down to what the model leaves."""
+    noise = noise_level(np.concatenate([t.y for t in problem.tracks]))
+    fitted = fit(problem, iterations=1, weights=Weights(noise, np.ones_like(noise)))
+    total = fitted.iterations
+    start = problem.assembly.values()
+    fitted = fit(problem, p=start, weights=_first_weights(problem, noise, fitted), progress=progress, tolerance=1e-2,
+                 iterations=15)
+    for _ in range(rounds - 1):
+        if not fitted.residuals:
+            break
+        total += fitted.iterations
+        fitted = fit(problem, p=fitted.p, starts=fitted.starts, weights=residual_weights(fitted.residuals, noise),
+                     stepping=fitted.stepping, progress=progress, tolerance=1e-3)
+    return fitted
+
+
+def _first_weights(problem: Problem, noise: Array, probe: Fit) -> Weights:
+    """Weights from the data-sheet model's own misfit."""
+    if not probe.residuals:
+        return Weights(noise, np.full_like(noise, 30.0))
+    return residual_weights(probe.residuals, noise)

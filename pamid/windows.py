@@ -1,0 +1,186 @@
+"""Recordings cut into windows, and one window run from a start state: the ground of fitting and of scoring.
+
+The rig's own states are set anew at the start of each window; what effects remember (plays, lags, creep) is carried
+on from the window before, so that no effect has to be told its past.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.assembly import Assembly
+from pamid.engine.program import Memory, Stepping
+from pamid.errors import DataError
+from pamid.recording import Recording
+from pamid.simulation import input_table, known_values, output_table
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Track:
+    """One recording as a fit sees it. SI throughout.
+
+    u (samples x inputs), y (samples x channels), known: places of parameters that are held for it, p their values
+    put into the data sheet's; first: index in the recording file of the first sample (for time and reports).
+    """
+
+    name: str
+    u: Array
+    y: Array
+    p: Array
+    known: tuple[int, ...]
+    period_s: float
+    first: int = 0
+
+    def __len__(self) -> int:
+        return len(self.u)
+
+    def part(self, start: int, stop: int) -> Track:
+        return Track(self.name, self.u[start:stop], self.y[start:stop], self.p, self.known, self.period_s,
+                     self.first + start)
+
+
+def track_of(assembly: Assembly, recording: Recording, channels: tuple[str, ...]) -> Track:
+    """The recording's inputs and measured channels for this assembly."""
+    p, known = known_values(assembly, recording.known)
+    return Track(recording.name, input_table(assembly, recording), output_table(channels, recording), p, tuple(known),
+                 recording.sampling_period_s)
+
+
+def noise_level(y: Array) -> Array:
+    """White-noise standard deviation per channel from fourth differences (robust); at least 1e-4 of the spread.
+
+    Fourth differences of white noise have variance 70 sigma^2; smooth motion contributes next to nothing.
+    """
+    d = np.abs(np.diff(y, n=4, axis=0))
+    sigma = np.median(d, axis=0) / (0.6745 * np.sqrt(70.0))
+    coarse = np.sqrt(np.mean(np.minimum(d, np.quantile(d, 0.9, axis=0)) ** 2, axis=0) / 70.0)  # quantised channels
+    return np.maximum(np.where(sigma > 0.0, sigma, coarse), 1e-4 * y.std(axis=0) + 1e-300)
+
+
+@dataclass(frozen=True)
+class Window:
+    start: int
+    stop: int
+
+
+def cut(samples: int, length: int) -> list[Window]:
+    """Windows of about `length` samples that cover everything; the last one takes the rest."""
+    count = max(1, round(samples / length))
+    edges = np.linspace(0, samples, count + 1).round().astype(int)
+    return [Window(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+
+
+@dataclass(frozen=True, eq=False)
+class Runner:
+    """Runs windows of one track with given parameters.
+
+    free: places of the parameters that get sensitivity columns; after them come the rig's own states at the window's
+    start, so a Jacobian has len(free) + rig_states columns.
+    """
+
+    assembly: Assembly
+    track: Track
+    stepping: Stepping
+    free: tuple[int, ...] = ()
+
+    @cached_property
+    def rig_states(self) -> int:
+        return len(self.assembly.rig.states)
+
+    @cached_property
+    def columns(self) -> NDArray[np.int64]:
+        chosen = np.full(len(self.assembly.parameters), -1, np.int64)
+        for column, place in enumerate(self.free):
+            if place not in self.track.known:
+                chosen[place] = column
+        return chosen
+
+    def parameters(self, p: Array) -> Array:
+        """p with what this recording knows put in."""
+        out = p.copy()
+        out[list(self.track.known)] = self.track.p[list(self.track.known)]
+        return out
+
+    def memory(self, p: Array) -> Memory:
+        return self.assembly.program.memory(self.assembly.start(p), len(self.free) + self.rig_states,
+                                            stepping=self.stepping, period_s=self.track.period_s)
+
+    def enter(self, memory: Memory, x: Array) -> None:
+        """Start a window at rig state x: sensitivities to x begin here, those to parameters live on in memories."""
+        n, k = self.rig_states, len(self.free)
+        memory.x[:n] = x
+        memory.S[:n] = 0.0
+        memory.S[:, k:] = 0.0
+        memory.S[:n, k:] = np.eye(n)
+        memory.buffer_S[:, :, k:] = 0.0
+
+    def run(self, memory: Memory, window: Window, p: Array, sensitivities: bool) -> tuple[Array, Array, bool]:
+        """Outputs, Jacobian (samples x channels x columns) and whether all stayed finite."""
+        t = self.track
+        Y, J, bad = self.assembly.program.run(
+            memory, t.u[window.start : window.stop], p, period_s=t.period_s,
+            time_s=(t.first + window.start) * t.period_s, stepping=self.stepping,
+            columns=self.columns if sensitivities else None)
+        return Y, J, bad < 0 and bool(np.isfinite(Y).all())
+
+
+PULL = 1e-5          # information of a carried state against what a window says by itself
+
+
+def estimate_start(runner: Runner, memory: Memory, window: Window, p: Array, weight: Array, carried: Array,
+                   pull: Array | None = None, iterations: int = 6) -> tuple[Array, Array, bool]:
+    """Rig state at the start of a window from its data, by Gauss-Newton with a weak pull to the carried state.
+
+    memory is left untouched. weight: 1/sigma per channel. pull: information per state of the carried value (default
+    a 1e-5th of what the window says). Returns the state, its information diagonal, and whether it is usable.
+    """
+    own = Runner(runner.assembly, runner.track, runner.stepping)
+    n = own.rig_states
+    y = runner.track.y[window.start : window.stop]
+    x, damping, best = carried.copy(), 1e-3, np.inf
+    H, g, information = np.zeros((n, n)), np.zeros(n), np.zeros(n)
+    trial = x
+    for _ in range(iterations * 2):
+        m = memory.copy()
+        m.S = np.zeros((m.S.shape[0], n))
+        m.buffer_S = np.zeros((*m.buffer_S.shape[:2], n))
+        own.enter(m, trial)
+        Y, J, fine = own.run(m, window, p, True)
+        r = ((Y - y) * weight).ravel()
+        cost = float(r @ r) if fine else np.inf
+        if pull is not None and fine:
+            cost += float(((trial - carried) ** 2 * pull).sum())
+        if cost < best:
+            gain = best - cost
+            x, best = trial, cost
+            A = (J * weight[:, None]).reshape(-1, n)
+            H, g = A.T @ A, A.T @ r
+            information = H.diagonal().copy()
+            holds = pull if pull is not None else PULL * information
+            H = H + np.diag(holds)
+            g = g + holds * (x - carried)
+            damping = max(damping * 0.1, 1e-9)
+            if gain < 1e-4 * cost + 1e-9:
+                break
+        else:
+            damping *= 30.0
+            if damping > 1e8:
+                break
+        scale = H.diagonal() + 1e-300
+        step = np.linalg.lstsq(H + np.diag(damping * scale), -g, rcond=None)[0]
+        if not np.isfinite(step).all():
+            break
+        trial = x + step
+    return x, information, bool(np.isfinite(best))
+
+
+def require_long_enough(track: Track, seconds: float) -> None:
+    if len(track) * track.period_s < seconds:
+        raise DataError(f"{track.name}: {len(track)} samples ({len(track) * track.period_s:.2f} s) are too short to "
+                        f"fit and judge; at least {seconds:g} s are needed", "record longer")

@@ -1,0 +1,90 @@
+"""Training that is interrupted, or dies, goes on as if nothing had happened."""
+
+import numpy as np
+import pytest
+
+import pamid.networks.training as training_module
+from pamid.errors import FileError
+from pamid.networks.checkpoints import Step
+from pamid.networks.elman import Elman
+from pamid.networks.training import Training, train
+
+
+def teacher_data() -> tuple[np.ndarray, np.ndarray]:
+    """Held random levels into a random Elman network, its output scaled and noisy."""
+    draw = np.random.default_rng(5)
+    u = np.repeat(draw.uniform(-1.0, 1.0, (75, 2)), 20, axis=0)
+    teacher = Elman(2, 3)
+    y = teacher.simulate(teacher.initial(7), u)
+    return u, y / np.abs(y).max() + 0.02 * draw.normal(size=len(u))
+
+
+def stop_at(iteration, start=0, error=KeyboardInterrupt):
+    def progress(step: Step, number: int) -> None:
+        if (step.iteration, number) == (iteration, start):
+            raise error
+
+    return progress
+
+
+def same(a: Training, b: Training) -> None:
+    np.testing.assert_array_equal(a.weights, b.weights)
+    assert a.why == b.why and a.starts_mse == b.starts_mse and a.best == b.best
+    for name in set(a.trace) - {"seconds"}:
+        np.testing.assert_array_equal(a.trace[name], b.trace[name], err_msg=name)
+
+
+def test_interrupt_returns_the_best_so_far():
+    u, target = teacher_data()
+    stopped = train(Elman(2, 3), u, target, iterations=50, progress=stop_at(6))
+    assert stopped.why == "interrupted" and not stopped.converged
+    np.testing.assert_array_equal(stopped.weights, train(Elman(2, 3), u, target, iterations=6).weights)
+    second = train(Elman(2, 3), u, target, iterations=12, starts=3, progress=stop_at(0, start=1))
+    np.testing.assert_array_equal(second.weights, train(Elman(2, 3), u, target, iterations=12).weights)
+    assert len(second.starts_mse) == 2
+
+
+@pytest.mark.parametrize("start", [0, 1])
+def test_resuming_equals_never_having_stopped(tmp_path, start):
+    u, target = teacher_data()
+    options = {"iterations": 15, "starts": 2, "seed": 3}
+    undisturbed = train(Elman(2, 4), u, target, **options)
+    file = tmp_path / "checkpoint.npz"
+    train(Elman(2, 4), u, target, **options, checkpoint=file, progress=stop_at(7, start))
+    same(train(Elman(2, 4), u, target, **options, resume=file), undisturbed)
+
+
+def test_resuming_after_a_crash(tmp_path, monkeypatch):
+    monkeypatch.setattr(training_module, "CHECKPOINT_SECONDS", 0.0)
+    u, target = teacher_data()
+    file = tmp_path / "checkpoint.npz"
+    with pytest.raises(RuntimeError):
+        train(Elman(2, 4), u, target, iterations=15, checkpoint=file, progress=stop_at(9, error=RuntimeError))
+    seen = []
+    resumed = train(
+        Elman(2, 4), u, target, iterations=15, resume=file, progress=lambda step, _: seen.append(step.iteration)
+    )
+    assert seen == [10, 11, 12, 13, 14, 15]
+    same(resumed, train(Elman(2, 4), u, target, iterations=15))
+
+
+def test_a_finished_training_can_be_prolonged(tmp_path):
+    u, target = teacher_data()
+    file = tmp_path / "checkpoint.npz"
+    train(Elman(2, 4), u, target, iterations=5, checkpoint=file)
+    same(train(Elman(2, 4), u, target, iterations=12, resume=file), train(Elman(2, 4), u, target, iterations=12))
+
+
+def test_foreign_or_broken_checkpoints_are_refused(tmp_path):
+    u, target = teacher_data()
+    file = tmp_path / "checkpoint.npz"
+    train(Elman(2, 4), u, target, iterations=2, checkpoint=file)
+    with pytest.raises(FileError, match="another training"):
+        train(Elman(2, 4), u, target + 1e-9, iterations=2, resume=file)
+    with pytest.raises(FileError, match="another training"):
+        train(Elman(2, 4), u, target, iterations=2, seed=1, resume=file)
+    file.write_bytes(file.read_bytes()[:200])
+    with pytest.raises(FileError, match="not a plain npz"):
+        train(Elman(2, 4), u, target, iterations=2, resume=file)
+    with pytest.raises(FileError, match="cannot be read"):
+        train(Elman(2, 4), u, target, iterations=2, resume=tmp_path / "none.npz")
