@@ -56,7 +56,7 @@ class Expr:
         if node is None:
             node = object.__new__(cls)
             node.op, node.args, node.value = op, args, value
-            cls._table[key] = node
+            node = cls._table.setdefault(key, node)  # another thread may have been first
         return node
 
     def __bool__(self) -> bool:

@@ -17,14 +17,17 @@ ROOT = Path(__file__).resolve().parent.parent
 FLOORS: tuple[tuple[str, ...], ...] = (
     ("errors",),
     ("units", "metrics", "equations"),
-    ("run", "parameter"),
+    ("run", "parameter", "jobs"),
     ("recording_checks", "recording", "excitation"),
     ("effect", "rig", "background"),
     ("effects", "rigs"),
     ("library",),
     ("engine",),
     ("assembly",),
-    ("simulation", "fitting", "residuals", "conformance", "jobs"),
+    ("simulation",),
+    ("windows",),
+    ("fitting", "residuals", "intervals"),
+    ("evidence", "conformance"),
     ("networks",),
     ("diagnosis",),
     ("trial",),
@@ -154,7 +157,7 @@ def test_version_is_the_same_everywhere() -> None:
 
 
 def test_the_face_loads_nothing_heavy() -> None:
-    code = "import sys, pamid; print([m for m in %r if m in sys.modules])" % (tuple(HOMES) + ("scipy", "sympy"),)
+    code = f"import sys, pamid; print([m for m in {(*HOMES, 'scipy', 'sympy')!r} if m in sys.modules])"
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.strip() == "[]"
 

@@ -68,6 +68,15 @@ def test_interval_covers_the_truth_when_errors_are_alike_in_time() -> None:
     assert hits[1] < 0.75 * hits[12]
 
 
+def test_longer_blocks_do_not_widen_the_interval_of_independent_errors() -> None:
+    """Entries of one block are successive, not copies of each other."""
+    after = np.random.default_rng(2).exponential(size=600)
+    expected = 2 * 1.96 * after.std() / 600**0.5
+    for length in (1, 8):
+        low, high = moving_block_interval(after, np.ones(600), block_length=length)
+        assert high - low == pytest.approx(expected, rel=0.2)
+
+
 def test_interval_refuses_what_has_no_ratio() -> None:
     for above, below in (([1.0], [1.0]), ([1.0, 2.0], [1.0]), ([1.0, 1.0], [0.0, 0.0]), ([np.nan, 1.0], [1.0, 1.0])):
         with pytest.raises(DataError):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pamid.networks.training as training_module
-from pamid.errors import FileError
+from pamid.errors import DataError, FileError
 from pamid.networks.checkpoints import Step
 from pamid.networks.elman import Elman
 from pamid.networks.training import Training, train
@@ -30,7 +30,8 @@ def stop_at(iteration, start=0, error=KeyboardInterrupt):
 def same(a: Training, b: Training) -> None:
     np.testing.assert_array_equal(a.weights, b.weights)
     assert a.why == b.why and a.starts_mse == b.starts_mse and a.best == b.best
-    for name in set(a.trace) - {"seconds"}:
+    assert (a.effective_samples, a.supported_weights) == (b.effective_samples, b.supported_weights)
+    for name in a.trace:
         np.testing.assert_array_equal(a.trace[name], b.trace[name], err_msg=name)
 
 
@@ -42,6 +43,7 @@ def test_interrupt_returns_the_best_so_far():
     second = train(Elman(2, 3), u, target, iterations=12, starts=3, progress=stop_at(0, start=1))
     np.testing.assert_array_equal(second.weights, train(Elman(2, 3), u, target, iterations=12).weights)
     assert len(second.starts_mse) == 2
+    assert second.why == "interrupted" and not second.converged  # though the start kept had run to its end
 
 
 @pytest.mark.parametrize("start", [0, 1])
@@ -51,28 +53,45 @@ def test_resuming_equals_never_having_stopped(tmp_path, start):
     undisturbed = train(Elman(2, 4), u, target, **options)
     file = tmp_path / "checkpoint.npz"
     train(Elman(2, 4), u, target, **options, checkpoint=file, progress=stop_at(7, start))
-    same(train(Elman(2, 4), u, target, **options, resume=file), undisturbed)
+    same(train(Elman(2, 4), u, target, **options, checkpoint=file, resume=True), undisturbed)
 
 
 def test_resuming_after_a_crash(tmp_path, monkeypatch):
-    monkeypatch.setattr(training_module, "CHECKPOINT_SECONDS", 0.0)
+    monkeypatch.setattr(training_module, "_CHECKPOINT_SECONDS", 0.0)
     u, target = teacher_data()
     file = tmp_path / "checkpoint.npz"
     with pytest.raises(RuntimeError):
         train(Elman(2, 4), u, target, iterations=15, checkpoint=file, progress=stop_at(9, error=RuntimeError))
     seen = []
-    resumed = train(
-        Elman(2, 4), u, target, iterations=15, resume=file, progress=lambda step, _: seen.append(step.iteration)
-    )
+    going_on = {"checkpoint": file, "resume": True, "progress": lambda step, _: seen.append(step.iteration)}
+    resumed = train(Elman(2, 4), u, target, iterations=15, **going_on)
     assert seen == [10, 11, 12, 13, 14, 15]
     same(resumed, train(Elman(2, 4), u, target, iterations=15))
 
 
-def test_a_finished_training_can_be_prolonged(tmp_path):
+@pytest.mark.parametrize("starts", [1, 3])
+def test_a_finished_training_can_be_prolonged(tmp_path, starts):
     u, target = teacher_data()
     file = tmp_path / "checkpoint.npz"
-    train(Elman(2, 4), u, target, iterations=5, checkpoint=file)
-    same(train(Elman(2, 4), u, target, iterations=12, resume=file), train(Elman(2, 4), u, target, iterations=12))
+    train(Elman(2, 4), u, target, iterations=5, starts=starts, checkpoint=file)
+    prolonged = train(Elman(2, 4), u, target, iterations=12, starts=starts, checkpoint=file, resume=True)
+    same(prolonged, train(Elman(2, 4), u, target, iterations=12, starts=starts))
+
+
+def test_resuming_before_the_first_checkpoint_is_beginning(tmp_path):
+    u, target = teacher_data()
+    begun = train(Elman(2, 4), u, target, iterations=3, checkpoint=tmp_path / "none.npz", resume=True)
+    same(begun, train(Elman(2, 4), u, target, iterations=3))
+    with pytest.raises(DataError, match="nothing to resume from"):
+        train(Elman(2, 4), u, target, iterations=3, resume=True)
+
+
+def test_resuming_a_converged_training_changes_nothing(tmp_path):
+    u, target = teacher_data()
+    file = tmp_path / "checkpoint.npz"
+    done = train(Elman(2, 2), u, target, iterations=500, checkpoint=file)
+    assert done.converged, done.why
+    same(train(Elman(2, 2), u, target, iterations=900, checkpoint=file, resume=True), done)
 
 
 def test_foreign_or_broken_checkpoints_are_refused(tmp_path):
@@ -80,11 +99,11 @@ def test_foreign_or_broken_checkpoints_are_refused(tmp_path):
     file = tmp_path / "checkpoint.npz"
     train(Elman(2, 4), u, target, iterations=2, checkpoint=file)
     with pytest.raises(FileError, match="another training"):
-        train(Elman(2, 4), u, target + 1e-9, iterations=2, resume=file)
+        train(Elman(2, 4), u, target + 1e-9, iterations=2, checkpoint=file, resume=True)
     with pytest.raises(FileError, match="another training"):
-        train(Elman(2, 4), u, target, iterations=2, seed=1, resume=file)
+        train(Elman(2, 4), u, target, iterations=2, seed=1, checkpoint=file, resume=True)
     file.write_bytes(file.read_bytes()[:200])
     with pytest.raises(FileError, match="not a plain npz"):
-        train(Elman(2, 4), u, target, iterations=2, resume=file)
-    with pytest.raises(FileError, match="cannot be read"):
-        train(Elman(2, 4), u, target, iterations=2, resume=tmp_path / "none.npz")
+        train(Elman(2, 4), u, target, iterations=2, checkpoint=file, resume=True)
+    with pytest.raises(FileError, match="cannot be written"):
+        train(Elman(2, 4), u, target, iterations=2, checkpoint=tmp_path / "no_folder" / "checkpoint.npz")

@@ -9,7 +9,8 @@ from scipy.optimize import brentq
 from pamid.errors import DataError
 from pamid.networks.bayes import Evidence, effective_samples, effective_weights, promised_decrease, solve_damped
 from pamid.networks.elman import Elman
-from pamid.networks.training import Goals, trace_rows, train
+from pamid.networks.store import trace_csv
+from pamid.networks.training import Goals, train
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ def test_gamma_alpha_beta_reach_foresee_hagans_fixed_point(seed):
     u, target = linear_data(seed=seed)
     gamma, alpha, beta, weights = evidence_fixed_point(u, target)
     assert 3.0 < gamma < 7.9  # the case is one where regularisation does something
-    trained = train(Linear(8), u, target, iterations=500, seed=seed)
+    trained = train(Linear(8), u, target, iterations=500, seed=seed, goals=Goals(promise=0.0))
     assert trained.converged, trained.why
     assert trained.trace["gamma"][-1] == pytest.approx(gamma, rel=1e-6)
     assert trained.trace["alpha"][-1] == pytest.approx(alpha, rel=1e-6)
@@ -97,7 +98,7 @@ def test_every_row_of_the_trace_follows_the_update_rules():
 
 def test_without_regularisation_it_is_least_squares():
     u, target = linear_data(seed=6)
-    trained = train(Linear(8), u, target, iterations=200, regularise=False)
+    trained = train(Linear(8), u, target, iterations=200, regularise=False, goals=Goals(promise=0.0))
     np.testing.assert_allclose(trained.weights, np.linalg.lstsq(u, target, rcond=None)[0], atol=1e-8)
     assert np.all(trained.trace["alpha"] == 0.0) and np.all(trained.trace["beta"] == 1.0)
 
@@ -128,8 +129,11 @@ def test_correlated_residuals_are_remarked():
     loud = train(Elman(2, 2), u, 0.2 * y + 0.8 * slow, iterations=5)
     assert loud.samples == 1500 and loud.effective_samples < 150
     assert f"{loud.effective_samples:.0f} independent" in loud.remark
+    assert 0.0 < loud.supported_weights < loud.trace["gamma"][-1]
+    assert f"{loud.supported_weights:.1f} of 13 weights" in loud.remark
     white = train(Linear(8), *linear_data(n=400), iterations=20)
     assert white.effective_samples > 200 and white.remark == ""
+    assert white.supported_weights == pytest.approx(white.trace["gamma"][-1], abs=0.5)
 
 
 # --- Levenberg-Marquardt ----------------------------------------------------------------------------------------------
@@ -179,8 +183,8 @@ def test_a_rejected_step_costs_a_simulation_only():
             return super().normal_equations(*arguments)
 
     trace = train(Counting(2, 5), *teacher_data(noise=0.02), iterations=40, regularise=False).trace
-    assert calls["normal_equations"] == len(trace["mse"])
-    assert calls["simulate"] == trace["trials"].sum() + 1  # and the final residual
+    assert calls["normal_equations"] == len(trace["mse"]) + 1  # and the count of supported weights at the end
+    assert calls["simulate"] == trace["trials"].sum() + 2  # and the error at the start, the residual at the end
 
 
 def test_gradient_in_the_trace_is_the_objectives():
@@ -237,8 +241,12 @@ def test_each_reason_is_said_in_words():
     assert flat.why == "gradient below 0.001" and flat.converged and flat.trace["gradient"][-1] <= 1e-3
     close = train(Elman(2, 3), u, target, iterations=300, goals=Goals(mse=1e-3))
     assert close.why == "mean squared error below 0.001" and close.converged
-    settled = train(Elman(2, 3), u, target, iterations=300, goals=Goals(gradient=0.0))
-    assert settled.why == "mu reached 1e+10" and settled.converged
+    settled = train(Elman(2, 3), u, target, iterations=300)
+    assert settled.why.startswith("settled") and settled.converged and settled.trace["iteration"][-1] < 300
+    to_the_end = train(Elman(2, 3), u, target, iterations=500, goals=Goals(gradient=0.0, promise=0.0))
+    assert to_the_end.why == "mu reached 1e+10: no step lowers the objective" and to_the_end.converged
+    assert settled.trace["mse"][-1] == pytest.approx(to_the_end.trace["mse"][-1], rel=1e-6)
+    assert settled.trace["gamma"][-1] == pytest.approx(to_the_end.trace["gamma"][-1], abs=1e-3)
 
 
 @dataclass(frozen=True)
@@ -276,16 +284,17 @@ def test_overflow_on_the_way_is_a_rejected_step():
 
 def test_a_wrong_derivative_is_not_called_converged():
     lost = train(Cliff(8, 1e9, True), *linear_data(), iterations=50, regularise=False)
-    assert lost.why.startswith("mu reached 1e+10, though a full step promises") and not lost.converged
+    assert lost.why.startswith("mu reached 1e+10: no step lowers the objective, though a full step promises")
+    assert not lost.converged
 
 
-def test_trace_rows():
+def test_trace_as_csv():
     trained = train(Linear(8), *linear_data(), iterations=3)
-    rows = trace_rows(trained)
-    assert rows[0] == ["iteration", "mse", "gradient", "mu", "gamma", "alpha", "beta", "seconds", "trials"]
-    assert [row[0] for row in rows[1:]] == ["0", "1", "2", "3"]
+    header, *rows = [line.split(",") for line in trace_csv(trained).decode().splitlines()]
+    assert header == ["iteration", "mse", "gradient", "mu", "gamma", "alpha", "beta", "trials"]
+    assert [row[0] for row in rows] == ["0", "1", "2", "3"]
     assert float(rows[-1][1]) == trained.trace["mse"][-1]
-    assert "seconds" not in trace_rows(trained, seconds=False)[0]
+    assert trace_csv(train(Linear(8), *linear_data(), iterations=3)) == trace_csv(trained)  # no clock in it
 
 
 # --- bad data ---------------------------------------------------------------------------------------------------------
@@ -318,5 +327,7 @@ def test_options_that_cannot_be_met():
         train(Elman(2, 3), u, target, washout=1500)
     with pytest.raises(DataError, match="5 samples cannot decide"):
         train(Elman(2, 3), u, target, washout=1495)
-    with pytest.raises(DataError, match="starts >= 1"):
-        train(Elman(2, 3), u, target, starts=0)
+    for wrong in ({"starts": 0}, {"iterations": -1}, {"washout": -1}, {"seed": -1}, {"iterations": 2.5}):
+        (name,) = wrong
+        with pytest.raises(DataError, match=f"{name} to be a whole number"):
+            train(Elman(2, 3), u, target, **wrong)

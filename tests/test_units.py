@@ -82,7 +82,9 @@ def test_there_and_back(symbol: str, value: float) -> None:
 
 
 FACTORS = {"deg": math.pi / 180, "kPa": 1e3, "bar": 1e5, "cm3": 1e-6, "l": 1e-3, "ms": 1e-3, "1/deg": 180 / math.pi,
-           "s/deg": 180 / math.pi, "deg/s": math.pi / 180, "l/(min bar)": 1e-3 / 60 / 1e5, "N*m": 1.0}  # fmt: skip
+           "s/deg": 180 / math.pi, "deg/s": math.pi / 180, "l/(min bar)": 1e-3 / 60 / 1e5, "N*m": 1.0, "mbar": 1e2,
+           "MPa": 1e6, "mm": 1e-3, "cm": 1e-2, "um": 1e-6, "us": 1e-6, "min": 60.0, "mrad": 1e-3, "g": 1e-3, "kN": 1e3,
+           "mA": 1e-3, "mV": 1e-3, "percent": 1e-2, "J": 1.0, "W": 1.0}  # fmt: skip
 
 
 @pytest.mark.parametrize(("symbol", "factor"), FACTORS.items())

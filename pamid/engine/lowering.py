@@ -148,7 +148,7 @@ class _Lowering:
 def _ordered(cells: list[Cell]) -> tuple[Cell, ...]:
     """Cells such that each one reads only new values of cells before it."""
     names = {c.name: c for c in cells}
-    needs = {c.name: {n for space, n in symbols([c.update, c.start, *([c.seconds] if c.seconds else [])])
+    needs = {c.name: {n for space, n in symbols([c.update, c.start, *([c.seconds] if c.seconds is not None else [])])
                       if space == "cell"} - {c.name} for c in cells}
     order: list[Cell] = []
     placed: set[str] = set()

@@ -164,7 +164,7 @@ def _phases(lowered: Lowered) -> tuple[list[list[Expr]], list[int], list[int], l
     first = 0
     for i, cell in enumerate(lowered.cells):
         if cell.buffer_s > 0.0:
-            goes_in, seconds = substitute([cell.update, expression(cell.seconds or 0.0)], inline)
+            goes_in, seconds = substitute([cell.update, expression(0.0 if cell.seconds is None else cell.seconds)], inline)
             phases.append([*current, goes_in, seconds])
             counts.append(len(current))
             firsts.append(first)

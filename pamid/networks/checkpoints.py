@@ -20,8 +20,8 @@ class Step(NamedTuple):
     """One row of the trace, after an accepted step (row 0: the start).
 
     `mse` is the mean squared error over the samples used; `gradient` the norm of dF/dw; `mu` the damping the next step
-    begins with; `gamma`, `alpha`, `beta` as re-estimated at these weights; `seconds` since the start was begun;
-    `trials` how many steps were simulated until one was accepted.
+    begins with; `gamma`, `alpha`, `beta` as re-estimated at these weights; `trials` how many steps
+    were simulated until one was accepted. No times: the same training always gives the same rows.
     """
 
     iteration: int
@@ -31,7 +31,6 @@ class Step(NamedTuple):
     gamma: float
     alpha: float
     beta: float
-    seconds: float
     trials: int
 
 
@@ -83,16 +82,16 @@ def load_checkpoint(path: Path, problem: str, n_weights: int) -> Checkpoint:
     if "problem" not in arrays or str(arrays["problem"]) != problem:
         raise FileError(
             f"{path} belongs to another training: its data, network, seed or options differ.",
-            "train afresh, or repeat the options of the interrupted training",
+            "Train afresh, or repeat the options of the interrupted training.",
         )
     attempts = []
     for k in range((len(arrays) - 1) // len(_FIELDS)):
         try:
             weights, numbers, steps, why = (arrays[f"{field}_{k}"] for field in _FIELDS)
         except KeyError as missing:
-            raise FileError(f"{path} is no whole checkpoint: {missing} is missing.", "train afresh") from None
+            raise FileError(f"{path} is no whole checkpoint: {missing} is missing.", "Train afresh.") from None
         if weights.shape != (n_weights,) or numbers.shape != (6,) or steps.shape[1:] != (len(Step._fields),):
-            raise FileError(f"{path}: attempt {k} has arrays of the wrong shape.", "train afresh")
+            raise FileError(f"{path}: attempt {k} has arrays of the wrong shape.", "Train afresh.")
         start, mu, gamma, alpha, beta, converged = numbers.tolist()
         rows = tuple(Step._make((int(r[0]), *r[1:-1], int(r[-1]))) for r in steps.tolist())
         attempts.append(
@@ -109,14 +108,14 @@ def load_arrays(path: Path, data: bytes | None = None) -> dict[str, NDArray]:
     try:
         content = path.read_bytes() if data is None else data
     except OSError as error:
-        raise FileError(f"{path} cannot be read: {error.strerror}.", "check the path") from None
+        raise FileError(f"{path} cannot be read: {error.strerror}.", "Check the path.") from None
     if not content.startswith(b"PK"):  # a bare pickle or .npy would take another branch of numpy.load
-        raise FileError(f"{path} is not an npz file.", "give the file that pamid wrote")
+        raise FileError(f"{path} is not an npz file.", "Give the file that pamid wrote.")
     try:
         with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
             return {name: arrays[name] for name in arrays.files}
     except (ValueError, OSError, EOFError, KeyError, zipfile.BadZipFile) as error:
         raise FileError(
             f"{path} is not a plain npz file ({error}).",
-            "pamid never loads pickled objects; make the file anew",
+            "Pickled objects are never loaded; make the file anew.",
         ) from None

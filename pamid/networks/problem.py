@@ -14,7 +14,10 @@ Array = NDArray[np.float64]
 
 
 class Network(Protocol):
-    """What training asks of a network; error is target - output, J the output's derivative (bayes.py, elman.py)."""
+    """What training asks of a network; error is target - output, J the output's derivative (bayes.py, elman.py).
+
+    `repr` must tell the network's sizes: it is what ties a checkpoint to the network.
+    """
 
     @property
     def n_weights(self) -> int: ...
@@ -38,13 +41,19 @@ class Damping:
 
 @dataclass(frozen=True)
 class Goals:
-    """Reaching one of these ends a training as converged: mean squared error, or norm of dF/dw.
+    """When a training has converged: any one of mse, gradient, or promise together with drift.
 
-    Below the default mse, float64 signals in [-1, 1] are fitted exactly and beta would run away.
+    `mse` is the mean squared error (below the default, float64 signals in [-1, 1] are fitted exactly and beta would run
+    away); `gradient` the norm of dF/dw; `promise` the share of F that a full step could still take away, `drift` the
+    share by which alpha and beta moved in the last step. `stuck`: with mu at its largest, a full step that promises
+    less than this share of F is taken for rounding at a minimum.
     """
 
     mse: float = 1e-24
     gradient: float = 1e-7
+    promise: float = 1e-10
+    drift: float = 1e-6
+    stuck: float = 1e-4
 
 
 @dataclass(frozen=True)
@@ -96,20 +105,19 @@ def recordings(inputs: object, target: object) -> tuple[tuple[Array, Array], ...
     return tuple(pairs)
 
 
-def check_problem(problem: Problem, iterations: int, starts: int) -> None:
+def check_problem(problem: Problem, iterations: int, starts: int, seed: int) -> None:
     """DataError where there is nothing to fit, or less data than weights."""
-    if iterations < 0 or starts < 1 or problem.washout < 0:
-        raise DataError(
-            f"Training takes iterations >= 0, starts >= 1 and washout >= 0, "
-            f"not {iterations}, {starts} and {problem.washout}."
-        )
+    least = {"iterations": (iterations, 0), "starts": (starts, 1), "seed": (seed, 0), "washout": (problem.washout, 0)}
+    for name, (value, low) in least.items():
+        if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < low:
+            raise DataError(f"Training needs {name} to be a whole number of at least {low}, not {value!r}.")
     shortest = min(len(t) for _, t in problem.records)
     if shortest <= problem.washout:
         raise DataError(f"A washout of {problem.washout} samples leaves nothing of a recording of {shortest}.")
     if problem.samples < problem.network.n_weights:
         raise DataError(
             f"{problem.samples} samples cannot decide {problem.network.n_weights} weights.",
-            "record longer, shorten the washout, or take fewer hidden units",
+            "Record longer, shorten the washout, or take fewer hidden units.",
         )
 
 
@@ -118,6 +126,6 @@ def fingerprint(problem: Problem, seed: int) -> str:
     digest = hashlib.sha256()
     for u, t in problem.records:
         digest.update(repr(u.shape).encode() + u.tobytes() + t.tobytes())
-    settings = (problem.network, problem.washout, problem.regularise, problem.damping, seed)
-    digest.update(repr(settings).encode())
+    options = (int(problem.washout), bool(problem.regularise), problem.damping, problem.goals, int(seed))
+    digest.update(repr((problem.network, *options)).encode())
     return digest.hexdigest()

@@ -64,7 +64,7 @@ def scaling_of(values: ArrayLike, names: Sequence[str]) -> Scaling:
         if b - a <= 1e-12 * max(abs(a), abs(b)):
             raise DataError(
                 f"Column {name!r} is constant ({a:g}) and cannot be scaled into [-1, 1].",
-                "leave it out, or excite it in the recording",
+                "Leave it out, or excite it in the recording.",
             )
     return Scaling(tuple(low.tolist()), tuple(high.tolist()))
 
@@ -77,5 +77,5 @@ def check_finite(table: Array, names: Sequence[str]) -> None:
         more = f" ({len(bad)} such values in all)" if len(bad) > 1 else ""
         raise DataError(
             f"Row {row}, column {names[column]!r} is {table[row, column]}{more}.",
-            "repair or leave out that stretch first",
+            "Repair or leave out that stretch first.",
         )

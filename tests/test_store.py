@@ -11,7 +11,8 @@ import pytest
 from pamid.errors import DataError, FileError
 from pamid.networks.elman import Elman
 from pamid.networks.scaling import Scaling, scaling_of
-from pamid.networks.trained import TrainedNetwork, load_network, save_network, train_on_signals
+from pamid.networks.store import TrainedNetwork, load_network, save_network, train_on_signals
+from pamid.networks.training import train
 
 
 def teacher_data() -> tuple[np.ndarray, np.ndarray]:
@@ -60,11 +61,10 @@ def test_scaling_refuses(call, words):
 @pytest.fixture(scope="module")
 def trained() -> tuple[TrainedNetwork, dict[str, np.ndarray], np.ndarray]:
     u, target = teacher_data()
-    signals = {"angle": 40.0 * u[:, 0], "pressure": 200.0 + 50.0 * u[:, 1]}
+    signals = {"angle_deg": 40.0 * u[:, 0], "pressure_kpa": 200.0 + 50.0 * u[:, 1]}
     network, _ = train_on_signals(
-        Elman(2, 3), signals, 3.0 * target + 1.0, units={"angle": "deg", "pressure": "kPa"},
-        output_name="residual", output_unit="deg", sampling_period_s=0.003, iterations=60,
-    )  # fmt: skip
+        Elman(2, 3), signals, 3.0 * target + 1.0, output_name="residual_deg", period_s=0.003, iterations=60
+    )
     return network, signals, 3.0 * target + 1.0
 
 
@@ -78,14 +78,14 @@ def test_prediction_is_in_the_outputs_unit(trained):
 
 def test_prediction_names_what_is_missing(trained):
     network, signals, _ = trained
-    with pytest.raises(DataError, match="'pressure' is missing"):
-        network.predict({"angle": signals["angle"]})
-    with pytest.raises(DataError, match="'pressure' has shape"):
-        network.predict({**signals, "pressure": signals["pressure"][:-1]})
-    spoilt = signals["pressure"].copy()
+    with pytest.raises(DataError, match="'pressure_kpa' is missing"):
+        network.predict({"angle_deg": signals["angle_deg"]})
+    with pytest.raises(DataError, match="'pressure_kpa' has shape"):
+        network.predict({**signals, "pressure_kpa": signals["pressure_kpa"][:-1]})
+    spoilt = signals["pressure_kpa"].copy()
     spoilt[5] = np.nan
-    with pytest.raises(DataError, match="Row 5, column 'pressure' is nan"):
-        network.predict({**signals, "pressure": spoilt})
+    with pytest.raises(DataError, match="Row 5, column 'pressure_kpa' is nan"):
+        network.predict({**signals, "pressure_kpa": spoilt})
 
 
 def test_round_trip(trained, tmp_path):
@@ -97,7 +97,7 @@ def test_round_trip(trained, tmp_path):
     about = json.loads((tmp_path / "network.json").read_text())
     assert about["schema"] == "pamid.network/1" and about["kind"] == "elman" and about["n_weights"] == 22
     assert about["sizes"] == {"inputs": 2, "hidden": 3}
-    assert about["inputs"][0]["name"] == "angle" and about["inputs"][0]["unit"] == "deg"
+    assert about["inputs"][0]["name"] == "angle_deg" and about["period_s"] == 0.003
     assert about["training"]["why"] and about["training"]["gamma"] <= 22
 
 
@@ -161,7 +161,7 @@ def test_wrong_arrays_are_refused(trained, tmp_path, weights):
     [
         (lambda a: a.update(schema="pamid.network/9"), "is not a pamid.network/1"),
         (lambda a: a.update(kind="elmann"), "unknown kind of network 'elmann'.*elman"),
-        (lambda a: a.pop("sampling_period_s"), "lacks 'sampling_period_s'"),
+        (lambda a: a.pop("period_s"), "lacks 'period_s'"),
         (lambda a: a["sizes"].update(hidden=-1), "whole number"),
         (lambda a: a["sizes"].update(depth=2), "does not describe a network"),
         (lambda a: a["inputs"].pop(), "does not describe a network"),
@@ -182,8 +182,28 @@ def test_several_recordings_share_one_scaling():
     u, target = teacher_data()
     parts = [{"a": u[:800, 0], "b": u[:800, 1]}, {"a": u[800:, 0], "b": u[800:, 1]}]
     network, training = train_on_signals(
-        Elman(2, 3), parts, [target[:800], target[800:]], units={}, output_name="y", output_unit="",
-        sampling_period_s=0.01, iterations=5,
-    )  # fmt: skip
+        Elman(2, 3), parts, [target[:800], target[800:]], output_name="y", period_s=0.01, iterations=5
+    )
     assert training.samples == 1500
     assert network.input_scaling == scaling_of(u, ("a", "b"))
+
+
+def test_the_summary_is_strict_json_even_of_a_diverged_training(trained, tmp_path):
+    u, target = teacher_data()
+
+    class Overflowing(Elman):
+        def simulate(self, weights, inputs):
+            return np.full(len(inputs), np.inf)
+
+    diverged = train(Overflowing(2, 3), u, target, iterations=2)
+    assert not diverged.converged and diverged.summary["mse"] is None
+    save_network(tmp_path, replace(trained[0], summary=diverged.summary))
+    assert load_network(tmp_path).summary["why"].startswith("diverged")
+
+
+def test_arrays_are_taken_in_the_order_of_the_names(trained):
+    network, signals, _ = trained
+    table = np.column_stack([signals["angle_deg"], signals["pressure_kpa"]])
+    np.testing.assert_array_equal(network.predict(table), network.predict(signals))
+    with pytest.raises(DataError, match=r"not \(N, 2\): angle_deg, pressure_kpa"):
+        network.predict(table[:, :1])

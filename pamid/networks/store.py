@@ -1,12 +1,17 @@
 """A trained network with everything needed to use it on signals in their own units, and its two files.
 
-`network.json` (schema pamid.network/1) is for people and scripts: kind, sizes, inputs and output with unit and scaling,
+`network.json` (schema pamid.network/1) is for people and scripts: kind, sizes, names and scaling of inputs and output,
 sampling period, how the training went, and the SHA-256 of `network.npz`, which holds the weights at full precision.
-Loading reads strict JSON and plain arrays; no code in either file is ever run.
+Loading reads strict JSON and plain arrays; no code in either file is ever run. The same network gives the same bytes.
+
+A kind of network is a module of this package of that name, holding a dataclass with that `kind`: a new network is one
+new file.
 """
 
 import hashlib
+import importlib
 import io
+import pkgutil
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -17,7 +22,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from pamid.errors import DataError, FileError, PamidError, nearest
 from pamid.networks.checkpoints import load_arrays
-from pamid.networks.elman import Elman
 from pamid.networks.problem import Network
 from pamid.networks.scaling import Scaling, check_finite, scaling_of
 from pamid.networks.training import Training, train
@@ -28,7 +32,6 @@ Signals = Mapping[str, ArrayLike]
 
 NETWORK_SCHEMA = "pamid.network/1"
 NETWORK_FILE, WEIGHTS_FILE = "network.json", "network.npz"
-_KINDS: dict[str, type] = {Elman.kind: Elman}
 _REMEDY = "Train the network again."
 
 
@@ -36,40 +39,44 @@ _REMEDY = "Train the network again."
 class TrainedNetwork:
     """A network and what its numbers mean.
 
-    `input_names` and `input_units` are in the order of the network's inputs; the scalings are in these units.
-    `training` is a summary for readers (why it stopped, mse, gamma, ...), not needed to predict.
+    Names carry their unit after the last underscore (`angle_deg`), as in a recording; the scalings are in these units
+    and in the order of the network's inputs. `period_s` is the sampling period the network was trained at, the only
+    one it is good for. `summary` tells readers how the training went; it is not needed to predict.
     """
 
     network: Network
     weights: Array
     input_names: tuple[str, ...]
-    input_units: tuple[str, ...]
     output_name: str
-    output_unit: str
     input_scaling: Scaling
     output_scaling: Scaling
-    sampling_period_s: float
-    training: Mapping[str, Any] = field(default_factory=dict)
+    period_s: float
+    summary: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        columns = {len(self.input_names), len(self.input_units), len(self.input_scaling.low)}
-        if len(columns) != 1 or len(set(self.input_names)) != len(self.input_names):
-            raise DataError("A trained network needs a unit, a scaling and a name of its own for each input.")
+        if len(self.input_names) != len(self.input_scaling.low) or len(set(self.input_names)) != len(self.input_names):
+            raise DataError("A trained network needs one scaling for each of its differently named inputs.")
         if len(self.output_scaling.low) != 1:
             raise DataError("A trained network has one output and one scaling for it.")
-        if not (np.isfinite(self.sampling_period_s) and self.sampling_period_s > 0.0):
-            raise DataError(f"The sampling period must be positive, not {self.sampling_period_s} s.")
+        if not (np.isfinite(self.period_s) and self.period_s > 0.0):
+            raise DataError(f"The sampling period must be positive, not {self.period_s} s.")
         if np.shape(self.weights) != (self.network.n_weights,) or not np.isfinite(self.weights).all():
             raise DataError(f"This network needs {self.network.n_weights} finite weights.")
         self.network.simulate(self.weights, np.zeros((1, len(self.input_names))))  # refuses a wrong number of inputs
 
-    def predict(self, signals: Signals) -> Array:
-        """The output (N,) in its own unit, from a zero state, at this network's sampling period.
+    def predict(self, inputs: ArrayLike | Signals) -> Array:
+        """The output (N,) in its own unit, from a zero state, for inputs sampled every `period_s`.
 
-        `signals` holds one array (N,) per input name, in the input's unit; others are ignored. DataError names a
-        signal that is missing, of another length, or not finite (with the row).
+        `inputs` is an array (N, len(input_names)) in the inputs' units, or one array (N,) per input name (others are
+        ignored). DataError names a signal that is missing or of another length, or a value that is not finite.
         """
-        table = _columns(signals, self.input_names)
+        if isinstance(inputs, Mapping):
+            table = _columns(inputs, self.input_names)
+        else:
+            table = np.asarray(inputs, dtype=np.float64)
+            if table.ndim != 2 or table.shape[1] != len(self.input_names):
+                wanted = ", ".join(self.input_names)
+                raise DataError(f"The inputs have shape {table.shape}, not (N, {len(self.input_names)}): {wanted}.")
         check_finite(table, self.input_names)
         return self.output_scaling.backward(self.network.simulate(self.weights, self.input_scaling.forward(table)))
 
@@ -79,21 +86,19 @@ def train_on_signals(
     signals: Signals | Sequence[Signals],
     output: ArrayLike | Sequence[ArrayLike],
     *,
-    units: Mapping[str, str],
     output_name: str,
-    output_unit: str,
-    sampling_period_s: float,
+    period_s: float,
     **options: Any,
 ) -> tuple[TrainedNetwork, Training]:
-    """Scale, train and bind together: `signals` in own units, in the order of the network's inputs.
+    """Scale, train and bind together: `signals` by name in own units, in the order of the network's inputs.
 
-    Several recordings are lists of signals and of outputs; one scaling spans them all. `units` maps each input name to
-    its unit; `options` go to `train`. DataError as in `scaling_of` and `train`.
+    Several recordings are lists of signals and of outputs; one scaling spans them all. `options` go to `train`.
+    DataError as in `scaling_of` and `train`.
     """
     several = not isinstance(signals, Mapping)
     recordings: Sequence[Signals] = signals if several else [signals]  # type: ignore[assignment, list-item]
     outputs = [np.asarray(o, dtype=np.float64) for o in (output if several else [output])]  # type: ignore[union-attr]
-    if not recordings:
+    if not recordings or not outputs:
         raise DataError("There is no recording to train on.")
     names = tuple(recordings[0])
     tables = [_columns(one, names) for one in recordings]
@@ -102,21 +107,18 @@ def train_on_signals(
     scaled = [input_scaling.forward(t) for t in tables], [output_scaling.forward(o) for o in outputs]
     training = train(network, *scaled, **options)
     trained = TrainedNetwork(
-        network, training.weights, names, tuple(units.get(n, "") for n in names), output_name, output_unit,
-        input_scaling, output_scaling, sampling_period_s, summary_of(training),
-    )  # fmt: skip
+        network, training.weights, names, output_name, input_scaling, output_scaling, period_s, training.summary
+    )
     return trained, training
 
 
-def summary_of(training: Training) -> dict[str, Any]:
-    """How a training went, without times, so that the same training always gives the same summary."""
-    last = {name: float(column[-1]) for name, column in training.trace.items() if len(column)}
-    summary: dict[str, Any] = {"why": training.why, "converged": training.converged, "remark": training.remark}
-    summary |= {"samples": training.samples, "effective_samples": training.effective_samples}
-    summary |= {name: last[name] for name in ("mse", "gradient", "mu", "gamma", "alpha", "beta") if name in last}
-    summary |= {"iterations": int(last.get("iteration", 0)), "start": training.best}
-    summary["starts_mse"] = [mse if np.isfinite(mse) else None for mse in training.starts_mse]
-    return summary
+def trace_csv(training: Training) -> bytes:
+    """The trace as the bytes of trace.csv: one header row, one row per accepted step, numbers in full precision."""
+    rows = [",".join(training.trace)]
+    for values in zip(*training.trace.values(), strict=True):
+        pairs = zip(training.trace, values, strict=True)
+        rows.append(",".join(str(int(v)) if name in ("iteration", "trials") else repr(float(v)) for name, v in pairs))
+    return ("\n".join(rows) + "\n").encode()
 
 
 def save_network(folder: Path | str, trained: TrainedNetwork) -> None:
@@ -132,17 +134,16 @@ def save_network(folder: Path | str, trained: TrainedNetwork) -> None:
         "sizes": asdict(trained.network),  # type: ignore[call-overload]
         "n_weights": trained.network.n_weights,
         "inputs": [
-            {"name": name, "unit": unit, "low": low, "high": high}
-            for name, unit, (low, high) in zip(trained.input_names, trained.input_units, scalings, strict=True)
+            {"name": name, "low": low, "high": high}
+            for name, (low, high) in zip(trained.input_names, scalings, strict=True)
         ],
         "output": {
             "name": trained.output_name,
-            "unit": trained.output_unit,
             "low": trained.output_scaling.low[0],
             "high": trained.output_scaling.high[0],
         },
-        "sampling_period_s": trained.sampling_period_s,
-        "training": dict(trained.training),
+        "period_s": trained.period_s,
+        "training": dict(trained.summary),
         "weights": {"file": WEIGHTS_FILE, "sha256": hashlib.sha256(content).hexdigest()},
     }
     write_atomically(folder / WEIGHTS_FILE, content)
@@ -156,22 +157,17 @@ def load_network(folder: Path | str) -> TrainedNetwork:
     if not isinstance(about, dict) or about.get("schema") != NETWORK_SCHEMA:
         raise FileError(f"{path} is not a {NETWORK_SCHEMA}.", "Another version wrote it; train the network again.")
     try:
-        kind = str(about["kind"])
-        if kind not in _KINDS:
-            raise FileError(f"{path}: unknown kind of network {kind!r}.", nearest(kind, _KINDS) or _REMEDY)
         inputs, output = about["inputs"], about["output"]
-        network = _KINDS[kind](**about["sizes"])
+        network = _class_of(str(about["kind"]), path)(**about["sizes"])
         return TrainedNetwork(
             network=network,
             weights=_weights(path.parent / WEIGHTS_FILE, str(about["weights"]["sha256"]), network.n_weights),
             input_names=tuple(str(one["name"]) for one in inputs),
-            input_units=tuple(str(one["unit"]) for one in inputs),
             output_name=str(output["name"]),
-            output_unit=str(output["unit"]),
             input_scaling=Scaling(*(tuple(float(one[end]) for one in inputs) for end in ("low", "high"))),
             output_scaling=Scaling((float(output["low"]),), (float(output["high"]),)),
-            sampling_period_s=float(about["sampling_period_s"]),
-            training=dict(about["training"]),
+            period_s=float(about["period_s"]),
+            summary=dict(about["training"]),
         )
     except FileError:
         raise
@@ -179,6 +175,16 @@ def load_network(folder: Path | str) -> TrainedNetwork:
         raise FileError(f"{path} lacks {missing}.", _REMEDY) from None
     except (PamidError, TypeError, ValueError) as error:
         raise FileError(f"{path} does not describe a network: {error}", _REMEDY) from None
+
+
+def _class_of(kind: str, path: Path) -> type[Any]:
+    """The class of a kind of network; only modules that lie in this package are ever imported."""
+    kinds = [module.name for module in pkgutil.iter_modules([str(Path(__file__).parent)])]
+    module = importlib.import_module(f"pamid.networks.{kind}") if kind in kinds else None
+    for found in vars(module).values() if module else ():
+        if isinstance(found, type) and getattr(found, "kind", None) == kind:
+            return found
+    raise FileError(f"{path}: unknown kind of network {kind!r}.", nearest(kind, kinds) or _REMEDY)
 
 
 def _weights(path: Path, sha256: str, n_weights: int) -> Array:

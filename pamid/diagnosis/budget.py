@@ -1,0 +1,118 @@
+"""The gap budget: what the data sheet leaves, what retuned parameters leave, the noise floor, and how far a black box
+without physics would get on the same windows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.assembly import Assembly, Sizes
+from pamid.diagnosis.contest import Contender, judged, model_with
+from pamid.engine.program import Stepping
+from pamid.evidence import Evidence
+from pamid.fitting import Problem, fit_robustly, free_parameters
+from pamid.residuals import Replay, noise_floor, replay
+from pamid.simulation import port_sizes
+from pamid.windows import Runner
+
+Array = NDArray[np.float64]
+
+POINTS = 120           # per window: the network sees the replay thinned to this
+ITERATIONS = 60
+NO_GAP = 0.10          # a structural gap below this share of the floor is none
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Mean absolute errors per held-out window and channel (SI): data sheet, refitted baseline, floor, black box."""
+
+    baseline: Contender
+    data_sheet: Array
+    floor: Array
+    floor_squares: Array
+    black_box: Array
+    sizes: Sizes
+
+    def excess(self, absolutes: Array, rows: NDArray[np.bool_]) -> float:
+        """Error above the floor, in floors, summed over channels."""
+        floor = self.floor[rows].mean(axis=0)
+        return float(np.maximum(absolutes[rows].mean(axis=0) / floor - 1.0, 0.0).sum())
+
+    def shrinkage(self, absolutes: Array, rows: NDArray[np.bool_] | NDArray[np.intp]) -> float:
+        """1 - error/baseline error, channels weighed by their floors."""
+        floor = self.floor.mean(axis=0)
+        before = (self.baseline.absolutes[rows].mean(axis=0) / floor).sum()
+        return float(1.0 - (absolutes[rows].mean(axis=0) / floor).sum() / before)
+
+    def channel_losses(self, absolutes: Array) -> Array:
+        """One loss per window: channels added in units of their floors."""
+        return (absolutes / self.floor.mean(axis=0)).sum(axis=1)
+
+
+def gap_budget(evidence: Evidence, *, seed: int, progress: Callable[[str], None]) -> Budget:
+    """Fit the baseline (parameters and background), replay it, and set the floor and the ceiling beside it."""
+    progress("fitting the parameters")
+    plain = Assembly(evidence.rig)
+    tracks = evidence.tracks(plain)
+    sizes = port_sizes(plain, [(t.u, Runner(plain, t, Stepping()).parameters(plain.values()), t.period_s)
+                               for t in tracks])
+    assembly = model_with(evidence, (), sizes)
+    tracks = evidence.tracks(assembly)
+    fitted = fit_robustly(Problem(assembly, tracks, free_parameters(assembly, tracks)))
+    baseline = judged(evidence, assembly, fitted)
+    progress("noise floor")
+    twins = [noise_floor(assembly, fitted.p, r, fitted.stepping, evidence.noise, seed + i)
+             for i, r in enumerate(baseline.replays)]
+    sheet = [replay(assembly, assembly.values(), r.track, fitted.stepping, evidence.noise) for r in baseline.replays]
+    progress("black box on what is left")
+    training = [replay(assembly, fitted.p, t, fitted.stepping, evidence.noise) for t in tracks]
+    return Budget(baseline, _losses(sheet), _losses(twins), np.concatenate([t.losses(2) for t in twins]),
+                  black_box(training, list(baseline.replays), seed), sizes)
+
+
+def _losses(replays: list[Replay]) -> Array:
+    return np.concatenate([r.losses(1) for r in replays])
+
+
+def black_box(training: list[Replay], held_out: list[Replay], seed: int) -> Array:
+    """Mean absolute error per held-out window and channel after an Elman network has been put on the residual.
+
+    One network per channel, started afresh in every window as the replay is; its inputs are the rig's inputs and the
+    model's outputs with their rates. Trained on the windows the parameters were fitted on.
+    """
+    from pamid.networks.elman import Elman
+    from pamid.networks.training import train
+
+    rows_in = [w for r in training for w in _windows(r)]
+    rows_out = [w for r in held_out for w in _windows(r)]
+    stacked = np.concatenate([x for x, _, _ in rows_in])
+    centre, spread = stacked.mean(axis=0), stacked.std(axis=0)
+    use = spread > 1e-9 * (np.abs(centre) + 1e-12)
+    result = np.empty((len(rows_out), training[0].model.shape[1]))
+    for c in range(result.shape[1]):
+        target = [y[:, c] for _, y, _ in rows_in]
+        scale = np.concatenate(target).std() + 1e-300
+        inputs = [((x - centre) / (2.0 * spread + 1e-300))[:, use] for x, _, _ in rows_in]
+        network = Elman(int(use.sum()), 8)
+        done = train(network, inputs, [t / (2.0 * scale) for t in target], iterations=ITERATIONS, seed=seed)
+        for i, (x, y, scored) in enumerate(rows_out):
+            guess = network.simulate(done.weights, ((x - centre) / (2.0 * spread + 1e-300))[:, use])
+            left = y[:, c] - 2.0 * scale * guess
+            result[i, c] = min(np.abs(left[scored]).mean(), 1e300)
+    return result
+
+
+def _windows(r: Replay) -> list[tuple[Array, Array, NDArray[np.bool_]]]:
+    """(inputs, residual, scored) per window, thinned."""
+    out = []
+    for w in r.windows:
+        step = max(1, (w.stop - w.start) // POINTS)
+        model = r.model[w.start : w.stop]
+        rate = np.gradient(model, axis=0) if len(model) > 2 else np.zeros_like(model)
+        x = np.concatenate([r.track.u[w.start : w.stop], model, rate], axis=1)[::step]
+        out.append((np.ascontiguousarray(x), np.ascontiguousarray(r.residual[w.start : w.stop][::step]),
+                    r.scored[w.start : w.stop][::step]))
+    return out

@@ -1,0 +1,96 @@
+"""Models in contest: each fitted on the same windows with the same weights, judged on windows nobody fitted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.assembly import Assembly, Attachment, Sizes
+from pamid.evidence import Evidence
+from pamid.fitting import Fit, Problem, Weights, fit, free_parameters
+from pamid.residuals import Replay, replay
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Contender:
+    """A model that was fitted and replayed. squares, absolutes: mean loss per held-out window and channel (SI)."""
+
+    assembly: Assembly
+    fit: Fit
+    replays: tuple[Replay, ...] = field(repr=False)
+    squares: Array = field(repr=False)
+    absolutes: Array = field(repr=False)
+
+    @property
+    def attached(self) -> tuple[Attachment, ...]:
+        return self.assembly.attachments
+
+    @property
+    def label(self) -> str:
+        return " + ".join(a.label for a in self.attached) or "baseline"
+
+    @property
+    def finite(self) -> bool:
+        return all(r.finite for r in self.replays) and bool(np.isfinite(self.squares).all())
+
+    @property
+    def family(self) -> str:
+        a = self.attached[-1]
+        return a.effect.family_at(self.assembly.rig.ports[a.ports[0]].kind)
+
+    @property
+    def group(self) -> str:
+        """The port (group) under which the last effect is reported."""
+        return self.assembly.rig.group_of(self.attached[-1].ports[0])
+
+    @property
+    def free_count(self) -> int:
+        return len(self.fit.problem.free)
+
+
+def judged(evidence: Evidence, assembly: Assembly, fitted: Fit) -> Contender:
+    """Replay a fitted model over everything held out."""
+    tracks = evidence.tracks(assembly, held_out=True)
+    replays = tuple(replay(assembly, fitted.p, t, fitted.stepping, evidence.noise) for t in tracks)
+    return Contender(assembly, fitted, replays, np.concatenate([r.losses(2) for r in replays]),
+                     np.concatenate([r.losses(1) for r in replays]))
+
+
+def model_with(evidence: Evidence, attached: tuple[Attachment, ...], sizes: Sizes) -> Assembly:
+    return Assembly(evidence.rig, attached, background=True, sizes=sizes, outputs=evidence.channels)
+
+
+def refit(evidence: Evidence, assembly: Assembly, weights: Weights, starts: tuple[Array, ...], *,
+          first: dict[str, float] | None = None, iterations: int = 25, from_p: Array | None = None) -> Fit:
+    """Fit all parameters jointly from the data-sheet start; `first`: starting values (SI) by parameter key."""
+    tracks = evidence.tracks(assembly)
+    problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
+    p = assembly.values() if from_p is None else from_p.copy()
+    for key, value in (first or {}).items():
+        p[assembly.keys[key]] = value
+    return fit(problem, p=p, starts=starts, weights=weights, iterations=iterations, tolerance=2e-2)
+
+
+def log_loss(squares: Array, rows: NDArray[np.intp] | NDArray[np.bool_] | slice = slice(None)) -> Array:
+    """Sum over channels of the logarithm of the mean squared error; squares (..., windows, channels)."""
+    return np.log(squares[..., rows, :].mean(axis=-2)).sum(axis=-1)
+
+
+def resamples(count: int, draws: int, seed: int) -> NDArray[np.intp]:
+    """Bootstrap rows (draws x count) in runs of two neighbouring windows."""
+    random = np.random.default_rng(seed)
+    starts = random.integers(0, count, size=(draws, (count + 1) // 2))
+    return ((starts[:, :, None] + np.arange(2)) % count).reshape(draws, -1)[:, :count]
+
+
+def bootstrap_losses(contenders: list[Contender], chosen: NDArray[np.bool_], seed: int, draws: int = 1000) -> Array:
+    """Log losses on resampled selection windows, contenders x draws (paired: the same windows for all)."""
+    rows = np.flatnonzero(chosen)[resamples(int(chosen.sum()), draws, seed)]
+    out = np.empty((len(contenders), draws))
+    for i, c in enumerate(contenders):
+        out[i] = np.log(c.squares[rows].mean(axis=1)).sum(axis=1)
+    return out

@@ -1,0 +1,173 @@
+"""A diagnosis as the contract's JSON, and as the sentence that opens the report."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.diagnosis.contest import Contender
+from pamid.diagnosis.localise import frequency_band, port_shares, regimes, worst_windows
+from pamid.diagnosis.next_experiment import next_experiment
+from pamid.diagnosis.tournament import Diagnosis
+from pamid.intervals import background_pull, estimates
+from pamid.metrics import shrinkage_interval
+from pamid.units import from_si, split_column
+
+Array = NDArray[np.float64]
+SCHEMA = "pamid.diagnosis/1"
+
+
+def diagnosis_json(d: Diagnosis, unknown: dict[str, Any] | None, seed: int) -> dict[str, Any]:
+    """diagnosis.json, section 4 of the contract."""
+    base = d.budget.baseline
+    after = list(d.cause.replays) if d.cause else None
+    shares = _where_shares(d)
+    final = d.cause or base
+    parameters = {e.name: {"value": e.value, "low": e.low, "high": e.high, "prior": e.prior, "strain": e.strain,
+                           "unit": e.bound.unit, "word": e.word, "at_bound": e.at_bound}
+                  for e in estimates(final.fit) if not e.bound.owner}
+    port = d.cause.group if d.cause else (unknown or {}).get("port") or shares[0]["port"]
+    return {
+        "schema": SCHEMA,
+        "verdict": d.verdict,
+        "sentence": sentence(d, unknown),
+        "causes": causes(d, seed),
+        "ranking": [_ranked(d, c, p, seed) for c, p in zip(d.ranking, d.probability, strict=True)]
+        + [{"effect": label, "family": "", "port": "", "probability": 0.0, "held_out": {}, "shrinkage": 0.0,
+            "low": 0.0, "high": 0.0, "converged": False, "why": why} for label, why in d.failed],
+        "where": {
+            "port": port,
+            "ports": shares,
+            "indistinguishable": _indistinguishable(d),
+            "regimes": [vars(r) for r in regimes(d.evidence, list(base.replays), after)],
+            "frequency_hz": frequency_band(list(base.replays), after, d.evidence.noise),
+            "windows_s": worst_windows(list(base.replays), d.budget),
+        },
+        "how_far": {c: how_far(d, i, seed) for i, c in enumerate(d.evidence.channels)},
+        "look_alikes": [list(k) for k in d.classes],
+        "next_experiment": next_experiment(_in_question(d)),
+        "parameters": parameters,
+        "background": _background(d, final),
+        "unknown": unknown,
+    }
+
+
+def groups(d: Diagnosis) -> list[str]:
+    rig = d.evidence.rig
+    return list(dict.fromkeys(rig.group_of(name) for name in rig.ports))
+
+
+def _where_shares(d: Diagnosis) -> list[dict[str, Any]]:
+    names = groups(d)
+    return port_shares(names, list(d.ranking), d.budget, d.chosen)
+
+
+def causes(d: Diagnosis, seed: int) -> list[dict[str, Any]]:
+    """What the verdict adds, strongest first; for "ambiguous" the members that cannot be told apart."""
+    if d.cause is None:
+        return []
+    if d.verdict == "ambiguous":
+        first_of_family = list({c.family: c for c in reversed(d.tied)}.values())[::-1]
+        return [_cause(c, c.attached[-1].label, 1.0 / len(first_of_family)) for c in first_of_family]
+    labels = [a.label for a in d.cause.attached]
+    shares = _cause_shares(d, labels)
+    return [_cause(d.cause, label, shares[label]) for label in sorted(labels, key=lambda k: -shares[k])]
+
+
+def _cause_shares(d: Diagnosis, labels: list[str]) -> dict[str, float]:
+    """Shapley shares where every effect was also fitted alone; of two and more the singles decide the rest."""
+    if len(labels) == 1:
+        return {labels[0]: 1.0}
+    assert d.cause is not None
+    whole = d.budget.shrinkage(d.cause.absolutes, d.chosen)
+    alone = {k: max(d.budget.shrinkage(d.singles[k].absolutes, d.chosen), 0.0) if k in d.singles else 0.0
+             for k in labels}
+    # two effects: phi_i = (v_i + v - v_j)/2, exact; three: the same with the others' mean
+    phi = {k: max(0.0, 0.5 * (alone[k] + whole - sum(v for j, v in alone.items() if j != k) / (len(labels) - 1)))
+           for k in labels}
+    total = sum(phi.values())
+    return {k: v / total if total > 0 else 1.0 / len(labels) for k, v in phi.items()}
+
+
+def _cause(c: Contender, label: str, share: float) -> dict[str, Any]:
+    attached = next(a for a in c.attached if a.label == label)
+    rig = c.assembly.rig
+    found = {e.bound.name: {"value": e.value, "low": e.low, "high": e.high, "unit": e.bound.unit, "word": e.word}
+             for e in estimates(c.fit) if e.bound.owner == label}
+    return {"effect": label, "family": attached.effect.family_at(rig.ports[attached.ports[0]].kind),
+            "port": rig.group_of(attached.ports[0]), "parameters": found, "share": share}
+
+
+def _ranked(d: Diagnosis, c: Contender, probability: float, seed: int) -> dict[str, Any]:
+    rows = d.reporting if d.reporting.any() else d.chosen
+    losses, base = d.budget.channel_losses(c.absolutes), d.budget.channel_losses(d.budget.baseline.absolutes)
+    low, high = shrinkage_interval(base[rows], losses[rows], seed=seed) if rows.sum() > 1 else (-1.0, 1.0)
+    held = {}
+    for i, channel in enumerate(d.evidence.channels):
+        held[channel] = {"mae_before": _out(channel, d.budget.baseline.absolutes[rows, i].mean()),
+                         "mae_after": _out(channel, c.absolutes[rows, i].mean())}
+    return {"effect": c.attached[-1].label, "family": c.family, "port": c.group, "probability": probability,
+            "held_out": held, "shrinkage": d.budget.shrinkage(c.absolutes, rows), "low": low, "high": high,
+            "converged": c.fit.converged, "why": c.fit.why}
+
+
+def how_far(d: Diagnosis, i: int, seed: int) -> dict[str, float | None]:
+    """One channel's errors on the windows that only report, in the column's unit."""
+    rows = d.reporting if d.reporting.any() else d.chosen
+    channel, b = d.evidence.channels[i], d.budget
+    before = b.baseline.absolutes[rows, i]
+    after = (d.cause or b.baseline).absolutes[rows, i]
+    low, high = shrinkage_interval(before, after, seed=seed) if rows.sum() > 1 else (-1.0, 1.0)
+    return {"mae_data_sheet": _out(channel, b.data_sheet[rows, i].mean()),
+            "mae_refitted": _out(channel, before.mean()), "mae_with_cause": _out(channel, after.mean()),
+            "noise_floor": _out(channel, b.floor[rows, i].mean()),
+            "black_box": _out(channel, b.black_box[rows, i].mean()),
+            "shrinkage": float(1.0 - after.mean() / before.mean()), "low": low, "high": high}
+
+
+def _out(channel: str, value: float) -> float:
+    return float(from_si(float(value), split_column(channel)[1]))
+
+
+def _indistinguishable(d: Diagnosis) -> list[list[str]]:
+    """Port groups whose best effects these sensors and recordings leave tied."""
+    tied = list(dict.fromkeys(c.group for c in d.tied))
+    return [tied] if len(tied) > 1 else []
+
+
+def _in_question(d: Diagnosis) -> list[tuple[str, str]]:
+    if d.verdict == "no-structural-gap":
+        return []
+    seen: dict[str, str] = {}
+    for c in d.ranking[:6]:
+        seen.setdefault(c.family, c.attached[-1].label)
+    return [(label, family) for family, label in seen.items()][:3]
+
+
+def _background(d: Diagnosis, final: Contender) -> dict[str, dict[str, float]]:
+    """Pull of every background term, and a share of the data sheet's gap in proportion to its squared pull."""
+    pulls = background_pull(final.fit)
+    sheet, refitted = d.budget.data_sheet.sum(), d.budget.baseline.absolutes.sum()
+    gained = max(0.0, 1.0 - refitted / sheet) if sheet > 0 else 0.0
+    everything = sum(e.strain**2 for e in estimates(final.fit) if not e.bound.owner) + sum(
+        v**2 for v in pulls.values())
+    return {k: {"pull": v, "share_of_gap": gained * v**2 / everything if everything > 0 else 0.0}
+            for k, v in pulls.items()}
+
+
+def sentence(d: Diagnosis, unknown: dict[str, Any] | None) -> str:
+    """The verdict in one sentence."""
+    if d.verdict == "no-structural-gap":
+        return "Nothing beyond retuned parameters and ordinary tolerances: no structural gap was found."
+    if d.verdict == "unknown-effect" or d.cause is None:
+        where = f" It enters at the {unknown['port']}." if unknown else ""
+        return f"Something material is missing from the model, and no effect of the catalogue explains it.{where}"
+    rows = d.reporting if d.reporting.any() else d.chosen
+    share = 100.0 * d.budget.shrinkage(d.cause.absolutes, rows)
+    if d.verdict == "ambiguous":
+        names = " or ".join(dict.fromkeys(c.attached[-1].label for c in d.tied))
+        return f"The gap shrinks by {share:.0f} %, but these recordings cannot tell {names} apart."
+    names = " and ".join(a.label for a in d.cause.attached)
+    return f"{names} at the {d.cause.group} explains the gap: the held-out error shrinks by {share:.0f} %."

@@ -1,0 +1,42 @@
+"""A spring that hardens or softens with the stroke.
+
+What it is
+    The part of a spring that grows with the cube of the distance from rest: membranes, clamped plates, rubber, a
+    spring run near its block length. Positive hardens, negative softens.
+What it looks like
+    The frequency of free swings rises (or falls) with their amplitude; a sine drive shows its third harmonic; the
+    resonance peak leans over, and jumps.
+Looks like it
+    A linear spring (frequency does not depend on amplitude); backlash, whose frequency rises with amplitude as well,
+    most of all at small ones; an end stop, which acts only beyond a place.
+Equation
+    value -= hardening * (position - rest)**3
+References
+    Kovacic, Brennan (2011), The Duffing Equation: Nonlinear Oscillators and their Behaviour, Wiley.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pamid.effect import Effect
+from pamid.equations import Expr, Number
+from pamid.parameter import Parameter
+
+
+class CubicStiffness(Effect):
+    """A hardening or softening spring."""
+
+    family = "stiffness"
+    general_kinds = ("motion",)
+    signals = ("position",)
+    parameters = (
+        Parameter("hardening", 0.1, low=-1.0, high=5.0, spread=0.5, size="value/position/position/position",
+                  null=0.0, tries=(-0.1,), source="estimate: 1-50 % of the force at full stroke"),
+        Parameter("rest", 0.0, low=-1.0, high=1.0, spread=0.3, size="position",
+                  source="estimate: near the origin of the coordinate"),
+    )
+    look_alikes = ("linear-stiffness", "end-stop", "backlash")
+
+    def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
+        return value - p.hardening * (at.position - p.rest) ** 3

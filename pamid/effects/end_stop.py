@@ -1,0 +1,44 @@
+"""A mechanical end of travel.
+
+What it is
+    Beyond a limit of travel, the same on both sides, a stiff buffer pushes back; its damping grows with the
+    penetration, so that it takes up load without a jump and never pulls.
+What it looks like
+    Position clipped although force and pressure keep moving; a residual on one side of large motions only; a rebound.
+Looks like it
+    A force limit, slack of the weaker muscle or a saturated reading: the force (or the pressure) tells.
+Equation
+    d = max(0, |position| - limit); value -= sign(position) stiffness d max(0, 1 + (dd/dt)/speed)
+References
+    Hunt, Crossley (1975), J. Applied Mechanics 42(2), 440-445.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pamid.effect import Effect
+from pamid.equations import Expr, Number, absolute, maximum, sign
+from pamid.parameter import Parameter
+
+
+class EndStop(Effect):
+    """Buffers at +-limit; `speed` is the approach at which the damping doubles the force."""
+
+    family = "end-stop"
+    kinds = ("motion",)
+    signals = ("position", "velocity")
+    parameters = (
+        Parameter("stiffness", 50.0, low=0.0, high=150.0, spread=50.0, size="value/position", null=0.0,
+                  source="200-5000 N m/rad on a joint"),
+        Parameter("limit", 0.85, low=0.2, high=2.0, spread=0.3, size="position", tries=(0.6, 0.75, 1.0),
+                  source="35-60 deg on a joint that turns +-40 deg"),
+        Parameter("speed", 1.0, low=0.5, high=5.0, spread=2.0, log=True, size="velocity", fitted=False,
+                  source="estimate: buffers of 0.5-20 N m s/rad"),
+    )
+    look_alikes = ("force-compensator", "cubic-stiffness")
+
+    def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
+        side = sign(at.position)
+        depth = maximum(0.0, absolute(at.position) - p.limit)
+        return value - side * p.stiffness * depth * maximum(0.0, 1.0 + side * at.velocity / p.speed)

@@ -1,0 +1,43 @@
+"""A safety valve that limits the force of a muscle.
+
+What it is
+    Muscles with a built-in force compensator blow off air when the pull exceeds a limit (1200 N at 20 mm bore). It is
+    a vent that opens with the force, not a clamp: the pressure falls.
+What it looks like
+    Above the limit the pressure drops although the valve is filling, and the force stays near the limit.
+Looks like it
+    An end stop or a saturated command (the pressure stays up); a leak, which does not wait for a force. Within the
+    usual range of the founding rig the limit is never reached.
+Equation
+    rate -= opening * smooth_step((force - limit) / blend) * outflow
+References
+    Operating manual of the maker's fluidic muscle with force compensator (fluidic muscle MAS).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pamid.effect import Effect
+from pamid.equations import Expr, Number, smooth_step
+from pamid.parameter import Parameter
+
+
+class ForceCompensator(Effect):
+    """Venting above a force; `opening` is in open vent valves."""
+
+    family = "force-limit"
+    kinds = ("rate",)
+    signals = ("force", "outflow")
+    parameters = (
+        Parameter("opening", 2.0, low=0.0, high=5.0, spread=2.0, null=0.0,
+                  source="estimate: 1-5 times the conductance of the vent valve"),
+        Parameter("limit", 1200.0, low=300.0, high=1500.0, spread=300.0, unit="N", tries=(650.0, 850.0),
+                  source="maker: 1200 N at 20 mm bore, 400 N at 10 mm"),
+        Parameter("blend", 80.0, low=40.0, high=200.0, unit="N", fitted=False,
+                  source="estimate: 50-100 N from shut to open"),
+    )
+    look_alikes = ("end-stop", "leak")
+
+    def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
+        return value - p.opening * smooth_step((at.force - p.limit) / p.blend) * at.outflow

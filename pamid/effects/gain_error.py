@@ -1,0 +1,38 @@
+"""A gain that is not what the data sheet says.
+
+What it is
+    A wrong calibration factor: of an amplifier, a valve, a sensor; a wrong number of encoder lines or gear teeth.
+What it looks like
+    The error is a fixed share of the value, with the same sign on both sides and at every frequency.
+Looks like it
+    Any parameter of the rig that scales the same quantity (mass, area, motor constant): then it is a parameter and no
+    missing effect; an offset, if the recording covers only one side of zero.
+Equation
+    value *= 1 + gain
+References
+    Doebelin (2004), Measurement Systems: Application and Design, 5th edition, McGraw-Hill; JCGM 200:2012,
+    International Vocabulary of Metrology.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+from pamid.effect import Effect
+from pamid.equations import Expr, Number
+from pamid.parameter import Parameter
+
+
+class GainError(Effect):
+    """A wrong scale factor."""
+
+    family = "sensor-gain"
+    general_kinds: ClassVar[tuple[str, ...]] = ("command", "reading")
+    parameters = (
+        Parameter("gain", 0.03, low=-0.3, high=0.3, spread=0.05, null=0.0, tries=(-0.03,),
+                  source="estimate: uncalibrated sensors and amplifiers 1-5 %"),
+    )
+    look_alikes: ClassVar[tuple[str, ...]] = ("offset", "saturation")
+
+    def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
+        return value * (1.0 + p.gain)

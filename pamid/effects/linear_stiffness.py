@@ -1,0 +1,42 @@
+"""A spring beside the mechanism.
+
+What it is
+    A hose, a cable loom, a bellows, a return spring: a force in proportion to the distance from where it is slack.
+What it looks like
+    More force is needed the farther the mechanism stands from one place; released, it drifts back there; the resonance
+    lies higher than mass and drive explain.
+Looks like it
+    A constant offset (the same force everywhere: record two positions); gravity on a joint, which is a sine of the
+    angle; a smaller mass, which moves the resonance the same way but leaves statics alone.
+Equation
+    value -= stiffness * (position - rest)
+References
+    Den Hartog (1956), Mechanical Vibrations, 4th edition, McGraw-Hill.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pamid.effect import Effect
+from pamid.equations import Expr, Number
+from pamid.parameter import Parameter
+
+
+class LinearStiffness(Effect):
+    """A spring."""
+
+    family = "stiffness"
+    general_kinds = ("motion",)
+    signals = ("position",)
+    parameters = (
+        Parameter("stiffness", 0.1, low=-1.0, high=5.0, spread=0.5, size="value/position", null=0.0,
+                  source="estimate: hoses and looms 1-20 % of the force over the stroke; negative: an unstable rest"),
+        Parameter("rest", 0.0, low=-1.0, high=1.0, spread=0.3, size="position",
+                  source="estimate: near the origin of the coordinate"),
+    )
+    look_alikes = ("cubic-stiffness", "constant-offset", "gravity")
+    absorbed_by = ("stiffness",)
+
+    def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
+        return value - p.stiffness * (at.position - p.rest)

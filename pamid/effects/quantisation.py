@@ -1,0 +1,45 @@
+"""A value that comes in steps.
+
+What it is
+    An encoder with few counts, a converter with few bits, a command sent as a whole number. The steps are drawn with
+    a short ramp between them, as noise of a twentieth of a step rounds off their corners on the average.
+What it looks like
+    Plateaus and jumps of one size; a histogram of the signal shows needles; its derivative is a comb. The error looks
+    like noise of even spread, a step wide, once the signal moves through many steps.
+Looks like it
+    Sensor noise (no needles in the histogram); a dead zone (one flat only, about zero); dry friction, if the plateaus
+    are where the motion reverses.
+Equation
+    value := quantum * round(value / quantum)
+References
+    Widrow, Kollar (2008), Quantization Noise: Roundoff Error in Digital Computation, Signal Processing, Control, and
+    Communications, Cambridge University Press.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pamid.effect import Effect
+from pamid.equations import Expr, Number, clip, floor, maximum
+from pamid.parameter import Parameter
+
+RAMP = 0.1  # of a step: within it the output climbs from one level to the next
+
+
+class Quantisation(Effect):
+    """Rounding to whole steps."""
+
+    family = "saturation"
+    general_kinds = ("command", "reading")
+    parameters = (
+        Parameter("quantum", 0.01, low=0.0, high=0.2, spread=0.05, size="value", null=0.0, tries=(0.05,),
+                  source="estimate: 8 bits over the range are 0.8 % of its half"),
+    )
+    look_alikes = ("dead-zone",)
+
+    def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
+        steps = value / maximum(p.quantum, 1e-12)
+        whole = floor(steps)
+        part = clip((steps - whole - 0.5) * (1.0 / RAMP) + 0.5, 0.0, 1.0)
+        return value + p.quantum * (whole + part - steps)

@@ -1,0 +1,96 @@
+"""Which samples may be used for what: parameters are fitted on one part, effects chosen on a second, figures given
+on a third that neither has seen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.assembly import Assembly
+from pamid.errors import DataError, FileError
+from pamid.recording import Recording, require_excited
+from pamid.residuals import Replay
+from pamid.rig import Rig
+from pamid.simulation import measured_outputs
+from pamid.windows import Track, noise_level, track_of
+
+Array = NDArray[np.float64]
+HELD_OUT_SHARE = 0.3
+SHORTEST_S = 4.0
+
+
+@dataclass(frozen=True)
+class Span:
+    """Samples start..stop of a recording."""
+
+    recording: Recording
+    start: int
+    stop: int
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Recordings of one rig, divided. channels: outputs that all of them hold; noise: their white noise (SI)."""
+
+    rig: Rig
+    fit: tuple[Span, ...]
+    held_out: tuple[Span, ...]
+    channels: tuple[str, ...]
+    noise: Array
+
+    def tracks(self, assembly: Assembly, held_out: bool = False) -> tuple[Track, ...]:
+        """Tracks for this assembly; parameters the recordings know are held in each."""
+        spans = self.held_out if held_out else self.fit
+        return tuple(track_of(assembly, s.recording, self.channels).part(s.start, s.stop) for s in spans)
+
+    @property
+    def recordings(self) -> list[Recording]:
+        found: list[Recording] = []
+        for span in (*self.fit, *self.held_out):
+            if all(span.recording is not r for r in found):
+                found.append(span.recording)
+        return found
+
+
+def gather(rig: Rig, recordings: list[Recording], held_out: list[Recording]) -> Evidence:
+    """Divide the recordings; without `held_out` the last 30 % of every recording is held out.
+
+    DataError where the recordings cannot answer: too short, or nothing was excited.
+    """
+    plain = Assembly(rig)
+    everything = [*recordings, *held_out]
+    channels = tuple(c for c in rig.outputs if all(c in measured_outputs(plain, r) for r in everything))
+    if not channels:
+        raise FileError("the recordings share no measured output",
+                        f"rig {rig.name!r} offers {', '.join(rig.outputs)}")
+    for r in everything:
+        for name in rig.inputs:
+            if name not in rig.optional:
+                require_excited(r, name)
+        for channel in channels:
+            require_excited(r, channel)
+        seconds = len(r) * r.sampling_period_s
+        if len(r) < 400:
+            raise DataError(f"{r.path}: {len(r)} samples ({seconds:.2f} s) are too few to fit and judge a model",
+                            "at least 400 samples are needed; 20 s and more are sensible on a 3 ms rig")
+    if held_out:
+        fit = [Span(r, 0, len(r)) for r in recordings]
+        kept = [Span(r, 0, len(r)) for r in held_out]
+    else:
+        edges = [round((1.0 - HELD_OUT_SHARE) * len(r)) for r in recordings]
+        fit = [Span(r, 0, e) for r, e in zip(recordings, edges, strict=True)]
+        kept = [Span(r, e, len(r)) for r, e in zip(recordings, edges, strict=True)]
+    order = sorted(range(len(fit)), key=lambda i: fit[i].recording.sha256)  # names and order must not matter
+    noise = np.sqrt(np.mean([noise_level(t.y) ** 2 for t in
+                             (track_of(plain, r, channels) for r in everything)], axis=0))
+    return Evidence(rig, tuple(fit[i] for i in order),
+                    tuple(sorted(kept, key=lambda s: (s.recording.sha256, s.start))), channels, noise)
+
+
+def selection_part(replays: list[Replay]) -> NDArray[np.bool_]:
+    """Which held-out windows choose the effect (True); the others only report. Alternating pairs of windows."""
+    count = sum(len(r.windows) for r in replays)
+    run = 2 if count >= 12 else 1
+    return (np.arange(count) // run) % 2 == 0

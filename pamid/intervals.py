@@ -1,0 +1,89 @@
+"""What a fit says about its parameters: value, interval, a word, strain, bounds; from the Jacobian or the bootstrap."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.assembly import Bound
+from pamid.fitting import Fit, Problem, Scale, fit
+from pamid.jobs import run_jobs
+
+Array = NDArray[np.float64]
+NORMAL_95 = 1.959964
+SETTLED, SILENT = 0.3, 0.9     # posterior over prior standard deviation
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A fitted parameter in its outside unit. word: settled | weak | silent; strain: |value - prior| in prior sd."""
+
+    bound: Bound
+    value: float
+    low: float
+    high: float
+    prior: float
+    word: str
+    at_bound: str | None
+    strain: float
+
+    @property
+    def name(self) -> str:
+        return f"{self.bound.owner}:{self.bound.name}" if self.bound.owner else self.bound.name
+
+
+def scale_of(fitted: Fit) -> Scale:
+    a, free = fitted.problem.assembly, list(fitted.problem.free)
+    return Scale([a.parameters[i] for i in free], a.values()[free])
+
+
+def estimates(fitted: Fit, draws: Array | None = None) -> list[Estimate]:
+    """One per free parameter. draws (bootstrap draws x free, scaled) replace the Jacobian's intervals."""
+    a, free, scale = fitted.problem.assembly, list(fitted.problem.free), scale_of(fitted)
+    s = scale.inside(fitted.p[free])
+    deviation = np.sqrt(np.maximum(fitted.covariance.diagonal(), 0.0))
+    low_s, high_s = s - NORMAL_95 * deviation, s + NORMAL_95 * deviation
+    if draws is not None:
+        deviation = draws.std(axis=0)
+        low_s, high_s = np.percentile(draws, [2.5, 97.5], axis=0)
+    low = scale.outside(np.clip(low_s, scale.low, scale.high))
+    high = scale.outside(np.clip(high_s, scale.low, scale.high))
+    out = []
+    for k, i in enumerate(free):
+        b = a.parameters[i]
+        word = "settled" if deviation[k] < SETTLED else "weak" if deviation[k] < SILENT else "silent"
+        edge = 1e-6 * max(1.0, abs(float(scale.high[k] - scale.low[k])) if np.isfinite(scale.high[k]) else 1.0)
+        at = "low" if s[k] <= scale.low[k] + edge else "high" if s[k] >= scale.high[k] - edge else None
+        out.append(Estimate(b, float(fitted.p[i] / b.factor), float(low[k] / b.factor), float(high[k] / b.factor),
+                            b.value / b.factor, word, at, float(abs(s[k]))))
+    return out
+
+
+def bootstrap(fitted: Fit, count: int, *, seed: int = 0, jobs: int = 1) -> Array:
+    """Refits with windows drawn with replacement; draws x free parameters in prior spreads."""
+    problem, scale = fitted.problem, scale_of(fitted)
+    windows = sum(len(problem.windows(t)) for t in problem.tracks)
+    random = np.random.default_rng(seed)
+    counts = [np.bincount(random.integers(0, windows, windows), minlength=windows).astype(float)
+              for _ in range(count)]
+
+    def one(importance: Array) -> Array:
+        again: Problem = replace(problem, importance=importance)
+        done = fit(again, p=fitted.p, starts=fitted.starts, weights=fitted.weights, stepping=fitted.stepping,
+                   iterations=8, tolerance=1e-2)
+        return scale.inside(done.p[list(problem.free)])
+
+    return np.array(run_jobs(one, counts, jobs=jobs))
+
+
+def background_pull(fitted: Fit) -> dict[str, float]:
+    """Largest fitted / tolerance of every background term, by its name and place (force_map_1)."""
+    a = fitted.problem.assembly
+    pulls: dict[str, float] = {}
+    for i, b in enumerate(a.parameters):
+        if b.owner.startswith("background."):
+            name = b.owner.removeprefix("background.")
+            pulls[name] = max(pulls.get(name, 0.0), float(abs(fitted.p[i] - b.value) / b.spread))
+    return pulls

@@ -1,0 +1,148 @@
+"""The errors of a run in one row per channel, from whichever of its files knows them, and the headline channel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pamid.report.load import Residual, RunData
+from pamid.report.reading import FloatArray
+
+#: field of ChannelErrors -> what people call it, in the order of the tables and bars
+MODELS = {
+    "data_sheet": "data sheet",
+    "refitted": "refitted",
+    "with_network": "with network",
+    "with_cause": "with cause",
+    "black_box": "black box",
+    "noise_floor": "noise floor",
+}
+_AGREE = 0.02  # two files that tell the same MAE within this share are not worth a remark
+
+
+@dataclass(frozen=True)
+class ChannelErrors:
+    """Held-out MAE (eq. 11) of one channel by model, in the channel's unit; None where no file of the run tells it."""
+
+    channel: str
+    data_sheet: float | None = None
+    refitted: float | None = None
+    with_network: float | None = None
+    with_cause: float | None = None
+    black_box: float | None = None
+    noise_floor: float | None = None
+    shrinkage: float | None = None
+    low: float | None = None
+    high: float | None = None
+
+    def known(self) -> dict[str, float]:
+        """The MAE that are told, by field."""
+        found = {name: getattr(self, name) for name in MODELS}
+        return {name: value for name, value in found.items() if value is not None}
+
+
+@dataclass(frozen=True)
+class Window:
+    """The scored window in which the refitted model errs most: its rows, and whether anything was held out at all."""
+
+    rows: slice
+    recording: int
+    start_s: float
+    end_s: float
+    held_out: bool
+    mae: dict[str, float]  # of the headline channel, by kind of model
+
+
+def errors_of(run: RunData) -> tuple[ChannelErrors, ...]:
+    """One row per channel. The diagnosis goes before the fit, so that the columns it has share one set of windows."""
+    fitted = run.fit.mae if run.fit is not None else {}
+    reached = run.diagnosis.how_far if run.diagnosis is not None else {}
+    names = list(run.fit.channels) if run.fit is not None else []
+    names += [name for name in [*fitted, *reached] if name not in names]
+    return tuple(_row(name, run) for name in names if name in fitted or name in reached)
+
+
+def _row(name: str, run: RunData) -> ChannelErrors:
+    fitted = run.fit.mae.get(name, {}) if run.fit is not None else {}
+    reached = run.diagnosis.how_far.get(name) if run.diagnosis is not None else None
+    network = run.network.mae.get(name, {}) if run.network is not None else {}
+
+    def told(field: str) -> float | None:
+        found = getattr(reached, field) if reached is not None else None
+        return fitted.get(field) if found is None else found
+
+    return ChannelErrors(
+        channel=name,
+        data_sheet=told("data_sheet"),
+        refitted=told("refitted"),
+        with_network=network.get("with_network"),
+        with_cause=reached.with_cause if reached is not None else None,
+        black_box=reached.black_box if reached is not None else None,
+        noise_floor=told("noise_floor"),
+        shrinkage=reached.shrinkage if reached is not None else None,
+        low=reached.low if reached is not None else None,
+        high=reached.high if reached is not None else None,
+    )
+
+
+def disagreements(run: RunData, rows: tuple[ChannelErrors, ...]) -> list[tuple[str, str, float, float]]:
+    """Where another file scored the refitted model on other windows: (channel, file, its MAE, the MAE shown)."""
+    found = []
+    for row in rows:
+        others = [("fit.json", run.fit.mae if run.fit else {}), ("network.json", run.network.mae if run.network else {})]
+        for file, mae in others:
+            other = mae.get(row.channel, {}).get("refitted")
+            if other is not None and row.refitted is not None and abs(other - row.refitted) > _AGREE * row.refitted:
+                found.append((row.channel, file, other, row.refitted))
+    return found
+
+
+def headline(rows: tuple[ChannelErrors, ...]) -> ChannelErrors | None:
+    """The channel that tells most: the largest gain by the cause (else the largest refitted error) per noise floor."""
+    scored = [row for row in rows if row.refitted is not None]
+    if not scored:
+        return rows[0] if rows else None
+
+    def weight(row: ChannelErrors) -> float:
+        assert row.refitted is not None
+        gain = row.refitted - row.with_cause if row.with_cause is not None else row.refitted
+        return gain / row.noise_floor if row.noise_floor else gain / row.refitted if row.refitted else 0.0
+
+    return max(scored, key=weight)  # the first of equals: channels keep the rig's order
+
+
+def worst_window(residual: Residual, channel: str) -> Window | None:
+    """The scored window with the largest MAE of the refitted model; held-out windows only, if there are any."""
+    measured, refitted = residual.columns.get(channel), residual.of(channel, "refitted")
+    if measured is None or refitted is None:
+        return None
+    part, window = residual.columns["part"], residual.columns["window"]
+    scored = (window >= 0) & np.isfinite(refitted) & np.isfinite(measured)
+    held_out = bool((scored & (part == 1)).any())
+    scored &= part == (1 if held_out else 0)
+    rows = np.flatnonzero(scored)
+    if rows.size == 0:
+        return None
+    best = max(_stretches(residual, rows), key=lambda one: _mae(measured[one], refitted[one]))
+    time = residual.columns["time_s"]
+    traces = {kind: residual.of(channel, kind) for kind in ("data_sheet", "refitted", "network", "cause")}
+    mae = {kind: _mae(measured[best], trace[best]) for kind, trace in traces.items() if trace is not None}
+    return Window(best, int(residual.columns["recording"][best.start]), float(time[best.start]),
+                  float(time[best.stop - 1]), held_out, {k: v for k, v in mae.items() if np.isfinite(v)})  # fmt: skip
+
+
+def _stretches(residual: Residual, rows: FloatArray) -> list[slice]:
+    """Runs of successive rows with one recording and window, as slices."""
+    recording, window = residual.columns["recording"], residual.columns["window"]
+    apart = (np.diff(rows) > 1) | (np.diff(recording[rows]) != 0) | (np.diff(window[rows]) != 0)
+    edges = np.flatnonzero(apart)
+    starts = rows[np.concatenate([[0], edges + 1])]
+    ends = rows[np.concatenate([edges, [rows.size - 1]])]
+    return [slice(int(start), int(end) + 1) for start, end in zip(starts, ends, strict=True)]
+
+
+def _mae(measured: FloatArray, model: FloatArray) -> float:
+    error = np.abs(measured - model)
+    error = error[np.isfinite(error)]
+    return float(error.mean()) if error.size else float("nan")

@@ -1,0 +1,190 @@
+"""How the figures look, and how one drawing becomes a PNG file and two SVG texts that follow the page's colours.
+
+Colours are those of Okabe and Ito (2008), told apart with any colour vision; every bar and line is named as well. In
+the SVG each colour is replaced by a variable of the page, so that one picture serves light and dark.
+"""
+
+from __future__ import annotations
+
+import io
+import re
+import textwrap
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import lru_cache
+
+import matplotlib
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties, findfont
+from matplotlib.ft2font import FT2Font
+
+from pamid.report.words import clean
+
+#: role -> colour on a light and on a dark page
+COLOURS = {
+    "ink": ("#1b1f24", "#e6e8eb"),
+    "muted": ("#59616b", "#a3abb5"),
+    "line": ("#dfe3e8", "#343a42"),
+    "paper": ("#ffffff", "#15181c"),
+    "data_sheet": ("#8d959f", "#868e98"),
+    "refitted": ("#0072b2", "#56b4e9"),
+    "with_cause": ("#d55e00", "#f0883e"),
+    "with_network": ("#009e73", "#2fc79a"),
+    "black_box": ("#8a5a9e", "#c49bd6"),
+    "noise_floor": ("#b9c0c8", "#5b636d"),
+    "faint": ("#eef0f3", "#22272d"),
+}
+WIDE_IN, NARROW_IN = 7.4, 3.7
+PNG_DPI = 160
+SETTINGS = {
+    "text.parse_math": False,  # a name with dollar signs is a name
+    "svg.fonttype": "none",
+    "font.family": ["DejaVu Sans"],
+    "font.size": 9.0,
+    "axes.titlesize": 9.0,
+    "axes.edgecolor": COLOURS["muted"][0],
+    "axes.labelcolor": COLOURS["muted"][0],
+    "axes.titlecolor": COLOURS["ink"][0],
+    "axes.facecolor": "none",
+    "axes.linewidth": 0.7,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "axes.grid": False,
+    "axes.unicode_minus": True,
+    "grid.color": COLOURS["line"][0],
+    "grid.linewidth": 0.7,
+    "hatch.color": COLOURS["paper"][0],
+    "hatch.linewidth": 1.4,
+    "legend.frameon": False,
+    "legend.fontsize": 8.5,
+    "legend.labelcolor": COLOURS["ink"][0],
+    "text.color": COLOURS["ink"][0],
+    "xtick.color": COLOURS["muted"][0],
+    "ytick.color": COLOURS["muted"][0],
+    "xtick.major.width": 0.7,
+    "ytick.major.width": 0.7,
+    "xtick.major.size": 3.0,
+    "ytick.major.size": 3.0,
+    "figure.facecolor": "none",
+    "savefig.facecolor": "none",
+}
+_STYLE_ATTRIBUTE = re.compile(r'style="[^"]*"')
+_NAMED_GROUP = re.compile(r'<g id="[A-Za-z]+[A-Za-z0-9_.]*">')
+_FONT = re.compile(r"'DejaVu Sans'(, [^;\"]*)?")
+_COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
+_METADATA = re.compile(r"<metadata>.*?</metadata>", re.DOTALL)
+_SIZE = re.compile(r'<svg [^>]*viewBox="([^"]*)"[^>]*>')
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """What to draw: `draw(figure, narrow)` fills an empty figure; the heights are in inches. `title` states a finding."""
+
+    name: str
+    title: str
+    draw: Callable[[Figure, bool], None]
+    height: float
+    narrow_height: float
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A drawing carried out: SVG for wide and narrow pages, PNG with its title for papers and slides."""
+
+    name: str
+    title: str
+    wide: str
+    narrow: str
+    png: bytes
+
+
+def render(drawing: Drawing) -> Picture:
+    """Carry out a drawing; the same drawing gives the same bytes."""
+    return Picture(
+        name=drawing.name,
+        title=drawing.title,
+        wide=_svg(drawing, narrow=False),
+        narrow=_svg(drawing, narrow=True),
+        png=_png(drawing),
+    )
+
+
+def colour(role: str) -> str:
+    """The colour of a role as the figures are drawn (light)."""
+    return COLOURS[role][0]
+
+
+def label(text: str, longest: int = 34) -> str:
+    """Text as it may stand in a figure: one line, not too long, only letters that the font has."""
+    known = _letters()
+    shown = "".join(letter if letter in known else "\ufffd" for letter in clean(text).replace("\u00a0", " "))
+    return shown if len(shown) <= longest else shown[: longest - 1] + "…"
+
+
+def grid(axes: Axes, axis: str = "x") -> None:
+    """Thin lines across the axis that is read."""
+    axes.grid(visible=True, axis="x" if axis == "x" else "y")
+
+
+def bare(axes: Axes) -> None:
+    """No line and no ticks beside the names of bars."""
+    axes.spines["left"].set_visible(False)
+    axes.tick_params(axis="y", length=0, labelcolor=colour("ink"))
+
+
+@contextmanager
+def _settings(salt: str) -> Iterator[None]:
+    with matplotlib.rc_context():
+        matplotlib.rcdefaults()  # a matplotlibrc of the user's must not change the report
+        matplotlib.rcParams.update({**SETTINGS, "svg.hashsalt": salt})
+        yield
+
+
+def _svg(drawing: Drawing, *, narrow: bool) -> str:
+    with _settings(f"{drawing.name}-{'narrow' if narrow else 'wide'}"):
+        size = (NARROW_IN, drawing.narrow_height) if narrow else (WIDE_IN, drawing.height)
+        figure = Figure(figsize=size, layout="constrained")
+        FigureCanvasSVG(figure)
+        drawing.draw(figure, narrow)
+        buffer = io.StringIO()
+        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+    text = buffer.getvalue()
+    return _for_page(text[text.index("<svg") :])
+
+
+def _png(drawing: Drawing) -> bytes:
+    with _settings(drawing.name):
+        lines = textwrap.wrap(label(drawing.title, 400), 88)
+        figure = Figure(figsize=(WIDE_IN, drawing.height + 0.2 + 0.19 * len(lines)), layout="constrained")
+        FigureCanvasAgg(figure)
+        drawing.draw(figure, False)
+        figure.suptitle("\n".join(lines), x=0.012, ha="left", fontsize=10.5, fontweight="bold")
+        buffer = io.BytesIO()
+        figure.savefig(buffer, format="png", dpi=PNG_DPI, facecolor=colour("paper"), metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def _for_page(svg: str) -> str:
+    """Without comments, metadata and repeated ids; colours and font taken from the page."""
+    svg = _METADATA.sub("", _COMMENT.sub("", svg))
+    svg = _NAMED_GROUP.sub("<g>", svg)
+    svg = _STYLE_ATTRIBUTE.sub(lambda style: _page_style(style.group()), svg)
+    svg = _SIZE.sub(r'<svg viewBox="\1" xmlns:xlink="http://www.w3.org/1999/xlink" aria-hidden="true">', svg, count=1)
+    return "\n".join(line.strip() for line in svg.splitlines() if line.strip())
+
+
+def _page_style(style: str) -> str:
+    for role, (light, _) in COLOURS.items():
+        style = style.replace(light, f"var(--{role.replace('_', '-')})")
+    return _FONT.sub("var(--font)", style)
+
+
+@lru_cache(maxsize=1)
+def _letters() -> frozenset[str]:
+    font = FT2Font(findfont(FontProperties(family="DejaVu Sans")))
+    return frozenset(chr(code) for code in font.get_charmap())

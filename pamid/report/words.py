@@ -1,0 +1,133 @@
+"""Names, numbers and units as people read them; the same on the page, in the figures and on the terminal."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable
+
+from pamid.units import NONE, split_column
+
+#: names of people and letters that a hyphenated effect name has lost
+_PROPER = {"coulomb": "Coulomb", "stribeck": "Stribeck", "lugre": "LuGre", "maxwell": "Maxwell", "bouc wen": "Bouc-Wen",
+           "prandtl ishlinskii": "Prandtl-Ishlinskii", "dahl": "Dahl", "pwm": "PWM"}  # fmt: skip
+_SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]+")
+_POWER = re.compile(r"(?<=[A-Za-z])\d")
+MINUS, DASH, SPACE = "\u2212", "\u2013", "\u00a0"
+
+
+def clean(text: str) -> str:
+    """One line without control characters or direction marks, as it may stand anywhere on a page."""
+    return " ".join(_CONTROL.sub(" ", text).split())
+
+
+def effect_words(name: str) -> str:
+    """ "coulomb-friction@joint_2" -> "Coulomb friction at joint 2". """
+    stem, _, port = clean(name).partition("@")
+    words = stem.replace("-", " ").replace("_", " ")
+    for plain, proper in _PROPER.items():
+        words = re.sub(rf"\b{plain}\b", proper, words)
+    return f"{words} at {port.replace('_', ' ')}" if port else words
+
+
+def port_words(name: str) -> str:
+    """ "joint_2" -> "joint 2". """
+    return clean(name).replace("_", " ")
+
+
+def channel_words(name: str) -> str:
+    """ "pressure_1_kpa" -> "pressure 1". """
+    return clean(split_column(name)[0]).replace("_", " ")
+
+
+def channel_unit(name: str) -> str:
+    """ "pressure_1_kpa" -> "kPa"; "" without unit. """
+    return unit_words(split_column(name)[1])
+
+
+def unit_words(symbol: str) -> str:
+    """ "kg m2" -> "kg m²"; "" where there is no unit. """
+    symbol = clean(symbol)
+    if symbol in ("", NONE):
+        return ""
+    return _POWER.sub(lambda power: power.group().translate(_SUPERSCRIPTS), symbol)
+
+
+def axis_label(what: str, unit_text: str) -> str:
+    """ "angle", "deg" -> "angle [deg]"; a quantity without unit says so: "[-]". """
+    return f"{what} [{unit_text or '-'}]"
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """`digits` significant digits, powers of ten where the number is very small or large; a dash for None."""
+    if value is None:
+        return DASH
+    if not math.isfinite(value):
+        return "?"
+    if value == 0.0:
+        return "0"
+    exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
+    if -4 <= exponent < 6:
+        text = f"{value:.{max(digits - 1 - exponent, 0)}f}"
+        return text.replace("-", MINUS)
+    mantissa = f"{value / 10.0**exponent:.{digits - 1}f}".replace("-", MINUS)
+    return f"{mantissa}{SPACE}×{SPACE}10{str(exponent).translate(_SUPERSCRIPTS)}"
+
+
+def with_unit_text(value: float | None, unit_text: str, digits: int = 3) -> str:
+    """ "0.520 deg". """
+    return f"{number(value, digits)}{SPACE}{unit_text}" if unit_text and value is not None else number(value, digits)
+
+
+def percent(share: float | None) -> str:
+    """0.784 -> "78 %"; shares below 1 % keep a digit, and none is rounded up to 100 %."""
+    if share is None:
+        return DASH
+    value = 100.0 * share
+    if 0.0 < abs(value) < 1.0 or 99.0 < value < 100.0:
+        text = f"{math.copysign(math.floor(abs(value) * 10.0 + 1e-9) / 10.0, value):.1f}"
+    else:
+        text = f"{value:.0f}"
+    text = "0" if text in ("-0", "0.0", "-0.0") else text
+    return f"{text}{SPACE}%".replace("-", MINUS)
+
+
+def span(low: float | None, high: float | None, unit_text: str = "", digits: int = 3) -> str:
+    """ "0.38 to 0.44 N m"; open sides are "above" and "below"; a dash where both are open. """
+    tail = f"{SPACE}{unit_text}" if unit_text else ""
+    if low is None and high is None:
+        return DASH
+    if low is None:
+        return f"below {number(high, digits)}{tail}"
+    if high is None:
+        return f"above {number(low, digits)}{tail}"
+    return f"{number(low, digits)} to {number(high, digits)}{tail}"
+
+
+def percent_span(low: float | None, high: float | None) -> str:
+    """ "74 to 82 %". """
+    if low is None or high is None:
+        return DASH
+    return f"{percent(low).removesuffix(f'{SPACE}%')} to {percent(high)}"
+
+
+def count(value: float | None) -> str:
+    """A whole number."""
+    return DASH if value is None else f"{value:.0f}"
+
+
+def join(parts: Iterable[str], last: str = "and") -> str:
+    """ "a, b and c". """
+    words = list(parts)
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {last} {words[-1]}" if words else ""
+
+
+def sentence(text: str) -> str:
+    """With a capital first letter and a full stop."""
+    text = text.strip()
+    if not text:
+        return ""
+    return text[0].upper() + text[1:] + ("" if text.endswith((".", "!", "?", ":")) else ".")
+
+

@@ -1,0 +1,87 @@
+"""What a model leaves over: recorded-command replay in short windows, and the noise floor of that comparison.
+
+A window starts from a state estimated on its first part, which is not scored; then the model runs freely on the
+recorded command. What effects remember runs on from window to window.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.assembly import Assembly
+from pamid.engine.program import Stepping
+from pamid.windows import Runner, Track, Window, cut, estimate_start
+
+Array = NDArray[np.float64]
+
+WINDOW_S, WARM_UP = 2.3, 0.13       # s; share of a window that only serves to find its start
+
+
+def replay_windows(track: Track) -> list[Window]:
+    """2.3 s windows; at least 150 samples on slow rigs, at least four windows on short records."""
+    length = max(round(WINDOW_S / track.period_s), 150)
+    return cut(len(track), max(40, min(length, len(track) // 4)))
+
+
+@dataclass(frozen=True)
+class Replay:
+    """model (samples x channels, SI), scored (samples), windows; unusable windows count as lost."""
+
+    track: Track
+    model: Array
+    scored: NDArray[np.bool_]
+    windows: tuple[Window, ...]
+    finite: bool
+
+    @property
+    def residual(self) -> Array:
+        """measured - model, samples x channels."""
+        return self.track.y - self.model
+
+    def losses(self, power: int = 1) -> Array:
+        """Mean |residual|^power per window and channel over the scored part (windows x channels)."""
+        r = np.abs(self.residual) ** power
+        return np.array([r[w.start : w.stop][self.scored[w.start : w.stop]].mean(axis=0) for w in self.windows])
+
+
+def replay(assembly: Assembly, p: Array, track: Track, stepping: Stepping, noise: Array) -> Replay:
+    """Run the model over the track window by window. noise: sensor noise per channel (SI), weighs the start estimate."""
+    runner = Runner(assembly, track, stepping)
+    values = runner.parameters(p)
+    memory = runner.memory(values)
+    model, scored = np.empty_like(track.y), np.zeros(len(track), bool)
+    windows, finite = replay_windows(track), True
+    for window in windows:
+        warm = max(10, round(WARM_UP * (window.stop - window.start)))
+        carried = memory.x[: runner.rig_states].copy()
+        x, _, usable = estimate_start(runner, memory, Window(window.start, window.start + warm), values, 1.0 / noise,
+                                      carried)
+        if usable:
+            memory.x[: runner.rig_states] = x
+        Y, _, fine = runner.run(memory, window, values, False)
+        if not fine or not np.isfinite(memory.x).all():
+            finite = False
+            Y = np.where(np.isfinite(Y), Y, 0.0)
+            memory = runner.memory(values)
+            memory.begin = True
+        model[window.start : window.stop] = Y
+        scored[window.start + warm : window.stop] = True
+    return Replay(track, model, scored, tuple(windows), finite)
+
+
+def noise_floor(assembly: Assembly, p: Array, done: Replay, stepping: Stepping, noise: Array, seed: int = 0) -> Replay:
+    """The same comparison where the model is the truth: its own outputs plus white noise, replayed."""
+    random = np.random.default_rng(seed)
+    t = done.track
+    twin = Track(t.name, t.u, done.model + noise * random.standard_normal(done.model.shape), t.p, t.known, t.period_s,
+                 t.first)
+    return replay(assembly, p, twin, stepping, noise)
+
+
+def channel_mae(replays: list[Replay]) -> Array:
+    """Mean absolute error per channel (SI) over all scored samples."""
+    errors = [np.abs(r.residual[r.scored]) for r in replays]
+    return np.concatenate(errors).mean(axis=0)

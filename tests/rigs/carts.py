@@ -1,0 +1,50 @@
+"""Two carts side by side, each pushed along a guide by its own drive; nothing couples them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pamid.effect import State
+from pamid.equations import Number
+from pamid.parameter import Parameter
+from pamid.rig import Port, Rig
+
+BOTH = ("1", "2")
+
+
+class Carts(Rig):
+    """Force to position, twice, with a port of every mechanical kind."""
+
+    inputs = {"force_1_n": "N", "force_2_n": "N"}
+    outputs = {"position_1_m": "m", "position_2_m": "m"}
+    ports = {
+        "amplifier": Port("command", "N", (), BOTH, size={"value": 20.0}),
+        "drive": Port("actuator-force", "N", ("position", "velocity"), BOTH,
+                      size={"value": 20.0, "position": 0.3, "velocity": 1.0}),
+        "guide": Port("motion", "N", ("position", "velocity", "load"), BOTH,
+                      size={"value": 20.0, "position": 0.3, "velocity": 1.0, "load": 20.0}),
+        "mast": Port("transmission", "N", {"inertia": "kg"}, BOTH, size={"value": 20.0, "position": 0.3}),
+        "ruler": Port("reading", "m", (), BOTH, size={"value": 0.3}),
+    }
+    states = tuple(State(f"{name}_{i}", unit) for i in BOTH for name, unit in (("position", "m"), ("velocity", "m/s")))
+    parameters = (
+        Parameter("mass", 2.0, 0.1, 20.0, "kg", source="kitchen scale"),
+        Parameter("viscous", 4.0, 0.0, 50.0, "N s/m", source="run-out"),
+        Parameter("spring", 40.0, 0.0, 500.0, "N/m", source="rubber cord that keeps the cart in range"),
+    )
+    period_s = 0.002
+
+    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        out: dict[str, Number] = {}
+        for i in BOTH:
+            position, velocity = getattr(x, f"position_{i}"), getattr(x, f"velocity_{i}")
+            force = port("amplifier", getattr(u, f"force_{i}_n"), place=i)
+            force = port("drive", force, place=i, position=position, velocity=velocity)
+            force = force - p.viscous * velocity - p.spring * position
+            force = port("guide", force, place=i, position=position, velocity=velocity, load=9.81 * p.mass)
+            force = port("mast", force, place=i, inertia=p.mass)
+            out |= {f"position_{i}": velocity, f"velocity_{i}": force / p.mass}
+        return out
+
+    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        return {f"position_{i}_m": port("ruler", getattr(x, f"position_{i}"), place=i) for i in BOTH}
