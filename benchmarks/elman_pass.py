@@ -74,7 +74,7 @@ def main() -> None:
     network = Elman()
     draw = np.random.default_rng(0)
     u = np.repeat(draw.uniform(-1.0, 1.0, (SAMPLES // 200 + 1, 5)), 200, axis=0)[:SAMPLES]
-    teacher = network.simulate(network.initial(1), u)
+    teacher = network.simulate(0.3 * np.random.default_rng(1).normal(size=network.n_weights), u)
     target = teacher / np.abs(teacher).max() + 0.02 * draw.normal(size=SAMPLES)
     weights = network.initial(2)
     _, jtj, jte = network.normal_equations(weights, u, target)
@@ -82,9 +82,7 @@ def main() -> None:
     rate = dgemm_rate()
     one_pass = cpu_seconds(lambda: network.normal_equations(weights, u, target))
     simulation = cpu_seconds(lambda: network.simulate(weights, u))
-    algebra = cpu_seconds(
-        lambda: (solve_damped(jtj, 1.0, jte), effective_weights(Evidence(0.0, 1.0, 1.0), jtj.copy()))
-    )
+    algebra = cpu_seconds(lambda: (solve_damped(jtj, 1.0, jte), effective_weights(Evidence(0.0, 1.0, 1.0), jtj.copy())))
     begun = time.process_time()
     training = train(network, u, target, iterations=20)
     iteration = (time.process_time() - begun) / len(training.trace["mse"])

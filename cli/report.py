@@ -15,7 +15,8 @@ pamid report RUN --output report.html
 
 @frame.command("report", example=EXAMPLE)
 @click.argument("run", type=click.Path(path_type=Path))
-@click.option("--output", type=click.Path(dir_okay=False, path_type=Path), help="Page to write. [default: RUN/report.html]")
+@click.option("--output", type=click.Path(dir_okay=False, path_type=Path),
+              help="Page to write. [default: RUN/report.html]")
 def command(run: Path, output: Path | None) -> frame.Result:
     """Turn the run folder RUN into one self-contained HTML page and figures.
 

@@ -172,7 +172,7 @@ def _evaluate(problem: Problem, scale: Scale, s: Array, p: Array, starts: tuple[
             B[w] += N[k:, :k]
             gx[w] += v[k:]
             if joint:
-                E = memory.S[:n].copy()          # d end / d (parameters, start)
+                E = memory.S[:n, : k + n].copy()          # d end / d (parameters, start)
                 E[:, :k] *= slope
                 P = pulls[i][:, None]
                 H += E[:, :k].T @ (P * E[:, :k])

@@ -6,7 +6,7 @@ on from the window before, so that no effect has to be told its past.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -111,13 +111,19 @@ class Runner:
         return self.assembly.program.memory(self.assembly.start(p), len(self.free) + self.rig_states,
                                             stepping=self.stepping, period_s=self.track.period_s)
 
+    def widened(self, memory: Memory) -> Memory:
+        """A copy of another run's memory with this runner's (empty) sensitivities."""
+        fresh = self.assembly.program.memory(memory.x, len(self.free) + self.rig_states, stepping=self.stepping,
+                                             period_s=self.track.period_s)
+        return replace(memory.copy(), S=fresh.S, buffer_S=fresh.buffer_S)
+
     def enter(self, memory: Memory, x: Array) -> None:
         """Start a window at rig state x: sensitivities to x begin here, those to parameters live on in memories."""
         n, k = self.rig_states, len(self.free)
         memory.x[:n] = x
         memory.S[:n] = 0.0
         memory.S[:, k:] = 0.0
-        memory.S[:n, k:] = np.eye(n)
+        memory.S[:n, k : k + n] = np.eye(n)
         memory.buffer_S[:, :, k:] = 0.0
 
     def run(self, memory: Memory, window: Window, p: Array, sensitivities: bool) -> tuple[Array, Array, bool]:
@@ -127,6 +133,7 @@ class Runner:
             memory, t.u[window.start : window.stop], p, period_s=t.period_s,
             time_s=(t.first + window.start) * t.period_s, stepping=self.stepping,
             columns=self.columns if sensitivities else None)
+        J = J[:, :, : len(self.free) + self.rig_states]
         return Y, J, bad < 0 and bool(np.isfinite(Y).all())
 
 
@@ -147,9 +154,7 @@ def estimate_start(runner: Runner, memory: Memory, window: Window, p: Array, wei
     H, g, information = np.zeros((n, n)), np.zeros(n), np.zeros(n)
     trial = x
     for _ in range(iterations * 2):
-        m = memory.copy()
-        m.S = np.zeros((m.S.shape[0], n))
-        m.buffer_S = np.zeros((*m.buffer_S.shape[:2], n))
+        m = own.widened(memory)
         own.enter(m, trial)
         Y, J, fine = own.run(m, window, p, True)
         r = ((Y - y) * weight).ravel()

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pamid.assembly import Array, Assembly, Attachment, attachments
 from pamid.engine.program import Stepping
+from pamid.equations import symbol
 from pamid.library import effects, rig_named, rigs
 from pamid.rig import Rig
 
@@ -80,8 +81,6 @@ def _closed_loop_commands(rig: Rig, rng: np.random.Generator, n: int) -> Array:
         u[:, closed.program.inputs.index(loop.reference)] = reference
     p = closed.values()
     extra = {f"sent_{loop.command}": loop.command for loop in rig.loops}
-    from pamid.equations import symbol
-
     program = closed.program_with({k: symbol("cell", v) for k, v in extra.items()})
     y, _, bad = program.run(program.memory(closed.start(p)), u, p, period_s=rig.period_s)
     assert bad == -1
@@ -140,12 +139,17 @@ def at_null(assembly: Assembly, p: Array) -> Array:
 
 
 def typical(assembly: Assembly) -> Array:
-    """Typical values, moved off nulls and bounds so that every parameter has something to do."""
+    """A point at which every parameter has something to do: a typical value, off nulls and bounds.
+
+    It is also moved off round numbers: a delay of whole samples or a pulse of whole ticks is a kink.
+    """
     p = assembly.values()
     for i in own(assembly):
         b = assembly.parameters[i]
-        if b.value in (b.null, b.low, b.high):
+        p[i] = b.tries[0] if b.tries else b.value
+        if p[i] in (b.null, b.low, b.high):
             p[i] = b.low + 0.4 * (b.high - b.low)
-            if p[i] == b.null:
-                p[i] = b.low + 0.6 * (b.high - b.low)
+        if p[i] == b.null:
+            p[i] = b.low + 0.6 * (b.high - b.low)
+        p[i] += 0.01370417 * min(b.high - p[i], p[i] - b.low)
     return p

@@ -20,7 +20,7 @@ from conformance import (
 )
 
 from pamid.assembly import Assembly, Attachment, attachments
-from pamid.effect import Effect, problems
+from pamid.effect import Effect, Hints, problems
 from pamid.library import effects
 from pamid.rig import check_rig
 
@@ -53,6 +53,18 @@ def test_cross_references_exist(effect: type[Effect]) -> None:
     assert len(set(effect.look_alikes)) == len(effect.look_alikes)
     known = {p.name for name in rig_names() for p in rig_of(name).parameters}
     assert set(effect.absorbed_by) <= known
+
+
+@each_effect
+def test_starts_are_admissible(effect: type[Effect]) -> None:
+    """Starting values name the effect's own parameters and keep to their bounds, whatever the spectrum shows."""
+    bounds = {p.name: p for p in effect.parameters}
+    for peaks in ((), (1e-3, 3.0, 0.7, 1e4), tuple(np.linspace(0.01, 200.0, 50))):
+        for start in effect().starts(Hints(peaks)):
+            assert start
+            assert all(bounds[k].low <= v <= bounds[k].high for k, v in start.items())
+    for q in effect.parameters:
+        assert all(q.low <= t <= q.high for t in q.tries)
 
 
 @each_effect
@@ -118,30 +130,35 @@ def test_finite_within_the_bounds(case: Case) -> None:
 
 @each_case
 def test_sensitivities_equal_central_differences(case: Case) -> None:
-    """Half of all samples to 1e-5, 95 % to 1e-2 of the largest sensitivity.
+    """Half of all samples to 1e-5 of the largest sensitivity, 95 % to 1e-2.
 
-    The rest is the kinks: where a difference quotient of width h straddles one (a play that turns round, a valve that
-    opens), it is not a derivative. Truncation and round-off of the quotient stay below 1e-6.
+    A difference quotient errs by truncation (wide steps), round-off (narrow ones) and where it straddles a kink (a play
+    that turns round, a pulse that ends), after which the whole motion is another; each fades at some width. A wrong
+    derivative is wrong at every width, so the best of three widths is asked for.
     """
     assembly = assembled(case)
     u, p = excitation(case.rig), typical(assembly)
     columns = [*own(assembly), next(i for i, b in enumerate(assembly.parameters) if b.fitted)]
     y, exact, bad = run(assembly, u, p, columns)
     assert bad == -1
-    np.testing.assert_array_equal(y, run(assembly, u, p)[0])
+    np.testing.assert_allclose(y, run(assembly, u, p)[0], rtol=0.0, atol=1e-11 * np.abs(y).max())
     for k, i in enumerate(columns):
         b = assembly.parameters[i]
-        h = 1e-6 * (abs(p[i]) if b.log else b.high - b.low)
-        ends = []
-        for step in (h, -h):
-            q = p.copy()
-            q[i] += step
-            ends.append(run(assembly, u, q)[0])
-        quotient = (ends[0] - ends[1]) / (2.0 * h)
-        scale = np.maximum(np.abs(quotient).max(axis=0), 1e-9 * np.abs(y).max(axis=0) / h)
-        error = np.abs(quotient - exact[:, :, k]) / scale
-        assert np.median(error) < 1e-5, b.key
-        assert np.quantile(error, 0.95) < 1e-2, b.key
+        span = abs(p[i]) if b.log else b.high - b.low
+        errors = [quotient_error(assembly, u, p, i, width * span, exact[:, :, k]) for width in (1e-6, 1e-7, 1e-8)]
+        assert min(np.median(e) for e in errors) < 1e-5, b.key
+        assert min(np.quantile(e, 0.95) for e in errors) < 1e-2, b.key
+
+
+def quotient_error(assembly: Assembly, u: np.ndarray, p: np.ndarray, i: int, h: float, exact: np.ndarray) -> np.ndarray:
+    """|central difference - exact|, relative to the largest value of each output."""
+    up, down = p.copy(), p.copy()
+    up[i] += h
+    down[i] -= h
+    above, below = run(assembly, u, up)[0], run(assembly, u, down)[0]
+    quotient = (above - below) / (2.0 * h)
+    noise = 1e-9 * np.abs(above).max(axis=0) / h  # nothing below this can be told from round-off
+    return np.abs(quotient - exact) / np.maximum(np.abs(quotient).max(axis=0), noise)
 
 
 # ---- copies ------------------------------------------------------------------------------------------------------
@@ -199,17 +216,17 @@ def test_dry_friction_sticks(case: Case) -> None:
     """A constant force below the level bends the contact and moves nothing; one above it does."""
     assembly = assembled(case)
     rig = assembly.rig
-    p = assembly.values({"spring_n_per_m": 0.0})
+    p = assembly.values({"stiffness_n_per_m": 0.0, "viscous_n_s_per_m": 60.0})  # no overshoot, or it would break away
     level = sliding_resistance(assembly, p)
     give = max(p[i] for i in own(assembly)
                if next(q for q in case.attachment.effect.parameters
                        if assembly.parameters[i].key.endswith(f":{q.name}")).size == "position")
-    n = round(6.0 / rig.period_s)
+    n = round(15.0 / rig.period_s)
     held, _, bad = run(assembly, np.full((n, 2), 0.7 * level), p)
     assert bad == -1
-    x = held[round(1.0 / rig.period_s):, 0]
+    x = held[round(10.0 / rig.period_s):, 0]  # after the contact has taken up the load
     assert 0.0 < x[-1] < 2.0 * give
-    assert np.ptp(x) < 0.1 * give
+    assert np.ptp(x) < 1e-3 * give
     assert abs(x[-1] - x[-2]) / rig.period_s < 1e-6
     moved = run(assembly, np.full((n, 2), 4.0 * level), p)[0]
     assert moved[-1, 0] > 100.0 * give

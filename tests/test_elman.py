@@ -15,6 +15,14 @@ def record(inputs: int, samples: int, seed: int) -> tuple[np.ndarray, np.ndarray
     return draw.uniform(-1.0, 1.0, (samples, inputs)), draw.uniform(-1.0, 1.0, samples)
 
 
+def lively(network: Elman, seed: int) -> np.ndarray:
+    """Weights whose every unit matters: dense context of spectral radius 0.9, outputs of order one."""
+    draw = np.random.default_rng(seed)
+    layers = network.layers(draw.uniform(-1.0, 1.0, network.n_weights))
+    radius = np.abs(np.linalg.eigvals(layers.context)).max()
+    return network.flatten(layers._replace(context=0.9 / radius * layers.context))
+
+
 def by_hand(network: Elman, weights: np.ndarray, u: np.ndarray) -> np.ndarray:
     """Eq. 9-10, straight from the documented layout of the weight vector."""
     h, m = network.hidden, network.inputs
@@ -71,7 +79,7 @@ def test_simulation_follows_equations_9_and_10(inputs, hidden):
 def test_output_sees_the_present_input():
     network, u = Elman(1, 2), np.zeros((4, 1))
     u[2] = 1.0
-    weights = network.initial(0)
+    weights = lively(network, 0)
     quiet = network.simulate(weights, np.zeros((4, 1)))
     change = np.abs(network.simulate(weights, u) - quiet)
     assert change[:2].max() == 0.0 and change[2] > 1e-3
@@ -81,7 +89,7 @@ def test_output_sees_the_present_input():
 def test_jacobian_equals_central_differences(inputs, hidden):
     network = Elman(inputs, hidden)
     u, _ = record(inputs, 150, seed=3)
-    weights = network.initial(4)
+    weights = lively(network, 4)
     exact = network.jacobian(weights, u)
     assert exact.shape == (150, network.n_weights)
     np.testing.assert_allclose(exact, central_differences(network, weights, u), rtol=0, atol=1e-6)
@@ -91,7 +99,7 @@ def test_jacobian_equals_automatic_differentiation():
     torch = pytest.importorskip("torch")
     network = Elman(5, 10)
     u, _ = record(5, 60, seed=5)
-    weights = network.initial(6)
+    weights = lively(network, 6)
 
     def output(flat):
         units = flat[:-11].reshape(10, 16)
@@ -109,7 +117,7 @@ def test_jacobian_equals_automatic_differentiation():
 def test_static_derivative_is_another_one():
     network = Elman(5, 10)
     u, target = record(5, 400, seed=7)
-    weights = network.initial(8)
+    weights = lively(network, 8)
     exact, static = network.jacobian(weights, u), static_jacobian(network, weights, u)
     np.testing.assert_allclose(exact[0], static[0], atol=1e-12)  # before anything was fed back they agree
     assert np.linalg.norm(exact - static) > 0.2 * np.linalg.norm(exact)
@@ -123,7 +131,7 @@ def test_pass_equals_stored_jacobian(monkeypatch, washout):
     monkeypatch.setattr(elman_module, "CHUNK", 64)  # several chunks, the last one short
     network = Elman(3, 5)
     u, target = record(3, 200, seed=9)
-    weights = network.initial(10)
+    weights = lively(network, 10)
     sse, jtj, jte = network.normal_equations(weights, u, target, washout)
     jacobian = network.jacobian(weights, u)[washout:]
     error = (target - network.simulate(weights, u))[washout:]
@@ -135,7 +143,7 @@ def test_pass_equals_stored_jacobian(monkeypatch, washout):
 def test_chunks_leave_no_seam(monkeypatch):
     network = Elman(2, 4)
     u, _ = record(2, 300, seed=11)
-    weights = network.initial(12)
+    weights = lively(network, 12)
     whole = network.jacobian(weights, u)
     monkeypatch.setattr(elman_module, "CHUNK", 7)
     np.testing.assert_array_equal(network.jacobian(weights, u), whole)
@@ -151,13 +159,17 @@ def test_layers_and_flatten_are_inverse():
     assert layers.bias[1] == 15.0 and layers.output_bias == network.n_weights - 1
 
 
-def test_initial_weights_are_seeded_and_stable():
+def test_initial_weights_are_seeded_stable_and_remember():
     network = Elman(5, 10)
     np.testing.assert_array_equal(network.initial(3), network.initial(3))
     assert not np.array_equal(network.initial(3), network.initial(4))
-    for seed in range(5):
-        eigenvalues = np.linalg.eigvals(network.layers(network.initial(seed)).context)
-        assert np.abs(eigenvalues).max() == pytest.approx(0.9)
+    for sizes in ((5, 10), (1, 1), (2, 3)):
+        for seed in range(5):
+            layers = Elman(*sizes).layers(Elman(*sizes).initial(seed))
+            decay = np.abs(np.linalg.eigvals(layers.context))
+            assert np.all((np.exp(-1.0 / 2.0) < decay) & (decay < np.exp(-1.0 / 100.0)))
+            assert np.linalg.norm(layers.context, 2) < 1.0  # no transient growth either: sensitivities stay bounded
+    assert np.linalg.norm(layers.output) < 0.02
 
 
 def test_wild_weights_overflow_silently():

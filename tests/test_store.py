@@ -20,7 +20,7 @@ def teacher_data() -> tuple[np.ndarray, np.ndarray]:
     draw = np.random.default_rng(5)
     u = np.repeat(draw.uniform(-1.0, 1.0, (75, 2)), 20, axis=0)
     teacher = Elman(2, 3)
-    y = teacher.simulate(teacher.initial(7), u)
+    y = teacher.simulate(0.6 * np.random.default_rng(7).normal(size=teacher.n_weights), u)
     return u, y / np.abs(y).max() + 0.01 * draw.normal(size=len(u))
 
 

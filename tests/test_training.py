@@ -42,7 +42,7 @@ def teacher_data(n=1500, noise=0.0, seed=5, hidden=3):
     draw = np.random.default_rng(seed)
     u = np.repeat(draw.uniform(-1.0, 1.0, (n // 20, 2)), 20, axis=0)
     teacher = Elman(2, hidden)
-    y = teacher.simulate(teacher.initial(7), u)
+    y = teacher.simulate(0.6 * np.random.default_rng(7).normal(size=teacher.n_weights), u)
     return u, y / np.abs(y).max() + noise * draw.normal(size=len(u))
 
 
@@ -142,11 +142,11 @@ def test_correlated_residuals_are_remarked():
 @pytest.mark.parametrize("regularise", [False, True])
 def test_learns_a_teacher_from_random_starts(regularise):
     u, target = teacher_data()
-    for seed in range(3):
-        trained = train(Elman(2, 3), u, target, iterations=150, seed=seed, regularise=regularise)
-        assert trained.trace["mse"][0] > 1e-2
-        assert trained.trace["mse"][-1] < 1e-10
-        assert trained.converged, trained.why
+    trained = train(Elman(2, 3), u, target, iterations=150, starts=4, regularise=regularise)
+    assert trained.trace["mse"][0] > 1e-2
+    assert trained.trace["mse"][-1] < 1e-15 and trained.converged, trained.why
+    # a start may end in a minimum of its own: that is what several starts are for, but most must arrive
+    assert sum(mse < 1e-15 for mse in trained.starts_mse) >= 3, trained.starts_mse
 
 
 def test_noise_is_not_learnt():

@@ -1,7 +1,7 @@
 """EMPS: an electro-mechanical positioning system, a carriage on a screw driven by a DC motor.
 
 Equations
-    M dv/dt = force - Fv v + offset
+    M dv/dt = force - Fv v - offset
 
 Recordings: `force_n` is the motor's force (drive voltage times its constant), `position_m` the encoder. The column
 `pulse_n` of the second recording is not used: a least-squares fit of the equation of motion gives it the weight 0.03,
@@ -44,7 +44,7 @@ class Emps(Rig):
     period_s = 0.001
 
     def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
-        force = u.force_n - p.viscous * x.velocity + p.offset
+        force = u.force_n - p.viscous * x.velocity - p.offset
         force = port("force", force, velocity=x.velocity, position=x.position)
         return {"position": x.velocity, "velocity": force / p.mass}
 

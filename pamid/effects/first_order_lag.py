@@ -1,4 +1,4 @@
-"""A first-order lag: a low-pass filter, an amplifier or a sensor that follows with a delay of its own.
+"""A first-order lag of a filter, an amplifier or a sensor.
 
 What it is
     The value follows its input with a time constant: an electronic low-pass filter, a heater or coil that takes time,

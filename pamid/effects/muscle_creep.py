@@ -4,8 +4,9 @@ What it is
     Part of the force builds up late: the rubber goes on giving for seconds to minutes after a change. A positive share
     is creep (the force arrives late), a negative one relaxation (the force fades after a change).
 What it looks like
-    After each step the angle drifts on in the direction of the step, roughly with the logarithm of time, while the
-    pressures stay; the first cycles after a rest differ from the later ones.
+    After a change the force of a held muscle, or the length of a loaded one, drifts on for seconds to minutes while
+    the pressure stays; the first cycles after a rest differ from the later ones. Two equal muscles that pull against
+    each other without a load creep alike: the forces show it, the angle hardly.
 Looks like it
     A leak (the pressure falls); heat exchange (the pressure moves, for a second); in step tests of a few seconds,
     nothing at all: the other parameters absorb it. Hold for 60-300 s to see it.

@@ -2,7 +2,8 @@
 
 What it is
     A pulse is a whole number of controller ticks long, so that the duty is rounded to one tick per pulse period
-    (10 % for 3 ms in 30 ms). Between the pulses the valve is shut: the mean is right, the moment is not.
+    (10 % for 3 ms in 30 ms). The timer reads the duty once per period, and between the pulses the valve is shut: the
+    mean is right, the moment is not.
 What it looks like
     Plateaus of pressure rate in a slow ramp of the command; a limit cycle of one step of the duty; a line at the
     pulse frequency (33 Hz for 30 ms) in the pressures, which the angle hardly shows.
@@ -12,7 +13,8 @@ Looks like it
     pulses. Risers of the staircase take a fifth of a step, so that a fit has a slope to follow; the pulses are
     averaged exactly over each sample.
 Equation
-    duty = value - q saw(value/q), q = step * full; value = duty + ripple (pulses(duty, t) - duty)
+    duty = value - q saw(value/q), q = step * full
+    value = duty + ripple (pulses(duty at the start of the period, t) - duty)
 References
     van Varseveld, Bone (1997), IEEE/ASME Trans. Mechatronics 2(3); Peterchev, Sanders (2003), IEEE Trans. Power
     Electronics 18(1).
@@ -23,9 +25,10 @@ from __future__ import annotations
 from typing import Any
 
 from pamid.effect import Effect
-from pamid.equations import Expr, Number, absolute, expression, floor, maximum, minimum, sign, where
+from pamid.equations import Expr, Number, absolute, delay, expression, floor, maximum, minimum, sign, where
 from pamid.parameter import Parameter
 
+LONGEST_PERIOD_S = 0.1
 RISER = 0.2  # share of a step taken by its riser
 
 
@@ -58,7 +61,7 @@ class PwmQuantisation(Effect):
                   source="of the first pulse in the recording, in periods; unknown unless logged"),
         Parameter("full", 1.0, low=0.1, high=10.0, size="value", fitted=False,
                   source="command that opens the valve all the time"),
-        Parameter("pulse_period", 0.03, low=0.01, high=0.1, unit="s", fitted=False,
+        Parameter("pulse_period", 0.03, low=0.01, high=LONGEST_PERIOD_S, unit="s", fitted=False,
                   source="estimate: ten samples of 3 ms"),
     )
     look_alikes = ("valve-switching", "valve-dead-band", "quantisation")
@@ -68,5 +71,6 @@ class PwmQuantisation(Effect):
         duty = value - step * rounding_error(value / maximum(step, 1e-6 * p.full))
         turns = expression(at.time) / p.pulse_period + p.phase
         begun = (turns - floor(turns)) * p.pulse_period
-        on = sign(duty) * p.full * pulses(absolute(duty) / p.full, begun, expression(at.period), p.pulse_period)
+        latched = delay(duty, begun, LONGEST_PERIOD_S)
+        on = sign(latched) * p.full * pulses(absolute(latched) / p.full, begun, expression(at.period), p.pulse_period)
         return duty + p.ripple * (on - duty)

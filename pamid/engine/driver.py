@@ -5,7 +5,7 @@ equation): the derivative of what was computed. Explicit Runge-Kutta of order 4,
 (1977) for stiff models, one or more steps per sample, inputs held over the sample.
 
 Rows of the sensitivity matrix: states, cells, past cells. Function numbers: 0 rates, 1 outputs, 2.. cell phases;
-each exists plain (even address) and with partials (odd address).
+each has three addresses: plain, with partials, and the sparse product of its partials with the sensitivities.
 """
 
 from __future__ import annotations
@@ -19,71 +19,76 @@ GAMMA = 1.0 - 1.0 / np.sqrt(2.0)
 BLOWN_UP = 1e15
 
 
+def _data(context, builder, kind, value):  # type: ignore[no-untyped-def]
+    """Address of an array's first element, without touching its reference count."""
+    return builder.ptrtoint(context.make_array(kind)(context, builder, value).data, ir.IntType(64))
+
+
 @intrinsic
-def _invoke(typingctx, address, x, c, b, u, p, t, out):  # type: ignore[no-untyped-def]
-    """Call the compiled function at `address` with seven array addresses."""
-    signature = types.void(*[types.intp] * 8)
+def _call(typingctx, address, x, c, b, u, k, p, t, out):  # type: ignore[no-untyped-def]
+    """Call the compiled function at `address` with seven arrays; the inputs start k numbers into u."""
+    signature = types.void(types.intp, x, c, b, u, types.intp, p, t, out)
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        kind = ir.FunctionType(ir.VoidType(), [ir.IntType(64)] * 7)
+        words = [_data(context, builder, sig.args[i], args[i]) for i in (1, 2, 3, 4, 6, 7, 8)]
+        words[3] = builder.add(words[3], builder.mul(args[5], ir.IntType(64)(8)))
+        builder.call(builder.inttoptr(args[0], kind.as_pointer()), words)
+        return context.get_dummy_value()
+
+    return signature, codegen
+
+
+@intrinsic
+def _multiply(typingctx, address, partials, skip, S, D, at, n):  # type: ignore[no-untyped-def]
+    """Call a compiled sparse product D = P S; partials stand `skip`, the result `at` numbers into their arrays."""
+    signature = types.void(types.intp, partials, types.intp, S, D, types.intp, types.intp)
 
     def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
         word = ir.IntType(64)
-        kind = ir.FunctionType(ir.VoidType(), [word] * 7)
-        builder.call(builder.inttoptr(args[0], kind.as_pointer()), args[1:])
+        kind = ir.FunctionType(ir.VoidType(), [word] * 4)
+        first = builder.add(_data(context, builder, sig.args[1], args[1]), builder.mul(args[2], word(8)))
+        result = builder.add(_data(context, builder, sig.args[4], args[4]), builder.mul(args[5], word(8)))
+        builder.call(builder.inttoptr(args[0], kind.as_pointer()),
+                     [first, _data(context, builder, sig.args[3], args[3]), result, args[6]])
         return context.get_dummy_value()
 
     return signature, codegen
 
 
 @njit(cache=True, inline="always")
-def _call(address, x, c, b, u, p, t, out):  # type: ignore[no-untyped-def]
-    _invoke(address, x.ctypes.data, c.ctypes.data, b.ctypes.data, u.ctypes.data, p.ctypes.data, t.ctypes.data,
-            out.ctypes.data)
+def _rows(address, f, out, n, direct_at, direct, p_column, S, D):  # type: ignore[no-untyped-def]
+    """D[i] = sum_j partial(i, j) S[j] + direct parameter columns, for function f; its partials follow n values."""
+    _multiply(address[3 * f + 2], out, n, S, D, 0, S.shape[1])
+    for e in range(direct_at[f], direct_at[f + 1]):
+        k = p_column[direct[e, 1]]
+        if k >= 0:
+            D[direct[e, 0], k] += out[n + direct[e, 2]]
 
 
-@njit(cache=True)
-def _rows(out, n, pointer, columns, first, n_rows, p_column, S, D):  # type: ignore[no-untyped-def]
-    """D[i] = sum_j partial(i, j) S[j] + direct parameter columns; partials follow the n values in `out`."""
-    ns = S.shape[1]
-    for i in range(n):
-        for k in range(ns):
-            D[i, k] = 0.0
-        for e in range(pointer[i], pointer[i + 1]):
-            value = out[n + e]
-            col = columns[first + e]
-            if col < n_rows:
-                if value != 0.0:
-                    for k in range(ns):
-                        D[i, k] += value * S[col, k]
-            else:
-                k = p_column[col - n_rows]
-                if k >= 0:
-                    D[i, k] += value
-
-
-@njit(cache=True)
-def _update_cells(address, phase_n, phase_first, phase_delay, pattern_at, pattern, columns_at, columns, sens,
-                  x, c, b, u, p, t, out, S, D, p_column, buffers, buffer_S, heads):  # type: ignore[no-untyped-def]
+@njit(cache=True, inline="always")
+def _update_cells(address, n_phase, phase_first, phase_delay, direct_at, direct, sens, x, c, b, u, row, p, t, out, S,
+                  D, p_column, buffers, buffer_S, heads):  # type: ignore[no-untyped-def]
     """All cells at the start of a step. Delay lines sit between phases: push the input, read at the delay."""
-    nx, nc = x.shape[0], c.shape[0]
-    n_rows = nx + 2 * nc
+    nx, nc, ns = x.shape[0], c.shape[0], S.shape[1]
     for i in range(nc):
         b[i] = c[i]
     if sens:
         for i in range(nc):
-            for k in range(S.shape[1]):
+            for k in range(ns):
                 S[nx + nc + i, k] = S[nx + i, k]
-    for phase in range(phase_n.shape[0]):
-        n = phase_n[phase]
+    for phase in range(n_phase.shape[0]):
+        n = n_phase[phase]
         delayed = phase_delay[phase]
-        total = n + (2 if delayed >= 0 else 0)
         f = 2 + phase
-        _call(address[2 * f + (1 if sens else 0)], x, c, b, u, p, t, out)
+        _call(address[3 * f + (1 if sens else 0)], x, c, b, u, row, p, t, out)
         at = phase_first[phase]
-        if sens:
-            _rows(out, total, pattern[pattern_at[f]:], columns, columns_at[f], n_rows, p_column, S, D)
         for i in range(n):
             c[at + i] = out[i]
-            if sens:
-                for k in range(S.shape[1]):
+        if sens:
+            _rows(address, f, out, n + (2 if delayed >= 0 else 0), direct_at, direct, p_column, S, D)
+            for i in range(n):
+                for k in range(ns):
                     S[nx + at + i, k] = D[i, k]
         if delayed >= 0:
             cell = at + n
@@ -91,11 +96,10 @@ def _update_cells(address, phase_n, phase_first, phase_delay, pattern_at, patter
             head = (heads[delayed] + 1) % size
             heads[delayed] = head
             if t[4] > 0.5:
-                for m in range(size):
-                    buffers[delayed, m] = out[n]
-                    if sens:
-                        for k in range(S.shape[1]):
-                            buffer_S[delayed, m, k] = D[n, k]
+                buffers[delayed, :] = out[n]
+                if sens:
+                    for m in range(size):
+                        buffer_S[delayed, m] = D[n]
             buffers[delayed, head] = out[n]
             position = min(max(out[n + 1] / t[1], 0.0), size - 2.0)
             whole = int(position)
@@ -104,44 +108,41 @@ def _update_cells(address, phase_n, phase_first, phase_delay, pattern_at, patter
             c[cell] = (1.0 - part) * buffers[delayed, near] + part * buffers[delayed, far]
             if sens:
                 slope = (buffers[delayed, far] - buffers[delayed, near]) / t[1]
-                for k in range(S.shape[1]):
+                for k in range(ns):
                     buffer_S[delayed, head, k] = D[n, k]
                     S[nx + cell, k] = ((1.0 - part) * buffer_S[delayed, near, k] + part * buffer_S[delayed, far, k]
                                        + slope * D[n + 1, k])
 
 
-@njit(cache=True)
-def _rk4(address, pattern, columns, sens, x, c, b, u, p, t, h, out, S, D, p_column, x0, acc, S0,
-         A):  # type: ignore[no-untyped-def]
-    nx, nc = x.shape[0], c.shape[0]
-    n_rows = nx + 2 * nc
-    ns = S.shape[1]
+@njit(cache=True, inline="always")
+def _rk4(address, direct_at, direct, sens, x, c, b, u, row, p, t, h, out, S, D, p_column, x0, acc, s, d, s0,
+         total):  # type: ignore[no-untyped-def]
+    nx = x.shape[0]
+    size = nx * S.shape[1]
     for i in range(nx):
         x0[i] = x[i]
         acc[i] = 0.0
     if sens:
-        for i in range(nx):
-            for k in range(ns):
-                S0[i, k] = S[i, k]
-                A[i, k] = 0.0
+        for i in range(size):
+            s0[i] = s[i]
+            total[i] = s[i]
     for stage in range(4):
         weight = h / 6.0 if stage == 0 or stage == 3 else h / 3.0
         reach = 0.5 * h if stage < 2 else h
-        _call(address[1 if sens else 0], x, c, b, u, p, t, out)
+        _call(address[1 if sens else 0], x, c, b, u, row, p, t, out)
         if sens:
-            _rows(out, nx, pattern, columns, 0, n_rows, p_column, S, D)
-            for i in range(nx):
-                for k in range(ns):
-                    A[i, k] += weight * D[i, k]
-                    S[i, k] = S0[i, k] + reach * D[i, k]
+            _rows(address, 0, out, nx, direct_at, direct, p_column, S, D)
+            for i in range(size):
+                total[i] += weight * d[i]
+                s[i] = s0[i] + reach * d[i]
         for i in range(nx):
             acc[i] += weight * out[i]
             x[i] = x0[i] + reach * out[i]
     for i in range(nx):
         x[i] = x0[i] + acc[i]
-        if sens:
-            for k in range(ns):
-                S[i, k] = S0[i, k] + A[i, k]
+    if sens:
+        for i in range(size):
+            s[i] = total[i]
 
 
 @njit(cache=True)
@@ -197,24 +198,20 @@ def _matrix(out, pattern, columns, nx, gh, M):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _sdirk2(address, pattern, columns, sens, x, c, b, u, p, t, h, out, S, D, p_column, x0, k1, S0, A, M, pivots,
-            r):  # type: ignore[no-untyped-def]
+def _sdirk2(address, pattern, columns, direct_at, direct, sens, x, c, b, u, row, p, t, h, out, S, D, p_column, x0, k1,
+            S0, A, M, pivots, r):  # type: ignore[no-untyped-def]
     """Two implicit stages with Newton to round-off; sensitivities by the implicit function theorem."""
-    nx, nc = x.shape[0], c.shape[0]
-    n_rows = nx + 2 * nc
-    ns = S.shape[1]
+    nx, ns = x.shape[0], S.shape[1]
     gh = GAMMA * h
-    for i in range(nx):
-        x0[i] = x[i]
-        k1[i] = 0.0
-        if sens:
-            for k in range(ns):
-                S0[i, k] = S[i, k]
-                A[i, k] = 0.0
+    x0[:] = x
+    k1[:] = 0.0
+    if sens:
+        S0[:] = S[:nx]
+        A[:] = 0.0
     for stage in range(2):
         carry = 0.0 if stage == 0 else (1.0 - GAMMA) * h
         for _ in range(12):
-            _call(address[1], x, c, b, u, p, t, out)
+            _call(address[1], x, c, b, u, row, p, t, out)
             _matrix(out, pattern, columns, nx, gh, M)
             _factor(M, pivots)
             worst = 0.0
@@ -226,14 +223,12 @@ def _sdirk2(address, pattern, columns, sens, x, c, b, u, p, t, h, out, S, D, p_c
                 worst = max(worst, abs(r[i, 0]) / (1e-6 + abs(x[i])))
             if worst < 1e-9:
                 break
-        _call(address[1], x, c, b, u, p, t, out)
         if sens:
+            _call(address[1], x, c, b, u, row, p, t, out)
             _matrix(out, pattern, columns, nx, gh, M)
             _factor(M, pivots)
-            for i in range(nx):
-                for k in range(ns):
-                    S[i, k] = 0.0
-            _rows(out, nx, pattern, columns, 0, n_rows, p_column, S, D)  # everything but df/dx S
+            S[:nx] = 0.0
+            _rows(address, 0, out, nx, direct_at, direct, p_column, S, D)  # everything but df/dx S
             for i in range(nx):
                 for k in range(ns):
                     S[i, k] = S0[i, k] + carry * A[i, k] + gh * D[i, k]
@@ -248,7 +243,7 @@ def _sdirk2(address, pattern, columns, sens, x, c, b, u, p, t, h, out, S, D, p_c
 
 
 @njit(cache=True, nogil=True)
-def sweep(address, n_phase, phase_first, phase_delay, pattern_at, pattern, columns_at, columns,
+def sweep(address, n_phase, phase_first, phase_delay, pattern, columns, direct_at, direct,
           x, c, b, u, p, p_column, S, buffers, buffer_S, heads,
           time_s, period_s, substeps, implicit, begin, sens, Y, JY):  # type: ignore[no-untyped-def]
     """Run over the rows of u (samples x inputs); fills Y (samples x outputs) and JY (samples x outputs x columns).
@@ -257,40 +252,51 @@ def sweep(address, n_phase, phase_first, phase_delay, pattern_at, pattern, colum
     Returns the first sample at which the state is no longer finite, or -1.
     """
     n, nx, nc, ny, ns = u.shape[0], x.shape[0], c.shape[0], Y.shape[1], S.shape[1]
-    n_rows = nx + 2 * nc
     width = max(max(nx, ny), nc) + 2
     out = np.zeros(width + columns.shape[0] + 2)
     D = np.zeros((width, ns))
     x0, k1 = np.zeros(nx), np.zeros(nx)
     S0, A = np.zeros((nx, ns)), np.zeros((nx, ns))
     M, r, pivots = np.zeros((nx, nx)), np.zeros((nx, 1)), np.zeros(nx, np.int64)
+    s, d, s0, total = S.ravel(), D.ravel(), S0.ravel(), A.ravel()
     t = np.zeros(5)
     h = period_s / substeps
     t[1], t[2] = h, period_s
     for k in range(n):
-        row = u[k]
+        row = k * u.shape[1]
         for sub in range(substeps):
             t[0] = time_s + k * period_s + sub * h
             t[3] = 1.0 if sub == 0 else 0.0
             t[4] = 1.0 if begin and k == 0 and sub == 0 else 0.0
             if nc > 0:
-                _update_cells(address, n_phase, phase_first, phase_delay, pattern_at, pattern, columns_at, columns,
-                              sens, x, c, b, row, p, t, out, S, D, p_column, buffers, buffer_S, heads)
+                _update_cells(address, n_phase, phase_first, phase_delay, direct_at, direct, sens, x, c, b, u, row, p,
+                              t, out, S, D, p_column, buffers, buffer_S, heads)
             if sub == 0:
-                _call(address[3 if sens else 2], x, c, b, row, p, t, out)
+                _call(address[4 if sens else 3], x, c, b, u, row, p, t, out)
                 for i in range(ny):
                     Y[k, i] = out[i]
                 if sens:
-                    _rows(out, ny, pattern[pattern_at[1]:], columns, columns_at[1], n_rows, p_column, S, JY[k])
+                    _multiply(address[5], out, ny, S, JY, k * ny * ns, ns)
+                    for e in range(direct_at[1], direct_at[2]):
+                        j = p_column[direct[e, 1]]
+                        if j >= 0:
+                            JY[k, direct[e, 0], j] += out[ny + direct[e, 2]]
             if implicit:
-                _sdirk2(address, pattern, columns, sens, x, c, b, row, p, t, h, out, S, D, p_column, x0, k1, S0, A,
-                        M, pivots, r)
+                _sdirk2(address, pattern, columns, direct_at, direct, sens, x, c, b, u, row, p, t, h, out, S, D,
+                        p_column, x0, k1, S0, A, M, pivots, r)
             else:
-                _rk4(address, pattern, columns, sens, x, c, b, row, p, t, h, out, S, D, p_column, x0, k1, S0, A)
+                _rk4(address, direct_at, direct, sens, x, c, b, u, row, p, t, h, out, S, D, p_column, x0, k1, s, d, s0,
+                     total)
         for i in range(nx):
             if not abs(x[i]) < BLOWN_UP:
                 return k
     return -1
+
+
+@njit(cache=True, nogil=True)
+def prepare(address, p, derived):  # type: ignore[no-untyped-def]
+    """Fill what depends on parameters only."""
+    _call(address, p, p, p, p, 0, p, p, derived)
 
 
 @njit(cache=True, nogil=True)
@@ -299,7 +305,7 @@ def rate_matrix(address, pattern, columns, x, c, b, u, p, time_s, step_s, period
     nx = x.shape[0]
     out = np.zeros(nx + columns.shape[0] + 2)
     t = np.array([time_s, step_s, period_s, 1.0, 0.0])
-    _call(address[1], x, c, b, u, p, t, out)
+    _call(address[1], x, c, b, u, 0, p, t, out)
     M = np.zeros((nx, nx))
     for i in range(nx):
         for e in range(pattern[i], pattern[i + 1]):

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.engine.emitter import DECLARATIONS, function_text, with_partials
+from pamid.engine.emitter import DECLARATIONS, LANES, function_text, hoist, product_text, with_partials
 from pamid.engine.lowering import TICKS, Lowered, cell_update
 from pamid.engine.machine import addresses
 from pamid.equations import Expr, expression
@@ -58,12 +58,15 @@ class Program:
     cells: tuple[str, ...]
     delays: tuple[float, ...]
     operations: int
+    derived: int
     _address: NDArray[np.int64] = field(repr=False)
     _phase: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]] = field(repr=False)
-    _pattern: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]] = field(repr=False)
+    _pattern: tuple[NDArray[np.int64], NDArray[np.int64]] = field(repr=False)   # of the rates: rows, columns
+    _direct: tuple[NDArray[np.int64], NDArray[np.int64]] = field(repr=False)    # partials by parameters, per function
 
     def memory(self, x: Array, columns: int = 0, *, stepping: Stepping | None = None, period_s: float = 1.0) -> Memory:
-        """Fresh memory at state x with room for `columns` sensitivities (all zero)."""
+        """Fresh memory at state x with room for `columns` sensitivities (all zero), padded to full lanes."""
+        columns = -(-columns // LANES) * LANES
         nx, nc = len(self.states), len(self.cells)
         step = period_s / (stepping or Stepping()).substeps
         size = max([int(np.ceil(d / step)) + 3 for d in self.delays], default=1)
@@ -75,7 +78,8 @@ class Program:
             stepping: Stepping | None = None, columns: NDArray[np.int64] | None = None) -> tuple[Array, Array, int]:
         """Simulate over the rows of u (samples x inputs), carrying `memory` on.
 
-        columns: for each parameter its sensitivity column or -1; None runs without sensitivities.
+        columns: for each parameter its sensitivity column or -1; None runs without sensitivities. The Jacobian is as
+        wide as the memory's (padded) sensitivities.
         Returns outputs (samples x outputs), their sensitivities (samples x outputs x columns; empty without), and the
         first sample at which the state blew up (-1: none).
         """
@@ -88,11 +92,9 @@ class Program:
         S = memory.S if columns is not None else memory.S[:, :0].copy()
         buffer_S = memory.buffer_S if columns is not None else memory.buffer_S[:, :, :0].copy()
         chosen = columns if columns is not None else np.full(len(self.parameters), -1, np.int64)
-        at, pointer, columns_at, column = self._pattern
         phase_n, phase_first, phase_delay = self._phase
-        bad = sweep(self._address, phase_n, phase_first, phase_delay, at, pointer, columns_at, column,
-                    memory.x, memory.cells, memory.past, np.ascontiguousarray(u, float),
-                    np.ascontiguousarray(p, float), chosen, S, memory.buffers, buffer_S, memory.heads,
+        bad = sweep(self._address, phase_n, phase_first, phase_delay, *self._pattern, *self._direct,
+                    memory.x, memory.cells, memory.past, np.ascontiguousarray(u, float), self._prepared(p), chosen, S, memory.buffers, buffer_S, memory.heads,
                     float(time_s), float(period_s), step.substeps, step.implicit, memory.begin,
                     columns is not None, Y, JY)
         memory.begin = False
@@ -102,8 +104,16 @@ class Program:
         """df/dx (nx x nx) where `memory` stands, at the held input u (inputs,)."""
         from pamid.engine.driver import rate_matrix
 
-        return rate_matrix(self._address, self._pattern[1], self._pattern[3], memory.x, memory.cells, memory.past,
-                           np.ascontiguousarray(u, float), np.ascontiguousarray(p, float), time_s, period_s, period_s)
+        return rate_matrix(self._address, *self._pattern, memory.x, memory.cells, memory.past,
+                           np.ascontiguousarray(u, float), self._prepared(p), time_s, period_s, period_s)
+
+    def _prepared(self, p: Array) -> Array:
+        """Parameters followed by what depends on them alone."""
+        from pamid.engine.driver import prepare
+
+        values = np.concatenate([np.asarray(p, float), np.empty(self.derived)])
+        prepare(self._address[-1], values, values[len(p) :])
+        return values
 
 
 def build_program(lowered: Lowered, inputs: tuple[str, ...], parameters: tuple[str, ...],
@@ -121,29 +131,39 @@ def build_program(lowered: Lowered, inputs: tuple[str, ...], parameters: tuple[s
     phases, phase_n, phase_first, phase_delay, delays = _phases(lowered)
     groups: list[list[Expr]] = [list(lowered.rates), list(lowered.outputs), *phases]
     parts, names = [DECLARATIONS], []
-    at, pointer_all, columns_at, column_all = [], [], [], []
-    operations = 0
+    direct, direct_at, most = [], [0], 0
+    pattern: tuple[list[int], list[int]] = ([], [])
+
+    def index(space: str, name: str) -> int:
+        return place[space, name]
+
+    def column(space: str, name: str) -> int:
+        return base[space] + place[space, name]
+
+    tables = [with_partials(roots, column) for roots in groups]
+    values, derived = hoist([v for v, _, _ in tables])
+    place |= {("derived", str(i)): len(parameters) + i for i in range(len(derived))}
     for i, roots in enumerate(groups):
-        def index(space: str, name: str) -> int:
-            return place[space, name]
+        _, pointer, columns = tables[i]
+        parts += [function_text(f"f{i}", values[i][: len(roots)], index), function_text(f"d{i}", values[i], index),
+                  product_text(f"s{i}", pointer, columns, nx + 2 * nc)]
+        names += [f"f{i}", f"d{i}", f"s{i}"]
+        pattern = (pointer, columns) if i == 0 else pattern
+        direct += [(row, columns[e] - nx - 2 * nc, e) for row in range(len(roots))
+                   for e in range(pointer[row], pointer[row + 1]) if columns[e] >= nx + 2 * nc]
+        direct_at.append(len(direct))
+        most = max(most, len(columns))
+    parts.append(function_text("prepare", derived, index))
+    address = addresses("\n".join(parts), [*names, "prepare"])
 
-        def column(space: str, name: str) -> int:
-            return base[space] + place[space, name]
+    def whole(values: object) -> NDArray[np.int64]:
+        return np.array(values, np.int64)
 
-        values, pointer, columns = with_partials(roots, column)
-        parts += [function_text(f"f{i}", roots, index), function_text(f"d{i}", values, index)]
-        names += [f"f{i}", f"d{i}"]
-        operations += parts[-2].count("\n") if i == 0 else 0
-        at.append(len(pointer_all))
-        columns_at.append(len(column_all))
-        pointer_all += pointer
-        column_all += columns
-    address = addresses("\n".join(parts), names)
-    as_int = [np.array(v, np.int64) for v in (address, phase_n, phase_first, phase_delay, at, pointer_all, columns_at,
-                                               column_all)]
+    room = np.full(most, -1, np.int64)       # the driver sizes its scratch by this array
+    room[: len(pattern[1])] = pattern[1]
     return Program(lowered.states, inputs, parameters, outputs, tuple(c.name for c in cells), tuple(delays),
-                   operations, as_int[0], (as_int[1], as_int[2], as_int[3]),
-                   (as_int[4], as_int[5], as_int[6], as_int[7]))
+                   parts[1].count("\n"), len(derived), whole(address), (whole(phase_n), whole(phase_first), whole(phase_delay)),
+                   (whole(pattern[0]), room), (whole(direct_at), whole(direct).reshape(-1, 3)))
 
 
 def _phases(lowered: Lowered) -> tuple[list[list[Expr]], list[int], list[int], list[int], list[float]]:

@@ -94,9 +94,7 @@ def load_checkpoint(path: Path, problem: str, n_weights: int) -> Checkpoint:
             raise FileError(f"{path}: attempt {k} has arrays of the wrong shape.", "Train afresh.")
         start, mu, gamma, alpha, beta, converged = numbers.tolist()
         rows = tuple(Step._make((int(r[0]), *r[1:-1], int(r[-1]))) for r in steps.tolist())
-        attempts.append(
-            Attempt(int(start), weights, mu, Evidence(gamma, alpha, beta), rows, str(why), bool(converged))
-        )
+        attempts.append(Attempt(int(start), weights, mu, Evidence(gamma, alpha, beta), rows, str(why), bool(converged)))
     return Checkpoint(problem, tuple(attempts))
 
 

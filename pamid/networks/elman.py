@@ -27,6 +27,7 @@ from pamid.errors import DataError
 
 Array = NDArray[np.float64]
 
+MEMORY = (2.0, 100.0)  # samples: shortest and longest time constant of a random start
 CHUNK = 1024  # samples whose Jacobian rows are held at once: 1.4 MB at 171 weights, inside the second-level cache
 
 
@@ -80,23 +81,28 @@ class Elman:
     def initial(self, seed: int) -> Array:
         """Random start, for inputs and target scaled into [-1, 1].
 
-        The context matrix gets a spectral radius of 0.9: memory of about ten samples to start from, and stable.
-        Input weights keep the sum at a unit within the bend of tanh (spread 0.7 for m inputs together).
+        The hidden units begin as damped oscillators in pairs (an odd last one as a lag), their time constants spread
+        from `MEMORY[0]` to `MEMORY[1]` samples, with input weights that bring each to about half of tanh's bend. The
+        output weights are nearly zero, so that the first training step is close to a linear regression on these modes.
+        At 3 ms, starting from a dense random context matrix of spectral radius 0.9 (a memory of ten samples), training
+        on a lightly damped 1.4 Hz gap of 10000 samples stalled at ten times the mean squared error or more.
         """
         draw = np.random.default_rng(seed)
         h, m = self.hidden, self.inputs
-        context = draw.standard_normal((h, h))
-        context *= 0.9 / max(float(np.max(np.abs(np.linalg.eigvals(context)))), 1e-12)
-        spread = 0.7 * np.sqrt(3.0 / m)
-        return self.flatten(
-            Layers(
-                context,
-                draw.uniform(-spread, spread, (h, m)),
-                draw.uniform(-0.7, 0.7, h),
-                draw.uniform(-1.0, 1.0, h) / np.sqrt(h),
-                0.0,
-            )
-        )
+        context, loss = np.zeros((h, h)), np.empty(h)
+        for first in range(0, h, 2):
+            memory = np.exp(draw.uniform(*np.log(MEMORY)))
+            decay, turn = np.exp(-1.0 / memory), draw.uniform(0.0, 3.0) / memory
+            pair = slice(first, min(first + 2, h))
+            if first + 1 < h:
+                rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+                context[pair, pair], loss[pair] = decay * rotation, abs(1.0 - decay * np.exp(1j * turn))
+            else:
+                context[pair, pair], loss[pair] = decay, 1.0 - decay
+        entering = 0.5 * np.sqrt(3.0 / m) * draw.uniform(-1.0, 1.0, (h, m)) * loss[:, None]
+        bias = 0.5 * draw.uniform(-1.0, 1.0, h) * loss
+        output = 0.01 * draw.uniform(-1.0, 1.0, h) / np.sqrt(h)
+        return self.flatten(Layers(context, entering, bias, output, 0.0))
 
     def simulate(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
         """Output y (N,) for inputs (N, m) from a zero state."""

@@ -1,1 +1,1 @@
-"""A run as a page: `pamid.report.writing.write_report` reads the run folder and writes one HTML file and its figures."""
+"""A run as a page: `pamid.report.writing.write_report` reads a run folder, writes HTML and figures."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pamid.report.load import Residual, RunData
 from pamid.report.reading import FloatArray
@@ -89,9 +90,9 @@ def _row(name: str, run: RunData) -> ChannelErrors:
 def disagreements(run: RunData, rows: tuple[ChannelErrors, ...]) -> list[tuple[str, str, float, float]]:
     """Where another file scored the refitted model on other windows: (channel, file, its MAE, the MAE shown)."""
     found = []
+    others = {"fit.json": run.fit.mae if run.fit else {}, "network.json": run.network.mae if run.network else {}}
     for row in rows:
-        others = [("fit.json", run.fit.mae if run.fit else {}), ("network.json", run.network.mae if run.network else {})]
-        for file, mae in others:
+        for file, mae in others.items():
             other = mae.get(row.channel, {}).get("refitted")
             if other is not None and row.refitted is not None and abs(other - row.refitted) > _AGREE * row.refitted:
                 found.append((row.channel, file, other, row.refitted))
@@ -132,7 +133,7 @@ def worst_window(residual: Residual, channel: str) -> Window | None:
                   float(time[best.stop - 1]), held_out, {k: v for k, v in mae.items() if np.isfinite(v)})  # fmt: skip
 
 
-def _stretches(residual: Residual, rows: FloatArray) -> list[slice]:
+def _stretches(residual: Residual, rows: NDArray[np.intp]) -> list[slice]:
     """Runs of successive rows with one recording and window, as slices."""
     recording, window = residual.columns["recording"], residual.columns["window"]
     apart = (np.diff(rows) > 1) | (np.diff(recording[rows]) != 0) | (np.diff(window[rows]) != 0)

@@ -25,7 +25,7 @@ def escape(text: str) -> Html:
     return text if isinstance(text, Html) else Html(html.escape(_FORBIDDEN.sub("\ufffd", text), quote=True))
 
 
-def tag(name: str, *parts: Part, **attributes: str) -> Html:
+def tag(name: str, /, *parts: Part, **attributes: str) -> Html:
     """One element. `class_` is written class, other underscores become hyphens."""
     inside = "".join(f' {key.rstrip("_").replace("_", "-")}="{escape(value)}"' for key, value in attributes.items())
     if name in _VOID:

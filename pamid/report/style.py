@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import matplotlib
 from matplotlib.axes import Axes
@@ -40,7 +41,7 @@ COLOURS = {
 }
 WIDE_IN, NARROW_IN = 7.4, 3.7
 PNG_DPI = 160
-SETTINGS = {
+SETTINGS: dict[Any, Any] = {
     "text.parse_math": False,  # a name with dollar signs is a name
     "svg.fonttype": "none",
     "font.family": ["DejaVu Sans"],
@@ -83,7 +84,7 @@ _SIZE = re.compile(r'<svg [^>]*viewBox="([^"]*)"[^>]*>')
 
 @dataclass(frozen=True)
 class Drawing:
-    """What to draw: `draw(figure, narrow)` fills an empty figure; the heights are in inches. `title` states a finding."""
+    """What to draw: `draw(figure, narrow)` fills an empty figure; heights in inches; `title` states a finding."""
 
     name: str
     title: str

@@ -30,7 +30,8 @@ class Carts(Rig):
     parameters = (
         Parameter("mass", 2.0, 0.1, 20.0, "kg", source="kitchen scale"),
         Parameter("viscous", 4.0, 0.0, 50.0, "N s/m", source="run-out"),
-        Parameter("spring", 40.0, 0.0, 500.0, "N/m", source="rubber cord that keeps the cart in range"),
+        Parameter("stiffness", 40.0, 0.0, 500.0, "N/m", source="rubber cord that keeps the cart in range"),
+        Parameter("offset", 0.0, -5.0, 5.0, "N", source="guide not quite level"),
     )
     period_s = 0.002
 
@@ -40,7 +41,7 @@ class Carts(Rig):
             position, velocity = getattr(x, f"position_{i}"), getattr(x, f"velocity_{i}")
             force = port("amplifier", getattr(u, f"force_{i}_n"), place=i)
             force = port("drive", force, place=i, position=position, velocity=velocity)
-            force = force - p.viscous * velocity - p.spring * position
+            force = force - p.viscous * velocity - p.stiffness * position + p.offset
             force = port("guide", force, place=i, position=position, velocity=velocity, load=9.81 * p.mass)
             force = port("mast", force, place=i, inertia=p.mass)
             out |= {f"position_{i}": velocity, f"velocity_{i}": force / p.mass}

@@ -13,7 +13,7 @@ BOTH = ("1", "2")
 
 
 class Tanks(Rig):
-    """Command to level, twice."""
+    """Command to level, twice; the gauge counts from the level at the start."""
 
     inputs = {"command_1": "", "command_2": ""}
     outputs = {"level_1_m": "m", "level_2_m": "m"}
@@ -21,7 +21,7 @@ class Tanks(Rig):
         "pump": Port("command", "", (), BOTH, size={"value": 1.0}),
         "valve": Port("flow", "m3/s", {"side": ""}, BOTH, size={"value": 1e-3}),
         "store": Port("rate", "m/s", {"stored": "m"}, BOTH, size={"value": 0.1, "stored": 0.5}),
-        "gauge": Port("reading", "m", {"rate": "m/s"}, BOTH, size={"value": 0.5, "rate": 0.1}),
+        "gauge": Port("reading", "m", {"rate": "m/s"}, BOTH, size={"value": 0.1, "rate": 0.1}),
     }
     states = tuple(State(f"level_{i}", "m", 0.2) for i in BOTH)
     parameters = (
@@ -43,5 +43,5 @@ class Tanks(Rig):
         return {f"level_{i}": self._rate(i, x, u, p, port) for i in BOTH}
 
     def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
-        return {f"level_{i}_m": port("gauge", getattr(x, f"level_{i}"), place=i, rate=self._rate(i, x, u, p, port))
-                for i in BOTH}
+        rates = {i: self._rate(i, x, u, p, port) for i in BOTH}
+        return {f"level_{i}_m": port("gauge", getattr(x, f"level_{i}") - 0.2, place=i, rate=rates[i]) for i in BOTH}

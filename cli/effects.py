@@ -1,0 +1,39 @@
+"""`pamid effects`: the catalogue of effects, or the story of one."""
+
+from __future__ import annotations
+
+import click
+
+from . import frame
+
+EXAMPLE = """
+pamid effects
+pamid effects coulomb-friction --rig one-dof
+"""
+
+
+@frame.command("effects", example=EXAMPLE)
+@click.argument("name", required=False)
+@click.option("--rig", "rigs", multiple=True, help="Rig (name or file) to look for fitting ports. [default: all rigs]")
+def command(name: str | None, rigs: tuple[str, ...]) -> frame.Result:
+    """List the effects by family and kind of port, or explain one: NAME, or the path of an effect file.
+
+    The story of an effect: what it is, what it looks like in a recording, what it is mistaken for, its equation,
+    references, parameters with their ranges and sources, and the ports at which it fits.
+    """
+    from pamid import catalogue, library
+    from pamid.assembly import attachments
+    from pamid.errors import FileError, nearest
+
+    looked_at = [library.rig_named(rig) for rig in rigs] or [library.rig_named(rig) for rig in library.rigs()]
+    if name is None:
+        known = library.effects()
+        fit = {a.effect.name for rig in looked_at for a in attachments(rig, known.values())} if rigs else set(known)
+        rows = [catalogue.effect_row(known[effect]) for effect in sorted(fit)]
+        return frame.Result({"schema": "pamid.effects/1", "effects": rows}, catalogue.effects_text(rows))
+    known, (wanted,) = library.effects_with((name,))
+    if wanted not in known:
+        raise FileError(f"There is no effect {wanted!r}.", nearest(wanted, known) or "See `pamid effects` for all.",
+                        code="unknown-effect")
+    said = catalogue.effect_story(known[wanted], looked_at, known.values())
+    return frame.Result({"schema": "pamid.effects/1", "effect": said}, catalogue.effect_text(said))

@@ -1,0 +1,31 @@
+"""`pamid rigs`: the rigs there are, or the story of one."""
+
+from __future__ import annotations
+
+import click
+
+from . import frame
+
+EXAMPLE = """
+pamid rigs
+pamid rigs one-dof
+"""
+
+
+@frame.command("rigs", example=EXAMPLE)
+@click.argument("name", required=False)
+def command(name: str | None) -> frame.Result:
+    """List the rigs, or explain one: NAME, NAME:VARIANT, or the path of a rig file.
+
+    The story of a rig: inputs, outputs, states, ports and the effects that fit there, parameters with their sources,
+    background terms, and its equations, in which whatever passes through a port bears the name of the port.
+    """
+    from pamid import catalogue, library
+
+    if name is None:
+        rows = [catalogue.rig_row(rig) for rig in library.rigs().values()]
+        lines = [f"{row['name']:<20} {row['title']}" for row in rows]
+        return frame.Result({"schema": "pamid.rigs/1", "rigs": rows},
+                            "\n".join([*lines, "", "One of them, or a file of yours: pamid rigs NAME"]))
+    said = catalogue.rig_story(library.rig_named(name), library.effects().values())
+    return frame.Result({"schema": "pamid.rigs/1", "rig": said}, catalogue.rig_text(said))

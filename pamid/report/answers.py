@@ -1,0 +1,217 @@
+"""The three answers and the next experiment: for each a lead sentence and the ones that stand below its picture."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pamid.report import words
+from pamid.report.budget import ChannelErrors, headline
+from pamid.report.diagnosed import Candidate, Diagnosis, Regime
+from pamid.report.load import RunData
+from pamid.report.sentences import budget_title, causes_words, ports_title, runner_up
+from pamid.report.words import channel_unit, channel_words, effect_words, number, percent, percent_span, sentence
+
+DIAGNOSE_HINT = "`pamid diagnose` on the same recordings adds this answer."
+_MOST_WINDOWS = 6
+
+
+@dataclass(frozen=True)
+class Answer:
+    """`lead` is the answer; `details` are sentences, `points` a list below them."""
+
+    lead: str
+    details: tuple[str, ...] = ()
+    points: tuple[str, ...] = ()
+
+
+def where_answer(run: RunData) -> Answer:
+    """Where the gap lies: port, what cannot be told from it, regimes, band, windows."""
+    diagnosis = run.diagnosis
+    if diagnosis is None:
+        return Answer("Not asked yet.", (DIAGNOSE_HINT,))
+    if diagnosis.verdict == "no-structural-gap":
+        return Answer("Nowhere in particular: no gap is left to place.")
+    where = diagnosis.where
+    if where is None or not (where.port or where.shares):
+        return Answer("The diagnosis names no port.")
+    details = [sentence(f"from these sensors alone, {words.join(map(words.port_words, group))} cannot be told apart")
+               for group in where.indistinguishable]  # fmt: skip
+    if where.frequency_hz is not None:
+        details.append(f"Most of it lies between {number(where.frequency_hz[0], 2)} and "
+                       f"{number(where.frequency_hz[1], 2)} Hz.")  # fmt: skip
+    if where.windows_s:
+        shown = [words.span(low, high, "s") for low, high in where.windows_s[:_MOST_WINDOWS]]
+        more = f", and {len(where.windows_s) - len(shown)} more" if len(where.windows_s) > len(shown) else ""
+        details.append(f"It shows most in these windows of the recording: {', '.join(shown)}{more}.")
+    return Answer(sentence(ports_title(where)), tuple(details), tuple(_regime(one) for one in where.regimes))
+
+
+def _regime(one: Regime) -> str:
+    unit_text = words.unit_words(one.unit)
+    if one.low is not None and one.high is not None:
+        place = f"{words.port_words(one.signal)} between {number(one.low)} and {number(one.high)}"
+        place += f"{words.SPACE}{unit_text}" if unit_text else ""
+    else:
+        place = f"{words.port_words(one.signal)} {words.span(one.low, one.high, unit_text)}".replace(words.DASH, "")
+    if one.share_of_gap is None:
+        return sentence(place)
+    text = f"{place}: {percent(one.share_of_gap)} of the gap"
+    if one.share_of_time:
+        text += f" in {percent(one.share_of_time)} of the time, {number(one.share_of_gap / one.share_of_time, 2)} times"
+        text += " its share"
+    return sentence(text)
+
+
+def which_answer(run: RunData) -> Answer:
+    """Which effect causes it, what looks like it, and the runner-up."""
+    diagnosis = run.diagnosis
+    if diagnosis is None:
+        return Answer("Not asked yet.", (DIAGNOSE_HINT,))
+    leads = {"explained": _explained, "ambiguous": _ambiguous, "unknown-effect": _unknown, "no-structural-gap": _no_gap}
+    lead, details = leads[diagnosis.verdict](diagnosis)
+    return Answer(lead, (*details, *_beside(diagnosis)))
+
+
+def _explained(diagnosis: Diagnosis) -> tuple[str, list[str]]:
+    told = [_with_chance(diagnosis, cause.effect) for cause in diagnosis.causes]
+    details = []
+    if len(diagnosis.causes) > 1:
+        shares = [f"{effect_words(one.effect)} {percent(one.share)}" for one in diagnosis.causes]
+        details.append(sentence(f"shares of the shrinkage: {words.join(shares)}"))
+    return sentence(words.join(told)), details + _sizes(diagnosis)
+
+
+def _with_chance(diagnosis: Diagnosis, effect: str) -> str:
+    chance = next((one.probability for one in diagnosis.ranking if one.effect == effect), None)
+    text = effect_words(effect)
+    port = next(cause.port for cause in diagnosis.causes if cause.effect == effect)
+    text += f" at the {words.port_words(port)} port" if port and "@" not in effect else ""
+    return text if chance is None else f"{text}, with probability {chance:.2f}"
+
+
+def _sizes(diagnosis: Diagnosis) -> list[str]:
+    """The causes' own parameters with their intervals."""
+    told = []
+    for cause in diagnosis.causes:
+        for name, one in cause.parameters.items():
+            interval = words.span(one.low, one.high)
+            tail = "" if interval == words.DASH else f" (95 % interval {interval})"
+            value = words.with_unit_text(one.value, channel_unit(name))
+            told.append(sentence(f"{effect_words(cause.effect)}: {channel_words(name)} {value}{tail}"))
+    return told
+
+
+def _ambiguous(diagnosis: Diagnosis) -> tuple[str, list[str]]:
+    return sentence(f"either {causes_words(diagnosis)}: these recordings cannot tell"), _sizes(diagnosis)
+
+
+def _unknown(diagnosis: Diagnosis) -> tuple[str, list[str]]:
+    lead = "None of the catalogue."
+    one = diagnosis.unknown
+    if one is None:
+        return lead, []
+    details = []
+    if one.formula:
+        of = f" of {words.join(map(words.port_words, one.variables))}" if one.variables else ""
+        at = f" at the {words.port_words(one.port)} port" if one.port else ""
+        details.append(f"The missing term{at} is described best, as a function{of}, by: {words.clean(one.formula)}.")
+    if one.inclusion is not None:
+        details.append(f"Its terms came up in {percent(one.inclusion)} of the fits to resampled data; this is a "
+                       "description, not a cause.")  # fmt: skip
+    if one.dissipative is not None:
+        details.append("It takes energy out, as friction does." if one.dissipative else
+                       "It does not take energy out on the whole, so it is unlike friction.")  # fmt: skip
+    return lead, details
+
+
+def _no_gap(diagnosis: Diagnosis) -> tuple[str, list[str]]:
+    return "No effect is needed beyond retuned parameters and the background.", []
+
+
+def _beside(diagnosis: Diagnosis) -> list[str]:
+    """Look-alike classes, and the runner-up, always."""
+    named = {cause.effect for cause in diagnosis.causes}
+    details = [sentence(f"look-alikes that these recordings do not separate: {words.join(map(effect_words, group))}")
+               for group in diagnosis.look_alikes if len(group) > 1 and (not named or named & set(group))]  # fmt: skip
+    second = runner_up(diagnosis)
+    if second is None:
+        return [*details, "No other candidate was refitted."]
+    which = "Runner-up" if named else "The candidate that comes closest"
+    return [*details, sentence(f"{which}: {effect_words(second.effect)}, {_result(second)}")]
+
+
+def _result(one: Candidate) -> str:
+    text = f"removes {percent(one.shrinkage)} of the held-out error"
+    interval = percent_span(one.low, one.high)
+    text += "" if interval == words.DASH else f" (95 % interval {interval})"
+    text += "" if one.probability is None else f", probability {one.probability:.2f}"
+    if one.converged:
+        return text
+    return f"{text}; its fit did not converge{': ' + words.clean(one.why) if one.why else ''}"
+
+
+def how_far_answer(run: RunData, rows: tuple[ChannelErrors, ...]) -> Answer:
+    """How far the gap shrinks: the errors of the headline channel in a row, and the other channels' shrinkage."""
+    row = headline(rows)
+    if row is None:
+        return Answer("No channel was scored.")
+    what, unit_text = channel_words(row.channel), channel_unit(row.channel)
+    steps = [(row.data_sheet, "from the data sheet"), (row.refitted, "refitted"), (row.with_cause, _cause_label(run))]
+    told = [f"{words.with_unit_text(value, unit_text)} {name}" for value, name in steps if value is not None]
+    details = [f"Held-out mean absolute error of the {what}: {', '.join(told)}."] if told else []
+    details += _limits(row, unit_text)
+    points = [_channel_point(one) for one in rows if one.shrinkage is not None] if len(rows) > 1 else []
+    return Answer(sentence(_how_far_lead(run, row, rows)), tuple(details), tuple(points))
+
+
+def _how_far_lead(run: RunData, row: ChannelErrors, rows: tuple[ChannelErrors, ...]) -> str:
+    lead = budget_title(rows, run.diagnosis)
+    if run.diagnosis is not None and run.diagnosis.verdict == "explained" and row.low is not None:
+        return f"{lead} (95 % interval {percent_span(row.low, row.high)})"
+    return lead
+
+
+def _cause_label(run: RunData) -> str:
+    if run.diagnosis is None or not run.diagnosis.causes:
+        return "with the candidate"
+    return f"with {causes_words(run.diagnosis)}"
+
+
+def _limits(row: ChannelErrors, unit_text: str) -> list[str]:
+    """Noise floor and black box, and what they mean for the best model so far."""
+    best = row.with_cause if row.with_cause is not None else row.refitted
+    told = []
+    if row.noise_floor is not None:
+        text = f"The noise floor is {words.with_unit_text(row.noise_floor, unit_text)}"
+        if best is not None and row.noise_floor > 0:
+            text += f"; what is left is {number(best / row.noise_floor, 2)} times that"
+        told.append(f"{text}.")
+    if row.black_box is not None and best is not None:
+        verb = "no better than the physical model" if row.black_box >= best else "so structure may still be missing"
+        told.append(f"A black box trained on the same data reaches {words.with_unit_text(row.black_box, unit_text)}, "
+                    f"{verb}.")  # fmt: skip
+    return told
+
+
+def _channel_point(row: ChannelErrors) -> str:
+    interval = percent_span(row.low, row.high)
+    tail = "" if interval == words.DASH else f" (95 % interval {interval})"
+    return sentence(f"{channel_words(row.channel)}: {percent(row.shrinkage)} of the held-out error removed{tail}")
+
+
+def next_answer(run: RunData) -> Answer:
+    """What to measure next."""
+    if run.diagnosis is None:
+        return Answer("Run the diagnosis on what is already recorded.", (_diagnose_command(run),))
+    further = run.diagnosis.next_experiment
+    if further is None:
+        return Answer("The diagnosis asks for no further experiment.")
+    apart = words.join(map(effect_words, further.separates))
+    details = [sentence(words.clean(further.why)), sentence(f"it separates {apart}") if apart else ""]
+    return Answer(sentence(words.port_words(further.name).replace("-", " ")), tuple(one for one in details if one))
+
+
+def _diagnose_command(run: RunData) -> str:
+    paths = [words.clean(one.path or one.name) for one in run.fit.recordings] if run.fit is not None else []
+    files = " ".join(paths) if paths and len(paths) <= 4 else "REC.csv..."
+    return f"`pamid diagnose {files} --rig {words.clean(run.rig) or 'RIG'} --output RUN`"

@@ -1,0 +1,137 @@
+"""The pictures behind the answers: error over time, parameter strain, background pulls, network training."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from pamid.report import words
+from pamid.report.diagnosed import Diagnosis, Pull
+from pamid.report.load import Network, Residual, RunData
+from pamid.report.reading import FloatArray
+from pamid.report.sentences import pulls_title, timeline_title, training_title
+from pamid.report.style import Drawing, bare, colour, grid, label
+
+_BINS = 160
+_PANELS = {"mse": ("MSE [-]", True), "gamma": ("gamma [parameters]", False), "mu": ("mu [-]", True)}
+
+
+def pulls_drawing(pulls: tuple[Pull, ...]) -> Drawing | None:
+    """Bars: each background correction over its tolerance [-]; beyond 2 the map itself is wrong."""
+    if not pulls:
+        return None
+    shown = sorted(pulls, key=lambda one: -abs(one.pull))[:16]
+    reach = max(2.6, *(1.25 * abs(one.pull) for one in shown))
+
+    def draw(figure: Figure, narrow: bool) -> None:
+        axes = figure.subplots()
+        axes.axvspan(-1.0, 1.0, color=colour("faint"), linewidth=0.0)
+        for row, one in enumerate(shown):
+            large = abs(one.pull) > 2.0
+            axes.barh(row, one.pull, height=0.6, color=colour("with_cause" if large else "refitted"), linewidth=0.0)
+            axes.annotate(words.number(one.pull, 2), (one.pull, row), xytext=(4 if one.pull >= 0 else -4, 0),
+                          textcoords="offset points", va="center", ha="left" if one.pull >= 0 else "right",
+                          fontsize=8.5, color=colour("ink"))
+        for edge in (-2.0, 0.0, 2.0):
+            axes.axvline(edge, color=colour("muted"), linewidth=0.7, linestyle="-" if edge == 0 else (0, (3, 2)))
+        axes.set_yticks(range(len(shown)), [label(words.port_words(one.name), 24) for one in shown])
+        axes.set_ylim(len(shown) - 0.4, -0.6)
+        axes.set_xlim(-reach, reach)
+        axes.xaxis.set_major_locator(MaxNLocator(7 if narrow else 9, integer=True))
+        axes.set_xlabel("fitted correction / its tolerance [-]")
+        bare(axes)
+
+    height = 0.62 + 0.27 * len(shown)
+    return Drawing("background", pulls_title(pulls), draw, height, height)
+
+
+def training_drawing(trace: dict[str, FloatArray], network: Network | None) -> Drawing | None:
+    """MSE of the scaled output, effective number of parameters and damping over the iteration."""
+    panels = [name for name in _PANELS if name in trace and np.isfinite(trace[name]).any()]
+    if not panels:
+        return None
+
+    def draw(figure: Figure, narrow: bool) -> None:
+        stack = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+        for axes, name in zip(stack, panels, strict=True):
+            axis_text, logarithmic = _PANELS[name]
+            axes.plot(trace["iteration"], trace[name], color=colour("with_network"), linewidth=1.5)
+            if logarithmic and (trace[name] > 0).all():
+                axes.set_yscale("log")
+            axes.set_ylabel(axis_text)
+            axes.margins(x=0.01)
+            axes.minorticks_off()
+            grid(axes, "y")
+        stack[-1].set_xlabel("iteration [-]")
+        stack[-1].xaxis.set_major_locator(MaxNLocator(6, integer=True))
+        figure.align_ylabels(list(stack))
+
+    height = 0.4 + 1.1 * len(panels)
+    return Drawing("training", training_title(trace, network), draw, height, height)
+
+
+def timeline_drawing(run: RunData, channel: str) -> Drawing | None:
+    """Mean absolute error over short stretches of each recording [channel's unit] over time [s], windows shaded."""
+    residual = run.residual
+    if residual is None or residual.of(channel, "refitted") is None or channel not in residual.columns:
+        return None
+    number, curves = _longest_held_out(residual, channel)
+    if not curves:
+        return None
+    diagnosis = run.diagnosis
+    shaded = diagnosis.where.windows_s if diagnosis is not None and diagnosis.where is not None else ()
+
+    def draw(figure: Figure, narrow: bool) -> None:
+        axes = figure.subplots()
+        for low, high in shaded:
+            axes.axvspan(low, high, color=colour("line"), linewidth=0.0)
+        for kind, (time, error) in curves.items():
+            role = {"cause": "with_cause"}.get(kind, kind)
+            name = {"refitted": "refitted", "cause": "with cause"}[kind]
+            axes.plot(time, error, color=colour(role), linewidth=1.4, label=name)
+        axes.set_xlim(min(time[0] for time, _ in curves.values()), max(time[-1] for time, _ in curves.values()))
+        axes.set_ylim(bottom=0.0)
+        axes.set_ylabel(words.axis_label("mean |error|", label(words.channel_unit(channel))))
+        axes.set_xlabel("time [s]")
+        grid(axes, "y")
+        figure.legend(loc="outside upper left", ncols=2, handlelength=1.8)
+
+    title = timeline_title(channel, run, number, curves)
+    return Drawing("timeline", title, draw, 2.3, 2.5)
+
+
+def _longest_held_out(residual: Residual, channel: str) -> tuple[int, dict[str, tuple[FloatArray, FloatArray]]]:
+    """The recording with most scored held-out rows (else scored rows), and its binned errors by model."""
+    columns, refitted = residual.columns, residual.of(channel, "refitted")
+    assert refitted is not None
+    scored = (columns["window"] >= 0) & np.isfinite(refitted)
+    if (scored & (columns["part"] == 1)).any():
+        scored &= columns["part"] == 1
+    if not scored.any():
+        return 0, {}
+    numbers, counts = np.unique(columns["recording"][scored], return_counts=True)
+    number = int(numbers[np.argmax(counts)])
+    rows = np.flatnonzero(scored & (columns["recording"] == number))
+    curves = {}
+    for kind in ("refitted", "cause"):
+        trace = residual.of(channel, kind)
+        if trace is not None and np.isfinite(trace[rows]).all():
+            curves[kind] = _binned(columns["time_s"][rows], np.abs(columns[channel] - trace)[rows])
+    return number, curves
+
+
+def _binned(time: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Means of at most `_BINS` stretches of equal count."""
+    bins = min(_BINS, time.size)
+    edges = np.linspace(0, time.size, bins + 1).astype(int)
+    sizes = np.diff(edges)
+    return np.add.reduceat(time, edges[:-1]) / sizes, np.add.reduceat(error, edges[:-1]) / sizes
+
+
+def pulls_of(run: RunData) -> tuple[Pull, ...]:
+    """The background corrections of the diagnosis, else those of the fit."""
+    diagnosis: Diagnosis | None = run.diagnosis
+    if diagnosis is not None and diagnosis.background:
+        return diagnosis.background
+    return tuple(Pull(name, pull, None) for name, pull in run.fit.background) if run.fit is not None else ()

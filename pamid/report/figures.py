@@ -1,0 +1,214 @@
+"""The pictures of the three answers: port shares, ranking, gap budget, worst held-out window.
+
+Each function returns a `Drawing`, or None where the run does not hold what it shows. Titles are built from the numbers.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from pamid.report import words
+from pamid.report.budget import MODELS, ChannelErrors, Window
+from pamid.report.diagnosed import Candidate, Diagnosis
+from pamid.report.load import Residual
+from pamid.report.reading import FloatArray
+from pamid.report.sentences import (
+    budget_title,
+    candidate_order,
+    causes_words,
+    ports_title,
+    ranking_title,
+    window_title,
+)
+from pamid.report.style import Drawing, bare, colour, grid, label
+
+MOST_CANDIDATES = 12
+_LEFT_END = -0.5  # a candidate that is worse than this is drawn at the edge, with an arrow
+_POINTS = 1500
+LINES = {"data_sheet": ("data_sheet", 1.1, (0, (4, 2))), "refitted": ("refitted", 1.5, "-"),
+         "network": ("with_network", 1.5, (0, (1, 1.2))), "cause": ("with_cause", 1.7, "-")}  # fmt: skip
+
+
+def ports_drawing(diagnosis: Diagnosis) -> Drawing | None:
+    """Bars: the share of the gap that enters at each port [%]."""
+    where = diagnosis.where
+    if where is None or not where.shares:
+        return None
+    shares = sorted(where.shares, key=lambda one: -one[1])
+    alike = {port for group in where.indistinguishable if where.port in group for port in group} - {where.port}
+
+    def draw(figure: Figure, narrow: bool) -> None:
+        axes = figure.subplots()
+        for row, (port, share) in enumerate(shares):
+            named, doubtful = port == where.port, port in alike
+            axes.barh(row, 100.0 * share, height=0.62, color=colour("with_cause" if named else "data_sheet"),
+                      hatch="////" if doubtful else None, linewidth=0.0)
+            note = "  not told apart" if doubtful else ""
+            _value(axes, 100.0 * share, row, f"{words.percent(share)}{'' if narrow else note}")
+        _rows(axes, [words.port_words(port) for port, _ in shares])
+        axes.set_xlim(min(0.0, 100.0 * min(share for _, share in shares)), 118.0)
+        axes.set_xticks(range(0, 101, 25))
+        axes.set_xlabel("share of the structural gap [%]")
+
+    height = 0.62 + 0.3 * len(shares)
+    return Drawing("ports", ports_title(where), draw, height, height)
+
+
+def ranking_drawing(diagnosis: Diagnosis) -> Drawing | None:
+    """Points with 95 % intervals: the part of the held-out error each candidate removes [%], best first."""
+    shown = [one for one in candidate_order(diagnosis) if one.shrinkage is not None][:MOST_CANDIDATES]
+    if not shown:
+        return None
+    named = {cause.effect for cause in diagnosis.causes}
+    alike = {name for group in diagnosis.look_alikes if named & set(group) for name in group} - named
+
+    def draw(figure: Figure, narrow: bool) -> None:
+        axes = figure.subplots()
+        right = max(1.0, *((one.high or one.shrinkage or 0.0) for one in shown))
+        left = min(0.0, *(max(_LEFT_END, one.low if one.low is not None else one.shrinkage or 0.0) for one in shown))
+        for row, one in enumerate(shown):
+            role = "with_cause" if one.effect in named else "refitted" if one.effect in alike else "muted"
+            _candidate(axes, one, row, role)
+            axes.text(100.0 * right + (4 if narrow else 2), row, _chance(one), va="center", fontsize=8.5,
+                      color=colour("ink"), clip_on=False)
+        axes.axvline(0.0, color=colour("muted"), linewidth=0.7)
+        axes.text(100.0 * right + (4 if narrow else 2), -0.85, "P" if narrow else "probability", va="center",
+                  fontsize=8.0, color=colour("muted"), clip_on=False)
+        _rows(axes, [_candidate_name(one, alike, narrow) for one in shown])
+        axes.set_xlim(100.0 * left - 3.0, 100.0 * right + (20.0 if narrow else 13.0))
+        axes.set_xticks([tick for tick in range(-50, 101, 25) if tick >= 100.0 * left - 3.0])
+        axes.set_xlabel("held-out error removed [%]" if narrow else "held-out error removed [%], line: 95 % interval")
+
+    height = 0.85 + 0.27 * len(shown)
+    return Drawing("ranking", ranking_title(diagnosis), draw, height, height)
+
+
+def budget_drawing(rows: tuple[ChannelErrors, ...], diagnosis: Diagnosis | None) -> Drawing | None:
+    """Bars per channel: held-out MAE of every model [channel's unit]."""
+    rows = tuple(row for row in rows if row.known())
+    if not rows:
+        return None
+    fields = [name for name in MODELS if any(name in row.known() for row in rows)]
+    names = [_model_name(field, diagnosis) for field in fields]
+    columns = min(3, len(rows))
+    deep = -(-len(rows) // columns)
+
+    def draw(figure: Figure, narrow: bool) -> None:
+        shape = (len(rows), 1) if narrow else (deep, columns)
+        grid_of_axes = figure.subplots(*shape, squeeze=False)
+        for position, axes in enumerate(grid_of_axes.flat):
+            if position >= len(rows):
+                axes.set_visible(False)
+                continue
+            _budget(axes, rows[position], fields)
+            _rows(axes, names if position % shape[1] == 0 else [""] * len(names))
+
+    each = 0.62 + 0.24 * len(fields)
+    return Drawing("budget", budget_title(rows, diagnosis), draw, deep * each + 0.1, len(rows) * each + 0.1)
+
+
+def window_drawing(
+    residual: Residual, channel: str, window: Window, diagnosis: Diagnosis | None, kinds: tuple[str, ...]
+) -> Drawing:
+    """Measured and modelled traces over the worst window, and their errors below [channel's unit] over time [s]."""
+    unit_text, what = words.channel_unit(channel), words.channel_words(channel)
+    time, measured = residual.columns["time_s"][window.rows], residual.columns[channel][window.rows]
+    found = ((kind, residual.of(channel, kind)) for kind in kinds)
+    traces = {kind: trace[window.rows] for kind, trace in found if trace is not None}
+
+    def draw(figure: Figure, narrow: bool) -> None:
+        above, below = figure.subplots(2, 1, sharex=True, gridspec_kw={"height_ratios": [1.7, 1.0]})
+        above.plot(*_thinned(time, measured), color=colour("ink"), linewidth=2.2, label="measured")
+        below.axhline(0.0, color=colour("ink"), linewidth=0.8)
+        for kind, trace in traces.items():
+            role, width, dashes = LINES[kind]
+            name = _model_name(role, diagnosis)
+            above.plot(*_thinned(time, trace), color=colour(role), linewidth=width, linestyle=dashes, label=name)
+            below.plot(*_thinned(time, measured - trace), color=colour(role), linewidth=width, linestyle=dashes)
+        above.set_ylabel(words.axis_label(label(what, 22), label(unit_text)))
+        below.set_ylabel(words.axis_label("error", label(unit_text)))
+        below.set_xlabel("time [s]")
+        for axes in (above, below):
+            grid(axes, "y")
+            axes.margins(x=0.0)
+        figure.align_ylabels((above, below))
+        figure.legend(loc="outside upper left", ncols=2 if narrow else 4, handlelength=1.8, columnspacing=1.2)
+
+    name = "window-network" if "network" in kinds else "window"
+    return Drawing(name, window_title(channel, window, diagnosis, kinds), draw, 3.3, 3.5)
+
+
+def _candidate(axes: Axes, one: Candidate, row: int, role: str) -> None:
+    assert one.shrinkage is not None
+    ink = colour(role)
+    if one.low is not None and one.high is not None:
+        low = max(one.low, _LEFT_END)
+        if one.high > low:
+            axes.plot([100.0 * low, 100.0 * one.high], [row, row], color=ink, linewidth=2.4, solid_capstyle="butt",
+                      alpha=0.55)
+    if one.shrinkage < _LEFT_END:
+        axes.plot(100.0 * _LEFT_END, row, marker="<", color=ink, markersize=6)
+    else:
+        axes.plot(100.0 * one.shrinkage, row, marker="o", markersize=6.5, markeredgecolor=ink, markeredgewidth=1.4,
+                  markerfacecolor=ink if one.converged else "none", linestyle="none")
+
+
+def _chance(one: Candidate) -> str:
+    if not one.converged:
+        return "not converged"
+    return f"{one.probability:.2f}" if one.probability is not None else ""
+
+
+def _candidate_name(one: Candidate, alike: set[str], narrow: bool) -> str:
+    name = words.effect_words(one.effect)
+    return f"{name} (look-alike)" if one.effect in alike and not narrow else name
+
+
+def _budget(axes: Axes, row: ChannelErrors, fields: list[str]) -> None:
+    known = row.known()
+    unit_text = words.channel_unit(row.channel)
+    for position, field in enumerate(fields):
+        if field not in known:
+            axes.text(0.0, position, " not told", va="center", fontsize=8.0, color=colour("muted"))
+            continue
+        axes.barh(position, known[field], height=0.66, color=colour(field), linewidth=0.0)
+        _value(axes, known[field], position, words.number(known[field]))
+    axes.set_xlim(0.0, 1.32 * max(known.values()) or 1.0)
+    axes.locator_params(axis="x", nbins=4)
+    axes.set_xlabel(words.axis_label(f"{label(words.channel_words(row.channel), 22)} MAE", label(unit_text)))
+
+
+def _model_name(field: str, diagnosis: Diagnosis | None) -> str:
+    if field == "with_cause" and diagnosis is not None and diagnosis.verdict == "explained":
+        return label(f"with {causes_words(diagnosis)}", 30) if len(diagnosis.causes) == 1 else "with the causes"
+    return MODELS[field]
+
+
+def _rows(axes: Axes, names: list[str]) -> None:
+    """Names beside rows 0, 1, ... from the top."""
+    axes.set_yticks(range(len(names)), [label(name) for name in names])
+    axes.set_ylim(len(names) - 0.4, -0.6)
+    grid(axes)
+    bare(axes)
+
+
+def _value(axes: Axes, x: float, row: int, text: str) -> None:
+    axes.annotate(text, (max(x, 0.0), row), xytext=(4, 0), textcoords="offset points", va="center", fontsize=8.5,
+                  color=colour("ink"))
+
+
+def _thinned(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """At most about `_POINTS` points that keep every extreme: first, lowest and highest of each stretch."""
+    size = values.size
+    if size <= _POINTS:
+        return time, values
+    stretch = -(-size // (_POINTS // 2))
+    keep = []
+    for start in range(0, size, stretch):
+        part = values[start : start + stretch]
+        if np.isfinite(part).any():
+            keep += sorted({start + int(np.nanargmin(part)), start + int(np.nanargmax(part))})
+    keep = sorted({0, *keep, size - 1})
+    return time[keep], values[keep]

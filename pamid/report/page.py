@@ -1,0 +1,199 @@
+"""One HTML page from what was read and drawn: three answers first, then the evidence. Nothing in it is loaded from
+elsewhere and nothing runs; a policy in its head says so to the browser as well.
+"""
+
+from __future__ import annotations
+
+from importlib import resources
+
+from pamid.report import words
+from pamid.report.answers import Answer, how_far_answer, next_answer, where_answer, which_answer
+from pamid.report.budget import ChannelErrors, disagreements
+from pamid.report.load import Fit, RunData
+from pamid.report.markup import Html, Part, joined, paragraphs, prose, tag
+from pamid.report.sentences import verdict_sentence
+from pamid.report.style import COLOURS, Picture
+from pamid.report.tables import (
+    inputs_table,
+    loop_table,
+    mae_table,
+    parameter_table,
+    parameters_of,
+    ranking_table,
+    recordings_table,
+    steps_table,
+)
+
+MARK = "<!doctype html>\n<!-- pamid.report/1 -->\n"
+_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+
+
+def page_html(run: RunData, rows: tuple[ChannelErrors, ...], pictures: dict[str, Picture]) -> str:
+    """The whole page as text."""
+    verdict = verdict_sentence(run, rows)
+    rig = words.clean(run.rig)
+    head = tag(
+        "head",
+        tag("meta", charset="utf-8"),
+        tag("meta", http_equiv="Content-Security-Policy", content=_POLICY),
+        tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
+        tag("meta", name="color-scheme", content="light dark"),
+        tag("title", f"{rig}: {verdict}" if rig else verdict),
+        tag("style", Html(_style_sheet())),
+    )
+    main = tag(
+        "main",
+        tag("header", tag("p", _subtitle(run), class_="rig"), tag("h1", verdict), _warnings(run)),
+        _answer("Where", where_answer(run), pictures, "ports", "timeline"),
+        _answer("Which", which_answer(run), pictures, "ranking"),
+        _answer("How far", how_far_answer(run, rows), pictures, "budget", "window"),
+        _answer("Next experiment", next_answer(run), pictures),
+        _evidence(run, rows, pictures),
+    )
+    return MARK + tag("html", head, tag("body", main), lang="en") + "\n"
+
+
+def _style_sheet() -> str:
+    sheet = resources.files("pamid.report").joinpath("assets/page.css").read_text(encoding="utf-8")
+    light = "".join(f"--{role.replace('_', '-')}:{pair[0]};" for role, pair in COLOURS.items())
+    dark = "".join(f"--{role.replace('_', '-')}:{pair[1]};" for role, pair in COLOURS.items())
+    font = "--font:system-ui,-apple-system,'Segoe UI',Roboto,'Helvetica Neue',Arial,'DejaVu Sans',sans-serif;"
+    return f":root{{color-scheme:light dark;{font}{light}}}\n@media screen and (prefers-color-scheme:dark){{" \
+           f":root{{{dark}}}}}\n{sheet}"  # fmt: skip
+
+
+def _subtitle(run: RunData) -> str:
+    parts = [f"Rig {words.clean(run.rig)}"] if run.rig else []
+    if run.fit is not None and run.fit.recordings:
+        names = [words.clean(one.name) for one in run.fit.recordings]
+        shown = words.join(names) if len(names) <= 3 else f"{len(names)} recordings"
+        parts.append(shown)
+    return " · ".join(parts)
+
+
+def _warnings(run: RunData) -> Html:
+    told = []
+    if run.fit is not None and not run.fit.converged:
+        told.append(f"The fit did not converge: {words.clean(run.fit.why) or 'no reason given'}.")
+    if run.network is not None and not run.network.converged:
+        told.append(f"The training of the network did not converge: {words.clean(run.network.why)}.")
+    told += [f"This command did not end: {' '.join(step.command)}." for step in run.steps if not step.ended]
+    return paragraphs((words.clean(one).replace("..", ".") for one in told), "warning")
+
+
+def _answer(question: str, answer: Answer, pictures: dict[str, Picture], *names: str) -> Html:
+    heading = tag("h2", tag("span", question, class_="question"), answer.lead)
+    shown = [figure_html(pictures[name]) for name in names if name in pictures]
+    points = tag("ul", [tag("li", prose(point)) for point in answer.points]) if answer.points else ""
+    return tag("section", heading, shown[:1], points, paragraphs(answer.details), shown[1:], class_="answer")
+
+
+def figure_html(picture: Picture) -> Html:
+    """The picture in both widths, its finding above it; one of the two shows."""
+    return tag(
+        "figure",
+        tag("figcaption", picture.title),
+        tag("div", Html(picture.wide), class_="wide", role="img", aria_label=picture.title),
+        tag("div", Html(picture.narrow), class_="narrow", role="img", aria_label=picture.title),
+        id=f"figure-{picture.name}",
+    )
+
+
+def _evidence(run: RunData, rows: tuple[ChannelErrors, ...], pictures: dict[str, Picture]) -> Html:
+    return tag(
+        "section",
+        tag("h2", "Evidence"),
+        _errors(run, rows),
+        _closed_loop(run),
+        _candidates(run),
+        _parameters(run),
+        _background(run, pictures),
+        _network(run, pictures),
+        _provenance(run),
+    )
+
+
+def _errors(run: RunData, rows: tuple[ChannelErrors, ...]) -> Html:
+    parts: list[Part] = [tag("h3", "Mean absolute error per channel")]
+    if rows:
+        parts.append(mae_table(rows))
+    notes = ["Mean of |measured - model| over the held-out windows, each model driven by the recorded command."]
+    notes += [f"{words.sentence(words.channel_words(channel)).rstrip('.')}: {file} scored the refitted model on other "
+              f"windows and found {words.with_unit_text(other, words.channel_unit(channel))} instead of "
+              f"{words.number(shown)}." for channel, file, other, shown in disagreements(run, rows)]  # fmt: skip
+    if run.residual is None:
+        notes.append("There is no residual.csv, so no window is shown; `pamid fit` writes it.")
+    return joined([*parts, paragraphs(notes, "note")])
+
+
+def _closed_loop(run: RunData) -> Html:
+    head = tag("h3", "In its own control loop")
+    if run.fit is None or not run.fit.closed_loop:
+        return joined([head, paragraphs(["No closed-loop error: it needs a recording whose controller is known "
+                                         "(`[controller]` in its TOML file) in `pamid fit`."], "note")])  # fmt: skip
+    note = ("Mean absolute error of the model under its own controller, over the held-out part. The band is how far "
+            "it moves when the conductances change by 0.1 %: differences inside it mean nothing.")  # fmt: skip
+    return joined([head, loop_table(run.fit.closed_loop), paragraphs([note], "note")])
+
+
+def _candidates(run: RunData) -> Html:
+    if run.diagnosis is None or not run.diagnosis.ranking:
+        return Html("")
+    count = len(run.diagnosis.ranking)
+    return tag("details", tag("summary", f"All {count} candidates that were refitted"), ranking_table(run.diagnosis))
+
+
+def _parameters(run: RunData) -> Html:
+    parameters, with_cause = parameters_of(run)
+    if not parameters:
+        return Html("")
+    note = ("Strain is the distance from the prior in prior standard deviations. Settled: the data fix it; weak: "
+            "partly the prior; silent: the data say nothing about it.")  # fmt: skip
+    return joined([tag("h3", "Parameters"), parameter_table(parameters, with_cause), paragraphs([note], "note"),
+                   paragraphs([_stepping(run.fit)] if run.fit is not None else [], "note")])  # fmt: skip
+
+
+def _stepping(fit: Fit) -> str:
+    if fit.substeps is None:
+        return ""
+    kind = "implicit" if fit.implicit else "explicit"
+    text = f"Simulated with {words.count(fit.substeps)} {kind} step(s) per sample"
+    if fit.recheck is not None:
+        text += f"; doubled steps change no output by more than {words.number(fit.recheck, 2)} noise standard "
+        text += "deviations"
+    return f"{text}."
+
+
+def _background(run: RunData, pictures: dict[str, Picture]) -> Html:
+    if "background" not in pictures:
+        return Html("")
+    told = []
+    if run.diagnosis is not None:
+        shares = [one.share_of_gap for one in run.diagnosis.background if one.share_of_gap is not None]
+        told = [f"Together these corrections took {words.percent(sum(shares))} of the gap."] if shares else []
+    note = "Tolerance-sized corrections that stand in every model compared; an effect counts only beyond them."
+    return joined([tag("h3", "Background"), figure_html(pictures["background"]), paragraphs([*told, note], "note")])
+
+
+def _network(run: RunData, pictures: dict[str, Picture]) -> Html:
+    head = tag("h3", "Residual network")
+    if run.network is None:
+        return joined([head, paragraphs(["No network was trained; `pamid train-residual RUN` adds one."], "note")])
+    one = run.network
+    size = f" with {words.count(one.n_weights)} parameters" if one.n_weights is not None else ""
+    ended = words.clean(one.why) or "no word of it"
+    told = [words.sentence(f"{words.clean(one.kind)} network{size}; how training ended: {ended}"),
+            words.sentence(words.clean(one.remark))]  # fmt: skip
+    shown = [figure_html(pictures[name]) for name in ("window-network", "training") if name in pictures]
+    return joined([head, paragraphs(told), *shown])
+
+
+def _provenance(run: RunData) -> Html:
+    versions = dict(pair for step in run.steps for pair in step.versions)
+    listed = ", ".join(f"{words.clean(name)} {words.clean(version)}" for name, version in versions.items())
+    parts: list[Part] = [tag("h3", "Provenance"), tag("div", steps_table(run.steps), class_="steps")]
+    if run.fit is not None and run.fit.recordings:
+        parts.append(recordings_table(run.fit))
+    if any(step.inputs for step in run.steps):
+        parts.append(inputs_table(run.steps))
+    return joined([*parts, paragraphs([f"Versions: {listed}."] if listed else [], "note")])

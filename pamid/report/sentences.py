@@ -1,0 +1,168 @@
+"""The findings in sentences, built from the numbers: verdict, titles of the figures. No file content is trusted here
+to be more than text; escaping happens where the page is made.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pamid.report import words
+from pamid.report.budget import ChannelErrors, Window, headline
+from pamid.report.diagnosed import Candidate, Diagnosis, Pull, Where
+from pamid.report.load import Network, RunData
+from pamid.report.reading import FloatArray
+from pamid.report.words import channel_unit, channel_words, effect_words, percent, percent_span, with_unit_text
+
+
+def causes_words(diagnosis: Diagnosis) -> str:
+    """ "Coulomb friction", "Coulomb friction and dead time"; for an ambiguous verdict joined by "or". """
+    last = "or" if diagnosis.verdict == "ambiguous" else "and"
+    return words.join((effect_words(cause.effect) for cause in diagnosis.causes), last)
+
+
+def candidate_order(diagnosis: Diagnosis) -> list[Candidate]:
+    """The ranking as the diagnosis wrote it: best first."""
+    return list(diagnosis.ranking)
+
+
+def runner_up(diagnosis: Diagnosis) -> Candidate | None:
+    """The best candidate that is neither a cause nor a look-alike of one; else the best that is no cause."""
+    named = {cause.effect for cause in diagnosis.causes}
+    alike = {name for group in diagnosis.look_alikes if named & set(group) for name in group}
+    others = [one for one in diagnosis.ranking if one.effect not in named]
+    apart = [one for one in others if one.effect not in alike]
+    return (apart or others or [None])[0]  # type: ignore[list-item]
+
+
+def verdict_sentence(run: RunData, rows: tuple[ChannelErrors, ...]) -> str:
+    """The whole page in one sentence."""
+    diagnosis, row = run.diagnosis, headline(rows)
+    if diagnosis is None:
+        return _fit_sentence(run, row)
+    if diagnosis.verdict == "no-structural-gap":
+        return "No structural gap: retuned parameters and the background account for what was measured."
+    if diagnosis.verdict == "unknown-effect":
+        port = diagnosis.unknown.port if diagnosis.unknown else diagnosis.where.port if diagnosis.where else ""
+        at = f" at the {words.port_words(port)} port" if port else ""
+        return f"Something material enters{at} that no effect of the catalogue explains."
+    if diagnosis.verdict == "ambiguous":
+        return words.sentence(f"the gap is explained, but these recordings cannot tell {causes_words(diagnosis)}")
+    return words.sentence(f"{causes_words(diagnosis)} {_removes(diagnosis)} {_gain(row)}")
+
+
+def _fit_sentence(run: RunData, row: ChannelErrors | None) -> str:
+    if row is None or row.refitted is None:
+        return "Fitted, not yet diagnosed."
+    unit_text, what = channel_unit(row.channel), channel_words(row.channel)
+    if row.data_sheet is None:
+        return f"Refitted, not yet diagnosed: the held-out {what} error is {with_unit_text(row.refitted, unit_text)}."
+    if row.refitted >= row.data_sheet:
+        return (f"Refitting does not help: the held-out {what} error is {with_unit_text(row.refitted, unit_text)}, "
+                f"{words.number(row.data_sheet)} from the data sheet; the cause is not yet diagnosed.")  # fmt: skip
+    return (f"Refitting takes the held-out {what} error from {words.number(row.data_sheet)} to "
+            f"{with_unit_text(row.refitted, unit_text)}; what is left is not yet diagnosed.")  # fmt: skip
+
+
+def _removes(diagnosis: Diagnosis) -> str:
+    return "removes" if len(diagnosis.causes) == 1 else "together remove"
+
+
+def _gain(row: ChannelErrors | None) -> str:
+    if row is None or row.shrinkage is None:
+        return "the gap"
+    interval = percent_span(row.low, row.high)
+    tail = "" if interval == words.DASH else f" (95 % interval {interval})"
+    return f"{percent(row.shrinkage)} of the held-out {channel_words(row.channel)} error{tail}"
+
+
+def ports_title(where: Where) -> str:
+    """ "81 % of the gap enters at the joint port". """
+    share = dict(where.shares).get(where.port)
+    alike = sorted({port for group in where.indistinguishable if where.port in group for port in group} - {where.port})
+    doubt = f", which these sensors cannot tell from {words.join(map(words.port_words, alike), 'or')}" if alike else ""
+    if share is None:
+        best, most = max(where.shares, key=lambda one: one[1])
+        return f"The largest part of the gap, {percent(most)}, enters at the {words.port_words(best)} port"
+    return f"{percent(share)} of the gap enters at the {words.port_words(where.port)} port{doubt}"
+
+
+def ranking_title(diagnosis: Diagnosis) -> str:
+    """The best candidate against the runner-up; for verdicts without a cause, how far the best falls short."""
+    best, second = diagnosis.ranking[0], runner_up(diagnosis)
+    if diagnosis.verdict in ("unknown-effect", "no-structural-gap"):
+        tail = "too little to be named" if diagnosis.verdict == "unknown-effect" else "not more than noise would"
+        return words.sentence(f"the best candidate, {effect_words(best.effect)}, removes {percent(best.shrinkage)} "
+                              f"of the held-out error: {tail}").removesuffix(".")  # fmt: skip
+    if second is None or second.shrinkage is None:
+        text = f"{effect_words(best.effect)} removes {percent(best.shrinkage)} of the held-out error"
+    else:
+        text = (f"{effect_words(best.effect)} removes {percent(best.shrinkage)} of the held-out error, the runner-up "
+                f"{effect_words(second.effect)} {percent(second.shrinkage)}")  # fmt: skip
+    return words.sentence(text).removesuffix(".")
+
+
+def budget_title(rows: tuple[ChannelErrors, ...], diagnosis: Diagnosis | None) -> str:
+    """ "Coulomb friction removes 78 % of the held-out angle error". """
+    row = headline(rows)
+    if row is None or row.refitted is None:
+        return "Held-out error of each model"
+    what, unit_text = channel_words(row.channel), channel_unit(row.channel)
+    explained = diagnosis is not None and diagnosis.verdict == "explained"
+    if explained and diagnosis is not None and row.with_cause is not None and row.refitted > 0:
+        share = row.shrinkage if row.shrinkage is not None else 1.0 - row.with_cause / row.refitted
+        text = f"{causes_words(diagnosis)} {_removes(diagnosis)} {percent(share)} of the held-out {what} error"
+        return words.sentence(text).removesuffix(".")
+    if row.data_sheet is None:
+        return f"The refitted model errs by {with_unit_text(row.refitted, unit_text)} in {what}, held out"
+    text = f"Refitting changes the held-out {what} error from {words.number(row.data_sheet)} to "
+    text += with_unit_text(row.refitted, unit_text)
+    return text if row.noise_floor is None else f"{text}; the noise floor is {words.number(row.noise_floor)}"
+
+
+def window_title(channel: str, window: Window, diagnosis: Diagnosis | None, kinds: tuple[str, ...]) -> str:
+    """ "Worst held-out window: the angle error falls from 1.20 to 0.210 deg with Coulomb friction". """
+    part = "held-out" if window.held_out else "fitted"
+    what, unit_text = channel_words(channel), channel_unit(channel)
+    before = window.mae["refitted"]
+    for kind in reversed(kinds):
+        if kind in ("cause", "network") and kind in window.mae:
+            cause = causes_words(diagnosis) if diagnosis is not None and kind == "cause" else "the network"
+            change = "falls" if window.mae[kind] < before else "grows"
+            return (f"Worst {part} window: the {what} error {change} from {words.number(before)} to "
+                    f"{with_unit_text(window.mae[kind], unit_text)} with {cause}")  # fmt: skip
+    return f"Worst {part} window: the refitted model errs by {with_unit_text(before, unit_text)} in {what}"
+
+
+def pulls_title(pulls: tuple[Pull, ...]) -> str:
+    """Whether the background stays within its tolerances."""
+    largest = max(pulls, key=lambda one: abs(one.pull))
+    told = f"{words.port_words(largest.name)} with {words.number(largest.pull, 2)}"
+    beyond = sum(abs(one.pull) > 2.0 for one in pulls)
+    if beyond:
+        many = "correction lies" if beyond == 1 else "corrections lie"
+        return f"{beyond} background {many} beyond twice the tolerance, the farthest {told}"
+    return f"The background stays within twice its tolerance; the largest pull is {told}"
+
+
+def training_title(trace: dict[str, FloatArray], network: Network | None) -> str:
+    """Where the training ended, and how many parameters it uses."""
+    text = f"Training ends at iteration {words.count(float(trace['iteration'][-1]))} with an MSE of "
+    text += words.number(float(trace["mse"][-1]))
+    gamma = trace.get("gamma")
+    if gamma is None or not np.isfinite(gamma[-1]):
+        return text
+    of = f" of {words.count(network.n_weights)}" if network is not None and network.n_weights is not None else ""
+    return f"{text}, using {words.number(float(gamma[-1]))}{of} parameters"
+
+
+def timeline_title(
+    channel: str, run: RunData, recording: int, curves: dict[str, tuple[FloatArray, FloatArray]]
+) -> str:
+    """How unevenly the error lies in time."""
+    time, error = curves["refitted"]
+    order = np.sort(error)[::-1]
+    half = int(np.searchsorted(np.cumsum(order), 0.5 * order.sum())) + 1
+    known = run.fit.recordings if run.fit is not None else ()
+    name = f" of {words.clean(known[recording].name)}" if 0 <= recording < len(known) else ""
+    return (f"Half of the refitted {channel_words(channel)} error{name} lies in {percent(half / order.size)} of the "
+            f"time shown")  # fmt: skip

@@ -1,0 +1,147 @@
+"""The tables of the page, and the table of errors for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from pamid.report import words
+from pamid.report.budget import MODELS, ChannelErrors
+from pamid.report.diagnosed import Diagnosis, Estimate
+from pamid.report.load import Fit, LoopError, Parameter, RunData, Step
+from pamid.report.markup import Html, Part, tag
+from pamid.report.words import channel_unit, channel_words, count, effect_words, number, percent, percent_span
+
+STRAINED = 3.0
+
+
+def table(heads: Iterable[str], rows: Iterable[Iterable[Part]], numeric: Iterable[int] = ()) -> Html:
+    """A table in a box that scrolls sideways on narrow pages; `numeric` columns are set right."""
+    right = set(numeric)
+
+    def cells(kind: str, parts: Iterable[Part]) -> list[Html]:
+        return [tag(kind, part, class_="n") if column in right else tag(kind, part)
+                for column, part in enumerate(parts)]  # fmt: skip
+
+    head = tag("tr", cells("th", heads))
+    body = [tag("tr", cells("td", row)) for row in rows]
+    return tag("div", tag("table", tag("thead", head), tag("tbody", body)), class_="scroll")
+
+
+def mae_fields(rows: tuple[ChannelErrors, ...]) -> list[str]:
+    """The models that are told for at least one channel."""
+    return [name for name in MODELS if any(name in row.known() for row in rows)]
+
+
+def mae_table(rows: tuple[ChannelErrors, ...]) -> Html:
+    """Held-out MAE (eq. 11) per channel and model."""
+    fields = mae_fields(rows)
+    shrinks = any(row.shrinkage is not None for row in rows)
+    heads = ["channel", "unit", *(MODELS[name] for name in fields), *(["shrinkage", "95 % interval"] * shrinks)]
+    body = []
+    for row in rows:
+        known = row.known()
+        cells = [channel_words(row.channel), channel_unit(row.channel) or "-"]
+        cells += [number(known.get(name)) for name in fields]
+        cells += [percent(row.shrinkage), percent_span(row.low, row.high)] if shrinks else []
+        body.append(cells)
+    return table(heads, body, range(2, len(heads)))
+
+
+def mae_text(rows: tuple[ChannelErrors, ...]) -> str:
+    """The same table in plain text, columns aligned."""
+    fields = mae_fields(rows)
+    lines = [["MAE, held out", *(MODELS[name] for name in fields)]]
+    for row in rows:
+        known, unit_text = row.known(), channel_unit(row.channel)
+        name = f"{channel_words(row.channel)} [{unit_text or '-'}]"
+        lines.append([name, *(number(known.get(field)).replace(words.SPACE, " ") for field in fields)])
+    widths = [max(len(line[column]) for line in lines) for column in range(len(lines[0]))]
+    return "\n".join(
+        "  ".join(cell.rjust(width) if column else cell.ljust(width)
+                  for column, (cell, width) in enumerate(zip(line, widths, strict=True))).rstrip()
+        for line in lines
+    )  # fmt: skip
+
+
+def loop_table(errors: tuple[LoopError, ...]) -> Html:
+    """MAE of the model in its own loop, with the band that small parameter changes cause."""
+    heads = ["channel", "unit", "data sheet", "refitted", "band (0.1 % of conductances)"]
+    body = [[channel_words(one.channel), channel_unit(one.channel) or "-", number(one.data_sheet), number(one.refitted),
+             "" if one.band is None else f"± {number(one.band)}"] for one in errors]  # fmt: skip
+    return table(heads, body, (2, 3, 4))
+
+
+def parameter_table(parameters: tuple[Parameter, ...], with_cause: dict[str, Estimate]) -> Html:
+    """Value, interval, prior, unit, how well it is known, strain, and what to think of it."""
+    beside = any(one.name in with_cause for one in parameters)
+    heads = ["parameter", "unit", "value", "95 % interval", "prior", *(["with cause"] * beside), "known", "strain",
+             "remark"]  # fmt: skip
+    body: list[list[Part]] = []
+    for one in parameters:
+        name: Part = [tag("code", words.clean(one.name)), tag("small", words.clean(one.source)) if one.source else ""]
+        row: list[Part] = [name, words.unit_words(one.unit) or "-", number(one.value), words.span(one.low, one.high),
+                           number(one.prior)]  # fmt: skip
+        if beside:
+            other = with_cause.get(one.name)
+            row.append(number(other.value) if other is not None else words.DASH)
+        strained = one.strain is not None and abs(one.strain) > STRAINED
+        strain: Part = tag("strong", number(one.strain, 2)) if strained else number(one.strain, 2)
+        body.append([*row, words.clean(one.word) or words.DASH, strain, _remark(one.strain, one.at_bound)])
+    return table(heads, body, (2, 3, 4, *([5] if beside else []), 6 + beside))
+
+
+def parameters_of(run: RunData) -> tuple[tuple[Parameter, ...], dict[str, Estimate]]:
+    """The fitted parameters, and those of the diagnosis beside them; the latter alone where there is no fit."""
+    found = run.diagnosis.parameters if run.diagnosis is not None else {}
+    if run.fit is not None and run.fit.parameters:
+        return run.fit.parameters, found
+    alone = tuple(
+        Parameter(name, one.value, one.low, one.high, one.prior, words.channel_unit(name), "", "", one.strain, "")
+        for name, one in found.items()
+    )
+    return alone, {}
+
+
+def _remark(strain: float | None, at_bound: str) -> str:
+    told = ["may be absorbing structure"] if strain is not None and abs(strain) > STRAINED else []
+    told += [f"at its {'lower' if at_bound == 'low' else 'upper'} bound"] if at_bound else []
+    return ", ".join(told)
+
+
+def ranking_table(diagnosis: Diagnosis) -> Html:
+    """Every candidate that was refitted, with its errors per channel."""
+    channels = list(dict.fromkeys(name for one in diagnosis.ranking for name in one.held_out))
+    heads = ["effect", "family", "port", "P", "removed", "95 % interval"]
+    heads += [f"{channel_words(name)} MAE [{channel_unit(name) or '-'}]" for name in channels] + ["remark"]
+    body: list[list[Part]] = []
+    for one in diagnosis.ranking:
+        row: list[Part] = [tag("code", words.clean(one.effect)), effect_words(one.family), words.port_words(one.port)]
+        row += [number(one.probability, 2), percent(one.shrinkage), percent_span(one.low, one.high)]
+        for name in channels:
+            before, after = one.held_out.get(name, (None, None))
+            row.append(words.DASH if after is None else f"{number(before)} → {number(after)}")
+        body.append([*row, "" if one.converged else f"not converged: {words.clean(one.why) or 'no reason given'}"])
+    return table(heads, body, range(3, 6 + len(channels)))
+
+
+def recordings_table(fit: Fit) -> Html:
+    """What was recorded and which part it played."""
+    heads = ["recording", "role", "samples", "period [ms]", "loop"]
+    body = [[words.clean(one.name), words.clean(one.role), count(one.samples),
+             words.DASH if one.period_s is None else number(1e3 * one.period_s), words.clean(one.loop) or words.DASH]
+            for one in fit.recordings]  # fmt: skip
+    return table(heads, body, (2, 3))
+
+
+def steps_table(steps: tuple[Step, ...]) -> Html:
+    """Every command that worked on the run."""
+    heads = ["command", "seed", "begun", "ended", "outcome"]
+    body = [[tag("code", words.clean(" ".join(one.command))), count(one.seed), one.begun or words.DASH,
+             one.ended or "did not end", one.outcome or words.DASH] for one in steps]  # fmt: skip
+    return table(heads, body, (1,))
+
+
+def inputs_table(steps: tuple[Step, ...]) -> Html:
+    """Every input file with the sha256 it had."""
+    inputs = dict.fromkeys(pair for step in steps for pair in step.inputs)
+    return table(["input", "sha256"], [[words.clean(path), tag("code", words.clean(sha))] for path, sha in inputs])
