@@ -87,10 +87,10 @@ def _unit(port: Port, what: str) -> str:
     top, _, bottom = what.partition("/")
     if not bottom:
         return port.unit_of(top)
-    above, below = port.unit_of(top), port.unit_of(bottom)
-    if not below:
-        return above
-    return f"{above or '1'}/({below})" if " " in below or "/" in below else f"{above or '1'}/{below}"
+    (a, _, b), (c, _, d) = (port.unit_of(signal).partition("/") for signal in (top, bottom))
+    over = " ".join(w for w in (a.strip("()"), d.strip("()")) if w not in ("", "1")) or "1"
+    under = " ".join(w for w in (b.strip("()"), c.strip("()")) if w not in ("", "1"))
+    return over if not under else f"{over}/({under})" if " " in under else f"{over}/{under}"
 
 
 def bind(parameter: Parameter, owner: str, port: Port | None, port_name: str, sizes: Sizes) -> Bound:

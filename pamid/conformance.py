@@ -208,7 +208,7 @@ def sensitivity_error(rig: Rig, attachment: Attachment | None = None, seed: int 
     program, period = trial.assembly.program, rig.period_s
     memory = program.memory(trial.assembly.start(p), len(trial.own), stepping=step, period_s=period)
     at_start = _start_slopes(trial, p)
-    memory.S[: at_start.shape[0]] = at_start
+    memory.S[: at_start.shape[0], : at_start.shape[1]] = at_start
     Y, exact, _ = program.run(memory, trial.u, p, period_s=period, stepping=step, columns=columns)
     worst = 0.0
     for column, (i, b) in enumerate(trial.own):

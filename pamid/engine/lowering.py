@@ -105,7 +105,7 @@ class _Lowering:
         return moved(z.here, at.here)
 
     def lag(self, x: Expr, tau: Expr) -> Expr:
-        tau = maximum(tau, 1e-12)
+        tau = maximum(tau, 1e-30)  # at the null the lag is the identity to the last bit
         h = tick("step")
         decay = exp(-h / tau)
         name = self.name("lag")

@@ -84,8 +84,9 @@ class Elman:
         The hidden units begin as damped oscillators in pairs (an odd last one as a lag), their time constants spread
         from `MEMORY[0]` to `MEMORY[1]` samples, with input weights that bring each to about half of tanh's bend. The
         output weights are nearly zero, so that the first training step is close to a linear regression on these modes.
-        At 3 ms, starting from a dense random context matrix of spectral radius 0.9 (a memory of ten samples), training
-        on a lightly damped 1.4 Hz gap of 10000 samples stalled at ten times the mean squared error or more.
+        Why: on a lightly damped 1.4 Hz gap sampled at 3 ms (10000 samples, 60 steps), starts from a dense random
+        context matrix of spectral radius 0.9, a memory of ten samples, ended at a mean squared error of 1.4e-2 to
+        2.3e-2; of six starts from this one, three ended at 2e-4 and three at 1.0e-2 to 1.5e-2. Take several starts.
         """
         draw = np.random.default_rng(seed)
         h, m = self.hidden, self.inputs

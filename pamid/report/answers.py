@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 from pamid.report import words
 from pamid.report.budget import ChannelErrors, headline
-from pamid.report.diagnosed import Candidate, Diagnosis, Regime
+from pamid.report.diagnosed import Candidate, Diagnosis, Regime, Where
 from pamid.report.load import RunData
-from pamid.report.sentences import budget_title, causes_words, ports_title, runner_up
-from pamid.report.words import channel_unit, channel_words, effect_words, number, percent, percent_span, sentence
+from pamid.report.sentences import causes_words, runner_up
+from pamid.report.words import channel_unit, channel_words, effect_words, percent, percent_span, sentence, short
 
 DIAGNOSE_HINT = "`pamid diagnose` on the same recordings adds this answer."
 _MOST_WINDOWS = 6
@@ -35,21 +35,31 @@ def where_answer(run: RunData) -> Answer:
     if where is None or not (where.port or where.shares):
         return Answer("The diagnosis names no port.")
     details = [sentence(f"from these sensors alone, {words.join(map(words.port_words, group))} cannot be told apart")
-               for group in where.indistinguishable]  # fmt: skip
+               for group in where.indistinguishable if where.port not in group]  # fmt: skip
     if where.frequency_hz is not None:
-        details.append(f"Most of it lies between {number(where.frequency_hz[0], 2)} and "
-                       f"{number(where.frequency_hz[1], 2)} Hz.")  # fmt: skip
+        details.append(f"Most of it lies between {short(where.frequency_hz[0], 2)} and "
+                       f"{short(where.frequency_hz[1], 2)} Hz.")  # fmt: skip
     if where.windows_s:
         shown = [words.span(low, high, "s") for low, high in where.windows_s[:_MOST_WINDOWS]]
         more = f", and {len(where.windows_s) - len(shown)} more" if len(where.windows_s) > len(shown) else ""
         details.append(f"It shows most in these windows of the recording: {', '.join(shown)}{more}.")
-    return Answer(sentence(ports_title(where)), tuple(details), tuple(_regime(one) for one in where.regimes))
+    return Answer(_where_lead(where), tuple(details), tuple(_regime(one) for one in where.regimes))
+
+
+def _where_lead(where: Where) -> str:
+    alike = sorted({port for group in where.indistinguishable if where.port in group for port in group} - {where.port})
+    if not where.port:
+        return "No single port stands out."
+    if not alike:
+        return f"At the {words.port_words(where.port)} port."
+    return sentence(f"at the {words.port_words(where.port)} port; these sensors cannot tell it from "
+                    f"{words.join(map(words.port_words, alike), 'or')}")  # fmt: skip
 
 
 def _regime(one: Regime) -> str:
     unit_text = words.unit_words(one.unit)
     if one.low is not None and one.high is not None:
-        place = f"{words.port_words(one.signal)} between {number(one.low)} and {number(one.high)}"
+        place = f"{words.port_words(one.signal)} between {short(one.low)} and {short(one.high)}"
         place += f"{words.SPACE}{unit_text}" if unit_text else ""
     else:
         place = f"{words.port_words(one.signal)} {words.span(one.low, one.high, unit_text)}".replace(words.DASH, "")
@@ -57,7 +67,7 @@ def _regime(one: Regime) -> str:
         return sentence(place)
     text = f"{place}: {percent(one.share_of_gap)} of the gap"
     if one.share_of_time:
-        text += f" in {percent(one.share_of_time)} of the time, {number(one.share_of_gap / one.share_of_time, 2)} times"
+        text += f" in {percent(one.share_of_time)} of the time, {short(one.share_of_gap / one.share_of_time, 2)} times"
         text += " its share"
     return sentence(text)
 
@@ -95,7 +105,7 @@ def _sizes(diagnosis: Diagnosis) -> list[str]:
     for cause in diagnosis.causes:
         for name, one in cause.parameters.items():
             interval = words.span(one.low, one.high)
-            tail = "" if interval == words.DASH else f" (95 % interval {interval})"
+            tail = words.interval_tail(interval)
             value = words.with_unit_text(one.value, channel_unit(name))
             told.append(sentence(f"{effect_words(cause.effect)}: {channel_words(name)} {value}{tail}"))
     return told
@@ -143,7 +153,7 @@ def _beside(diagnosis: Diagnosis) -> list[str]:
 def _result(one: Candidate) -> str:
     text = f"removes {percent(one.shrinkage)} of the held-out error"
     interval = percent_span(one.low, one.high)
-    text += "" if interval == words.DASH else f" (95 % interval {interval})"
+    text += words.interval_tail(interval)
     text += "" if one.probability is None else f", probability {one.probability:.2f}"
     if one.converged:
         return text
@@ -151,24 +161,20 @@ def _result(one: Candidate) -> str:
 
 
 def how_far_answer(run: RunData, rows: tuple[ChannelErrors, ...]) -> Answer:
-    """How far the gap shrinks: the errors of the headline channel in a row, and the other channels' shrinkage."""
+    """How far the gap shrinks: mean absolute errors of the headline channel, and the shrinkage of every channel."""
     row = headline(rows)
     if row is None:
         return Answer("No channel was scored.")
     what, unit_text = channel_words(row.channel), channel_unit(row.channel)
+    details = _limits(row, unit_text)
+    points = [_channel_point(one) for one in rows if one.shrinkage is not None] if len(rows) > 1 else []
+    return Answer(sentence(f"the held-out {what} error is {_steps(run, row, unit_text)}"), tuple(details), tuple(points))
+
+
+def _steps(run: RunData, row: ChannelErrors, unit_text: str) -> str:
     steps = [(row.data_sheet, "from the data sheet"), (row.refitted, "refitted"), (row.with_cause, _cause_label(run))]
     told = [f"{words.with_unit_text(value, unit_text)} {name}" for value, name in steps if value is not None]
-    details = [f"Held-out mean absolute error of the {what}: {', '.join(told)}."] if told else []
-    details += _limits(row, unit_text)
-    points = [_channel_point(one) for one in rows if one.shrinkage is not None] if len(rows) > 1 else []
-    return Answer(sentence(_how_far_lead(run, row, rows)), tuple(details), tuple(points))
-
-
-def _how_far_lead(run: RunData, row: ChannelErrors, rows: tuple[ChannelErrors, ...]) -> str:
-    lead = budget_title(rows, run.diagnosis)
-    if run.diagnosis is not None and run.diagnosis.verdict == "explained" and row.low is not None:
-        return f"{lead} (95 % interval {percent_span(row.low, row.high)})"
-    return lead
+    return words.join(told) or "not told"
 
 
 def _cause_label(run: RunData) -> str:
@@ -184,10 +190,12 @@ def _limits(row: ChannelErrors, unit_text: str) -> list[str]:
     if row.noise_floor is not None:
         text = f"The noise floor is {words.with_unit_text(row.noise_floor, unit_text)}"
         if best is not None and row.noise_floor > 0:
-            text += f"; what is left is {number(best / row.noise_floor, 2)} times that"
+            text += f"; what is left is {short(best / row.noise_floor, 2)} times that"
         told.append(f"{text}.")
     if row.black_box is not None and best is not None:
-        verb = "no better than the physical model" if row.black_box >= best else "so structure may still be missing"
+        verb = "no better than the physical model"
+        if row.black_box < best:
+            verb = "hardly better" if row.black_box > 0.9 * best else "so some structure may still be missing"
         told.append(f"A black box trained on the same data reaches {words.with_unit_text(row.black_box, unit_text)}, "
                     f"{verb}.")  # fmt: skip
     return told
@@ -195,7 +203,7 @@ def _limits(row: ChannelErrors, unit_text: str) -> list[str]:
 
 def _channel_point(row: ChannelErrors) -> str:
     interval = percent_span(row.low, row.high)
-    tail = "" if interval == words.DASH else f" (95 % interval {interval})"
+    tail = words.interval_tail(interval)
     return sentence(f"{channel_words(row.channel)}: {percent(row.shrinkage)} of the held-out error removed{tail}")
 
 

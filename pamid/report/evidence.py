@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from pamid.report import words
 from pamid.report.diagnosed import Diagnosis, Pull
@@ -14,7 +14,7 @@ from pamid.report.sentences import pulls_title, timeline_title, training_title
 from pamid.report.style import Drawing, bare, colour, grid, label
 
 _BINS = 160
-_PANELS = {"mse": ("MSE [-]", True), "gamma": ("gamma [parameters]", False), "mu": ("mu [-]", True)}
+_PANELS = {"mse": ("MSE [-]", True), "gamma": ("gamma [-]", False), "mu": ("mu [-]", True)}
 
 
 def pulls_drawing(pulls: tuple[Pull, ...]) -> Drawing | None:
@@ -30,7 +30,7 @@ def pulls_drawing(pulls: tuple[Pull, ...]) -> Drawing | None:
         for row, one in enumerate(shown):
             large = abs(one.pull) > 2.0
             axes.barh(row, one.pull, height=0.6, color=colour("with_cause" if large else "refitted"), linewidth=0.0)
-            axes.annotate(words.number(one.pull, 2), (one.pull, row), xytext=(4 if one.pull >= 0 else -4, 0),
+            axes.annotate(words.short(one.pull, 2), (one.pull, row), xytext=(4 if one.pull >= 0 else -4, 0),
                           textcoords="offset points", va="center", ha="left" if one.pull >= 0 else "right",
                           fontsize=8.5, color=colour("ink"))
         for edge in (-2.0, 0.0, 2.0):
@@ -59,6 +59,7 @@ def training_drawing(trace: dict[str, FloatArray], network: Network | None) -> D
             axes.plot(trace["iteration"], trace[name], color=colour("with_network"), linewidth=1.5)
             if logarithmic and (trace[name] > 0).all():
                 axes.set_yscale("log")
+                axes.yaxis.set_major_formatter(FuncFormatter(_power_of_ten))
             axes.set_ylabel(axis_text)
             axes.margins(x=0.01)
             axes.minorticks_off()
@@ -67,8 +68,12 @@ def training_drawing(trace: dict[str, FloatArray], network: Network | None) -> D
         stack[-1].xaxis.set_major_locator(MaxNLocator(6, integer=True))
         figure.align_ylabels(list(stack))
 
-    height = 0.4 + 1.1 * len(panels)
+    height = 0.45 + 1.15 * len(panels)
     return Drawing("training", training_title(trace, network), draw, height, height)
+
+
+def _power_of_ten(value: float, _: int | None = None) -> str:
+    return words.number(value, 1).removeprefix(f"1{words.SPACE}×{words.SPACE}").replace(words.SPACE, " ")
 
 
 def timeline_drawing(run: RunData, channel: str) -> Drawing | None:
@@ -84,8 +89,8 @@ def timeline_drawing(run: RunData, channel: str) -> Drawing | None:
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
-        for low, high in shaded:
-            axes.axvspan(low, high, color=colour("line"), linewidth=0.0)
+        for count, (low, high) in enumerate(shaded):
+            axes.axvspan(low, high, color=colour("line"), linewidth=0.0, label="" if count else "named windows")
         for kind, (time, error) in curves.items():
             role = {"cause": "with_cause"}.get(kind, kind)
             name = {"refitted": "refitted", "cause": "with cause"}[kind]
@@ -95,7 +100,7 @@ def timeline_drawing(run: RunData, channel: str) -> Drawing | None:
         axes.set_ylabel(words.axis_label("mean |error|", label(words.channel_unit(channel))))
         axes.set_xlabel("time [s]")
         grid(axes, "y")
-        figure.legend(loc="outside upper left", ncols=2, handlelength=1.8)
+        figure.legend(loc="outside upper left", ncols=3, handlelength=1.8)
 
     title = timeline_title(channel, run, number, curves)
     return Drawing("timeline", title, draw, 2.3, 2.5)

@@ -45,7 +45,7 @@ def ports_drawing(diagnosis: Diagnosis) -> Drawing | None:
             named, doubtful = port == where.port, port in alike
             axes.barh(row, 100.0 * share, height=0.62, color=colour("with_cause" if named else "data_sheet"),
                       hatch="////" if doubtful else None, linewidth=0.0)
-            note = "  not told apart" if doubtful else ""
+            note = f" (not told from {label(words.port_words(where.port), 16)})" if doubtful else ""
             _value(axes, 100.0 * share, row, f"{words.percent(share)}{'' if narrow else note}")
         _rows(axes, [words.port_words(port) for port, _ in shares])
         axes.set_xlim(min(0.0, 100.0 * min(share for _, share in shares)), 118.0)
@@ -78,7 +78,9 @@ def ranking_drawing(diagnosis: Diagnosis) -> Drawing | None:
                   fontsize=8.0, color=colour("muted"), clip_on=False)
         _rows(axes, [_candidate_name(one, alike, narrow) for one in shown])
         axes.set_xlim(100.0 * left - 3.0, 100.0 * right + (20.0 if narrow else 13.0))
-        axes.set_xticks([tick for tick in range(-50, 101, 25) if tick >= 100.0 * left - 3.0])
+        ticks = [tick for tick in range(-50, 101, 25) if 100.0 * left - 3.0 <= tick <= 100.0 * right]
+        axes.set_xticks(ticks)
+        axes.spines["bottom"].set_bounds(100.0 * left - 3.0, 100.0 * right)
         axes.set_xlabel("held-out error removed [%]" if narrow else "held-out error removed [%], line: 95 % interval")
 
     height = 0.85 + 0.27 * len(shown)
@@ -171,10 +173,10 @@ def _budget(axes: Axes, row: ChannelErrors, fields: list[str]) -> None:
     unit_text = words.channel_unit(row.channel)
     for position, field in enumerate(fields):
         if field not in known:
-            axes.text(0.0, position, " not told", va="center", fontsize=8.0, color=colour("muted"))
+            axes.text(0.0, position, f" {words.DASH}", va="center", fontsize=8.0, color=colour("muted"))
             continue
         axes.barh(position, known[field], height=0.66, color=colour(field), linewidth=0.0)
-        _value(axes, known[field], position, words.number(known[field]))
+        _value(axes, known[field], position, words.short(known[field]))
     axes.set_xlim(0.0, 1.32 * max(known.values()) or 1.0)
     axes.locator_params(axis="x", nbins=4)
     axes.set_xlabel(words.axis_label(f"{label(words.channel_words(row.channel), 22)} MAE", label(unit_text)))

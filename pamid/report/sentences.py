@@ -58,8 +58,8 @@ def _fit_sentence(run: RunData, row: ChannelErrors | None) -> str:
         return f"Refitted, not yet diagnosed: the held-out {what} error is {with_unit_text(row.refitted, unit_text)}."
     if row.refitted >= row.data_sheet:
         return (f"Refitting does not help: the held-out {what} error is {with_unit_text(row.refitted, unit_text)}, "
-                f"{words.number(row.data_sheet)} from the data sheet; the cause is not yet diagnosed.")  # fmt: skip
-    return (f"Refitting takes the held-out {what} error from {words.number(row.data_sheet)} to "
+                f"{words.short(row.data_sheet)} from the data sheet; the cause is not yet diagnosed.")  # fmt: skip
+    return (f"Refitting takes the held-out {what} error from {words.short(row.data_sheet)} to "
             f"{with_unit_text(row.refitted, unit_text)}; what is left is not yet diagnosed.")  # fmt: skip
 
 
@@ -70,20 +70,16 @@ def _removes(diagnosis: Diagnosis) -> str:
 def _gain(row: ChannelErrors | None) -> str:
     if row is None or row.shrinkage is None:
         return "the gap"
-    interval = percent_span(row.low, row.high)
-    tail = "" if interval == words.DASH else f" (95 % interval {interval})"
+    tail = words.interval_tail(percent_span(row.low, row.high))
     return f"{percent(row.shrinkage)} of the held-out {channel_words(row.channel)} error{tail}"
 
 
 def ports_title(where: Where) -> str:
-    """ "81 % of the gap enters at the joint port". """
-    share = dict(where.shares).get(where.port)
-    alike = sorted({port for group in where.indistinguishable if where.port in group for port in group} - {where.port})
-    doubt = f", which these sensors cannot tell from {words.join(map(words.port_words, alike), 'or')}" if alike else ""
-    if share is None:
-        best, most = max(where.shares, key=lambda one: one[1])
-        return f"The largest part of the gap, {percent(most)}, enters at the {words.port_words(best)} port"
-    return f"{percent(share)} of the gap enters at the {words.port_words(where.port)} port{doubt}"
+    """ "81 % of the gap enters at the joint port, 12 % at the muscle port". """
+    ordered = sorted(where.shares, key=lambda one: (one[0] != where.port, -one[1]))
+    (port, share), others = ordered[0], ordered[1:2]
+    tail = f", {percent(others[0][1])} at the {words.port_words(others[0][0])} port" if others else ""
+    return f"{percent(share)} of the gap enters at the {words.port_words(port)} port{tail}"
 
 
 def ranking_title(diagnosis: Diagnosis) -> str:
@@ -114,9 +110,9 @@ def budget_title(rows: tuple[ChannelErrors, ...], diagnosis: Diagnosis | None) -
         return words.sentence(text).removesuffix(".")
     if row.data_sheet is None:
         return f"The refitted model errs by {with_unit_text(row.refitted, unit_text)} in {what}, held out"
-    text = f"Refitting changes the held-out {what} error from {words.number(row.data_sheet)} to "
+    text = f"Refitting changes the held-out {what} error from {words.short(row.data_sheet)} to "
     text += with_unit_text(row.refitted, unit_text)
-    return text if row.noise_floor is None else f"{text}; the noise floor is {words.number(row.noise_floor)}"
+    return text if row.noise_floor is None else f"{text}; the noise floor is {words.short(row.noise_floor)}"
 
 
 def window_title(channel: str, window: Window, diagnosis: Diagnosis | None, kinds: tuple[str, ...]) -> str:
@@ -128,7 +124,7 @@ def window_title(channel: str, window: Window, diagnosis: Diagnosis | None, kind
         if kind in ("cause", "network") and kind in window.mae:
             cause = causes_words(diagnosis) if diagnosis is not None and kind == "cause" else "the network"
             change = "falls" if window.mae[kind] < before else "grows"
-            return (f"Worst {part} window: the {what} error {change} from {words.number(before)} to "
+            return (f"Worst {part} window: the {what} error {change} from {words.short(before)} to "
                     f"{with_unit_text(window.mae[kind], unit_text)} with {cause}")  # fmt: skip
     return f"Worst {part} window: the refitted model errs by {with_unit_text(before, unit_text)} in {what}"
 
@@ -136,7 +132,7 @@ def window_title(channel: str, window: Window, diagnosis: Diagnosis | None, kind
 def pulls_title(pulls: tuple[Pull, ...]) -> str:
     """Whether the background stays within its tolerances."""
     largest = max(pulls, key=lambda one: abs(one.pull))
-    told = f"{words.port_words(largest.name)} with {words.number(largest.pull, 2)}"
+    told = f"{words.port_words(largest.name)} with {words.short(largest.pull, 2)}"
     beyond = sum(abs(one.pull) > 2.0 for one in pulls)
     if beyond:
         many = "correction lies" if beyond == 1 else "corrections lie"
@@ -147,12 +143,12 @@ def pulls_title(pulls: tuple[Pull, ...]) -> str:
 def training_title(trace: dict[str, FloatArray], network: Network | None) -> str:
     """Where the training ended, and how many parameters it uses."""
     text = f"Training ends at iteration {words.count(float(trace['iteration'][-1]))} with an MSE of "
-    text += words.number(float(trace["mse"][-1]))
+    text += words.short(float(trace["mse"][-1]))
     gamma = trace.get("gamma")
     if gamma is None or not np.isfinite(gamma[-1]):
         return text
     of = f" of {words.count(network.n_weights)}" if network is not None and network.n_weights is not None else ""
-    return f"{text}, using {words.number(float(gamma[-1]))}{of} parameters"
+    return f"{text}, using {words.short(float(gamma[-1]))}{of} parameters"
 
 
 def timeline_title(

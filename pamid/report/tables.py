@@ -36,13 +36,14 @@ def mae_table(rows: tuple[ChannelErrors, ...]) -> Html:
     """Held-out MAE (eq. 11) per channel and model."""
     fields = mae_fields(rows)
     shrinks = any(row.shrinkage is not None for row in rows)
-    heads = ["channel", "unit", *(MODELS[name] for name in fields), *(["shrinkage", "95 % interval"] * shrinks)]
+    heads = ["channel", "unit", *(MODELS[name] for name in fields), *([f"shrinkage ({words.INTERVAL})"] * shrinks)]
     body = []
     for row in rows:
         known = row.known()
         cells = [channel_words(row.channel), channel_unit(row.channel) or "-"]
         cells += [number(known.get(name)) for name in fields]
-        cells += [percent(row.shrinkage), percent_span(row.low, row.high)] if shrinks else []
+        interval = percent_span(row.low, row.high)
+        cells += [percent(row.shrinkage) + ("" if interval == words.DASH else f" ({interval})")] if shrinks else []
         body.append(cells)
     return table(heads, body, range(2, len(heads)))
 
@@ -74,7 +75,7 @@ def loop_table(errors: tuple[LoopError, ...]) -> Html:
 def parameter_table(parameters: tuple[Parameter, ...], with_cause: dict[str, Estimate]) -> Html:
     """Value, interval, prior, unit, how well it is known, strain, and what to think of it."""
     beside = any(one.name in with_cause for one in parameters)
-    heads = ["parameter", "unit", "value", "95 % interval", "prior", *(["with cause"] * beside), "known", "strain",
+    heads = ["parameter", "unit", "value", words.INTERVAL, "prior", *(["with cause"] * beside), "known", "strain",
              "remark"]  # fmt: skip
     body: list[list[Part]] = []
     for one in parameters:
@@ -111,7 +112,7 @@ def _remark(strain: float | None, at_bound: str) -> str:
 def ranking_table(diagnosis: Diagnosis) -> Html:
     """Every candidate that was refitted, with its errors per channel."""
     channels = list(dict.fromkeys(name for one in diagnosis.ranking for name in one.held_out))
-    heads = ["effect", "family", "port", "P", "removed", "95 % interval"]
+    heads = ["effect", "family", "port", "P", "removed", words.INTERVAL]
     heads += [f"{channel_words(name)} MAE [{channel_unit(name) or '-'}]" for name in channels] + ["remark"]
     body: list[list[Part]] = []
     for one in diagnosis.ranking:
@@ -136,9 +137,14 @@ def recordings_table(fit: Fit) -> Html:
 def steps_table(steps: tuple[Step, ...]) -> Html:
     """Every command that worked on the run."""
     heads = ["command", "seed", "begun", "ended", "outcome"]
-    body = [[tag("code", words.clean(" ".join(one.command))), count(one.seed), one.begun or words.DASH,
-             one.ended or "did not end", one.outcome or words.DASH] for one in steps]  # fmt: skip
+    body = [[tag("code", words.clean(" ".join(one.command))), count(one.seed), _moment(one.begun) or words.DASH,
+             _moment(one.ended) or "did not end", one.outcome or words.DASH] for one in steps]  # fmt: skip
     return table(heads, body, (1,))
+
+
+def _moment(stamp: str) -> str:
+    """ "2024-05-01T10:00:00+00:00" -> "2024-05-01 10:00:00 UTC". """
+    return words.clean(stamp).replace("T", " ").replace("+00:00", " UTC")
 
 
 def inputs_table(steps: tuple[Step, ...]) -> Html:

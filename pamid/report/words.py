@@ -15,6 +15,7 @@ _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]+")
 _POWER = re.compile(r"(?<=[A-Za-z])\d")
 MINUS, DASH, SPACE = "\u2212", "\u2013", "\u00a0"
+INTERVAL = f"95{SPACE}% interval"
 
 
 def clean(text: str) -> str:
@@ -75,9 +76,16 @@ def number(value: float | None, digits: int = 3) -> str:
     return f"{mantissa}{SPACE}×{SPACE}10{str(exponent).translate(_SUPERSCRIPTS)}"
 
 
+def short(value: float | None, digits: int = 3) -> str:
+    """As `number`, without zeros at the end: for sentences and bars, where nothing stands in columns."""
+    text = number(value, digits)
+    head, times, power = text.partition(f"{SPACE}×")
+    return (head.rstrip("0").rstrip(".") if "." in head else head) + times + power
+
+
 def with_unit_text(value: float | None, unit_text: str, digits: int = 3) -> str:
-    """ "0.520 deg". """
-    return f"{number(value, digits)}{SPACE}{unit_text}" if unit_text and value is not None else number(value, digits)
+    """ "0.52 deg". """
+    return f"{short(value, digits)}{SPACE}{unit_text}" if unit_text and value is not None else short(value, digits)
 
 
 def percent(share: float | None) -> str:
@@ -99,10 +107,18 @@ def span(low: float | None, high: float | None, unit_text: str = "", digits: int
     if low is None and high is None:
         return DASH
     if low is None:
-        return f"below {number(high, digits)}{tail}"
+        return f"below {short(high, digits)}{tail}"
     if high is None:
-        return f"above {number(low, digits)}{tail}"
-    return f"{number(low, digits)} to {number(high, digits)}{tail}"
+        return f"above {short(low, digits)}{tail}"
+    first, last = number(low, digits).partition(f"{SPACE}×"), number(high, digits).partition(f"{SPACE}×")
+    if first[1] and first[2] == last[2]:  # one power of ten is enough
+        return f"({first[0]} to {last[0]}){''.join(last[1:])}{tail}"
+    return f"{short(low, digits)} to {short(high, digits)}{tail}"
+
+
+def interval_tail(interval: str) -> str:
+    """ " (95 % interval 74 to 82 %)"; "" where there is none. """
+    return "" if interval == DASH else f" ({INTERVAL} {interval})"
 
 
 def percent_span(low: float | None, high: float | None) -> str:
