@@ -282,11 +282,17 @@ def fit(problem: Problem, *, p: Array | None = None, starts: tuple[Array, ...] |
     return Fit(problem, p, starts, weights, now.cost, covariance, count, converged, why, step, tuple(now.residuals))
 
 
-def residual_weights(residuals: tuple[Array, ...], noise: Array) -> Weights:
-    """Size and correlation of residuals per channel: rms (at least the noise) and integrated autocorrelation time."""
+def residual_weights(problem: Problem, residuals: tuple[Array, ...], noise: Array) -> Weights:
+    """Size and correlation of residuals per channel: rms (at least the noise) and integrated autocorrelation time.
+
+    The correlation counts up to an eighth of a window: what is slower, the windows' own starts take up.
+    """
     rms = np.sqrt(np.mean(np.concatenate(residuals) ** 2, axis=0))
-    longest = max(residuals, key=len)
-    return Weights(np.maximum(rms, noise), np.array([correlation_length(longest[:, c]) for c in range(len(rms))]))
+    i = max(range(len(residuals)), key=lambda k: len(residuals[k]))
+    longest = residuals[i]
+    most = (problem.windows(problem.tracks[i])[0].stop) / 8.0
+    lengths = np.array([correlation_length(longest[:, c]) for c in range(len(rms))])
+    return Weights(np.maximum(rms, noise), np.clip(lengths, 1.0, max(most, 1.0)))
 
 
 def correlation_length(r: Array) -> float:
@@ -314,7 +320,7 @@ def fit_robustly(problem: Problem, *, progress: Progress | None = None, rounds: 
         if not fitted.residuals:
             break
         total += fitted.iterations
-        fitted = fit(problem, p=fitted.p, starts=fitted.starts, weights=residual_weights(fitted.residuals, noise),
+        fitted = fit(problem, p=fitted.p, starts=fitted.starts, weights=residual_weights(problem, fitted.residuals, noise),
                      stepping=fitted.stepping, progress=progress, tolerance=1e-3)
     return fitted
 
@@ -323,4 +329,4 @@ def _first_weights(problem: Problem, noise: Array, probe: Fit) -> Weights:
     """Weights from the data-sheet model's own misfit."""
     if not probe.residuals:
         return Weights(noise, np.full_like(noise, 30.0))
-    return residual_weights(probe.residuals, noise)
+    return residual_weights(problem, probe.residuals, noise)

@@ -60,7 +60,7 @@ def replay(assembly: Assembly, p: Array, track: Track, stepping: Stepping, noise
         x, _, usable = estimate_start(runner, memory, Window(window.start, window.start + warm), values, 1.0 / noise,
                                       carried)
         if usable:
-            memory.x[: runner.rig_states] = x
+            runner.enter(memory, x)
         Y, _, fine = runner.run(memory, window, values, False)
         if not fine or not np.isfinite(memory.x).all():
             finite = False

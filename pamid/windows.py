@@ -121,6 +121,7 @@ class Runner:
         """Start a window at rig state x: sensitivities to x begin here, those to parameters live on in memories."""
         n, k = self.rig_states, len(self.free)
         memory.x[:n] = x
+        memory.join = True
         memory.S[:n] = 0.0
         memory.S[:, k:] = 0.0
         memory.S[:n, k : k + n] = np.eye(n)

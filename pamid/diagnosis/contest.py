@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pamid.assembly import Assembly, Attachment, Sizes
 from pamid.evidence import Evidence
-from pamid.fitting import Fit, Problem, Weights, fit, free_parameters
+from pamid.fitting import Fit, Problem, Weights, fit, free_parameters, residual_weights
 from pamid.residuals import Replay, replay
 
 Array = NDArray[np.float64]
@@ -65,14 +65,28 @@ def model_with(evidence: Evidence, attached: tuple[Attachment, ...], sizes: Size
 
 
 def refit(evidence: Evidence, assembly: Assembly, weights: Weights, starts: tuple[Array, ...], *,
-          first: dict[str, float] | None = None, iterations: int = 25, from_p: Array | None = None) -> Fit:
-    """Fit all parameters jointly from the data-sheet start; `first`: starting values (SI) by parameter key."""
+          first: dict[str, float] | None = None, iterations: int = 25) -> Fit:
+    """Fit all parameters jointly from the data-sheet start; `first`: starting values (SI) by parameter key.
+
+    First with the baseline's weights, then with those of its own, smaller residuals: a model that explains the gap
+    is not held to its priors by the size of the gap it removed.
+    """
     tracks = evidence.tracks(assembly)
     problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
-    p = assembly.values() if from_p is None else from_p.copy()
+    p = assembly.values()
     for key, value in (first or {}).items():
-        p[assembly.keys[key]] = value
-    return fit(problem, p=p, starts=starts, weights=weights, iterations=iterations, tolerance=2e-2)
+        bound = assembly.parameters[assembly.keys[key]]
+        p[assembly.keys[key]] = min(max(value, bound.low), bound.high)
+    done = fit(problem, p=p, starts=starts, weights=weights, iterations=iterations, tolerance=2e-2)
+    for _ in range(2):
+        if not done.residuals:
+            break
+        own = residual_weights(problem, done.residuals, evidence.noise)
+        if (own.root < 1.2 * done.weights.root).all():
+            break
+        done = fit(problem, p=done.p, starts=done.starts, weights=own, stepping=done.stepping, iterations=iterations,
+                   tolerance=2e-2)
+    return done
 
 
 def log_loss(squares: Array, rows: NDArray[np.intp] | NDArray[np.bool_] | slice = slice(None)) -> Array:

@@ -16,7 +16,6 @@ from pamid.diagnosis.look_alikes import look_alike_classes
 from pamid.diagnosis.screen import Screened, screen, sent_on
 from pamid.effect import Effect, Hints
 from pamid.evidence import Evidence, selection_part
-from pamid.fitting import residual_weights
 from pamid.jobs import run_jobs
 from pamid.metrics import moving_block_interval
 
@@ -69,7 +68,6 @@ def diagnose(evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: in
     classes = look_alike_classes(evidence, base, list(ranking[:8]))
     best = _simplest(budget, ranking, chosen, seed)
     ranking, probability = _to_front(ranking, probability, best)
-    best = _finish(evidence, best)
     verdict, cause, tied = _judge(evidence, budget, ranking, best, chosen, classes, candidates, hints, seed, jobs, told)
     return Diagnosis(evidence, budget, chosen, verdict, ranking, tuple(probability), tuple(failed), tied, cause,
                      {c.attached[-1].label: c for c in ranking}, tuple(tuple(k) for k in classes))
@@ -146,16 +144,6 @@ def _to_front(ranking: tuple[Contender, ...], probability: list[float],
     return tuple(ranking[k] for k in order), [probability[k] for k in order]
 
 
-def _finish(evidence: Evidence, best: Contender) -> Contender:
-    """Fit the winner once more with weights from its own residuals: sharper parameters, honest intervals."""
-    if not best.fit.residuals:
-        return best
-    weights = residual_weights(best.fit.residuals, evidence.noise)
-    again = judged(evidence, best.assembly, refit(evidence, best.assembly, weights, best.fit.starts,
-                                                  from_p=best.fit.p))
-    return again if again.finite else best
-
-
 def _judge(evidence: Evidence, budget: Budget, ranking: tuple[Contender, ...], best: Contender,
            chosen: NDArray[np.bool_], classes: list[list[str]], candidates: list[Attachment], hints: Hints, seed: int,
            jobs: int, told: Told) -> tuple[str, Contender | None, tuple[Contender, ...]]:
@@ -210,5 +198,5 @@ def _add_more(evidence: Evidence, budget: Budget, best: Contender, chosen: NDArr
         removed = budget.excess(best.absolutes, chosen) - budget.excess(more[i].absolutes, chosen)
         if removed < WORTH * gap or gain.mean() < SURE * gain.std():
             return best
-        best = _finish(evidence, more[i])
+        best = more[i]
     return best

@@ -10,7 +10,7 @@ Looks like it
     A linear spring (frequency does not depend on amplitude); backlash, whose frequency rises with amplitude as well,
     most of all at small ones; an end stop, which acts only beyond a place.
 Equation
-    value -= hardening * (position - rest)**3
+    value -= hardening * (position - rest) * min((position - rest)**2, reach**2)
 References
     Kovacic, Brennan (2011), The Duffing Equation: Nonlinear Oscillators and their Behaviour, Wiley.
 """
@@ -20,7 +20,7 @@ from __future__ import annotations
 from typing import Any
 
 from pamid.effect import Effect
-from pamid.equations import Expr, Number
+from pamid.equations import Expr, Number, minimum
 from pamid.parameter import Parameter
 
 
@@ -31,12 +31,16 @@ class CubicStiffness(Effect):
     general_kinds = ("motion",)
     signals = ("position",)
     parameters = (
-        Parameter("hardening", 0.1, low=-1.0, high=5.0, spread=0.5, size="value/position/position/position",
+        Parameter("hardening", 0.1, low=-0.25, high=5.0, spread=0.5, size="value/position/position/position",
                   null=0.0, tries=(-0.1,), source="estimate: 1-50 % of the force at full stroke"),
         Parameter("rest", 0.0, low=-1.0, high=1.0, spread=0.3, size="position",
                   source="estimate: near the origin of the coordinate"),
+        Parameter("reach", 2.0, low=1.0, high=2.0, size="position", fitted=False,
+                  source="twice the stroke: farther out the spring goes on as a straight line, so that one that "
+                         "softens does not run away faster than exponentially"),
     )
     look_alikes = ("linear-stiffness", "end-stop", "backlash")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
-        return value - p.hardening * (at.position - p.rest) ** 3
+        bent = at.position - p.rest
+        return value - p.hardening * bent * minimum(bent * bent, p.reach * p.reach)

@@ -36,7 +36,7 @@ class ExternalVibration(Effect):
                   source="0.1-2 N m on a 10 N m joint"),
         Parameter("cosine", 0.0, low=-0.4, high=0.4, spread=0.05, size="value", null=0.0, label="cosine_{value}",
                   source="0.1-2 N m on a 10 N m joint"),
-        Parameter("frequency", 5.0, low=0.2, high=60.0, spread=3.0, log=True, unit="Hz", tries=(1.5, 12.0, 25.0),
+        Parameter("frequency", 5.0, low=1.0, high=60.0, spread=3.0, log=True, unit="Hz", tries=(1.5, 12.0, 25.0),
                   source="1-50 Hz; the peaks of the residual's spectrum are tried first"),
     )
     look_alikes = ("two-mass", "pwm-quantisation")

@@ -245,7 +245,7 @@ def _sdirk2(address, pattern, columns, direct_at, direct, sens, x, c, b, u, row,
 @njit(cache=True, nogil=True)
 def sweep(address, n_phase, phase_first, phase_delay, pattern, columns, direct_at, direct,
           x, c, b, u, p, p_column, S, buffers, buffer_S, heads,
-          time_s, period_s, substeps, implicit, begin, sens, Y, JY):  # type: ignore[no-untyped-def]
+          time_s, period_s, substeps, implicit, begin, join, sens, Y, JY):  # type: ignore[no-untyped-def]
     """Run over the rows of u (samples x inputs); fills Y (samples x outputs) and JY (samples x outputs x columns).
 
     State, cells, buffers and sensitivities are carried in place, so that the next call continues.
@@ -259,7 +259,7 @@ def sweep(address, n_phase, phase_first, phase_delay, pattern, columns, direct_a
     S0, A = np.zeros((nx, ns)), np.zeros((nx, ns))
     M, r, pivots = np.zeros((nx, nx)), np.zeros((nx, 1)), np.zeros(nx, np.int64)
     s, d, s0, total = S.ravel(), D.ravel(), S0.ravel(), A.ravel()
-    t = np.zeros(5)
+    t = np.zeros(6)
     h = period_s / substeps
     t[1], t[2] = h, period_s
     for k in range(n):
@@ -268,6 +268,7 @@ def sweep(address, n_phase, phase_first, phase_delay, pattern, columns, direct_a
             t[0] = time_s + k * period_s + sub * h
             t[3] = 1.0 if sub == 0 else 0.0
             t[4] = 1.0 if begin and k == 0 and sub == 0 else 0.0
+            t[5] = 1.0 if join and k == 0 and sub == 0 else 0.0
             if nc > 0:
                 _update_cells(address, n_phase, phase_first, phase_delay, direct_at, direct, sens, x, c, b, u, row, p,
                               t, out, S, D, p_column, buffers, buffer_S, heads)
@@ -304,7 +305,7 @@ def rate_matrix(address, pattern, columns, x, c, b, u, p, time_s, step_s, period
     """df/dx at one point, nx x nx."""
     nx = x.shape[0]
     out = np.zeros(nx + columns.shape[0] + 2)
-    t = np.array([time_s, step_s, period_s, 1.0, 0.0])
+    t = np.array([time_s, step_s, period_s, 1.0, 0.0, 0.0])
     _call(address[1], x, c, b, u, 0, p, t, out)
     M = np.zeros((nx, nx))
     for i in range(nx):

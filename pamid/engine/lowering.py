@@ -4,11 +4,14 @@ A cell is updated at the start of every step (of every sample where `sampled`), 
 its own past, and holds over the step. Inside the step an operator is evaluated relative to its cell, so a play or a
 bristle is exact for a motion one way, whatever the integrator's stages do, and no operator is stiff.
 
-    play     y' = max(x - r, min(x + r, y))
+    play     x less a deflection that follows x and saturates at +-r
     bristle  z(x) relaxes over |x - x_k| towards +-reach
     lag      exact for a held input (averaged over the step), first-order hold for a moving one
     delay    ring buffer kept by the driver, linear between samples
     integral an ordinary state
+
+Where the state is set anew between two windows of a recording, deflections stay as they are: memories are kept
+relative to the signal, so that a corrected position is not taken for a motion.
 """
 
 from __future__ import annotations
@@ -29,7 +32,8 @@ from pamid.equations import (
     where,
 )
 
-TICKS = ("time", "step", "period", "fresh", "begin")  # s, s, s, 1 at the first step of a sample, 1 at the very first
+TICKS = ("time", "step", "period", "fresh", "begin", "join")
+# s, s, s; 1 at the first step of a sample, at the very first step, at the first one after the state was set anew
 
 
 def tick(name: str) -> Expr:
@@ -44,6 +48,7 @@ class Cell:
     update: Expr
     start: Expr
     sampled: bool = False
+    joined: Expr | None = None  # the update where the state was set anew
     buffer_s: float = 0.0      # > 0: a delay line of that length; `update` is what goes in, `seconds` the delay
     seconds: Expr | None = None
 
@@ -80,29 +85,34 @@ class _Lowering:
     def name(self, kind: str) -> str:
         return f"{kind}{len(self.cells) + len(self.states)}"
 
-    def cell(self, kind: str, update: Expr, start: Expr) -> Cell:
-        made = Cell(self.name(kind), update, start)
-        self.cells.append(made)
-        return made
+    def followed(self, name: str, x: Expr) -> tuple[Expr, Expr]:
+        """x at the last step start, before and after this step's update."""
+        self.cells.append(Cell(f"{name}_origin", x, x))
+        return symbol("past", f"{name}_origin"), symbol("cell", f"{name}_origin")
 
     def play(self, x: Expr, r: Expr) -> Expr:
-        past = symbol("past", self.name("play"))
-        y = self.cell("play", maximum(x - r, minimum(x + r, past)), x)
-        return maximum(x - r, minimum(x + r, y.here))
+        name = self.name("play")
+        past, here = symbol("past", name), symbol("cell", name)
+        before, origin = self.followed(name, x)
+
+        def deflected(s: Expr, travel: Expr) -> Expr:
+            return maximum(-r, minimum(r, s + travel))
+
+        self.cells.append(Cell(name, deflected(past, x - before), 0.0 * x, joined=past))
+        return x - deflected(here, x - origin)
 
     def bristle(self, x: Expr, reach: Expr) -> Expr:
-        def moved(z: Expr, origin: Expr) -> Expr:
-            step = x - origin
+        name = self.name("bristle")
+        past, here = symbol("past", name), symbol("cell", name)
+        before, origin = self.followed(name, x)
+
+        def moved(z: Expr, step: Expr) -> Expr:
             decay = exp(-abs(step) / reach)
             end = where(step > 0.0, reach, where(step < 0.0, -reach, z))
             return end + (z - end) * decay
 
-        z_name = self.name("bristle")
-        origin = symbol("past", f"{z_name}_origin")
-        z = Cell(z_name, moved(symbol("past", z_name), origin), 0.0 * x)
-        at = Cell(f"{z_name}_origin", x, x)
-        self.cells += [z, at]
-        return moved(z.here, at.here)
+        self.cells.append(Cell(name, moved(past, x - before), 0.0 * x, joined=past))
+        return moved(here, x - origin)
 
     def lag(self, x: Expr, tau: Expr) -> Expr:
         tau = maximum(tau, 1e-30)  # at the null the lag is the identity to the last bit
@@ -115,7 +125,7 @@ class _Lowering:
             out = x + (cell.here - x) * (tau / h) * (1.0 - decay)
         else:
             slope = (x - before) / h
-            cell = Cell(name, x - slope * tau + (y - before + slope * tau) * decay, x)
+            cell = Cell(name, x - slope * tau + (y - before + slope * tau) * decay, x, joined=x + (y - before))
             out = x + (cell.here - symbol("cell", f"{name}_input"))
         self.cells += [Cell(f"{name}_input", x, x), cell]
         return out
@@ -148,7 +158,7 @@ class _Lowering:
 def _ordered(cells: list[Cell]) -> tuple[Cell, ...]:
     """Cells such that each one reads only new values of cells before it."""
     names = {c.name: c for c in cells}
-    needs = {c.name: {n for space, n in symbols([c.update, c.start, *([c.seconds] if c.seconds is not None else [])])
+    needs = {c.name: {n for space, n in symbols([e for e in (c.update, c.start, c.joined, c.seconds) if e is not None])
                       if space == "cell"} - {c.name} for c in cells}
     order: list[Cell] = []
     placed: set[str] = set()
@@ -168,6 +178,7 @@ def lower(rates: dict[str, Expr], outputs: dict[str, Expr], cells: tuple[Cell, .
     """Replace every memory operator by cells; adds a state per integral."""
     work = _Lowering()
     explicit = [e for c in cells for e in (c.update, c.start)]
+    # (cells given by hand are a controller's: they see no windows)
     work.run([*rates.values(), *outputs.values(), *explicit])
     done = [Cell(c.name, work.new[c.update], work.new[c.start], c.sampled) for c in cells]
     rate_nodes = [work.new[e] for e in rates.values()]
@@ -181,4 +192,6 @@ def cell_update(cell: Cell) -> Expr:
     update = cell.update
     if cell.sampled:
         update = where(tick("fresh") > 0.5, update, cell.past)
+    if cell.joined is not None:
+        update = where(tick("join") > 0.5, cell.joined, update)
     return where(tick("begin") > 0.5, cell.start, update)

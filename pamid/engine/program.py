@@ -30,10 +30,11 @@ class Memory:
     buffer_S: Array
     heads: NDArray[np.int64]
     begin: bool = True
+    join: bool = False      # the state was set anew since the last run
 
     def copy(self) -> Memory:
         return Memory(self.x.copy(), self.cells.copy(), self.past.copy(), self.S.copy(), self.buffers.copy(),
-                      self.buffer_S.copy(), self.heads.copy(), self.begin)
+                      self.buffer_S.copy(), self.heads.copy(), self.begin, self.join)
 
 
 @dataclass(frozen=True)
@@ -95,9 +96,9 @@ class Program:
         phase_n, phase_first, phase_delay = self._phase
         bad = sweep(self._address, phase_n, phase_first, phase_delay, *self._pattern, *self._direct,
                     memory.x, memory.cells, memory.past, np.ascontiguousarray(u, float), self._prepared(p), chosen, S, memory.buffers, buffer_S, memory.heads,
-                    float(time_s), float(period_s), step.substeps, step.implicit, memory.begin,
+                    float(time_s), float(period_s), step.substeps, step.implicit, memory.begin, memory.join,
                     columns is not None, Y, JY)
-        memory.begin = False
+        memory.begin = memory.join = False
         return Y, JY, int(bad)
 
     def rate_matrix(self, memory: Memory, u: Array, p: Array, *, period_s: float, time_s: float = 0.0) -> Array:

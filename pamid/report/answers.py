@@ -168,7 +168,8 @@ def how_far_answer(run: RunData, rows: tuple[ChannelErrors, ...]) -> Answer:
     what, unit_text = channel_words(row.channel), channel_unit(row.channel)
     details = _limits(row, unit_text)
     points = [_channel_point(one) for one in rows if one.shrinkage is not None] if len(rows) > 1 else []
-    return Answer(sentence(f"the held-out {what} error is {_steps(run, row, unit_text)}"), tuple(details), tuple(points))
+    lead = sentence(f"the held-out {what} error is {_steps(run, row, unit_text)}")
+    return Answer(lead, tuple(details), tuple(points))
 
 
 def _steps(run: RunData, row: ChannelErrors, unit_text: str) -> str:

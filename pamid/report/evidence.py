@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
@@ -73,7 +75,7 @@ def training_drawing(trace: dict[str, FloatArray], network: Network | None) -> D
 
 
 def _power_of_ten(value: float, _: int | None = None) -> str:
-    return words.number(value, 1).removeprefix(f"1{words.SPACE}×{words.SPACE}").replace(words.SPACE, " ")
+    return f"10{words.superscript(round(math.log10(value)))}"
 
 
 def timeline_drawing(run: RunData, channel: str) -> Drawing | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from pamid.report import words
 from pamid.report.budget import MODELS, ChannelErrors, Window
@@ -71,14 +72,14 @@ def ranking_drawing(diagnosis: Diagnosis) -> Drawing | None:
         for row, one in enumerate(shown):
             role = "with_cause" if one.effect in named else "refitted" if one.effect in alike else "muted"
             _candidate(axes, one, row, role)
-            axes.text(100.0 * right + (4 if narrow else 2), row, _chance(one), va="center", fontsize=8.5,
+            axes.text(100.0 * right + (4 if narrow else 2), row, _chance(one, narrow), va="center", fontsize=8.5,
                       color=colour("ink"), clip_on=False)
         axes.axvline(0.0, color=colour("muted"), linewidth=0.7)
         axes.text(100.0 * right + (4 if narrow else 2), -0.85, "P" if narrow else "probability", va="center",
                   fontsize=8.0, color=colour("muted"), clip_on=False)
         _rows(axes, [_candidate_name(one, alike, narrow) for one in shown])
         axes.set_xlim(100.0 * left - 3.0, 100.0 * right + (20.0 if narrow else 13.0))
-        ticks = [tick for tick in range(-50, 101, 25) if 100.0 * left - 3.0 <= tick <= 100.0 * right]
+        ticks = [tick for tick in range(-50, 101, 50 if narrow else 25) if 100.0 * left - 3.0 <= tick <= 100.0 * right]
         axes.set_xticks(ticks)
         axes.spines["bottom"].set_bounds(100.0 * left - 3.0, 100.0 * right)
         axes.set_xlabel("held-out error removed [%]" if narrow else "held-out error removed [%], line: 95 % interval")
@@ -135,6 +136,7 @@ def window_drawing(
         for axes in (above, below):
             grid(axes, "y")
             axes.margins(x=0.0)
+        below.xaxis.set_major_locator(MaxNLocator(5 if narrow else 9))
         figure.align_ylabels((above, below))
         figure.legend(loc="outside upper left", ncols=2 if narrow else 4, handlelength=1.8, columnspacing=1.2)
 
@@ -148,18 +150,17 @@ def _candidate(axes: Axes, one: Candidate, row: int, role: str) -> None:
     if one.low is not None and one.high is not None:
         low = max(one.low, _LEFT_END)
         if one.high > low:
-            axes.plot([100.0 * low, 100.0 * one.high], [row, row], color=ink, linewidth=2.4, solid_capstyle="butt",
-                      alpha=0.55)
+            axes.plot([100.0 * low, 100.0 * one.high], [row, row], color=ink, linewidth=1.8, solid_capstyle="butt")
     if one.shrinkage < _LEFT_END:
-        axes.plot(100.0 * _LEFT_END, row, marker="<", color=ink, markersize=6)
+        axes.plot(100.0 * _LEFT_END, row, marker="<", color=ink, markersize=5)
     else:
-        axes.plot(100.0 * one.shrinkage, row, marker="o", markersize=6.5, markeredgecolor=ink, markeredgewidth=1.4,
-                  markerfacecolor=ink if one.converged else "none", linestyle="none")
+        axes.plot(100.0 * one.shrinkage, row, marker="o", markersize=5.0, markeredgecolor=ink, markeredgewidth=1.3,
+                  markerfacecolor=ink if one.converged else colour("paper"), linestyle="none")
 
 
-def _chance(one: Candidate) -> str:
+def _chance(one: Candidate, narrow: bool) -> str:
     if not one.converged:
-        return "not converged"
+        return "failed" if narrow else "not converged"
     return f"{one.probability:.2f}" if one.probability is not None else ""
 
 

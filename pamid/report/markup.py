@@ -8,6 +8,7 @@ from collections.abc import Iterable
 
 _CODE = re.compile(r"`([^`]+)`")
 _FORBIDDEN = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
+_KEPT = re.compile(r"\b(held-out|Bouc-Wen)\b")
 _VOID = ("meta", "br", "hr")
 
 
@@ -39,8 +40,8 @@ def joined(parts: Iterable[Part]) -> Html:
 
 
 def prose(text: str) -> Html:
-    """A sentence; what stands in backticks is set as code."""
-    return Html(_CODE.sub(r"<code>\1</code>", escape(text)))
+    """A sentence; what stands in backticks is set as code, and words of few letters are kept on one line."""
+    return Html(_KEPT.sub(r'<span class="k">\1</span>', _CODE.sub(r"<code>\1</code>", escape(text))))
 
 
 def paragraphs(sentences: Iterable[str], class_: str = "") -> Html:

@@ -43,7 +43,7 @@ def page_html(run: RunData, rows: tuple[ChannelErrors, ...], pictures: dict[str,
     )
     main = tag(
         "main",
-        tag("header", tag("p", _subtitle(run), class_="rig"), tag("h1", verdict), _warnings(run)),
+        tag("header", tag("p", _subtitle(run), class_="rig"), tag("h1", prose(verdict)), _warnings(run)),
         _answer("Where", where_answer(run), pictures, "ports", "timeline"),
         _answer("Which", which_answer(run), pictures, "ranking"),
         _answer("How far", how_far_answer(run, rows), pictures, "budget", "window"),
@@ -82,7 +82,7 @@ def _warnings(run: RunData) -> Html:
 
 
 def _answer(question: str, answer: Answer, pictures: dict[str, Picture], *names: str) -> Html:
-    heading = tag("h2", tag("span", question, class_="question"), answer.lead)
+    heading = tag("h2", tag("span", question, class_="question"), prose(answer.lead))
     shown = [figure_html(pictures[name]) for name in names if name in pictures]
     points = tag("ul", [tag("li", prose(point)) for point in answer.points]) if answer.points else ""
     return tag("section", heading, shown[:1], points, paragraphs(answer.details), shown[1:], class_="answer")
@@ -92,7 +92,7 @@ def figure_html(picture: Picture) -> Html:
     """The picture in both widths, its finding above it; one of the two shows."""
     return tag(
         "figure",
-        tag("figcaption", picture.title),
+        tag("figcaption", prose(picture.title)),
         tag("div", Html(picture.wide), class_="wide", role="img", aria_label=picture.title),
         tag("div", Html(picture.narrow), class_="narrow", role="img", aria_label=picture.title),
         id=f"figure-{picture.name}",

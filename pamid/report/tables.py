@@ -75,8 +75,7 @@ def loop_table(errors: tuple[LoopError, ...]) -> Html:
 def parameter_table(parameters: tuple[Parameter, ...], with_cause: dict[str, Estimate]) -> Html:
     """Value, interval, prior, unit, how well it is known, strain, and what to think of it."""
     beside = any(one.name in with_cause for one in parameters)
-    heads = ["parameter", "unit", "value", words.INTERVAL, "prior", *(["with cause"] * beside), "known", "strain",
-             "remark"]  # fmt: skip
+    heads = ["parameter", "unit", "value", words.INTERVAL, "prior", *(["with cause"] * beside), "strain", "the data"]
     body: list[list[Part]] = []
     for one in parameters:
         name: Part = [tag("code", words.clean(one.name)), tag("small", words.clean(one.source)) if one.source else ""]
@@ -87,8 +86,8 @@ def parameter_table(parameters: tuple[Parameter, ...], with_cause: dict[str, Est
             row.append(number(other.value) if other is not None else words.DASH)
         strained = one.strain is not None and abs(one.strain) > STRAINED
         strain: Part = tag("strong", number(one.strain, 2)) if strained else number(one.strain, 2)
-        body.append([*row, words.clean(one.word) or words.DASH, strain, _remark(one.strain, one.at_bound)])
-    return table(heads, body, (2, 3, 4, *([5] if beside else []), 6 + beside))
+        body.append([*row, strain, _remark(one, strained)])
+    return table(heads, body, range(2, 6 + beside))
 
 
 def parameters_of(run: RunData) -> tuple[tuple[Parameter, ...], dict[str, Estimate]]:
@@ -103,10 +102,11 @@ def parameters_of(run: RunData) -> tuple[tuple[Parameter, ...], dict[str, Estima
     return alone, {}
 
 
-def _remark(strain: float | None, at_bound: str) -> str:
-    told = ["may be absorbing structure"] if strain is not None and abs(strain) > STRAINED else []
-    told += [f"at its {'lower' if at_bound == 'low' else 'upper'} bound"] if at_bound else []
-    return ", ".join(told)
+def _remark(one: Parameter, strained: bool) -> str:
+    told = [words.clean(one.word)] if one.word else []
+    told += ["may be absorbing structure"] if strained else []
+    told += [f"at its {'lower' if one.at_bound == 'low' else 'upper'} bound"] if one.at_bound else []
+    return ", ".join(told) or words.DASH
 
 
 def ranking_table(diagnosis: Diagnosis) -> Html:

@@ -73,7 +73,12 @@ def number(value: float | None, digits: int = 3) -> str:
         text = f"{value:.{max(digits - 1 - exponent, 0)}f}"
         return text.replace("-", MINUS)
     mantissa = f"{value / 10.0**exponent:.{digits - 1}f}".replace("-", MINUS)
-    return f"{mantissa}{SPACE}×{SPACE}10{str(exponent).translate(_SUPERSCRIPTS)}"
+    return f"{mantissa}{SPACE}×{SPACE}10{superscript(exponent)}"
+
+
+def superscript(exponent: int) -> str:
+    """-8 -> "⁻⁸"."""
+    return str(exponent).translate(_SUPERSCRIPTS)
 
 
 def short(value: float | None, digits: int = 3) -> str:
