@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import traceback
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -18,7 +19,7 @@ from pamid.equations import EquationError, Expr, clip, expression, symbol
 from pamid.errors import FileError, PamidError, nearest
 from pamid.parameter import Parameter
 from pamid.rig import Loop, Port, Rig
-from pamid.units import quantity_of, to_si
+from pamid.units import NONE, quantity_of, quotient, to_si
 
 Array = NDArray[np.float64]
 Sizes = dict[tuple[str, str], float]
@@ -74,23 +75,15 @@ class Names:
 
 
 def _size(port: Port, name: str, what: str, sizes: Sizes) -> float:
-    """Magnitude of a signal (or a quotient of two, "value/position") at a port; 1 where nobody knows."""
-    top, _, bottom = what.partition("/")
-
-    def one(signal: str) -> float:
-        return sizes.get((name, signal)) or port.size.get(signal) or 1.0
-
-    return one(top) / (one(bottom) if bottom else 1.0)
+    """Magnitude of a signal (or a quotient, "value/velocity/velocity") at a port; 1 where nobody knows."""
+    top, *below = (sizes.get((name, s)) or port.size.get(s) or 1.0 for s in what.split("/"))
+    return float(top / math.prod(below))
 
 
 def _unit(port: Port, what: str) -> str:
-    top, _, bottom = what.partition("/")
-    if not bottom:
-        return port.unit_of(top)
-    (a, _, b), (c, _, d) = (port.unit_of(signal).partition("/") for signal in (top, bottom))
-    over = " ".join(w for w in (a.strip("()"), d.strip("()")) if w not in ("", "1")) or "1"
-    under = " ".join(w for w in (b.strip("()"), c.strip("()")) if w not in ("", "1"))
-    return over if not under else f"{over}/({under})" if " " in under else f"{over}/{under}"
+    top, *below = map(port.unit_of, what.split("/"))
+    found = quotient(top, *below) if below else top
+    return "" if found == NONE else found
 
 
 def bind(parameter: Parameter, owner: str, port: Port | None, port_name: str, sizes: Sizes) -> Bound:
@@ -100,7 +93,7 @@ def bind(parameter: Parameter, owner: str, port: Port | None, port_name: str, si
         unit = _unit(port, parameter.size)
         scale = _size(port, port_name, parameter.size, sizes)
     if port is not None:
-        label = label.replace("{value}", quantity_of(port.unit))
+        label = label.replace("{value}", quantity_of(port.unit).replace(" ", "_").replace("dimensionless", "value"))
     factor = 1.0 if parameter.size else parameter.factor
     shown = Parameter(parameter.name, parameter.value, unit=unit, label=label, low=parameter.low, high=parameter.high)
     si = factor * scale

@@ -308,18 +308,17 @@ def correlation_length(r: Array) -> float:
     return float(max(1.0, 1.0 + 2.0 * auto[1 : int(below[0]) if len(below) else n].sum()))
 
 
-def fit_robustly(problem: Problem, *, progress: Progress | None = None, rounds: int = 3) -> Fit:
+def fit_robustly(problem: Problem, *, progress: Progress | None = None, rounds: int = 3,
+                 stepping: Stepping | None = None) -> Fit:
     """Fit with weights that follow the residuals: from the data sheet's misfit down to what the model leaves."""
     noise = noise_level(np.concatenate([t.y for t in problem.tracks]))
-    fitted = fit(problem, iterations=1, weights=Weights(noise, np.ones_like(noise)))
-    total = fitted.iterations
+    fitted = fit(problem, iterations=1, weights=Weights(noise, np.ones_like(noise)), stepping=stepping)
     start = problem.assembly.values()
     fitted = fit(problem, p=start, weights=_first_weights(problem, noise, fitted), progress=progress, tolerance=1e-2,
-                 iterations=15)
+                 iterations=15, stepping=fitted.stepping)
     for _ in range(rounds - 1):
         if not fitted.residuals:
             break
-        total += fitted.iterations
         fitted = fit(problem, p=fitted.p, starts=fitted.starts, weights=residual_weights(problem, fitted.residuals, noise),
                      stepping=fitted.stepping, progress=progress, tolerance=1e-3)
     return fitted

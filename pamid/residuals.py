@@ -17,12 +17,14 @@ from pamid.windows import Runner, Track, Window, cut, estimate_start
 
 Array = NDArray[np.float64]
 
-WINDOW_S, WARM_UP = 2.3, 0.13       # s; share of a window that only serves to find its start
+WINDOW_S, SHORTEST_S, WARM_UP = 2.3, 1.0, 0.15   # s, s; share of a window that only serves to find its start
+ENOUGH = 16                                     # windows wanted: verdicts are resampled over them
 
 
 def replay_windows(track: Track) -> list[Window]:
-    """2.3 s windows; at least 150 samples on slow rigs, at least four windows on short records."""
-    length = max(round(WINDOW_S / track.period_s), 150)
+    """2.3 s windows, shorter (to 1 s) where the record would not give 16; at least 150 samples on slow rigs."""
+    total = len(track) * track.period_s
+    length = max(round(min(WINDOW_S, max(SHORTEST_S, total / ENOUGH)) / track.period_s), 150)
     return cut(len(track), max(40, min(length, len(track) // 4)))
 
 

@@ -173,6 +173,17 @@ def si_unit(symbol: str) -> str:
     return _join_symbol([_si_atom(*factor) for factor in above], [_si_atom(*factor) for factor in below])
 
 
+def quotient(symbol: str, *below: str) -> str:
+    """The symbol of one unit divided by others: ("N", "m/s") -> "N s/m", ("Pa/s", "Pa") -> "1/s"."""
+    powers: dict[str, int] = {}
+    for sign, text in ((1, symbol), *((-1, other) for other in below)):
+        above, under = _split_fraction(text or NONE)
+        for way, part in ((sign, above), (-sign, under)):
+            for atom, exponent in part:
+                powers[atom] = powers.get(atom, 0) + way * exponent
+    return _join_symbol([(a, n) for a, n in powers.items() if n > 0], [(a, -n) for a, n in powers.items() if n < 0])
+
+
 def display_unit(symbol: str) -> str:
     """The unit people read: "rad" -> "deg", "Pa" -> "kPa"; every other unit as it is."""
     return _DISPLAY.get(symbol, symbol)

@@ -88,10 +88,11 @@ class Runner:
     track: Track
     stepping: Stepping
     free: tuple[int, ...] = ()
+    whole: bool = False       # set anew the effects' states, too
 
     @cached_property
     def rig_states(self) -> int:
-        return len(self.assembly.rig.states)
+        return len(self.assembly.program.states if self.whole else self.assembly.rig.states)
 
     @cached_property
     def columns(self) -> NDArray[np.int64]:
@@ -148,7 +149,7 @@ def estimate_start(runner: Runner, memory: Memory, window: Window, p: Array, wei
     memory is left untouched. weight: 1/sigma per channel. pull: information per state of the carried value (default
     a 1e-5th of what the window says). Returns the state, its information diagonal, and whether it is usable.
     """
-    own = Runner(runner.assembly, runner.track, runner.stepping)
+    own = Runner(runner.assembly, runner.track, runner.stepping, whole=runner.whole)
     n = own.rig_states
     y = runner.track.y[window.start : window.stop]
     x, damping, best = carried.copy(), 1e-3, np.inf

@@ -4,157 +4,335 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
+from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
+import matplotlib
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
+from pamid_cli.frame import run as run_command
+from synthetic_run import CHANNELS, WINDOW_ROWS, diagnosis_json, fit_json, make_run, network_json, run_json
 
 from pamid.errors import FileError
 from pamid.report import words
+from pamid.report.budget import errors_of, headline, worst_window
 from pamid.report.load import load_run
-from pamid.report.writing import Report, write_report
+from pamid.report.writing import drawings_of, write_report
 
-PERIOD_S = 0.01
-WINDOW_ROWS = 200
-CHANNELS = {"angle_deg": (0.05, 1.29, 0.52, 0.11), "pressure_1_kpa": (0.4, 9.0, 2.1, 1.9),
-            "pressure_2_kpa": (0.4, 8.0, 2.3, 2.0)}  # fmt: skip
+VERDICTS = ("explained", "ambiguous", "unknown-effect", "no-structural-gap")
 
 
-def run_json() -> dict[str, Any]:
-    return {
-        "schema": "pamid.run/1", "command": ["pamid", "diagnose", "rec.csv", "--rig", "one-dof", "--output", "RUN"],
-        "seed": 3, "options": {}, "inputs": [{"path": "rec.csv", "sha256": "ab" * 32}],
-        "versions": {"python": "3.11.2", "pamid": "0.1.0", "numpy": "2.4.0"}, "platform": "Linux",
-        "begun": "2024-05-01T10:00:00+00:00", "ended": "2024-05-01T10:02:00+00:00", "outcome": "done", "steps": [],
-    }  # fmt: skip
+class Outline(HTMLParser):
+    """What a browser would make of a page: elements, attributes, visible text; complains about crossed elements."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__(convert_charrefs=True)
+        self.elements: list[str] = []
+        self.attributes: list[tuple[str, str]] = []
+        self.text = ""
+        self._open: list[str] = []
+        self.feed(page)
+        self.close()
+        assert not self._open, f"never closed: {self._open}"
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_startendtag(tag, attrs)
+        if tag not in ("meta", "br", "hr"):
+            self._open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append(tag)
+        self.attributes += [(name, value or "") for name, value in attrs]
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self._open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self._open and self._open[-1] != "style":
+            self.text += data + " "
 
 
-def fit_json() -> dict[str, Any]:
-    def parameter(value: float, prior: float, unit: str, word: str, strain: float, bound: str | None = None) -> Any:
-        return {"value": value, "low": 0.95 * value, "high": 1.05 * value, "prior": prior, "unit": unit, "word": word,
-                "at_bound": bound, "strain": strain, "source": "Table 2 of the first paper"}  # fmt: skip
-
-    return {
-        "schema": "pamid.fit/1", "rig": "one-dof", "effects": [], "seed": 0,
-        "recordings": [{"name": "rec", "path": "rec.csv", "sha256": "ab" * 32, "role": "both", "samples": 4000,
-                        "period_s": PERIOD_S, "loop": "closed"}],
-        "channels": list(CHANNELS), "converged": True, "why": "", "iterations": 15,
-        "stepping": {"substeps": 1, "implicit": False, "recheck": 0.003},
-        "noise": {name: values[0] for name, values in CHANNELS.items()},
-        "parameters": {
-            "damping_m2_s": parameter(0.00213, 0.0015, "m2 s", "settled", 1.2),
-            "sonic_conductance_m3_per_s_pa": parameter(1.23e-8, 1.3e-8, "m3/(s Pa)", "weak", 3.4),
-            "dead_volume_m3": parameter(4.1e-5, 4e-5, "m3", "silent", 0.1, "low"),
-        },
-        "background": {"force_map_1": {"pull": 0.8}, "force_map_2": {"pull": -1.3}, "exhaust_ratio": {"pull": 2.4}},
-        "mae": {name: {"data_sheet": v[1], "refitted": v[2], "noise_floor": v[0]} for name, v in CHANNELS.items()},
-        "closed_loop": {"angle_deg": {"data_sheet": 1.9, "refitted": 0.71, "band": 0.2},
-                        "command": {"data_sheet": 0.2, "refitted": 0.05, "band": 0.01}},
-    }  # fmt: skip
+def outline_of(page: Path) -> Outline:
+    return Outline(page.read_text(encoding="utf-8"))
 
 
-def candidate(effect: str, family: str, probability: float, shrinkage: float, **more: Any) -> dict[str, Any]:
-    return {
-        "effect": effect, "family": family, "port": more.pop("port", "joint"), "probability": probability,
-        "held_out": {"angle_deg": {"mae_before": 0.52, "mae_after": 0.52 * (1 - shrinkage)}},
-        "shrinkage": shrinkage, "low": shrinkage - 0.05, "high": shrinkage + 0.05, "converged": True, "why": "", **more,
-    }  # fmt: skip
+def flat(text: str) -> str:
+    return " ".join(text.replace(words.SPACE, " ").split())
 
 
-def cause(effect: str, family: str, port: str, share: float) -> dict[str, Any]:
-    return {"effect": effect, "family": family, "port": port, "share": share,
-            "parameters": {"torque_n_m": {"value": 0.41, "low": 0.38, "high": 0.44}}}  # fmt: skip
+@pytest.fixture(scope="module", params=VERDICTS)
+def reported(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[str, Path, Outline]:
+    folder = make_run(tmp_path_factory.mktemp("run") / "RUN", request.param)
+    return request.param, folder, outline_of(write_report(folder).page)
 
 
-def diagnosis_json(verdict: str) -> dict[str, Any]:
-    friction = cause("coulomb-friction", "friction", "joint", 0.93)
-    causes = {"explained": [friction], "ambiguous": [friction, cause("leak", "leak", "pressure", 0.07)]}
-    reach = {name: {"mae_data_sheet": v[1], "mae_refitted": v[2], "mae_with_cause": v[3], "noise_floor": v[0],
-                    "black_box": 0.8 * v[2], "shrinkage": 1 - v[3] / v[2], "low": 0.9 - v[3] / v[2],
-                    "high": 1.05 - v[3] / v[2]} for name, v in CHANNELS.items()}  # fmt: skip
-    unknown = {"port": "muscle", "formula": "-0.42 sign(velocity) + 0.11 contraction^2",
-               "variables": ["velocity", "contraction"], "inclusion": 0.83, "dissipative": True}  # fmt: skip
-    return {
-        "schema": "pamid.diagnosis/1", "verdict": verdict, "causes": causes.get(verdict, []),
-        "ranking": [
-            candidate("coulomb-friction", "friction", 0.91, 0.788),
-            candidate("lugre-friction", "friction", 0.05, 0.77),
-            candidate("bouc-wen-hysteresis", "muscle-hysteresis", 0.03, 0.41, port="muscle"),
-            candidate("dead-time", "command-timing", 0.01, 0.02, port="command"),
-            candidate("leak", "leak", 0.0, -0.9, port="pressure", converged=False, why="parameters ran away"),
-        ],
-        "where": {
-            "port": "joint", "ports": [{"port": "joint", "share": 0.81}, {"port": "muscle", "share": 0.12},
-                                       {"port": "valve", "share": 0.07}],
-            "indistinguishable": [["muscle", "joint"]],
-            "regimes": [{"signal": "velocity", "low": -2.0, "high": 2.0, "unit": "deg/s", "share_of_gap": 0.7,
-                         "share_of_time": 0.2}],
-            "frequency_hz": [0.2, 2.0], "windows_s": [[29.0, 31.5], [35.0, 36.0]],
-        },
-        "how_far": reach,
-        "look_alikes": [["coulomb-friction", "lugre-friction"]],
-        "next_experiment": {"name": "torque-loops-two-pressures", "why": "Friction of the joint does not grow with "
-                            "pressure.", "separates": ["coulomb-friction", "bouc-wen-hysteresis"]},
-        "parameters": {"damping_m2_s": {"value": 0.0016, "low": 0.0015, "high": 0.0017, "prior": 0.0015, "strain": 0.3}},
-        "background": {"force_map_1": {"pull": 0.8, "share_of_gap": 0.04}, "force_map_2": {"pull": -0.2,
-                                                                                          "share_of_gap": 0.01}},
-        "unknown": unknown if verdict == "unknown-effect" else None,
-    }  # fmt: skip
+def test_three_answers_come_before_the_evidence(reported: tuple[str, Path, Outline]) -> None:
+    verdict, _, page = reported
+    text = flat(page.text)
+    places = [text.index(mark) for mark in ("Where", "Which", "How far", "Next experiment", "Evidence")]
+    assert places == sorted(places)
+    expected = {
+        "explained": ["Coulomb friction removes 79 % of the held-out angle error (95 % interval 69 to 84 %).",
+                      "Coulomb friction at the joint port, with probability 0.91.",
+                      "Runner-up: Bouc-Wen hysteresis, removes 41 % of the held-out error over all channels"],
+        "ambiguous": ["these recordings cannot tell apart Coulomb friction and leak."],
+        "unknown-effect": ["Something material enters at the muscle port that no effect of the catalogue explains.",
+                           "-0.42 sign(velocity) + 0.11 contraction^2", "83 % of the fits", "velocity and contraction"],
+        "no-structural-gap": ["No structural gap", "Nowhere: no gap is left to place."],
+    }[verdict]  # fmt: skip
+    for sentence in expected:
+        assert sentence in re.sub(r" (?=[,.)])", "", text), sentence
+    assert ("with cause" in text) == (verdict in ("explained", "ambiguous"))
 
 
-def network_json() -> dict[str, Any]:
-    return {
-        "schema": "pamid.network/1", "kind": "elman", "n_weights": 171, "output": {"name": "angle_deg", "unit": "deg"},
-        "training": {"why": "the gradient is below its goal", "converged": True, "remark": "", "iterations": 119},
-        "mae": {"angle_deg": {"refitted": 0.52, "with_network": 0.23, "part": "held-out"}},
-    }  # fmt: skip
+def test_nothing_is_loaded_and_nothing_runs(reported: tuple[str, Path, Outline]) -> None:
+    _, folder, page = reported
+    assert not {"script", "link", "iframe", "object", "embed", "base", "form", "img", "a"} & set(page.elements)
+    for name, value in page.attributes:
+        assert not name.startswith("on")
+        assert name.startswith("xmlns") or "//" not in value, (name, value)
+    source = (folder / "report.html").read_text(encoding="utf-8")
+    assert all(target.startswith("#") for target in re.findall(r"url\(([^)]*)\)", source))
+    assert "@import" not in source
 
 
-def write_residual(folder: Path, *, causes: bool, network: bool) -> None:
-    """40 s of a stick-slip-like angle; the last 30 % are held out, the first window of all is unscored."""
-    random = np.random.default_rng(4)
-    rows = np.arange(4000)
-    time = PERIOD_S * rows
-    columns = {"time_s": time, "recording": 0 * rows, "part": (time >= 28.0).astype(int),
-               "window": np.where(rows < 100, -1, rows // WINDOW_ROWS)}  # fmt: skip
-    shape = np.sin(0.9 * time) + 0.4 * np.sin(2.3 * time)
-    for name, (floor, _, _, _) in CHANNELS.items():
-        stem, unit = name.rsplit("_", 1)
-        scale = 20.0 if unit == "deg" else 60.0
-        measured = scale * shape + random.normal(0, floor, rows.size)
-        gap = np.tanh(8 * np.cos(0.9 * time)) * (1.5 + np.sin(0.31 * time))
-        columns[name] = measured
-        columns[f"{stem}_data_sheet_{unit}"] = 0.93 * scale * shape + gap
-        columns[f"{stem}_refitted_{unit}"] = scale * shape + 0.5 * gap
-        if causes:
-            columns[f"{stem}_cause_{unit}"] = scale * shape + 0.1 * gap
-        if network and name == "angle_deg":
-            columns[f"{stem}_network_{unit}"] = scale * shape + 0.2 * gap
-    columns["command"] = np.clip(shape, -1, 1)
-    lines = [",".join(columns)] + [",".join(f"{value:.9g}" for value in row) for row in zip(*columns.values(), strict=True)]
-    (folder / "residual.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+def test_figures_are_written_and_shown(reported: tuple[str, Path, Outline]) -> None:
+    verdict, folder, page = reported
+    names = sorted(path.stem for path in (folder / "figures").iterdir())
+    every = {"ports", "timeline", "ranking", "budget", "window", "window-network", "background", "training"}
+    assert set(names) == every - ({"ports", "timeline"} if verdict == "no-structural-gap" else set())
+    for path in (folder / "figures").iterdir():
+        assert path.read_bytes().startswith(b"\x89PNG")
+    shown = [value for name, value in page.attributes if name == "id" and value.startswith("figure-")]
+    assert sorted(shown) == [f"figure-{name}" for name in names]
 
 
-def write_trace(folder: Path) -> None:
-    lines = ["iteration,mse,gradient,mu,gamma,alpha,beta"]
-    for k in range(120):
-        mse = 0.002 + 0.3 * np.exp(-k / 9)
-        lines.append(f"{k},{mse:.9g},{np.exp(-k / 12):.9g},{10.0 ** (-2 - (k % 7)):.9g},"
-                     f"{171 - 60 * (1 - np.exp(-k / 30)):.9g},0.1,40.0")  # fmt: skip
-    (folder / "trace.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+def test_every_axis_names_its_unit(reported: tuple[str, Path, Outline]) -> None:
+    _, folder, _ = reported
+    run = load_run(folder)
+    for drawing in drawings_of(run, errors_of(run)):
+        figure = Figure(layout="constrained")
+        drawing.draw(figure, False)
+        assert len(drawing.title) > 20
+        for axes in figure.axes:
+            quantities = [axes.get_ylabel()] if axes.get_lines() and axes.get_ylabel() else []
+            quantities += [axes.get_xlabel()] if any(label.get_visible() for label in axes.get_xticklabels()) else []
+            assert quantities and all(re.search(r"\[\S.*\]", text) for text in quantities if text), drawing.name
 
 
-def make_run(folder: Path, verdict: str = "explained", *, without: tuple[str, ...] = (), **parts: Any) -> Path:
-    """A whole run folder by hand; `parts` replaces the content of a JSON file, `without` leaves files out."""
-    folder.mkdir(parents=True, exist_ok=True)
+@pytest.mark.parametrize("missing, command", [
+    ("diagnosis.json", "pamid diagnose"), ("network.json", "pamid train-residual"), ("residual.csv", "pamid fit"),
+])  # fmt: skip
+def test_a_missing_part_names_the_command_that_adds_it(missing: str, command: str, tmp_path: Path) -> None:
+    page = outline_of(write_report(make_run(tmp_path / "RUN", without=(missing,))).page)
+    assert command in page.text
+
+
+def test_a_fit_alone_makes_a_page(tmp_path: Path) -> None:
+    folder = make_run(tmp_path / "RUN", without=("diagnosis.json", "network.json", "trace.csv", "residual.csv"))
+    report = write_report(folder)
+    text = flat(outline_of(report.page).text)
+    assert "Refitting takes the held-out angle error from 1.29 to 0.52 deg" in re.sub(r" (?=[,.)])", "", text)
+    assert [path.stem for path in report.figures] == ["budget", "background"]
+    assert report.mae["angle_deg"] == {"data_sheet": 1.29, "refitted": 0.52, "noise_floor": 0.05}
+
+
+def test_a_diagnosis_alone_makes_a_page(tmp_path: Path) -> None:
+    report = write_report(make_run(tmp_path / "RUN", without=("fit.json", "residual.csv")))
+    assert "Rig one-dof" in outline_of(report.page).text
+    assert "damping_m2_s" in outline_of(report.page).text
+
+
+def test_titles_follow_the_numbers(tmp_path: Path) -> None:
+    diagnosis = diagnosis_json("explained")
+    diagnosis["how_far"]["angle_deg"] |= {"mae_with_cause": 0.26, "shrinkage": 0.5, "low": 0.4, "high": 0.6}
+    run = load_run(make_run(tmp_path / "RUN", diagnosis=diagnosis))
+    titles = {one.name: flat(one.title) for one in drawings_of(run, errors_of(run))}
+    assert titles["budget"] == "Coulomb friction removes 50 % of the held-out angle error"
+    assert titles["ports"].startswith("81 % of the gap enters at the joint port")
+
+
+def test_the_worst_held_out_window_is_shown(tmp_path: Path) -> None:
+    run = load_run(make_run(tmp_path / "RUN"))
+    assert run.residual is not None
+    columns = run.residual.columns
+    error = np.abs(columns["angle_deg"] - columns["angle_refitted_deg"])
+    held_out = np.unique(columns["window"][(columns["part"] == 1) & (columns["window"] >= 0)])
+    means = {number: error[columns["window"] == number].mean() for number in held_out}
+    window = worst_window(run.residual, "angle_deg")
+    assert window is not None and window.held_out
+    assert columns["window"][window.rows.start] == max(means, key=lambda number: means[number])
+    assert window.rows.stop - window.rows.start == WINDOW_ROWS
+    assert window.mae["refitted"] == pytest.approx(max(means.values()))
+
+
+def test_the_headline_is_the_channel_with_most_gain_over_noise(tmp_path: Path) -> None:
+    diagnosis = diagnosis_json("explained")
+    diagnosis["how_far"]["pressure_2_kpa"] |= {"mae_refitted": 100.0, "mae_with_cause": 1.0}
+    row = headline(errors_of(load_run(make_run(tmp_path / "RUN", diagnosis=diagnosis))))
+    assert row is not None and row.channel == "pressure_2_kpa"
+
+
+def test_strain_bounds_and_disagreement_are_said(tmp_path: Path) -> None:
+    network = network_json()
+    network["mae"]["angle_deg"]["refitted"] = 0.6
+    text = flat(outline_of(write_report(make_run(tmp_path / "RUN", network=network)).page).text)
+    assert "weak, may be absorbing structure" in text
+    assert "silent, at its lower bound" in text
+    assert text.count("may be absorbing structure") == 1
+    assert "Angle: network.json scored the refitted model on other windows and found 0.6 deg instead of 0.52" in text
+
+
+def test_an_unfinished_run_and_a_failed_fit_say_so(tmp_path: Path) -> None:
+    run, fit = {**run_json(), "ended": None}, {**fit_json(), "converged": False, "why": "it wandered off"}
+    text = flat(outline_of(write_report(make_run(tmp_path / "RUN", run=run, fit=fit)).page).text)
+    assert "This command did not end: pamid diagnose rec.csv" in text
+    assert "The fit did not converge: it wandered off." in text
+
+
+HOSTILE = "</style></svg><script>alert('x')</script>\"&lt;"
+HOSTILE += "$\\alpha_$ `b` \u202e\x07\ud83d\ude00 --><img src=x onerror=y>"
+
+
+def poison(value: Any, kept: tuple[str, ...]) -> Any:
+    if isinstance(value, str):
+        return value if value in kept else f"{value}{HOSTILE}"
+    if isinstance(value, dict):
+        return {key: poison(one, kept) if key != "schema" else one for key, one in value.items()}
+    return [poison(one, kept) for one in value] if isinstance(value, list) else value
+
+
+@pytest.mark.parametrize("verdict", ["explained", "unknown-effect"])
+def test_text_of_files_never_becomes_markup(verdict: str, tmp_path: Path) -> None:
     content = {"run": run_json(), "fit": fit_json(), "diagnosis": diagnosis_json(verdict), "network": network_json()}
-    for name, value in {**content, **parts}.items():
-        if f"{name}.json" not in without:
-            (folder / f"{name}.json").write_text(json.dumps(value), encoding="utf-8")
-    if "residual.csv" not in without:
-        write_residual(folder, causes=verdict == "explained", network="network.json" not in without)
-    if "trace.csv" not in without:
-        write_trace(folder)
-    return folder
+    kept = (verdict, "angle_deg", *CHANNELS)
+    parts = {name: poison(value, kept) for name, value in content.items()}
+    for name in ("parameters", "background"):
+        parts["fit"][name] = {f"{key}{HOSTILE}": value for key, value in parts["fit"][name].items()}
+    found = parts["diagnosis"]
+    found["background"] = {f"{HOSTILE}{key}": one for key, one in found["background"].items()}
+    found["how_far"][f"load{HOSTILE}"] = found["how_far"]["angle_deg"]
+    folder = make_run(tmp_path / "RUN", verdict, **parts)
+    page = outline_of(write_report(folder).page)
+    assert not {"script", "img"} & set(page.elements)
+    assert not any(name.startswith("on") for name, _ in page.attributes)
+    assert "<script>alert('x')</script>" in page.text
+    assert "\u202e" not in (folder / "report.html").read_text(encoding="utf-8")
+
+
+def test_same_inputs_give_the_same_bytes(tmp_path: Path) -> None:
+    first = make_run(tmp_path / "first")
+    second = Path(shutil.copytree(first, tmp_path / "elsewhere" / "second"))
+    write_report(first)
+    with matplotlib.rc_context({"font.size": 20.0, "axes.grid": True, "svg.hashsalt": None}):
+        write_report(second)
+        write_report(second)
+    for path in [first / "report.html", *(first / "figures").iterdir()]:
+        assert path.read_bytes() == (second / path.relative_to(first)).read_bytes(), path.name
+
+
+def break_json(name: str, change: Callable[[dict[str, Any]], Any]) -> Callable[[Path], None]:
+    def apply(folder: Path) -> None:
+        content = json.loads((folder / name).read_text(encoding="utf-8"))
+        change(content)
+        (folder / name).write_text(json.dumps(content), encoding="utf-8")
+
+    return apply
+
+
+def replace_text(name: str, old: str, new: str) -> Callable[[Path], None]:
+    def apply(folder: Path) -> None:
+        text = (folder / name).read_text(encoding="utf-8")
+        assert old in text
+        (folder / name).write_text(text.replace(old, new, 1), encoding="utf-8")
+
+    return apply
+
+
+@pytest.mark.parametrize("damage, told", [
+    (lambda folder: (folder / "fit.json").write_bytes((folder / "fit.json").read_bytes()[:-30]), "fit.json, line"),
+    (lambda folder: (folder / "diagnosis.json").write_text("[]"), "should hold one JSON object"),
+    (break_json("fit.json", lambda fit: fit.update(schema="pamid.fit/9")), "schema should be 'pamid.fit/1'"),
+    (break_json("fit.json", lambda fit: fit["parameters"]["damping_m2_s"].update(value="big")),
+     "parameters.damping_m2_s.value should be a number, it is 'big'"),
+    (break_json("fit.json", lambda fit: fit["mae"].update(angle_deg=3)), "mae.angle_deg should be an object"),
+    (break_json("diagnosis.json", lambda one: one.update(verdict="explaned")), "no verdict 'explaned'"),
+    (break_json("diagnosis.json", lambda one: one.update(causes=[])), "at least one effect"),
+    (break_json("diagnosis.json", lambda one: one["where"].update(windows_s=[[1.0]])), "pairs of numbers"),
+    (break_json("diagnosis.json", lambda one: one["ranking"][1].pop("effect")), "ranking[1].effect"),
+    (replace_text("diagnosis.json", "0.93", "1e999"), "finite number"),
+    (replace_text("diagnosis.json", "0.93", "NaN"), "NaN is not allowed"),
+    (replace_text("network.json", "171", "true"), "n_weights should be a number"),
+    (replace_text("residual.csv", "time_s", "zeit_s"), "lacks the column 'time_s'"),
+    (replace_text("residual.csv", "\n", "\n1,2\n"), "residual.csv, below the header"),
+    (replace_text("residual.csv", "\n0,", "\n__import__('os').getcwd(),"), "residual.csv, below the header"),
+    (lambda folder: (folder / "trace.csv").write_text("iteration,mse\n"), "trace.csv has no rows"),
+    (lambda folder: (folder / "trace.csv").write_bytes(b"\xff\xfe\x00"), "trace.csv cannot be read as text"),
+    (lambda folder: (folder / "run.json").unlink(), "is not a run folder"),
+])  # fmt: skip
+def test_damaged_files_are_named(damage: Callable[[Path], Any], told: str, tmp_path: Path) -> None:
+    folder = make_run(tmp_path / "RUN")
+    damage(folder)
+    with pytest.raises(FileError, match=re.escape(told)):
+        write_report(folder)
+    assert not (folder / "report.html").exists()
+
+
+def test_a_run_without_result_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="holds no result yet"):
+        write_report(make_run(tmp_path / "RUN", without=("fit.json", "diagnosis.json")))
+
+
+def test_blank_cells_and_single_rows_are_legal(tmp_path: Path) -> None:
+    folder = make_run(tmp_path / "RUN")
+    lines = (folder / "residual.csv").read_text(encoding="utf-8").splitlines()
+    cells = lines[1].split(",")
+    cells[lines[0].split(",").index("angle_refitted_deg")] = ""
+    (folder / "residual.csv").write_text("\n".join([lines[0], ",".join(cells), lines[3000]]) + "\n", encoding="utf-8")
+    (folder / "trace.csv").write_text("iteration,mse,gamma\n0,0.25,12\n", encoding="utf-8")
+    assert "window" in [path.stem for path in write_report(folder).figures]
+
+
+def test_output_elsewhere_never_replaces_a_stranger(tmp_path: Path) -> None:
+    folder = make_run(tmp_path / "RUN", without=("residual.csv",))
+    page, notes = tmp_path / "pages" / "one.html", tmp_path / "notes.html"
+    for _ in range(2):
+        assert write_report(folder, page).page == page
+    notes.write_text("mine", encoding="utf-8")
+    with pytest.raises(FileError, match="is not a report"):
+        write_report(folder, notes)
+    assert notes.read_text(encoding="utf-8") == "mine"
+    assert not (folder / "report.html").exists()
+
+
+def test_figures_of_a_former_result_are_removed(tmp_path: Path) -> None:
+    folder = make_run(tmp_path / "RUN")
+    write_report(folder)
+    (folder / "figures" / "mine.png").write_bytes(b"mine")
+    for name in ("diagnosis.json", "trace.csv", "network.json"):
+        (folder / name).unlink()
+    report = write_report(folder)
+    left = {path.stem for path in (folder / "figures").iterdir()}
+    assert left == {path.stem for path in report.figures} | {"mine"}
+    assert "ranking" not in left
+
+
+def test_the_command_prints_one_object(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = make_run(tmp_path / "RUN")
+    assert run_command(["report", str(folder), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["schema"] == "pamid.report/1"
+    assert Path(told["page"]) == folder / "report.html" and Path(told["page"]).is_file()
+    assert len(told["figures"]) == 8 and all(Path(path).is_file() for path in told["figures"])
+    assert told["mae"]["angle_deg"] == {"data_sheet": 1.29, "refitted": 0.52, "with_network": 0.23,
+                                        "with_cause": 0.11, "black_box": 0.416, "noise_floor": 0.05}  # fmt: skip
+    assert run_command(["report", str(folder)]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].split("  ")[0] == "MAE, held out"
+    assert lines[1].split() == ["angle", "[deg]", "1.29", "0.520", "0.230", "0.110", "0.416", "0.0500"]
+    assert run_command(["report", str(tmp_path / "nowhere"), "--json"]) == 3
+    assert json.loads(capsys.readouterr().out)["code"] == "not-a-run"

@@ -9,14 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.assembly import Assembly, Sizes
-from pamid.diagnosis.contest import Contender, judged, model_with
-from pamid.engine.program import Stepping
+from pamid.assembly import Sizes
+from pamid.diagnosis.contest import Contender, contender_from
 from pamid.evidence import Evidence
-from pamid.fitting import Problem, fit_robustly, free_parameters
-from pamid.residuals import Replay, noise_floor, replay
-from pamid.simulation import port_sizes
-from pamid.windows import Runner
+from pamid.greybox import GreyBox, fit_model
+from pamid.residuals import Replay, replay
 
 Array = NDArray[np.float64]
 
@@ -29,12 +26,15 @@ NO_GAP = 0.10          # a structural gap below this share of the floor is none
 class Budget:
     """Mean absolute errors per held-out window and channel (SI): data sheet, refitted baseline, floor, black box."""
 
+    model: GreyBox
     baseline: Contender
     data_sheet: Array
     floor: Array
-    floor_squares: Array
     black_box: Array
-    sizes: Sizes
+
+    @property
+    def sizes(self) -> Sizes:
+        return self.model.assembly.sizes
 
     def excess(self, absolutes: Array, rows: NDArray[np.bool_]) -> float:
         """Error above the floor, in floors, summed over channels."""
@@ -52,28 +52,18 @@ class Budget:
         return (absolutes / self.floor.mean(axis=0)).sum(axis=1)
 
 
-def gap_budget(evidence: Evidence, *, seed: int, progress: Callable[[str], None]) -> Budget:
+def gap_budget(evidence: Evidence, *, seed: int, jobs: int, told: Callable[[str], None]) -> Budget:
     """Fit the baseline (parameters and background), replay it, and set the floor and the ceiling beside it."""
-    progress("fitting the parameters")
-    plain = Assembly(evidence.rig)
-    tracks = evidence.tracks(plain)
-    sizes = port_sizes(plain, [(t.u, Runner(plain, t, Stepping()).parameters(plain.values()), t.period_s)
-                               for t in tracks])
-    assembly = model_with(evidence, (), sizes)
-    tracks = evidence.tracks(assembly)
-    fitted = fit_robustly(Problem(assembly, tracks, free_parameters(assembly, tracks)))
-    baseline = judged(evidence, assembly, fitted)
-    progress("noise floor")
-    twins = [noise_floor(assembly, fitted.p, r, fitted.stepping, evidence.noise, seed + i)
-             for i, r in enumerate(baseline.replays)]
-    sheet = [replay(assembly, assembly.values(), r.track, fitted.stepping, evidence.noise) for r in baseline.replays]
-    progress("black box on what is left")
-    training = [replay(assembly, fitted.p, t, fitted.stepping, evidence.noise) for t in tracks]
-    return Budget(baseline, _losses(sheet), _losses(twins), np.concatenate([t.losses(2) for t in twins]),
-                  black_box(training, list(baseline.replays), seed), sizes)
+    model = fit_model(evidence, seed=seed, jobs=jobs, told=told)
+    baseline = contender_from(model.assembly, model.fit, model.held_out)
+    told("black box on what is left")
+    training = [replay(model.assembly, model.fit.p, t, model.fit.stepping, evidence.noise)
+                for t in evidence.tracks(model.assembly)]
+    return Budget(model, baseline, _losses(model.data_sheet), _losses(model.floor),
+                  black_box(training, list(baseline.replays), seed))
 
 
-def _losses(replays: list[Replay]) -> Array:
+def _losses(replays: tuple[Replay, ...]) -> Array:
     return np.concatenate([r.losses(1) for r in replays])
 
 

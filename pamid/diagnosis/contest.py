@@ -55,7 +55,11 @@ class Contender:
 def judged(evidence: Evidence, assembly: Assembly, fitted: Fit) -> Contender:
     """Replay a fitted model over everything held out."""
     tracks = evidence.tracks(assembly, held_out=True)
-    replays = tuple(replay(assembly, fitted.p, t, fitted.stepping, evidence.noise) for t in tracks)
+    return contender_from(assembly, fitted, tuple(replay(assembly, fitted.p, t, fitted.stepping, evidence.noise)
+                                                  for t in tracks))
+
+
+def contender_from(assembly: Assembly, fitted: Fit, replays: tuple[Replay, ...]) -> Contender:
     return Contender(assembly, fitted, replays, np.concatenate([r.losses(2) for r in replays]),
                      np.concatenate([r.losses(1) for r in replays]))
 

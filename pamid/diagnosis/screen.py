@@ -17,8 +17,7 @@ from pamid.fitting import Problem, fit, free_parameters
 Array = NDArray[np.float64]
 
 STEPS = 4
-MOST = 12              # candidates sent on at most, beside the best of every family
-LEAST_SHARE = 0.10     # of the best gain: below, only the best of a family goes on
+MOST = 10              # candidates sent on, beside the best of every further family
 
 
 @dataclass(frozen=True)
@@ -77,7 +76,7 @@ def sent_on(rig_family: dict[str, str], screened: list[Screened]) -> list[Screen
     if not usable:
         return []
     top = usable[0].gain
-    kept = [s for s in usable[:MOST] if s.gain > LEAST_SHARE * top]
+    kept = usable[:MOST]
     families = {rig_family[s.attachment.label] for s in kept}
     for s in usable:
         family = rig_family[s.attachment.label]

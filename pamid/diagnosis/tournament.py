@@ -25,8 +25,8 @@ Told = Callable[[str], None]
 MOST_CAUSES = 3
 WORTH = 0.05            # of the gap: what a further effect has to remove
 SURE = 3.0              # standard errors by which it has to win
-EXPLAINED = 0.25        # of the gap that may remain unexplained
-HALF_WAY = 0.60         # ... or this much, where a black box gets no further
+EXPLAINED = 0.25        # of the gap that may remain beyond what a black box leaves
+HALF_WAY = 0.60         # of the gap that may remain at all
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +53,7 @@ class Diagnosis:
 def diagnose(evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: int = 0, jobs: int = 1,
              told: Told = lambda text: None) -> Diagnosis:
     """Find where the gap lies, which effect causes it and how far it shrinks. told: what is going on, in words."""
-    budget = gap_budget(evidence, seed=seed, progress=told)
+    budget = gap_budget(evidence, seed=seed, jobs=jobs, told=told)
     base = budget.baseline
     chosen = selection_part(list(base.replays))
     if _no_gap(budget, seed):
@@ -128,20 +128,24 @@ def _simplest(budget: Budget, ranking: tuple[Contender, ...], chosen: NDArray[np
     if not kin:
         return best
     losses = bootstrap_losses([best, *kin], chosen, seed)
-    channels = best.squares.shape[1]
+    gap = budget.excess(budget.baseline.absolutes, chosen)
     for i, c in sorted(enumerate(kin, start=1), key=lambda e: (e[1].free_count, losses[e[0]].mean())):
         gain = losses[i] - losses[0]
-        if gain.mean() < max(SURE * gain.std(), 0.02 * channels):
+        lost = budget.excess(c.absolutes, chosen) - budget.excess(best.absolutes, chosen)
+        if lost < WORTH * gap and gain.mean() < max(SURE * gain.std(), 0.02 * best.squares.shape[1]):
             return c
     return best
 
 
 def _to_front(ranking: tuple[Contender, ...], probability: list[float],
               best: Contender) -> tuple[tuple[Contender, ...], list[float]]:
-    """Put the chosen one first; members of its family keep their probabilities with it."""
+    """Put the chosen one first; the wins of the kin it was preferred to count for it."""
     i = ranking.index(best)
     order = [i, *(k for k in range(len(ranking)) if k != i)]
-    return tuple(ranking[k] for k in order), [probability[k] for k in order]
+    wins = list(probability)
+    if i:
+        wins[i], wins[0] = wins[i] + wins[0], 0.0
+    return tuple(ranking[k] for k in order), [wins[k] for k in order]
 
 
 def _judge(evidence: Evidence, budget: Budget, ranking: tuple[Contender, ...], best: Contender,
@@ -156,7 +160,7 @@ def _judge(evidence: Evidence, budget: Budget, ranking: tuple[Contender, ...], b
     best = _add_more(evidence, budget, best, chosen, candidates, hints, seed, jobs, told)
     left = budget.excess(best.absolutes, chosen)
     ceiling = budget.excess(budget.black_box, chosen)
-    if left > EXPLAINED * gap and not (left <= HALF_WAY * gap and left <= ceiling):
+    if left > HALF_WAY * gap or left - ceiling > EXPLAINED * gap:
         return "unknown-effect", None, ()
     tied = _tied(budget, ranking, chosen, classes, seed)
     families = {c.family for c in tied}

@@ -8,7 +8,7 @@ from pamid.report import words
 from pamid.report.budget import ChannelErrors, headline
 from pamid.report.diagnosed import Candidate, Diagnosis, Regime, Where
 from pamid.report.load import RunData
-from pamid.report.sentences import causes_words, runner_up
+from pamid.report.sentences import causes_words, over_channels, runner_up
 from pamid.report.words import channel_unit, channel_words, effect_words, percent, percent_span, sentence, short
 
 DIAGNOSE_HINT = "`pamid diagnose` on the same recordings adds this answer."
@@ -30,7 +30,7 @@ def where_answer(run: RunData) -> Answer:
     if diagnosis is None:
         return Answer("Not asked yet.", (DIAGNOSE_HINT,))
     if diagnosis.verdict == "no-structural-gap":
-        return Answer("Nowhere in particular: no gap is left to place.")
+        return Answer("Nowhere: no gap is left to place.")
     where = diagnosis.where
     if where is None or not (where.port or where.shares):
         return Answer("The diagnosis names no port.")
@@ -124,7 +124,7 @@ def _unknown(diagnosis: Diagnosis) -> tuple[str, list[str]]:
     if one.formula:
         of = f" of {words.join(map(words.port_words, one.variables))}" if one.variables else ""
         at = f" at the {words.port_words(one.port)} port" if one.port else ""
-        details.append(f"The missing term{at} is described best, as a function{of}, by: {words.clean(one.formula)}.")
+        details.append(f"The missing term{at} is described best, as a function{of}, by `{words.clean(one.formula)}`.")
     if one.inclusion is not None:
         details.append(f"Its terms came up in {percent(one.inclusion)} of the fits to resampled data; this is a "
                        "description, not a cause.")  # fmt: skip
@@ -147,11 +147,11 @@ def _beside(diagnosis: Diagnosis) -> list[str]:
     if second is None:
         return [*details, "No other candidate was refitted."]
     which = "Runner-up" if named else "The candidate that comes closest"
-    return [*details, sentence(f"{which}: {effect_words(second.effect)}, {_result(second)}")]
+    return [*details, sentence(f"{which}: {effect_words(second.effect)}, {_result(second, diagnosis)}")]
 
 
-def _result(one: Candidate) -> str:
-    text = f"removes {percent(one.shrinkage)} of the held-out error"
+def _result(one: Candidate, diagnosis: Diagnosis) -> str:
+    text = f"removes {percent(one.shrinkage)} of the held-out error{over_channels(diagnosis)}"
     interval = percent_span(one.low, one.high)
     text += words.interval_tail(interval)
     text += "" if one.probability is None else f", probability {one.probability:.2f}"
@@ -179,9 +179,7 @@ def _steps(run: RunData, row: ChannelErrors, unit_text: str) -> str:
 
 
 def _cause_label(run: RunData) -> str:
-    if run.diagnosis is None or not run.diagnosis.causes:
-        return "with the candidate"
-    return f"with {causes_words(run.diagnosis)}"
+    return f"with {causes_words(run.diagnosis)}" if run.diagnosis is not None else "with the cause"
 
 
 def _limits(row: ChannelErrors, unit_text: str) -> list[str]:

@@ -68,6 +68,7 @@ def _row(name: str, run: RunData) -> ChannelErrors:
     fitted = run.fit.mae.get(name, {}) if run.fit is not None else {}
     reached = run.diagnosis.how_far.get(name) if run.diagnosis is not None else None
     network = run.network.mae.get(name, {}) if run.network is not None else {}
+    named = reached if run.diagnosis is not None and run.diagnosis.causes else None  # else there is no "with cause"
 
     def told(field: str) -> float | None:
         found = getattr(reached, field) if reached is not None else None
@@ -78,12 +79,12 @@ def _row(name: str, run: RunData) -> ChannelErrors:
         data_sheet=told("data_sheet"),
         refitted=told("refitted"),
         with_network=network.get("with_network"),
-        with_cause=reached.with_cause if reached is not None else None,
+        with_cause=named.with_cause if named is not None else None,
         black_box=reached.black_box if reached is not None else None,
         noise_floor=told("noise_floor"),
-        shrinkage=reached.shrinkage if reached is not None else None,
-        low=reached.low if reached is not None else None,
-        high=reached.high if reached is not None else None,
+        shrinkage=named.shrinkage if named is not None else None,
+        low=named.low if named is not None else None,
+        high=named.high if named is not None else None,
     )
 
 

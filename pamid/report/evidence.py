@@ -13,7 +13,7 @@ from pamid.report.diagnosed import Diagnosis, Pull
 from pamid.report.load import Network, Residual, RunData
 from pamid.report.reading import FloatArray
 from pamid.report.sentences import pulls_title, timeline_title, training_title
-from pamid.report.style import Drawing, bare, colour, grid, label
+from pamid.report.style import Drawing, bare, colour, grid, label, legend_above
 
 _BINS = 160
 _PANELS = {"mse": ("MSE [-]", True), "gamma": ("gamma [-]", False), "mu": ("mu [-]", True)}
@@ -97,12 +97,14 @@ def timeline_drawing(run: RunData, channel: str) -> Drawing | None:
             role = {"cause": "with_cause"}.get(kind, kind)
             name = {"refitted": "refitted", "cause": "with cause"}[kind]
             axes.plot(time, error, color=colour(role), linewidth=1.4, label=name)
-        axes.set_xlim(min(time[0] for time, _ in curves.values()), max(time[-1] for time, _ in curves.values()))
+        first, last = curves["refitted"][0][[0, -1]]
+        if last > first:
+            axes.set_xlim(first, last)
         axes.set_ylim(bottom=0.0)
         axes.set_ylabel(words.axis_label("mean |error|", label(words.channel_unit(channel))))
         axes.set_xlabel("time [s]")
         grid(axes, "y")
-        figure.legend(loc="outside upper left", ncols=3, handlelength=1.8)
+        legend_above(axes, 3)
 
     title = timeline_title(channel, run, number, curves)
     return Drawing("timeline", title, draw, 2.3, 2.5)

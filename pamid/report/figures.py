@@ -13,17 +13,18 @@ from matplotlib.ticker import MaxNLocator
 from pamid.report import words
 from pamid.report.budget import MODELS, ChannelErrors, Window
 from pamid.report.diagnosed import Candidate, Diagnosis
-from pamid.report.load import Residual
+from pamid.report.load import Residual, RunData
 from pamid.report.reading import FloatArray
 from pamid.report.sentences import (
     budget_title,
     candidate_order,
     causes_words,
+    over_channels,
     ports_title,
     ranking_title,
     window_title,
 )
-from pamid.report.style import Drawing, bare, colour, grid, label
+from pamid.report.style import Drawing, bare, colour, grid, label, legend_above
 
 MOST_CANDIDATES = 12
 _LEFT_END = -0.5  # a candidate that is worse than this is drawn at the edge, with an arrow
@@ -82,7 +83,8 @@ def ranking_drawing(diagnosis: Diagnosis) -> Drawing | None:
         ticks = [tick for tick in range(-50, 101, 50 if narrow else 25) if 100.0 * left - 3.0 <= tick <= 100.0 * right]
         axes.set_xticks(ticks)
         axes.spines["bottom"].set_bounds(100.0 * left - 3.0, 100.0 * right)
-        axes.set_xlabel("held-out error removed [%]" if narrow else "held-out error removed [%], line: 95 % interval")
+        what = f"held-out error removed{over_channels(diagnosis)} [%]"
+        axes.set_xlabel(what if narrow else f"{what}, line: 95 % interval")
 
     height = 0.85 + 0.27 * len(shown)
     return Drawing("ranking", ranking_title(diagnosis), draw, height, height)
@@ -113,9 +115,10 @@ def budget_drawing(rows: tuple[ChannelErrors, ...], diagnosis: Diagnosis | None)
 
 
 def window_drawing(
-    residual: Residual, channel: str, window: Window, diagnosis: Diagnosis | None, kinds: tuple[str, ...]
+    run: RunData, residual: Residual, channel: str, window: Window, kinds: tuple[str, ...]
 ) -> Drawing:
     """Measured and modelled traces over the worst window, and their errors below [channel's unit] over time [s]."""
+    diagnosis = run.diagnosis
     unit_text, what = words.channel_unit(channel), words.channel_words(channel)
     time, measured = residual.columns["time_s"][window.rows], residual.columns[channel][window.rows]
     found = ((kind, residual.of(channel, kind)) for kind in kinds)
@@ -132,13 +135,13 @@ def window_drawing(
             below.plot(*_thinned(time, measured - trace), color=colour(role), linewidth=width, linestyle=dashes)
         above.set_ylabel(words.axis_label(label(what, 22), label(unit_text)))
         below.set_ylabel(words.axis_label("error", label(unit_text)))
-        below.set_xlabel("time [s]")
+        below.set_xlabel(words.axis_label(f"time{label(run.recording_words(window.recording), 30)}", "s"))
         for axes in (above, below):
             grid(axes, "y")
             axes.margins(x=0.0)
         below.xaxis.set_major_locator(MaxNLocator(5 if narrow else 9))
         figure.align_ylabels((above, below))
-        figure.legend(loc="outside upper left", ncols=2 if narrow else 4, handlelength=1.8, columnspacing=1.2)
+        legend_above(above, 2 if narrow else 4)
 
     name = "window-network" if "network" in kinds else "window"
     return Drawing(name, window_title(channel, window, diagnosis, kinds), draw, 3.3, 3.5)

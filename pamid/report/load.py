@@ -128,6 +128,11 @@ class RunData:
             return self.fit.rig
         return _option(self.steps[0].command, "--rig")
 
+    def recording_words(self, number: int) -> str:
+        """ " in recording NAME" where there are several of them, else ""; `number` as in residual.csv. """
+        known = self.fit.recordings if self.fit is not None else ()
+        return f" in recording {known[number].name}" if len(known) > 1 and 0 <= number < len(known) else ""
+
 
 def load_run(folder: Path) -> RunData:
     """Read a run folder; FileError if it is none, holds no result, or one of its files is damaged."""

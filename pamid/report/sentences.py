@@ -25,6 +25,12 @@ def candidate_order(diagnosis: Diagnosis) -> list[Candidate]:
     return list(diagnosis.ranking)
 
 
+def over_channels(diagnosis: Diagnosis) -> str:
+    """ " over all channels" where the ranking is about several of them. """
+    several = any(len(one.held_out) > 1 for one in diagnosis.ranking) or len(diagnosis.how_far) > 1
+    return " over all channels" if several else ""
+
+
 def runner_up(diagnosis: Diagnosis) -> Candidate | None:
     """The best candidate that is neither a cause nor a look-alike of one; else the best that is no cause."""
     named = {cause.effect for cause in diagnosis.causes}
@@ -46,7 +52,8 @@ def verdict_sentence(run: RunData, rows: tuple[ChannelErrors, ...]) -> str:
         at = f" at the {words.port_words(port)} port" if port else ""
         return f"Something material enters{at} that no effect of the catalogue explains."
     if diagnosis.verdict == "ambiguous":
-        return words.sentence(f"the gap is explained, but these recordings cannot tell {causes_words(diagnosis)}")
+        named = words.join(effect_words(cause.effect) for cause in diagnosis.causes)
+        return f"The gap is explained, but these recordings cannot tell apart {named}."
     return words.sentence(f"{causes_words(diagnosis)} {_removes(diagnosis)} {_gain(row)}")
 
 
@@ -86,14 +93,15 @@ def ranking_title(diagnosis: Diagnosis) -> str:
     """The best candidate against the runner-up; for verdicts without a cause, how far the best falls short."""
     best, second = diagnosis.ranking[0], runner_up(diagnosis)
     if diagnosis.verdict in ("unknown-effect", "no-structural-gap"):
-        tail = "too little to be named" if diagnosis.verdict == "unknown-effect" else "not more than noise would"
+        tail = "not enough to be named" if diagnosis.verdict == "unknown-effect" else "no effect is needed"
         return words.sentence(f"the best candidate, {effect_words(best.effect)}, removes {percent(best.shrinkage)} "
-                              f"of the held-out error: {tail}").removesuffix(".")  # fmt: skip
+                              f"of the held-out error{over_channels(diagnosis)}; {tail}").removesuffix(".")  # fmt: skip
     if second is None or second.shrinkage is None:
         text = f"{effect_words(best.effect)} removes {percent(best.shrinkage)} of the held-out error"
     else:
-        text = (f"{effect_words(best.effect)} removes {percent(best.shrinkage)} of the held-out error, the runner-up "
-                f"{effect_words(second.effect)} {percent(second.shrinkage)}")  # fmt: skip
+        text = (f"{effect_words(best.effect)} removes {percent(best.shrinkage)} of the held-out error"
+                f"{over_channels(diagnosis)}, the runner-up {effect_words(second.effect)} "
+                f"{percent(second.shrinkage)}")  # fmt: skip
     return words.sentence(text).removesuffix(".")
 
 
@@ -158,7 +166,5 @@ def timeline_title(
     time, error = curves["refitted"]
     order = np.sort(error)[::-1]
     half = int(np.searchsorted(np.cumsum(order), 0.5 * order.sum())) + 1
-    known = run.fit.recordings if run.fit is not None else ()
-    name = f" of {words.clean(known[recording].name)}" if 0 <= recording < len(known) else ""
-    return (f"Half of the refitted {channel_words(channel)} error{name} lies in {percent(half / order.size)} of the "
-            f"time shown")  # fmt: skip
+    what = words.clean(f"{channel_words(channel)} error{run.recording_words(recording)}")
+    return f"Half of the refitted {what} lies in {percent(half / order.size)} of the time shown"

@@ -138,6 +138,12 @@ def bare(axes: Axes) -> None:
     axes.tick_params(axis="y", length=0, labelcolor=colour("ink"))
 
 
+def legend_above(axes: Axes, columns: int) -> None:
+    """The legend between the title and the axes, where it hides nothing."""
+    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, handlelength=1.8, columnspacing=1.2,
+                borderaxespad=0.3, borderpad=0.0)
+
+
 @contextmanager
 def _settings(salt: str) -> Iterator[None]:
     with matplotlib.rc_context():

@@ -94,7 +94,7 @@ def parameters_of(run: RunData) -> tuple[tuple[Parameter, ...], dict[str, Estima
     """The fitted parameters, and those of the diagnosis beside them; the latter alone where there is no fit."""
     found = run.diagnosis.parameters if run.diagnosis is not None else {}
     if run.fit is not None and run.fit.parameters:
-        return run.fit.parameters, found
+        return run.fit.parameters, found if run.diagnosis is not None and run.diagnosis.causes else {}
     alone = tuple(
         Parameter(name, one.value, one.low, one.high, one.prior, words.channel_unit(name), "", "", one.strain, "")
         for name, one in found.items()

@@ -12,7 +12,7 @@ from pamid.units import NONE, split_column
 _PROPER = {"coulomb": "Coulomb", "stribeck": "Stribeck", "lugre": "LuGre", "maxwell": "Maxwell", "bouc wen": "Bouc-Wen",
            "prandtl ishlinskii": "Prandtl-Ishlinskii", "dahl": "Dahl", "pwm": "PWM"}  # fmt: skip
 _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
-_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069]+")
+_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]+")
 _POWER = re.compile(r"(?<=[A-Za-z])\d")
 MINUS, DASH, SPACE = "\u2212", "\u2013", "\u00a0"
 INTERVAL = f"95{SPACE}% interval"

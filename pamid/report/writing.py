@@ -58,12 +58,12 @@ def drawings_of(run: RunData, rows: tuple[ChannelErrors, ...]) -> list[Drawing]:
     """The drawings that the content of this run allows."""
     found: list[Drawing | None] = []
     diagnosis, row = run.diagnosis, headline(rows)
+    gap = diagnosis is None or diagnosis.verdict != "no-structural-gap"
     if diagnosis is not None:
-        found += [ranking_drawing(diagnosis)]
-        found += [ports_drawing(diagnosis)] if diagnosis.verdict != "no-structural-gap" else []
+        found += [ranking_drawing(diagnosis), *([ports_drawing(diagnosis)] if gap else [])]
     found += [budget_drawing(rows, diagnosis), pulls_drawing(pulls_of(run))]
     if run.residual is not None and row is not None:
-        found += [timeline_drawing(run, row.channel), *_windows(run, row.channel)]
+        found += [*([timeline_drawing(run, row.channel)] if gap else []), *_windows(run, row.channel)]
     if run.trace is not None:
         found.append(training_drawing(run.trace, run.network))
     return [drawing for drawing in found if drawing is not None]
@@ -75,9 +75,9 @@ def _windows(run: RunData, channel: str) -> list[Drawing]:
     window = worst_window(residual, channel) if residual is not None else None
     if residual is None or window is None:
         return []
-    found = [window_drawing(residual, channel, window, run.diagnosis, ("data_sheet", "refitted", "cause"))]
+    found = [window_drawing(run, residual, channel, window, ("data_sheet", "refitted", "cause"))]
     if residual.of(channel, "network") is not None:
-        found.append(window_drawing(residual, channel, window, run.diagnosis, ("refitted", "network")))
+        found.append(window_drawing(run, residual, channel, window, ("refitted", "network")))
     return found
 
 

@@ -1,0 +1,89 @@
+"""`pamid diagnose`: where the gap lies, which effect causes it, how far it shrinks."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from . import frame
+from .options import evidence_from, with_sidecar
+from .progress import Progress
+
+if TYPE_CHECKING:
+    from pamid.effect import Effect
+
+EXAMPLE = """
+pamid diagnose rec.csv --rig one-dof --output run --jobs 2
+"""
+
+
+@frame.command("diagnose", example=EXAMPLE)
+@click.argument("recordings", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--rig", default="one-dof", show_default=True, help="Rig by name, or the path of a rig file (it is run).")
+@click.option("--held-out", multiple=True, type=click.Path(path_type=Path),
+              help="Recording nobody fits. [default: the last 30 % of every recording]")
+@click.option("--effect", "effects", multiple=True, type=click.Path(path_type=Path),
+              help="File with a further effect to consider (it is run).")
+@click.option("--without", multiple=True, help="Effect of the catalogue to leave out.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Same inputs and seed, same output.")
+@click.option("--jobs", type=click.IntRange(1, 256), default=2, show_default=True, help="Threads to use.")
+@click.option("--output", type=click.Path(file_okay=False, path_type=Path), required=True, help="Run folder to make.")
+@click.option("--overwrite", is_flag=True, help="Replace an earlier run in that folder.")
+def command(recordings: tuple[Path, ...], rig: str, held_out: tuple[Path, ...], effects: tuple[Path, ...],
+            without: tuple[str, ...], seed: int, jobs: int, output: Path, overwrite: bool) -> frame.Result:
+    """Say where a model departs from its recordings, which effect of the catalogue causes it, and how far the gap
+    shrinks once that effect is added, on recordings that neither the parameters nor the choice have seen.
+    """
+    from pamid.diagnosis.whole import diagnose_into
+    from pamid.run import Run
+
+    evidence = evidence_from(rig, recordings, held_out)
+    catalogue = _catalogue(effects, without)
+    inputs = [f for p in (*recordings, *held_out) for f in with_sidecar(p)]
+    run = Run.create(output, command=sys.argv, seed=seed, inputs=inputs, overwrite=overwrite,
+                     options={"rig": rig, "effects": [str(e) for e in effects], "without": list(without)})
+    with Progress("diagnose") as progress:
+        found = diagnose_into(run, evidence, catalogue, seed=seed, jobs=jobs,
+                              told=lambda text: progress.update(0, text))
+    run.finish()
+    return frame.Result(found, diagnosis_text(found, output))
+
+
+def _catalogue(files: tuple[Path, ...], without: tuple[str, ...]) -> dict[str, type[Effect]]:
+    from pamid.errors import UsageError, nearest
+    from pamid.library import effects_with
+
+    known, _ = effects_with(tuple(str(f) for f in files))
+    for name in without:
+        if name not in known:
+            raise UsageError(f"--without {name!r}: no such effect.", nearest(name, list(known)))
+        del known[name]
+    return known
+
+
+def diagnosis_text(found: dict[str, Any], output: Path) -> str:
+    """The three answers, the ranking, and what to do next."""
+    where = found["where"]
+    lines = [found["sentence"], "", "Where     " + ", ".join(f"{p['port']} {100 * p['share']:.0f} %"
+                                                            for p in where["ports"][:4])]
+    lines += [f"          {100 * r['share_of_gap']:.0f} % of the gap in {100 * r['share_of_time']:.0f} % of the time: "
+              f"{r['signal']} {r['low']:.3g} .. {r['high']:.3g} {r['unit']}" for r in where["regimes"][:2]]
+    for i, c in enumerate(found["causes"]):
+        values = ", ".join(f"{k} {v['value']:.4g} ({v['low']:.4g} .. {v['high']:.4g})"
+                           for k, v in c["parameters"].items())
+        lines.append(("Which     " if i == 0 else "          ") + f"{c['effect']} ({c['family']}): {values}")
+    for i, (c, h) in enumerate(found["how_far"].items()):
+        lines.append(("How far   " if i == 0 else "          ") +
+                     f"{c}: {h['mae_data_sheet']:.4g} data sheet, {h['mae_refitted']:.4g} refitted, "
+                     f"{h['mae_with_cause']:.4g} with the cause (noise floor {h['noise_floor']:.4g})")
+    lines += ["", f"{'effect':36s} {'family':20s} {'P':>5s} {'shrinkage':>10s} {'95 %':>16s}"]
+    lines += [f"{r['effect']:36s} {r['family']:20s} {r['probability']:5.2f} {100 * r['shrinkage']:8.1f} % "
+              f"{100 * r['low']:6.1f} .. {100 * r['high']:5.1f}" for r in found["ranking"][:8]]
+    if found["next_experiment"]:
+        n = found["next_experiment"]
+        lines += ["", f"Measure next: {n['name']} separates {' and '.join(n['separates'])}."]
+    lines.append(f"Next: pamid report {output}")
+    return "\n".join(lines)

@@ -1,0 +1,73 @@
+"""`pamid fit`: grey-box parameters with intervals."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+
+from . import frame
+from .options import evidence_from, with_sidecar
+from .progress import Progress
+
+EXAMPLE = """
+pamid fit rec.csv --rig one-dof --output fitted
+"""
+
+
+@frame.command("fit", example=EXAMPLE)
+@click.argument("recordings", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--rig", default="one-dof", show_default=True, help="Rig by name, or the path of a rig file (it is run).")
+@click.option("--held-out", multiple=True, type=click.Path(path_type=Path),
+              help="Recording nobody fits. [default: the last 30 % of every recording]")
+@click.option("--effect", "effects", multiple=True,
+              help="Effect to fit with: NAME or NAME@PORT, or the path of an effect file (it is run).")
+@click.option("--bootstrap", type=click.IntRange(0, 1000), default=0, show_default=True,
+              help="Intervals from this many refits on resampled windows instead of the Jacobian.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Same inputs and seed, same output.")
+@click.option("--jobs", type=click.IntRange(1, 256), default=1, show_default=True, help="Threads for the bootstrap.")
+@click.option("--output", type=click.Path(file_okay=False, path_type=Path), required=True, help="Run folder to make.")
+@click.option("--overwrite", is_flag=True, help="Replace an earlier run in that folder.")
+def command(recordings: tuple[Path, ...], rig: str, held_out: tuple[Path, ...], effects: tuple[str, ...],
+            bootstrap: int, seed: int, jobs: int, output: Path, overwrite: bool) -> frame.Result:
+    """Fit the parameters of a rig to recordings and judge the model on what was held out.
+
+    Writes fit.json and residual.csv into a run folder. Every parameter gets an interval and a word: settled, weak
+    (the prior still speaks) or silent (the recordings say nothing about it).
+    """
+    from pamid.greybox import fit_json, fit_model, residual_csv
+    from pamid.run import Run, write_atomically, write_json
+    from pamid.virtual import attach_specs
+
+    evidence = evidence_from(rig, recordings, held_out)
+    attached = tuple(a for a, _ in attach_specs(evidence.rig, effects))
+    inputs = [f for p in (*recordings, *held_out) for f in with_sidecar(p)]
+    run = Run.create(output, command=sys.argv, seed=seed, inputs=inputs, overwrite=overwrite,
+                     options={"rig": rig, "effects": list(effects), "bootstrap": bootstrap})
+    with Progress("fit") as progress:
+        model = fit_model(evidence, attached, seed=seed, draws=bootstrap, jobs=jobs,
+                          told=lambda text: progress.update(0, text))
+    found = fit_json(model, seed)
+    write_json(run.path("fit.json"), found)
+    write_atomically(run.path("residual.csv"), residual_csv(model))
+    run.finish()
+    return frame.Result(found, fit_text(found, output), 0 if found["converged"] else 5)
+
+
+def fit_text(found: dict[str, Any], output: Path) -> str:
+    """Parameters and held-out errors as a table."""
+    lines = [f"{'parameter':34s} {'value':>12s} {'low':>12s} {'high':>12s}  word"]
+    for name, p in found["parameters"].items():
+        edge = f", at its {p['at_bound']} bound" if p["at_bound"] else ""
+        strain = f", {p['strain']:.1f} prior sd from its data sheet" if p["strain"] > 3.0 else ""
+        lines.append(f"{name:34s} {p['value']:12.5g} {p['low']:12.5g} {p['high']:12.5g}  {p['word']}{edge}{strain}")
+    lines.append("")
+    lines.append(f"{'held-out mean absolute error':34s} {'data sheet':>12s} {'refitted':>12s} {'noise floor':>12s}")
+    lines += [f"{c:34s} {m['data_sheet']:12.4g} {m['refitted']:12.4g} {m['noise_floor']:12.4g}"
+              for c, m in found["mae"].items()]
+    if not found["converged"]:
+        lines.append(f"Not converged: {found['why']}.")
+    lines.append(f"Next: pamid train-residual {output}   or   pamid report {output}")
+    return "\n".join(lines)

@@ -1,0 +1,55 @@
+"""Small things that several commands take: name=value pairs, noise factors, recordings and their division."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pamid.evidence import Evidence
+
+
+def parse_known(pairs: tuple[str, ...]) -> dict[str, float]:
+    """("inertia_kg_m2=0.0896", ...) as a table."""
+    from pamid.errors import UsageError
+
+    table = {}
+    for pair in pairs:
+        name, sign, value = pair.partition("=")
+        try:
+            table[name.strip()] = float(value)
+        except ValueError:
+            sign = ""
+        if not sign:
+            raise UsageError(f"{pair!r} is not NAME=VALUE with a number.", "For example inertia_kg_m2=0.0896.")
+    return table
+
+
+def noise_factor(text: str) -> float:
+    """default -> 1, none -> 0, a number as it is."""
+    from pamid.errors import UsageError
+
+    words = {"default": 1.0, "none": 0.0}
+    try:
+        factor = words[text] if text in words else float(text)
+    except ValueError:
+        factor = -1.0
+    if factor < 0.0:
+        raise UsageError(f"--noise {text!r}: it takes default, none or a factor of at least 0.")
+    return factor
+
+
+def evidence_from(rig_name: str, recordings: tuple[Path, ...], held_out: tuple[Path, ...]) -> Evidence:
+    """Read the recordings and divide them for a rig."""
+    from pamid.evidence import gather
+    from pamid.library import rig_named
+    from pamid.recording import read_recording
+
+    rig = rig_named(rig_name)
+    return gather(rig, [read_recording(p) for p in recordings], [read_recording(p) for p in held_out])
+
+
+def with_sidecar(path: Path) -> list[Path]:
+    """A recording and the TOML beside it, if there is one."""
+    toml = path.with_suffix(".toml")
+    return [path, toml] if toml.is_file() else [path]

@@ -1,0 +1,245 @@
+"""From recordings to a fitted model and its figures: what `pamid fit` writes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.assembly import Assembly, Attachment
+from pamid.engine.program import Stepping
+from pamid.equations import symbol
+from pamid.evidence import Evidence, Span
+from pamid.fitting import Fit, Problem, fit_robustly, free_parameters
+from pamid.intervals import background_pull, bootstrap, estimates
+from pamid.recording import Recording
+from pamid.residuals import Replay, channel_mae, noise_floor, replay
+from pamid.rig import Loop
+from pamid.simulation import choose_stepping, port_sizes
+from pamid.units import from_si, split_column, with_unit
+from pamid.windows import Runner, Track
+
+Array = NDArray[np.float64]
+
+COARSE = 0.2           # noise standard deviations by which doubled sub-steps may change an output
+PERTURBED = 1e-3       # relative change of a parameter for the closed loop's perturbation band
+
+
+@dataclass(frozen=True, eq=False)
+class GreyBox:
+    """A fitted model with its replays. recheck: change of the outputs by doubled sub-steps, in noise sd."""
+
+    evidence: Evidence
+    assembly: Assembly
+    fit: Fit
+    recheck: float
+    held_out: tuple[Replay, ...]
+    data_sheet: tuple[Replay, ...]
+    floor: tuple[Replay, ...]
+    draws: Array | None = None
+
+
+def fit_model(evidence: Evidence, attached: tuple[Attachment, ...] = (), *, seed: int = 0, draws: int = 0,
+              jobs: int = 1, told: Callable[[str], None] = lambda text: None) -> GreyBox:
+    """Fit the rig (with effects) to the evidence; integration refined until doubled sub-steps change nothing."""
+    plain = Assembly(evidence.rig)
+    sizes = port_sizes(plain, [(t.u, Runner(plain, t, Stepping()).parameters(plain.values()), t.period_s)
+                               for t in evidence.tracks(plain)])
+    assembly = Assembly(evidence.rig, attached, background=True, sizes=sizes, outputs=evidence.channels)
+    tracks, held = evidence.tracks(assembly), evidence.tracks(assembly, held_out=True)
+    problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
+    told("fitting")
+    fitted = fit_robustly(problem, progress=lambda i, cost: told(f"fitting, step {i}, cost {cost:.5g}"))
+    replays, change = _rechecked(assembly, fitted, held, evidence.noise)
+    for _ in range(3):
+        if change <= COARSE:
+            break
+        told("refining the integration step")
+        fitted = fit_robustly(problem, stepping=fitted.stepping.doubled())
+        replays, change = _rechecked(assembly, fitted, held, evidence.noise)
+    told("noise floor")
+    floor = tuple(noise_floor(assembly, fitted.p, r, fitted.stepping, evidence.noise, seed + i)
+                  for i, r in enumerate(replays))
+    sheet = tuple(replay(assembly, assembly.values(), t, fitted.stepping, evidence.noise) for t in held)
+    return GreyBox(evidence, assembly, fitted, change, replays, sheet, floor,
+                   bootstrap(fitted, draws, seed=seed, jobs=jobs) if draws else None)
+
+
+def _rechecked(assembly: Assembly, fitted: Fit, held: tuple[Track, ...],
+               noise: Array) -> tuple[tuple[Replay, ...], float]:
+    """Held-out replays, and by how much doubled sub-steps change them (worst channel, noise sd)."""
+    once = tuple(replay(assembly, fitted.p, t, fitted.stepping, noise) for t in held)
+    twice = [replay(assembly, fitted.p, t, fitted.stepping.doubled(), noise) for t in held]
+    change = [np.sqrt((((a.model - b.model) / noise)[a.scored] ** 2).mean(axis=0)).max()
+              for a, b in zip(once, twice, strict=True)]
+    return once, float(max(change))
+
+
+def fit_json(g: GreyBox, seed: int) -> dict[str, Any]:
+    """fit.json: parameters with intervals and words, errors per channel on what was held out."""
+    e = g.evidence
+    figures = {"data_sheet": channel_mae(list(g.data_sheet)), "refitted": channel_mae(list(g.held_out)),
+               "noise_floor": channel_mae(list(g.floor))}
+    return {
+        "schema": "pamid.fit/1", "rig": e.rig.name, "effects": [a.label for a in g.assembly.attachments],
+        "seed": seed,
+        "recordings": [{"name": r.name, "path": str(r.path), "sha256": r.sha256, "role": _role(e, r),
+                        "samples": len(r), "period_s": r.sampling_period_s, "loop": r.loop} for r in e.recordings],
+        "channels": list(e.channels), "converged": g.fit.converged, "why": g.fit.why,
+        "iterations": g.fit.iterations,
+        "stepping": {"substeps": g.fit.stepping.substeps, "implicit": g.fit.stepping.implicit,
+                     "recheck": g.recheck},
+        "noise": {c: _out(c, e.noise[i]) for i, c in enumerate(e.channels)},
+        "parameters": {x.name: {"value": x.value, "low": x.low, "high": x.high, "prior": x.prior,
+                                "unit": x.bound.unit, "word": x.word, "at_bound": x.at_bound, "strain": x.strain,
+                                "source": x.bound.source}
+                       for x in estimates(g.fit, g.draws) if not x.bound.owner.startswith("background")},
+        "intervals": "block bootstrap" if g.draws is not None else "Jacobian",
+        "background": {k: {"pull": v} for k, v in background_pull(g.fit).items()},
+        "mae": {c: {k: _out(c, v[i]) for k, v in figures.items()} for i, c in enumerate(e.channels)},
+        "closed_loop": closed_loop_figures(g),
+    }
+
+
+def _role(e: Evidence, recording: Recording) -> str:
+    fit = any(s.recording is recording for s in e.fit)
+    held = any(s.recording is recording for s in e.held_out)
+    return "both" if fit and held else "fit" if fit else "held-out"
+
+
+def _out(channel: str, value: float) -> float:
+    return float(from_si(float(value), split_column(channel)[1]))
+
+
+# ---- the model in its own loop -----------------------------------------------------------------------------------
+
+
+def loop_run(g: GreyBox, r: Recording, p: Array) -> dict[str, Array] | None:
+    """The model under its own controller over a whole recording; columns in their own units.
+
+    None where the recording has no controller or no reference. Keys: the controlled reading, its velocity and
+    acceleration, and the command.
+    """
+    rig = g.evidence.rig
+    if r.loop != "closed" or not rig.loops or not all(r.has(q.reference) for q in rig.loops):
+        return None
+    settings = {**rig.controller, **r.controller}
+    a = Assembly(rig, g.assembly.attachments, background=True, sizes=g.assembly.sizes,
+                 controller=tuple(sorted(settings.items())))
+    t = g.assembly.keys
+    values = a.values(r.known)
+    for key, i in a.keys.items():
+        if key in t and not any(a.index_of(k) == i for k in r.known):
+            values[i] = p[t[key]]
+    u = np.stack([r.si(n) if r.has(n) else np.full(len(r), rig.optional.get(n, 0.0)) for n in a.traced.inputs], axis=1)
+    step = choose_stepping(a, u, values, r.sampling_period_s, a.start(values))
+    program = a.program_with({q.command: symbol("cell", q.command) for q in rig.loops})
+    memory = program.memory(a.start(values), stepping=step, period_s=r.sampling_period_s)
+    Y, _, bad = program.run(memory, u, values, period_s=r.sampling_period_s, stepping=step)
+    if bad >= 0:
+        return None
+    return {n: from_si(Y[:, i], split_column(n)[1]) for i, n in enumerate(program.outputs)}
+
+
+def closed_loop_figures(g: GreyBox) -> dict[str, Any] | None:
+    """MAE of the model in its own loop over the held-out part, with the band a 0.1 % change of conductance-like
+    (logarithmic) parameters moves it by; None where no recording was made in a closed loop."""
+    runs = {"data_sheet": g.assembly.values(), "refitted": g.fit.p}
+    errors: dict[str, dict[str, list[float]]] = {}
+    for span in g.evidence.held_out:
+        for name, p in runs.items():
+            _collect(errors, name, loop_run(g, span.recording, p), span)
+        for k in g.fit.problem.free:
+            if g.assembly.parameters[k].log:
+                moved = g.fit.p.copy()
+                moved[k] *= 1.0 + PERTURBED
+                _collect(errors, "moved", loop_run(g, span.recording, moved), span)
+    if not errors:
+        return None
+    out = {}
+    for column, by in errors.items():
+        refitted = float(np.mean(by["refitted"])) if by.get("refitted") else None
+        moved = by.get("moved", [])
+        band = max((abs(m - refitted) for m in moved), default=0.0) if refitted is not None else None
+        out[column] = {"data_sheet": float(np.mean(by["data_sheet"])) if by.get("data_sheet") else None,
+                       "refitted": refitted, "band": band}
+    return out
+
+
+def _collect(errors: dict[str, dict[str, list[float]]], name: str, found: dict[str, Array] | None, span: Span) -> None:
+    if found is None:
+        return
+    for column, values in found.items():
+        if span.recording.has(column):
+            gap = np.abs(values - span.recording.signal(column))[span.start : span.stop]
+            errors.setdefault(column, {}).setdefault(name, []).append(float(gap.mean()))
+
+
+# ---- residual.csv ------------------------------------------------------------------------------------------------
+
+
+def residual_table(g: GreyBox, cause: tuple[Replay, ...] = ()) -> tuple[list[str], Array]:
+    """Header and rows of residual.csv: measured, data sheet, refitted (and with the cause) over everything."""
+    e, header, rows = g.evidence, ["time_s", "recording", "part", "window"], []
+    spans = [(0, s) for s in e.fit] + [(1, s) for s in e.held_out]
+    fitted = [replay(g.assembly, g.fit.p, t, g.fit.stepping, e.noise) for t in e.tracks(g.assembly)]
+    sheet = [replay(g.assembly, g.assembly.values(), t, g.fit.stepping, e.noise) for t in e.tracks(g.assembly)]
+    fitted += g.held_out
+    sheet += g.data_sheet
+    for c in e.channels:
+        stem, unit = split_column(c)
+        header += [c, with_unit(f"{stem}_data_sheet", unit), with_unit(f"{stem}_refitted", unit)]
+        header += [with_unit(f"{stem}_cause", unit)] if cause else []
+    inputs = [n for n in e.rig.inputs if all(r.has(n) for r in e.recordings)]
+    loops = [q for q in e.rig.loops if all(r.loop == "closed" and r.has(q.reference) for r in e.recordings)]
+    header += inputs + [q.reference for q in loops]
+    for q in loops:
+        stem, unit = split_column(q.reading)
+        header += [with_unit(f"{stem}_loop", unit), with_unit("velocity_loop", f"{unit}/s"),
+                   with_unit("acceleration_loop", f"{unit}/s2"), f"{q.command}_loop"]
+    for i, (part, s) in enumerate(spans):
+        r = s.recording
+        n = s.stop - s.start
+        own = [i for i, k in enumerate(e.recordings) if k is r][0]
+        window = np.full(n, -1.0)
+        for w, cutout in enumerate(fitted[i].windows):
+            inside = np.arange(cutout.start, cutout.stop)
+            window[inside[fitted[i].scored[inside]]] = w
+        table = [r.time[s.start : s.stop], np.full(n, own), np.full(n, part), window]
+        for k, c in enumerate(e.channels):
+            table += [from_si(y, split_column(c)[1]) for y in
+                      (fitted[i].track.y[:, k], sheet[i].model[:, k], fitted[i].model[:, k])]
+            if cause:
+                after = cause[i - len(e.fit)].model[:, k] if part else fitted[i].model[:, k]
+                table.append(from_si(after, split_column(c)[1]))
+        table += [r.signal(n_)[s.start : s.stop] for n_ in inputs + [q.reference for q in loops]]
+        table += _loop_columns(g, s, loops)
+        rows.append(np.stack(table, axis=1))
+    return header, np.concatenate(rows)
+
+
+def _loop_columns(g: GreyBox, span: Span, loops: list[Loop]) -> list[Array]:
+    """Angle, velocity, acceleration and command of the refitted model in its own loop over a span."""
+    if not loops:
+        return []
+    found = loop_run(g, span.recording, g.fit.p)
+    n, period = span.stop - span.start, span.recording.sampling_period_s
+    out: list[Array] = []
+    for q in loops:
+        if found is None:
+            out += [np.zeros(n)] * 4
+            continue
+        angle = found[q.reading]
+        velocity = np.gradient(angle, period)
+        out += [c[span.start : span.stop] for c in (angle, velocity, np.gradient(velocity, period), found[q.command])]
+    return out
+
+
+def residual_csv(g: GreyBox, cause: tuple[Replay, ...] = ()) -> bytes:
+    """residual.csv as bytes, 9 significant digits."""
+    header, rows = residual_table(g, cause)
+    line = ",".join(["%.12g"] + ["%.9g"] * (len(header) - 1)) + "\n"
+    return (",".join(header) + "\n" + (line * len(rows)) % tuple(rows.ravel().tolist())).encode()

@@ -1,0 +1,154 @@
+"""A run folder written by hand, with every file and every verdict, for the tests of the report."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+PERIOD_S = 0.01
+WINDOW_ROWS = 200
+CHANNELS = {"angle_deg": (0.05, 1.29, 0.52, 0.11), "pressure_1_kpa": (0.4, 9.0, 2.1, 1.9),
+            "pressure_2_kpa": (0.4, 8.0, 2.3, 2.0)}  # fmt: skip
+
+
+def run_json() -> dict[str, Any]:
+    return {
+        "schema": "pamid.run/1", "command": ["pamid", "diagnose", "rec.csv", "--rig", "one-dof", "--output", "RUN"],
+        "seed": 3, "options": {}, "inputs": [{"path": "rec.csv", "sha256": "ab" * 32}],
+        "versions": {"python": "3.11.2", "pamid": "0.1.0", "numpy": "2.4.0"}, "platform": "Linux",
+        "begun": "2024-05-01T10:00:00+00:00", "ended": "2024-05-01T10:02:00+00:00", "outcome": "done", "steps": [],
+    }  # fmt: skip
+
+
+def fit_json() -> dict[str, Any]:
+    def parameter(value: float, prior: float, unit: str, word: str, strain: float, bound: str | None = None) -> Any:
+        return {"value": value, "low": 0.95 * value, "high": 1.05 * value, "prior": prior, "unit": unit, "word": word,
+                "at_bound": bound, "strain": strain, "source": "Table 2 of the first paper"}  # fmt: skip
+
+    return {
+        "schema": "pamid.fit/1", "rig": "one-dof", "effects": [], "seed": 0,
+        "recordings": [{"name": "rec", "path": "rec.csv", "sha256": "ab" * 32, "role": "both", "samples": 4000,
+                        "period_s": PERIOD_S, "loop": "closed"}],
+        "channels": list(CHANNELS), "converged": True, "why": "", "iterations": 15,
+        "stepping": {"substeps": 1, "implicit": False, "recheck": 0.003},
+        "noise": {name: values[0] for name, values in CHANNELS.items()},
+        "parameters": {
+            "damping_m2_s": parameter(0.00213, 0.0015, "m2 s", "settled", 1.2),
+            "sonic_conductance_m3_per_s_pa": parameter(1.23e-8, 1.3e-8, "m3/(s Pa)", "weak", 3.4),
+            "dead_volume_m3": parameter(4.1e-5, 4e-5, "m3", "silent", 0.1, "low"),
+        },
+        "background": {"force_map_1": {"pull": 0.8}, "force_map_2": {"pull": -1.3}, "exhaust_ratio": {"pull": 2.4}},
+        "mae": {name: {"data_sheet": v[1], "refitted": v[2], "noise_floor": v[0]} for name, v in CHANNELS.items()},
+        "closed_loop": {"angle_deg": {"data_sheet": 1.9, "refitted": 0.71, "band": 0.2},
+                        "command": {"data_sheet": 0.2, "refitted": 0.05, "band": 0.01}},
+    }  # fmt: skip
+
+
+def candidate(effect: str, family: str, probability: float, shrinkage: float, **more: Any) -> dict[str, Any]:
+    return {
+        "effect": effect, "family": family, "port": more.pop("port", "joint"), "probability": probability,
+        "held_out": {"angle_deg": {"mae_before": 0.52, "mae_after": 0.52 * (1 - shrinkage)}},
+        "shrinkage": shrinkage, "low": shrinkage - 0.05, "high": shrinkage + 0.05, "converged": True, "why": "", **more,
+    }  # fmt: skip
+
+
+def cause(effect: str, family: str, port: str, share: float) -> dict[str, Any]:
+    return {"effect": effect, "family": family, "port": port, "share": share,
+            "parameters": {"torque_n_m": {"value": 0.41, "low": 0.38, "high": 0.44}}}  # fmt: skip
+
+
+def diagnosis_json(verdict: str) -> dict[str, Any]:
+    friction = cause("coulomb-friction", "friction", "joint", 0.93)
+    causes = {"explained": [friction], "ambiguous": [friction, cause("leak", "leak", "pressure", 0.07)]}
+    reach = {name: {"mae_data_sheet": v[1], "mae_refitted": v[2], "mae_with_cause": v[3], "noise_floor": v[0],
+                    "black_box": round(0.8 * v[2], 6), "shrinkage": 1 - v[3] / v[2], "low": 0.9 - v[3] / v[2],
+                    "high": 1.05 - v[3] / v[2]} for name, v in CHANNELS.items()}  # fmt: skip
+    unknown = {"port": "muscle", "formula": "-0.42 sign(velocity) + 0.11 contraction^2",
+               "variables": ["velocity", "contraction"], "inclusion": 0.83, "dissipative": True}  # fmt: skip
+    return {
+        "schema": "pamid.diagnosis/1", "verdict": verdict, "causes": causes.get(verdict, []),
+        "ranking": [
+            candidate("coulomb-friction", "friction", 0.91, 0.788),
+            candidate("lugre-friction", "friction", 0.05, 0.77),
+            candidate("bouc-wen-hysteresis", "muscle-hysteresis", 0.03, 0.41, port="muscle"),
+            candidate("dead-time", "command-timing", 0.01, 0.02, port="command"),
+            candidate("leak", "leak", 0.0, -0.9, port="pressure", converged=False, why="parameters ran away"),
+        ],
+        "where": {
+            "port": "joint", "ports": [{"port": "joint", "share": 0.81}, {"port": "muscle", "share": 0.12},
+                                       {"port": "valve", "share": 0.07}],
+            "indistinguishable": [["muscle", "joint"]],
+            "regimes": [{"signal": "velocity", "low": -2.0, "high": 2.0, "unit": "deg/s", "share_of_gap": 0.7,
+                         "share_of_time": 0.2}],
+            "frequency_hz": [0.2, 2.0], "windows_s": [[29.0, 31.5], [35.0, 36.0]],
+        },
+        "how_far": reach,
+        "look_alikes": [["coulomb-friction", "lugre-friction"]],
+        "next_experiment": {"name": "torque-loops-two-pressures", "why": "Friction of the joint does not grow with "
+                            "pressure.", "separates": ["coulomb-friction", "bouc-wen-hysteresis"]},
+        "parameters": {"damping_m2_s": {"value": 0.0016, "low": 0.0015, "high": 0.0017, "prior": 0.0015,
+                                        "strain": 0.3}},
+        "background": {"force_map_1": {"pull": 0.8, "share_of_gap": 0.04},
+                       "force_map_2": {"pull": -0.2, "share_of_gap": 0.01}},
+        "unknown": unknown if verdict == "unknown-effect" else None,
+    }  # fmt: skip
+
+
+def network_json() -> dict[str, Any]:
+    return {
+        "schema": "pamid.network/1", "kind": "elman", "n_weights": 171, "output": {"name": "angle_deg", "unit": "deg"},
+        "training": {"why": "the gradient is below its goal", "converged": True, "remark": "", "iterations": 119},
+        "mae": {"angle_deg": {"refitted": 0.52, "with_network": 0.23, "part": "held-out"}},
+    }  # fmt: skip
+
+
+def write_residual(folder: Path, *, causes: bool, network: bool) -> None:
+    """40 s of a stick-slip-like angle; the last 30 % are held out, the first window of all is unscored."""
+    random = np.random.default_rng(4)
+    rows = np.arange(4000)
+    time = PERIOD_S * rows
+    columns = {"time_s": time, "recording": 0 * rows, "part": (time >= 28.0).astype(int),
+               "window": np.where(rows < 100, -1, rows // WINDOW_ROWS)}  # fmt: skip
+    shape = np.sin(0.9 * time) + 0.4 * np.sin(2.3 * time)
+    for name, (floor, _, _, _) in CHANNELS.items():
+        stem, unit = name.rsplit("_", 1)
+        scale = 20.0 if unit == "deg" else 60.0
+        measured = scale * shape + random.normal(0, floor, rows.size)
+        gap = np.tanh(8 * np.cos(0.9 * time)) * (1.5 + np.sin(0.31 * time))
+        columns[name] = measured
+        columns[f"{stem}_data_sheet_{unit}"] = 0.93 * scale * shape + gap
+        columns[f"{stem}_refitted_{unit}"] = scale * shape + 0.5 * gap
+        if causes:
+            columns[f"{stem}_cause_{unit}"] = scale * shape + 0.1 * gap
+        if network and name == "angle_deg":
+            columns[f"{stem}_network_{unit}"] = scale * shape + 0.2 * gap
+    columns["command"] = np.clip(shape, -1, 1)
+    rows_of_text = (",".join(f"{value:.9g}" for value in row) for row in zip(*columns.values(), strict=True))
+    lines = [",".join(columns), *rows_of_text]
+    (folder / "residual.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def write_trace(folder: Path) -> None:
+    lines = ["iteration,mse,gradient,mu,gamma,alpha,beta"]
+    for k in range(120):
+        mse = 0.002 + 0.3 * np.exp(-k / 9)
+        lines.append(f"{k},{mse:.9g},{np.exp(-k / 12):.9g},{10.0 ** (-2 - (k % 7)):.9g},"
+                     f"{171 - 60 * (1 - np.exp(-k / 30)):.9g},0.1,40.0")  # fmt: skip
+    (folder / "trace.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def make_run(folder: Path, verdict: str = "explained", *, without: tuple[str, ...] = (), **parts: Any) -> Path:
+    """A whole run folder by hand; `parts` replaces the content of a JSON file, `without` leaves files out."""
+    folder.mkdir(parents=True, exist_ok=True)
+    content = {"run": run_json(), "fit": fit_json(), "diagnosis": diagnosis_json(verdict), "network": network_json()}
+    for name, value in {**content, **parts}.items():
+        if f"{name}.json" not in without:
+            (folder / f"{name}.json").write_text(json.dumps(value), encoding="utf-8")
+    if "residual.csv" not in without:
+        write_residual(folder, causes=verdict == "explained", network="network.json" not in without)
+    if "trace.csv" not in without:
+        write_trace(folder)
+    return folder
