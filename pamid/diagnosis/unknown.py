@@ -7,13 +7,13 @@ sparse regression then describes it; the formula is a description, never the ver
 from __future__ import annotations
 
 import warnings
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.assembly import Assembly, Attachment
-from pamid.diagnosis.localise import port_shares
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.effect import Effect, State
 from pamid.equations import Expr, Number
@@ -41,30 +41,50 @@ class Latent(Effect):
         return value + self.size * z.missing, {"missing": 0.0}
 
 
-def describe_unknown(d: Diagnosis, *, seed: int = 0) -> dict[str, Any]:
-    """Port, formula, variables, inclusion frequency and dissipation of the missing term."""
+@dataclass(frozen=True)
+class Missing:
+    """A latent value at one port with the formula that describes it best; fit: share of its variance described."""
+
+    port: str
+    values: Array
+    signals: dict[str, Array]
+    names: list[str]
+    weights: Array
+    inclusion: Array
+    fit: float
+
+
+def describe_unknown(d: Diagnosis, *, seed: int = 0) -> dict[str, Any] | None:
+    """Port, formula, variables, inclusion frequency and dissipation of the missing term; None if none is found.
+
+    The term is placed at the port where it comes closest to a function of what that port offers.
+    """
     rig = d.evidence.rig
-    names = list(dict.fromkeys(rig.group_of(n) for n in rig.ports))
-    group = port_shares(names, list(d.ranking), d.budget, d.chosen)[0]["port"]
-    port = next(n for n in rig.ports if rig.group_of(n) == group)
-    place = rig.ports[port].places[0] if rig.ports[port].places else ""
-    empty = {"port": group, "formula": "", "variables": [], "inclusion": 0.0, "dissipative": False}
-    missing, signals = missing_value(d, port, place)
-    if len(missing) < 40 or missing.std() <= 0.0:
-        return empty
-    names_used, columns = regressors(signals)
-    weights, inclusion = sparse_formula(columns, missing, seed)
-    kept = [i for i in np.argsort(-np.abs(weights)) if weights[i] != 0.0]
-    if not kept:
-        return empty
-    size = missing.std()
-    formula = " ".join(f"{weights[i] * size:+.3g} {names_used[i]}" for i in kept)
-    speed = signals.get("velocity")
-    unit = rig.ports[port].unit
-    return {"port": group, "formula": f"missing [{unit or '1'}] = {formula.lstrip('+')}",
-            "variables": list(dict.fromkeys(w for i in kept for w in signals if w in names_used[i])),
-            "inclusion": float(min(inclusion[i] for i in kept)),
-            "dissipative": bool(speed is not None and np.mean(missing * speed) < 0.0)}
+    found = [m for name in rig.ports if rig.ports[name].signals for m in [_missing_at(d, name, seed)] if m is not None]
+    if not found:
+        return None
+    best = max(found, key=lambda m: m.fit)
+    kept = [i for i in np.argsort(-np.abs(best.weights)) if best.weights[i] != 0.0]
+    size, unit = best.values.std(), rig.ports[best.port].unit
+    formula = " ".join(f"{best.weights[i] * size:+.3g} {best.names[i]}" for i in kept)
+    speed = best.signals.get("velocity")
+    return {"port": rig.group_of(best.port), "formula": f"missing [{unit or '1'}] = {formula.lstrip('+')}",
+            "variables": list(dict.fromkeys(w for i in kept for w in best.signals if w in best.names[i])),
+            "inclusion": float(min(best.inclusion[i] for i in kept)), "described": best.fit,
+            "dissipative": bool(speed is not None and np.mean(best.values * speed) < 0.0)}
+
+
+def _missing_at(d: Diagnosis, port: str, seed: int) -> Missing | None:
+    places = d.evidence.rig.ports[port].places
+    values, signals = missing_value(d, port, places[0] if places else "")
+    if len(values) < 40 or not values.std() > 0.0 or not signals:
+        return None
+    names, columns = regressors(signals)
+    weights, inclusion = sparse_formula(columns, values, seed)
+    if not weights.any():
+        return None
+    rest = values - columns @ weights * values.std()
+    return Missing(port, values, signals, names, weights, inclusion, float(1.0 - rest.var() / values.var()))
 
 
 def missing_value(d: Diagnosis, port: str, place: str) -> tuple[Array, dict[str, Array]]:
