@@ -57,6 +57,8 @@ def command(name: str, *, example: str, **settings: Any) -> Callable[[Callable[.
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run `pamid` with these arguments (default: those of the process) and exit."""
+    for library in ("OPENBLAS", "OMP", "MKL"):  # small matrices: the cores are shared out over jobs instead
+        os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     sys.exit(run(sys.argv[1:] if arguments is None else arguments))
 
 

@@ -39,7 +39,7 @@ class Weights:
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is fitted to what. `free`: places of the fitted parameters; `importance`: a factor per window (bootstrap)."""
+    """What is fitted to what. free: places of the fitted parameters; importance: a factor per window (bootstrap)."""
 
     assembly: Assembly
     tracks: tuple[Track, ...]
@@ -65,6 +65,7 @@ class Fit:
     converged: bool
     why: str
     stepping: Stepping
+    pulls: tuple[Array, ...] = ()  # per track: information of the joints between windows, per rig state
     residuals: tuple[Array, ...] = field(repr=False, default=())   # per track: samples x channels, model - measured
 
 
@@ -106,7 +107,7 @@ def initial_starts(problem: Problem, p: Array, weights: Weights, stepping: Stepp
         runner = Runner(problem.assembly, track, stepping)
         values = runner.parameters(p)
         memory = runner.memory(values)
-        rows = []
+        rows: list[Array] = []
         for window in problem.windows(track):
             carried = memory.x[: runner.rig_states].copy()
             x, _, usable = estimate_start(runner, memory, window, values, 1.0 / weights.sigma, carried)
@@ -134,13 +135,15 @@ class _Normal:
 
 
 def _evaluate(problem: Problem, scale: Scale, s: Array, p: Array, starts: tuple[Array, ...], weights: Weights,
-              pulls: list[Array], stepping: Stepping, derivatives: bool) -> _Normal:
+              pulls: tuple[Array, ...], stepping: Stepping, derivatives: bool) -> _Normal:
     k = len(problem.free)
     values = p.copy()
     values[list(problem.free)] = scale.outside(s)
-    slope = scale.slope(values[list(problem.free)])
+    slope, root = scale.slope(values[list(problem.free)]), weights.root
     cost, H, g = float(s @ s), np.eye(k), s.copy()
-    blocks, residuals, fine, at = [], [], True, 0
+    blocks: list[tuple[Array, Array, Array, Array]] = []
+    residuals: list[Array] = []
+    fine, at = True, 0
     for i, track in enumerate(problem.tracks):
         runner = Runner(problem.assembly, track, stepping, problem.free)
         own = runner.parameters(values)
@@ -152,20 +155,21 @@ def _evaluate(problem: Problem, scale: Scale, s: Array, p: Array, starts: tuple[
         for w, window in enumerate(windows):
             important = 1.0 if problem.importance is None else float(problem.importance[at + w])
             runner.enter(memory, starts[i][w])
-            Y, J, ok = runner.run(memory, window, own, derivatives)
+            Y, A, ok = runner.run(memory, window, own, derivatives, root)
             if not ok:
                 return _Normal(np.inf, H, g, blocks, residuals, False)
             left[window.start : window.stop] = Y - track.y[window.start : window.stop]
-            r = (left[window.start : window.stop] * weights.root).ravel()
+            r = (left[window.start : window.stop] * root).ravel()
             cost += important * float(r @ r)
             joint = w + 1 < len(windows)
             jump = starts[i][w + 1] - memory.x[:n] if joint else np.zeros(n)
             cost += float((jump**2 * pulls[i]).sum())
             if not derivatives:
                 continue
-            A = (J * weights.root[:, None]).reshape(-1, k + n)
-            A[:, :k] *= slope
-            N, v = important * (A.T @ A), important * (A.T @ r)
+            N, v = important * (A.T @ A)[: k + n, : k + n], important * (A.T @ r)[: k + n]
+            N[:k] *= slope[:, None]
+            N[:, :k] *= slope
+            v[:k] *= slope
             H += N[:k, :k]
             g += v[:k]
             D[w] += N[k:, k:]
@@ -233,7 +237,7 @@ def _step(normal: _Normal, s: Array, scale: Scale, damping: float) -> tuple[Arra
 
 def fit(problem: Problem, *, p: Array | None = None, starts: tuple[Array, ...] | None = None,
         weights: Weights | None = None, iterations: int = 40, tolerance: float = 1e-4,
-        stepping: Stepping | None = None, progress: Progress | None = None) -> Fit:
+        stepping: Stepping | None = None, pulls: tuple[Array, ...] = (), progress: Progress | None = None) -> Fit:
     """Levenberg-Marquardt from p (default: the data sheet) with fixed weights (default: the sensor noise).
 
     The priors' means are the data-sheet values, whatever p is. Not converging is an outcome: `converged`, `why`.
@@ -250,13 +254,15 @@ def fit(problem: Problem, *, p: Array | None = None, starts: tuple[Array, ...] |
     scale = Scale([a.parameters[i] for i in free], centre[free])
     s = np.clip(scale.inside(p[free]), scale.low, scale.high)
     starts = starts if starts is not None else initial_starts(problem, p, weights, step)
-    pulls = [np.zeros(len(a.rig.states)) for _ in problem.tracks]
+    known_pulls = bool(pulls)
+    pulls = pulls or tuple(np.zeros(len(a.rig.states)) for _ in problem.tracks)
     now = _evaluate(problem, scale, s, p, starts, weights, pulls, step, True)
     if not now.fine:
         return Fit(problem, p, starts, weights, np.inf, np.eye(len(free)), 0, False,
                    "the model became unstable at its starting parameters", step)
-    pulls = [PULL * np.einsum("wii->wi", b[0]).mean(axis=0) for b in now.blocks]
-    now = _evaluate(problem, scale, s, p, starts, weights, pulls, step, True)
+    if not known_pulls:
+        pulls = tuple(PULL * np.einsum("wii->wi", b[0]).mean(axis=0) for b in now.blocks)
+        now = _evaluate(problem, scale, s, p, starts, weights, pulls, step, True)
     damping, count, why, converged = 1e-3, 0, "iterations used up", False
     for count in range(1, iterations + 1):
         ds, dx, _ = _step(now, s, scale, damping)
@@ -278,8 +284,8 @@ def fit(problem: Problem, *, p: Array | None = None, starts: tuple[Array, ...] |
             progress(count, now.cost)
     p[free] = scale.outside(s)
     _, _, H = _step(now, s, scale, 0.0)
-    covariance = np.linalg.pinv(H, hermitian=True)
-    return Fit(problem, p, starts, weights, now.cost, covariance, count, converged, why, step, tuple(now.residuals))
+    covariance: Array = np.linalg.pinv(H, hermitian=True).astype(np.float64, copy=False)
+    return Fit(problem, p, starts, weights, now.cost, covariance, count, converged, why, step, pulls, tuple(now.residuals))
 
 
 def residual_weights(problem: Problem, residuals: tuple[Array, ...], noise: Array) -> Weights:
@@ -319,7 +325,8 @@ def fit_robustly(problem: Problem, *, progress: Progress | None = None, rounds: 
     for _ in range(rounds - 1):
         if not fitted.residuals:
             break
-        fitted = fit(problem, p=fitted.p, starts=fitted.starts, weights=residual_weights(problem, fitted.residuals, noise),
+        weights = residual_weights(problem, fitted.residuals, noise)
+        fitted = fit(problem, p=fitted.p, starts=fitted.starts, weights=weights,
                      stepping=fitted.stepping, progress=progress, tolerance=1e-3)
     return fitted
 

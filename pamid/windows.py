@@ -128,15 +128,15 @@ class Runner:
         memory.S[:n, k : k + n] = np.eye(n)
         memory.buffer_S[:, :, k:] = 0.0
 
-    def run(self, memory: Memory, window: Window, p: Array, sensitivities: bool) -> tuple[Array, Array, bool]:
-        """Outputs, Jacobian (samples x channels x columns) and whether all stayed finite."""
+    def run(self, memory: Memory, window: Window, p: Array, sensitivities: bool,
+            weights: Array | None = None) -> tuple[Array, Array, bool]:
+        """Outputs, Jacobian (samples x channels, padded columns) times weights per channel; did all stay finite?"""
         t = self.track
         Y, J, bad = self.assembly.program.run(
             memory, t.u[window.start : window.stop], p, period_s=t.period_s,
             time_s=(t.first + window.start) * t.period_s, stepping=self.stepping,
-            columns=self.columns if sensitivities else None)
-        J = J[:, :, : len(self.free) + self.rig_states]
-        return Y, J, bad < 0 and bool(np.isfinite(Y).all())
+            columns=self.columns if sensitivities else None, weights=weights)
+        return Y, J.reshape(J.shape[0] * J.shape[1], J.shape[2]), bad < 0 and bool(np.isfinite(Y).all())
 
 
 PULL = 1e-5          # information of a carried state against what a window says by itself
@@ -158,7 +158,7 @@ def estimate_start(runner: Runner, memory: Memory, window: Window, p: Array, wei
     for _ in range(iterations * 2):
         m = own.widened(memory)
         own.enter(m, trial)
-        Y, J, fine = own.run(m, window, p, True)
+        Y, A, fine = own.run(m, window, p, True, weight)
         r = ((Y - y) * weight).ravel()
         cost = float(r @ r) if fine else np.inf
         if pull is not None and fine:
@@ -166,8 +166,7 @@ def estimate_start(runner: Runner, memory: Memory, window: Window, p: Array, wei
         if cost < best:
             gain = best - cost
             x, best = trial, cost
-            A = (J * weight[:, None]).reshape(-1, n)
-            H, g = A.T @ A, A.T @ r
+            H, g = (A.T @ A)[:n, :n], (A.T @ r)[:n]
             information = H.diagonal().copy()
             holds = pull if pull is not None else PULL * information
             H = H + np.diag(holds)

@@ -184,7 +184,7 @@ def test_strain_bounds_and_disagreement_are_said(tmp_path: Path) -> None:
     assert "weak, may be absorbing structure" in text
     assert "silent, at its lower bound" in text
     assert text.count("may be absorbing structure") == 1
-    assert "Angle: network.json scored the refitted model on other windows and found 0.6 deg instead of 0.52" in text
+    assert "network.json scored the refitted model on other windows: angle 0.6 deg." in text
 
 
 def test_an_unfinished_run_and_a_failed_fit_say_so(tmp_path: Path) -> None:
@@ -192,6 +192,13 @@ def test_an_unfinished_run_and_a_failed_fit_say_so(tmp_path: Path) -> None:
     text = flat(outline_of(write_report(make_run(tmp_path / "RUN", run=run, fit=fit)).page).text)
     assert "This command did not end: pamid diagnose rec.csv" in text
     assert "The fit did not converge: it wandered off." in text
+
+
+def test_a_cause_whose_refit_did_not_converge_is_said(tmp_path: Path) -> None:
+    diagnosis = diagnosis_json("explained")
+    diagnosis["ranking"][0] |= {"converged": False, "why": "out of iterations"}
+    text = flat(outline_of(write_report(make_run(tmp_path / "RUN", diagnosis=diagnosis)).page).text)
+    assert "The refit with Coulomb friction did not converge: out of iterations." in text
 
 
 HOSTILE = "</style></svg><script>alert('x')</script>\"&lt;"

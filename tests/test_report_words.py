@@ -37,3 +37,8 @@ def test_markup_escapes_everything_but_markup() -> None:
     assert tag("p", "<b>", tag("i", "&"), title='"') == '<p title="&quot;">&lt;b&gt;<i>&amp;</i></p>'
     assert prose("run `a<b`") == "run <code>a&lt;b</code>"
     assert escape("\x00\ud800") == "\ufffd\ufffd"
+
+
+def test_no_probability_is_a_certainty() -> None:
+    assert [words.chance(p) for p in (1.0, 0.991, 0.99, 0.0, 0.01)] == ["above 0.99", "above 0.99", "0.99",
+                                                                         "below 0.01", "0.01"]  # fmt: skip

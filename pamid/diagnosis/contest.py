@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pamid.assembly import Assembly, Attachment, Sizes
 from pamid.evidence import Evidence
-from pamid.fitting import Fit, Problem, Weights, fit, free_parameters, residual_weights
+from pamid.fitting import Fit, Problem, fit, free_parameters, residual_weights
 from pamid.residuals import Replay, replay
 
 Array = NDArray[np.float64]
@@ -68,8 +68,8 @@ def model_with(evidence: Evidence, attached: tuple[Attachment, ...], sizes: Size
     return Assembly(evidence.rig, attached, background=True, sizes=sizes, outputs=evidence.channels)
 
 
-def refit(evidence: Evidence, assembly: Assembly, weights: Weights, starts: tuple[Array, ...], *,
-          first: dict[str, float] | None = None, iterations: int = 25) -> Fit:
+def refit(evidence: Evidence, assembly: Assembly, base: Fit, *, first: dict[str, float] | None = None,
+          iterations: int = 25) -> Fit:
     """Fit all parameters jointly from the data-sheet start; `first`: starting values (SI) by parameter key.
 
     First with the baseline's weights, then with those of its own, smaller residuals: a model that explains the gap
@@ -81,7 +81,8 @@ def refit(evidence: Evidence, assembly: Assembly, weights: Weights, starts: tupl
     for key, value in (first or {}).items():
         bound = assembly.parameters[assembly.keys[key]]
         p[assembly.keys[key]] = min(max(value, bound.low), bound.high)
-    done = fit(problem, p=p, starts=starts, weights=weights, iterations=iterations, tolerance=2e-2)
+    done = fit(problem, p=p, starts=base.starts, weights=base.weights, pulls=base.pulls, iterations=iterations,
+               tolerance=2e-2)
     for _ in range(2):
         if not done.residuals:
             break

@@ -62,7 +62,7 @@ def screen(evidence: Evidence, baseline: Contender, attachment: Attachment, size
             bound = assembly.parameters[assembly.keys[key]]
             p[assembly.keys[key]] = min(max(value, bound.low), bound.high)
         done = fit(problem, p=p, starts=baseline.fit.starts, weights=baseline.fit.weights, iterations=STEPS,
-                   tolerance=1e-2)
+                   pulls=baseline.fit.pulls, tolerance=1e-2)
         gain = baseline.fit.cost - done.cost
         if gain > best.gain:
             best = Screened(attachment, assembly, first, gain)

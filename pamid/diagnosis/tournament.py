@@ -98,7 +98,7 @@ def _round(evidence: Evidence, budget: Budget, base: Contender, candidates: list
 
     def fitted(s: Screened) -> Contender:
         assert s.assembly is not None
-        done = refit(evidence, s.assembly, base.fit.weights, base.fit.starts, first=s.first)
+        done = refit(evidence, s.assembly, base.fit, first=s.first)
         return judged(evidence, s.assembly, done)
 
     contenders = run_jobs(fitted, promising, jobs=jobs,

@@ -7,8 +7,8 @@ What it looks like
     Every channel, slow or fast, is shifted by the same time; the residual resembles the derivative of the signal. With
     a skew the shift grows along the recording, so that its end fits worse than its start.
 Looks like it
-    Dead time of the actuator, which a constant shift of all readings equals (only the part that grows, or readings that
-    come early, prove a clock); a lag of one sensor, which spares the others.
+    Dead time of the actuator, which readings late by a constant equal exactly: that part is left to it, and only a shift
+    that grows, or readings that come early, are put down to a clock; a lag of one sensor, which spares the others.
 Equation
     reading(t) := reading(t - late),   late = start + skew * t;   early readings: reading - late * rate
 References
@@ -34,7 +34,8 @@ class ClockSkew(Effect):
     kinds = ("reading",)
     everywhere = True
     parameters = (
-        Parameter("start", 0.007, low=-0.03, high=0.1, unit="s", spread=0.01, null=0.0, tries=(0.03, -0.007),
+        # only early readings: all readings late by a constant are a dead time, to the last digit
+        Parameter("start", -0.006, low=-0.03, high=0.0, unit="s", spread=0.01, null=0.0, tries=(0.0,),
                   source="estimate: logs aligned by hand are off by 1-10 samples"),
         Parameter("skew_ppm", 50.0, low=-500.0, high=500.0, spread=100.0, null=0.0,
                   source="estimate: quartz clocks differ by 10-200 parts per million"),

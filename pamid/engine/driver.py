@@ -10,13 +10,16 @@ each has three addresses: plain, with partials, and the sparse product of its pa
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from llvmlite import ir
 from numba import njit, types
-from numba.extending import intrinsic
+from numba.extending import intrinsic as _intrinsic
 
 GAMMA = 1.0 - 1.0 / np.sqrt(2.0)
 BLOWN_UP = 1e15
+intrinsic: Any = _intrinsic   # numba's own annotation keeps the typing context that a call leaves out
 
 
 def _data(context, builder, kind, value):  # type: ignore[no-untyped-def]
@@ -245,8 +248,9 @@ def _sdirk2(address, pattern, columns, direct_at, direct, sens, x, c, b, u, row,
 @njit(cache=True, nogil=True)
 def sweep(address, n_phase, phase_first, phase_delay, pattern, columns, direct_at, direct,
           x, c, b, u, p, p_column, S, buffers, buffer_S, heads,
-          time_s, period_s, substeps, implicit, begin, join, sens, Y, JY):  # type: ignore[no-untyped-def]
-    """Run over the rows of u (samples x inputs); fills Y (samples x outputs) and JY (samples x outputs x columns).
+          time_s, period_s, substeps, implicit, begin, join, sens, Y, JY, weights):  # type: ignore[no-untyped-def]
+    """Run over the rows of u (samples x inputs); fills Y (samples x outputs) and JY (samples x outputs x columns),
+    the latter times `weights` (outputs).
 
     State, cells, buffers and sensitivities are carried in place, so that the next call continues.
     Returns the first sample at which the state is no longer finite, or -1.
@@ -282,6 +286,9 @@ def sweep(address, n_phase, phase_first, phase_delay, pattern, columns, direct_a
                         j = p_column[direct[e, 1]]
                         if j >= 0:
                             JY[k, direct[e, 0], j] += out[ny + direct[e, 2]]
+                    for i in range(ny):
+                        for j in range(ns):
+                            JY[k, i, j] *= weights[i]
             if implicit:
                 _sdirk2(address, pattern, columns, direct_at, direct, sens, x, c, b, u, row, p, t, h, out, S, D,
                         p_column, x0, k1, S0, A, M, pivots, r)

@@ -76,11 +76,12 @@ class Program:
                       np.zeros((nd, size)), np.zeros((nd, size, columns)), np.zeros(nd, np.int64))
 
     def run(self, memory: Memory, u: Array, p: Array, *, period_s: float, time_s: float = 0.0,
-            stepping: Stepping | None = None, columns: NDArray[np.int64] | None = None) -> tuple[Array, Array, int]:
+            stepping: Stepping | None = None, columns: NDArray[np.int64] | None = None,
+            weights: Array | None = None) -> tuple[Array, Array, int]:
         """Simulate over the rows of u (samples x inputs), carrying `memory` on.
 
         columns: for each parameter its sensitivity column or -1; None runs without sensitivities. The Jacobian is as
-        wide as the memory's (padded) sensitivities.
+        wide as the memory's (padded) sensitivities. weights: factor per output on its sensitivities.
         Returns outputs (samples x outputs), their sensitivities (samples x outputs x columns; empty without), and the
         first sample at which the state blew up (-1: none).
         """
@@ -95,9 +96,10 @@ class Program:
         chosen = columns if columns is not None else np.full(len(self.parameters), -1, np.int64)
         phase_n, phase_first, phase_delay = self._phase
         bad = sweep(self._address, phase_n, phase_first, phase_delay, *self._pattern, *self._direct,
-                    memory.x, memory.cells, memory.past, np.ascontiguousarray(u, float), self._prepared(p), chosen, S, memory.buffers, buffer_S, memory.heads,
+                    memory.x, memory.cells, memory.past, np.ascontiguousarray(u, float), self._prepared(p), chosen,
+                    S, memory.buffers, buffer_S, memory.heads,
                     float(time_s), float(period_s), step.substeps, step.implicit, memory.begin, memory.join,
-                    columns is not None, Y, JY)
+                    columns is not None, Y, JY, np.ones(len(self.outputs)) if weights is None else weights)
         memory.begin = memory.join = False
         return Y, JY, int(bad)
 
@@ -163,7 +165,8 @@ def build_program(lowered: Lowered, inputs: tuple[str, ...], parameters: tuple[s
     room = np.full(most, -1, np.int64)       # the driver sizes its scratch by this array
     room[: len(pattern[1])] = pattern[1]
     return Program(lowered.states, inputs, parameters, outputs, tuple(c.name for c in cells), tuple(delays),
-                   parts[1].count("\n"), len(derived), whole(address), (whole(phase_n), whole(phase_first), whole(phase_delay)),
+                   parts[1].count("\n"), len(derived), whole(address),
+                   (whole(phase_n), whole(phase_first), whole(phase_delay)),
                    (whole(pattern[0]), room), (whole(direct_at), whole(direct).reshape(-1, 3)))
 
 
@@ -185,7 +188,8 @@ def _phases(lowered: Lowered) -> tuple[list[list[Expr]], list[int], list[int], l
     first = 0
     for i, cell in enumerate(lowered.cells):
         if cell.buffer_s > 0.0:
-            goes_in, seconds = substitute([cell.update, expression(0.0 if cell.seconds is None else cell.seconds)], inline)
+            waits = expression(0.0 if cell.seconds is None else cell.seconds)
+            goes_in, seconds = substitute([cell.update, waits], inline)
             phases.append([*current, goes_in, seconds])
             counts.append(len(current))
             firsts.append(first)

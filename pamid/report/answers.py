@@ -40,7 +40,7 @@ def where_answer(run: RunData) -> Answer:
         details.append(f"Most of it lies between {short(where.frequency_hz[0], 2)} and "
                        f"{short(where.frequency_hz[1], 2)} Hz.")  # fmt: skip
     if where.windows_s:
-        shown = [words.span(low, high, "s") for low, high in where.windows_s[:_MOST_WINDOWS]]
+        shown = [words.span(low, high, "s") for low, high in sorted(where.windows_s[:_MOST_WINDOWS])]
         more = f", and {len(where.windows_s) - len(shown)} more" if len(where.windows_s) > len(shown) else ""
         details.append(f"It shows most in these windows of the recording: {', '.join(shown)}{more}.")
     return Answer(_where_lead(where), tuple(details), tuple(_regime(one) for one in where.regimes))
@@ -88,7 +88,7 @@ def _explained(diagnosis: Diagnosis) -> tuple[str, list[str]]:
     if len(diagnosis.causes) > 1:
         shares = [f"{effect_words(one.effect)} {percent(one.share)}" for one in diagnosis.causes]
         details.append(sentence(f"shares of the shrinkage: {words.join(shares)}"))
-    return sentence(words.join(told)), details + _sizes(diagnosis)
+    return sentence(words.join(told)), details + _sizes(diagnosis) + _unsettled(diagnosis)
 
 
 def _with_chance(diagnosis: Diagnosis, effect: str) -> str:
@@ -96,7 +96,7 @@ def _with_chance(diagnosis: Diagnosis, effect: str) -> str:
     text = effect_words(effect)
     port = next(cause.port for cause in diagnosis.causes if cause.effect == effect)
     text += f" at the {words.port_words(port)} port" if port and "@" not in effect else ""
-    return text if chance is None else f"{text}, with probability {chance:.2f}"
+    return text if chance is None else f"{text}, with probability {words.chance(chance)}"
 
 
 def _sizes(diagnosis: Diagnosis) -> list[str]:
@@ -112,7 +112,16 @@ def _sizes(diagnosis: Diagnosis) -> list[str]:
 
 
 def _ambiguous(diagnosis: Diagnosis) -> tuple[str, list[str]]:
-    return sentence(f"either {causes_words(diagnosis)}: these recordings cannot tell"), _sizes(diagnosis)
+    lead = sentence(f"either {causes_words(diagnosis)}: these recordings cannot tell")
+    return lead, _sizes(diagnosis) + _unsettled(diagnosis)
+
+
+def _unsettled(diagnosis: Diagnosis) -> list[str]:
+    """Causes whose refit did not converge."""
+    named = {cause.effect for cause in diagnosis.causes}
+    return [sentence(f"the refit with {effect_words(one.effect)} did not converge"
+                     f"{': ' + words.clean(one.why) if one.why else ''}")
+            for one in diagnosis.ranking if one.effect in named and not one.converged]  # fmt: skip
 
 
 def _unknown(diagnosis: Diagnosis) -> tuple[str, list[str]]:
@@ -154,7 +163,7 @@ def _result(one: Candidate, diagnosis: Diagnosis) -> str:
     text = f"removes {percent(one.shrinkage)} of the held-out error{over_channels(diagnosis)}"
     interval = percent_span(one.low, one.high)
     text += words.interval_tail(interval)
-    text += "" if one.probability is None else f", probability {one.probability:.2f}"
+    text += "" if one.probability is None else f", probability {words.chance(one.probability)}"
     if one.converged:
         return text
     return f"{text}; its fit did not converge{': ' + words.clean(one.why) if one.why else ''}"
@@ -189,7 +198,8 @@ def _limits(row: ChannelErrors, unit_text: str) -> list[str]:
     if row.noise_floor is not None:
         text = f"The noise floor is {words.with_unit_text(row.noise_floor, unit_text)}"
         if best is not None and row.noise_floor > 0:
-            text += f"; what is left is {short(best / row.noise_floor, 2)} times that"
+            times = best / row.noise_floor
+            text += "; what is left is no larger" if times < 1.1 else f"; what is left is {short(times, 2)} times that"
         told.append(f"{text}.")
     if row.black_box is not None and best is not None:
         verb = "no better than the physical model"
@@ -215,7 +225,7 @@ def next_answer(run: RunData) -> Answer:
         return Answer("The diagnosis asks for no further experiment.")
     apart = words.join(map(effect_words, further.separates))
     details = [sentence(words.clean(further.why)), sentence(f"it separates {apart}") if apart else ""]
-    return Answer(sentence(words.port_words(further.name).replace("-", " ")), tuple(one for one in details if one))
+    return Answer(sentence(effect_words(further.name)), tuple(one for one in details if one))
 
 
 def _diagnose_command(run: RunData) -> str:

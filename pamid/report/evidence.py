@@ -7,6 +7,7 @@ import math
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
+from numpy.typing import NDArray
 
 from pamid.report import words
 from pamid.report.diagnosed import Diagnosis, Pull
@@ -104,10 +105,10 @@ def timeline_drawing(run: RunData, channel: str) -> Drawing | None:
         axes.set_ylabel(words.axis_label("mean |error|", label(words.channel_unit(channel))))
         axes.set_xlabel("time [s]")
         grid(axes, "y")
-        legend_above(axes, 3)
+        legend_above(axes, 2 if narrow else 3)
 
     title = timeline_title(channel, run, number, curves)
-    return Drawing("timeline", title, draw, 2.3, 2.5)
+    return Drawing("timeline", title, draw, 2.3, 2.6)
 
 
 def _longest_held_out(residual: Residual, channel: str) -> tuple[int, dict[str, tuple[FloatArray, FloatArray]]]:
@@ -126,13 +127,25 @@ def _longest_held_out(residual: Residual, channel: str) -> tuple[int, dict[str, 
     for kind in ("refitted", "cause"):
         trace = residual.of(channel, kind)
         if trace is not None and np.isfinite(trace[rows]).all():
-            curves[kind] = _binned(columns["time_s"][rows], np.abs(columns[channel] - trace)[rows])
+            error = np.abs(columns[channel] - trace)
+            parts = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
+            curves[kind] = _curve(columns["time_s"], error, [rows] if len(parts) > _BINS // 4 else parts)
     return number, curves
 
 
-def _binned(time: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Means of at most `_BINS` stretches of equal count."""
-    bins = min(_BINS, time.size)
+def _curve(time: FloatArray, error: FloatArray, parts: list[NDArray[np.intp]]) -> tuple[FloatArray, FloatArray]:
+    """Binned errors; between parts that are apart in time the line is broken by a nan."""
+    bins = max(_BINS // len(parts), 1)
+    pieces = [_binned(time[rows], error[rows], bins) for rows in parts]
+    gap = np.array([np.nan])
+    times = [piece for one, _ in pieces for piece in (one, one[-1:])]
+    errors = [piece for _, one in pieces for piece in (one, gap)]
+    return np.concatenate(times[:-1]), np.concatenate(errors[:-1])
+
+
+def _binned(time: FloatArray, error: FloatArray, most: int) -> tuple[FloatArray, FloatArray]:
+    """Means of at most `most` stretches of equal count."""
+    bins = min(most, time.size)
     edges = np.linspace(0, time.size, bins + 1).astype(int)
     sizes = np.diff(edges)
     return np.add.reduceat(time, edges[:-1]) / sizes, np.add.reduceat(error, edges[:-1]) / sizes

@@ -12,7 +12,7 @@ from matplotlib.ticker import MaxNLocator
 
 from pamid.report import words
 from pamid.report.budget import MODELS, ChannelErrors, Window
-from pamid.report.diagnosed import Candidate, Diagnosis
+from pamid.report.diagnosed import Candidate, Diagnosis, Where
 from pamid.report.load import Residual, RunData
 from pamid.report.reading import FloatArray
 from pamid.report.sentences import (
@@ -28,6 +28,8 @@ from pamid.report.style import Drawing, bare, colour, grid, label, legend_above
 
 MOST_CANDIDATES = 12
 _LEFT_END = -0.5  # a candidate that is worse than this is drawn at the edge, with an arrow
+_NOTHING = 0.005
+_HUGE = 4.0
 _POINTS = 1500
 LINES = {"data_sheet": ("data_sheet", 1.1, (0, (4, 2))), "refitted": ("refitted", 1.5, "-"),
          "network": ("with_network", 1.5, (0, (1, 1.2))), "cause": ("with_cause", 1.7, "-")}  # fmt: skip
@@ -38,7 +40,7 @@ def ports_drawing(diagnosis: Diagnosis) -> Drawing | None:
     where = diagnosis.where
     if where is None or not where.shares:
         return None
-    shares = sorted(where.shares, key=lambda one: -one[1])
+    shares = _large_shares(where)
     alike = {port for group in where.indistinguishable if where.port in group for port in group} - {where.port}
 
     def draw(figure: Figure, narrow: bool) -> None:
@@ -73,7 +75,7 @@ def ranking_drawing(diagnosis: Diagnosis) -> Drawing | None:
         for row, one in enumerate(shown):
             role = "with_cause" if one.effect in named else "refitted" if one.effect in alike else "muted"
             _candidate(axes, one, row, role)
-            axes.text(100.0 * right + (4 if narrow else 2), row, _chance(one, narrow), va="center", fontsize=8.5,
+            axes.text(100.0 * right + (4 if narrow else 2), row, _chance(one), va="center", fontsize=8.5,
                       color=colour("ink"), clip_on=False)
         axes.axvline(0.0, color=colour("muted"), linewidth=0.7)
         axes.text(100.0 * right + (4 if narrow else 2), -0.85, "P" if narrow else "probability", va="center",
@@ -84,9 +86,11 @@ def ranking_drawing(diagnosis: Diagnosis) -> Drawing | None:
         axes.set_xticks(ticks)
         axes.spines["bottom"].set_bounds(100.0 * left - 3.0, 100.0 * right)
         what = f"held-out error removed{over_channels(diagnosis)} [%]"
-        axes.set_xlabel(what if narrow else f"{what}, line: 95 % interval")
+        failed = not all(one.converged for one in shown)
+        notes = ([] if narrow else ["line: 95 % interval"]) + (["open: not converged"] if failed else [])
+        axes.set_xlabel(f"{what}\n{', '.join(notes)}" if notes else what)
 
-    height = 0.85 + 0.27 * len(shown)
+    height = 1.0 + 0.27 * len(shown)
     return Drawing("ranking", ranking_title(diagnosis), draw, height, height)
 
 
@@ -132,10 +136,11 @@ def window_drawing(
             role, width, dashes = LINES[kind]
             name = _model_name(role, diagnosis)
             above.plot(*_thinned(time, trace), color=colour(role), linewidth=width, linestyle=dashes, label=name)
-            below.plot(*_thinned(time, measured - trace), color=colour(role), linewidth=width, linestyle=dashes)
+            if window.mae.get(kind, 0.0) <= _HUGE * window.mae["refitted"]:  # else nothing else could be read
+                below.plot(*_thinned(time, measured - trace), color=colour(role), linewidth=width, linestyle=dashes)
         above.set_ylabel(words.axis_label(label(what, 22), label(unit_text)))
         below.set_ylabel(words.axis_label("error", label(unit_text)))
-        below.set_xlabel(words.axis_label(f"time{label(run.recording_words(window.recording), 30)}", "s"))
+        below.set_xlabel(words.axis_label(label(f"time{run.recording_words(window.recording)}"), "s"))
         for axes in (above, below):
             grid(axes, "y")
             axes.margins(x=0.0)
@@ -145,6 +150,16 @@ def window_drawing(
 
     name = "window-network" if "network" in kinds else "window"
     return Drawing(name, window_title(channel, window, diagnosis, kinds), draw, 3.3, 3.5)
+
+
+def _large_shares(where: Where) -> list[tuple[str, float]]:
+    """The shares from the largest; three or more that round to nothing stand in one row."""
+    ordered = sorted(where.shares, key=lambda one: -one[1])
+    large = [one for one in ordered if abs(one[1]) >= _NOTHING or one[0] == where.port]
+    small = len(ordered) - len(large)
+    if small < 3:
+        return ordered
+    return [*large, (f"{small} other ports", sum(share for port, share in ordered if (port, share) not in large))]
 
 
 def _candidate(axes: Axes, one: Candidate, row: int, role: str) -> None:
@@ -161,10 +176,11 @@ def _candidate(axes: Axes, one: Candidate, row: int, role: str) -> None:
                   markerfacecolor=ink if one.converged else colour("paper"), linestyle="none")
 
 
-def _chance(one: Candidate, narrow: bool) -> str:
-    if not one.converged:
-        return "failed" if narrow else "not converged"
-    return f"{one.probability:.2f}" if one.probability is not None else ""
+def _chance(one: Candidate) -> str:
+    if one.probability is None:
+        return ""
+    told = words.chance(one.probability).replace("above ", "> ").replace("below ", "< ")
+    return told
 
 
 def _candidate_name(one: Candidate, alike: set[str], narrow: bool) -> str:

@@ -117,10 +117,12 @@ def _errors(run: RunData, rows: tuple[ChannelErrors, ...]) -> Html:
     parts: list[Part] = [tag("h3", "Mean absolute error per channel")]
     if rows:
         parts.append(mae_table(rows))
-    notes = ["Mean of |measured - model| over the held-out windows, each model driven by the recorded command."]
-    notes += [f"{words.sentence(words.channel_words(channel)).rstrip('.')}: {file} scored the refitted model on other "
-              f"windows and found {words.with_unit_text(other, words.channel_unit(channel))} instead of "
-              f"{words.number(shown)}." for channel, file, other, shown in disagreements(run, rows)]  # fmt: skip
+    notes = ["Mean of |measured − model| over the held-out windows, each model driven by the recorded command."]
+    told = disagreements(run, rows)
+    for file in dict.fromkeys(one[1] for one in told):
+        found = [f"{words.channel_words(channel)} {words.with_unit_text(other, words.channel_unit(channel))}"
+                 for channel, name, other, _ in told if name == file]  # fmt: skip
+        notes.append(f"{file} scored the refitted model on other windows: {words.join(found)}.")
     if run.residual is None:
         notes.append("There is no residual.csv, so no window is shown; `pamid fit` writes it.")
     return joined([*parts, paragraphs(notes, "note")])
@@ -157,7 +159,7 @@ def _stepping(fit: Fit) -> str:
     if fit.substeps is None:
         return ""
     kind = "implicit" if fit.implicit else "explicit"
-    text = f"Simulated with {words.count(fit.substeps)} {kind} step(s) per sample"
+    text = f"Simulated with {words.count(fit.substeps)} {kind} step{'' if fit.substeps == 1 else 's'} per sample"
     if fit.recheck is not None:
         text += f"; doubled steps change no output by more than {words.number(fit.recheck, 2)} noise standard "
         text += "deviations"

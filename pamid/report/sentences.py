@@ -163,7 +163,8 @@ def timeline_title(
     channel: str, run: RunData, recording: int, curves: dict[str, tuple[FloatArray, FloatArray]]
 ) -> str:
     """How unevenly the error lies in time."""
-    time, error = curves["refitted"]
+    error = curves["refitted"][1]
+    error = error[np.isfinite(error)]
     order = np.sort(error)[::-1]
     half = int(np.searchsorted(np.cumsum(order), 0.5 * order.sum())) + 1
     what = words.clean(f"{channel_words(channel)} error{run.recording_words(recording)}")

@@ -75,7 +75,7 @@ def loop_table(errors: tuple[LoopError, ...]) -> Html:
 def parameter_table(parameters: tuple[Parameter, ...], with_cause: dict[str, Estimate]) -> Html:
     """Value, interval, prior, unit, how well it is known, strain, and what to think of it."""
     beside = any(one.name in with_cause for one in parameters)
-    heads = ["parameter", "unit", "value", words.INTERVAL, "prior", *(["with cause"] * beside), "strain", "the data"]
+    heads = ["parameter", "unit", "value", words.INTERVAL, "prior", *(["with cause"] * beside), "strain", "known"]
     body: list[list[Part]] = []
     for one in parameters:
         name: Part = [tag("code", words.clean(one.name)), tag("small", words.clean(one.source)) if one.source else ""]
@@ -85,7 +85,8 @@ def parameter_table(parameters: tuple[Parameter, ...], with_cause: dict[str, Est
             other = with_cause.get(one.name)
             row.append(number(other.value) if other is not None else words.DASH)
         strained = one.strain is not None and abs(one.strain) > STRAINED
-        strain: Part = tag("strong", number(one.strain, 2)) if strained else number(one.strain, 2)
+        told = words.DASH if one.strain is None else f"{one.strain:.1f}".replace("-", words.MINUS)
+        strain: Part = tag("strong", told) if strained else told
         body.append([*row, strain, _remark(one, strained)])
     return table(heads, body, range(2, 6 + beside))
 

@@ -10,7 +10,7 @@ from pamid.units import NONE, split_column
 
 #: names of people and letters that a hyphenated effect name has lost
 _PROPER = {"coulomb": "Coulomb", "stribeck": "Stribeck", "lugre": "LuGre", "maxwell": "Maxwell", "bouc wen": "Bouc-Wen",
-           "prandtl ishlinskii": "Prandtl-Ishlinskii", "dahl": "Dahl", "pwm": "PWM"}  # fmt: skip
+           "prandtl ishlinskii": "Prandtl-Ishlinskii", "dahl": "Dahl", "pwm": "PWM", "aprbs": "APRBS"}  # fmt: skip
 _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]+")
 _POWER = re.compile(r"(?<=[A-Za-z])\d")
@@ -119,6 +119,15 @@ def span(low: float | None, high: float | None, unit_text: str = "", digits: int
     if first[1] and first[2] == last[2]:  # one power of ten is enough
         return f"({first[0]} to {last[0]}){''.join(last[1:])}{tail}"
     return f"{short(low, digits)} to {short(high, digits)}{tail}"
+
+
+def chance(probability: float | None) -> str:
+    """Two digits; never a certainty: "above 0.99", "below 0.01"."""
+    if probability is None:
+        return DASH
+    if probability > 0.99:
+        return "above 0.99"
+    return "below 0.01" if probability < 0.01 else f"{probability:.2f}"
 
 
 def interval_tail(interval: str) -> str:
