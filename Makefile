@@ -11,7 +11,7 @@ PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest
 .PHONY: demo test slow lint bench clean
 
 demo: $(STAMP)
-	$(BIN)/pamid demo --output demo-run
+	$(BIN)/pamid demo --output demo-run --overwrite
 
 test: lint
 	$(PYTEST)

@@ -15,7 +15,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from pamid.assembly import attachments
+from pamid.attaching import attachments
 from pamid.diagnosis.tournament import diagnose
 from pamid.diagnosis.verdict import diagnosis_json
 from pamid.evidence import gather
@@ -29,6 +29,9 @@ MISTUNED = {"scale": 1.10, "conductance_in_m3_per_s_pa": 3.3e-9, "damping_m2_s":
 
 # effect -> (parameters, excitation: amplitude deg, hold s, known); what is not listed acts at its typical size
 PLANTED: dict[str, tuple[str, dict[str, object]]] = {
+    "flow-mismatch": ("mismatch=0.4", {}),
+    "force-compensator": ("limit_n=720", {}),
+    "chain-stretch": ("compliance_percent_per_kn=10", {}),
     "two-mass": ("", {"known": {"inertia_kg_m2": 0.0896}}),
     "backlash": ("", {"known": {"inertia_kg_m2": 0.0896}}),
     "end-stop": ("", {"amplitude": 45.0}),

@@ -22,7 +22,7 @@ def command(name: str | None, rigs: tuple[str, ...]) -> frame.Result:
     references, parameters with their ranges and sources, and the ports at which it fits.
     """
     from pamid import catalogue, library
-    from pamid.assembly import attachments
+    from pamid.attaching import attachments
     from pamid.errors import FileError, nearest
 
     looked_at = [library.rig_named(rig) for rig in rigs] or [library.rig_named(rig) for rig in library.rigs()]

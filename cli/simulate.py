@@ -21,7 +21,7 @@ pamid simulate --rig one-dof --excitation excitation.csv --effect coulomb-fricti
               help="NAME, NAME@PORT, with :parameter=value,...; or the path of an effect file (it is run).")
 @click.option("--known", multiple=True, metavar="NAME=VALUE", help="Parameter that the recording will state as known.")
 @click.option("--set", "hidden", multiple=True, metavar="NAME=VALUE", help="Parameter of the virtual rig, not stated.")
-@click.option("--noise", default="default", show_default=True, help="default | none | FACTOR on the rig's sensor noise.")
+@click.option("--noise", default="default", show_default=True, help="default | none | FACTOR on the sensor noise.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Same seed, same noise.")
 @click.option("--output", type=click.Path(dir_okay=False, path_type=Path), required=True, help="CSV file to write.")
 @click.option("--force", is_flag=True, help="Replace the output if it exists.")

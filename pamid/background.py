@@ -15,6 +15,9 @@ from pamid.equations import Expr, Number, clip, where
 from pamid.parameter import Parameter
 
 
+REACH = 3.0  # tolerances a nuisance term may go to: what lies beyond is structure
+
+
 class Background(Effect):
     """Base of the nuisance terms; `name` is what the report calls them."""
 
@@ -24,7 +27,7 @@ class Background(Effect):
     def __init__(self, name: str, tolerance: float, terms: tuple[str, ...]) -> None:
         self.name = name  # type: ignore[misc]
         self.parameters = tuple(  # type: ignore[misc]
-            Parameter(t, 0.0, low=-8.0 * tolerance, high=8.0 * tolerance, spread=tolerance, null=0.0,
+            Parameter(t, 0.0, low=-REACH * tolerance, high=REACH * tolerance, spread=tolerance, null=0.0,
                       source=f"tolerance {tolerance:g}") for t in terms)
 
 

@@ -6,9 +6,11 @@ import textwrap
 from collections.abc import Iterable
 from typing import Any
 
-from pamid.assembly import Assembly, Attachment, attachments
+from pamid.assembly import Assembly
+from pamid.attaching import Attachment, attachments
 from pamid.effect import KINDS, SECTIONS, Effect
-from pamid.equations import Expr, Number, rebuild, symbol, text, walk
+from pamid.equations import Expr, Number
+from pamid.expressions import rebuild, symbol, text, walk
 from pamid.parameter import Parameter
 from pamid.rig import Rig
 

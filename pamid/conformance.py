@@ -19,7 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.assembly import Assembly, Attachment, Bound, Sizes, attachments
+from pamid.assembly import Assembly
+from pamid.attaching import Attachment, attachments
+from pamid.binding import Bound, Sizes
 from pamid.effect import Effect, State, problems
 from pamid.engine.program import Stepping
 from pamid.equations import Number, absolute, sqrt

@@ -18,7 +18,7 @@ from pamid.windows import Track, noise_level, track_of
 
 Array = NDArray[np.float64]
 HELD_OUT_SHARE = 0.3
-SHORTEST_S = 4.0
+LEAD_S = 6.0           # before a held-out part, to find the state it begins in
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,9 @@ class Evidence:
     def tracks(self, assembly: Assembly, held_out: bool = False) -> tuple[Track, ...]:
         """Tracks for this assembly; parameters the recordings know are held in each."""
         spans = self.held_out if held_out else self.fit
-        return tuple(track_of(assembly, s.recording, self.channels).part(s.start, s.stop) for s in spans)
+        return tuple(track_of(assembly, s.recording, self.channels)
+                     .part(s.start, s.stop, max(300, round(LEAD_S / s.recording.sampling_period_s)) if held_out else 0)
+                     for s in spans)
 
     @property
     def recordings(self) -> list[Recording]:

@@ -14,7 +14,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.assembly import Assembly, Bound
+from pamid.assembly import Assembly
+from pamid.binding import Bound
 from pamid.engine.program import Stepping
 from pamid.simulation import choose_stepping
 from pamid.windows import PULL, Runner, Track, Window, cut, estimate_start, noise_level
@@ -23,6 +24,7 @@ Array = NDArray[np.float64]
 Progress = Callable[[int, float], None]
 
 WINDOW_S = 1.5
+CALM = 0.02  # squared step of the parameters in their posterior: two in a row below it end a fit
 
 
 @dataclass(frozen=True)
@@ -263,16 +265,17 @@ def fit(problem: Problem, *, p: Array | None = None, starts: tuple[Array, ...] |
     if not known_pulls:
         pulls = tuple(PULL * np.einsum("wii->wi", b[0]).mean(axis=0) for b in now.blocks)
         now = _evaluate(problem, scale, s, p, starts, weights, pulls, step, True)
-    damping, count, why, converged = 1e-3, 0, "iterations used up", False
+    damping, count, calm, why, converged = 1e-3, 0, 0, "iterations used up", False
     for count in range(1, iterations + 1):
-        ds, dx, _ = _step(now, s, scale, damping)
+        ds, dx, H = _step(now, s, scale, damping)
         new_s = s + ds
         new_starts = tuple(x + d for x, d in zip(starts, dx, strict=True))
         trial = _evaluate(problem, scale, new_s, p, new_starts, weights, pulls, step, True)
         if trial.cost < now.cost:
             gain = now.cost - trial.cost
             s, starts, now, damping = new_s, new_starts, trial, max(damping * 0.2, 1e-9)
-            if gain < tolerance * (1.0 + 1e-3 * now.cost):
+            calm = calm + 1 if float(ds @ H @ ds) < CALM else 0
+            if calm == 2 or gain < tolerance * (1.0 + 1e-3 * now.cost):
                 converged, why = True, ""
                 break
         else:
@@ -285,7 +288,8 @@ def fit(problem: Problem, *, p: Array | None = None, starts: tuple[Array, ...] |
     p[free] = scale.outside(s)
     _, _, H = _step(now, s, scale, 0.0)
     covariance: Array = np.linalg.pinv(H, hermitian=True).astype(np.float64, copy=False)
-    return Fit(problem, p, starts, weights, now.cost, covariance, count, converged, why, step, pulls, tuple(now.residuals))
+    return Fit(problem, p, starts, weights, now.cost, covariance, count, converged, why, step,
+               pulls, tuple(now.residuals))
 
 
 def residual_weights(problem: Problem, residuals: tuple[Array, ...], noise: Array) -> Weights:

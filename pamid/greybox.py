@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.assembly import Assembly, Attachment
+from pamid.assembly import Assembly
+from pamid.attaching import Attachment
 from pamid.engine.program import Stepping
-from pamid.equations import symbol
 from pamid.evidence import Evidence, Span
+from pamid.expressions import symbol
 from pamid.fitting import Fit, Problem, fit_robustly, free_parameters
 from pamid.intervals import background_pull, bootstrap, estimates
 from pamid.recording import Recording
@@ -208,7 +209,7 @@ def residual_table(g: GreyBox, cause: tuple[Replay, ...] = ()) -> tuple[list[str
         for w, cutout in enumerate(fitted[i].windows):
             inside = np.arange(cutout.start, cutout.stop)
             window[inside[fitted[i].scored[inside]]] = w
-        table = [r.time[s.start : s.stop], np.full(n, own), np.full(n, part), window]
+        table: list[Array] = [r.time[s.start : s.stop], np.full(n, float(own)), np.full(n, float(part)), window]
         for k, c in enumerate(e.channels):
             table += [from_si(y, split_column(c)[1]) for y in
                       (fitted[i].track.y[:, k], sheet[i].model[:, k], fitted[i].model[:, k])]

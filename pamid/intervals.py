@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.assembly import Bound
+from pamid.binding import Bound
 from pamid.fitting import Fit, Problem, Scale, fit
 from pamid.jobs import run_jobs
 

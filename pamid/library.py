@@ -15,8 +15,6 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import pamid.effects
-import pamid.rigs
 from pamid.effect import Effect, require_sound
 from pamid.errors import FileError, PamidError, nearest
 from pamid.rig import Rig, check_rig

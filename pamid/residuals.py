@@ -37,6 +37,8 @@ class Replay:
     scored: NDArray[np.bool_]
     windows: tuple[Window, ...]
     finite: bool
+    with_lead: Array         # model over the whole track, lead-in included
+    led: Track               # that track
 
     @property
     def residual(self) -> Array:
@@ -50,14 +52,21 @@ class Replay:
 
 
 def replay(assembly: Assembly, p: Array, track: Track, stepping: Stepping, noise: Array) -> Replay:
-    """Run the model over the track window by window. noise: sensor noise per channel (SI), weighs the start estimate."""
+    """Run the model over the track window by window; the sensor noise per channel (SI) weighs the start estimates.
+
+    Windows of the track's lead-in find their start from all of their samples; the result no longer holds them.
+    """
     runner = Runner(assembly, track, stepping)
     values = runner.parameters(p)
     memory = runner.memory(values)
     model, scored = np.empty_like(track.y), np.zeros(len(track), bool)
-    windows, finite = replay_windows(track), True
-    for window in windows:
-        warm = max(10, round(WARM_UP * (window.stop - window.start)))
+    lead, finite = track.lead, True
+    windows = replay_windows(track.part(lead, len(track)))
+    ahead = cut(lead, windows[0].stop) if lead else []
+    shifted = [Window(w.start + lead, w.stop + lead) for w in windows]
+    for window in [*ahead, *shifted]:
+        length = window.stop - window.start
+        warm = length if window.start < lead else max(10, round(WARM_UP * length))
         carried = memory.x[: runner.rig_states].copy()
         x, _, usable = estimate_start(runner, memory, Window(window.start, window.start + warm), values, 1.0 / noise,
                                       carried)
@@ -65,22 +74,20 @@ def replay(assembly: Assembly, p: Array, track: Track, stepping: Stepping, noise
             runner.enter(memory, x)
         Y, _, fine = runner.run(memory, window, values, False)
         if not fine or not np.isfinite(memory.x).all():
-            finite = False
+            finite = finite and window.start < lead
             Y = np.where(np.isfinite(Y), Y, 0.0)
             memory = runner.memory(values)
-            memory.begin = True
         model[window.start : window.stop] = Y
         scored[window.start + warm : window.stop] = True
-    return Replay(track, model, scored, tuple(windows), finite)
+    return Replay(track.part(lead, len(track)), model[lead:], scored[lead:], tuple(windows), finite, model, track)
 
 
 def noise_floor(assembly: Assembly, p: Array, done: Replay, stepping: Stepping, noise: Array, seed: int = 0) -> Replay:
     """The same comparison where the model is the truth: its own outputs plus white noise, replayed."""
     random = np.random.default_rng(seed)
-    t = done.track
-    twin = Track(t.name, t.u, done.model + noise * random.standard_normal(done.model.shape), t.p, t.known, t.period_s,
-                 t.first)
-    return replay(assembly, p, twin, stepping, noise)
+    t = done.led
+    y = done.with_lead + noise * random.standard_normal(done.with_lead.shape)
+    return replay(assembly, p, Track(t.name, t.u, y, t.p, t.known, t.period_s, t.first, t.lead), stepping, noise)
 
 
 def channel_mae(replays: list[Replay]) -> Array:

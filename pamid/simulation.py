@@ -7,10 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.assembly import Assembly, Sizes
+from pamid.assembly import Assembly
+from pamid.binding import Sizes
 from pamid.engine.program import Memory, Stepping
-from pamid.equations import Expr, symbol
+from pamid.equations import Expr
 from pamid.errors import DataError, FileError, nearest
+from pamid.expressions import symbol
 from pamid.recording import Recording
 from pamid.units import from_si, split_column, to_si
 

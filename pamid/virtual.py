@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.assembly import Assembly, Attachment, attach
+from pamid.assembly import Assembly
+from pamid.attaching import Attachment, attach
 from pamid.engine.program import Stepping
 from pamid.errors import FileError, UsageError, nearest
 from pamid.library import effects_with, rig_named

@@ -26,7 +26,8 @@ class Track:
     """One recording as a fit sees it. SI throughout.
 
     u (samples x inputs), y (samples x channels), known: places of parameters that are held for it, p their values
-    put into the data sheet's; first: index in the recording file of the first sample (for time and reports).
+    put into the data sheet's; first: index in the recording file of the first sample (for time and reports); lead:
+    samples at the beginning that only serve to find the state, and are never scored.
     """
 
     name: str
@@ -36,13 +37,16 @@ class Track:
     known: tuple[int, ...]
     period_s: float
     first: int = 0
+    lead: int = 0
 
     def __len__(self) -> int:
         return len(self.u)
 
-    def part(self, start: int, stop: int) -> Track:
-        return Track(self.name, self.u[start:stop], self.y[start:stop], self.p, self.known, self.period_s,
-                     self.first + start)
+    def part(self, start: int, stop: int, lead: int = 0) -> Track:
+        """Samples start..stop, led in by up to `lead` samples before them."""
+        begin = max(0, start - lead)
+        return Track(self.name, self.u[begin:stop], self.y[begin:stop], self.p, self.known, self.period_s,
+                     self.first + begin, start - begin)
 
 
 def track_of(assembly: Assembly, recording: Recording, channels: tuple[str, ...]) -> Track:

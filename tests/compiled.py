@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from pamid.engine.lowering import Cell, lower
 from pamid.engine.program import Memory, Program, Stepping, build_program
-from pamid.equations import Expr, symbol
+from pamid.equations import Expr
+from pamid.expressions import symbol
 
 Array = NDArray[np.float64]
 PERIOD_S = 0.01

@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.assembly import Array, Assembly, Attachment, attachments
+from pamid.assembly import Array, Assembly
+from pamid.attaching import Attachment, attachments
 from pamid.engine.program import Stepping
-from pamid.equations import symbol
+from pamid.expressions import symbol
 from pamid.library import effects, rig_named, rigs
 from pamid.rig import Rig
 

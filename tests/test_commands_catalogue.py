@@ -11,7 +11,8 @@ import pytest
 from pamid_cli.frame import run
 
 from pamid import catalogue, library
-from pamid.assembly import Assembly, attach
+from pamid.assembly import Assembly
+from pamid.attaching import attach
 from pamid.conformance import (
     Bench,
     Trial,

@@ -19,7 +19,8 @@ from conformance import (
     typical,
 )
 
-from pamid.assembly import Assembly, Attachment, attachments
+from pamid.assembly import Assembly
+from pamid.attaching import Attachment, attachments
 from pamid.effect import Effect, Hints, problems
 from pamid.library import effects
 from pamid.rig import check_rig

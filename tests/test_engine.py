@@ -21,7 +21,8 @@ from compiled import (
     steps,
 )
 
-from pamid.assembly import Assembly, attach
+from pamid.assembly import Assembly
+from pamid.attaching import attach
 from pamid.effect import State
 from pamid.engine.lowering import Cell
 from pamid.engine.program import Program, Stepping
@@ -38,10 +39,10 @@ from pamid.equations import (
     sin,
     sqrt,
     stop,
-    symbol,
     tanh,
     where,
 )
+from pamid.expressions import symbol
 from pamid.library import effects, rig_named
 from pamid.parameter import Parameter
 from pamid.rig import Port, Rig

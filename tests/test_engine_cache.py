@@ -95,7 +95,8 @@ def test_text_of_a_model_does_not_depend_on_the_process(compiled_texts: list[str
     code = ("import sys; sys.path.insert(0, sys.argv[1])\n"
             "from pamid.engine import machine\n"
             "machine._compile = lambda text: (print(machine._key(text)), sys.exit(0))\n"
-            "from pamid.assembly import Assembly, attach\n"
+            "from pamid.assembly import Assembly\n"
+            "from pamid.attaching import attach\n"
             "from pamid.library import effects, rig_named\n"
             "rig = rig_named('one-dof')\n"
             "Assembly(rig, (attach(rig, 'lugre-friction', effects()), attach(rig, 'dead-time', effects()))).program\n")

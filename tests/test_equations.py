@@ -14,13 +14,11 @@ from scipy.integrate import solve_ivp
 
 from pamid.engine.program import Stepping
 from pamid.equations import (
-    ONE,
     ZERO,
     EquationError,
     Expr,
     bristle,
     clip,
-    const,
     cos,
     delay,
     exp,
@@ -31,19 +29,15 @@ from pamid.equations import (
     log,
     minimum,
     play,
-    power,
     sign,
     sin,
     smooth_step,
     sqrt,
     stop,
-    substitute,
-    symbols,
     tanh,
-    text,
-    walk,
     where,
 )
+from pamid.expressions import ONE, const, power, substitute, symbols, text, walk
 
 A, B = parameter("a"), parameter("b")
 U = signal()
@@ -338,7 +332,7 @@ def test_operators_can_follow_one_another() -> None:
 
 def test_an_algebraic_loop_is_named() -> None:
     from pamid.engine.lowering import Cell, lower
-    from pamid.equations import symbol
+    from pamid.expressions import symbol
 
     one, other = symbol("cell", "one"), symbol("cell", "other")
     with pytest.raises(EquationError, match="algebraic loop through one, other"):

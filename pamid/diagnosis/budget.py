@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.assembly import Sizes
+from pamid.binding import Sizes
 from pamid.diagnosis.contest import Contender, contender_from
 from pamid.evidence import Evidence
 from pamid.greybox import GreyBox, fit_model

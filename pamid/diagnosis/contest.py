@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.assembly import Assembly, Attachment, Sizes
+from pamid.assembly import Assembly
+from pamid.attaching import Attachment
+from pamid.binding import Sizes
 from pamid.evidence import Evidence
 from pamid.fitting import Fit, Problem, fit, free_parameters, residual_weights
 from pamid.residuals import Replay, replay

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.assembly import Assembly, Attachment, Sizes
+from pamid.assembly import Assembly
+from pamid.attaching import Attachment
+from pamid.binding import Sizes
 from pamid.diagnosis.contest import Contender, model_with
 from pamid.effect import Hints
 from pamid.errors import PamidError

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.assembly import Attachment, attachments
+from pamid.attaching import Attachment, attachments
 from pamid.diagnosis.budget import NO_GAP, Budget, gap_budget
 from pamid.diagnosis.contest import Contender, bootstrap_losses, judged, refit
 from pamid.diagnosis.localise import spectrum_peaks
@@ -23,7 +23,8 @@ Array = NDArray[np.float64]
 Told = Callable[[str], None]
 
 MOST_CAUSES = 3
-WORTH = 0.05            # of the gap: what a further effect has to remove
+WORTH = 0.05            # of the gap: what an effect has to remove to be worth naming
+MORE = 0.10             # ... to be worth naming beside another one
 SURE = 3.0              # standard errors by which it has to win
 EXPLAINED = 0.25        # of the gap that may remain beyond what a black box leaves
 HALF_WAY = 0.60         # of the gap that may remain at all
@@ -187,7 +188,7 @@ def _tied(budget: Budget, ranking: tuple[Contender, ...], chosen: NDArray[np.boo
 
 def _add_more(evidence: Evidence, budget: Budget, best: Contender, chosen: NDArray[np.bool_],
               candidates: list[Attachment], hints: Hints, seed: int, jobs: int, told: Told) -> Contender:
-    """Greedy addition: a further effect has to remove 5 % of the gap and win by three standard errors."""
+    """Greedy addition: a further effect has to remove 10 % of the gap and win by three standard errors."""
     gap = budget.excess(budget.baseline.absolutes, chosen)
     while len(best.attached) < MOST_CAUSES and budget.excess(best.absolutes, chosen) > max(WORTH * gap, NO_GAP):
         taken = {_family(evidence, a) for a in best.attached}
@@ -200,7 +201,7 @@ def _add_more(evidence: Evidence, budget: Budget, best: Contender, chosen: NDArr
         i = int(np.argmin(losses[1:].mean(axis=1)))
         gain = losses[0] - losses[i + 1]
         removed = budget.excess(best.absolutes, chosen) - budget.excess(more[i].absolutes, chosen)
-        if removed < WORTH * gap or gain.mean() < SURE * gain.std():
+        if removed < MORE * gap or gain.mean() < SURE * gain.std():
             return best
         best = more[i]
     return best

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.assembly import Assembly, Attachment
+from pamid.assembly import Assembly
+from pamid.attaching import Attachment
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.effect import Effect, State
 from pamid.equations import Expr, Number

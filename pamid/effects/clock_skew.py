@@ -7,8 +7,8 @@ What it looks like
     Every channel, slow or fast, is shifted by the same time; the residual resembles the derivative of the signal. With
     a skew the shift grows along the recording, so that its end fits worse than its start.
 Looks like it
-    Dead time of the actuator, which readings late by a constant equal exactly: that part is left to it, and only a shift
-    that grows, or readings that come early, are put down to a clock; a lag of one sensor, which spares the others.
+    Dead time of the actuator, which readings late by a constant equal exactly: that part is left to it, and only a
+    shift that grows, or readings that come early, are put down to a clock; a lag of one sensor, which spares the rest.
 Equation
     reading(t) := reading(t - late),   late = start + skew * t;   early readings: reading - late * rate
 References

@@ -2,21 +2,8 @@
 
 from __future__ import annotations
 
-from pamid.equations import (
-    ONE,
-    ZERO,
-    Expr,
-    cos,
-    div,
-    mul,
-    power,
-    sign,
-    sin,
-    sub,
-    unary,
-    walk,
-    where,
-)
+from pamid.equations import ZERO, Expr, cos, sign, sin, where
+from pamid.expressions import ONE, div, mul, power, sub, unary, walk
 
 Gradient = dict[Expr, Expr]
 

@@ -10,7 +10,8 @@ import struct
 from collections.abc import Callable
 
 from pamid.engine.derivative import gradients
-from pamid.equations import Expr, substitute, symbol, walk
+from pamid.equations import Expr
+from pamid.expressions import substitute, symbol, walk
 
 SPACES = ("state", "cell", "past", "input", "parameter", "tick")
 _ARRAY = {space: i for i, space in enumerate(SPACES)} | {"derived": SPACES.index("parameter")}

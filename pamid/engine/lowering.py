@@ -18,19 +18,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pamid.equations import (
-    EquationError,
-    Expr,
-    exp,
-    maximum,
-    minimum,
-    rebuild,
-    symbol,
-    symbols,
-    text,
-    walk,
-    where,
-)
+from pamid.equations import EquationError, Expr, exp, maximum, minimum, where
+from pamid.expressions import rebuild, symbol, symbols, text, walk
 
 TICKS = ("time", "step", "period", "fresh", "begin", "join")
 # s, s, s; 1 at the first step of a sample, at the very first step, at the first one after the state was set anew

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from pamid.engine.emitter import DECLARATIONS, LANES, function_text, hoist, product_text, with_partials
 from pamid.engine.lowering import TICKS, Lowered, cell_update
-from pamid.engine.machine import addresses
 from pamid.equations import Expr, expression
 
 Array = NDArray[np.float64]
@@ -156,6 +155,8 @@ def build_program(lowered: Lowered, inputs: tuple[str, ...], parameters: tuple[s
                    for e in range(pointer[row], pointer[row + 1]) if columns[e] >= nx + 2 * nc]
         direct_at.append(len(direct))
         most = max(most, len(columns))
+    from pamid.engine.machine import addresses  # LLVM is loaded when a model is compiled, not with the package
+
     parts.append(function_text("prepare", derived, index))
     address = addresses("\n".join(parts), [*names, "prepare"])
 
@@ -176,7 +177,7 @@ def _phases(lowered: Lowered) -> tuple[list[list[Expr]], list[int], list[int], l
     Inside a phase a cell may read another one's new value only if that one stands in an earlier phase; where it
     reads one of its own phase the new value is written out.
     """
-    from pamid.equations import substitute
+    from pamid.expressions import substitute
 
     phases: list[list[Expr]] = []
     counts: list[int] = []

@@ -1,0 +1,382 @@
+"""CPU time of the engine and of grey-box fits on the one-dof rig, against their targets and against scipy.
+
+    OMP_NUM_THREADS=1 python benchmarks/engine.py
+
+One process, one thread, CPU seconds, medians of several calls. The record is 200 s at 3 ms (66667 samples) of the
+rig's own closed loop, replayed on its recorded command. Compilation is timed apart; everything else runs from the
+cache. scipy integrates a Python transcription of the same expressions (plain floats, functions of `math`, common
+parts computed once); it is slow, so it runs on a short stretch and is scaled, and the row says from what.
+"""
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+import math
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+from scipy.optimize import least_squares
+
+from pamid.assembly import Assembly
+from pamid.attaching import Attachment, attachments
+from pamid.engine import machine
+from pamid.engine.program import Program, Stepping
+from pamid.excitation import aprbs
+from pamid.expressions import Expr, walk
+from pamid.fitting import Problem, fit_robustly, free_parameters
+from pamid.library import effects, rig_named
+from pamid.recording import Recording, read_recording, write_recording
+from pamid.simulation import choose_stepping, input_table
+from pamid.virtual import virtual_rig
+from pamid.windows import noise_level, track_of
+
+Array = NDArray[np.float64]
+PERIOD_S = 0.003
+SAMPLES = 66_667
+SPECIMEN = {"damping_m2_s": 7.5e-4, "scale": 1.1, "conductance_in_m3_per_s_pa": 4.2e-9, "critical_ratio": 0.38,
+            "viscous_n_m_s": 0.08, "contraction_0": 0.104, "dead_volume_cm3": 7.0, "polytropic": 1.15}
+RESTARTED = 300       # samples over which scipy is restarted at every sample
+ONE_CALL = 1_000      # samples it does in one call
+SCIPY_FIT = 333       # samples of scipy's fit
+HELD_OPEN = ("coulomb-friction", "dead-time", "leak")   # one parameter each beside the rig's nine: twelve columns
+
+
+@dataclass(frozen=True)
+class Row:
+    what: str
+    seconds: float
+    target: str = ""
+    met: bool | None = None
+    ratio: str = ""
+
+
+def cpu(call: Callable[[], object], repeats: int = 7) -> float:
+    """Median CPU seconds of a call, after one that is not counted."""
+    call()
+    taken = []
+    for _ in range(repeats):
+        begun = time.process_time()
+        call()
+        taken.append(time.process_time() - begun)
+    return statistics.median(taken)
+
+
+def once(call: Callable[[], Any]) -> tuple[float, Any]:
+    begun = time.process_time()
+    result = call()
+    return time.process_time() - begun, result
+
+
+def recorded(folder: Path, samples: int) -> Recording:
+    """A virtual specimen in its own loop, with sensor noise."""
+    reference = aprbs(samples * PERIOD_S, PERIOD_S, 35.0, seed=1)[:samples]
+    stamps = np.arange(len(reference)) * PERIOD_S
+    write_recording(folder / "reference.csv", stamps, {"reference_deg": reference})
+    made = virtual_rig("one-dof", read_recording(folder / "reference.csv"), (), {"inertia_kg_m2": 0.0896}, SPECIMEN,
+                       1.0, 1)
+    write_recording(folder / "rec.csv", stamps, made.columns, made.meta)
+    return read_recording(folder / "rec.csv")
+
+
+# ---- runs --------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Setting:
+    """An assembly at a point, ready to run."""
+
+    assembly: Assembly
+    u: Array
+    p: Array
+    stepping: Stepping
+
+    def run(self, columns: list[int] | None = None) -> Array:
+        program: Program = self.assembly.program
+        memory = program.memory(self.assembly.start(self.p), len(columns or []), stepping=self.stepping,
+                                period_s=PERIOD_S)
+        chosen = None
+        if columns is not None:
+            chosen = np.full(len(self.p), -1, np.int64)
+            chosen[columns] = np.arange(len(columns))
+        y, _, bad = program.run(memory, self.u, self.p, period_s=PERIOD_S, stepping=self.stepping, columns=chosen)
+        assert bad == -1, f"blew up at sample {bad}"
+        return y
+
+
+def setting(assembly: Assembly, recording: Recording) -> Setting:
+    p = assembly.values({"inertia_kg_m2": 0.0896, **SPECIMEN})
+    u = input_table(assembly, recording)
+    return Setting(assembly, u, p, choose_stepping(assembly, u, p, PERIOD_S, assembly.start(p)))
+
+
+def rig_columns(a: Assembly) -> list[int]:
+    return [i for i, b in enumerate(a.parameters) if b.fitted and not b.owner]
+
+
+def together(found: list[Attachment], recording: Recording) -> tuple[Setting, list[str]]:
+    """All attachments at once at their typical sizes; those without which it stays finite are left out and named."""
+    left_out: list[str] = []
+    for _ in range(len(found)):
+        kept = tuple(a for a in found if a.label not in left_out)
+        whole = setting(Assembly(rig_named("one-dof"), kept), recording)
+        try:
+            whole.run()
+            return whole, left_out
+        except AssertionError:
+            left_out.append(next(a.label for a in kept if a.label not in left_out))
+    raise SystemExit("no set of effects stays finite")
+
+
+# ---- compiling ---------------------------------------------------------------------------------------------------
+
+
+def compile_seconds(assembly: Assembly, folder: Path) -> tuple[float, float]:
+    """Cold, and again from the files (equations traced, differentiated and written both times)."""
+    before, kept = os.environ.get("PAMID_CACHE"), machine._loaded
+    os.environ["PAMID_CACHE"] = str(folder)
+    times = []
+    for _ in range(2):
+        machine._loaded = {}
+        fresh = replace(assembly)
+        times.append(once(lambda fresh=fresh: fresh.program)[0])
+        kept = {**kept, **machine._loaded}      # code that is still in use must live
+    machine._loaded = kept
+    if before is None:
+        del os.environ["PAMID_CACHE"]
+    else:
+        os.environ["PAMID_CACHE"] = before
+    return times[0], times[1]
+
+
+DRIVER = """
+import time
+from pamid.assembly import Assembly
+from pamid.library import rig_named
+import numpy as np
+a = Assembly(rig_named("one-dof"))
+program, p = a.program, a.values()
+begun = time.process_time()
+program.run(program.memory(a.start(p)), np.zeros((2, 2)), p, period_s=0.003)
+print(time.process_time() - begun)
+"""
+
+
+def driver_seconds(folder: Path) -> tuple[float, float]:
+    """The sweep itself, compiled once per installation: cold and from its cache, in processes of their own."""
+    times = []
+    for _ in range(2):
+        done = subprocess.run([sys.executable, "-c", DRIVER], check=True, capture_output=True, text=True,
+                              env={**os.environ, "NUMBA_CACHE_DIR": str(folder)})
+        times.append(float(done.stdout))
+    return times[0], times[1]
+
+
+# ---- the same in scipy -------------------------------------------------------------------------------------------
+
+_CALLS = {"sqrt": "sqrt", "exp": "exp", "log": "log", "tanh": "tanh", "sin": "sin", "cos": "cos", "abs": "abs",
+          "floor": "floor", "min": "min", "max": "max"}
+_INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/", "pow": "**", "lt": "<", "le": "<="}
+
+
+def transcribed(roots: list[Expr], arrays: dict[str, tuple[str, list[str]]]) -> Callable[..., list[float]]:
+    """Expressions as a Python function f(x, u, p) -> list; every node one line, computed once."""
+    names: dict[int, str] = {}
+    lines = []
+    for node in walk(roots):
+        a = [names[id(x)] for x in node.args]
+        if node.op == "const":
+            names[id(node)] = repr(float(node.value))
+            continue
+        if node.op == "symbol":
+            array, order = arrays[node.value[0]]
+            names[id(node)] = f"{array}[{order.index(node.value[1])}]"
+            continue
+        if node.op in _INFIX:
+            value = f"{a[0]} {_INFIX[node.op]} {a[1]}"
+        elif node.op == "neg":
+            value = f"-{a[0]}"
+        elif node.op == "where":
+            value = f"{a[1]} if {a[0]} else {a[2]}"
+        else:
+            value = f"{_CALLS[node.op]}({', '.join(a)})"
+        names[id(node)] = f"v{len(lines)}"
+        lines.append(f"    v{len(lines)} = {value}")
+    body = "\n".join(["def f(x, u, p):", *lines, f"    return [{', '.join(names[id(r)] for r in roots)}]"])
+    space: dict[str, Any] = {**{k: getattr(math, k) for k in ("sqrt", "exp", "log", "tanh", "sin", "cos", "floor")}}
+    exec(body, space)
+    return space["f"]  # type: ignore[no-any-return]
+
+
+class Transcription:
+    """Rates and outputs of a setting in plain Python."""
+
+    def __init__(self, s: Setting) -> None:
+        t = s.assembly.traced
+        arrays = {"state": ("x", list(t.rates)), "input": ("u", list(t.inputs)), "parameter": ("p", list(s.assembly.keys))}
+        self.rates = transcribed(list(t.rates.values()), arrays)
+        self.outputs = transcribed(list(t.outputs.values()), arrays)
+        self.s = s
+        self.start = s.assembly.start(s.p)
+
+    def restarted(self, method: str, samples: int, **options: Any) -> Array:
+        """solve_ivp anew for every sample, the input being held over it."""
+        p, x, u = self.s.p.tolist(), self.start, self.s.u.tolist()
+        out = []
+        for k in range(samples):
+            out.append(self.outputs(x.tolist(), u[k], p))
+            x = solve_ivp(lambda t, x, k=k: self.rates(x.tolist(), u[k], p), (0.0, PERIOD_S), x, method=method,
+                          **options).y[:, -1]
+        return np.array(out)
+
+    def one_call(self, samples: int, p: list[float], method: str = "LSODA") -> Array:
+        """One call over all samples, held input looked up, steps no longer than a sample."""
+        u = self.s.u.tolist()
+        stamps = np.arange(samples) * PERIOD_S
+
+        def slope(t: float, x: Array) -> list[float]:
+            return self.rates(x.tolist(), u[min(int(t / PERIOD_S + 1e-9), samples - 1)], p)
+
+        x = solve_ivp(slope, (0.0, stamps[-1]), self.start, method=method, t_eval=stamps, max_step=PERIOD_S,
+                      rtol=1e-4, atol=1e-8).y.T
+        return np.array([self.outputs(x[k].tolist(), u[k], p) for k in range(samples)])
+
+
+def scipy_fit(python: Transcription, measured: Array, noise: Array) -> tuple[float, int]:
+    """least_squares with finite differences over the rig's nine parameters, single shooting on a short stretch."""
+    s = python.s
+    free = rig_columns(s.assembly)
+    start = s.assembly.values({"inertia_kg_m2": 0.0896})
+    bounds = [s.assembly.parameters[i] for i in free]
+    spread = np.array([b.spread * (b.value if b.log else 1.0) for b in bounds])
+    count = 0
+
+    def residuals(z: Array) -> Array:
+        nonlocal count
+        count += 1
+        p = start.copy()
+        p[free] = start[free] + z * spread
+        model = python.one_call(SCIPY_FIT, p.tolist())
+        return np.concatenate([((model - measured[:SCIPY_FIT]) / noise).ravel(), z])
+
+    low = np.array([(b.low - b.value) for b in bounds]) / spread
+    high = np.array([(b.high - b.value) for b in bounds]) / spread
+    seconds, _ = once(lambda: least_squares(residuals, np.clip(np.zeros(len(free)), low + 1e-6, high - 1e-6),
+                                            bounds=(low, high), xtol=1e-4, ftol=1e-4, diff_step=1e-4))
+    return seconds, count
+
+
+# ---- the table ---------------------------------------------------------------------------------------------------
+
+
+def against(what: str, seconds: float, target: float, base: float | None = None) -> Row:
+    ratio = "" if base is None else f"{seconds / base:.1f} x free run"
+    return Row(what, seconds, f"<= {target:g} s", seconds <= target, ratio)
+
+
+def engine_rows(plain: Setting, wide: Setting, everything: Setting, left_out: list[str]) -> list[Row]:
+    nine = rig_columns(plain.assembly)
+    more = [i for i, b in enumerate(wide.assembly.parameters) if b.owner and b.fitted][: 12 - len(nine)]
+    twelve = rig_columns(wide.assembly) + more
+    free, with_nine = cpu(plain.run), cpu(lambda: plain.run(nine))
+    rows = [against(f"free run, {SAMPLES} samples", free, 0.025, free),
+            against(f"with {len(nine)} exact sensitivities", with_nine, 0.080, free),
+            Row(f"free run with {', '.join(HELD_OPEN)}", cpu(wide.run)),
+            against(f"with {len(twelve)} exact sensitivities, 3 of them of effects", cpu(lambda: wide.run(twelve)), 0.080)]
+    own = rig_columns(everything.assembly)
+    for what, seconds, base in ((f"all {len(everything.assembly.attachments)} effects at once, free run",
+                                 cpu(everything.run, 5), free),
+                                (f"all effects at once, {len(own)} sensitivities", cpu(lambda: everything.run(own), 3),
+                                 with_nine)):
+        rows.append(Row(what, seconds, "<= 10 x plain", seconds <= 10.0 * base, f"{seconds / base:.1f} x plain"))
+    rows.append(Row(f"  {len(everything.assembly.program.states)} states, {len(everything.assembly.program.cells)} cells, "
+                    f"{everything.stepping.substeps} {'implicit' if everything.stepping.implicit else 'explicit'} "
+                    f"step(s) per sample; left out: {', '.join(left_out) or 'none'}", math.nan))
+    return rows
+
+
+def fit_rows(short: Recording, long: Recording) -> tuple[list[Row], float]:
+    rows, twenty = [], math.nan
+    for recording, seconds, target in ((short, 20, 1.0), (long, 200, 10.0)):
+        for background in (False, True):
+            a = Assembly(rig_named("one-dof"), background=background)
+            track = track_of(a, recording, a.program.outputs)
+            problem = Problem(a, (track,), free_parameters(a, (track,)))
+            done = fit_robustly(problem)
+            state = "converged" if done.converged else f"not converged: {done.why}"
+            taken = cpu(lambda problem=problem: fit_robustly(problem), 3)
+            twenty = taken if seconds == 20 and not background else twenty
+            what = f"fit of {seconds} s, {len(problem.free)} parameters{' (with background)' if background else ''}"
+            rows.append(Row(what, taken, f"<= {target:g} s", taken <= target, state))
+    return rows, twenty
+
+
+def scipy_rows(plain: Setting, short: Recording, free: float, twenty: float) -> list[Row]:
+    python = Transcription(plain)
+    ours = plain.run()
+    rows = []
+    for what, samples, call in (
+            ("solve_ivp LSODA, restarted every sample", RESTARTED,
+             lambda: python.restarted("LSODA", RESTARTED, rtol=1e-6, atol=1e-9)),
+            ("solve_ivp RK45, restarted, max_step = period", RESTARTED,
+             lambda: python.restarted("RK45", RESTARTED, max_step=PERIOD_S)),
+            ("solve_ivp LSODA, one call, max_step = period", ONE_CALL,
+             lambda: python.one_call(ONE_CALL, plain.p.tolist()))):
+        seconds, found = once(call)
+        whole = seconds * SAMPLES / samples
+        apart = float(np.abs(np.degrees(found[:, 0] - ours[:samples, 0])).max())
+        rows.append(Row(f"{what} (from {samples} samples)", whole, "> 100 x", whole > 100.0 * free,
+                        f"{whole / free:.0f} x ours; {apart:.1e} deg apart"))
+    a = plain.assembly
+    track = track_of(a, short, a.program.outputs)
+    seconds, count = scipy_fit(Transcription(replace(plain, u=track.u)), track.y, noise_level(track.y))
+    whole = seconds * len(track) / SCIPY_FIT
+    rows.append(Row(f"least_squares, finite differences, 20 s (from {SCIPY_FIT} samples, {count} runs)", whole, "> 100 x",
+                    whole > 100.0 * twenty, f"{whole / twenty:.0f} x ours"))
+    return rows
+
+
+def show(rows: list[Row]) -> None:
+    print(f"{'':86s} {'CPU':>11s}  {'target':>14s}      ratio")
+    for r in rows:
+        time_ = "" if math.isnan(r.seconds) else f"{1e3 * r.seconds:.1f} ms" if r.seconds < 1 else f"{r.seconds:.2f} s"
+        print(f"{r.what:86s} {time_:>11s}  {r.target:>14s} {'' if r.met is None else 'ok ' if r.met else 'NO ':3s}  {r.ratio}")
+
+
+def main() -> None:
+    rig = rig_named("one-dof")
+    found = attachments(rig, effects().values())
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        long = recorded(folder, SAMPLES)
+        (folder / "short").mkdir()
+        short = recorded(folder / "short", round(20.0 / PERIOD_S))
+        plain = setting(Assembly(rig), long)
+        wide = setting(Assembly(rig, tuple(a for a in found if a.label in HELD_OPEN)), long)
+        everything, left_out = together(found, long)
+        rows = engine_rows(plain, wide, everything, left_out)
+        fits, twenty = fit_rows(short, long)
+        rows += fits
+        for what, a in (("plain rig", plain.assembly), ("all effects", everything.assembly)):
+            cold, cached = compile_seconds(a, folder / what)
+            rows += [Row(f"compile {what}, cold", cold), Row(f"compile {what}, from the cache", cached)]
+        cold, cached = driver_seconds(folder / "numba")
+        rows += [Row("compile the sweep (once per installation), cold", cold),
+                 Row("load the sweep from its cache", cached)]
+        rows += scipy_rows(plain, short, rows[0].seconds, twenty)
+        show(rows)
+
+
+if __name__ == "__main__":
+    main()
