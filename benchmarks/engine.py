@@ -28,13 +28,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
+from transcription import transcribed
 
 from pamid.assembly import Assembly
-from pamid.attaching import Attachment, attachments
+from pamid.attaching import attachments
 from pamid.engine import machine
 from pamid.engine.program import Program, Stepping
 from pamid.excitation import aprbs
-from pamid.expressions import Expr, walk
 from pamid.fitting import Problem, fit_robustly, free_parameters
 from pamid.library import effects, rig_named
 from pamid.recording import Recording, read_recording, write_recording
@@ -125,20 +125,6 @@ def rig_columns(a: Assembly) -> list[int]:
     return [i for i, b in enumerate(a.parameters) if b.fitted and not b.owner]
 
 
-def together(found: list[Attachment], recording: Recording) -> tuple[Setting, list[str]]:
-    """All attachments at once at their typical sizes; those without which it stays finite are left out and named."""
-    left_out: list[str] = []
-    for _ in range(len(found)):
-        kept = tuple(a for a in found if a.label not in left_out)
-        whole = setting(Assembly(rig_named("one-dof"), kept), recording)
-        try:
-            whole.run()
-            return whole, left_out
-        except AssertionError:
-            left_out.append(next(a.label for a in kept if a.label not in left_out))
-    raise SystemExit("no set of effects stays finite")
-
-
 # ---- compiling ---------------------------------------------------------------------------------------------------
 
 
@@ -185,46 +171,13 @@ def driver_seconds(folder: Path) -> tuple[float, float]:
 
 # ---- the same in scipy -------------------------------------------------------------------------------------------
 
-_CALLS = {"sqrt": "sqrt", "exp": "exp", "log": "log", "tanh": "tanh", "sin": "sin", "cos": "cos", "abs": "abs",
-          "floor": "floor", "min": "min", "max": "max"}
-_INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/", "pow": "**", "lt": "<", "le": "<="}
-
-
-def transcribed(roots: list[Expr], arrays: dict[str, tuple[str, list[str]]]) -> Callable[..., list[float]]:
-    """Expressions as a Python function f(x, u, p) -> list; every node one line, computed once."""
-    names: dict[int, str] = {}
-    lines = []
-    for node in walk(roots):
-        a = [names[id(x)] for x in node.args]
-        if node.op == "const":
-            names[id(node)] = repr(float(node.value))
-            continue
-        if node.op == "symbol":
-            array, order = arrays[node.value[0]]
-            names[id(node)] = f"{array}[{order.index(node.value[1])}]"
-            continue
-        if node.op in _INFIX:
-            value = f"{a[0]} {_INFIX[node.op]} {a[1]}"
-        elif node.op == "neg":
-            value = f"-{a[0]}"
-        elif node.op == "where":
-            value = f"{a[1]} if {a[0]} else {a[2]}"
-        else:
-            value = f"{_CALLS[node.op]}({', '.join(a)})"
-        names[id(node)] = f"v{len(lines)}"
-        lines.append(f"    v{len(lines)} = {value}")
-    body = "\n".join(["def f(x, u, p):", *lines, f"    return [{', '.join(names[id(r)] for r in roots)}]"])
-    space: dict[str, Any] = {**{k: getattr(math, k) for k in ("sqrt", "exp", "log", "tanh", "sin", "cos", "floor")}}
-    exec(body, space)
-    return space["f"]  # type: ignore[no-any-return]
-
-
 class Transcription:
     """Rates and outputs of a setting in plain Python."""
 
     def __init__(self, s: Setting) -> None:
         t = s.assembly.traced
-        arrays = {"state": ("x", list(t.rates)), "input": ("u", list(t.inputs)), "parameter": ("p", list(s.assembly.keys))}
+        arrays = {"state": ("x", list(t.rates)), "input": ("u", list(t.inputs)),
+                  "parameter": ("p", list(s.assembly.keys))}
         self.rates = transcribed(list(t.rates.values()), arrays)
         self.outputs = transcribed(list(t.outputs.values()), arrays)
         self.s = s
@@ -285,7 +238,7 @@ def against(what: str, seconds: float, target: float, base: float | None = None)
     return Row(what, seconds, f"<= {target:g} s", seconds <= target, ratio)
 
 
-def engine_rows(plain: Setting, wide: Setting, everything: Setting, left_out: list[str]) -> list[Row]:
+def engine_rows(plain: Setting, wide: Setting, everything: Setting) -> list[Row]:
     nine = rig_columns(plain.assembly)
     more = [i for i, b in enumerate(wide.assembly.parameters) if b.owner and b.fitted][: 12 - len(nine)]
     twelve = rig_columns(wide.assembly) + more
@@ -293,16 +246,17 @@ def engine_rows(plain: Setting, wide: Setting, everything: Setting, left_out: li
     rows = [against(f"free run, {SAMPLES} samples", free, 0.025, free),
             against(f"with {len(nine)} exact sensitivities", with_nine, 0.080, free),
             Row(f"free run with {', '.join(HELD_OPEN)}", cpu(wide.run)),
-            against(f"with {len(twelve)} exact sensitivities, 3 of them of effects", cpu(lambda: wide.run(twelve)), 0.080)]
+            against(f"  with {len(twelve)} exact sensitivities, 3 of them of effects", cpu(lambda: wide.run(twelve)),
+                    0.080)]
     own = rig_columns(everything.assembly)
     for what, seconds, base in ((f"all {len(everything.assembly.attachments)} effects at once, free run",
                                  cpu(everything.run, 5), free),
                                 (f"all effects at once, {len(own)} sensitivities", cpu(lambda: everything.run(own), 3),
                                  with_nine)):
         rows.append(Row(what, seconds, "<= 10 x plain", seconds <= 10.0 * base, f"{seconds / base:.1f} x plain"))
-    rows.append(Row(f"  {len(everything.assembly.program.states)} states, {len(everything.assembly.program.cells)} cells, "
-                    f"{everything.stepping.substeps} {'implicit' if everything.stepping.implicit else 'explicit'} "
-                    f"step(s) per sample; left out: {', '.join(left_out) or 'none'}", math.nan))
+    made, how = everything.assembly.program, "implicit" if everything.stepping.implicit else "explicit"
+    rows.append(Row(f"  {len(made.states)} states, {len(made.cells)} cells, {everything.stepping.substeps} {how} "
+                    "step(s) per sample; none had to be left out", math.nan))
     return rows
 
 
@@ -342,8 +296,8 @@ def scipy_rows(plain: Setting, short: Recording, free: float, twenty: float) -> 
     track = track_of(a, short, a.program.outputs)
     seconds, count = scipy_fit(Transcription(replace(plain, u=track.u)), track.y, noise_level(track.y))
     whole = seconds * len(track) / SCIPY_FIT
-    rows.append(Row(f"least_squares, finite differences, 20 s (from {SCIPY_FIT} samples, {count} runs)", whole, "> 100 x",
-                    whole > 100.0 * twenty, f"{whole / twenty:.0f} x ours"))
+    rows.append(Row(f"least_squares, finite differences, 20 s (from {SCIPY_FIT} samples, {count} runs)", whole,
+                    "> 100 x", whole > 100.0 * twenty, f"{whole / twenty:.0f} x ours"))
     return rows
 
 
@@ -351,7 +305,8 @@ def show(rows: list[Row]) -> None:
     print(f"{'':86s} {'CPU':>11s}  {'target':>14s}      ratio")
     for r in rows:
         time_ = "" if math.isnan(r.seconds) else f"{1e3 * r.seconds:.1f} ms" if r.seconds < 1 else f"{r.seconds:.2f} s"
-        print(f"{r.what:86s} {time_:>11s}  {r.target:>14s} {'' if r.met is None else 'ok ' if r.met else 'NO ':3s}  {r.ratio}")
+        met = "" if r.met is None else "ok" if r.met else "NO"
+        print(f"{r.what:86s} {time_:>11s}  {r.target:>14s} {met:2s}   {r.ratio}".rstrip())
 
 
 def main() -> None:
@@ -364,8 +319,8 @@ def main() -> None:
         short = recorded(folder / "short", round(20.0 / PERIOD_S))
         plain = setting(Assembly(rig), long)
         wide = setting(Assembly(rig, tuple(a for a in found if a.label in HELD_OPEN)), long)
-        everything, left_out = together(found, long)
-        rows = engine_rows(plain, wide, everything, left_out)
+        everything = setting(Assembly(rig, tuple(found)), long)
+        rows = engine_rows(plain, wide, everything)
         fits, twenty = fit_rows(short, long)
         rows += fits
         for what, a in (("plain rig", plain.assembly), ("all effects", everything.assembly)):

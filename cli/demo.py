@@ -63,6 +63,6 @@ def demo_text(found: dict[str, Any], output: Path) -> str:
     for channel, errors in found["network"].items():
         lines.append(f"A network instead, on the model in its own loop: {channel} {errors['refitted']:.4g} -> "
                      f"{errors['with_network']:.4g}")
-    again = f"pamid train-residual {output} --seed {truth['seed']} --iterations 1000 --resume"
-    lines += ["", f"Page: {found['page']}", f"Next: {again}"]
+    lines += ["", f"Page: {found['page']}",
+              f"Next: pamid effects {truth['effect']}   or   pamid diagnose {output / 'rec.csv'} --output RUN"]
     return "\n".join(lines)

@@ -56,7 +56,7 @@ print(CART.read_text())
 
 # %%
 for finding in pamid("check", CART)["findings"]:
-    print(f"{finding['level']:6s} {finding['what']}: {finding['message'][:100]}")
+    print(f"{'ok' if finding['ok'] else 'wrong':6s} {finding['check']}: {finding['detail'][:100]}")
 
 # %% [markdown]
 # ## 3. A recording

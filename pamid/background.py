@@ -14,7 +14,6 @@ from pamid.effect import KINDS, Effect
 from pamid.equations import Expr, Number, clip, where
 from pamid.parameter import Parameter
 
-
 REACH = 3.0  # tolerances a nuisance term may go to: what lies beyond is structure
 
 

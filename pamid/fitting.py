@@ -178,22 +178,30 @@ def _evaluate(problem: Problem, scale: Scale, s: Array, p: Array, starts: tuple[
             B[w] += N[k:, :k]
             gx[w] += v[k:]
             if joint:
-                E = memory.S[:n, : k + n].copy()          # d end / d (parameters, start)
-                E[:, :k] *= slope
-                P = pulls[i][:, None]
-                H += E[:, :k].T @ (P * E[:, :k])
-                g -= E[:, :k].T @ (pulls[i] * jump)
-                D[w] += E[:, k:].T @ (P * E[:, k:])
-                B[w] += E[:, k:].T @ (P * E[:, :k])
-                gx[w] -= E[:, k:].T @ (pulls[i] * jump)
-                D[w + 1] += np.diag(pulls[i])
-                off[w] -= P * E[:, k:]
-                B[w + 1] -= P * E[:, :k]
-                gx[w + 1] += pulls[i] * jump
+                end = memory.S[:n, : k + n].copy()          # d end / d (parameters, start)
+                end[:, :k] *= slope
+                _add_joint(w, end, jump, pulls[i], H, g, (D, off, B, gx))
         at += len(windows)
         blocks.append((D, off, B, gx))
         residuals.append(left)
     return _Normal(cost, H, g, blocks, residuals, fine)
+
+
+def _add_joint(w: int, end: Array, jump: Array, pull: Array, H: Array, g: Array,
+               block: tuple[Array, Array, Array, Array]) -> None:
+    """Normal equations of the soft joint between window w and the next; end: d end of w / d (parameters, start)."""
+    D, off, B, gx = block
+    k = len(g)
+    P = pull[:, None]
+    H += end[:, :k].T @ (P * end[:, :k])
+    g -= end[:, :k].T @ (pull * jump)
+    D[w] += end[:, k:].T @ (P * end[:, k:])
+    B[w] += end[:, k:].T @ (P * end[:, :k])
+    gx[w] -= end[:, k:].T @ (pull * jump)
+    D[w + 1] += np.diag(pull)
+    off[w] -= P * end[:, k:]
+    B[w + 1] -= P * end[:, :k]
+    gx[w + 1] += pull * jump
 
 
 def _eliminate(block: tuple[Array, Array, Array, Array], damping: float) -> tuple[Array, Array, Array, Array]:

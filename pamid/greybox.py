@@ -54,13 +54,13 @@ def fit_model(evidence: Evidence, attached: tuple[Attachment, ...] = (), *, seed
     problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
     told("fitting")
     fitted = fit_robustly(problem, progress=lambda i, cost: told(f"fitting, step {i}, cost {cost:.5g}"))
-    replays, change = _rechecked(assembly, fitted, held, evidence.noise)
+    replays, change = rechecked(assembly, fitted, held, evidence.noise)
     for _ in range(3):
         if change <= COARSE:
             break
         told("refining the integration step")
         fitted = fit_robustly(problem, stepping=fitted.stepping.doubled())
-        replays, change = _rechecked(assembly, fitted, held, evidence.noise)
+        replays, change = rechecked(assembly, fitted, held, evidence.noise)
     told("noise floor")
     floor = tuple(noise_floor(assembly, fitted.p, r, fitted.stepping, evidence.noise, seed + i)
                   for i, r in enumerate(replays))
@@ -69,7 +69,7 @@ def fit_model(evidence: Evidence, attached: tuple[Attachment, ...] = (), *, seed
                    bootstrap(fitted, draws, seed=seed, jobs=jobs) if draws else None)
 
 
-def _rechecked(assembly: Assembly, fitted: Fit, held: tuple[Track, ...],
+def rechecked(assembly: Assembly, fitted: Fit, held: tuple[Track, ...],
                noise: Array) -> tuple[tuple[Replay, ...], float]:
     """Held-out replays, and by how much doubled sub-steps change them (worst channel, noise sd)."""
     once = tuple(replay(assembly, fitted.p, t, fitted.stepping, noise) for t in held)
@@ -155,9 +155,9 @@ def closed_loop_figures(g: GreyBox) -> dict[str, Any] | None:
             _collect(errors, name, loop_run(g, span.recording, p), span)
         for k in g.fit.problem.free:
             if g.assembly.parameters[k].log:
-                moved = g.fit.p.copy()
-                moved[k] *= 1.0 + PERTURBED
-                _collect(errors, "moved", loop_run(g, span.recording, moved), span)
+                nearby = g.fit.p.copy()
+                nearby[k] *= 1.0 + PERTURBED
+                _collect(errors, "moved", loop_run(g, span.recording, nearby), span)
     if not errors:
         return None
     out = {}

@@ -6,6 +6,7 @@ difference of angles). Errors are mean absolute errors, eq. 11 of that paper.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -87,7 +88,7 @@ def train_correction(leftover: Leftover, *, kind: str = "elman", hidden: int = 1
 
 def _held_out_mae(leftover: Leftover, correction: Array) -> dict[str, float]:
     """MAE over the scored held-out rows, without and with the correction, all and after the start-up."""
-    startup = round(STARTUP_S / leftover.period_s)
+    startup = math.ceil(STARTUP_S / leftover.period_s - 1e-6)
     found = {}
     for ending, skip in (("", leftover.washout), ("_after_1_s", max(startup, leftover.washout))):
         rows = np.concatenate([np.arange(s.rows.start + skip, max(s.rows.stop, s.rows.start + skip))

@@ -36,8 +36,8 @@ Copy = Callable[[], Path]
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """15 s of a virtual joint with dry friction and a damping that is off."""
-    withheld = Withheld("coulomb-friction", "friction", "coulomb-friction:torque_n_m=0.5", {"damping_m2_s": 1.2})
+    """15 s of a virtual joint with a dead band of its valves and a damping that is off."""
+    withheld = Withheld("valve-dead-band", "valve-dead-band", "valve-dead-band:dead_band=0.08", {"damping_m2_s": 1.2})
     return write_demo_recording(tmp_path_factory.mktemp("recording"), withheld, seed=3, duration_s=15.0)
 
 
@@ -84,7 +84,7 @@ def without_loop(folder: Path) -> None:
 
 def test_the_first_papers_network(run: Copy, capsys: pytest.CaptureFixture[str]) -> None:
     folder = run()
-    assert train(folder, "--iterations", "12", "--json") == 0
+    assert train(folder, "--iterations", "40", "--json") == 0
     found = said(capsys)
     assert found == read_json(folder / "network.json")
     assert (found["kind"], found["n_weights"], found["model"]) == ("elman", 171, "loop")
@@ -96,12 +96,12 @@ def test_the_first_papers_network(run: Copy, capsys: pytest.CaptureFixture[str])
         for name, column in (("refitted", "angle_loop_deg"), ("with_network", "angle_network_deg")):
             error = np.abs(table["angle_deg"] - table[column])[rows].mean()
             assert found["mae"]["angle_deg"][name + ending] == pytest.approx(error, rel=1e-6)
-    # a third of the error is to go on held-out data; this network, of which nothing is known at the start, does that
-    assert found["mae"]["angle_deg"]["with_network"] < 0.67 * found["mae"]["angle_deg"]["refitted"]
+    # the gain of the first paper's network on its test is 24 %
+    assert found["mae"]["angle_deg"]["with_network"] < 0.76 * found["mae"]["angle_deg"]["refitted"]
     target = (table["angle_deg"] - table["angle_loop_deg"])[~held]
     assert (found["output"]["low"], found["output"]["high"]) == pytest.approx((target.min(), target.max()))
     trace = np.loadtxt(folder / "trace.csv", delimiter=",", skiprows=1)
-    assert len(trace) == 13 and trace[-1, 1] == found["training"]["mse"] < trace[0, 1]
+    assert len(trace) == 41 and trace[-1, 1] == found["training"]["mse"] < trace[0, 1]
     one = load_network(folder).predict({name: table[name][held] for name in LOOP})
     np.testing.assert_allclose(table["angle_network_deg"][held], table["angle_loop_deg"][held] + one, rtol=1e-7)
     (step,) = steps(folder)

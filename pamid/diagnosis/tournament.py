@@ -16,6 +16,8 @@ from pamid.diagnosis.look_alikes import look_alike_classes
 from pamid.diagnosis.screen import Screened, screen, sent_on
 from pamid.effect import Effect, Hints
 from pamid.evidence import Evidence, selection_part
+from pamid.fitting import fit
+from pamid.greybox import COARSE, rechecked
 from pamid.jobs import run_jobs
 from pamid.metrics import moving_block_interval
 
@@ -158,7 +160,7 @@ def _judge(evidence: Evidence, budget: Budget, ranking: tuple[Contender, ...], b
     helps = float((best_loss < base_loss).mean()) > 0.99
     if not helps or budget.shrinkage(best.absolutes, chosen) < WORTH:
         return _unexplained(budget), None, ()
-    best = _add_more(evidence, budget, best, chosen, candidates, hints, seed, jobs, told)
+    best = _settled(evidence, _add_more(evidence, budget, best, chosen, candidates, hints, seed, jobs, told))
     left = budget.excess(best.absolutes, chosen)
     ceiling = budget.excess(budget.black_box, chosen)
     if left > HALF_WAY * gap or left - ceiling > EXPLAINED * gap:
@@ -168,6 +170,18 @@ def _judge(evidence: Evidence, budget: Budget, ranking: tuple[Contender, ...], b
     if len(families) > 1 and len(best.attached) == 1:
         return "ambiguous", best, tied
     return "explained", best, tied
+
+
+def _settled(evidence: Evidence, best: Contender) -> Contender:
+    """The winner with integration steps that doubling no longer changes, refitted where they had to be finer."""
+    for _ in range(3):
+        tracks = evidence.tracks(best.assembly, held_out=True)
+        if rechecked(best.assembly, best.fit, tracks, evidence.noise)[1] <= COARSE:
+            break
+        f = best.fit
+        best = judged(evidence, best.assembly, fit(f.problem, p=f.p, starts=f.starts, weights=f.weights, pulls=f.pulls,
+                                                   stepping=f.stepping.doubled(), iterations=15, tolerance=2e-2))
+    return best
 
 
 def _tied(budget: Budget, ranking: tuple[Contender, ...], chosen: NDArray[np.bool_], classes: list[list[str]],
