@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -33,6 +33,7 @@ class Assembly:
     sizes       magnitudes of signals at ports, for effects' parameters (see `pamid.simulation.port_sizes`)
     background  whether the rig's tolerance-sized nuisance terms take part
     controller  the [controller] table of a recording: the command is then computed, not read
+    sensitive   keys of the parameters that sensitivities may be asked for (default: all); fewer are cheaper
     outputs     only these outputs of the rig (empty: all): what a recording lacks need not be computed
     """
 
@@ -42,6 +43,7 @@ class Assembly:
     controller: tuple[tuple[str, float], ...] = ()
     sizes: Sizes = field(default_factory=dict)
     outputs: tuple[str, ...] = ()
+    sensitive: frozenset[str] | None = None
 
     # ---- parameters ----------------------------------------------------------------------------------------------
 
@@ -63,6 +65,10 @@ class Assembly:
         listed = {k: v if isinstance(v, tuple) else (v,) for k, v in self.rig.background.items()}
         return [(name, place, term) for name, terms in listed.items() for term in terms
                 for place in self.rig.ports[name].places or ("",)]
+
+    def for_fitting(self) -> Assembly:
+        """The same with derivatives by fitted parameters only."""
+        return replace(self, sensitive=frozenset(b.key for b in self.parameters if b.fitted))
 
     @cached_property
     def keys(self) -> dict[str, int]:
@@ -114,4 +120,4 @@ class Assembly:
         t = self.traced
         outputs = {**{k: t.outputs[k] for k in self.outputs or t.outputs}, **extra}
         lowered = lower(t.rates, outputs, t.cells)
-        return build_program(lowered, t.inputs, tuple(self.keys), tuple(outputs))
+        return build_program(lowered, t.inputs, tuple(self.keys), tuple(outputs), self.sensitive)

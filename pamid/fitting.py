@@ -211,7 +211,7 @@ def _eliminate(block: tuple[Array, Array, Array, Array], damping: float) -> tupl
     rhs = np.concatenate([B, gx[:, :, None]], axis=2)
     M = D.copy()
     diagonal = np.einsum("wii->wi", D)
-    M[:, range(n), range(n)] += damping * diagonal + 1e-12 * diagonal.max(axis=1, keepdims=True) + 1e-300
+    M[:, range(n), range(n)] += (damping + 1e-12) * diagonal + 1e-300
     z = rhs.copy()
     gains = np.zeros_like(off)
     for i in range(w - 1):   # forward elimination; off[i] couples window i+1 (rows) to i (columns)
@@ -252,12 +252,11 @@ def fit(problem: Problem, *, p: Array | None = None, starts: tuple[Array, ...] |
 
     The priors' means are the data-sheet values, whatever p is. Not converging is an outcome: `converged`, `why`.
     """
-    a, first = problem.assembly, problem.tracks[0]
+    a = problem.assembly
     centre = a.values()
     p = centre.copy() if p is None else p.copy()
     free = list(problem.free)
-    step = stepping or choose_stepping(a, first.u, Runner(a, first, Stepping()).parameters(p), first.period_s,
-                                       a.start(p))
+    step = stepping or _careful_stepping(problem, p)
     if weights is None:
         sigma = noise_level(np.concatenate([t.y for t in problem.tracks]))
         weights = Weights(sigma, np.ones_like(sigma))
@@ -298,6 +297,16 @@ def fit(problem: Problem, *, p: Array | None = None, starts: tuple[Array, ...] |
     covariance: Array = np.linalg.pinv(H, hermitian=True).astype(np.float64, copy=False)
     return Fit(problem, p, starts, weights, now.cost, covariance, count, converged, why, step,
                pulls, tuple(now.residuals))
+
+
+def _careful_stepping(problem: Problem, p: Array) -> Stepping:
+    """The most careful of the steppings that the recordings ask for: implicit before explicit, then finer."""
+    a = problem.assembly
+    found = []
+    for track in problem.tracks:
+        values = Runner(a, track, Stepping()).parameters(p)
+        found.append(choose_stepping(a, track.u, values, track.period_s, a.start(values)))
+    return max(found, key=lambda s: (s.implicit, s.substeps))
 
 
 def residual_weights(problem: Problem, residuals: tuple[Array, ...], noise: Array) -> Weights:

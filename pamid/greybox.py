@@ -49,7 +49,8 @@ def fit_model(evidence: Evidence, attached: tuple[Attachment, ...] = (), *, seed
     plain = Assembly(evidence.rig)
     sizes = port_sizes(plain, [(t.u, Runner(plain, t, Stepping()).parameters(plain.values()), t.period_s)
                                for t in evidence.tracks(plain)])
-    assembly = Assembly(evidence.rig, attached, background=True, sizes=sizes, outputs=evidence.channels)
+    assembly = Assembly(evidence.rig, attached, background=True, sizes=sizes,
+                        outputs=evidence.channels).for_fitting()
     tracks, held = evidence.tracks(assembly), evidence.tracks(assembly, held_out=True)
     problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
     told("fitting")

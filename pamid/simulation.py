@@ -149,7 +149,7 @@ def port_sizes(assembly: Assembly, runs: list[tuple[Array, Array, float]]) -> Si
         step = choose_stepping(assembly, u, p, period, assembly.start(p))
         memory = program.memory(assembly.start(p), stepping=step, period_s=period)
         Y, _, bad = program.run(memory, u, p, period_s=period, stepping=step)
-        Y = Y[:bad] if bad > 0 else Y
+        Y = Y[:bad] if bad >= 0 else Y
         for i, key in enumerate(extra):
             size = float(np.percentile(np.abs(Y[:, first + i]), 95.0)) if len(Y) else 0.0
             sizes[probes[key]] = max(sizes.get(probes[key], 0.0), size)

@@ -57,14 +57,14 @@ def track_of(assembly: Assembly, recording: Recording, channels: tuple[str, ...]
 
 
 def noise_level(y: Array) -> Array:
-    """White-noise standard deviation per channel from fourth differences (robust); at least 1e-4 of the spread.
+    """White-noise standard deviation per channel from fourth differences (robust); at least 1e-6 of the spread.
 
     Fourth differences of white noise have variance 70 sigma^2; smooth motion contributes next to nothing.
     """
     d = np.abs(np.diff(y, n=4, axis=0))
     sigma = np.median(d, axis=0) / (0.6745 * np.sqrt(70.0))
     coarse = np.sqrt(np.mean(np.minimum(d, np.quantile(d, 0.9, axis=0)) ** 2, axis=0) / 70.0)  # quantised channels
-    return np.maximum(np.where(sigma > 0.0, sigma, coarse), 1e-4 * y.std(axis=0) + 1e-300)
+    return np.maximum(np.where(sigma > 0.0, sigma, coarse), 1e-6 * y.std(axis=0) + 1e-300)
 
 
 @dataclass(frozen=True)

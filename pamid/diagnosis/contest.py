@@ -67,7 +67,7 @@ def contender_from(assembly: Assembly, fitted: Fit, replays: tuple[Replay, ...])
 
 
 def model_with(evidence: Evidence, attached: tuple[Attachment, ...], sizes: Sizes) -> Assembly:
-    return Assembly(evidence.rig, attached, background=True, sizes=sizes, outputs=evidence.channels)
+    return Assembly(evidence.rig, attached, background=True, sizes=sizes, outputs=evidence.channels).for_fitting()
 
 
 def refit(evidence: Evidence, assembly: Assembly, base: Fit, *, first: dict[str, float] | None = None,

@@ -57,12 +57,20 @@ def _select(condition: Expr, left: Gradient, right: Gradient) -> Gradient:
     return {k: where(condition, left.get(k, ZERO), right.get(k, ZERO)) for k in keys}
 
 
-def gradients(roots: list[Expr], spaces: tuple[str, ...] = ("state", "cell", "past", "parameter")) -> list[Gradient]:
-    """For each root the derivative with respect to every symbol of `spaces` below it (zeros left out)."""
+SPACES = ("state", "cell", "past", "parameter")
+
+
+def gradients(roots: list[Expr], parameters: frozenset[str] | None = None) -> list[Gradient]:
+    """For each root the derivative by every state, cell and parameter below it (zeros left out).
+
+    parameters: only by these (default: by all).
+    """
     table: dict[Expr, Gradient] = {}
     for node in walk(roots):
         if node.op == "symbol":
-            table[node] = {node: ONE} if node.value[0] in spaces else {}
+            space, name = node.value
+            moves = space in SPACES and (space != "parameter" or parameters is None or name in parameters)
+            table[node] = {node: ONE} if moves else {}
         elif node.op == "const":
             table[node] = {}
         elif node.op == "where":

@@ -202,8 +202,11 @@ def _matrix(out, pattern, columns, nx, gh, M):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def _sdirk2(address, pattern, columns, direct_at, direct, sens, x, c, b, u, row, p, t, h, out, S, D, p_column, x0, k1,
-            S0, A, M, pivots, r):  # type: ignore[no-untyped-def]
-    """Two implicit stages with Newton to round-off; sensitivities by the implicit function theorem."""
+            S0, A, M, pivots, r, q, before):  # type: ignore[no-untyped-def]
+    """Two implicit stages with damped Newton to round-off; sensitivities by the implicit function theorem.
+
+    Where Newton does not converge the state becomes NaN, so that the sweep reports it.
+    """
     nx, ns = x.shape[0], S.shape[1]
     gh = GAMMA * h
     x0[:] = x
@@ -213,7 +216,8 @@ def _sdirk2(address, pattern, columns, direct_at, direct, sens, x, c, b, u, row,
         A[:] = 0.0
     for stage in range(2):
         carry = 0.0 if stage == 0 else (1.0 - GAMMA) * h
-        for _ in range(12):
+        solved = False
+        for _ in range(40):
             _call(address[1], x, c, b, u, row, p, t, out)
             _matrix(out, pattern, columns, nx, gh, M)
             _factor(M, pivots)
@@ -222,10 +226,32 @@ def _sdirk2(address, pattern, columns, direct_at, direct, sens, x, c, b, u, row,
                 r[i, 0] = x0[i] + carry * k1[i] + gh * out[i] - x[i]
             _solve(M, pivots, r)
             for i in range(nx):
-                x[i] += r[i, 0]
                 worst = max(worst, abs(r[i, 0]) / (1e-6 + abs(x[i])))
+            reach = 1.0
+            if worst > 1e-3:       # affine-invariant monotonicity (Deuflhard 2004, section 3.3)
+                before[:] = x
+                for _ in range(20):
+                    for i in range(nx):
+                        x[i] = before[i] + reach * r[i, 0]
+                    _call(address[0], x, c, b, u, row, p, t, out)
+                    for i in range(nx):
+                        q[i, 0] = x0[i] + carry * k1[i] + gh * out[i] - x[i]
+                    _solve(M, pivots, q)
+                    left = 0.0
+                    for i in range(nx):
+                        left = max(left, abs(q[i, 0]) / (1e-6 + abs(before[i])))
+                    if left <= (1.0 - 0.25 * reach) * worst:
+                        break
+                    reach *= 0.5
+            else:
+                for i in range(nx):
+                    x[i] += r[i, 0]
             if worst < 1e-9:
+                solved = True
                 break
+        if not solved:
+            x[:] = np.nan
+            return
         if sens:
             _call(address[1], x, c, b, u, row, p, t, out)
             _matrix(out, pattern, columns, nx, gh, M)
@@ -262,6 +288,7 @@ def sweep(address, n_phase, phase_first, phase_delay, pattern, columns, direct_a
     x0, k1 = np.zeros(nx), np.zeros(nx)
     S0, A = np.zeros((nx, ns)), np.zeros((nx, ns))
     M, r, pivots = np.zeros((nx, nx)), np.zeros((nx, 1)), np.zeros(nx, np.int64)
+    q, before = np.zeros((nx, 1)), np.zeros(nx)
     s, d, s0, total = S.ravel(), D.ravel(), S0.ravel(), A.ravel()
     t = np.zeros(6)
     h = period_s / substeps
@@ -291,12 +318,15 @@ def sweep(address, n_phase, phase_first, phase_delay, pattern, columns, direct_a
                             JY[k, i, j] *= weights[i]
             if implicit:
                 _sdirk2(address, pattern, columns, direct_at, direct, sens, x, c, b, u, row, p, t, h, out, S, D,
-                        p_column, x0, k1, S0, A, M, pivots, r)
+                        p_column, x0, k1, S0, A, M, pivots, r, q, before)
             else:
                 _rk4(address, direct_at, direct, sens, x, c, b, u, row, p, t, h, out, S, D, p_column, x0, k1, s, d, s0,
                      total)
         for i in range(nx):
             if not abs(x[i]) < BLOWN_UP:
+                Y[k + 1 :] = np.nan
+                if sens:
+                    JY[k + 1 :] = np.nan
                 return k
     return -1
 

@@ -110,11 +110,11 @@ def hoist(groups: list[list[Expr]]) -> tuple[list[list[Expr]], list[Expr]]:
 
 
 def with_partials(
-    roots: list[Expr], column: Callable[[str, str], int]
+    roots: list[Expr], column: Callable[[str, str], int], parameters: frozenset[str] | None = None
 ) -> tuple[list[Expr], list[int], list[int]]:
     """Roots followed by their non-zero partials, and the sparse pattern of these: row pointers and columns."""
     values, pointer, columns = list(roots), [0], []
-    for gradient in gradients(roots):
+    for gradient in gradients(roots, parameters):
         entries = sorted(((column(*s.value), d) for s, d in gradient.items()), key=lambda e: e[0])
         columns += [c for c, _ in entries]
         values += [d for _, d in entries]

@@ -59,6 +59,7 @@ class Program:
     delays: tuple[float, ...]
     operations: int
     derived: int
+    sensitive: frozenset[str]
     _address: NDArray[np.int64] = field(repr=False)
     _phase: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]] = field(repr=False)
     _pattern: tuple[NDArray[np.int64], NDArray[np.int64]] = field(repr=False)   # of the rates: rows, columns
@@ -87,6 +88,11 @@ class Program:
         from pamid.engine.driver import sweep
 
         step = stepping or Stepping()
+        if memory.S.shape[1] == 0:
+            columns = None  # the vector loop needs at least one lane
+        if columns is not None and not self.sensitive.issuperset(
+                name for name, k in zip(self.parameters, columns, strict=True) if k >= 0):
+            raise ValueError("sensitivities were asked for by parameters that the model was not compiled for")
         n, ns = u.shape[0], memory.S.shape[1] if columns is not None else 0
         Y = np.empty((n, len(self.outputs)))
         JY = np.empty((n, len(self.outputs), ns) if columns is not None else (1, 1, 0))
@@ -119,8 +125,11 @@ class Program:
 
 
 def build_program(lowered: Lowered, inputs: tuple[str, ...], parameters: tuple[str, ...],
-                  outputs: tuple[str, ...]) -> Program:
-    """Compile lowered equations (from the cache where they were compiled before)."""
+                  outputs: tuple[str, ...], sensitive: frozenset[str] | None = None) -> Program:
+    """Compile lowered equations (from the cache where they were compiled before).
+
+    sensitive: parameters that sensitivities may be asked for (default: all); fewer are cheaper.
+    """
     cells = lowered.cells
     nx, nc = len(lowered.states), len(cells)
     place = {("state", n): i for i, n in enumerate(lowered.states)}
@@ -142,7 +151,7 @@ def build_program(lowered: Lowered, inputs: tuple[str, ...], parameters: tuple[s
     def column(space: str, name: str) -> int:
         return base[space] + place[space, name]
 
-    tables = [with_partials(roots, column) for roots in groups]
+    tables = [with_partials(roots, column, sensitive) for roots in groups]
     values, derived = hoist([v for v, _, _ in tables])
     place |= {("derived", str(i)): len(parameters) + i for i in range(len(derived))}
     for i, roots in enumerate(groups):
@@ -166,7 +175,8 @@ def build_program(lowered: Lowered, inputs: tuple[str, ...], parameters: tuple[s
     room = np.full(most, -1, np.int64)       # the driver sizes its scratch by this array
     room[: len(pattern[1])] = pattern[1]
     return Program(lowered.states, inputs, parameters, outputs, tuple(c.name for c in cells), tuple(delays),
-                   parts[1].count("\n"), len(derived), whole(address),
+                   parts[1].count("\n"), len(derived),
+                   frozenset(parameters) if sensitive is None else sensitive, whole(address),
                    (whole(phase_n), whole(phase_first), whole(phase_delay)),
                    (whole(pattern[0]), room), (whole(direct_at), whole(direct).reshape(-1, 3)))
 
