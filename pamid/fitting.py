@@ -18,6 +18,7 @@ from pamid.assembly import Assembly
 from pamid.binding import Bound
 from pamid.engine.program import Stepping
 from pamid.simulation import choose_stepping
+from pamid.weights import Weights, residual_weights
 from pamid.windows import PULL, Runner, Track, Window, cut, estimate_start, noise_level
 
 Array = NDArray[np.float64]
@@ -25,18 +26,6 @@ Progress = Callable[[int, float], None]
 
 WINDOW_S = 1.5
 CALM = 0.02  # squared step of the parameters in their posterior: two in a row below it end a fit
-
-
-@dataclass(frozen=True)
-class Weights:
-    """sigma: size of the residual per channel (SI); correlated: samples per independent residual, per channel."""
-
-    sigma: Array
-    correlated: Array
-
-    @property
-    def root(self) -> Array:
-        return 1.0 / (self.sigma * np.sqrt(self.correlated))
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +37,12 @@ class Problem:
     free: tuple[int, ...]
     window_s: float = WINDOW_S
     importance: Array | None = None
+
+    @property
+    def window(self) -> int:
+        """Samples per window of the longest recording."""
+        longest = max(self.tracks, key=len)
+        return self.windows(longest)[0].stop
 
     def windows(self, track: Track) -> list[Window]:
         return cut(len(track), max(20, round(self.window_s / track.period_s)))
@@ -309,32 +304,6 @@ def _careful_stepping(problem: Problem, p: Array) -> Stepping:
     return max(found, key=lambda s: (s.implicit, s.substeps))
 
 
-def residual_weights(problem: Problem, residuals: tuple[Array, ...], noise: Array) -> Weights:
-    """Size and correlation of residuals per channel: rms (at least the noise) and integrated autocorrelation time.
-
-    The correlation counts up to an eighth of a window: what is slower, the windows' own starts take up.
-    """
-    rms = np.sqrt(np.mean(np.concatenate(residuals) ** 2, axis=0))
-    i = max(range(len(residuals)), key=lambda k: len(residuals[k]))
-    longest = residuals[i]
-    most = (problem.windows(problem.tracks[i])[0].stop) / 8.0
-    lengths = np.array([correlation_length(longest[:, c]) for c in range(len(rms))])
-    return Weights(np.maximum(rms, noise), np.clip(lengths, 1.0, max(most, 1.0)))
-
-
-def correlation_length(r: Array) -> float:
-    """Samples per independent one: 1 + 2 sum of autocorrelations up to the first below 0.05."""
-    n = len(r)
-    size = 1 << (2 * n - 1).bit_length()
-    spectrum = np.fft.rfft(r - r.mean(), size)
-    auto = np.fft.irfft(np.abs(spectrum) ** 2, size)[:n]
-    if auto[0] <= 0.0:
-        return 1.0
-    auto = auto / auto[0]
-    below = np.flatnonzero(auto < 0.05)
-    return float(max(1.0, 1.0 + 2.0 * auto[1 : int(below[0]) if len(below) else n].sum()))
-
-
 def fit_robustly(problem: Problem, *, progress: Progress | None = None, rounds: int = 3,
                  stepping: Stepping | None = None) -> Fit:
     """Fit with weights that follow the residuals: from the data sheet's misfit down to what the model leaves."""
@@ -346,7 +315,7 @@ def fit_robustly(problem: Problem, *, progress: Progress | None = None, rounds: 
     for _ in range(rounds - 1):
         if not fitted.residuals:
             break
-        weights = residual_weights(problem, fitted.residuals, noise)
+        weights = residual_weights(fitted.residuals, noise, problem.window)
         fitted = fit(problem, p=fitted.p, starts=fitted.starts, weights=weights,
                      stepping=fitted.stepping, progress=progress, tolerance=1e-3)
     return fitted
@@ -356,4 +325,4 @@ def _first_weights(problem: Problem, noise: Array, probe: Fit) -> Weights:
     """Weights from the data-sheet model's own misfit."""
     if not probe.residuals:
         return Weights(noise, np.full_like(noise, 30.0))
-    return residual_weights(problem, probe.residuals, noise)
+    return residual_weights(probe.residuals, noise, problem.window)

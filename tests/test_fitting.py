@@ -17,7 +17,7 @@ from pamid.assembly import Assembly
 from pamid.effect import State
 from pamid.engine.program import Stepping
 from pamid.evidence import gather
-from pamid.fitting import Fit, Problem, Weights, fit, fit_robustly, free_parameters
+from pamid.fitting import Fit, Problem, fit, fit_robustly, free_parameters
 from pamid.greybox import COARSE, GreyBox, fit_json, fit_model
 from pamid.intervals import Estimate, bootstrap, estimates, scale_of
 from pamid.library import rig_named
@@ -25,6 +25,7 @@ from pamid.parameter import Parameter
 from pamid.recording import Recording, read_recording, write_recording
 from pamid.rig import Port, Rig
 from pamid.simulation import virtual_recording
+from pamid.weights import Weights
 from pamid.windows import Runner, Window, track_of
 
 Array = NDArray[np.float64]

@@ -26,7 +26,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("tracing",),
     ("assembly",),
     ("simulation",),
-    ("windows",),
+    ("windows", "weights"),
     ("fitting", "residuals"),
     ("intervals",),
     ("evidence", "conformance", "catalogue", "virtual"),

@@ -11,8 +11,9 @@ from pamid.assembly import Assembly
 from pamid.attaching import Attachment
 from pamid.binding import Sizes
 from pamid.evidence import Evidence
-from pamid.fitting import Fit, Problem, fit, free_parameters, residual_weights
+from pamid.fitting import Fit, Problem, fit, free_parameters
 from pamid.residuals import Replay, replay
+from pamid.weights import residual_weights
 
 Array = NDArray[np.float64]
 
@@ -88,7 +89,7 @@ def refit(evidence: Evidence, assembly: Assembly, base: Fit, *, first: dict[str,
     for _ in range(2):
         if not done.residuals:
             break
-        own = residual_weights(problem, done.residuals, evidence.noise)
+        own = residual_weights(done.residuals, evidence.noise, problem.window)
         if (own.root < 1.2 * done.weights.root).all():
             break
         done = fit(problem, p=done.p, starts=done.starts, weights=own, stepping=done.stepping, iterations=iterations,

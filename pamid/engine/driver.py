@@ -17,6 +17,8 @@ from llvmlite import ir
 from numba import njit, types
 from numba.extending import intrinsic as _intrinsic
 
+from pamid.engine.lu import factor, solve
+
 GAMMA = 1.0 - 1.0 / np.sqrt(2.0)
 BLOWN_UP = 1e15
 intrinsic: Any = _intrinsic   # numba's own annotation keeps the typing context that a call leaves out
@@ -149,47 +151,6 @@ def _rk4(address, direct_at, direct, sens, x, c, b, u, row, p, t, h, out, S, D, 
 
 
 @njit(cache=True)
-def _factor(M, pivots):  # type: ignore[no-untyped-def]
-    """LU in place with partial pivoting."""
-    n = M.shape[0]
-    for j in range(n):
-        best = j
-        for i in range(j + 1, n):
-            if abs(M[i, j]) > abs(M[best, j]):
-                best = i
-        pivots[j] = best
-        if best != j:
-            for k in range(n):
-                M[j, k], M[best, k] = M[best, k], M[j, k]
-        if M[j, j] == 0.0:
-            M[j, j] = 1e-300
-        for i in range(j + 1, n):
-            M[i, j] /= M[j, j]
-            for k in range(j + 1, n):
-                M[i, k] -= M[i, j] * M[j, k]
-
-
-@njit(cache=True)
-def _solve(M, pivots, B):  # type: ignore[no-untyped-def]
-    """Solve in place for all columns of B."""
-    n, m = B.shape
-    for j in range(n):
-        if pivots[j] != j:
-            for k in range(m):
-                B[j, k], B[pivots[j], k] = B[pivots[j], k], B[j, k]
-    for j in range(n):
-        for i in range(j + 1, n):
-            for k in range(m):
-                B[i, k] -= M[i, j] * B[j, k]
-    for j in range(n - 1, -1, -1):
-        for k in range(m):
-            B[j, k] /= M[j, j]
-        for i in range(j):
-            for k in range(m):
-                B[i, k] -= M[i, j] * B[j, k]
-
-
-@njit(cache=True)
 def _matrix(out, pattern, columns, nx, gh, M):  # type: ignore[no-untyped-def]
     """M = I - gh df/dx."""
     for i in range(nx):
@@ -201,8 +162,48 @@ def _matrix(out, pattern, columns, nx, gh, M):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def _newton(address, pattern, columns, x, c, b, u, row, p, t, gh, out, base, M, pivots, r, q,
+            before):  # type: ignore[no-untyped-def]
+    """Solve x = base + gh f(x) in place by damped Newton; says whether it converged to round-off.
+
+    Damping by affine-invariant monotonicity (Deuflhard 2004, section 3.3).
+    """
+    nx = x.shape[0]
+    for _ in range(40):
+        _call(address[1], x, c, b, u, row, p, t, out)
+        _matrix(out, pattern, columns, nx, gh, M)
+        factor(M, pivots)
+        for i in range(nx):
+            r[i, 0] = base[i] + gh * out[i] - x[i]
+        solve(M, pivots, r)
+        worst = 0.0
+        for i in range(nx):
+            worst = max(worst, abs(r[i, 0]) / (1e-6 + abs(x[i])))
+            before[i] = x[i]
+        reach = 1.0
+        for _ in range(20 if worst > 1e-3 else 1):
+            for i in range(nx):
+                x[i] = before[i] + reach * r[i, 0]
+            if worst <= 1e-3:
+                break
+            _call(address[0], x, c, b, u, row, p, t, out)
+            for i in range(nx):
+                q[i, 0] = base[i] + gh * out[i] - x[i]
+            solve(M, pivots, q)
+            left = 0.0
+            for i in range(nx):
+                left = max(left, abs(q[i, 0]) / (1e-6 + abs(before[i])))
+            if left <= (1.0 - 0.25 * reach) * worst:
+                break
+            reach *= 0.5
+        if worst < 1e-9:
+            return True
+    return False
+
+
+@njit(cache=True)
 def _sdirk2(address, pattern, columns, direct_at, direct, sens, x, c, b, u, row, p, t, h, out, S, D, p_column, x0, k1,
-            S0, A, M, pivots, r, q, before):  # type: ignore[no-untyped-def]
+            S0, A, M, pivots, r, q, before, base):  # type: ignore[no-untyped-def]
     """Two implicit stages with damped Newton to round-off; sensitivities by the implicit function theorem.
 
     Where Newton does not converge the state becomes NaN, so that the sweep reports it.
@@ -216,52 +217,22 @@ def _sdirk2(address, pattern, columns, direct_at, direct, sens, x, c, b, u, row,
         A[:] = 0.0
     for stage in range(2):
         carry = 0.0 if stage == 0 else (1.0 - GAMMA) * h
-        solved = False
-        for _ in range(40):
-            _call(address[1], x, c, b, u, row, p, t, out)
-            _matrix(out, pattern, columns, nx, gh, M)
-            _factor(M, pivots)
-            worst = 0.0
-            for i in range(nx):
-                r[i, 0] = x0[i] + carry * k1[i] + gh * out[i] - x[i]
-            _solve(M, pivots, r)
-            for i in range(nx):
-                worst = max(worst, abs(r[i, 0]) / (1e-6 + abs(x[i])))
-            reach = 1.0
-            if worst > 1e-3:       # affine-invariant monotonicity (Deuflhard 2004, section 3.3)
-                before[:] = x
-                for _ in range(20):
-                    for i in range(nx):
-                        x[i] = before[i] + reach * r[i, 0]
-                    _call(address[0], x, c, b, u, row, p, t, out)
-                    for i in range(nx):
-                        q[i, 0] = x0[i] + carry * k1[i] + gh * out[i] - x[i]
-                    _solve(M, pivots, q)
-                    left = 0.0
-                    for i in range(nx):
-                        left = max(left, abs(q[i, 0]) / (1e-6 + abs(before[i])))
-                    if left <= (1.0 - 0.25 * reach) * worst:
-                        break
-                    reach *= 0.5
-            else:
-                for i in range(nx):
-                    x[i] += r[i, 0]
-            if worst < 1e-9:
-                solved = True
-                break
+        for i in range(nx):
+            base[i] = x0[i] + carry * k1[i]
+        solved = _newton(address, pattern, columns, x, c, b, u, row, p, t, gh, out, base, M, pivots, r, q, before)
         if not solved:
             x[:] = np.nan
             return
         if sens:
             _call(address[1], x, c, b, u, row, p, t, out)
             _matrix(out, pattern, columns, nx, gh, M)
-            _factor(M, pivots)
+            factor(M, pivots)
             S[:nx] = 0.0
             _rows(address, 0, out, nx, direct_at, direct, p_column, S, D)  # everything but df/dx S
             for i in range(nx):
                 for k in range(ns):
                     S[i, k] = S0[i, k] + carry * A[i, k] + gh * D[i, k]
-            _solve(M, pivots, S[:nx])
+            solve(M, pivots, S[:nx])
             if stage == 0:
                 for i in range(nx):
                     for k in range(ns):
@@ -288,7 +259,7 @@ def sweep(address, n_phase, phase_first, phase_delay, pattern, columns, direct_a
     x0, k1 = np.zeros(nx), np.zeros(nx)
     S0, A = np.zeros((nx, ns)), np.zeros((nx, ns))
     M, r, pivots = np.zeros((nx, nx)), np.zeros((nx, 1)), np.zeros(nx, np.int64)
-    q, before = np.zeros((nx, 1)), np.zeros(nx)
+    q, before, base = np.zeros((nx, 1)), np.zeros(nx), np.zeros(nx)
     s, d, s0, total = S.ravel(), D.ravel(), S0.ravel(), A.ravel()
     t = np.zeros(6)
     h = period_s / substeps
@@ -318,7 +289,7 @@ def sweep(address, n_phase, phase_first, phase_delay, pattern, columns, direct_a
                             JY[k, i, j] *= weights[i]
             if implicit:
                 _sdirk2(address, pattern, columns, direct_at, direct, sens, x, c, b, u, row, p, t, h, out, S, D,
-                        p_column, x0, k1, S0, A, M, pivots, r, q, before)
+                        p_column, x0, k1, S0, A, M, pivots, r, q, before, base)
             else:
                 _rk4(address, direct_at, direct, sens, x, c, b, u, row, p, t, h, out, S, D, p_column, x0, k1, s, d, s0,
                      total)

@@ -1,0 +1,46 @@
+"""Small dense linear systems inside a sweep: LU with partial pivoting, in place."""
+
+from __future__ import annotations
+
+from numba import njit
+
+
+@njit(cache=True)
+def factor(M, pivots):  # type: ignore[no-untyped-def]
+    """LU in place with partial pivoting."""
+    n = M.shape[0]
+    for j in range(n):
+        best = j
+        for i in range(j + 1, n):
+            if abs(M[i, j]) > abs(M[best, j]):
+                best = i
+        pivots[j] = best
+        if best != j:
+            for k in range(n):
+                M[j, k], M[best, k] = M[best, k], M[j, k]
+        if M[j, j] == 0.0:
+            M[j, j] = 1e-300
+        for i in range(j + 1, n):
+            M[i, j] /= M[j, j]
+            for k in range(j + 1, n):
+                M[i, k] -= M[i, j] * M[j, k]
+
+
+@njit(cache=True)
+def solve(M, pivots, B):  # type: ignore[no-untyped-def]
+    """Solve in place for all columns of B."""
+    n, m = B.shape
+    for j in range(n):
+        if pivots[j] != j:
+            for k in range(m):
+                B[j, k], B[pivots[j], k] = B[pivots[j], k], B[j, k]
+    for j in range(n):
+        for i in range(j + 1, n):
+            for k in range(m):
+                B[i, k] -= M[i, j] * B[j, k]
+    for j in range(n - 1, -1, -1):
+        for k in range(m):
+            B[j, k] /= M[j, j]
+        for i in range(j):
+            for k in range(m):
+                B[i, k] -= M[i, j] * B[j, k]
