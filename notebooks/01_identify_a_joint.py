@@ -106,9 +106,9 @@ complete, words = identify(recording)
 # ## 4. The same joint without pressure and force sensors
 #
 # Many benches measure the angle only. The fit still runs, with what is there. What it can no longer tell, it says:
-# words drop from settled to weak or silent, and intervals widen. They do not widen enough: from the angle alone the
-# strength of the muscle, its zero and the valves can stand in for one another, and fewer intervals hold the truth
-# than 95 in 100 should. Count them below before believing a "settled" that comes from one sensor.
+# words drop from settled to weak or silent, and intervals widen: from the angle alone the strength of the muscle, its
+# zero and the valves can stand in for one another. The count below says whether the intervals widen enough. They take
+# the model as right; where an effect is missing (next story) they are narrow around wrong numbers.
 
 # %%
 kept = {name: made.columns[name] for name in ("command", "reference_deg", "angle_deg")}

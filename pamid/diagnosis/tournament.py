@@ -72,6 +72,8 @@ def diagnose(evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: in
     best = _simplest(budget, ranking, chosen, seed)
     ranking, probability = _to_front(ranking, probability, best)
     verdict, cause, tied = _judge(evidence, budget, ranking, best, chosen, classes, candidates, hints, seed, jobs, told)
+    if cause is not None and cause.label == ranking[0].label:
+        ranking = (cause, *ranking[1:])  # the ranking shows the model that the verdict rests on
     return Diagnosis(evidence, budget, chosen, verdict, ranking, tuple(probability), tuple(failed), tied, cause,
                      {c.attached[-1].label: c for c in ranking}, tuple(tuple(k) for k in classes))
 
