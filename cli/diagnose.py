@@ -22,7 +22,8 @@ pamid diagnose rec.csv --rig one-dof --output run --jobs 2
 
 @frame.command("diagnose", example=EXAMPLE)
 @click.argument("recordings", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--rig", default="one-dof", show_default=True, help="Rig by name, or the path of a rig file (it is run).")
+@click.option("--rig", help="Rig by name, or the path of a rig file (it is run). "
+              "[default: the one the recordings name, else one-dof]")
 @click.option("--held-out", multiple=True, type=click.Path(path_type=Path),
               help="Recording nobody fits. [default: the last 30 % of every recording]")
 @click.option("--effect", "effects", multiple=True, type=click.Path(path_type=Path),
@@ -32,7 +33,7 @@ pamid diagnose rec.csv --rig one-dof --output run --jobs 2
 @click.option("--jobs", type=click.IntRange(1, 256), default=2, show_default=True, help="Threads to use.")
 @click.option("--output", type=click.Path(file_okay=False, path_type=Path), required=True, help="Run folder to make.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier run in that folder.")
-def command(recordings: tuple[Path, ...], rig: str, held_out: tuple[Path, ...], effects: tuple[Path, ...],
+def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path, ...], effects: tuple[Path, ...],
             without: tuple[str, ...], seed: int, jobs: int, output: Path, overwrite: bool) -> frame.Result:
     """Say where a model departs from its recordings, which effect of the catalogue causes it, and how far the gap
     shrinks once that effect is added, on recordings that neither the parameters nor the choice have seen.
@@ -44,7 +45,8 @@ def command(recordings: tuple[Path, ...], rig: str, held_out: tuple[Path, ...], 
     catalogue = _catalogue(effects, without)
     inputs = [f for p in (*recordings, *held_out) for f in with_sidecar(p)]
     run = Run.create(output, command=sys.argv, seed=seed, inputs=inputs, overwrite=overwrite,
-                     options={"rig": rig, "effects": [str(e) for e in effects], "without": list(without)})
+                     options={"rig": rig or evidence.rig.name, "effects": [str(e) for e in effects],
+                              "without": list(without)})
     with Progress("diagnose") as progress:
         found = diagnose_into(run, evidence, catalogue, seed=seed, jobs=jobs,
                               told=lambda text: progress.update(0, text))
@@ -68,7 +70,7 @@ def diagnosis_text(found: dict[str, Any], output: Path) -> str:
     """The three answers, the ranking, and what to do next."""
     where = found["where"]
     lines = [found["sentence"], "", "Where     " + ", ".join(f"{p['port']} {100 * p['share']:.0f} %"
-                                                            for p in where["ports"][:4])]
+                                                            for p in where["ports"][:4] if p["share"] >= 0.005)]
     lines += [f"          {100 * r['share_of_gap']:.0f} % of the gap in {100 * r['share_of_time']:.0f} % of the time: "
               f"{r['signal']} {r['low']:.3g} .. {r['high']:.3g} {r['unit']}" for r in where["regimes"][:2]]
     for i, c in enumerate(found["causes"]):
@@ -79,10 +81,11 @@ def diagnosis_text(found: dict[str, Any], output: Path) -> str:
         lines.append(("How far   " if i == 0 else "          ") +
                      f"{c}: {h['mae_data_sheet']:.4g} data sheet, {h['mae_refitted']:.4g} refitted, "
                      f"{h['mae_with_cause']:.4g} with the cause (noise floor {h['noise_floor']:.4g})")
+    lines.append("          (on the half of the held-out windows that did not choose the effect)")
     lines += ["", f"{'effect':36s} {'family':20s} {'P':>5s} {'shrinkage':>10s} {'95 %':>16s}"]
     lines += [f"{r['effect']:36s} {r['family']:20s} {r['probability']:5.2f} {100 * r['shrinkage']:8.1f} % "
               f"{100 * r['low']:6.1f} .. {100 * r['high']:5.1f}" for r in found["ranking"][:8]]
-    if found["next_experiment"]:
+    if found["next_experiment"] and found["verdict"] != "explained":
         n = found["next_experiment"]
         lines += ["", f"Measure next: {n['name']} separates {' and '.join(n['separates'])}."]
     lines.append(f"Next: pamid report {output}")

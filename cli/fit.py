@@ -19,7 +19,8 @@ pamid fit rec.csv --rig one-dof --output fitted
 
 @frame.command("fit", example=EXAMPLE)
 @click.argument("recordings", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--rig", default="one-dof", show_default=True, help="Rig by name, or the path of a rig file (it is run).")
+@click.option("--rig", help="Rig by name, or the path of a rig file (it is run). "
+              "[default: the one the recordings name, else one-dof]")
 @click.option("--held-out", multiple=True, type=click.Path(path_type=Path),
               help="Recording nobody fits. [default: the last 30 % of every recording]")
 @click.option("--effect", "effects", multiple=True,
@@ -30,7 +31,7 @@ pamid fit rec.csv --rig one-dof --output fitted
 @click.option("--jobs", type=click.IntRange(1, 256), default=1, show_default=True, help="Threads for the bootstrap.")
 @click.option("--output", type=click.Path(file_okay=False, path_type=Path), required=True, help="Run folder to make.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier run in that folder.")
-def command(recordings: tuple[Path, ...], rig: str, held_out: tuple[Path, ...], effects: tuple[str, ...],
+def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path, ...], effects: tuple[str, ...],
             bootstrap: int, seed: int, jobs: int, output: Path, overwrite: bool) -> frame.Result:
     """Fit the parameters of a rig to recordings and judge the model on what was held out.
 
@@ -45,7 +46,7 @@ def command(recordings: tuple[Path, ...], rig: str, held_out: tuple[Path, ...], 
     attached = tuple(a for a, _ in attach_specs(evidence.rig, effects))
     inputs = [f for p in (*recordings, *held_out) for f in with_sidecar(p)]
     run = Run.create(output, command=sys.argv, seed=seed, inputs=inputs, overwrite=overwrite,
-                     options={"rig": rig, "effects": list(effects), "bootstrap": bootstrap})
+                     options={"rig": rig or evidence.rig.name, "effects": list(effects), "bootstrap": bootstrap})
     with Progress("fit") as progress:
         model = fit_model(evidence, attached, seed=seed, draws=bootstrap, jobs=jobs,
                           told=lambda text: progress.update(0, text))

@@ -55,7 +55,7 @@ def command(output: Path, force: bool, **request: Any) -> frame.Result:
 
 def _column_of(request: dict[str, Any]) -> tuple[str, float]:
     """The column to write and its amplitude."""
-    from pamid.errors import FileError, UsageError, nearest
+    from pamid.errors import UsageError
 
     rig, loop, column = request["rig"], request["loop"], request["column"]
     if column is not None:
@@ -63,15 +63,25 @@ def _column_of(request: dict[str, Any]) -> tuple[str, float]:
             raise UsageError("--column needs an --amplitude.")
         return column, request["amplitude"]
     if rig not in _COLUMNS:
-        hint = nearest(rig, _COLUMNS) or f"Known rigs: {', '.join(_COLUMNS)}."
-        raise FileError(f"There is no rig {rig!r}.", f"{hint} For a rig of your own name its input with --column.",
-                        code="unknown-rig")
+        if request["amplitude"] is None:
+            raise UsageError(f"--rig {rig} needs an --amplitude.")
+        return _column_of_rig(rig, request["loop"]), request["amplitude"]
     name, usual, most = _COLUMNS[rig][loop]
     amplitude = usual if request["amplitude"] is None else request["amplitude"]
     if amplitude + abs(request["offset"]) > most:
         raise UsageError(f"{name} lies within +-{most:g}; amplitude and offset reach "
                          f"{amplitude + abs(request['offset']):g}.")
     return name, amplitude
+
+
+def _column_of_rig(name: str, loop: str) -> str:
+    """What a rig takes: the reference of its controller, or its first input."""
+    from pamid.library import rig_named
+
+    rig = rig_named(name)
+    if loop == "closed" and rig.loops:
+        return rig.loops[0].reference
+    return next(column for column in rig.inputs if column not in rig.optional)
 
 
 def _write(output: Path, note: Path, column: str, amplitude: float, request: dict[str, Any]) -> frame.Result:

@@ -39,14 +39,15 @@ def noise_factor(text: str) -> float:
     return factor
 
 
-def evidence_from(rig_name: str, recordings: tuple[Path, ...], held_out: tuple[Path, ...]) -> Evidence:
-    """Read the recordings and divide them for a rig."""
+def evidence_from(rig_name: str | None, recordings: tuple[Path, ...], held_out: tuple[Path, ...]) -> Evidence:
+    """Read the recordings and divide them for a rig (default: the one of the catalogue that they name)."""
     from pamid.evidence import gather
-    from pamid.library import rig_named
+    from pamid.library import rig_named, rig_of
     from pamid.recording import read_recording
 
-    rig = rig_named(rig_name)
-    return gather(rig, [read_recording(p) for p in recordings], [read_recording(p) for p in held_out])
+    rig = rig_named(rig_name) if rig_name else None
+    read = [read_recording(p) for p in (*recordings, *held_out)]
+    return gather(rig or rig_named(rig_of(read)), read[: len(recordings)], read[len(recordings) :])
 
 
 def with_sidecar(path: Path) -> list[Path]:

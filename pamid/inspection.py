@@ -59,7 +59,7 @@ def _recording(path: Path, rig_name: str | None) -> tuple[dict[str, Any], list[F
     found += [Finding("constant", False, f"{name} is constant ({about['low']:g}) throughout", advice=True)
               for name, about in columns.items() if about["constant"]]
     name = rig_name or recording.rig
-    found += _against_rig(recording, path, name) if name else []
+    found += _against_rig(recording, rig_name) if name else []
     period = recording.sampling_period_s
     about = {"kind": "recording", "samples": len(recording), "duration_s": len(recording) * period,
              "sampling_period_s": period, "loop": recording.loop, "rig": name, "known": recording.known,
@@ -79,14 +79,16 @@ def _column(recording: Recording, name: str) -> dict[str, Any]:
             "rest_s": first * recording.sampling_period_s, "distinct_values": steps, "constant": high == low}
 
 
-def _against_rig(recording: Recording, path: Path, name: str) -> list[Finding]:
-    """Which of the rig's columns are there, and which columns the rig does not know."""
+def _against_rig(recording: Recording, rig_name: str | None) -> list[Finding]:
+    """Which of the rig's columns are there, and which columns the rig does not know.
+
+    A rig file is run only where the user names it; one that a recording's TOML names is told, not run.
+    """
     try:
-        beside = path.parent / name
-        rig = library.rig_named(str(beside) if name.endswith(".py") and beside.is_file() else name)
+        rig = library.rig_named(rig_name or library.rig_of([recording]))
         wanted = {c: match_column(recording.columns, c) for c in (*rig.inputs, *rig.outputs)}
     except PamidError as error:
-        return [Finding("rig", False, str(error))]
+        return [Finding("rig", False, f"{error}. {error.hint}".replace("..", "."))]
     references = [loop.reference for loop in rig.loops]
     strange = [c for c in recording.columns if c not in wanted.values() and c not in references]
     missing = [c for c in rig.inputs if wanted[c] is None and c not in rig.optional]

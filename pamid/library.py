@@ -17,6 +17,7 @@ from typing import Any
 
 from pamid.effect import Effect, require_sound
 from pamid.errors import FileError, PamidError, nearest
+from pamid.recording import Recording
 from pamid.rig import Rig, check_rig
 
 
@@ -104,6 +105,22 @@ def rig_named(name: str) -> Rig:
         raise FileError(f"rig {base!r} has no variant {variant!r}", nearest(variant, list(choices)) or
                         f"variants: {', '.join(choices) or 'none'}")
     return known[base](variant)  # type: ignore[call-arg]
+
+
+def rig_of(recordings: list[Recording]) -> str:
+    """The rig that the recordings' TOML files name, "one-dof" where they name none.
+
+    Only names of the catalogue: a rig file is code, and naming it in a data file must not run it (FileError).
+    """
+    named = {r.rig: r for r in recordings if r.rig}
+    if len(named) > 1:
+        raise FileError(f"the recordings name different rigs: {', '.join(sorted(named))}", "say which with --rig")
+    for name, recording in named.items():
+        if _is_path(name):
+            raise FileError(f"{recording.path} names the rig file {name!r}",
+                            f"a rig file is code, run only when you name it yourself: add --rig {name}")
+        return name
+    return "one-dof"
 
 
 def effects_with(specs: tuple[str, ...]) -> tuple[dict[str, type[Effect]], list[str]]:

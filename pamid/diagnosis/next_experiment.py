@@ -14,6 +14,7 @@ class Experiment:
     minutes: float
     sees: frozenset[str]
     why: str
+    air: bool = True     # needs a pneumatic rig
 
 
 _MUSCLE = {"muscle-hysteresis", "asymmetry", "muscle-creep", "threshold-pressure"}
@@ -37,19 +38,22 @@ MENU = (
     Experiment("duty-staircase", 3.0, frozenset({"valve-dead-band", "flow-mismatch", "saturation"}),
                "duty from 0 to 0.3 in small steps: only a dead-band leaves the pressure where it was"),
     Experiment("aprbs-other-inertia", 4.0, frozenset({"flexible-transmission", "friction", "command-timing"}),
-               "the same excitation with another inertia: structural modes move, delays do not"),
+               "the same excitation with another inertia: structural modes move, delays do not", air=False),
     Experiment("odd-multisine", 4.0, frozenset({"flexible-transmission", "sensor-dynamics", "command-timing",
                                                 "asymmetry", "external-disturbance", "stiffness", "drag"}),
-               "odd random-phase multisine up to 15 Hz: an anti-resonance marks compliance, even lines mark asymmetry"),
+               "odd random-phase multisine up to 15 Hz: an anti-resonance marks compliance, even lines mark asymmetry",
+               air=False),
     Experiment("slow-reversals", 4.0, frozenset({"friction", "hysteresis", "muscle-hysteresis", "valve-dead-band"}),
-               "slow triangles with nested reversals and stops: dry friction sticks, drag vanishes with the speed"),
+               "slow triangles with nested reversals and stops: dry friction sticks, drag vanishes with the speed",
+               air=False),
     Experiment("constant-speed-runs", 4.0, frozenset({"drag", "friction", "sensor-gain"}),
-               "constant speeds a decade apart: drag rises with speed, dry friction does not"),
+               "constant speeds a decade apart: drag rises with speed, dry friction does not", air=False),
 )
 
 
-def next_experiment(contenders: list[tuple[str, str]]) -> dict[str, Any] | None:
-    """contenders: (effect, family) still in question, best first. None where nothing is left to separate."""
+def next_experiment(contenders: list[tuple[str, str]], air: bool = True) -> dict[str, Any] | None:
+    """contenders: (effect, family) still in question, best first; air: is the rig pneumatic? None where nothing is
+    left to separate."""
     if len(contenders) < 2:
         return None
     (first, family), *others = contenders
@@ -57,7 +61,8 @@ def next_experiment(contenders: list[tuple[str, str]]) -> dict[str, Any] | None:
     def splits(e: Experiment) -> list[str]:
         return [label for label, other in others if (family in e.sees) != (other in e.sees)]
 
-    best = max(MENU, key=lambda e: (len(splits(e)), -e.minutes))
+    menu = [e for e in MENU if air or not e.air]
+    best = max(menu, key=lambda e: (len(splits(e)), -e.minutes))
     separated = splits(best)
     if not separated:
         best, separated = next(e for e in MENU if e.name == "slow-reversals"), [others[0][0]]

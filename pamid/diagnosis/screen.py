@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 
 STEPS = 4
 MOST = 10              # candidates sent on, beside the best of every further family
+FEW = 26               # with no more candidates than these all are sent on: the runners-up belong into the answer
 
 
 @dataclass(frozen=True)
@@ -78,6 +79,8 @@ def sent_on(rig_family: dict[str, str], screened: list[Screened]) -> list[Screen
     if not usable:
         return []
     top = usable[0].gain
+    if len(usable) <= FEW:
+        return usable
     kept = usable[:MOST]
     families = {rig_family[s.attachment.label] for s in kept}
     for s in usable:

@@ -129,17 +129,24 @@ def _rank(budget: Budget, contenders: list[Contender], chosen: NDArray[np.bool_]
 def _simplest(budget: Budget, ranking: tuple[Contender, ...], chosen: NDArray[np.bool_], seed: int) -> Contender:
     """The first, unless a simpler member of its family is as good: simpler unless the gain is sure and worth it."""
     best = ranking[0]
-    kin = [c for c in ranking if c.family == best.family and c.free_count < best.free_count]
+    kin = [c for c in ranking if c.family == best.family and _plainness(c) < _plainness(best)]
     if not kin:
         return best
     losses = bootstrap_losses([best, *kin], chosen, seed)
     gap = budget.excess(budget.baseline.absolutes, chosen)
-    for i, c in sorted(enumerate(kin, start=1), key=lambda e: (e[1].free_count, losses[e[0]].mean())):
+    plain = sorted(enumerate(kin, start=1), key=lambda e: (_plainness(e[1]), losses[e[0]].mean()))
+    for i, c in plain:
         gain = losses[i] - losses[0]
         lost = budget.excess(c.absolutes, chosen) - budget.excess(best.absolutes, chosen)
-        if lost < WORTH * gap and gain.mean() < max(SURE * gain.std(), 0.02 * best.squares.shape[1]):
+        unsure = gain.mean() < SURE * gain.std() and lost < 4.0 * WORTH * gap
+        if lost < WORTH * gap or unsure:
             return c
     return best
+
+
+def _plainness(c: Contender) -> tuple[int, bool]:
+    """Fewer parameters first; of equally many, an effect at home at its port before one of the general catalogue."""
+    return c.free_count, not c.attached[-1].effect.kinds
 
 
 def _to_front(ranking: tuple[Contender, ...], probability: list[float],

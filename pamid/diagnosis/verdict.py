@@ -47,7 +47,7 @@ def diagnosis_json(d: Diagnosis, unknown: dict[str, Any] | None, seed: int) -> d
         },
         "how_far": {c: how_far(d, i, seed) for i, c in enumerate(d.evidence.channels)},
         "look_alikes": [list(k) for k in d.classes],
-        "next_experiment": next_experiment(_in_question(d)),
+        "next_experiment": next_experiment(_in_question(d), air=_pneumatic(d)),
         "parameters": parameters,
         "background": _background(d, final),
         "unknown": unknown,
@@ -137,6 +137,10 @@ def _indistinguishable(d: Diagnosis) -> list[list[str]]:
     return [tied] if len(tied) > 1 else []
 
 
+def _pneumatic(d: Diagnosis) -> bool:
+    return any(port.kind == "flow" for port in d.evidence.rig.ports.values())
+
+
 def _in_question(d: Diagnosis) -> list[tuple[str, str]]:
     if d.verdict == "no-structural-gap":
         return []
@@ -170,4 +174,5 @@ def sentence(d: Diagnosis, unknown: dict[str, Any] | None) -> str:
         names = " or ".join(dict.fromkeys(c.attached[-1].label for c in d.tied))
         return f"The gap shrinks by {share:.0f} %, but these recordings cannot tell {names} apart."
     names = " and ".join(a.label for a in d.cause.attached)
-    return f"{names} at the {d.cause.group} explains the gap: the held-out error shrinks by {share:.0f} %."
+    verb = "explains" if len(d.cause.attached) == 1 else "explain"
+    return f"{names} at the {d.cause.group} {verb} the gap: the held-out error shrinks by {share:.0f} %."
