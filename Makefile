@@ -1,4 +1,5 @@
 # make demo   sets up .venv and runs the whole pipeline on a virtual rig
+# make planted  plants every effect in turn (long)
 # make test   sets up .venv, then lint, types and tests
 
 PYTHON ?= python3
@@ -8,7 +9,7 @@ STAMP := $(VENV)/.installed
 TORCH := $(shell grep '^torch==' constraints.txt)
 PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest
 
-.PHONY: demo test slow lint bench clean
+.PHONY: demo test slow lint bench planted clean
 
 demo: $(STAMP)
 	$(BIN)/pamid demo --output demo-run --overwrite
@@ -24,7 +25,12 @@ lint: $(STAMP)
 	$(BIN)/mypy pamid cli
 
 bench: $(STAMP)
-	for script in benchmarks/*.py; do OMP_NUM_THREADS=1 $(BIN)/python $$script || exit 1; done
+	for script in benchmarks/engine.py benchmarks/elman_pass.py; do OMP_NUM_THREADS=1 $(BIN)/python $$script || exit 1; done
+
+# every effect of the catalogue planted and asked for: ten minutes and more
+planted: $(STAMP)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/planted_truth.py
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/planted_general.py
 
 # torch first and by itself: the wheel already there (or the index it is taken from) is then kept by what follows
 $(STAMP): pyproject.toml constraints.txt

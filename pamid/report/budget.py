@@ -67,7 +67,7 @@ def errors_of(run: RunData) -> tuple[ChannelErrors, ...]:
 def _row(name: str, run: RunData) -> ChannelErrors:
     fitted = run.fit.mae.get(name, {}) if run.fit is not None else {}
     reached = run.diagnosis.how_far.get(name) if run.diagnosis is not None else None
-    network = run.network.mae.get(name, {}) if run.network is not None else {}
+    network = run.network.mae.get(name, {}) if run.network is not None and not run.network.in_loop else {}
     named = reached if run.diagnosis is not None and run.diagnosis.causes else None  # else there is no "with cause"
 
     def told(field: str) -> float | None:
@@ -91,7 +91,8 @@ def _row(name: str, run: RunData) -> ChannelErrors:
 def disagreements(run: RunData, rows: tuple[ChannelErrors, ...]) -> list[tuple[str, str, float, float]]:
     """Where another file scored the refitted model on other windows: (channel, file, its MAE, the MAE shown)."""
     found = []
-    others = {"fit.json": run.fit.mae if run.fit else {}, "network.json": run.network.mae if run.network else {}}
+    replayed = run.network.mae if run.network and not run.network.in_loop else {}
+    others = {"fit.json": run.fit.mae if run.fit else {}, "network.json": replayed}
     for row in rows:
         for file, mae in others.items():
             other = mae.get(row.channel, {}).get("refitted")

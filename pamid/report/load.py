@@ -86,7 +86,10 @@ class Fit:
 
 @dataclass(frozen=True)
 class Network:
-    """network.json: what was trained, how it ended, and its MAE. `mae`: channel -> refitted, with_network."""
+    """network.json: what was trained, how it ended, and its MAE. `mae`: channel -> refitted, with_network.
+
+    in_loop: it corrects the model in its own loop, so its errors do not compare with those of the replay.
+    """
 
     kind: str
     n_weights: float | None
@@ -96,6 +99,7 @@ class Network:
     iterations: float | None
     output: str
     mae: dict[str, dict[str, float]]
+    in_loop: bool
 
 
 @dataclass(frozen=True)
@@ -147,11 +151,14 @@ def load_run(folder: Path) -> RunData:
     trace = read_columns(folder / "trace.csv")
     if trace is not None:
         _require(folder / "trace.csv", trace, ("iteration", "mse"))
+    trained = None if network is None else _read_network(network)
+    if residual is not None and trained is not None and trained.in_loop:  # its trace belongs to another comparison
+        residual = {name: values for name, values in residual.items() if "_network" not in name}
     return RunData(
         steps=_read_steps(folder / "run.json"),
         fit=None if fit is None else _read_fit(fit),
         diagnosis=diagnosis,
-        network=None if network is None else _read_network(network),
+        network=trained,
         residual=None if residual is None else Residual(residual),
         trace=trace,
     )
@@ -231,6 +238,7 @@ def _read_network(node: Node) -> Network:
         iterations=training.maybe("iterations"),
         output=output.text("name", ""),
         mae={name: numbers_of(one) for name, one in node.children("mae").items()},
+        in_loop=node.text("model", "replay") == "loop",
     )
 
 

@@ -186,6 +186,10 @@ def _network(run: RunData, pictures: dict[str, Picture]) -> Html:
     ended = words.clean(one.why) or "no word of it"
     told = [words.sentence(f"{words.clean(one.kind)} network{size}; how training ended: {ended}"),
             words.sentence(words.clean(one.remark))]  # fmt: skip
+    if one.in_loop:
+        told += [f"It corrects the model in its own loop: there the held-out error of {words.clean(name)} goes from "
+                 f"{mae['refitted']:.3g} to {mae['with_network']:.3g}; the replay above is another comparison."
+                 for name, mae in one.mae.items() if {"refitted", "with_network"} <= set(mae)]
     shown = [figure_html(pictures[name]) for name in ("window-network", "training") if name in pictures]
     return joined([head, paragraphs(told), *shown])
 
