@@ -5,8 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import click
+
 if TYPE_CHECKING:
     from pamid.evidence import Evidence
+    from pamid.recording import Recording
+    from pamid.rig import Rig
 
 
 def parse_known(pairs: tuple[str, ...]) -> dict[str, float]:
@@ -47,7 +51,22 @@ def evidence_from(rig_name: str | None, recordings: tuple[Path, ...], held_out: 
 
     rig = rig_named(rig_name) if rig_name else None
     read = [read_recording(p) for p in (*recordings, *held_out)]
-    return gather(rig or rig_named(rig_of(read)), read[: len(recordings)], read[len(recordings) :])
+    rig = rig or rig_named(rig_of(read))
+    for recording in read:
+        for warning in (*recording.warnings, *unknown_columns(rig, recording)):
+            click.echo(f"Warning: {recording.path}: {warning}", err=True)
+    return gather(rig, read[: len(recordings)], read[len(recordings) :])
+
+
+def unknown_columns(rig: Rig, recording: Recording) -> list[str]:
+    """A sentence per column that the rig does not know: it is kept and not used."""
+    from pamid.errors import nearest
+    from pamid.recording import match_column
+
+    wanted = [*rig.inputs, *rig.outputs, *(loop.reference for loop in rig.loops)]
+    used = {match_column(recording.columns, name) for name in wanted}
+    return [f"rig {rig.name!r} does not know the column {c!r}; it is not used. {nearest(c, wanted)}".rstrip()
+            for c in recording.columns if c not in used]
 
 
 def with_sidecar(path: Path) -> list[Path]:

@@ -60,7 +60,7 @@ class Parameter:
     @property
     def outside_name(self) -> str:
         """Name in files, on the command line and in JSON: the label (or name) with the unit's suffix."""
-        name = self.label or self.name
+        name = self.name if not self.label or "{" in self.label else self.label
         return f"{name}_{suffix_of(self.unit)}" if self.unit and suffix_of(self.unit) else name
 
     @property

@@ -251,6 +251,21 @@ def test_a_rig_with_an_unused_port(command: str, good: Path, tmp_path: Path, cal
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.parametrize("command", ["check", "fit", "diagnose"])
+def test_a_recording_never_runs_the_rig_file_it_names(command: str, good: Path, tmp_path: Path,
+                                                      call: Callable[..., Said]) -> None:
+    """Recordings are data: a rig file in their TOML is named in the answer, and not executed."""
+    marker, rig = tmp_path / "it-ran", tmp_path / "evil.py"
+    rig.write_text(f"open({str(marker)!r}, 'w').close()\n")
+    target = tmp_path / "rec.csv"
+    target.write_bytes(good.read_bytes())
+    target.with_suffix(".toml").write_text(f"[recording]\nrig = {str(rig)!r}\n")
+    code, said = call(command, target, *(("--output", tmp_path / "run") if command != "check" else ()))
+    assert code == 3
+    assert not marker.exists()
+    assert "evil.py" in json.dumps(said) and "--rig" in json.dumps(said)
+
+
 def test_an_effect_that_is_not_null_at_its_null(tmp_path: Path, call: Callable[..., Said]) -> None:
     path = tmp_path / "push.py"
     path.write_text(EFFECT)
