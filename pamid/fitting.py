@@ -276,7 +276,7 @@ def fit(problem: Problem, *, p: Array | None = None, starts: tuple[Array, ...] |
         if trial.cost < now.cost:
             gain = now.cost - trial.cost
             s, starts, now, damping = new_s, new_starts, trial, max(damping * 0.2, 1e-9)
-            calm = calm + 1 if float(ds @ H @ ds) < CALM else 0
+            calm = calm + 1 if damping < 1e-2 and float(ds @ H @ ds) < CALM else 0  # a short leash is no rest
             if calm == 2 or gain < tolerance * (1.0 + 1e-3 * now.cost):
                 converged, why = True, ""
                 break

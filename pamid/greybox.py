@@ -72,11 +72,15 @@ def fit_model(evidence: Evidence, attached: tuple[Attachment, ...] = (), *, seed
 
 def rechecked(assembly: Assembly, fitted: Fit, held: tuple[Track, ...],
                noise: Array) -> tuple[tuple[Replay, ...], float]:
-    """Held-out replays, and by how much doubled sub-steps change them (worst channel, noise sd)."""
+    """Held-out replays, and by how much doubled sub-steps change them: worst channel, in noise standard deviations or
+    in quarters of what the model leaves, whichever is larger (a step finer than the model is wrong buys nothing)."""
     once = tuple(replay(assembly, fitted.p, t, fitted.stepping, noise) for t in held)
     twice = [replay(assembly, fitted.p, t, fitted.stepping.doubled(), noise) for t in held]
-    change = [np.sqrt((((a.model - b.model) / noise)[a.scored] ** 2).mean(axis=0)).max()
-              for a, b in zip(once, twice, strict=True)]
+    change = []
+    for a, b in zip(once, twice, strict=True):
+        left = np.sqrt((a.residual[a.scored] ** 2).mean(axis=0))
+        moved = np.sqrt(((a.model - b.model)[a.scored] ** 2).mean(axis=0))
+        change.append((moved / np.maximum(noise, 0.25 * left)).max())
     return once, float(max(change))
 
 
