@@ -63,9 +63,10 @@ def _column_of(request: dict[str, Any]) -> tuple[str, float]:
             raise UsageError("--column needs an --amplitude.")
         return column, request["amplitude"]
     if rig not in _COLUMNS:
+        column = _column_of_rig(rig, request["loop"])
         if request["amplitude"] is None:
-            raise UsageError(f"--rig {rig} needs an --amplitude.")
-        return _column_of_rig(rig, request["loop"]), request["amplitude"]
+            raise UsageError(f"--rig {rig} needs an --amplitude for {column}.")
+        return column, request["amplitude"]
     name, usual, most = _COLUMNS[rig][loop]
     amplitude = usual if request["amplitude"] is None else request["amplitude"]
     if amplitude + abs(request["offset"]) > most:

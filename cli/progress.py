@@ -39,7 +39,7 @@ class Progress:
         if now - self._told < (_TERMINAL_S if self._live else _LOG_S):
             return
         self._told, self._shown = now, True
-        count = "" if self._total is None else f"{done}/{self._total} "
+        count = f"{done}/{self._total} " if self._total is not None else "" if text else f"{done}"
         line = f"{self._label}: {count}{text}".rstrip()[:_WIDTH] + f" ({now - self._begun:.0f} s)"
         self._stream.write(f"\r{line}\x1b[K" if self._live else line + "\n")
         self._stream.flush()
