@@ -27,6 +27,7 @@ Told = Callable[[str], None]
 MOST_CAUSES = 3
 WORTH = 0.05            # of the gap: what an effect has to remove to be worth naming
 MORE = 0.10             # ... to be worth naming beside another one
+SLIGHT = 0.1            # in log squared error per channel: less is not worth another parameter
 SURE = 3.0              # standard errors by which it has to win
 EXPLAINED = 0.25        # of the gap that may remain beyond what a black box leaves
 HALF_WAY = 0.60         # of the gap that may remain at all
@@ -139,7 +140,8 @@ def _simplest(budget: Budget, ranking: tuple[Contender, ...], chosen: NDArray[np
         gain = losses[i] - losses[0]
         lost = budget.excess(c.absolutes, chosen) - budget.excess(best.absolutes, chosen)
         unsure = gain.mean() < SURE * gain.std() and lost < 4.0 * WORTH * gap
-        if lost < WORTH * gap or unsure:
+        slight = gain.mean() < SLIGHT * best.squares.shape[1] and lost < WORTH * gap
+        if unsure or slight:
             return c
     return best
 
