@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pamid.assembly import Assembly
 from pamid.attaching import Attachment
+from pamid.binding import Sizes
 from pamid.engine.program import Stepping
 from pamid.evidence import Evidence, Span
 from pamid.expressions import symbol
@@ -19,7 +20,7 @@ from pamid.intervals import background_pull, bootstrap, estimates
 from pamid.recording import Recording
 from pamid.residuals import Replay, channel_mae, noise_floor, replay
 from pamid.rig import Loop
-from pamid.simulation import choose_stepping, port_sizes
+from pamid.simulation import choose_stepping, input_table, port_sizes
 from pamid.units import from_si, split_column, with_unit
 from pamid.windows import Runner, Track
 
@@ -43,14 +44,18 @@ class GreyBox:
     draws: Array | None = None
 
 
+def model_with(evidence: Evidence, attached: tuple[Attachment, ...], sizes: Sizes) -> Assembly:
+    """The model that is fitted and compared: rig, background, these effects, the measured channels."""
+    return Assembly(evidence.rig, attached, background=True, sizes=sizes, outputs=evidence.channels).for_fitting()
+
+
 def fit_model(evidence: Evidence, attached: tuple[Attachment, ...] = (), *, seed: int = 0, draws: int = 0,
               jobs: int = 1, told: Callable[[str], None] = lambda text: None) -> GreyBox:
     """Fit the rig (with effects) to the evidence; integration refined until doubled sub-steps change nothing."""
     plain = Assembly(evidence.rig)
     sizes = port_sizes(plain, [(t.u, Runner(plain, t, Stepping()).parameters(plain.values()), t.period_s)
                                for t in evidence.tracks(plain)])
-    assembly = Assembly(evidence.rig, attached, background=True, sizes=sizes,
-                        outputs=evidence.channels).for_fitting()
+    assembly = model_with(evidence, attached, sizes)
     tracks, held = evidence.tracks(assembly), evidence.tracks(assembly, held_out=True)
     problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
     told("fitting")
@@ -140,7 +145,7 @@ def loop_run(g: GreyBox, r: Recording, p: Array) -> dict[str, Array] | None:
     for key, i in a.keys.items():
         if key in t and not any(a.index_of(k) == i for k in r.known):
             values[i] = p[t[key]]
-    u = np.stack([r.si(n) if r.has(n) else np.full(len(r), rig.optional.get(n, 0.0)) for n in a.traced.inputs], axis=1)
+    u = input_table(a, r)
     step = choose_stepping(a, u, values, r.sampling_period_s, a.start(values))
     program = a.program_with({q.command: symbol("cell", q.command) for q in rig.loops})
     memory = program.memory(a.start(values), stepping=step, period_s=r.sampling_period_s)

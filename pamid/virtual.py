@@ -10,12 +10,10 @@ from numpy.typing import NDArray
 
 from pamid.assembly import Assembly
 from pamid.attaching import Attachment, attach
-from pamid.engine.program import Stepping
 from pamid.errors import FileError, UsageError, nearest
 from pamid.library import effects_with, rig_named
 from pamid.recording import Recording
 from pamid.simulation import input_table, port_sizes, virtual_recording
-from pamid.windows import Runner, Track
 
 Array = NDArray[np.float64]
 
@@ -69,9 +67,7 @@ def virtual_rig(rig_name: str, excitation: Recording, specs: tuple[str, ...], kn
     plain = Assembly(rig)
     if not closed:
         u = input_table(plain, excitation)
-        track = Track("", u, u, plain.values(known), (), excitation.sampling_period_s)
-        sizes = port_sizes(plain, [(u, Runner(plain, track, Stepping()).parameters(plain.values(known)),
-                                    excitation.sampling_period_s)])
+        sizes = port_sizes(plain, [(u, plain.values(known), excitation.sampling_period_s)])
     assembly = Assembly(rig, tuple(a for a, _ in chosen), controller=tuple(sorted(settings.items())), sizes=sizes)
     p = assembly.values({**known, **hidden})
     told = []

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from pamid.assembly import Assembly
 from pamid.engine.program import Memory, Stepping
-from pamid.errors import DataError
 from pamid.recording import Recording
 from pamid.simulation import input_table, known_values, output_table
 
@@ -188,9 +187,3 @@ def estimate_start(runner: Runner, memory: Memory, window: Window, p: Array, wei
             break
         trial = x + step
     return x, information, bool(np.isfinite(best))
-
-
-def require_long_enough(track: Track, seconds: float) -> None:
-    if len(track) * track.period_s < seconds:
-        raise DataError(f"{track.name}: {len(track)} samples ({len(track) * track.period_s:.2f} s) are too short to "
-                        f"fit and judge; at least {seconds:g} s are needed", "record longer")

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from pamid.assembly import Assembly
 from pamid.attaching import Attachment
-from pamid.binding import Sizes
 from pamid.evidence import Evidence
 from pamid.fitting import Fit, Problem, fit, free_parameters
 from pamid.residuals import Replay, replay
@@ -67,8 +66,19 @@ def contender_from(assembly: Assembly, fitted: Fit, replays: tuple[Replay, ...])
                      np.concatenate([r.losses(1) for r in replays]))
 
 
-def model_with(evidence: Evidence, attached: tuple[Attachment, ...], sizes: Sizes) -> Assembly:
-    return Assembly(evidence.rig, attached, background=True, sizes=sizes, outputs=evidence.channels).for_fitting()
+def transferred(assembly: Assembly, source: Assembly, p: Array) -> Array:
+    """The assembly's data-sheet values with the parameters it shares with `source` taken from p."""
+    out = assembly.values()
+    for key, i in source.keys.items():
+        out[assembly.keys[key]] = p[i]
+    return out
+
+
+def set_within_bounds(assembly: Assembly, p: Array, first: dict[str, float]) -> None:
+    """Put starting values (SI, by parameter key) into p, clipped to their bounds."""
+    for key, value in first.items():
+        bound = assembly.parameters[assembly.keys[key]]
+        p[assembly.keys[key]] = min(max(value, bound.low), bound.high)
 
 
 def refit(evidence: Evidence, assembly: Assembly, base: Fit, *, first: dict[str, float] | None = None,
@@ -81,9 +91,7 @@ def refit(evidence: Evidence, assembly: Assembly, base: Fit, *, first: dict[str,
     tracks = evidence.tracks(assembly)
     problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
     p = assembly.values()
-    for key, value in (first or {}).items():
-        bound = assembly.parameters[assembly.keys[key]]
-        p[assembly.keys[key]] = min(max(value, bound.low), bound.high)
+    set_within_bounds(assembly, p, first or {})
     done = fit(problem, p=p, starts=base.starts, weights=base.weights, pulls=base.pulls, iterations=iterations,
                tolerance=2e-2)
     for _ in range(2):
@@ -95,11 +103,6 @@ def refit(evidence: Evidence, assembly: Assembly, base: Fit, *, first: dict[str,
         done = fit(problem, p=done.p, starts=done.starts, weights=own, stepping=done.stepping, iterations=iterations,
                    tolerance=2e-2)
     return done
-
-
-def log_loss(squares: Array, rows: NDArray[np.intp] | NDArray[np.bool_] | slice = slice(None)) -> Array:
-    """Sum over channels of the logarithm of the mean squared error; squares (..., windows, channels)."""
-    return np.log(squares[..., rows, :].mean(axis=-2)).sum(axis=-1)
 
 
 def resamples(count: int, draws: int, seed: int) -> NDArray[np.intp]:

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 from pamid.assembly import Assembly
 from pamid.attaching import Attachment
 from pamid.binding import Sizes
-from pamid.diagnosis.contest import Contender, model_with
+from pamid.diagnosis.contest import Contender, set_within_bounds, transferred
 from pamid.effect import Hints
 from pamid.errors import PamidError
 from pamid.evidence import Evidence
 from pamid.fitting import Problem, fit, free_parameters
+from pamid.greybox import model_with
 
 Array = NDArray[np.float64]
 
@@ -54,16 +55,12 @@ def screen(evidence: Evidence, baseline: Contender, attachment: Attachment, size
         assembly = model_with(evidence, (*baseline.attached, attachment), sizes)
         tracks = evidence.tracks(assembly)
         problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
-        common = np.array([assembly.keys[b.key] for b in baseline.assembly.parameters])
     except PamidError as error:
         return Screened(attachment, None, {}, -np.inf, str(error))
     best = Screened(attachment, assembly, {}, -np.inf, "unstable at every starting value")
     for first in starting_points(assembly, attachment, hints):
-        p = assembly.values()
-        p[common] = baseline.fit.p
-        for key, value in first.items():
-            bound = assembly.parameters[assembly.keys[key]]
-            p[assembly.keys[key]] = min(max(value, bound.low), bound.high)
+        p = transferred(assembly, baseline.assembly, baseline.fit.p)
+        set_within_bounds(assembly, p, first)
         done = fit(problem, p=p, starts=baseline.fit.starts, weights=baseline.fit.weights, iterations=STEPS,
                    pulls=baseline.fit.pulls, tolerance=1e-2)
         gain = baseline.fit.cost - done.cost

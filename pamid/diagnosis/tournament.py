@@ -67,7 +67,7 @@ def diagnose(evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: in
     contenders, failed = _round(evidence, budget, base, candidates, hints, jobs, told)
     if not contenders:
         return Diagnosis(evidence, budget, chosen, _unexplained(budget), (), (), tuple(failed), (), None)
-    order, probability = _rank(budget, contenders, chosen, seed)
+    order, probability = _rank(contenders, chosen, seed)
     ranking = tuple(contenders[i] for i in order)
     classes = look_alike_classes(evidence, base, list(ranking[:8]))
     best = _simplest(budget, ranking, chosen, seed)
@@ -118,8 +118,7 @@ def _family(evidence: Evidence, a: Attachment) -> str:
     return a.effect.family_at(evidence.rig.ports[a.ports[0]].kind)
 
 
-def _rank(budget: Budget, contenders: list[Contender], chosen: NDArray[np.bool_],
-          seed: int) -> tuple[list[int], list[float]]:
+def _rank(contenders: list[Contender], chosen: NDArray[np.bool_], seed: int) -> tuple[list[int], list[float]]:
     """Order by mean log loss on the selection windows; probability: share of resamples a contender wins."""
     losses = bootstrap_losses(contenders, chosen, seed)
     order = sorted(range(len(contenders)), key=lambda i: (losses[i].mean(), contenders[i].label))

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pamid.assembly import Assembly
 from pamid.attaching import Attachment
+from pamid.diagnosis.contest import transferred
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.effect import Effect, State
 from pamid.equations import Expr, Number
@@ -102,7 +103,7 @@ def missing_value(d: Diagnosis, port: str, place: str) -> tuple[Array, dict[str,
     values, rows = [], []
     for track in evidence.tracks(assembly, held_out=True):
         runner = Runner(assembly, track, base.fit.stepping, whole=True)
-        p = runner.parameters(_with(assembly, base.assembly, base.fit.p))
+        p = runner.parameters(transferred(assembly, base.assembly, base.fit.p))
         memory = runner.memory(p)
         place_of = assembly.program.states.index(next(s for s in assembly.program.states if "missing" in s))
         for window in cut(len(track), max(8, round(SLICE_S / track.period_s))):
@@ -116,13 +117,6 @@ def missing_value(d: Diagnosis, port: str, place: str) -> tuple[Array, dict[str,
             runner.run(memory, window, p, False)
     table = np.array(rows) if rows else np.zeros((0, len(extra)))
     return np.array(values), {k.removeprefix("at."): table[:, i] for i, k in enumerate(extra)}
-
-
-def _with(assembly: Assembly, fitted: Assembly, p: Array) -> Array:
-    out = assembly.values()
-    for key, i in fitted.keys.items():
-        out[assembly.keys[key]] = p[i]
-    return out
 
 
 def _signals(program: Any, track: Track, x: Array, p: Array, at: int, stepping: Any) -> Array:

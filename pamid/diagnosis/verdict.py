@@ -33,7 +33,7 @@ def diagnosis_json(d: Diagnosis, unknown: dict[str, Any] | None, seed: int) -> d
         "schema": SCHEMA,
         "verdict": d.verdict,
         "sentence": sentence(d, unknown),
-        "causes": causes(d, seed),
+        "causes": causes(d),
         "ranking": [_ranked(d, c, p, seed) for c, p in zip(d.ranking, d.probability, strict=True)]
         + [{"effect": label, "family": "", "port": "", "probability": 0.0, "held_out": {}, "shrinkage": 0.0,
             "low": 0.0, "high": 0.0, "converged": False, "why": why} for label, why in d.failed],
@@ -64,7 +64,7 @@ def _where_shares(d: Diagnosis) -> list[dict[str, Any]]:
     return port_shares(names, list(d.ranking), d.budget, d.chosen)
 
 
-def causes(d: Diagnosis, seed: int) -> list[dict[str, Any]]:
+def causes(d: Diagnosis) -> list[dict[str, Any]]:
     """What the verdict adds, strongest first; for "ambiguous" the members that cannot be told apart."""
     if d.cause is None:
         return []

@@ -167,7 +167,6 @@ def lower(rates: dict[str, Expr], outputs: dict[str, Expr], cells: tuple[Cell, .
     """Replace every memory operator by cells; adds a state per integral."""
     work = _Lowering()
     explicit = [e for c in cells for e in (c.update, c.start)]
-    # (cells given by hand are a controller's: they see no windows)
     work.run([*rates.values(), *outputs.values(), *explicit])
     done = [Cell(c.name, work.new[c.update], work.new[c.start], c.sampled) for c in cells]
     rate_nodes = [work.new[e] for e in rates.values()]
