@@ -14,6 +14,9 @@ from pamid.effect import KINDS, Effect
 from pamid.equations import Expr, Number, clip, where
 from pamid.parameter import Parameter
 
+LEVEL = 0.3      # of the tolerance: what a single place may be off as a whole
+DRIFT_S = 60.0
+SMOOTH = 3   # degree up to which a bend may take the whole tolerance
 REACH = 3.0  # tolerances a nuisance term may go to: what lies beyond is structure
 
 
@@ -23,46 +26,58 @@ class Background(Effect):
     family = "background"
     kinds = tuple(KINDS)
 
-    def __init__(self, name: str, tolerance: float, terms: tuple[str, ...]) -> None:
+    def __init__(self, name: str, tolerances: dict[str, float]) -> None:
         self.name = name  # type: ignore[misc]
         self.parameters = tuple(  # type: ignore[misc]
-            Parameter(t, 0.0, low=-REACH * tolerance, high=REACH * tolerance, spread=tolerance, null=0.0,
-                      source=f"tolerance {tolerance:g}") for t in terms)
+            Parameter(term, 0.0, low=-REACH * tolerance, high=REACH * tolerance, spread=tolerance, null=0.0,
+                      source=f"tolerance {tolerance:g}") for term, tolerance in tolerances.items())
 
 
 class SmoothGain(Background):
-    """value * (1 + a smooth function of one signal, and a slope over a second one), all within the tolerance.
+    """value * (1 + level + a smooth function of one signal, of a second one, and a slow drift), within the tolerance.
 
-    over     (signal, low, high): Chebyshev terms of degree 1..degree over that range
-    slope    (signal, low, high): one linear term
+    over     (signal, low, high): Chebyshev terms of degree 1..degree over that range; from the fourth on their
+             tolerance falls with the degree, as a measured map's roughness does
+    along    (signal, low, high): two such terms
+    drift    a change as the machine warms up, half of it within DRIFT_S of the recording's start
     """
 
     def __init__(self, name: str, over: tuple[str, float, float], *, tolerance: float, degree: int = 3,
-                 slope: tuple[str, float, float] | None = None) -> None:
-        self.over, self.slope, self.degree = over, slope, degree
-        super().__init__(name, tolerance, (*(f"bend_{i}" for i in range(1, degree + 1)),
-                                           *(("slope",) if slope else ())))
+                 along: tuple[str, float, float] | None = None, level: bool = False, drift: bool = False) -> None:
+        self.over, self.along, self.degree, self.level, self.drift = over, along, degree, level, drift
+        terms = {"level": LEVEL * tolerance} if level else {}
+        terms |= {f"bend_{i}": tolerance * min(1.0, SMOOTH / i) for i in range(1, degree + 1)}
+        terms |= {f"along_{i}": tolerance for i in (1, 2)} if along else {}
+        super().__init__(name, terms | ({"drift": tolerance} if drift else {}))
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
-        signal, low, high = self.over
-        s = clip((getattr(at, signal) - low) * (2.0 / (high - low)) - 1.0, -1.2, 1.2)
-        before: Number = 1.0
-        here: Number = s
-        total: Number = 0.0
-        for i in range(1, self.degree + 1):
-            total = total + getattr(p, f"bend_{i}") * here
-            before, here = here, 2.0 * s * here - before
-        if self.slope:
-            name, bottom, top = self.slope
-            total = total + p.slope * ((getattr(at, name) - bottom) * (2.0 / (top - bottom)) - 1.0)
+        total: Number = p.level if self.level else 0.0
+        total = total + _chebyshev(at, self.over, [getattr(p, f"bend_{i}") for i in range(1, self.degree + 1)])
+        if self.along:
+            total = total + _chebyshev(at, self.along, [p.along_1, p.along_2])
+        if self.drift:
+            total = total + p.drift * (at.time / (at.time + DRIFT_S))
         return value * (1.0 + total)
+
+
+def _chebyshev(at: Any, over: tuple[str, float, float], weights: list[Expr]) -> Number:
+    """Weighted Chebyshev polynomials of degree 1, 2, ... in a signal scaled to a range."""
+    signal, low, high = over
+    s = clip((getattr(at, signal) - low) * (2.0 / (high - low)) - 1.0, -1.2, 1.2)
+    before: Number = 1.0
+    here: Number = s
+    total: Number = 0.0
+    for weight in weights:
+        total = total + weight * here
+        before, here = here, 2.0 * s * here - before
+    return total
 
 
 class SplitGain(Background):
     """value * (1 + positive) where it is positive, * (1 + negative) where it is negative: two-way tolerances."""
 
     def __init__(self, name: str, *, tolerance: float) -> None:
-        super().__init__(name, tolerance, ("positive", "negative"))
+        super().__init__(name, {"positive": tolerance, "negative": tolerance})
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         return value * (1.0 + where(value > 0.0, p.positive, p.negative))
@@ -72,7 +87,7 @@ class Gain(Background):
     """value * (1 + gain)."""
 
     def __init__(self, name: str, *, tolerance: float) -> None:
-        super().__init__(name, tolerance, ("gain",))
+        super().__init__(name, {"gain": tolerance})
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         return value * (1.0 + p.gain)

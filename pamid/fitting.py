@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from pamid.assembly import Assembly
 from pamid.binding import Bound
+from pamid.engine.blocks import eliminate
 from pamid.engine.program import Stepping
 from pamid.simulation import choose_stepping
 from pamid.weights import Weights, residual_weights
@@ -199,24 +200,11 @@ def _add_joint(w: int, end: Array, jump: Array, pull: Array, H: Array, g: Array,
     gx[w + 1] += pull * jump
 
 
-def _eliminate(block: tuple[Array, Array, Array, Array], damping: float) -> tuple[Array, Array, Array, Array]:
+def _eliminated(block: tuple[Array, Array, Array, Array], damping: float) -> tuple[Array, Array, Array, Array]:
     """Solve the block-tridiagonal part for [B | gx]: returns (T^-1 B, T^-1 gx, B' T^-1 B, B' T^-1 gx)."""
     D, off, B, gx = block
-    w, n, k = B.shape
-    rhs = np.concatenate([B, gx[:, :, None]], axis=2)
-    M = D.copy()
-    diagonal = np.einsum("wii->wi", D)
-    M[:, range(n), range(n)] += (damping + 1e-12) * diagonal + 1e-300
-    z = rhs.copy()
-    gains = np.zeros_like(off)
-    for i in range(w - 1):   # forward elimination; off[i] couples window i+1 (rows) to i (columns)
-        gains[i] = np.linalg.solve(M[i].T, off[i].T).T
-        M[i + 1] -= gains[i] @ off[i].T
-        z[i + 1] -= gains[i] @ z[i]
-    out = np.empty_like(z)
-    out[w - 1] = np.linalg.solve(M[w - 1], z[w - 1])
-    for i in range(w - 2, -1, -1):
-        out[i] = np.linalg.solve(M[i], z[i] - off[i].T @ out[i + 1])
+    k = B.shape[2]
+    out, _ = eliminate(D, off, np.concatenate([B, gx[:, :, None]], axis=2), damping)
     X, x = out[:, :, :k], out[:, :, k]
     return X, x, np.einsum("wnk,wnl->kl", B, X), np.einsum("wnk,wn->k", B, x)
 
@@ -225,7 +213,7 @@ def _step(normal: _Normal, s: Array, scale: Scale, damping: float) -> tuple[Arra
     """Damped Gauss-Newton step in (scaled parameters, window starts) within the bounds; reduced Hessian."""
     k = len(s)
     H, g = normal.H.copy(), normal.g.copy()
-    parts = [_eliminate(block, damping) for block in normal.blocks]
+    parts = [_eliminated(block, damping) for block in normal.blocks]
     for _, _, inner, right in parts:
         H -= inner
         g -= right
@@ -242,16 +230,18 @@ def _step(normal: _Normal, s: Array, scale: Scale, damping: float) -> tuple[Arra
 
 def fit(problem: Problem, *, p: Array | None = None, starts: tuple[Array, ...] | None = None,
         weights: Weights | None = None, iterations: int = 40, tolerance: float = 1e-4,
-        stepping: Stepping | None = None, pulls: tuple[Array, ...] = (), progress: Progress | None = None) -> Fit:
+        stepping: Stepping | None = None, pulls: tuple[Array, ...] = (), progress: Progress | None = None,
+        probe: bool = False) -> Fit:
     """Levenberg-Marquardt from p (default: the data sheet) with fixed weights (default: the sensor noise).
 
     The priors' means are the data-sheet values, whatever p is. Not converging is an outcome: `converged`, `why`.
+    probe: only the cost and the parameters matter; the last step is then not differentiated and has no covariance.
     """
     a = problem.assembly
     centre = a.values()
     p = centre.copy() if p is None else p.copy()
     free = list(problem.free)
-    step = stepping or _careful_stepping(problem, p)
+    step = stepping or careful_stepping(problem, p)
     if weights is None:
         sigma = noise_level(np.concatenate([t.y for t in problem.tracks]))
         weights = Weights(sigma, np.ones_like(sigma))
@@ -272,7 +262,8 @@ def fit(problem: Problem, *, p: Array | None = None, starts: tuple[Array, ...] |
         ds, dx, H = _step(now, s, scale, damping)
         new_s = s + ds
         new_starts = tuple(x + d for x, d in zip(starts, dx, strict=True))
-        trial = _evaluate(problem, scale, new_s, p, new_starts, weights, pulls, step, True)
+        trial = _evaluate(problem, scale, new_s, p, new_starts, weights, pulls, step,
+                          not (probe and count == iterations))
         if trial.cost < now.cost:
             gain = now.cost - trial.cost
             s, starts, now, damping = new_s, new_starts, trial, max(damping * 0.2, 1e-9)
@@ -288,13 +279,15 @@ def fit(problem: Problem, *, p: Array | None = None, starts: tuple[Array, ...] |
         if progress is not None:
             progress(count, now.cost)
     p[free] = scale.outside(s)
+    if probe:
+        return Fit(problem, p, starts, weights, now.cost, np.eye(len(free)), count, converged, why, step, pulls)
     _, _, H = _step(now, s, scale, 0.0)
     covariance: Array = np.linalg.pinv(H, hermitian=True).astype(np.float64, copy=False)
     return Fit(problem, p, starts, weights, now.cost, covariance, count, converged, why, step,
                pulls, tuple(now.residuals))
 
 
-def _careful_stepping(problem: Problem, p: Array) -> Stepping:
+def careful_stepping(problem: Problem, p: Array) -> Stepping:
     """The most careful of the steppings that the recordings ask for: implicit before explicit, then finer."""
     a = problem.assembly
     found = []

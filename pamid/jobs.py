@@ -1,16 +1,23 @@
 """Independent jobs on this machine's cores: pure functions, results in the order of the jobs.
 
-The compiled sweeps release Python's lock, so threads share the work without copying recordings. BLAS is held to one
-thread per job: the matrices are small.
+The compiled sweeps release Python's lock, so threads share the work without copying recordings; whole diagnoses, in
+which much else runs, share the cores as processes. BLAS is held to one thread per job: the matrices are small.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
+import contextlib
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from typing import TypeVar
 
 from threadpoolctl import threadpool_limits
+
+from pamid.errors import PartialError
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -39,3 +46,56 @@ def run_jobs(work: Callable[[T], R], items: Iterable[T], *, jobs: int = 1,
             raise
         pool.shutdown()
     return results
+
+
+def run_in_processes(work: Callable[[T], R], items: Iterable[T], *, jobs: int = 1,
+                     done: Callable[[int, int], None] | None = None) -> list[R]:
+    """[work(item) for item in items] in `jobs` fresh processes; done(finished, total) as each comes in.
+
+    `work`, items and results have to be picklable. An interrupt or an error ends the processes at once: work that is
+    to outlive it writes its result itself. PartialError where a process was killed.
+    """
+    todo = list(items)
+    if jobs <= 1 or len(todo) <= 1:
+        return run_jobs(work, todo, done=done)
+    with _one_blas_thread():
+        others = multiprocessing.active_children()
+        pool = ProcessPoolExecutor(min(jobs, len(todo)), multiprocessing.get_context("spawn"), _leave_interrupts)
+        try:
+            futures = [pool.submit(work, item) for item in todo]
+            for finished, future in enumerate(as_completed(futures), start=1):
+                future.result()
+                if done is not None:
+                    done(finished, len(todo))
+            return [future.result() for future in futures]
+        except BaseException as error:
+            for child in multiprocessing.active_children():
+                if child not in others:
+                    child.terminate()
+            if isinstance(error, BrokenProcessPool):
+                raise PartialError("a process was killed, perhaps for want of memory",
+                                   "what was finished is kept; run it again with fewer --jobs") from error
+            raise
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _leave_interrupts() -> None:
+    """Ctrl-C reaches every process of a terminal; the one that started the others decides."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+@contextlib.contextmanager
+def _one_blas_thread() -> Iterator[None]:
+    """The environment in which processes are started; libraries read it when they are loaded."""
+    names = [f"{library}_NUM_THREADS" for library in ("OPENBLAS", "OMP", "MKL")]
+    before = {name: os.environ.get(name) for name in names}
+    os.environ.update(dict.fromkeys(names, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value

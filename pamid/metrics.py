@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from statistics import NormalDist
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -96,6 +97,21 @@ def shrinkage_interval(
         after, before, block_length=block_length, level=level, resamples=resamples, seed=seed
     )
     return 1.0 - high, 1.0 - low
+
+
+def wilson_interval(hits: int, of: int, level: float = 0.95) -> tuple[float, float]:
+    """Interval (low, high) of a share of which `hits` in `of` were seen; (0, 1) where nothing was.
+
+    Source: Wilson (1927), J. Am. Stat. Assoc. 22, score interval without continuity correction.
+    """
+    if not 0 <= hits <= of:
+        raise DataError(f"{hits} of {of} is no share.", code="share")
+    if of == 0:
+        return 0.0, 1.0
+    z2 = NormalDist().inv_cdf(0.5 + level / 2.0) ** 2
+    centre = (hits + z2 / 2.0) / (of + z2)
+    reach = math.sqrt(z2 * (hits * (of - hits) / of + z2 / 4.0)) / (of + z2)
+    return max(0.0, centre - reach), min(1.0, centre + reach)
 
 
 def _difference(measured: ArrayLike, model: ArrayLike) -> FloatArray:

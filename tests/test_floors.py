@@ -24,12 +24,12 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("library", "attaching", "binding"),
     ("engine",),
     ("tracing",),
-    ("assembly",),
+    ("assembly", "isolability"),
     ("simulation",),
     ("windows", "weights"),
     ("fitting", "residuals"),
     ("intervals",),
-    ("evidence", "conformance", "catalogue", "virtual"),
+    ("evidence", "conformance", "catalogue", "virtual", "experiments"),
     ("inspection", "greybox"),
     ("networks",),
     ("leftover", "residual_network"),
@@ -42,7 +42,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
 
 #: the only places that may import these, at any depth of a function
 HOMES: dict[str, tuple[str, ...]] = {
-    "numba": ("pamid/engine/",),
+    "numba": ("pamid/engine/", "pamid/trial/"),
     "llvmlite": ("pamid/engine/",),
     "torch": ("pamid/networks/",),
     "pysindy": ("pamid/diagnosis/",),

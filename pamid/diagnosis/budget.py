@@ -18,7 +18,7 @@ from pamid.residuals import Replay, replay
 Array = NDArray[np.float64]
 
 POINTS = 120           # per window: the network sees the replay thinned to this
-ITERATIONS = 60
+ITERATIONS = 30
 NO_GAP = 0.10          # a structural gap below this share of the floor is none
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,13 @@ class Contender:
     squares: Array = field(repr=False)
     absolutes: Array = field(repr=False)
 
+    @cached_property
+    def fitted_squares(self) -> Array:
+        """Mean squared residual per window of the fit and channel (SI); empty where the fit failed."""
+        problem = self.fit.problem
+        return np.concatenate([[(r[w.start : w.stop] ** 2).mean(axis=0) for w in problem.windows(t)]
+                               for t, r in zip(problem.tracks, self.fit.residuals, strict=True)])
+
     @property
     def attached(self) -> tuple[Attachment, ...]:
         return self.assembly.attachments
@@ -37,7 +45,8 @@ class Contender:
 
     @property
     def finite(self) -> bool:
-        return all(r.finite for r in self.replays) and bool(np.isfinite(self.squares).all())
+        return (bool(self.fit.residuals) and all(r.finite for r in self.replays)
+                and bool(np.isfinite(self.squares).all()))
 
     @property
     def family(self) -> str:
@@ -82,7 +91,7 @@ def set_within_bounds(assembly: Assembly, p: Array, first: dict[str, float]) -> 
 
 
 def refit(evidence: Evidence, assembly: Assembly, base: Fit, *, first: dict[str, float] | None = None,
-          iterations: int = 25) -> Fit:
+          iterations: int = 15) -> Fit:
     """Fit all parameters jointly from the data-sheet start; `first`: starting values (SI) by parameter key.
 
     First with the baseline's weights, then with those of its own, smaller residuals: a model that explains the gap
@@ -113,9 +122,15 @@ def resamples(count: int, draws: int, seed: int) -> NDArray[np.intp]:
 
 
 def bootstrap_losses(contenders: list[Contender], chosen: NDArray[np.bool_], seed: int, draws: int = 1000) -> Array:
-    """Log losses on resampled selection windows, contenders x draws (paired: the same windows for all)."""
-    rows = np.flatnonzero(chosen)[resamples(int(chosen.sum()), draws, seed)]
+    """Log losses on resampled windows, contenders x draws (paired: the same windows for all).
+
+    Windows are those that choose among the held-out ones and those of the fit: an effect brings few parameters, and
+    its gain where it was fitted is a witness, too.
+    """
+    own = resamples(int(chosen.sum()), draws, seed)
+    fitted = resamples(len(contenders[0].fitted_squares), draws, seed + 1)
     out = np.empty((len(contenders), draws))
     for i, c in enumerate(contenders):
-        out[i] = np.log(c.squares[rows].mean(axis=1)).sum(axis=1)
+        held, trained = c.squares[chosen][own].mean(axis=1), c.fitted_squares[fitted].mean(axis=1)
+        out[i] = 0.5 * (np.log(held) + np.log(trained)).sum(axis=1)
     return out

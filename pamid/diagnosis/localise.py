@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter, welch
 
 from pamid.diagnosis.budget import Budget
-from pamid.diagnosis.contest import Contender
 from pamid.evidence import Evidence
 from pamid.residuals import Replay
 from pamid.units import display_unit, from_si, split_column
@@ -29,24 +27,6 @@ class Regime:
     unit: str
     share_of_gap: float
     share_of_time: float
-
-
-def port_shares(groups: list[str], contenders: list[Contender], budget: Budget,
-                rows: NDArray[np.bool_]) -> list[dict[str, Any]]:
-    """Share of the gap per port, summing to 1: Shapley shares of the best shrinkage reached at each port.
-
-    Two ports together are taken to explain no more than the better of them, which makes the Shapley value that of an
-    airport game: phi_i = sum over k >= i of (v_k - v_k+1)/k with the ports in falling order.
-    """
-    reach = dict.fromkeys(groups, 0.0)
-    for c in contenders:
-        reach[c.group] = max(reach[c.group], budget.shrinkage(c.absolutes, rows))
-    order = sorted(groups, key=lambda g: (-reach[g], g))
-    values = [reach[g] for g in order] + [0.0]
-    steps = [(values[k] - values[k + 1]) / (k + 1) for k in range(len(order))]
-    shares = {g: sum(steps[i:]) for i, g in enumerate(order)}
-    total = sum(shares.values())
-    return [{"port": g, "share": shares[g] / total if total > 0 else 1.0 / len(order)} for g in order]
 
 
 def _excess(before: Replay, after: Replay | None, noise: Array) -> Array:

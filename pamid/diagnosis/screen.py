@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,16 +12,18 @@ from pamid.attaching import Attachment
 from pamid.binding import Sizes
 from pamid.diagnosis.contest import Contender, set_within_bounds, transferred
 from pamid.effect import Hints
+from pamid.engine.program import Stepping
 from pamid.errors import PamidError
 from pamid.evidence import Evidence
-from pamid.fitting import Problem, fit, free_parameters
+from pamid.fitting import Fit, Problem, fit, free_parameters
 from pamid.greybox import model_with
 
 Array = NDArray[np.float64]
 
-STEPS = 4
-MOST = 10              # candidates sent on, beside the best of every further family
-FEW = 26               # with no more candidates than these all are sent on: the runners-up belong into the answer
+SCREEN_S = 16.0        # of the fitted recordings, in all: more would change the cost of screening, not its outcome
+STEPS = 2              # from the best of the starting points, after one step from each of them
+MOST = 10              # candidates refitted, beside the best of every further family
+FEW = 24                # with no more candidates than these all are: the runners-up belong into the answer
 
 
 @dataclass(frozen=True)
@@ -49,40 +51,85 @@ def _si(attachment: Attachment, name: str) -> float:
     return next(q.factor for q in attachment.effect.parameters if q.name == name)
 
 
-def screen(evidence: Evidence, baseline: Contender, attachment: Attachment, sizes: Sizes, hints: Hints) -> Screened:
-    """Gain of one candidate after a few steps from each of its starting points, from the baseline's solution."""
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """What candidates are screened against: the baseline over the first part of every fitted recording.
+
+    stops: where that part ends, starts: states at its windows, per track; cost: the baseline's there.
+    """
+
+    baseline: Contender
+    stops: tuple[int, ...]
+    starts: tuple[Array, ...]
+    cost: float
+
+    @classmethod
+    def of(cls, baseline: Contender) -> Ground:
+        problem, base = baseline.fit.problem, baseline.fit
+        share = SCREEN_S / sum(len(t) * t.period_s for t in problem.tracks)
+        stops, starts = [], []
+        for track, x in zip(problem.tracks, base.starts, strict=True):
+            windows = problem.windows(track)
+            few = min(max(3, round(share * len(windows))), len(windows))
+            k = next(k for k in range(few, len(windows) + 1)  # a part is cut as the whole was, or it is the whole
+                     if len(problem.windows(track.part(0, windows[k - 1].stop))) == k)
+            stops.append(windows[k - 1].stop)
+            starts.append(x[:k])
+        short = replace(problem, tracks=tuple(t.part(0, s) for t, s in zip(problem.tracks, stops, strict=True)))
+        again = fit(short, p=base.p, starts=tuple(starts), weights=base.weights, pulls=base.pulls,
+                    stepping=base.stepping, iterations=0, probe=True)
+        return cls(baseline, tuple(stops), tuple(starts), again.cost)
+
+    def problem(self, evidence: Evidence, assembly: Assembly) -> Problem:
+        tracks = tuple(t.part(0, s) for t, s in zip(evidence.tracks(assembly), self.stops, strict=True))
+        return Problem(assembly, tracks, free_parameters(assembly, tracks))
+
+
+def screen(evidence: Evidence, ground: Ground, attachment: Attachment, sizes: Sizes, hints: Hints) -> Screened:
+    """Gain of one candidate after one step from each of its starting points and some more from the best of them, from
+    the baseline's solution."""
+    baseline = ground.baseline
     try:
         assembly = model_with(evidence, (*baseline.attached, attachment), sizes)
-        tracks = evidence.tracks(assembly)
-        problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
+        problem = ground.problem(evidence, assembly)
     except PamidError as error:
         return Screened(attachment, None, {}, -np.inf, str(error))
-    best = Screened(attachment, assembly, {}, -np.inf, "unstable at every starting value")
+    unstable = Screened(attachment, assembly, {}, -np.inf, "unstable at every starting value")
+    best, found, stepping = unstable, None, None
     for first in starting_points(assembly, attachment, hints):
         p = transferred(assembly, baseline.assembly, baseline.fit.p)
         set_within_bounds(assembly, p, first)
-        done = fit(problem, p=p, starts=baseline.fit.starts, weights=baseline.fit.weights, iterations=STEPS,
-                   pulls=baseline.fit.pulls, tolerance=1e-2)
-        gain = baseline.fit.cost - done.cost
-        if gain > best.gain:
-            best = Screened(attachment, assembly, first, gain)
-    return best
+        done = _probed(ground, problem, p, ground.starts, 1, stepping)
+        stepping = done.stepping
+        if ground.cost - done.cost > best.gain:
+            best, found = Screened(attachment, assembly, first, ground.cost - done.cost), done
+    if found is None:
+        return unstable
+    done = _probed(ground, problem, found.p, found.starts, STEPS, stepping)
+    return replace(best, gain=max(best.gain, ground.cost - done.cost))
 
 
-def sent_on(rig_family: dict[str, str], screened: list[Screened]) -> list[Screened]:
-    """The most promising ones: the best by gain, and the best of every family."""
+def _probed(ground: Ground, problem: Problem, p: Array, starts: tuple[Array, ...], steps: int,
+            stepping: Stepping | None) -> Fit:
+    base = ground.baseline.fit
+    return fit(problem, p=p, starts=starts, weights=base.weights, pulls=base.pulls, iterations=steps, probe=True,
+               stepping=stepping)
+
+
+def sent_on(rig_family: dict[str, str], screened: list[Screened], most: int) -> list[Screened]:
+    """The most promising ones: the first `most` by gain and, where these are many, the best of every family."""
     usable = sorted((s for s in screened if s.assembly is not None and np.isfinite(s.gain)),
                     key=lambda s: (-s.gain, s.attachment.label))
     if not usable:
         return []
-    top = usable[0].gain
-    if len(usable) <= FEW:
+    if most >= MOST and len(usable) <= FEW:
         return usable
-    kept = usable[:MOST]
+    top = usable[0].gain
+    kept = usable[:most]
     families = {rig_family[s.attachment.label] for s in kept}
-    for s in usable:
+    for s in usable if most >= MOST else []:
         family = rig_family[s.attachment.label]
-        if family not in families and s.gain > max(1.0, 0.02 * top):
+        if family not in families and s.gain > max(1.0, 0.05 * top):
             kept.append(s)
             families.add(family)
     return kept

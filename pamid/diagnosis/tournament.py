@@ -3,55 +3,97 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.attaching import Attachment, attachments
-from pamid.diagnosis.budget import NO_GAP, Budget, gap_budget
+from pamid.diagnosis.budget import Budget, gap_budget
 from pamid.diagnosis.contest import Contender, bootstrap_losses, judged, refit
+from pamid.diagnosis.judgement import WORTH, Grounds, at_the_floor, judge, weigh
+from pamid.diagnosis.latent import Located, locate
 from pamid.diagnosis.localise import spectrum_peaks
 from pamid.diagnosis.look_alikes import look_alike_classes
-from pamid.diagnosis.screen import Screened, screen, sent_on
+from pamid.diagnosis.screen import MOST, Ground, Screened, screen, sent_on
 from pamid.effect import Effect, Hints
 from pamid.evidence import Evidence, selection_part
 from pamid.fitting import fit
-from pamid.greybox import COARSE, rechecked
+from pamid.greybox import COARSE, model_with, rechecked
 from pamid.jobs import run_jobs
-from pamid.metrics import moving_block_interval
 
 Array = NDArray[np.float64]
 Told = Callable[[str], None]
 
 MOST_CAUSES = 3
-WORTH = 0.05            # of the gap: what an effect has to remove to be worth naming
-MORE = 0.10             # ... to be worth naming beside another one
+MORE = 0.10             # of the gap: what an effect has to remove to be worth naming beside another one
 SLIGHT = 0.1            # in log squared error per channel: less is not worth another parameter
 SURE = 3.0              # standard errors by which it has to win
-EXPLAINED = 0.25        # of the gap that may remain beyond what a black box leaves
-HALF_WAY = 0.60         # of the gap that may remain at all
+FEW_MORE = 4            # candidates refitted beside a first cause
+LITTLE = 0.05           # of the latent evidence: where no more is missing, no further effect is looked for
+PLACES = 4              # classes of ports at which it is looked for
 
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """Everything found. ranking: contenders best first, with probabilities; causes: the chosen model, or None."""
+    """Everything found. ranking: contenders best first, with probabilities; cause: the chosen model, or None.
+
+    best: the best model whatever the verdict; located: where something is missing before it, after: beside it.
+    """
 
     evidence: Evidence
     budget: Budget
     chosen: NDArray[np.bool_]                 # held-out windows that chose; the others report
     verdict: str
-    ranking: tuple[Contender, ...]
-    probability: tuple[float, ...]
-    failed: tuple[tuple[str, str], ...]       # candidates that could not be fitted, and why
-    tied: tuple[Contender, ...]
-    cause: Contender | None
-    singles: dict[str, Contender] = field(default_factory=dict)
+    ranking: tuple[Contender, ...] = ()
+    probability: tuple[float, ...] = ()
+    failed: tuple[tuple[str, str], ...] = ()  # candidates that could not be fitted, and why
+    tied: tuple[Contender, ...] = ()
+    best: Contender | None = None
+    located: Located | None = None
+    after: Located | None = None
+    grounds: Grounds | None = None
     classes: tuple[tuple[str, ...], ...] = ()
+    screened: str = ""                        # what the screen alone would have said
+
+    @property
+    def cause(self) -> Contender | None:
+        return self.best if self.verdict in ("explained", "ambiguous") else None
 
     @property
     def reporting(self) -> NDArray[np.bool_]:
         return ~self.chosen
+
+    @property
+    def singles(self) -> dict[str, Contender]:
+        return {c.attached[-1].label: c for c in self.ranking}
+
+
+@dataclass(frozen=True)
+class _Search:
+    """What every step of a diagnosis needs."""
+
+    evidence: Evidence
+    budget: Budget
+    chosen: NDArray[np.bool_]
+    candidates: list[Attachment]
+    hints: Hints
+    seed: int
+    jobs: int
+    told: Told
+
+    def run(self, work: Callable[[str], Any], items: list[str]) -> list[Any]:
+        return run_jobs(work, items, jobs=self.jobs)
+
+    def family(self, a: Attachment) -> str:
+        return a.effect.family_at(self.evidence.rig.ports[a.ports[0]].kind)
+
+    def excess(self, c: Contender) -> float:
+        return self.budget.excess(c.absolutes, self.chosen)
+
+    def losses(self, contenders: list[Contender]) -> Array:
+        return bootstrap_losses(contenders, self.chosen, self.seed)
 
 
 def diagnose(evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: int = 0, jobs: int = 1,
@@ -60,47 +102,67 @@ def diagnose(evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: in
     budget = gap_budget(evidence, seed=seed, jobs=jobs, told=told)
     base = budget.baseline
     chosen = selection_part(list(base.replays))
-    if _no_gap(budget, seed):
-        return Diagnosis(evidence, budget, chosen, "no-structural-gap", (), (), (), (), None)
-    candidates = attachments(evidence.rig, catalogue.values())
-    hints = Hints(spectrum_peaks(list(base.replays), evidence.noise))
-    contenders, failed = _round(evidence, budget, base, candidates, hints, jobs, told)
-    if not contenders:
-        return Diagnosis(evidence, budget, chosen, _unexplained(budget), (), (), tuple(failed), (), None)
-    order, probability = _rank(contenders, chosen, seed)
-    ranking = tuple(contenders[i] for i in order)
+    if at_the_floor(budget, seed):
+        return Diagnosis(evidence, budget, chosen, "no-structural-gap")
+    search = _Search(evidence, budget, chosen, attachments(evidence.rig, catalogue.values()),
+                     Hints(spectrum_peaks(list(base.replays), evidence.noise)), seed, jobs, told)
+    told("looking where something is missing")
+    located = locate(evidence, base, search.run)
+    contenders, failed, screened = _round(search, base, search.candidates, MOST)
+    ranking, probability = _ranked(search, contenders)
     classes = look_alike_classes(evidence, base, list(ranking[:8]))
-    best = _simplest(budget, ranking, chosen, seed)
-    ranking, probability = _to_front(ranking, probability, best)
-    verdict, cause, tied = _judge(evidence, budget, ranking, best, chosen, classes, candidates, hints, seed, jobs, told)
-    if cause is not None and cause.label == ranking[0].label:
-        ranking = (cause, *ranking[1:])  # the ranking shows the model that the verdict rests on
-    return Diagnosis(evidence, budget, chosen, verdict, ranking, tuple(probability), tuple(failed), tied, cause,
-                     {c.attached[-1].label: c for c in ranking}, tuple(tuple(k) for k in classes))
+    best, after = (None, located) if not ranking else _extended(search, ranking[0], located)
+    if best is not None and best.label == ranking[0].label:
+        ranking = (best, *ranking[1:])  # the ranking shows the model that the verdict rests on
+    grounds = weigh(budget, chosen, ranking, best, located, after, seed)
+    tied = _tied(search, ranking, classes)
+    verdict = judge(grounds, ambiguous=best is not None and len(best.attached) == 1
+                    and len({c.family for c in tied}) > 1)
+    return Diagnosis(evidence, budget, chosen, verdict, ranking, tuple(probability), tuple(failed), tied, best, located,
+                     after, grounds, tuple(tuple(k) for k in classes), screened)
 
 
-def _no_gap(budget: Budget, seed: int) -> bool:
-    """The refitted model is at the floor in every channel, within 10 %, with 95 % confidence."""
-    return all(moving_block_interval(budget.baseline.absolutes[:, c], budget.floor[:, c], seed=seed)[1] < 1.0 + NO_GAP
-               for c in range(budget.floor.shape[1]))
+def _extended(search: _Search, best: Contender, located: Located) -> tuple[Contender, Located]:
+    """The best single effect with what has to stand beside it, settled, and what is then still missing where.
+
+    Greedy addition: a further effect is looked for where something is still missing; it has to remove 10 % of the gap
+    and win by three standard errors. After each one the earlier ones are left out in turn: an effect that the newcomer
+    has made needless goes.
+    """
+    best = _settled(search.evidence, best)
+    while True:
+        search.told(f"looking where something is missing beside {best.label}")
+        after = locate(search.evidence, best, search.run, [k[0] for k in located.classes[:PLACES]])
+        helped = search.budget.shrinkage(best.absolutes, search.chosen) > WORTH
+        if len(best.attached) == MOST_CAUSES or after.most < LITTLE * located.most or not helped:
+            return best, after
+        taken = {search.family(a) for a in best.attached}
+        open_ports = {port for k in located.classes for port in k if after.gains.get(k[0], 0.0) > 0.5 * after.most}
+        others = [a for a in search.candidates if search.family(a) not in taken and open_ports & set(a.ports)]
+        more = _round(search, best, others, FEW_MORE)[0] if others else []
+        if not more:
+            return best, after
+        newest = more[int(np.argmin(search.losses(more).mean(axis=1)))]
+        if not _worth_it(search, newest, best):
+            return best, after
+        best = _settled(search.evidence, _without_needless(search, newest))
 
 
-def _unexplained(budget: Budget) -> str:
-    """Nothing helps: is what is left material?"""
-    ratio = budget.baseline.absolutes.mean(axis=0) / budget.floor.mean(axis=0)
-    return "unknown-effect" if float(ratio.max()) > 1.25 else "no-structural-gap"
+def _round(search: _Search, base: Contender, candidates: list[Attachment],
+           most: int) -> tuple[list[Contender], list[tuple[str, str]], str]:
+    """Screen all candidates on top of `base`, refit the promising ones, replay them on what was held out.
 
+    Returns the models, what failed and why, and the screen's own first choice.
+    """
+    evidence, told, jobs = search.evidence, search.told, search.jobs
+    ground = Ground.of(base)
 
-def _round(evidence: Evidence, budget: Budget, base: Contender, candidates: list[Attachment], hints: Hints, jobs: int,
-           told: Told) -> tuple[list[Contender], list[tuple[str, str]]]:
-    """Screen all candidates on top of `base`, refit the promising ones, replay them on what was held out."""
     def screened(a: Attachment) -> Screened:
-        return screen(evidence, base, a, budget.sizes, hints)
+        return screen(evidence, ground, a, search.budget.sizes, search.hints)
 
     found = run_jobs(screened, candidates, jobs=jobs,
                      done=lambda i, n: told(f"screening {i}/{n}: {candidates[i - 1].label}"))
-    families = {a.label: _family(evidence, a) for a in candidates}
-    promising = sent_on(families, found)
+    promising = sent_on({a.label: search.family(a) for a in candidates}, found, most)
 
     def fitted(s: Screened) -> Contender:
         assert s.assembly is not None
@@ -111,33 +173,40 @@ def _round(evidence: Evidence, budget: Budget, base: Contender, candidates: list
                           done=lambda i, n: told(f"refitting {i}/{n}: {promising[i - 1].attachment.label}"))
     failed = [(s.attachment.label, s.why) for s in found if s.assembly is None or not np.isfinite(s.gain)]
     failed += [(c.attached[-1].label, "became unstable on held-out recordings") for c in contenders if not c.finite]
-    return [c for c in contenders if c.finite], failed
+    return [c for c in contenders if c.finite], failed, promising[0].attachment.label if promising else ""
 
 
-def _family(evidence: Evidence, a: Attachment) -> str:
-    return a.effect.family_at(evidence.rig.ports[a.ports[0]].kind)
+def _ranked(search: _Search, contenders: list[Contender]) -> tuple[tuple[Contender, ...], list[float]]:
+    """Contenders in order, and the share of resamples that each wins (not yet a probability).
 
-
-def _rank(contenders: list[Contender], chosen: NDArray[np.bool_], seed: int) -> tuple[list[int], list[float]]:
-    """Order by mean log loss on the selection windows; probability: share of resamples a contender wins."""
-    losses = bootstrap_losses(contenders, chosen, seed)
+    Order is by mean log loss on the selection windows, but a simpler member of the first one's family stands before it
+    unless the gain is sure and worth it; the wins of the kin it was preferred to count for it.
+    """
+    if not contenders:
+        return (), []
+    losses = search.losses(contenders)
     order = sorted(range(len(contenders)), key=lambda i: (losses[i].mean(), contenders[i].label))
     wins = np.bincount(losses.argmin(axis=0), minlength=len(contenders)) / losses.shape[1]
-    return order, [float(wins[i]) for i in order]
+    ranking, share = [contenders[i] for i in order], [float(wins[i]) for i in order]
+    i = ranking.index(_simplest(search, ranking))
+    if i:
+        share[i], share[0] = share[i] + share[0], 0.0
+    order = [i, *(k for k in range(len(ranking)) if k != i)]
+    return tuple(ranking[k] for k in order), [share[k] for k in order]
 
 
-def _simplest(budget: Budget, ranking: tuple[Contender, ...], chosen: NDArray[np.bool_], seed: int) -> Contender:
+def _simplest(search: _Search, ranking: list[Contender]) -> Contender:
     """The first, unless a simpler member of its family is as good: simpler unless the gain is sure and worth it."""
     best = ranking[0]
     kin = [c for c in ranking if c.family == best.family and _plainness(c) < _plainness(best)]
     if not kin:
         return best
-    losses = bootstrap_losses([best, *kin], chosen, seed)
-    gap = budget.excess(budget.baseline.absolutes, chosen)
+    losses = search.losses([best, *kin])
+    gap = search.excess(search.budget.baseline)
     plain = sorted(enumerate(kin, start=1), key=lambda e: (_plainness(e[1]), losses[e[0]].mean()))
     for i, c in plain:
         gain = losses[i] - losses[0]
-        lost = budget.excess(c.absolutes, chosen) - budget.excess(best.absolutes, chosen)
+        lost = search.excess(c) - search.excess(best)
         unsure = gain.mean() < SURE * gain.std() and lost < 4.0 * WORTH * gap
         slight = gain.mean() < SLIGHT * best.squares.shape[1] and lost < WORTH * gap
         if unsure or slight:
@@ -148,38 +217,6 @@ def _simplest(budget: Budget, ranking: tuple[Contender, ...], chosen: NDArray[np
 def _plainness(c: Contender) -> tuple[int, bool]:
     """Fewer parameters first; of equally many, an effect at home at its port before one of the general catalogue."""
     return c.free_count, not c.attached[-1].effect.kinds
-
-
-def _to_front(ranking: tuple[Contender, ...], probability: list[float],
-              best: Contender) -> tuple[tuple[Contender, ...], list[float]]:
-    """Put the chosen one first; the wins of the kin it was preferred to count for it."""
-    i = ranking.index(best)
-    order = [i, *(k for k in range(len(ranking)) if k != i)]
-    wins = list(probability)
-    if i:
-        wins[i], wins[0] = wins[i] + wins[0], 0.0
-    return tuple(ranking[k] for k in order), [wins[k] for k in order]
-
-
-def _judge(evidence: Evidence, budget: Budget, ranking: tuple[Contender, ...], best: Contender,
-           chosen: NDArray[np.bool_], classes: list[list[str]], candidates: list[Attachment], hints: Hints, seed: int,
-           jobs: int, told: Told) -> tuple[str, Contender | None, tuple[Contender, ...]]:
-    """Verdict, the model it rests on, and the contenders that cannot be told from the best."""
-    gap = budget.excess(budget.baseline.absolutes, chosen)
-    base_loss, best_loss = bootstrap_losses([budget.baseline, ranking[0]], chosen, seed)
-    helps = float((best_loss < base_loss).mean()) > 0.99
-    if not helps or budget.shrinkage(best.absolutes, chosen) < WORTH:
-        return _unexplained(budget), None, ()
-    best = _settled(evidence, _add_more(evidence, budget, best, chosen, candidates, hints, seed, jobs, told))
-    left = budget.excess(best.absolutes, chosen)
-    ceiling = budget.excess(budget.black_box, chosen)
-    if left > HALF_WAY * gap or left - ceiling > EXPLAINED * gap:
-        return "unknown-effect", None, ()
-    tied = _tied(budget, ranking, chosen, classes, seed)
-    families = {c.family for c in tied}
-    if len(families) > 1 and len(best.attached) == 1:
-        return "ambiguous", best, tied
-    return "explained", best, tied
 
 
 def _settled(evidence: Evidence, best: Contender) -> Contender:
@@ -194,38 +231,38 @@ def _settled(evidence: Evidence, best: Contender) -> Contender:
     return best
 
 
-def _tied(budget: Budget, ranking: tuple[Contender, ...], chosen: NDArray[np.bool_], classes: list[list[str]],
-          seed: int) -> tuple[Contender, ...]:
+def _tied(search: _Search, ranking: tuple[Contender, ...], classes: list[list[str]]) -> tuple[Contender, ...]:
     """The first and those that neither the selection windows nor their predictions tell from it."""
-    losses = bootstrap_losses(list(ranking), chosen, seed)
+    if not ranking:
+        return ()
+    losses = search.losses(list(ranking))
     same = next((k for k in classes if ranking[0].attached[-1].label in k), [])
-    gap = budget.excess(budget.baseline.absolutes, chosen)
-    first = budget.excess(ranking[0].absolutes, chosen)
+    gap, first = search.excess(search.budget.baseline), search.excess(ranking[0])
     out = [ranking[0]]
     for i, c in enumerate(ranking[1:], start=1):
         worse = losses[i] - losses[0]
-        close = budget.excess(c.absolutes, chosen) - first < 0.1 * gap
+        close = search.excess(c) - first < 0.1 * gap
         if close and worse.mean() < 2.0 * worse.std() and (c.attached[-1].label in same or worse.mean() < worse.std()):
             out.append(c)
     return tuple(out)
 
 
-def _add_more(evidence: Evidence, budget: Budget, best: Contender, chosen: NDArray[np.bool_],
-              candidates: list[Attachment], hints: Hints, seed: int, jobs: int, told: Told) -> Contender:
-    """Greedy addition: a further effect has to remove 10 % of the gap and win by three standard errors."""
-    gap = budget.excess(budget.baseline.absolutes, chosen)
-    while len(best.attached) < MOST_CAUSES and budget.excess(best.absolutes, chosen) > max(WORTH * gap, NO_GAP):
-        taken = {_family(evidence, a) for a in best.attached}
-        others = [a for a in candidates if _family(evidence, a) not in taken]
-        told(f"looking for a second effect beside {best.label}")
-        more, _ = _round(evidence, budget, best, others, hints, jobs, told)
-        if not more:
-            return best
-        losses = bootstrap_losses([best, *more], chosen, seed)
-        i = int(np.argmin(losses[1:].mean(axis=1)))
-        gain = losses[0] - losses[i + 1]
-        removed = budget.excess(best.absolutes, chosen) - budget.excess(more[i].absolutes, chosen)
-        if removed < MORE * gap or gain.mean() < SURE * gain.std():
-            return best
-        best = more[i]
+def _worth_it(search: _Search, larger: Contender, smaller: Contender) -> bool:
+    losses = search.losses([larger, smaller])
+    gain = losses[1] - losses[0]
+    removed = search.excess(smaller) - search.excess(larger)
+    return bool(removed >= MORE * search.excess(search.budget.baseline) and gain.mean() >= SURE * gain.std())
+
+
+def _without_needless(search: _Search, best: Contender) -> Contender:
+    """Backward check: the model without any effect but the newest, if that one is missed by nobody."""
+    for a in best.attached[:-1]:
+        kept = tuple(k for k in best.attached if k is not a)
+        assembly = model_with(search.evidence, kept, search.budget.sizes)
+        first = {k: float(best.fit.p[best.assembly.keys[k]]) for k in assembly.keys if ":" in k}
+        smaller = judged(search.evidence, assembly, refit(search.evidence, assembly, search.budget.baseline.fit,
+                                                          first=first))
+        if smaller.finite and search.excess(smaller) - search.excess(best) < WORTH * search.excess(
+                search.budget.baseline):
+            return smaller
     return best

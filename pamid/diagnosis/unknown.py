@@ -1,7 +1,7 @@
 """An effect no file of the catalogue explains: which force is missing, against what, and a short formula for it.
 
-The missing term is a latent value at the port, estimated window by window with the rig's states (moving horizon). A
-sparse regression then describes it; the formula is a description, never the verdict.
+The missing term is the latent value that the smoother finds at the port. A sparse regression then describes it; the
+formula is a description, never the verdict.
 """
 
 from __future__ import annotations
@@ -13,34 +13,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.assembly import Assembly
-from pamid.attaching import Attachment
-from pamid.diagnosis.contest import transferred
+from pamid.diagnosis.latent import ROUNDS, Smoother, size_at
 from pamid.diagnosis.tournament import Diagnosis
-from pamid.effect import Effect, State
-from pamid.equations import Expr, Number
-from pamid.windows import Runner, Track, cut, estimate_start
+from pamid.equations import Expr
+from pamid.windows import Track
 
 Array = NDArray[np.float64]
 
-SLICE_S = 0.06         # length of the windows over which the missing value is taken as constant
 BAGS = 24
+REMEMBERS = 0.5        # of its variance: what no function of the port's signals describes depends on the past
 THRESHOLD = 0.08       # of the largest coefficient (regressors scaled to unit size)
-
-
-class Latent(Effect):
-    """A value that is simply missing: a constant per window, estimated and not explained."""
-
-    name = "latent"
-    family = "latent"
-    kinds = ()
-    states = (State("missing"),)
-
-    def __init__(self, size: float) -> None:
-        self.size = size
-
-    def act(self, value: Expr, at: Any, p: Any, z: Any) -> tuple[Number, dict[str, Number]]:
-        return value + self.size * z.missing, {"missing": 0.0}
 
 
 @dataclass(frozen=True)
@@ -57,14 +39,18 @@ class Missing:
 
 
 def describe_unknown(d: Diagnosis, *, seed: int = 0) -> dict[str, Any] | None:
-    """Port, formula, variables, inclusion frequency and dissipation of the missing term; None if none is found.
+    """Port, formula, variables, inclusion frequency, parity, dissipation and memory of the missing term.
 
-    The term is placed at the port where it comes closest to a function of what that port offers.
+    The term is placed where the recordings most want it; of ports that they cannot tell apart, where it comes closest
+    to a function of what that port offers. None where nothing is missing anywhere.
     """
-    rig = d.evidence.rig
-    found = [m for name in rig.ports if rig.ports[name].signals for m in [_missing_at(d, name, seed)] if m is not None]
-    if not found:
+    if d.located is None or d.located.most <= 0.0:
         return None
+    rig, near = d.evidence.rig, d.located.classes[0]
+    found = [m for m in (_missing_at(d.located.smoothers[name], seed) for name in near) if m is not None]
+    if not found:
+        return {"port": rig.group_of(d.located.port), "formula": "", "variables": [], "inclusion": 0.0,
+                "described": 0.0, "dissipative": False, "parity": "none", "memory": False}
     best = max(found, key=lambda m: m.fit)
     kept = [i for i in np.argsort(-np.abs(best.weights)) if best.weights[i] != 0.0]
     size, unit = best.values.std(), rig.ports[best.port].unit
@@ -73,12 +59,12 @@ def describe_unknown(d: Diagnosis, *, seed: int = 0) -> dict[str, Any] | None:
     return {"port": rig.group_of(best.port), "formula": f"missing [{unit or '1'}] = {formula.lstrip('+')}",
             "variables": list(dict.fromkeys(w for i in kept for w in best.signals if w in best.names[i])),
             "inclusion": float(min(best.inclusion[i] for i in kept)), "described": best.fit,
-            "dissipative": bool(speed is not None and np.mean(best.values * speed) < 0.0)}
+            "dissipative": bool(speed is not None and np.mean(best.values * speed) < 0.0),
+            "parity": parity(best), "memory": bool(best.fit < REMEMBERS)}
 
 
-def _missing_at(d: Diagnosis, port: str, seed: int) -> Missing | None:
-    places = d.evidence.rig.ports[port].places
-    values, signals = missing_value(d, port, places[0] if places else "")
+def _missing_at(smoother: Smoother, seed: int) -> Missing | None:
+    values, signals = missing_value(smoother)
     if len(values) < 40 or not values.std() > 0.0 or not signals:
         return None
     names, columns = regressors(signals)
@@ -86,37 +72,42 @@ def _missing_at(d: Diagnosis, port: str, seed: int) -> Missing | None:
     if not weights.any():
         return None
     rest = values - columns @ weights * values.std()
-    return Missing(port, values, signals, names, weights, inclusion, float(1.0 - rest.var() / values.var()))
+    return Missing(smoother.ports[0], values, signals, names, weights, inclusion,
+                   float(1.0 - rest.var() / values.var()))
 
 
-def missing_value(d: Diagnosis, port: str, place: str) -> tuple[Array, dict[str, Array]]:
-    """The latent value at a port over the held-out recordings, and the port's signals beside it (per slice)."""
-    base, evidence = d.budget.baseline, d.evidence
-    declared = evidence.rig.ports[port]
-    size = d.budget.sizes.get((port, "value")) or declared.size.get("value", 1.0)
-    latent = Attachment(Latent(0.1 * size), (port,), "latent", place)
-    assembly = Assembly(evidence.rig, (latent,), background=True, sizes=d.budget.sizes, outputs=evidence.channels)
-    passage = next(q for q in assembly.traced.passages if (q.port, q.place) == (port, place))
+def missing_value(smoother: Smoother) -> tuple[Array, dict[str, Array]]:
+    """The missing value (SI) at the first place of a port over the held-out recordings, one per slice, and the port's
+    signals beside it."""
+    _, size, time_s = smoother.best
+    smoother.evidence_at(size, time_s, ROUNDS)
+    assembly, port = smoother.assembly, smoother.ports[0]
+    passage = next(q for q in assembly.traced.passages if q.port == port)
     extra = {f"at.{k}": v for k, v in passage.signals if isinstance(v, Expr) and k != "side"}
     program = assembly.program_with(extra)
     first = len(program.outputs) - len(extra)
-    values, rows = [], []
-    for track in evidence.tracks(assembly, held_out=True):
-        runner = Runner(assembly, track, base.fit.stepping, whole=True)
-        p = runner.parameters(transferred(assembly, base.assembly, base.fit.p))
-        memory = runner.memory(p)
-        place_of = assembly.program.states.index(next(s for s in assembly.program.states if "missing" in s))
-        for window in cut(len(track), max(8, round(SLICE_S / track.period_s))):
-            carried = memory.x[: runner.rig_states].copy()
-            x, _, usable = estimate_start(runner, memory, window, p, 1.0 / evidence.noise, carried)
-            if not usable:
-                continue
-            values.append(0.1 * size * x[place_of])
-            rows.append(_signals(program, track, x, p, window.start, base.fit.stepping)[first:])
-            runner.enter(memory, x)
-            runner.run(memory, window, p, False)
-    table = np.array(rows) if rows else np.zeros((0, len(extra)))
-    return np.array(values), {k.removeprefix("at."): table[:, i] for i, k in enumerate(extra)}
+    rows, values = [], []
+    for path in smoother.paths:
+        values.append(size_at(smoother.base.assembly, port) * path.x[:, smoother.missing[0]])
+        rows += [_signals(program, path.runner.track, x, path.values, window.start, path.runner.stepping)[first:]
+                 for x, window in zip(path.x, path.slices, strict=True)]
+    table = np.array(rows)
+    return np.concatenate(values), {k.removeprefix("at."): table[:, i] for i, k in enumerate(extra)}
+
+
+def parity(m: Missing) -> str:
+    """Is the missing value an odd or an even function of what moves it? "odd", "even" or "mixed"."""
+    name = "velocity" if "velocity" in m.signals else next(iter(m.signals))
+    x, y = m.signals[name] - np.median(m.signals[name]), m.values - m.values.mean()
+    bins = np.quantile(np.abs(x), np.linspace(0.0, 1.0, 9))
+    place = np.clip(np.searchsorted(bins, np.abs(x), side="right") - 1, 0, 7)
+    odd = even = 0.0
+    for k in range(8):
+        up, down = y[(place == k) & (x > 0)], y[(place == k) & (x < 0)]
+        if len(up) > 2 and len(down) > 2:
+            odd += (0.5 * (up.mean() - down.mean())) ** 2
+            even += (0.5 * (up.mean() + down.mean())) ** 2
+    return "odd" if odd > 3.0 * even else "even" if even > 3.0 * odd else "mixed"
 
 
 def _signals(program: Any, track: Track, x: Array, p: Array, at: int, stepping: Any) -> Array:

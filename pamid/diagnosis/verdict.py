@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.diagnosis.contest import Contender
-from pamid.diagnosis.localise import frequency_band, port_shares, regimes, worst_windows
-from pamid.diagnosis.next_experiment import next_experiment
+from pamid.diagnosis.localise import frequency_band, regimes, worst_windows
+from pamid.diagnosis.next_experiment import Proposal, proposal_json
 from pamid.diagnosis.tournament import Diagnosis
+from pamid.diagnosis.transfer import transfer
 from pamid.intervals import background_pull, estimates
+from pamid.isolability import isolability
 from pamid.metrics import shrinkage_interval
 from pamid.units import from_si, split_column
 
@@ -19,7 +21,8 @@ Array = NDArray[np.float64]
 SCHEMA = "pamid.diagnosis/1"
 
 
-def diagnosis_json(d: Diagnosis, unknown: dict[str, Any] | None, seed: int) -> dict[str, Any]:
+def diagnosis_json(d: Diagnosis, unknown: dict[str, Any] | None, seed: int,
+                   proposal: Proposal | None = None) -> dict[str, Any]:
     """diagnosis.json, section 4 of the contract."""
     base = d.budget.baseline
     after = list(d.cause.replays) if d.cause else None
@@ -40,17 +43,19 @@ def diagnosis_json(d: Diagnosis, unknown: dict[str, Any] | None, seed: int) -> d
         "where": {
             "port": port,
             "ports": shares,
-            "indistinguishable": _indistinguishable(d),
+            **_isolable(d),
             "regimes": [vars(r) for r in regimes(d.evidence, list(base.replays), after)],
             "frequency_hz": frequency_band(list(base.replays), after, d.evidence.noise),
             "windows_s": worst_windows(list(base.replays), d.budget),
         },
         "how_far": {c: how_far(d, i, seed) for i, c in enumerate(d.evidence.channels)},
+        "transfer": transfer(d),
         "look_alikes": [list(k) for k in d.classes],
-        "next_experiment": next_experiment(_in_question(d), air=_pneumatic(d)),
+        "next_experiment": proposal_json(proposal),
         "parameters": parameters,
         "background": _background(d, final),
         "unknown": unknown,
+        "grounds": vars(d.grounds) if d.grounds else None,
     }
 
 
@@ -60,8 +65,9 @@ def groups(d: Diagnosis) -> list[str]:
 
 
 def _where_shares(d: Diagnosis) -> list[dict[str, Any]]:
-    names = groups(d)
-    return port_shares(names, list(d.ranking), d.budget, d.chosen)
+    """Every port group's share of the gap, largest first."""
+    found = d.located.shares if d.located else dict.fromkeys(groups(d), 1.0 / len(groups(d)))
+    return [{"port": g, "share": v} for g, v in sorted(found.items(), key=lambda e: (-e[1], e[0]))]
 
 
 def causes(d: Diagnosis) -> list[dict[str, Any]]:
@@ -131,23 +137,15 @@ def _out(channel: str, value: float) -> float:
     return float(from_si(float(value), split_column(channel)[1]))
 
 
-def _indistinguishable(d: Diagnosis) -> list[list[str]]:
-    """Port groups whose best effects these sensors and recordings leave tied."""
+def _isolable(d: Diagnosis) -> dict[str, Any]:
+    """What these sensors cannot separate by structure, what the recordings leave tied, and sensors that would help."""
+    found = isolability(d.evidence.rig, d.evidence.channels)
+    together = [list(g) for g in found.groups if len(g) > 1]
     tied = list(dict.fromkeys(c.group for c in d.tied))
-    return [tied] if len(tied) > 1 else []
-
-
-def _pneumatic(d: Diagnosis) -> bool:
-    return any(port.kind == "flow" for port in d.evidence.rig.ports.values())
-
-
-def _in_question(d: Diagnosis) -> list[tuple[str, str]]:
-    if d.verdict == "no-structural-gap":
-        return []
-    seen: dict[str, str] = {}
-    for c in d.ranking[:6]:
-        seen.setdefault(c.family, c.attached[-1].label)
-    return [(label, family) for family, label in seen.items()][:3]
+    if len(tied) > 1 and not any(set(tied) <= set(g) for g in together):
+        together.append(tied)
+    return {"indistinguishable": together, "redundancy": found.redundancy, "unseen": list(found.unseen),
+            "sensors": [{"sensor": s.sensor, "splits": [list(g) for g in s.splits]} for s in found.sensors]}
 
 
 def _background(d: Diagnosis, final: Contender) -> dict[str, dict[str, float]]:

@@ -32,7 +32,7 @@ class ForceCompensator(Effect):
     parameters = (
         Parameter("opening", 2.0, low=0.0, high=5.0, spread=2.0, null=0.0,
                   source="estimate: 1-5 times the conductance of the vent valve"),
-        Parameter("limit", 1200.0, low=300.0, high=1500.0, spread=300.0, unit="N", tries=(650.0, 850.0),
+        Parameter("limit", 1200.0, low=300.0, high=1500.0, spread=300.0, unit="N", tries=(560.0, 640.0, 720.0, 800.0),
                   source="maker: 1200 N at 20 mm bore, 400 N at 10 mm"),
         Parameter("blend", 80.0, low=40.0, high=200.0, unit="N", fitted=False,
                   source="estimate: 50-100 N from shut to open"),

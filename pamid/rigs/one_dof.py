@@ -79,8 +79,8 @@ class OneDof(Rig):
         Parameter("dead_volume", 5.0, 0.0, 20.0, "cm3", spread=4.0, source="estimate, tube and fittings"),
     )
     background = {
-        "muscle": SmoothGain("force_map", ("position", 0.0, 0.20), tolerance=0.03, degree=3,
-                             slope=("pressure", 0.0, 6e5)),
+        "muscle": SmoothGain("force_map", ("position", 0.0, 0.20), tolerance=0.03, degree=8,
+                             along=("pressure", 0.0, 6e5), level=True, drift=True),
         "valve": SplitGain("flow", tolerance=0.05),
     }
     loops = (Loop("command", "reference_deg", "angle_deg"),)

@@ -1,0 +1,241 @@
+"""Experiments that tell models apart, as the signals to send: a menu for the joint with its muscles, and what of it a
+rig of one's own can run on its own inputs.
+
+Signals are drawn on a clock of their own (s of the one-dof joint); a bench stretches it to the pace of its rig.
+Minutes are the time at the rig, with repetitions and pressures to be set; the signals are one pass of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.excitation import aprbs
+from pamid.rig import Rig
+
+Array = NDArray[np.float64]
+
+FASTEST_HZ = 15.0        # of the multisine, and at most a tenth of the sampling rate
+OTHER_INERTIA = 6.4      # the two rods of the first paper
+PASS_S = 15.0            # what a bench of another pace stretches
+MOST_SAMPLES = 10_000
+
+
+@dataclass(frozen=True)
+class Bench:
+    """What can be sent to a rig, and how.
+
+    driven    columns to excite, with centre and half range in their own unit: references of a loop, or plain inputs
+    command   columns at rest where the loop stays open (empty on a rig without a loop)
+    external  columns for a torque or force from outside
+    known     parameters that the rig is used with (name and unit as in a recording's [known])
+    period_s  sampling period; pace: seconds at this rig per second of the joint
+    passes    how often, and as many times faster, a driven shape is run through
+    """
+
+    rig: Rig
+    driven: dict[str, tuple[float, float]]
+    period_s: float
+    command: tuple[str, ...] = ()
+    external: tuple[str, ...] = ()
+    known: dict[str, float] = field(default_factory=dict)
+    pace: float = 1.0
+    passes: int = 1
+
+    def clock(self, seconds: float) -> Array:
+        """Sampling instants of a signal of this length, in seconds of the joint."""
+        step = self.period_s / self.pace
+        return step * np.arange(round(seconds / step), dtype=np.float64)
+
+    def driving(self, shape: Callable[[Array], Array]) -> dict[str, Array]:
+        """A shape of time within +-1 on every driven column, each a part of the length later than the one before."""
+        whole = self.clock(PASS_S)
+        once = shape(self.passes * whole[: len(whole) // self.passes])
+        wave = np.resize(once, len(whole))
+        return {name: centre + half * np.roll(wave, k * len(wave) // len(self.driven))
+                for k, (name, (centre, half)) in enumerate(self.driven.items())}
+
+    def open_loop(self, command: Array, torque: Array | None = None) -> dict[str, Array]:
+        """Commands in [-1, 1] past the controller, and a torque in N m from outside."""
+        outside = {} if torque is None else dict.fromkeys(self.external, torque)
+        return {**dict.fromkeys(self.command, command), **outside}
+
+    @property
+    def pneumatic(self) -> bool:
+        """Are there valves that fill and vent something, to be commanded past a controller?"""
+        return bool(self.command) and any(q.kind == "flow" and "pressure" in q.signals for q in self.rig.ports.values())
+
+
+Columns = dict[str, Array]
+Settings = tuple[dict[str, float], ...]
+
+
+def _as_it_is(bench: Bench) -> Settings:
+    return ({},)
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """An entry of the menu.
+
+    signals   columns to send to a bench (samples,), in their own units
+    air       needs valves; pushed: needs a torque from outside
+    settings  [known] values that change, once per repetition; () where the rig has nothing to change
+    """
+
+    name: str
+    minutes: float
+    why: str
+    signals: Callable[[Bench], Columns]
+    air: bool = False
+    pushed: bool = False
+    settings: Callable[[Bench], Settings] = _as_it_is
+
+    def fits(self, bench: Bench) -> bool:
+        return (bench.pneumatic or not self.air) and bool(bench.external or not self.pushed) and (
+            bool(self.settings(bench)))
+
+    def minutes_on(self, bench: Bench) -> float:
+        """Time at the rig; on a rig of one's own, whose protocol is not known, the length of the signals."""
+        if bench.command:
+            return self.minutes
+        return len(next(iter(self.signals(bench).values()))) * bench.period_s / 60.0
+
+
+def menu(bench: Bench) -> list[Experiment]:
+    """What this bench can run."""
+    return [e for e in MENU if e.fits(bench)]
+
+
+# ---- shapes ------------------------------------------------------------------------------------------------------
+
+
+def through(t: Array, *knots: tuple[float, float]) -> Array:
+    """Straight lines through (seconds from the knot before, value), from 0 at 0; the last value stays."""
+    times = np.cumsum([0.0, *(wait for wait, _ in knots)])
+    return np.interp(t, times, [0.0, *(value for _, value in knots)])
+
+
+def odd_multisine(t: Array, seed: int = 11) -> Array:
+    """Odd harmonics with random phases, one period in half the length, highest value 0.75."""
+    n = len(t) // 2
+    top = min(FASTEST_HZ, 0.1 / (t[1] - t[0])) * n * (t[1] - t[0])
+    lines = np.unique(2 * (np.geomspace(1.0, max(top, 3.0), 40).astype(int) // 2) + 1)
+    phases = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, lines.size)
+    wave = np.sin(2.0 * np.pi * np.outer(np.arange(len(t)), lines) / n + phases).sum(axis=1)
+    return np.asarray(0.75 * wave / np.abs(wave).max())
+
+
+def slow_reversals(t: Array) -> Array:
+    """Triangles nested in one another, with stops."""
+    return through(t, (1.5, 1.0), (0.5, 1.0), (3.0, -1.0), (0.5, -1.0), (2.0, 0.5), (1.5, -0.5), (0.5, -0.5),
+                   (1.5, 0.25), (1.0, -0.25), (0.5, -0.25), (0.5, 0.0))
+
+
+def speed_runs(t: Array) -> Array:
+    """There and back at 4, 0.8, 0.4 and 0.08 of the half range per second."""
+    fast, middle = [(0.25, 1.0), (0.5, -1.0), (0.25, 0.0), (0.5, 0.0)], [(1.25, 1.0), (2.5, -1.0), (1.25, 0.0)]
+    return through(t, *fast, *middle, (1.0, 0.4), (1.0, 0.0), (2.5, 0.2), (2.5, 0.0))
+
+
+def amplitude_sweep(t: Array) -> Array:
+    """Three swings of 1 s each at 5, 10, 25, 50 and 100 % of the half range."""
+    height = np.array([0.05, 0.1, 0.25, 0.5, 1.0])[np.minimum((t / 3.0).astype(int), 4)]
+    return np.asarray(height * np.sin(2.0 * np.pi * t))
+
+
+def _pulses(t: Array, every: float, pulses: list[tuple[float, float]]) -> Array:
+    """(length s, height) after one another, one every so many seconds."""
+    out = np.zeros(len(t))
+    for k, (length, height) in enumerate(pulses):
+        begin = every * (k + 0.25)
+        out[(t >= begin) & (t < begin + length)] = height
+    return out
+
+
+# ---- the menu ----------------------------------------------------------------------------------------------------
+
+
+def _torque_loops(b: Bench) -> Columns:
+    t = b.clock(14.0)
+    small, large = [(1.0, 3.0), (2.0, -3.0), (1.0, 0.0)], [(2.0, 8.0), (1.0, 4.0), (1.0, 8.0), (4.0, -8.0), (2.0, 0.0)]
+    return b.open_loop(np.zeros(len(t)), through(t, *small, *large))
+
+
+def _quick_release(b: Bench) -> Columns:
+    t = b.clock(12.0)
+    knots = [knot for held in (4.0, 8.0, -4.0, -8.0)
+             for knot in ((0.5, 0.0), (0.5, held), (0.5, held), (b.period_s, 0.0), (1.4, 0.0))]
+    return b.open_loop(np.zeros(len(t)), through(t, *knots))
+
+
+def _pressure_hold(b: Bench) -> Columns:
+    t = b.clock(20.0)
+    return b.open_loop(_pulses(t, 10.0, [(0.3, 0.5), (0.3, -1.0)]))
+
+
+def _valve_pulses(b: Bench) -> Columns:
+    t = b.clock(15.0)
+    return b.open_loop(_pulses(t, 1.5, [(s, h) for s in (0.03, 0.06, 0.12, 0.25, 0.5) for h in (1.0, -1.0)]))
+
+
+def _staircase(b: Bench) -> Columns:
+    t = b.clock(16.0)
+    levels = np.array([0.02, 0.04, 0.06, 0.08, 0.12, 0.16, 0.22, 0.3])
+    return b.open_loop(levels[np.minimum((t / 2.0).astype(int), 7)] * np.where(t % 2.0 < 1.0, 1.0, -1.0))
+
+
+def _driven(shape: Callable[[Array], Array]) -> Callable[[Bench], Columns]:
+    return lambda b: b.driving(shape)
+
+
+def _steps(t: Array) -> Array:
+    return aprbs(len(t) * float(t[1] - t[0]), float(t[1] - t[0]), 1.0, seed=7)
+
+
+def _sheet(b: Bench, name: str) -> float | None:
+    return next((p.value for p in b.rig.parameters if p.outside_name == name), None)
+
+
+def _two_pressures(b: Bench) -> Settings:
+    name = "initial_pressure_kpa"
+    return () if _sheet(b, name) is None else ({name: 200.0}, {name: 500.0})
+
+
+def _another_inertia(b: Bench) -> Settings:
+    name = "inertia_kg_m2"
+    sheet = _sheet(b, name)
+    if sheet is None:
+        return ()
+    return ({name: round(sheet * OTHER_INERTIA, 6) if b.known.get(name, sheet) < 2.0 * sheet else sheet},)
+
+
+MENU = (
+    Experiment("torque-loops-two-pressures", 8.0,
+               "slow torque loops with the valves shut, at 2 and at 5 bar: dry friction in the joint keeps its width, "
+               "hysteresis of the muscles grows with the pressure, nothing in the valves is seen",
+               _torque_loops, air=True, pushed=True, settings=_two_pressures),
+    Experiment("quick-release", 4.0,
+               "a held torque is let go with the valves shut: a sensor's lag and compliance show, valves and dead time "
+               "do not", _quick_release, air=True, pushed=True),
+    Experiment("pressure-hold", 3.0,
+               "vent a little, shut all valves and wait: a leak falls for ever, heat settles within 2 s",
+               _pressure_hold, air=True),
+    Experiment("valve-pulses", 3.0, "pulses of 30 to 500 ms on the valves, past the controller", _valve_pulses,
+               air=True),
+    Experiment("duty-staircase", 3.0, "duty from 0.02 to 0.3 in small steps, there and back: what the smallest "
+               "commands move", _staircase, air=True),
+    Experiment("aprbs-other-inertia", 4.0, "random steps with another inertia: structural modes move, delays do not",
+               _driven(_steps), settings=_another_inertia),
+    Experiment("odd-multisine", 4.0, "odd random-phase multisine: an anti-resonance marks compliance, even lines mark "
+               "asymmetry", _driven(odd_multisine)),
+    Experiment("slow-reversals", 4.0, "slow triangles with nested reversals and stops: what is dry sticks and "
+               "remembers", _driven(slow_reversals)),
+    Experiment("constant-speed-runs", 4.0, "ramps from 4 to 0.08 of the range per second: what grows with the rate and "
+               "what does not", _driven(speed_runs)),
+    Experiment("amplitude-sweep", 4.0, "the same swings at 5 to 100 % of the range: what is dry or has play weighs "
+               "most in the small ones, what curves in the large ones", _driven(amplitude_sweep)),
+)

@@ -1,0 +1,116 @@
+"""One case of the trial marked: its label beside the answer that the diagnosis wrote.
+
+A case names a cause where its verdict is "explained" or "ambiguous"; a ranking below an abstention names nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+VISIBLE = 1.1       # visibility from which a fault has to be named
+
+
+@dataclass(frozen=True, eq=False)
+class Marked:
+    """One case: its label, its result, and what they make of each other."""
+
+    label: dict[str, Any]
+    result: dict[str, Any]
+
+    @property
+    def stratum(self) -> str:
+        return str(self.label["stratum"])
+
+    @property
+    def conditions(self) -> dict[str, Any]:
+        found: dict[str, Any] = self.label["conditions"]
+        return found
+
+    @property
+    def truth(self) -> list[dict[str, Any]]:
+        found: list[dict[str, Any]] = self.label["truth"]
+        return found
+
+    @property
+    def family(self) -> str:
+        return str(self.truth[0]["family"])
+
+    @property
+    def visibility(self) -> float:
+        return float(self.result["visibility"] or 0.0)
+
+    @property
+    def visible(self) -> bool:
+        return self.visibility >= VISIBLE
+
+    @property
+    def found(self) -> dict[str, Any]:
+        found: dict[str, Any] = self.result["diagnosis"]
+        return found
+
+    @property
+    def verdict(self) -> str:
+        return str(self.found["verdict"])
+
+    @property
+    def names(self) -> bool:
+        return self.verdict in ("explained", "ambiguous")
+
+    @property
+    def alarms(self) -> bool:
+        return self.verdict != "no-structural-gap"
+
+    @property
+    def abstains(self) -> bool:
+        return self.verdict == "unknown-effect"
+
+    @cached_property
+    def ranking(self) -> list[dict[str, Any]]:
+        """Candidates that were refitted, best first."""
+        return [r for r in self.found["ranking"] if r["family"]]
+
+    @cached_property
+    def families(self) -> list[str]:
+        """Families in the order of their best member."""
+        return list(dict.fromkeys(str(r["family"]) for r in self.ranking))
+
+    @property
+    def answer(self) -> str:
+        """The family named first, or how naming one was avoided."""
+        if self.names and self.families:
+            return self.families[0]
+        return "(unknown effect)" if self.abstains else "(no gap)"
+
+    @cached_property
+    def exact_first(self) -> bool:
+        """Is the first of the ranking the fault, or one that these recordings cannot tell from it?"""
+        exact = set(self.truth[0]["exact"])
+        if not self.ranking:
+            return False
+        top = self.ranking[0]["effect"]
+        alike = {top, *(m for k in self.found["look_alikes"] if top in k for m in k)}
+        if self.verdict == "ambiguous":
+            alike |= {c["effect"] for c in self.found["causes"]}
+        return bool(exact & {_bare(name) for name in alike})
+
+    @cached_property
+    def port_right(self) -> bool:
+        """Is the gap placed at the fault's port, at one that cannot be told from it, or at an exact equivalent?"""
+        where, truth = self.found["where"], self.truth[0]
+        if not self.alarms:
+            return False
+        same = {where["port"], *(p for group in where["indistinguishable"] if where["port"] in group for p in group)}
+        twin = any(c["port"] == where["port"] and _bare(c["effect"]) in truth["exact"] for c in self.found["causes"])
+        return truth["port"] in same or twin
+
+    @cached_property
+    def caught(self) -> int:
+        """How many of the planted families are among the causes."""
+        return len({t["family"] for t in self.truth} & {c["family"] for c in self.found["causes"]})
+
+
+def _bare(effect: str) -> str:
+    """coulomb-friction@joint_2 -> coulomb-friction"""
+    return effect.partition("@")[0]

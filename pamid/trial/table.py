@@ -1,0 +1,120 @@
+"""trial.json as tables: every figure with its interval, and beside it what was aimed for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Row:
+    """A figure of trial.json. acceptable, leading: what is aimed for, in the unit shown; upward: more is better."""
+
+    section: str
+    key: str
+    title: str
+    acceptable: float | None = None
+    leading: float | None = None
+    upward: bool = True
+    unit: str = "%"
+
+
+ROWS = (
+    Row("rates", "family_first", "family named first", 85.0, 92.0),
+    Row("rates", "family_first_two", "family among the first two", 85.0, 92.0),
+    Row("rates", "exact_first", "effect, or one measured to look alike, named first", 70.0, 80.0),
+    Row("rates", "family_first_of_ranking", "family first in the ranking, whatever the verdict"),
+    Row("rates", "port", "port of the gap right", 90.0, 97.0),
+    Row("rates", "wrong_abstention", "known effect called unknown", 15.0, 10.0, upward=False),
+    Row("rates", "missed", "visible effect called no gap"),
+    Row("rates", "extra_causes", "one effect explained by two and more"),
+    Row("rates", "both_of_two", "both of two effects found", 45.0, 65.0),
+    Row("rates", "one_of_two", "at least one of two effects found"),
+    Row("rates", "false_alarm", "alarm where nothing is planted", 10.0, 3.0, upward=False),
+    Row("rates", "false_alarm_clean", "... without background"),
+    Row("rates", "false_alarm_background", "... with background"),
+    Row("rates", "abstains", "effect outside the catalogue called unknown"),
+    Row("rates", "abstains_plain", "... where its gap is twice the rest", 70.0, 85.0),
+    Row("rates", "abstains_withheld", "... withheld from the catalogue"),
+    Row("rates", "abstains_nameless", "... never in any catalogue"),
+    Row("rates", "unknown_port", "port of an effect outside the catalogue right"),
+    Row("figures", "ece", "expected calibration error, 10 bins", 0.10, 0.05, upward=False, unit=""),
+    Row("figures", "brier", "Brier score", unit=""),
+    Row("figures", "brier_skill", "Brier skill", unit=""),
+    Row("figures", "shrinkage_error", "predicted shrinkage off by (median)", 10.0, 5.0, upward=False, unit="pp"),
+    Row("figures", "shrinkage_bias", "... too high by (median)", unit="pp"),
+    Row("rates", "shrinkage_covered", "achieved shrinkage inside the 95 % interval", 80.0, 87.0),
+    Row("figures", "seconds", "CPU seconds of a diagnosis (median)", unit="s"),
+    Row("figures", "seconds_worst", "... of the slowest", unit="s"),
+    Row("baselines", "most_common_family", "always the most common family"),
+    Row("baselines", "shuffled_labels", "labels dealt out at random"),
+)
+HEAD = ("", "measured", "95 %", "of", "acceptable", "leading")
+TITLES = {"family_first": "family first", "exact_first": "exact first", "detected": "detected",
+          "false_alarm": "false alarm"}
+
+
+def trial_text(found: dict[str, Any]) -> str:
+    """Everything in trial.json for a terminal."""
+    lines = [summary(found), ""]
+    rows = [HEAD, *(cells(found, row) for row in ROWS)]
+    width = max(len(row[0]) for row in rows)
+    lines += [f"{r[0]:{width}s} {r[1]:>9s} {r[2]:>17s} {r[3]:>4s} {r[4]:>11s} {r[5]:>10s}" for r in rows]
+    for dimension, table in strata(found).items():
+        lines += ["", f"{dimension:24s}" + "".join(f"{t:>18s}" for t in TITLES.values())]
+        lines += [f"{name:24s}" + "".join(f"{cell:>18s}" for cell in row) for name, row in table]
+    if found["reliability"]:
+        lines += ["", f"{'probability said':24s}{'mean':>18s}{'right':>18s}"]
+        lines += [f"{b['low']:.1f} to {b['high']:.1f}".ljust(24) + f"{b['said']:18.2f}{_share(b['right']):>18s}"
+                  for b in found["reliability"]]
+    lines += ["", "planted -> named first (visible single effects)"]
+    lines += [f"{family:24s} " + ", ".join(f"{answer} {n}" for answer, n in answers.items())
+              for family, answers in found["confusion"].items()]
+    lines += [f"failed: case {number}: {why}" for number, why in found["failures"].items()]
+    return "\n".join(lines)
+
+
+def trial_markdown(found: dict[str, Any]) -> str:
+    """The main table and the breakdown by condition as Markdown."""
+    lines = [summary(found), "", *_markdown(HEAD, [cells(found, row) for row in ROWS])]
+    for dimension, table in strata(found).items():
+        lines += ["", *_markdown((dimension, *TITLES.values()), [(name, *row) for name, row in table])]
+    return "\n".join(lines)
+
+
+def summary(found: dict[str, Any]) -> str:
+    """How many cases there are, and how many of them count."""
+    failed, unseen = found["rates"]["failed"]["hits"], found["rates"]["unseen"]
+    return (f"Blind trial, part {found['part']}, seed {found['seed']}: {found['cases']} cases, {failed} failed; "
+            f"{unseen['hits']} of {unseen['of']} planted gaps do not show and count for nothing but detection.")
+
+
+def cells(found: dict[str, Any], row: Row) -> tuple[str, ...]:
+    """title, measured, interval, number of cases, targets."""
+    at = found[row.section][row.key]
+    value = at["value"] if row.section == "figures" else at["share"]
+    factor = 100.0 if row.unit in ("%", "pp") else 1.0
+    write: Callable[[float], str] = (lambda v: f"{v:.3f}") if row.unit == "" else (lambda v: f"{v:.1f}")
+    unit = f" {row.unit}" if row.unit else ""
+    sign = ">=" if row.upward else "<="
+    measured = "-" if value is None else write(factor * value) + unit
+    sure = at["low"] is not None and value is not None
+    interval = f"{write(factor * at['low'])} .. {write(factor * at['high'])}" if sure else ""
+    aims = ["" if aim is None else f"{sign} {aim:g}{unit}" for aim in (row.acceptable, row.leading)]
+    return row.title, measured, interval, str(at["of"]), *aims
+
+
+def strata(found: dict[str, Any]) -> dict[str, list[tuple[str, list[str]]]]:
+    """dimension -> (bin, rates as text) in the order of TITLES."""
+    return {dimension: [(name, [_share(rates[key]) for key in TITLES]) for name, rates in bins.items()]
+            for dimension, bins in found["strata"].items()}
+
+
+def _share(rate: dict[str, Any]) -> str:
+    return f"{100.0 * rate['share']:.0f} % ({rate['hits']}/{rate['of']})" if rate["of"] else "-"
+
+
+def _markdown(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
+    return [f"| {' | '.join(head)} |", "|---" + "|---:" * (len(head) - 1) + "|",
+            *(f"| {' | '.join(row)} |" for row in rows)]

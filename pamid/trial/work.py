@@ -1,0 +1,197 @@
+"""One case worked through: recorded, diagnosed blind, and held against what only the trial can measure.
+
+The diagnosis sees a recording as a user would hand it in, and a catalogue. Apart from it are made: the same recording
+without the fault (does the fault show at all?) and a fresh one with it (does the shrinkage hold elsewhere?).
+"""
+
+from __future__ import annotations
+
+import tempfile
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.diagnosis.contest import judged
+from pamid.diagnosis.tournament import Diagnosis, diagnose
+from pamid.diagnosis.unknown import describe_unknown
+from pamid.diagnosis.verdict import diagnosis_json
+from pamid.effect import Effect
+from pamid.errors import PamidError
+from pamid.evidence import Evidence, gather
+from pamid.excitation import aprbs
+from pamid.greybox import fit_model
+from pamid.jobs import run_in_processes
+from pamid.library import effects, rig_named
+from pamid.metrics import shrinkage_interval
+from pamid.recording import TIME, Recording, read_recording, write_recording
+from pamid.run import read_json, write_json
+from pamid.trial.cases import Case, cases_sha256, draw_cases
+from pamid.trial.plant import CONTROLLER, PERIOD_S, Excitation, Specimen, draw_specimen, record
+from pamid.trial.score import score
+
+Array = NDArray[np.float64]
+CASE_SCHEMA, LABELS_SCHEMA = "pamid.trial-case/1", "pamid.trial-labels/1"
+RIG = "one-dof"
+KNOWN = {"supply_pressure_kpa": 600.0, "initial_pressure_kpa": 550.0}
+WITHHELD_COLUMNS = {"all": (), "no-forces": ("force_",), "angle": ("force_", "pressure_")}
+
+
+def run_trial(folder: Path, part: str, count: int, seed: int, *, only: str = "", jobs: int = 1,
+              done: Callable[[int, int], None] | None = None) -> dict[str, Any]:
+    """Draw, run and score the cases (only: of this stratum); writes labels.json, cases/ and trial.json, returns it.
+
+    A case whose result is in the folder already is not run again.
+    """
+    cases = [c for c in draw_cases(part, count, seed) if only in ("", c.stratum)]
+    labels = [c.label() for c in cases]
+    digest = cases_sha256(cases)
+    (folder / "cases").mkdir(parents=True, exist_ok=True)
+    write_json(folder / "labels.json", {"schema": LABELS_SCHEMA, "part": part, "seed": seed, "cases_sha256": digest,
+                                        "cases": labels})
+    results = run_cases(cases, folder, jobs=jobs, done=done)
+    found = {**score(labels, results, part=part, seed=seed).as_json(), "cases_sha256": digest,
+             "failures": {str(r["case"]): r["failed"]["message"] for r in results if r["failed"]}}
+    write_json(folder / "trial.json", found)
+    return found
+
+
+def run_cases(cases: Sequence[Case], folder: Path, *, jobs: int = 1,
+              done: Callable[[int, int], None] | None = None) -> list[dict[str, Any]]:
+    """Results in the order of the cases; done(finished, total) counts those found finished, too."""
+    kept = {c.number: r for c in cases if (r := finished(c, folder)) is not None}
+    todo = [c for c in cases if c.number not in kept]
+
+    def told(i: int, n: int) -> None:
+        if done is not None:
+            done(len(kept) + i, len(cases))
+
+    new = run_in_processes(partial(run_case, folder=folder), todo, jobs=jobs, done=told)
+    made = {**kept, **{r["case"]: r for r in new}}
+    return [made[c.number] for c in cases]
+
+
+def finished(case: Case, folder: Path) -> dict[str, Any] | None:
+    """The result in the folder, if it is of this very case and the case did not fail."""
+    path = _path(case, folder)
+    kept = read_json(path) if path.is_file() else {}
+    return kept if kept.get("sha256") == case.sha256 and not kept["failed"] else None
+
+
+def run_case(case: Case, folder: Path) -> dict[str, Any]:
+    """Work one case through and write its result; an error is a result, too, and does not end the trial."""
+    found = {"schema": CASE_SCHEMA, "case": case.number, "sha256": case.sha256, "failed": None}
+    try:
+        with tempfile.TemporaryDirectory() as place:
+            found |= examine(case, Path(place))
+    except PamidError as error:
+        found["failed"] = error.as_dict()
+    except Exception as error:  # the tool's own fault: it counts against it, and must not cost the other cases
+        at = traceback.extract_tb(error.__traceback__)[-1]
+        what = f"{type(error).__name__}: {error} ({Path(at.filename).name}, line {at.lineno})"
+        found["failed"] = PamidError(what, code="unexpected").as_dict()
+    write_json(_path(case, folder), found)
+    return found
+
+
+def _path(case: Case, folder: Path) -> Path:
+    return folder / "cases" / f"{case.number:04d}.json"
+
+
+def examine(case: Case, place: Path) -> dict[str, Any]:
+    """diagnosis, CPU seconds it took, visibility (None where nothing is planted), shrinkage predicted and achieved."""
+    bench = Bench.of(case)
+    recorded = _written(case, bench.run(case.planted), place / "recording.csv")
+    catalogue = {k: v for k, v in effects().items() if k not in case.removed}
+    begun = time.process_time()
+    d, told = diagnosed(gather(rig_named(RIG), [recorded], []), catalogue)
+    seconds = time.process_time() - begun
+    visibility = None
+    if case.planted:
+        visibility = _visibility(d, _written(case, bench.run({}), place / "twin.csv"))
+    held = None
+    if d.cause is not None:
+        fresh = _written(case, bench.run(case.planted, fresh=True), place / "fresh.csv")
+        held = _shrinkage(d, told, fresh)
+    return {"diagnosis": told, "screened": d.screened, "seconds": seconds, "visibility": visibility, "shrinkage": held}
+
+
+def diagnosed(evidence: Evidence, catalogue: dict[str, type[Effect]]) -> tuple[Diagnosis, dict[str, Any]]:
+    """The tool under trial: it is given this and nothing else."""
+    d = diagnose(evidence, catalogue)
+    unknown = describe_unknown(d) if d.verdict == "unknown-effect" else None
+    return d, diagnosis_json(d, unknown, 0)
+
+
+@dataclass(frozen=True)
+class Bench:
+    """The machine of one case. seeds: excitation and noise of its recording, and those of the fresh one."""
+
+    case: Case
+    specimen: Specimen
+    seeds: tuple[int, ...]
+
+    @classmethod
+    def of(cls, case: Case) -> Bench:
+        random = np.random.default_rng(case.seed)
+        seeds = tuple(int(s) for s in random.integers(2**31, size=4))
+        return cls(case, draw_specimen(random, case.conditions.background), seeds)
+
+    def run(self, faults: dict[str, dict[str, float]], *, fresh: bool = False) -> dict[str, Array]:
+        """Columns of a recording. Open loop: the command that the machine without a fault would have used."""
+        c = self.case.conditions
+        first, noise = self.seeds[2:] if fresh else self.seeds[:2]
+        signal = Excitation(reference_deg=aprbs(c.seconds, PERIOD_S, c.amplitude_deg, c.hold_s, seed=first))
+        if c.loop == "open":
+            signal = Excitation(command=self._columns({}, signal, noise)["command"])
+        return self._columns(faults, signal, noise)
+
+    def _columns(self, faults: dict[str, dict[str, float]], signal: Excitation, noise: int) -> dict[str, Array]:
+        c = self.case.conditions
+        return record(self.specimen, faults, signal, inertia_kg_m2=c.inertia_kg_m2, noise=c.noise, seed=noise)
+
+
+def _written(case: Case, columns: dict[str, Array], path: Path) -> Recording:
+    """The recording as a user has it: written to a file with the channels of the case, and read back."""
+    c = case.conditions
+    hidden = WITHHELD_COLUMNS[c.channels]
+    meta: dict[str, Any] = {"recording": {"rig": RIG, "loop": c.loop, "sampling_period_s": PERIOD_S},
+                            "known": {"inertia_kg_m2": c.inertia_kg_m2, **KNOWN}}
+    if c.loop == "closed":
+        meta["controller"] = CONTROLLER
+    write_recording(path, columns[TIME], {k: v for k, v in columns.items()
+                                          if k != TIME and not k.startswith(hidden)}, meta)
+    return read_recording(path)
+
+
+def _visibility(d: Diagnosis, twin: Recording) -> float:
+    """The refitted model's held-out error over that on a recording without the fault, in the channel of the largest."""
+    healthy = fit_model(gather(d.evidence.rig, [twin], []))
+    errors = np.concatenate([r.losses(1) for r in healthy.held_out]).mean(axis=0)
+    return float((d.budget.baseline.absolutes.mean(axis=0) / errors).max())
+
+
+def _shrinkage(d: Diagnosis, told: dict[str, Any], fresh: Recording) -> dict[str, Any] | None:
+    """Shrinkage predicted (with its interval) and achieved on a fresh recording, overall and by channel; None where a
+    model became unstable on it."""
+    assert d.cause is not None
+    rows = d.reporting if d.reporting.any() else d.chosen
+    other = gather(d.evidence.rig, [fresh], [fresh])
+    before, after = (judged(other, m.assembly, m.fit) for m in (d.budget.baseline, d.cause))
+    if not (before.finite and after.finite):
+        return None
+    errors = [m.absolutes.mean(axis=0) for m in (before, after)]
+    floor = d.budget.floor.mean(axis=0)
+    low, high = shrinkage_interval(*(d.budget.channel_losses(m.absolutes)[rows] for m in (d.budget.baseline, d.cause)))
+    return {"predicted": d.budget.shrinkage(d.cause.absolutes, rows), "low": low, "high": high,
+            "achieved": float(1.0 - (errors[1] / floor).sum() / (errors[0] / floor).sum()),
+            "channels": {c: {**{k: told["how_far"][c][k] for k in ("low", "high")},
+                             "predicted": told["how_far"][c]["shrinkage"],
+                             "achieved": float(1.0 - errors[1][i] / errors[0][i])}
+                         for i, c in enumerate(d.evidence.channels)}}
