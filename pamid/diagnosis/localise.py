@@ -2,31 +2,59 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter, welch
 
 from pamid.diagnosis.budget import Budget
+from pamid.diagnosis.contest import Contender
+from pamid.engine.program import Program
+from pamid.equations import Expr
 from pamid.evidence import Evidence
-from pamid.residuals import Replay
+from pamid.expressions import symbols
+from pamid.residuals import WARM_UP, Replay
+from pamid.rig import Port
 from pamid.units import display_unit, from_si, split_column
+from pamid.windows import Runner, Window, estimate_start
 
 Array = NDArray[np.float64]
 
 BINS = 12
 CONCENTRATED = 0.15    # a regime is told if it holds this much more of the gap than of the time
+BOUND = 0.01           # of the gap: what a bound has to bring, unless it is zero or the end of the range
+PLAIN = 0.002          # of the gap: what a signal has to bring beyond the one before it, the plainest being first
+SAME = 0.5             # of the samples of two regimes: they are one
+MOST = 4
+STILL = 0.02           # of the usual speed
+TOLD = ("motion", "actuator-force", "flow")             # kinds of port whose signals a regime is told in, best first
+VALUES = {"flow": "flow", "actuator-force": "force"}    # ... and whose own value is one of them
 
 
 @dataclass(frozen=True)
 class Regime:
+    """A stretch of values of a signal; shares 0 to 1 of the gap and of the scored time."""
+
     signal: str
     low: float
     high: float
     unit: str
     share_of_gap: float
     share_of_time: float
+
+
+@dataclass(frozen=True)
+class _Stretch:
+    """A regime with what it is chosen by: gain over its share of the time, and the samples inside."""
+
+    regime: Regime
+    gain: float
+    inside: NDArray[np.bool_]
+
+    def like(self, other: _Stretch) -> bool:
+        both = (self.inside & other.inside).sum()
+        return bool(both > SAME * (self.inside | other.inside).sum())
 
 
 def _excess(before: Replay, after: Replay | None, noise: Array) -> Array:
@@ -36,8 +64,57 @@ def _excess(before: Replay, after: Replay | None, noise: Array) -> Array:
     return np.where(before.scored, loss - rest, 0.0)
 
 
-def regime_signals(evidence: Evidence, r: Replay) -> dict[str, tuple[Array, str]]:
-    """Signals a regime can be told in: what was measured, its rate of change, and what was sent."""
+def regimes(evidence: Evidence, base: Contender, after: Contender | None) -> list[Regime]:
+    """At most four stretches of values that hold much more of the gap of `base` than of the time, best first; of two
+    that hold about the same samples only the better one."""
+    befores = base.replays
+    gap = np.concatenate([_excess(b, after.replays[i] if after else None, evidence.noise)[b.scored]
+                          for i, b in enumerate(befores)])
+    if gap.sum() <= 0.0:
+        return []
+    inner = inner_signals(base)
+    tables = [measured_signals(evidence, r) | _followed(base, r, inner, evidence.noise) for r in befores]
+    found = []
+    for place, (name, (_, unit)) in enumerate(tables[0].items()):
+        x = np.concatenate([t[name][0][r.scored] for t, r in zip(tables, befores, strict=True)])
+        stretch = _stretch(name, unit, x, gap)
+        if stretch is not None:
+            found.append((stretch.gain - PLAIN * place, stretch))
+    best: list[_Stretch] = []
+    for _, s in sorted(found, key=lambda f: -f[0]):
+        if len(best) < MOST and not any(s.like(other) for other in best):
+            best.append(s)
+    return [s.regime for s in best]
+
+
+def _stretch(name: str, unit: str, x: Array, gap: Array) -> _Stretch | None:
+    """The stretch of x with the largest share of the gap beyond its share of the time; None where none stands out.
+
+    Zero is always among the edges: forwards and backwards, opening and closing.
+    """
+    edges = np.unique(np.concatenate([np.quantile(x, np.linspace(0.0, 1.0, BINS + 1)),
+                                      [0.0] if x.min() < 0.0 < x.max() else []]))
+    if len(edges) < 4:
+        return None
+    count = len(edges) - 1
+    place = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, count - 1)
+    energy = np.concatenate([[0.0], np.cumsum(np.bincount(place, gap, count))]) / gap.sum()
+    time = np.concatenate([[0.0], np.cumsum(np.bincount(place, minlength=count))]) / len(x)
+    inner = BOUND * ((edges != 0.0) & (edges > edges[0]) & (edges < edges[-1]))
+    worth = (energy - time - inner)[None, :] - (energy - time + inner)[:, None]
+    i, j = np.unravel_index(int(np.argmax(np.triu(worth, 1))), worth.shape)
+    share, spent = float(energy[j] - energy[i]), float(time[j] - time[i])
+    if share - spent < CONCENTRATED:
+        return None
+    regime = Regime(name, float(edges[i]), float(edges[j]), unit, min(max(share, 0.0), 1.0), spent)
+    return _Stretch(regime, share - spent, (place >= i) & (place < j))
+
+
+# ---- signals a regime can be told in -----------------------------------------------------------------------------
+
+
+def measured_signals(evidence: Evidence, r: Replay) -> dict[str, tuple[Array, str]]:
+    """What was measured, its rate of change, and what was sent: name -> (samples, unit)."""
     out: dict[str, tuple[Array, str]] = {}
     period = r.track.period_s
     length = max(5, 2 * round(0.015 / period) + 1)
@@ -55,30 +132,87 @@ def regime_signals(evidence: Evidence, r: Replay) -> dict[str, tuple[Array, str]
     return out
 
 
-def regimes(evidence: Evidence, before: list[Replay], after: list[Replay] | None) -> list[Regime]:
-    """For each signal the stretch of values that holds much more of the gap than of the time, best first."""
-    gaps = [_excess(b, after[i] if after else None, evidence.noise) for i, b in enumerate(before)]
-    gap = np.concatenate([g[b.scored] for g, b in zip(gaps, before, strict=True)])
-    total = gap.sum()
-    if total <= 0.0:
-        return []
-    found = []
-    tables = [regime_signals(evidence, b) for b in before]
-    for name in tables[0]:
-        x = np.concatenate([t[name][0][b.scored] for t, b in zip(tables, before, strict=True)])
-        edges = np.unique(np.quantile(x, np.linspace(0.0, 1.0, BINS + 1)))
-        if len(edges) < 4:
-            continue
-        place = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
-        energy = np.bincount(place, gap, len(edges) - 1) / total
-        time = np.bincount(place, minlength=len(edges) - 1) / len(x)
-        best = max(((energy[i:j].sum() - time[i:j].sum(), i, j) for i in range(len(energy))
-                    for j in range(i + 1, len(energy) + 1)), key=lambda b: b[0])
-        gain, i, j = best
-        if gain >= CONCENTRATED:
-            found.append((gain, Regime(name, float(edges[i]), float(edges[j]), tables[0][name][1],
-                                       float(min(max(energy[i:j].sum(), 0.0), 1.0)), float(time[i:j].sum()))))
-    return [r for _, r in sorted(found, key=lambda f: -f[0])[:4]]
+@dataclass(frozen=True)
+class _Inner:
+    """Signals at the ports of a model: its equations with these as further outputs, their names and units, and the
+    name of the velocity whose sign tells a reversal."""
+
+    program: Program
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    velocity: str
+
+
+def inner_signals(base: Contender) -> _Inner:
+    """What the model offers at its ports, and what flows and pulls there; the same signal only at its first port, and
+    without its place where all places share it."""
+    rig = base.assembly.rig
+    found: dict[Expr, tuple[str, str, list[str]]] = {}
+    turning = []
+    told = [q for q in base.assembly.traced.passages if rig.ports[q.port].kind in TOLD]
+    for q in sorted(told, key=lambda q: TOLD.index(rig.ports[q.port].kind)):
+        port = rig.ports[q.port]
+        own = [("value", q.value)] if port.kind in VALUES else []
+        for key, value in (*own, *q.signals):
+            if isinstance(value, Expr) and {space for space, _ in symbols([value])} & {"state", "input"}:
+                name = f"{q.port}_{_quantity(port, key)}"
+                first, _, places = found.setdefault(value, (name, port.unit_of(key), []))
+                places += [q.place] if q.place and name == first else []
+                turning += [value] if port.kind == "motion" and key == "velocity" else []
+    names = {value: f"{name}_{places[0]}" if len(places) == 1 else name
+             for value, (name, _, places) in found.items()}
+    assembly = replace(base.assembly, sensitive=frozenset())
+    return _Inner(assembly.program_with({f"at.{names[value]}": value for value in found}), tuple(names.values()),
+                  tuple(unit for _, unit, _ in found.values()), names[turning[0]] if turning else "")
+
+
+def _quantity(port: Port, key: str) -> str:
+    """What people call a signal: the position of an actuator without a unit is its contraction."""
+    if key == "value":
+        return VALUES[port.kind]
+    if port.kind == "actuator-force" and not port.unit_of("position"):
+        return {"position": "contraction", "velocity": "contraction_rate"}.get(key, key)
+    return "flow_drawn" if key == "drawn" else key
+
+
+def _followed(base: Contender, r: Replay, inner: _Inner, noise: Array) -> dict[str, tuple[Array, str]]:
+    """The signals at the ports along a replay, and the time since the last reversal."""
+    runner = Runner(base.assembly, r.track, base.fit.stepping)
+    values = runner.parameters(base.fit.p)
+    memory = runner.memory(values)
+    follower = inner.program.memory(base.assembly.start(values), stepping=runner.stepping, period_s=r.track.period_s)
+    first, rows = len(inner.program.outputs) - len(inner.names), []
+    for w in r.windows:
+        warm = Window(w.start, w.start + max(10, round(WARM_UP * (w.stop - w.start))))
+        x, _, usable = estimate_start(runner, memory, warm, values, 1.0 / noise, memory.x[: runner.rig_states].copy())
+        if usable:
+            runner.enter(memory, x)
+        follower.x[: runner.rig_states], follower.join = memory.x[: runner.rig_states], True
+        runner.run(memory, w, values, False)
+        rows.append(inner.program.run(follower, r.track.u[w.start : w.stop], values, period_s=r.track.period_s,
+                                      time_s=(r.track.first + w.start) * r.track.period_s,
+                                      stepping=runner.stepping)[0][:, first:])
+    table = np.nan_to_num(np.concatenate(rows))
+    out = {}
+    for name, unit, x in zip(inner.names, inner.units, table.T, strict=True):
+        shown = display_unit(unit)
+        out[name] = (from_si(x, shown), "" if shown == "1" else shown)
+        if name == inner.velocity:
+            out["time_since_reversal"] = (r.track.period_s * _since_reversal(x), "s")
+    return out
+
+
+def _since_reversal(velocity: Array) -> Array:
+    """Samples since the velocity last changed its sign; what is slower than 2 % of the usual speed keeps the last."""
+    moving = np.abs(velocity) > STILL * np.percentile(np.abs(velocity), 95.0)
+    place = np.arange(len(velocity))
+    last = np.maximum.accumulate(np.where(moving, place, 0))
+    direction = np.sign(velocity[last])
+    turned = np.concatenate([[False], direction[1:] * direction[:-1] < 0.0])
+    return (place - np.maximum.accumulate(np.where(turned, place, 0))).astype(np.float64)
+
+
+# ---- bands and windows -------------------------------------------------------------------------------------------
 
 
 def frequency_band(before: list[Replay], after: list[Replay] | None, noise: Array) -> list[float]:

@@ -20,9 +20,10 @@ from pamid.greybox import model_with
 
 Array = NDArray[np.float64]
 
-SCREEN_S = 16.0        # of the fitted recordings, in all: more would change the cost of screening, not its outcome
+SCREEN_S = 10.0        # of the fitted recordings, in all: more would change the cost of screening, not its outcome
 STEPS = 2              # from the best of the starting points, after one step from each of them
-MOST = 10              # candidates refitted, beside the best of every further family
+MOST = 8               # candidates refitted, beside the best of every further family
+LEAST = 6              # candidates refitted in any case
 FEW = 24                # with no more candidates than these all are: the runners-up belong into the answer
 
 
@@ -55,7 +56,8 @@ def _si(attachment: Attachment, name: str) -> float:
 class Ground:
     """What candidates are screened against: the baseline over the first part of every fitted recording.
 
-    stops: where that part ends, starts: states at its windows, per track; cost: the baseline's there.
+    stops: where that part ends, starts: states at its windows, per track; cost: the baseline's there, after as many
+    steps as a candidate is given.
     """
 
     baseline: Contender
@@ -77,7 +79,7 @@ class Ground:
             starts.append(x[:k])
         short = replace(problem, tracks=tuple(t.part(0, s) for t, s in zip(problem.tracks, stops, strict=True)))
         again = fit(short, p=base.p, starts=tuple(starts), weights=base.weights, pulls=base.pulls,
-                    stepping=base.stepping, iterations=0, probe=True)
+                    stepping=base.stepping, iterations=1 + STEPS, probe=True)
         return cls(baseline, tuple(stops), tuple(starts), again.cost)
 
     def problem(self, evidence: Evidence, assembly: Assembly) -> Problem:
@@ -117,19 +119,18 @@ def _probed(ground: Ground, problem: Problem, p: Array, starts: tuple[Array, ...
 
 
 def sent_on(rig_family: dict[str, str], screened: list[Screened], most: int) -> list[Screened]:
-    """The most promising ones: the first `most` by gain and, where these are many, the best of every family."""
+    """The most promising ones: up to `most` by gain, where these are many those that gain at least a tenth of the first
+    and six in any case; and the best of every further family that gains a fifth of the first."""
     usable = sorted((s for s in screened if s.assembly is not None and np.isfinite(s.gain)),
                     key=lambda s: (-s.gain, s.attachment.label))
-    if not usable:
-        return []
-    if most >= MOST and len(usable) <= FEW:
+    if not usable or (most >= MOST and len(usable) <= FEW):
         return usable
     top = usable[0].gain
-    kept = usable[:most]
+    kept = [s for i, s in enumerate(usable[:most]) if i < LEAST or s.gain > 0.1 * top]
     families = {rig_family[s.attachment.label] for s in kept}
     for s in usable if most >= MOST else []:
         family = rig_family[s.attachment.label]
-        if family not in families and s.gain > max(1.0, 0.05 * top):
+        if family not in families and s.gain > max(1.0, 0.2 * top):
             kept.append(s)
             families.add(family)
     return kept

@@ -112,8 +112,7 @@ def diagnose(evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: in
     ranking, probability = _ranked(search, contenders)
     classes = look_alike_classes(evidence, base, list(ranking[:8]))
     best, after = (None, located) if not ranking else _extended(search, ranking[0], located)
-    if best is not None and best.label == ranking[0].label:
-        ranking = (best, *ranking[1:])  # the ranking shows the model that the verdict rests on
+    ranking, probability = _with_best(ranking, probability, best)
     grounds = weigh(budget, chosen, ranking, best, located, after, seed)
     tied = _tied(search, ranking, classes)
     verdict = judge(grounds, ambiguous=best is not None and len(best.attached) == 1
@@ -146,6 +145,18 @@ def _extended(search: _Search, best: Contender, located: Located) -> tuple[Conte
         if not _worth_it(search, newest, best):
             return best, after
         best = _settled(search.evidence, _without_needless(search, newest))
+
+
+def _with_best(ranking: tuple[Contender, ...], wins: list[float],
+               best: Contender | None) -> tuple[tuple[Contender, ...], list[float]]:
+    """The ranking with a single best model as it was settled, in front also where the backward check brought it up."""
+    if best is None or len(best.attached) > 1:
+        return ranking, wins
+    order = sorted(range(len(ranking)), key=lambda i: ranking[i].label != best.label)
+    known = ranking[order[0]].label == best.label
+    rest = [ranking[i] for i in (order[1:] if known else order)]
+    share = wins if known and order[0] == 0 else [max(wins), *(wins[i] for i in (order[1:] if known else order))]
+    return (best, *rest), share
 
 
 def _round(search: _Search, base: Contender, candidates: list[Attachment],

@@ -16,22 +16,31 @@ from numpy.typing import NDArray
 from pamid.diagnosis.latent import ROUNDS, Smoother, size_at
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.equations import Expr
+from pamid.units import NONE, display_unit, from_si, with_unit
 from pamid.windows import Track
 
 Array = NDArray[np.float64]
 
 BAGS = 24
 REMEMBERS = 0.5        # of its variance: what no function of the port's signals describes depends on the past
+MOST_ROWS = 4000       # of missing.csv
 THRESHOLD = 0.08       # of the largest coefficient (regressors scaled to unit size)
 
 
 @dataclass(frozen=True)
 class Missing:
-    """A latent value at one port with the formula that describes it best; fit: share of its variance described."""
+    """A latent value at one port with the formula that describes it best; fit: share of its variance described.
+
+    values (n,), signals and time_s: one entry per slice, in the units people read (`units`, "value" among them);
+    recording: its index among the recordings, as in residual.csv.
+    """
 
     port: str
+    recording: NDArray[np.intp]
+    time_s: Array
     values: Array
     signals: dict[str, Array]
+    units: dict[str, str]
     names: list[str]
     weights: Array
     inclusion: Array
@@ -39,21 +48,30 @@ class Missing:
 
 
 def describe_unknown(d: Diagnosis, *, seed: int = 0) -> dict[str, Any] | None:
-    """Port, formula, variables, inclusion frequency, parity, dissipation and memory of the missing term.
+    """`described` of what `find_missing` finds; None where nothing is missing anywhere."""
+    return described(d, find_missing(d, seed=seed))
 
-    The term is placed where the recordings most want it; of ports that they cannot tell apart, where it comes closest
-    to a function of what that port offers. None where nothing is missing anywhere.
-    """
+
+def find_missing(d: Diagnosis, *, seed: int = 0) -> Missing | None:
+    """The missing term where the recordings most want it; of ports that they cannot tell apart, where it comes closest
+    to a function of what that port offers. None where nothing is missing, or no function of these signals fits."""
     if d.located is None or d.located.most <= 0.0:
         return None
-    rig, near = d.evidence.rig, d.located.classes[0]
-    found = [m for m in (_missing_at(d.located.smoothers[name], seed) for name in near) if m is not None]
-    if not found:
+    found = [m for m in (_missing_at(d.located.smoothers[name], seed) for name in d.located.classes[0])
+             if m is not None]
+    return max(found, key=lambda m: m.fit, default=None)
+
+
+def described(d: Diagnosis, best: Missing | None) -> dict[str, Any] | None:
+    """Port, formula, variables, inclusion frequency, parity, dissipation and memory of the missing term."""
+    if d.located is None or d.located.most <= 0.0:
+        return None
+    rig = d.evidence.rig
+    if best is None:
         return {"port": rig.group_of(d.located.port), "formula": "", "variables": [], "inclusion": 0.0,
                 "described": 0.0, "dissipative": False, "parity": "none", "memory": False}
-    best = max(found, key=lambda m: m.fit)
     kept = [i for i in np.argsort(-np.abs(best.weights)) if best.weights[i] != 0.0]
-    size, unit = best.values.std(), rig.ports[best.port].unit
+    size, unit = best.values.std(), best.units["value"]
     formula = " ".join(f"{best.weights[i] * size:+.3g} {best.names[i]}" for i in kept)
     speed = best.signals.get("velocity")
     return {"port": rig.group_of(best.port), "formula": f"missing [{unit or '1'}] = {formula.lstrip('+')}",
@@ -63,22 +81,37 @@ def describe_unknown(d: Diagnosis, *, seed: int = 0) -> dict[str, Any] | None:
             "parity": parity(best), "memory": bool(best.fit < REMEMBERS)}
 
 
+def missing_csv(m: Missing) -> bytes:
+    """missing.csv: time_s, recording, the port's signals and the missing value, every k-th slice, at most 4000 rows."""
+    step = -(-len(m.values) // MOST_ROWS)
+    columns = {"time_s": m.time_s, "recording": m.recording,
+               **{with_unit(name, m.units[name]): x for name, x in m.signals.items()},
+               with_unit("missing", m.units["value"]): m.values}
+    rows = np.stack([x.astype(np.float64) for x in columns.values()], axis=1)[::step]
+    line = ",".join(["%.9g"] * len(columns)) + "\n"
+    return (",".join(columns) + "\n" + (line * len(rows)) % tuple(rows.ravel().tolist())).encode()
+
+
 def _missing_at(smoother: Smoother, seed: int) -> Missing | None:
-    values, signals = missing_value(smoother)
+    port = smoother.base.assembly.rig.ports[smoother.ports[0]]
+    recording, time_s, values, signals = missing_value(smoother)
     if len(values) < 40 or not values.std() > 0.0 or not signals:
         return None
-    names, columns = regressors(signals)
+    units = {k: "" if (u := display_unit(port.unit_of(k))) == NONE else u for k in ("value", *signals)}
+    values = from_si(values, units["value"])
+    signals = {k: from_si(x, units[k]) for k, x in signals.items()}
+    names, columns = regressors(signals, units)
     weights, inclusion = sparse_formula(columns, values, seed)
     if not weights.any():
         return None
     rest = values - columns @ weights * values.std()
-    return Missing(smoother.ports[0], values, signals, names, weights, inclusion,
+    return Missing(smoother.ports[0], recording, time_s, values, signals, units, names, weights, inclusion,
                    float(1.0 - rest.var() / values.var()))
 
 
-def missing_value(smoother: Smoother) -> tuple[Array, dict[str, Array]]:
-    """The missing value (SI) at the first place of a port over the held-out recordings, one per slice, and the port's
-    signals beside it."""
+def missing_value(smoother: Smoother) -> tuple[NDArray[np.intp], Array, Array, dict[str, Array]]:
+    """Recording (index), time (s), missing value (SI) at the first place of a port over the held-out recordings, one
+    per slice, and the port's signals (SI) beside it."""
     _, size, time_s = smoother.best
     smoother.evidence_at(size, time_s, ROUNDS)
     assembly, port = smoother.assembly, smoother.ports[0]
@@ -86,13 +119,19 @@ def missing_value(smoother: Smoother) -> tuple[Array, dict[str, Array]]:
     extra = {f"at.{k}": v for k, v in passage.signals if isinstance(v, Expr) and k != "side"}
     program = assembly.program_with(extra)
     first = len(program.outputs) - len(extra)
-    rows, values = [], []
-    for path in smoother.paths:
+    rows, values, times, numbers = [], [], [], []
+    recordings = smoother.evidence.recordings
+    for path, span in zip(smoother.paths, smoother.evidence.held_out, strict=True):
+        track = path.runner.track
         values.append(size_at(smoother.base.assembly, port) * path.x[:, smoother.missing[0]])
-        rows += [_signals(program, path.runner.track, x, path.values, window.start, path.runner.stepping)[first:]
+        rows += [_signals(program, track, x, path.values, window.start, path.runner.stepping)[first:]
                  for x, window in zip(path.x, path.slices, strict=True)]
+        times.append(np.array([(track.first + window.start) * track.period_s for window in path.slices]))
+        own = next(i for i, r in enumerate(recordings) if r is span.recording)
+        numbers.append(np.full(len(path.slices), own))
     table = np.array(rows)
-    return np.concatenate(values), {k.removeprefix("at."): table[:, i] for i, k in enumerate(extra)}
+    return (np.concatenate(numbers), np.concatenate(times), np.concatenate(values),
+            {k.removeprefix("at."): table[:, i] for i, k in enumerate(extra)})
 
 
 def parity(m: Missing) -> str:
@@ -115,7 +154,7 @@ def _signals(program: Any, track: Track, x: Array, p: Array, at: int, stepping: 
     return program.run(memory, track.u[at : at + 1], p, period_s=track.period_s, stepping=stepping)[0][0]
 
 
-def regressors(signals: dict[str, Array]) -> tuple[list[str], Array]:
+def regressors(signals: dict[str, Array], units: dict[str, str]) -> tuple[list[str], Array]:
     """Candidate terms of the formula, each scaled to unit size: powers, signs, products with a sign of motion."""
     names, columns = ["1"], [np.ones(len(next(iter(signals.values()))))]
     for name, x in signals.items():
@@ -123,10 +162,11 @@ def regressors(signals: dict[str, Array]) -> tuple[list[str], Array]:
         if size <= 0.0 or x.std() < 1e-6 * size:
             continue
         s = x / size
-        names += [f"{name}/{size:.3g}", f"({name}/{size:.3g})^3", f"|{name}/{size:.3g}|"]
+        scaled = f"{name}/({size:.3g} {units[name]})" if units[name] else f"{name}/{size:.3g}"
+        names += [scaled, f"({scaled})^3", f"|{scaled}|"]
         columns += [s, s**3, np.abs(s)]
         if name == "velocity":
-            names += [f"sign({name})", f"{name}|{name}|/{size:.3g}^2"]
+            names += [f"sign({name})", f"{scaled} |{scaled}|"]
             columns += [np.tanh(s / 0.05), s * np.abs(s)]
     return names, np.stack(columns, axis=1)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 from pamid.diagnosis.next_experiment import FILE, next_experiment
 from pamid.diagnosis.tournament import diagnose
-from pamid.diagnosis.unknown import describe_unknown
+from pamid.diagnosis.unknown import described, find_missing, missing_csv
 from pamid.diagnosis.verdict import diagnosis_json
 from pamid.effect import Effect
 from pamid.evidence import Evidence
@@ -18,19 +18,22 @@ from pamid.run import Run, write_atomically, write_json
 
 def diagnose_into(run: Run, evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: int = 0, jobs: int = 1,
                   told: Callable[[str], None] = lambda text: None) -> dict[str, Any]:
-    """Diagnose and write fit.json, residual.csv, next-experiment.csv (with its TOML, where there is something left to
-    measure) and diagnosis.json; returns the last."""
+    """Diagnose and write fit.json, residual.csv, missing.csv (the points of an unknown effect), next-experiment.csv
+    (with its TOML, where there is something left to measure) and diagnosis.json; returns the last."""
     found = diagnose(evidence, catalogue, seed=seed, jobs=jobs, told=told)
-    unknown = None
+    unknown, missing = None, None
     if found.verdict == "unknown-effect":
         told("describing the missing term")
-        unknown = describe_unknown(found, seed=seed)
+        missing = find_missing(found, seed=seed)
+        unknown = described(found, missing)
     told("looking for the next experiment")
     proposal = next_experiment(found)
     result = diagnosis_json(found, unknown, seed, proposal)
     write_json(run.path("fit.json"), fit_json(found.budget.model, seed))
     write_atomically(run.path("residual.csv"),
                      residual_csv(found.budget.model, found.cause.replays if found.cause else ()))
+    if missing is not None:
+        write_atomically(run.path("missing.csv"), missing_csv(missing))
     if proposal is not None:
         write_recording(run.path(FILE), proposal.time, proposal.columns, proposal.meta)
     write_json(run.path("diagnosis.json"), result)

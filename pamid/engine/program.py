@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -124,9 +125,10 @@ class Program:
         return values
 
 
+@lru_cache(maxsize=256)
 def build_program(lowered: Lowered, inputs: tuple[str, ...], parameters: tuple[str, ...],
                   outputs: tuple[str, ...], sensitive: frozenset[str] | None = None) -> Program:
-    """Compile lowered equations (from the cache where they were compiled before).
+    """Compile lowered equations (from the cache on disk where they were compiled before; in one process only once).
 
     sensitive: parameters that sensitivities may be asked for (default: all); fewer are cheaper.
     """

@@ -37,8 +37,9 @@ class OneDof(Rig):
     outputs = {"angle_deg": "rad", "pressure_1_kpa": "Pa", "pressure_2_kpa": "Pa", "force_1_n": "N", "force_2_n": "N"}
     ports = {
         "command": Port("command", "", size={"value": 1.0}, general=False),
-        "valve": Port("flow", "m3/s", {"pressure": "Pa", "drawn": "m3/s", "fill": "", "supply": "Pa", "side": ""}, BOTH,
-                      size={"value": 2e-3, "pressure": 6e5, "supply": 7e5}, general=False),
+        "valve": Port("flow", "m3/s", {"pressure": "Pa", "ratio": "", "drawn": "m3/s", "fill": "", "supply": "Pa",
+                                       "side": ""}, BOTH,
+                      size={"value": 2e-3, "pressure": 6e5, "ratio": 1.0, "supply": 7e5}, general=False),
         "pressure": Port("rate", "Pa/s", {"stored": "Pa", "outflow": "Pa/s"}, BOTH,
                          size={"value": 1e6, "stored": 5e5}, general=False),
         "relief": Port("rate", "Pa/s", {"force": "N", "outflow": "Pa/s"}, BOTH, group="muscle",
@@ -125,17 +126,17 @@ class OneDof(Rig):
                                                ("2", x.pressure_2, command < 0.0, share2, share1)):
             up, down = where(fills, supply, pressure), where(fills, pressure, ATMOSPHERE_PA)
             opening = where(fills, size * own * p.conductance_in, -size * (1.0 - other) * p.conductance_out)
-            flows[i] = (opening * iso_flow(up, down, p.critical_ratio), fills, size * own, pressure)
+            flows[i] = (opening * iso_flow(up, down, p.critical_ratio), fills, size * own, pressure, down / up)
         drawn = sum((maximum(f[0], 0.0) for f in flows.values()), start=ZERO)
         rates = []
         for i in BOTH:
-            flow, fills, opening, pressure = flows[i]
+            flow, fills, opening, pressure, ratio = flows[i]
 
             def fill(at_supply: Expr, fills: Expr = fills, opening: Expr = opening, pressure: Expr = pressure) -> Expr:
                 through = opening * p.conductance_in * iso_flow(at_supply, pressure, p.critical_ratio)
                 return where(fills, through, 0.0)
 
-            flow = port("valve", flow, place=i, pressure=pressure, drawn=drawn, fill=fill, supply=supply,
+            flow = port("valve", flow, place=i, pressure=pressure, ratio=ratio, drawn=drawn, fill=fill, supply=supply,
                         side=1.0 if i == "1" else -1.0)
             force, chi, rate = self.muscle(i, x, p, port)
             volume = muscle_volume(chi, p.dead_volume)
