@@ -18,7 +18,7 @@ pamid report RUN --output report.html
 @click.option("--output", type=click.Path(dir_okay=False, path_type=Path),
               help="Page to write. [default: RUN/report.html]")
 def command(run: Path, output: Path | None) -> frame.Result:
-    """Turn the run folder RUN into one self-contained HTML page and figures.
+    """Turn the run folder RUN, or that of a trial, into one self-contained HTML page and figures.
 
     The page puts three answers first: where the gap lies, which effect causes it, how far it shrinks; then the
     evidence. It needs no network, follows light and dark, and prints. Figures go to RUN/figures as PNG.
@@ -28,4 +28,5 @@ def command(run: Path, output: Path | None) -> frame.Result:
 
     report = write_report(run, output)
     found = {"schema": "pamid.report/1", "page": report.page, "figures": list(report.figures), "mae": report.mae}
-    return frame.Result(found, f"{mae_text(report.errors)}\n\nPage: {report.page}")
+    table = f"{mae_text(report.errors)}\n\n" if report.errors else ""
+    return frame.Result(found, f"{table}Page: {report.page}")

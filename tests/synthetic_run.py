@@ -1,4 +1,4 @@
-"""A run folder written by hand, with every file and every verdict, for the tests of the report."""
+"""A run folder and a trial's written by hand, with every file and every verdict, for the tests of the report."""
 
 from __future__ import annotations
 
@@ -7,6 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from pamid.metrics import wilson_interval
+from pamid.trial.table import ROWS
 
 PERIOD_S = 0.01
 WINDOW_ROWS = 200
@@ -67,7 +70,11 @@ def diagnosis_json(verdict: str) -> dict[str, Any]:
                     "black_box": round(0.8 * v[2], 6), "shrinkage": 1 - v[3] / v[2], "low": 0.9 - v[3] / v[2],
                     "high": 1.05 - v[3] / v[2]} for name, v in CHANNELS.items()}  # fmt: skip
     unknown = {"port": "muscle", "formula": "-0.42 sign(velocity) + 0.11 contraction^2",
-               "variables": ["velocity", "contraction"], "inclusion": 0.83, "dissipative": True}  # fmt: skip
+               "variables": ["velocity", "contraction"], "inclusion": 0.83, "described": 0.62, "dissipative": True,
+               "parity": "odd", "memory": False}  # fmt: skip
+    elsewhere = [{"recording": "ab" * 6, "differs": {"inertia_kg_m2": 0.014, "loop": "open",
+                                                     "controller": {"kp_per_deg": 0.2}},
+                  "angle_deg": {"mae_refitted": 0.61, "mae_with_cause": 0.2, "shrinkage": 0.672}}]  # fmt: skip
     return {
         "schema": "pamid.diagnosis/1", "verdict": verdict, "causes": causes.get(verdict, []),
         "ranking": [
@@ -80,20 +87,29 @@ def diagnosis_json(verdict: str) -> dict[str, Any]:
         "where": {
             "port": "joint", "ports": [{"port": "joint", "share": 0.81}, {"port": "muscle", "share": 0.12},
                                        {"port": "valve", "share": 0.07}],
-            "indistinguishable": [["muscle", "joint"]],
+            "indistinguishable": [["muscle", "joint"], ["valve", "pressure"]], "redundancy": 3, "unseen": ["leak"],
+            "sensors": [{"sensor": "force_1_n and force_2_n", "splits": [["muscle", "joint"]]},
+                        {"sensor": "the value at port valve", "splits": [["valve", "pressure"]]}],
             "regimes": [{"signal": "velocity", "low": -2.0, "high": 2.0, "unit": "deg/s", "share_of_gap": 0.7,
-                         "share_of_time": 0.2}],
+                         "share_of_time": 0.2},
+                        {"signal": "valve_ratio_1", "low": 0.0, "high": 0.43, "unit": "", "share_of_gap": 0.61,
+                         "share_of_time": 0.35}],
             "frequency_hz": [0.2, 2.0], "windows_s": [[29.0, 31.5], [35.0, 36.0]],
         },
         "how_far": reach,
+        "transfer": elsewhere if verdict in causes else [],
         "look_alikes": [["coulomb-friction", "lugre-friction"]],
         "next_experiment": {"name": "torque-loops-two-pressures", "why": "Friction of the joint does not grow with "
-                            "pressure.", "separates": ["coulomb-friction", "bouc-wen-hysteresis"]},
+                            "pressure.", "separates": ["coulomb-friction", "bouc-wen-hysteresis"],
+                            "expected_separation": 4.2, "minutes": 8.0, "excitation": "next-experiment.csv",
+                            "settings": [{"initial_pressure_kpa": 200.0}, {"initial_pressure_kpa": 500.0}]},
         "parameters": {"damping_m2_s": {"value": 0.0016, "low": 0.0015, "high": 0.0017, "prior": 0.0015,
                                         "strain": 0.3}},
         "background": {"force_map_1": {"pull": 0.8, "share_of_gap": 0.04},
                        "force_map_2": {"pull": -0.2, "share_of_gap": 0.01}},
         "unknown": unknown if verdict == "unknown-effect" else None,
+        "grounds": {"visible": 10.4, "left": 0.07, "wins": 0.93, "a_later_figure": 1.5},
+        "confidence": {"gap": 0.995, "known": 0.93, "first": 0.91},
     }  # fmt: skip
 
 
@@ -131,6 +147,17 @@ def write_residual(folder: Path, *, causes: bool, network: bool) -> None:
     (folder / "residual.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
+def write_missing(folder: Path) -> None:
+    """300 slices of a missing force that opposes the velocity."""
+    random = np.random.default_rng(5)
+    velocity = random.normal(0.0, 20.0, 300)
+    force = -0.42 * np.sign(velocity) + random.normal(0.0, 0.15, 300)
+    columns = {"time_s": 28.0 + 0.04 * np.arange(300), "recording": np.zeros(300), "velocity_deg_per_s": velocity,
+               "contraction": random.uniform(0.03, 0.17, 300), "missing_n": force}  # fmt: skip
+    np.savetxt(folder / "missing.csv", np.stack(list(columns.values()), axis=1), delimiter=",", fmt="%.9g",
+               header=",".join(columns), comments="")  # fmt: skip
+
+
 def write_trace(folder: Path) -> None:
     lines = ["iteration,mse,gradient,mu,gamma,alpha,beta"]
     for k in range(120):
@@ -151,4 +178,49 @@ def make_run(folder: Path, verdict: str = "explained", *, without: tuple[str, ..
         write_residual(folder, causes=verdict == "explained", network="network.json" not in without)
     if "trace.csv" not in without:
         write_trace(folder)
+    if verdict == "unknown-effect" and "missing.csv" not in without:
+        write_missing(folder)
+    return folder
+
+
+def share_json(hits: int, of: int) -> dict[str, Any]:
+    low, high = wilson_interval(hits, of)
+    return {"share": hits / of if of else None, "low": low, "high": high, "hits": hits, "of": of}
+
+
+def trial_json() -> dict[str, Any]:
+    """Every row of the table, with some figures short of their target and one without cases."""
+    hits = {"family_first": 96, "family_first_two": 107, "exact_first": 93, "port": 108, "wrong_abstention": 7,
+            "both_of_two": 0, "false_alarm": 9}  # fmt: skip
+    counts = {"both_of_two": 0, "false_alarm": 80}
+    parts: dict[str, dict[str, Any]] = {"rates": {"failed": share_json(1, 240), "unseen": share_json(12, 160)},
+                                        "figures": {}, "baselines": {}}  # fmt: skip
+    for k, row in enumerate(ROWS):
+        if row.section == "figures":
+            parts["figures"][row.key] = {"value": 0.04 + 0.01 * k, "low": 0.02, "high": 0.09 + 0.01 * k, "of": 110}
+        else:
+            parts[row.section][row.key] = share_json(hits.get(row.key, 60 + k), counts.get(row.key, 110))
+    families = ["friction", "muscle-hysteresis", "leak", "tube-lag", "command-timing"]
+    confusion = {family: {family: 18 - 2 * k, families[k - 1]: k + 1, "(unknown effect)": 2}
+                 for k, family in enumerate(families)}  # fmt: skip
+    rates = {"family_first": share_json(20, 30), "exact_first": share_json(18, 30), "detected": share_json(28, 30),
+             "false_alarm": share_json(1, 20)}  # fmt: skip
+    good = {**rates, "family_first": share_json(41, 42), "false_alarm": share_json(0, 0)}
+    bins = [(0.35, 4, 10), (0.55, 9, 15), (0.76, 20, 24), (0.96, 58, 60)]
+    return {
+        "schema": "pamid.trial/1", "part": "test", "seed": 7, "cases": 240, **parts, "confusion": confusion,
+        "reliability": [{"low": int(10 * said) / 10, "high": int(10 * said) / 10 + 0.1, "said": said,
+                         "right": share_json(right, of)} for said, right, of in bins],
+        "strata": {"visibility": {"1.1 to 1.3": rates, ">= 2": good},
+                   "inertia_kg_m2": {"0.014": rates, "0.0896": good}},
+        "cases_sha256": "cd" * 32, "failures": {"17": "the joint ran into its stop <b>hard</b>"},
+    }  # fmt: skip
+
+
+def make_trial(folder: Path, **changes: Any) -> Path:
+    """A trial's folder by hand; `changes` replace parts of trial.json."""
+    folder.mkdir(parents=True, exist_ok=True)
+    run = {**run_json(), "command": ["pamid", "trial", "--output", "TRIAL"], "inputs": []}
+    for name, value in (("run", run), ("trial", {**trial_json(), **changes})):
+        (folder / f"{name}.json").write_text(json.dumps(value), encoding="utf-8")
     return folder

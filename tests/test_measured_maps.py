@@ -36,7 +36,7 @@ def bladder_named(found: dict[str, Any]) -> None:
     assert [c["effect"] for c in found["causes"]] == ["bladder-elasticity"]
     first, *others = found["ranking"]
     assert first["effect"] == "bladder-elasticity"
-    assert max(r["shrinkage"] for r in others) < first["low"]
+    assert max(r["shrinkage"] for r in others) < first["shrinkage"]
     tried = [r for r in found["ranking"] if "hysteresis" in r["family"]]
     assert tried, "hysteresis has to have had its chance"
     assert found["causes"][0]["parameters"]["reach"]["low"] > 0.0

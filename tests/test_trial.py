@@ -50,7 +50,8 @@ def answer(number: int, verdict: str, *ranking: str, causes: tuple[str, ...] = (
 
     named = causes or ranking[:1] if verdict in ("explained", "ambiguous") else ()
     held = dict(zip(("predicted", "low", "high", "achieved"), shrinkage, strict=True)) if shrinkage else None
-    return {"case": number, "failed": None, "visibility": visibility, "seconds": seconds, "shrinkage": held,
+    return {"case": number, "failed": None, "visibility": visibility, "visibility_each": visibility,
+            "seconds": seconds, "shrinkage": held, "screened_family": KNOWN[ranking[0]][0] if ranking else "",
             "diagnosis": {"verdict": verdict, "causes": [row(e, 0.0) for e in named],
                           "ranking": [row(e, p if i == 0 else 0.0) for i, e in enumerate(ranking)]
                           + [{"effect": "two-mass", "family": "", "port": "", "probability": 0.0}],
@@ -153,16 +154,21 @@ def test_two_at_once() -> None:
 
 
 def test_calibration_by_hand() -> None:
-    """Said 0.95 twice (one right) and 0.42 twice (none right): ECE (2 x 0.45 + 2 x 0.42)/4, and so on."""
-    labels = [label(i, "single", FRICTION) for i in range(4)]
+    """Said 0.95 three times (one right, one of them an alarm where nothing is planted) and 0.42 twice (none right).
+
+    ECE is (1.85 + 0.84)/5; an abstention says nothing and does not count.
+    """
+    labels = [*(label(i, "single", FRICTION) for i in range(5)), label(5, "no-gap")]
     found = score(labels, [answer(0, "explained", "coulomb-friction", p=0.95), answer(1, "explained", "leak", p=0.95),
-                           answer(2, "explained", "leak", p=0.42), answer(3, "unknown-effect", "leak", p=0.42)])
+                           answer(2, "explained", "leak", p=0.42), answer(3, "ambiguous", "leak", p=0.42),
+                           answer(4, "unknown-effect", "coulomb-friction", p=0.7),
+                           answer(5, "explained", "leak", p=0.95, visibility=None)])
     ece, brier, skill = (found.figures[k].value for k in ("ece", "brier", "brier_skill"))
-    assert ece == pytest.approx((2 * 0.45 + 2 * 0.42) / 4)
-    assert brier == pytest.approx((0.05**2 + 0.95**2 + 2 * 0.42**2) / 4)
-    assert skill == pytest.approx(1.0 - (0.05**2 + 0.95**2 + 2 * 0.42**2) / 4 / (0.25 * 0.75))
+    assert ece == pytest.approx((3 * 0.95 - 1 + 2 * 0.42) / 5)
+    assert brier == pytest.approx((0.05**2 + 2 * 0.95**2 + 2 * 0.42**2) / 5)
+    assert skill == pytest.approx(1.0 - (0.05**2 + 2 * 0.95**2 + 2 * 0.42**2) / 5 / (0.2 * 0.8))
     assert [(b.low, b.said, b.right.hits, b.right.of) for b in found.reliability] == [
-        (0.4, pytest.approx(0.42), 0, 2), (0.9, pytest.approx(0.95), 1, 2)]
+        (0.4, pytest.approx(0.42), 0, 2), (0.9, pytest.approx(0.95), 1, 3)]
 
 
 def test_shrinkage_forecast_by_hand() -> None:
@@ -308,7 +314,8 @@ def examined(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     def examine(case: Case, place: Path) -> dict[str, Any]:
         numbers.append(case.number)
         found = answer(case.number, "explained", "leak", visibility=3.0 if case.planted else None)
-        return {k: found[k] for k in ("diagnosis", "visibility", "shrinkage", "seconds")}
+        return {k: found[k] for k in ("diagnosis", "screened_family", "visibility", "visibility_each", "shrinkage",
+                                      "seconds")}
 
     monkeypatch.setattr(work, "examine", examine)
     return numbers

@@ -63,7 +63,7 @@ class Contender:
         return len(self.fit.problem.free)
 
 
-def judged(evidence: Evidence, assembly: Assembly, fitted: Fit) -> Contender:
+def replayed(evidence: Evidence, assembly: Assembly, fitted: Fit) -> Contender:
     """Replay a fitted model over everything held out."""
     tracks = evidence.tracks(assembly, held_out=True)
     return contender_from(assembly, fitted, tuple(replay(assembly, fitted.p, t, fitted.stepping, evidence.noise)

@@ -27,6 +27,7 @@ from pamid.engine.blocks import eliminate
 from pamid.equations import Expr, Number
 from pamid.evidence import Evidence
 from pamid.residuals import Replay
+from pamid.rig import Rig
 from pamid.windows import Runner, Window, cut
 
 Array = NDArray[np.float64]
@@ -253,15 +254,27 @@ def size_at(assembly: Assembly, port: str) -> float:
 
 @dataclass(frozen=True)
 class Located:
-    """Log evidence gained (nats) by a latent value at each port, and each port group's Shapley share of the whole.
+    """Log evidence gained (nats) by a latent value at each port.
 
-    classes: ports about which these recordings say the same, the leading one first, strongest class first.
+    classes: ports about which these recordings say the same, the leading one first, strongest class first; worth: each
+    class's Shapley value (nats), by its leading port.
     """
 
     gains: dict[str, float]
-    shares: dict[str, float]
     classes: tuple[tuple[str, ...], ...]
+    worth: dict[str, float]
     smoothers: dict[str, Smoother]
+
+    def shares(self, rig: Rig, named: str = "") -> dict[str, float]:
+        """Every port group's share of the whole: the groups of a class divide its worth unless one is named."""
+        out = {rig.group_of(name): 0.0 for name in rig.ports}
+        for members in self.classes:
+            groups = list(dict.fromkeys(rig.group_of(name) for name in members))
+            groups = [named] if named in groups else groups
+            for group in groups:
+                out[group] += self.worth.get(members[0], 0.0) / len(groups)
+        total = sum(out.values())
+        return {k: v / total if total > 0.0 else 1.0 / len(out) for k, v in out.items()}
 
     @property
     def most(self) -> float:
@@ -276,9 +289,9 @@ class Located:
 
 def locate(evidence: Evidence, base: Contender, run: Callable[[Callable[[str], Any], list[str]], list[Any]],
            ports: list[str] | None = None) -> Located:
-    """Evidence for a latent value at every port and Shapley shares over the port groups.
+    """Evidence for a latent value at every port, and Shapley values of the classes of ports.
 
-    run(work, items) does the jobs. With `ports` only these are tried, and nothing is shared. Joint evidence is
+    run(work, items) does the jobs. With `ports` only these are tried, and nothing is shared out. Joint evidence is
     computed for the leading ports of three classes.
     """
     plain = Smoother(evidence, base, ())
@@ -292,20 +305,14 @@ def locate(evidence: Evidence, base: Contender, run: Callable[[Callable[[str], A
         classes.setdefault(leader, []).append(name)
     found = tuple(tuple(k) for k in classes.values())
     if ports is not None:
-        return Located(gains, {}, found, smoothers)
+        return Located(gains, found, {}, smoothers)
     players = [leader for leader in classes if gains[leader] > 0.0][:PLAYERS]
     value: dict[frozenset[str], float] = {frozenset(): 0.0} | {frozenset((k,)): gains[k] for k in players}
     for size in range(2, len(players) + 1):
         for members in combinations(players, size):
             joint = _gained(Smoother(evidence, base, members, plain), nothing)
             value[frozenset(members)] = max([joint, *(value[frozenset(members) - {m}] for m in members)])
-    worth = {evidence.rig.group_of(name): 0.0 for name in names}
-    for leader, share in shapley(players, value).items():
-        groups = {evidence.rig.group_of(name) for name in classes[leader]}
-        for group in groups:
-            worth[group] += share / len(groups)
-    total = sum(worth.values())
-    return Located(gains, {k: v / total if total > 0 else 1.0 / len(worth) for k, v in worth.items()}, found, smoothers)
+    return Located(gains, found, shapley(players, value), smoothers)
 
 
 def _gained(smoother: Smoother, nothing: float) -> float:

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from pamid.attaching import Attachment, attachments
 from pamid.diagnosis.budget import Budget, gap_budget
-from pamid.diagnosis.contest import Contender, bootstrap_losses, judged, refit
-from pamid.diagnosis.judgement import WORTH, Grounds, at_the_floor, judge, weigh
+from pamid.diagnosis.contest import Contender, bootstrap_losses, refit, replayed
+from pamid.diagnosis.judgement import WORTH, Grounds, Judged, at_the_floor, judge, probabilities, weigh
 from pamid.diagnosis.latent import Located, locate
 from pamid.diagnosis.localise import spectrum_peaks
 from pamid.diagnosis.look_alikes import look_alike_classes
@@ -27,11 +27,13 @@ Array = NDArray[np.float64]
 Told = Callable[[str], None]
 
 MOST_CAUSES = 3
-MORE = 0.10             # of the gap: what an effect has to remove to be worth naming beside another one
+TRACE = 0.02            # of the gap: what an effect has to remove to be named beside another one
+MORE = 0.30             # ... and of what the others leave
 SLIGHT = 0.1            # in log squared error per channel: less is not worth another parameter
 SURE = 3.0              # standard errors by which it has to win
 FEW_MORE = 4            # candidates refitted beside a first cause
-LITTLE = 0.05           # of the latent evidence: where no more is missing, no further effect is looked for
+LITTLE = 0.005          # of the latent evidence: where no more is missing, no further effect is looked for
+PLAIN = 0.15            # ... or where less than this is missing, nats per sample
 PLACES = 4              # classes of ports at which it is looked for
 
 
@@ -54,8 +56,9 @@ class Diagnosis:
     located: Located | None = None
     after: Located | None = None
     grounds: Grounds | None = None
+    judged: Judged | None = None
     classes: tuple[tuple[str, ...], ...] = ()
-    screened: str = ""                        # what the screen alone would have said
+    screened: str = ""                        # family that the screen alone would have named
 
     @property
     def cause(self) -> Contender | None:
@@ -109,31 +112,33 @@ def diagnose(evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: in
     told("looking where something is missing")
     located = locate(evidence, base, search.run)
     contenders, failed, screened = _round(search, base, search.candidates, MOST)
-    ranking, probability = _ranked(search, contenders)
+    ranking, wins = _ranked(search, contenders)
     classes = look_alike_classes(evidence, base, list(ranking[:8]))
     best, after = (None, located) if not ranking else _extended(search, ranking[0], located)
-    ranking, probability = _with_best(ranking, probability, best)
+    ranking, wins = _with_best(ranking, wins, best)
     grounds = weigh(budget, chosen, ranking, best, located, after, seed)
     tied = _tied(search, ranking, classes)
-    verdict = judge(grounds, ambiguous=best is not None and len(best.attached) == 1
-                    and len({c.family for c in tied}) > 1)
-    return Diagnosis(evidence, budget, chosen, verdict, ranking, tuple(probability), tuple(failed), tied, best, located,
-                     after, grounds, tuple(tuple(k) for k in classes), screened)
+    judged = judge(grounds, ambiguous=best is not None and len(best.attached) == 1
+                   and len({c.family for c in tied}) > 1)
+    return Diagnosis(evidence, budget, chosen, judged.verdict, ranking, tuple(probabilities(judged, wins)),
+                     tuple(failed), tied, best, located, after, grounds, judged, tuple(tuple(k) for k in classes),
+                     screened)
 
 
 def _extended(search: _Search, best: Contender, located: Located) -> tuple[Contender, Located]:
     """The best single effect with what has to stand beside it, settled, and what is then still missing where.
 
-    Greedy addition: a further effect is looked for where something is still missing; it has to remove 10 % of the gap
-    and win by three standard errors. After each one the earlier ones are left out in turn: an effect that the newcomer
-    has made needless goes.
+    Greedy addition: a further effect is looked for where something is still missing; it has to remove a fair part of
+    what is left and win by three standard errors. After each one the earlier ones are left out in turn: an effect that
+    the newcomer has made needless goes.
     """
     best = _settled(search.evidence, best)
     while True:
         search.told(f"looking where something is missing beside {best.label}")
         after = locate(search.evidence, best, search.run, [k[0] for k in located.classes[:PLACES]])
         helped = search.budget.shrinkage(best.absolutes, search.chosen) > WORTH
-        if len(best.attached) == MOST_CAUSES or after.most < LITTLE * located.most or not helped:
+        little = max(LITTLE * located.most, PLAIN * sum(int(r.scored.sum()) for r in best.replays))
+        if len(best.attached) == MOST_CAUSES or after.most < little or not helped:
             return best, after
         taken = {search.family(a) for a in best.attached}
         open_ports = {port for k in located.classes for port in k if after.gains.get(k[0], 0.0) > 0.5 * after.most}
@@ -163,7 +168,7 @@ def _round(search: _Search, base: Contender, candidates: list[Attachment],
            most: int) -> tuple[list[Contender], list[tuple[str, str]], str]:
     """Screen all candidates on top of `base`, refit the promising ones, replay them on what was held out.
 
-    Returns the models, what failed and why, and the screen's own first choice.
+    Returns the models, what failed and why, and the family of the screen's own first choice.
     """
     evidence, told, jobs = search.evidence, search.told, search.jobs
     ground = Ground.of(base)
@@ -178,13 +183,13 @@ def _round(search: _Search, base: Contender, candidates: list[Attachment],
     def fitted(s: Screened) -> Contender:
         assert s.assembly is not None
         done = refit(evidence, s.assembly, base.fit, first=s.first)
-        return judged(evidence, s.assembly, done)
+        return replayed(evidence, s.assembly, done)
 
     contenders = run_jobs(fitted, promising, jobs=jobs,
                           done=lambda i, n: told(f"refitting {i}/{n}: {promising[i - 1].attachment.label}"))
     failed = [(s.attachment.label, s.why) for s in found if s.assembly is None or not np.isfinite(s.gain)]
     failed += [(c.attached[-1].label, "became unstable on held-out recordings") for c in contenders if not c.finite]
-    return [c for c in contenders if c.finite], failed, promising[0].attachment.label if promising else ""
+    return [c for c in contenders if c.finite], failed, search.family(promising[0].attachment) if promising else ""
 
 
 def _ranked(search: _Search, contenders: list[Contender]) -> tuple[tuple[Contender, ...], list[float]]:
@@ -237,8 +242,9 @@ def _settled(evidence: Evidence, best: Contender) -> Contender:
         if rechecked(best.assembly, best.fit, tracks, evidence.noise)[1] <= COARSE:
             break
         f = best.fit
-        best = judged(evidence, best.assembly, fit(f.problem, p=f.p, starts=f.starts, weights=f.weights, pulls=f.pulls,
-                                                   stepping=f.stepping.doubled(), iterations=15, tolerance=2e-2))
+        finer = fit(f.problem, p=f.p, starts=f.starts, weights=f.weights, pulls=f.pulls,
+                    stepping=f.stepping.doubled(), iterations=15, tolerance=2e-2)
+        best = replayed(evidence, best.assembly, finer)
     return best
 
 
@@ -261,8 +267,9 @@ def _tied(search: _Search, ranking: tuple[Contender, ...], classes: list[list[st
 def _worth_it(search: _Search, larger: Contender, smaller: Contender) -> bool:
     losses = search.losses([larger, smaller])
     gain = losses[1] - losses[0]
-    removed = search.excess(smaller) - search.excess(larger)
-    return bool(removed >= MORE * search.excess(search.budget.baseline) and gain.mean() >= SURE * gain.std())
+    left = search.excess(smaller)
+    worth = max(TRACE * search.excess(search.budget.baseline), MORE * left)
+    return bool(left - search.excess(larger) >= worth and gain.mean() >= SURE * gain.std())
 
 
 def _without_needless(search: _Search, best: Contender) -> Contender:
@@ -271,7 +278,7 @@ def _without_needless(search: _Search, best: Contender) -> Contender:
         kept = tuple(k for k in best.attached if k is not a)
         assembly = model_with(search.evidence, kept, search.budget.sizes)
         first = {k: float(best.fit.p[best.assembly.keys[k]]) for k in assembly.keys if ":" in k}
-        smaller = judged(search.evidence, assembly, refit(search.evidence, assembly, search.budget.baseline.fit,
+        smaller = replayed(search.evidence, assembly, refit(search.evidence, assembly, search.budget.baseline.fit,
                                                           first=first))
         if smaller.finite and search.excess(smaller) - search.excess(best) < WORTH * search.excess(
                 search.budget.baseline):

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from pamid.diagnosis.latent import ROUNDS, Smoother, size_at
 from pamid.diagnosis.tournament import Diagnosis
+from pamid.engine.program import Program
 from pamid.equations import Expr
 from pamid.units import NONE, display_unit, from_si, with_unit
-from pamid.windows import Track
+from pamid.windows import Runner, Window
 
 Array = NDArray[np.float64]
 
@@ -111,7 +112,7 @@ def _missing_at(smoother: Smoother, seed: int) -> Missing | None:
 
 def missing_value(smoother: Smoother) -> tuple[NDArray[np.intp], Array, Array, dict[str, Array]]:
     """Recording (index), time (s), missing value (SI) at the first place of a port over the held-out recordings, one
-    per slice, and the port's signals (SI) beside it."""
+    per slice, and the means of the port's signals (SI) over it."""
     _, size, time_s = smoother.best
     smoother.evidence_at(size, time_s, ROUNDS)
     assembly, port = smoother.assembly, smoother.ports[0]
@@ -124,9 +125,9 @@ def missing_value(smoother: Smoother) -> tuple[NDArray[np.intp], Array, Array, d
     for path, span in zip(smoother.paths, smoother.evidence.held_out, strict=True):
         track = path.runner.track
         values.append(size_at(smoother.base.assembly, port) * path.x[:, smoother.missing[0]])
-        rows += [_signals(program, track, x, path.values, window.start, path.runner.stepping)[first:]
-                 for x, window in zip(path.x, path.slices, strict=True)]
-        times.append(np.array([(track.first + window.start) * track.period_s for window in path.slices]))
+        rows += [_signals(program, path.runner, x, path.values, over)[first:]
+                 for x, over in zip(path.x, path.slices, strict=True)]
+        times.append(np.array([(track.first + over.start) * track.period_s for over in path.slices]))
         own = next(i for i, r in enumerate(recordings) if r is span.recording)
         numbers.append(np.full(len(path.slices), own))
     table = np.array(rows)
@@ -149,9 +150,12 @@ def parity(m: Missing) -> str:
     return "odd" if odd > 3.0 * even else "even" if even > 3.0 * odd else "mixed"
 
 
-def _signals(program: Any, track: Track, x: Array, p: Array, at: int, stepping: Any) -> Array:
-    memory = program.memory(x, stepping=stepping, period_s=track.period_s)
-    return program.run(memory, track.u[at : at + 1], p, period_s=track.period_s, stepping=stepping)[0][0]
+def _signals(program: Program, runner: Runner, x: Array, p: Array, over: Window) -> Array:
+    """Mean of every output over a slice that begins at state x."""
+    track = runner.track
+    memory = program.memory(x, stepping=runner.stepping, period_s=track.period_s)
+    return program.run(memory, track.u[over.start : over.stop], p, period_s=track.period_s, stepping=runner.stepping,
+                       time_s=(track.first + over.start) * track.period_s)[0].mean(axis=0)
 
 
 def regressors(signals: dict[str, Array], units: dict[str, str]) -> tuple[list[str], Array]:
@@ -163,8 +167,11 @@ def regressors(signals: dict[str, Array], units: dict[str, str]) -> tuple[list[s
             continue
         s = x / size
         scaled = f"{name}/({size:.3g} {units[name]})" if units[name] else f"{name}/{size:.3g}"
-        names += [scaled, f"({scaled})^3", f"|{scaled}|"]
-        columns += [s, s**3, np.abs(s)]
+        names += [scaled, f"({scaled})^3"]
+        columns += [s, s**3]
+        if x.min() < 0.0 < x.max():
+            names.append(f"|{scaled}|")
+            columns.append(np.abs(s))
         if name == "velocity":
             names += [f"sign({name})", f"{scaled} |{scaled}|"]
             columns += [np.tanh(s / 0.05), s * np.abs(s)]

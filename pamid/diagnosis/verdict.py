@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.diagnosis.contest import Contender
+from pamid.diagnosis.judgement import forecast_interval
 from pamid.diagnosis.localise import frequency_band, regimes, worst_windows
 from pamid.diagnosis.next_experiment import Proposal, proposal_json
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.diagnosis.transfer import transfer
 from pamid.intervals import background_pull, estimates
 from pamid.isolability import isolability
-from pamid.metrics import shrinkage_interval
 from pamid.units import from_si, split_column
 
 Array = NDArray[np.float64]
@@ -56,6 +56,7 @@ def diagnosis_json(d: Diagnosis, unknown: dict[str, Any] | None, seed: int,
         "background": _background(d, final),
         "unknown": unknown,
         "grounds": vars(d.grounds) if d.grounds else None,
+        "confidence": {k: v for k, v in vars(d.judged).items() if k != "verdict"} if d.judged else None,
     }
 
 
@@ -66,7 +67,9 @@ def groups(d: Diagnosis) -> list[str]:
 
 def _where_shares(d: Diagnosis) -> list[dict[str, Any]]:
     """Every port group's share of the gap, largest first."""
-    found = d.located.shares if d.located else dict.fromkeys(groups(d), 1.0 / len(groups(d)))
+    named = d.cause.group if d.cause and len(d.cause.attached) == 1 else ""
+    found = (d.located.shares(d.evidence.rig, named) if d.located
+             else dict.fromkeys(groups(d), 1.0 / len(groups(d))))
     return [{"port": g, "share": v} for g, v in sorted(found.items(), key=lambda e: (-e[1], e[0]))]
 
 
@@ -109,7 +112,7 @@ def _cause(c: Contender, label: str, share: float) -> dict[str, Any]:
 def _ranked(d: Diagnosis, c: Contender, probability: float, seed: int) -> dict[str, Any]:
     rows = d.reporting if d.reporting.any() else d.chosen
     losses, base = d.budget.channel_losses(c.absolutes), d.budget.channel_losses(d.budget.baseline.absolutes)
-    low, high = shrinkage_interval(base[rows], losses[rows], seed=seed) if rows.sum() > 1 else (-1.0, 1.0)
+    low, high = forecast_interval(base[rows], losses[rows], seed)
     held = {}
     for i, channel in enumerate(d.evidence.channels):
         held[channel] = {"mae_before": _out(channel, d.budget.baseline.absolutes[rows, i].mean()),
@@ -125,7 +128,7 @@ def how_far(d: Diagnosis, i: int, seed: int) -> dict[str, float | None]:
     channel, b = d.evidence.channels[i], d.budget
     before = b.baseline.absolutes[rows, i]
     after = (d.cause or b.baseline).absolutes[rows, i]
-    low, high = shrinkage_interval(before, after, seed=seed) if rows.sum() > 1 else (-1.0, 1.0)
+    low, high = forecast_interval(before, after, seed)
     return {"mae_data_sheet": _out(channel, b.data_sheet[rows, i].mean()),
             "mae_refitted": _out(channel, before.mean()), "mae_with_cause": _out(channel, after.mean()),
             "noise_floor": _out(channel, b.floor[rows, i].mean()),

@@ -2,7 +2,8 @@
 
 What it is
     Chain, cord or belt in series with the muscle give under load: the muscle is shorter than the angle says and pulls
-    less. Solved with one secant step for the pull at which muscle and chain agree.
+    less. Solved with one secant step for the pull at which muscle and chain agree. The muscle's own damping then sits
+    behind a spring: the pull comes late.
 What it looks like
     A joint softer than the muscles alone would make it, by 2-10 %, the more so at high pressure where they are stiff.
 Looks like it
@@ -10,7 +11,8 @@ Looks like it
     given force sensors. Slack is not modelled: two pulling muscles keep the chain taut.
 Equation
     F = law at contraction + compliance F; with F0 the pull unstretched and F1 the one at the stretch of F0:
-    F = F0 - F0 (F0 - F1)/(2 F0 - F1)
+    F = F0 - F0 (F0 - F1)/(2 F0 - F1), lagged by compliance x drag x F/F0 (drag: the muscle's own damping force per
+    contraction rate, where the rig tells it)
 References
     Spong (1987), J. Dyn. Syst. Meas. Control 109(4), 310-319; Tondu (2012), J. Intelligent Material Systems and
     Structures 23(3), 225-253.
@@ -21,7 +23,7 @@ from __future__ import annotations
 from typing import Any
 
 from pamid.effect import Effect
-from pamid.equations import Expr, Number, maximum
+from pamid.equations import Expr, Number, lag, maximum
 from pamid.parameter import Parameter
 
 
@@ -41,4 +43,6 @@ class ChainStretch(Effect):
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         pull = maximum(value, 0.0)
         lost = at.law(at.position, at.pressure) - at.law(at.position + p.compliance * pull, at.pressure)
-        return value - pull * lost / maximum(pull + lost, 1.0)
+        share = pull / maximum(pull + lost, 1.0)
+        settled = value - share * lost
+        return lag(settled, p.compliance * at.drag * share) if at.offers("drag") else settled

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 from pamid.report import words
 from pamid.report.budget import ChannelErrors, headline
-from pamid.report.diagnosed import Candidate, Diagnosis, Regime, Where
+from pamid.report.diagnosed import Candidate, Diagnosis, NextExperiment, Regime, Unknown, Where
 from pamid.report.load import RunData
-from pamid.report.sentences import causes_words, over_channels, runner_up
+from pamid.report.sentences import causes_words, over_channels, regime_words, runner_up, sensor_words, split_words
 from pamid.report.words import channel_unit, channel_words, effect_words, percent, percent_span, sentence, short
 
 DIAGNOSE_HINT = "`pamid diagnose` on the same recordings adds this answer."
@@ -25,7 +25,7 @@ class Answer:
 
 
 def where_answer(run: RunData) -> Answer:
-    """Where the gap lies: port, what cannot be told from it, regimes, band, windows."""
+    """Where the gap lies: port, what cannot be told from it and which sensor would, regimes, band, windows."""
     diagnosis = run.diagnosis
     if diagnosis is None:
         return Answer("Not asked yet.", (DIAGNOSE_HINT,))
@@ -34,8 +34,7 @@ def where_answer(run: RunData) -> Answer:
     where = diagnosis.where
     if where is None or not (where.port or where.shares):
         return Answer("The diagnosis names no port.")
-    details = [sentence(f"from these sensors alone, {words.join(map(words.port_words, group))} cannot be told apart")
-               for group in where.indistinguishable if where.port not in group]  # fmt: skip
+    details = [_alike(where)]
     if where.frequency_hz is not None:
         details.append(f"Most of it lies between {short(where.frequency_hz[0], 2)} and "
                        f"{short(where.frequency_hz[1], 2)} Hz.")  # fmt: skip
@@ -43,29 +42,33 @@ def where_answer(run: RunData) -> Answer:
         shown = [words.span(low, high, "s") for low, high in sorted(where.windows_s[:_MOST_WINDOWS])]
         more = f", and {len(where.windows_s) - len(shown)} more" if len(where.windows_s) > len(shown) else ""
         details.append(f"It shows most in these windows of the recording: {', '.join(shown)}{more}.")
-    return Answer(_where_lead(where), tuple(details), tuple(_regime(one) for one in where.regimes))
+    return Answer(_where_lead(diagnosis.verdict, where), tuple(details), tuple(map(_regime, where.regimes)))
 
 
-def _where_lead(where: Where) -> str:
-    alike = sorted({port for group in where.indistinguishable if where.port in group for port in group} - {where.port})
+def _where_lead(verdict: str, where: Where) -> str:
     if not where.port:
         return "No single port stands out."
-    if not alike:
+    alike = sorted({port for group in where.indistinguishable if where.port in group for port in group} - {where.port})
+    if not alike or verdict == "explained":  # the form of the effect tells what the sensors alone cannot
         return f"At the {words.port_words(where.port)} port."
     return sentence(f"at the {words.port_words(where.port)} port; these sensors cannot tell it from "
                     f"{words.join(map(words.port_words, alike), 'or')}")  # fmt: skip
 
 
+def _alike(where: Where) -> str:
+    """What the sensors cannot tell apart, and the sensor that would help most; "" where there is nothing to say."""
+    groups = [words.join(map(words.port_words, group)) for group in where.indistinguishable if len(group) > 1]
+    told = [f"for an effect of unknown form these sensors cannot tell {', nor '.join(groups)} apart"] if groups else []
+    told += [f"they say nothing of {words.join(map(words.port_words, where.unseen))}"] if where.unseen else []
+    told += [f"measuring {sensor_words(one.name)} as well would separate {', and '.join(split_words(one))}"
+             for one in where.sensors if one.splits][:1]  # fmt: skip
+    return sentence("; ".join(told))
+
+
 def _regime(one: Regime) -> str:
-    unit_text = words.unit_words(one.unit)
-    if one.low is not None and one.high is not None:
-        place = f"{words.port_words(one.signal)} between {short(one.low)} and {short(one.high)}"
-        place += f"{words.SPACE}{unit_text}" if unit_text else ""
-    else:
-        place = f"{words.port_words(one.signal)} {words.span(one.low, one.high, unit_text)}".replace(words.DASH, "")
     if one.share_of_gap is None:
-        return sentence(place)
-    text = f"{place}: {percent(one.share_of_gap)} of the gap"
+        return sentence(regime_words(one))
+    text = f"{regime_words(one)}: {percent(one.share_of_gap)} of the gap"
     if one.share_of_time:
         text += f" in {percent(one.share_of_time)} of the time, {short(one.share_of_gap / one.share_of_time, 2)} times"
         text += " its share"
@@ -79,7 +82,16 @@ def which_answer(run: RunData) -> Answer:
         return Answer("Not asked yet.", (DIAGNOSE_HINT,))
     leads = {"explained": _explained, "ambiguous": _ambiguous, "unknown-effect": _unknown, "no-structural-gap": _no_gap}
     lead, details = leads[diagnosis.verdict](diagnosis)
-    return Answer(lead, (*details, *_beside(diagnosis)))
+    return Answer(lead, (*details, *_beside(diagnosis), _confidence(diagnosis)))
+
+
+def _confidence(diagnosis: Diagnosis) -> str:
+    """The calibrated probabilities behind the verdict."""
+    asked = {"gap": "there is a structural gap at all", "known": "the catalogue knows its cause",
+             "first": "the first of the ranking, or a look-alike, is it"}  # fmt: skip
+    told = [f"{question} {words.chance(diagnosis.confidence[key])}" for key, question in asked.items()
+            if key in diagnosis.confidence]  # fmt: skip
+    return f"Calibrated probabilities: {', '.join(told)}." if told else ""
 
 
 def _explained(diagnosis: Diagnosis) -> tuple[str, list[str]]:
@@ -127,20 +139,35 @@ def _unsettled(diagnosis: Diagnosis) -> list[str]:
 def _unknown(diagnosis: Diagnosis) -> tuple[str, list[str]]:
     lead = "None of the catalogue."
     one = diagnosis.unknown
-    if one is None:
-        return lead, []
-    details = []
-    if one.formula:
-        of = f" of {words.join(map(words.port_words, one.variables))}" if one.variables else ""
-        at = f" at the {words.port_words(one.port)} port" if one.port else ""
-        details.append(f"The missing term{at} is described best, as a function{of}, by `{words.clean(one.formula)}`.")
+    return lead, [] if one is None else [text for text in (*_nature(one), *_formula(one)) if text]
+
+
+def _nature(one: Unknown) -> list[str]:
+    """Odd or even, memory, dissipative: in words."""
+    against = words.port_words("velocity" if "velocity" in one.variables else (one.variables or ("signal",))[0])
+    parity = {"odd": f"It changes its sign with the {against}.",
+              "even": f"It is alike on both sides of the {against}.",
+              "mixed": f"It is neither odd nor even in the {against}."}  # fmt: skip
+    memory = {True: "Most of it is no function of these signals at the same instant: it depends on the past, or on "
+                    "something that is not among them.", False: "It follows these signals without memory."}  # fmt: skip
+    energy = {True: "It takes energy out, as friction does.",
+              False: "On the whole it takes no energy out beyond what the refitted model takes."}  # fmt: skip
+    return [parity.get(one.parity, "") if one.variables else "",
+            memory[one.memory] if one.memory is not None else "",
+            energy[one.dissipative] if one.dissipative is not None else ""]
+
+
+def _formula(one: Unknown) -> list[str]:
+    if not one.formula:
+        return ["No function of the signals at this port describes it."]
+    of = f" of {words.join(map(words.port_words, one.variables))}" if one.variables else ""
+    at = f" at the {words.port_words(one.port)} port" if one.port else ""
+    told = [f"The missing term{at} is described best, as a function{of}, by `{words.clean(one.formula)}`."]
     if one.inclusion is not None:
-        details.append(f"Its terms came up in {percent(one.inclusion)} of the fits to resampled data; this is a "
-                       "description, not a cause.")  # fmt: skip
-    if one.dissipative is not None:
-        details.append("It takes energy out, as friction does." if one.dissipative else
-                       "It does not take energy out on the whole, so it is unlike friction.")  # fmt: skip
-    return lead, details
+        told.append(f"Each of its terms came up in at least {percent(one.inclusion)} of the fits to resampled data.")
+    if one.described is not None:
+        told.append(f"The formula covers {percent(one.described)} of its variance; it is a description, not a cause.")
+    return told
 
 
 def _no_gap(diagnosis: Diagnosis) -> tuple[str, list[str]]:
@@ -217,15 +244,31 @@ def _channel_point(row: ChannelErrors) -> str:
 
 
 def next_answer(run: RunData) -> Answer:
-    """What to measure next."""
+    """What to measure next, what it is expected to show, how long it takes and where its excitation is."""
     if run.diagnosis is None:
         return Answer("Run the diagnosis on what is already recorded.", (_diagnose_command(run),))
     further = run.diagnosis.next_experiment
     if further is None:
         return Answer("The diagnosis asks for no further experiment.")
     apart = words.join(map(effect_words, further.separates))
-    details = [sentence(words.clean(further.why)), sentence(f"it separates {apart}") if apart else ""]
-    return Answer(sentence(effect_words(further.name)), tuple(one for one in details if one))
+    details = [sentence(words.clean(further.why)), sentence(f"it separates {apart}") if apart else "",
+               _expected(further)]  # fmt: skip
+    if further.excitation:
+        details.append(f"Its excitation is `{words.clean(further.excitation)}` in the run folder, ready to be sent.")
+    runs = [words.join(f"{channel_words(name)} {words.with_unit_text(value, channel_unit(name))}"
+                       for name, value in one.items()) for one in further.settings]  # fmt: skip
+    points = [sentence(f"run {k}: {one}") for k, one in enumerate(runs, start=1) if one] if len(runs) > 1 else []
+    return Answer(sentence(effect_words(further.name)), tuple(one for one in details if one), tuple(points))
+
+
+def _expected(further: NextExperiment) -> str:
+    told = []
+    if further.separation is not None:
+        told.append("the nearest two of these models are expected to differ by "
+                    f"{short(further.separation, 2)} noise standard deviations rms")  # fmt: skip
+    if further.minutes is not None:
+        told.append(f"it takes about {short(further.minutes, 2)}{words.SPACE}min at the rig")
+    return sentence("; ".join(told))
 
 
 def _diagnose_command(run: RunData) -> str:

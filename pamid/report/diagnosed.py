@@ -62,8 +62,16 @@ class Regime:
 
 
 @dataclass(frozen=True)
+class Sensor:
+    """A further sensor and the groups of ports that it would take apart."""
+
+    name: str
+    splits: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
 class Where:
-    """The port the gap enters at, all shares (0 to 1), and when it shows."""
+    """The port the gap enters at, all shares (0 to 1), what the sensors cannot tell apart, and when it shows."""
 
     port: str
     shares: tuple[tuple[str, float], ...]
@@ -71,6 +79,9 @@ class Where:
     regimes: tuple[Regime, ...]
     frequency_hz: tuple[float, float] | None
     windows_s: tuple[tuple[float, float], ...]
+    redundancy: float | None
+    unseen: tuple[str, ...]
+    sensors: tuple[Sensor, ...]
 
 
 @dataclass(frozen=True)
@@ -89,22 +100,34 @@ class Reach:
 
 @dataclass(frozen=True)
 class NextExperiment:
-    """What to measure next, and which effects it would tell apart."""
+    """What to measure next, and which effects it would tell apart.
+
+    separation: expected rms difference of their models in noise standard deviations; settings: known values of each
+    repetition.
+    """
 
     name: str
     why: str
     separates: tuple[str, ...]
+    separation: float | None
+    minutes: float | None
+    excitation: str
+    settings: tuple[dict[str, float], ...]
 
 
 @dataclass(frozen=True)
 class Unknown:
-    """A term that no effect explains; inclusion: share of resampled fits in which the formula's terms came up."""
+    """A term that no effect explains; inclusion: share of resampled fits in which the formula's terms came up;
+    described: share of the term's variance that the formula describes; memory: it depends on the past."""
 
     port: str
     formula: str
     variables: tuple[str, ...]
     inclusion: float | None
     dissipative: bool | None
+    parity: str
+    memory: bool | None
+    described: float | None
 
 
 @dataclass(frozen=True)
@@ -114,6 +137,15 @@ class Pull:
     name: str
     pull: float
     share_of_gap: float | None
+
+
+@dataclass(frozen=True)
+class Transfer:
+    """A held-out recording made under other conditions; mae: channel -> refitted, with cause, shrinkage."""
+
+    recording: str
+    differs: str
+    mae: dict[str, tuple[float | None, float | None, float | None]]
 
 
 @dataclass(frozen=True)
@@ -130,6 +162,9 @@ class Diagnosis:
     parameters: dict[str, Estimate]
     background: tuple[Pull, ...]
     unknown: Unknown | None
+    transfer: tuple[Transfer, ...]
+    grounds: dict[str, float]
+    confidence: dict[str, float]
 
 
 def read_diagnosis(path: Path) -> Diagnosis | None:
@@ -142,6 +177,7 @@ def read_diagnosis(path: Path) -> Diagnosis | None:
         hint = nearest(verdict, VERDICTS) or f"The verdicts are: {', '.join(VERDICTS)}."
         raise FileError(f"{path}: there is no verdict {verdict!r}.", hint, code="damaged")
     where, further, unknown = node.child("where"), node.child("next_experiment"), node.child("unknown")
+    grounds, confidence = node.child("grounds"), node.child("confidence")
     causes = tuple(_read_cause(one) for one in node.listed("causes"))
     if verdict in ("explained", "ambiguous") and not causes:
         node.refuse("causes", f"a list with at least one effect, as the verdict is {verdict!r}")
@@ -152,16 +188,46 @@ def read_diagnosis(path: Path) -> Diagnosis | None:
         where=None if where is None else _read_where(where),
         how_far={name: _read_reach(one) for name, one in node.children("how_far").items()},
         look_alikes=node.groups("look_alikes"),
-        next_experiment=None if further is None else NextExperiment(
-            further.text("name"), further.text("why", ""), further.texts("separates")),
+        next_experiment=None if further is None else _read_next(further),
         parameters={name: _read_estimate(one) for name, one in node.children("parameters").items()},
         background=tuple(Pull(name, one.number("pull"), one.maybe("share_of_gap"))
                          for name, one in node.children("background").items()),
-        unknown=None if unknown is None else Unknown(
-            unknown.text("port", ""), unknown.text("formula", ""), unknown.texts("variables"),
-            unknown.maybe("inclusion"),
-            unknown.flag("dissipative", False) if unknown.content.get("dissipative") is not None else None),
+        unknown=None if unknown is None else _read_unknown(unknown),
+        transfer=tuple(_read_transfer(one) for one in node.listed("transfer")),
+        grounds={} if grounds is None else grounds.numbers(),
+        confidence={} if confidence is None else confidence.numbers(),
     )  # fmt: skip
+
+
+def _read_next(node: Node) -> NextExperiment:
+    return NextExperiment(
+        node.text("name"), node.text("why", ""), node.texts("separates"), node.maybe("expected_separation"),
+        node.maybe("minutes"), node.text("excitation", ""),
+        tuple(one.numbers() for one in node.listed("settings")))  # fmt: skip
+
+
+def _read_unknown(node: Node) -> Unknown:
+    return Unknown(
+        node.text("port", ""), node.text("formula", ""), node.texts("variables"), node.maybe("inclusion"),
+        node.maybe_flag("dissipative"), node.text("parity", "none"), node.maybe_flag("memory"),
+        node.maybe("described"))  # fmt: skip
+
+
+def _read_transfer(node: Node) -> Transfer:
+    channels = [key for key in node.content if key not in ("recording", "differs")]
+    differs = node.child("differs")
+    told = [] if differs is None else [f"{key} {_plainly(value)}" for key, value in differs.content.items()]
+    return Transfer(
+        node.text("recording", ""), ", ".join(told),
+        {name: (one.maybe("mae_refitted"), one.maybe("mae_with_cause"), one.maybe("shrinkage"))
+         for name in channels if (one := node.child(name)) is not None})  # fmt: skip
+
+
+def _plainly(value: object) -> str:
+    """A value of `differs` as text: a number, a word, or the changed entries of a table."""
+    if isinstance(value, dict):
+        return " and ".join(f"{key} {_plainly(one)}" for key, one in value.items())
+    return f"{value:.3g}" if isinstance(value, float | int) and not isinstance(value, bool) else str(value)
 
 
 def _read_cause(node: Node) -> Cause:
@@ -196,8 +262,11 @@ def _read_where(node: Node) -> Where:
         shares=tuple((one.text("port"), one.number("share")) for one in node.listed("ports")),
         indistinguishable=node.groups("indistinguishable"),
         regimes=tuple(_read_regime(one) for one in node.listed("regimes")),
-        frequency_hz=node.span("frequency_hz"),
+        frequency_hz=node.span("frequency_hz") if node.content.get("frequency_hz") else None,
         windows_s=node.spans("windows_s"),
+        redundancy=node.maybe("redundancy"),
+        unseen=node.texts("unseen"),
+        sensors=tuple(Sensor(one.text("sensor"), one.groups("splits")) for one in node.listed("sensors")),
     )
 
 

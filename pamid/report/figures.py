@@ -1,4 +1,4 @@
-"""The pictures of the three answers: port shares, ranking, gap budget, worst held-out window.
+"""The pictures of the three answers: port shares, regimes, ranking, missing term, gap budget, worst held-out window.
 
 Each function returns a `Drawing`, or None where the run does not hold what it shows. Titles are built from the numbers.
 """
@@ -12,25 +12,30 @@ from matplotlib.ticker import MaxNLocator
 
 from pamid.report import words
 from pamid.report.budget import MODELS, ChannelErrors, Window
-from pamid.report.diagnosed import Candidate, Diagnosis, Where
+from pamid.report.diagnosed import Candidate, Diagnosis, Regime, Where
 from pamid.report.load import Residual, RunData
 from pamid.report.reading import FloatArray
 from pamid.report.sentences import (
     budget_title,
     candidate_order,
     causes_words,
+    missing_title,
     over_channels,
     ports_title,
     ranking_title,
+    regimes_title,
     window_title,
 )
 from pamid.report.style import Drawing, bare, colour, grid, label, legend_above
+from pamid.units import split_column
 
 MOST_CANDIDATES = 12
 _LEFT_END = -0.5  # a candidate that is worse than this is drawn at the edge, with an arrow
 _NOTHING = 0.005
 _HUGE = 4.0
 _POINTS = 1500
+_MOST_DOTS, _PARTS, _FEWEST, _NARROWEST = 1200, 16, 3, 0.03
+NO_SIGNALS = ("time", "recording", "missing")
 LINES = {"data_sheet": ("data_sheet", 1.1, (0, (4, 2))), "refitted": ("refitted", 1.5, "-"),
          "network": ("with_network", 1.5, (0, (1, 1.2))), "cause": ("with_cause", 1.7, "-")}  # fmt: skip
 
@@ -60,6 +65,80 @@ def ports_drawing(diagnosis: Diagnosis) -> Drawing | None:
     return Drawing("ports", ports_title(where), draw, height, height)
 
 
+def regimes_drawing(diagnosis: Diagnosis) -> Drawing | None:
+    """Pairs of bars: each regime's share of the gap and of the time [%]."""
+    told = [one for one in (diagnosis.where.regimes if diagnosis.where is not None else ())
+            if one.share_of_gap is not None and one.share_of_time is not None]  # fmt: skip
+    if not told:
+        return None
+
+    def draw(figure: Figure, narrow: bool) -> None:
+        axes = figure.subplots()
+        for row, one in enumerate(told):
+            pair = ((one.share_of_gap, "with_cause", -0.17), (one.share_of_time, "data_sheet", 0.17))
+            for (share, role, offset), name in zip(pair, ("of the gap", "of the time"), strict=True):
+                assert share is not None
+                axes.barh(row + offset, 100.0 * share, height=0.3, color=colour(role), linewidth=0.0,
+                          label="" if row else name)
+                _value(axes, 100.0 * share, row + offset, words.percent(share))
+        _rows(axes, [_regime_name(one) for one in told], 26)
+        axes.set_xlim(0.0, 118.0)
+        axes.set_xticks(range(0, 101, 25 if not narrow else 50))
+        axes.set_xlabel("share [%]")
+        legend_above(axes, 2)
+
+    height = 0.85 + 0.46 * len(told)
+    return Drawing("regimes", regimes_title(told), draw, height, height)
+
+
+def _regime_name(one: Regime) -> str:
+    """The signal, and below it the range."""
+    return f"{words.port_words(one.signal)}\n{words.span(one.low, one.high, words.unit_words(one.unit))}"
+
+
+def missing_drawing(run: RunData) -> Drawing | None:
+    """Points and binned medians: the missing value [port's unit] over the signal that describes it best [its unit]."""
+    unknown = run.diagnosis.unknown if run.diagnosis is not None else None
+    if unknown is None or run.missing is None:
+        return None
+    stems = {split_column(name)[0]: name for name in run.missing}
+    found = [*(v for v in unknown.variables if v in stems), *(s for s in stems if s not in NO_SIGNALS)]
+    if not found:
+        return None
+    signal, x, y = stems[found[0]], run.missing[stems[found[0]]], run.missing[stems["missing"]]
+    centres, middles, share = _binned(x, y)
+
+    def draw(figure: Figure, narrow: bool) -> None:
+        axes = figure.subplots()
+        every = -(-x.size // _MOST_DOTS)
+        axes.plot(x[::every], y[::every], linestyle="none", marker="o", markersize=3.2, markeredgewidth=0.0,
+                  color=colour("refitted"), alpha=0.45, label="slice of a recording")
+        axes.plot(centres, middles, color=colour("with_cause"), linewidth=1.8, marker="o", markersize=4.0,
+                  label="median")
+        axes.axhline(0.0, color=colour("muted"), linewidth=0.7)
+        axes.set_xlabel(words.axis_label(label(words.channel_words(signal)), label(words.channel_unit(signal))))
+        axes.set_ylabel(words.axis_label("missing", label(words.channel_unit(stems["missing"]))))
+        axes.xaxis.set_major_locator(MaxNLocator(5 if narrow else 9))
+        grid(axes, "y")
+        legend_above(axes, 2)
+
+    return Drawing("missing", missing_title(unknown.port, found[0], share), draw, 2.8, 2.8)
+
+
+def _binned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """Medians of x and y in parts of about equal count, none too narrow to be seen, and the share of the variance of y
+    that lies between the parts."""
+    edges = [x.min()]
+    for edge in np.quantile(x, np.linspace(0.0, 1.0, _PARTS + 1))[1:]:
+        if edge - edges[-1] > _NARROWEST * np.ptp(x):
+            edges.append(edge)
+    place = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 1)
+    parts = [part for k in range(len(edges)) if (part := np.flatnonzero(place == k)).size >= _FEWEST]
+    between = sum(part.size * (y[part].mean() - y.mean()) ** 2 for part in parts) / y.size
+    share = float(between / y.var()) if y.var() > 0.0 else 0.0
+    return (np.array([np.median(x[part]) for part in parts]), np.array([np.median(y[part]) for part in parts]), share)
+
+
 def ranking_drawing(diagnosis: Diagnosis) -> Drawing | None:
     """Points with 95 % intervals: the part of the held-out error each candidate removes [%], best first."""
     shown = [one for one in candidate_order(diagnosis) if one.shrinkage is not None][:MOST_CANDIDATES]
@@ -80,12 +159,12 @@ def ranking_drawing(diagnosis: Diagnosis) -> Drawing | None:
         axes.axvline(0.0, color=colour("muted"), linewidth=0.7)
         axes.text(100.0 * right + (4 if narrow else 2), -0.85, "P" if narrow else "probability", va="center",
                   fontsize=8.0, color=colour("muted"), clip_on=False)
-        _rows(axes, [_candidate_name(one, alike, narrow) for one in shown])
+        _rows(axes, [_candidate_name(one, alike, narrow) for one in shown], 34 if narrow else 48)
         axes.set_xlim(100.0 * left - 3.0, 100.0 * right + (20.0 if narrow else 13.0))
         ticks = [tick for tick in range(-50, 101, 50 if narrow else 25) if 100.0 * left - 3.0 <= tick <= 100.0 * right]
         axes.set_xticks(ticks)
         axes.spines["bottom"].set_bounds(100.0 * left - 3.0, 100.0 * right)
-        what = f"held-out error removed{over_channels(diagnosis)} [%]"
+        what = f"held-out error removed{'' if narrow else over_channels(diagnosis)} [%]"
         failed = not all(one.converged for one in shown)
         notes = ([] if narrow else ["line: 95 % interval"]) + (["open: not converged"] if failed else [])
         axes.set_xlabel(f"{what}\n{', '.join(notes)}" if notes else what)
@@ -208,15 +287,16 @@ def _model_name(field: str, diagnosis: Diagnosis | None) -> str:
     return MODELS[field]
 
 
-def _rows(axes: Axes, names: list[str]) -> None:
+def _rows(axes: Axes, names: list[str], longest: int = 34) -> None:
     """Names beside rows 0, 1, ... from the top."""
-    axes.set_yticks(range(len(names)), [label(name) for name in names])
+    lines = ["\n".join(label(line, longest) for line in name.split("\n")) for name in names]
+    axes.set_yticks(range(len(names)), lines)
     axes.set_ylim(len(names) - 0.4, -0.6)
     grid(axes)
     bare(axes)
 
 
-def _value(axes: Axes, x: float, row: int, text: str) -> None:
+def _value(axes: Axes, x: float, row: float, text: str) -> None:
     axes.annotate(text, (max(x, 0.0), row), xytext=(4, 0), textcoords="offset points", va="center", fontsize=8.5,
                   color=colour("ink"))
 

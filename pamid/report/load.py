@@ -1,4 +1,5 @@
-"""What a run folder holds, read into frozen nouns: the run itself, fit, diagnosis, network, residual, trace."""
+"""What a run folder holds, read into frozen nouns: the run itself, fit, diagnosis, network, residual, trace, and the
+points of a missing term."""
 
 from __future__ import annotations
 
@@ -124,6 +125,7 @@ class RunData:
     network: Network | None
     residual: Residual | None
     trace: dict[str, FloatArray] | None
+    missing: dict[str, FloatArray] | None
 
     @property
     def rig(self) -> str:
@@ -151,20 +153,25 @@ def load_run(folder: Path) -> RunData:
     trace = read_columns(folder / "trace.csv")
     if trace is not None:
         _require(folder / "trace.csv", trace, ("iteration", "mse"))
+    missing = read_columns(folder / "missing.csv")
+    if missing is not None:
+        _require(folder / "missing.csv", {split_column(name)[0]: x for name, x in missing.items()}, ("missing",))
     trained = None if network is None else _read_network(network)
     if residual is not None and trained is not None and trained.in_loop:  # its trace belongs to another comparison
         residual = {name: values for name, values in residual.items() if "_network" not in name}
     return RunData(
-        steps=_read_steps(folder / "run.json"),
+        steps=read_steps(folder / "run.json"),
         fit=None if fit is None else _read_fit(fit),
         diagnosis=diagnosis,
         network=trained,
         residual=None if residual is None else Residual(residual),
         trace=trace,
+        missing=missing,
     )
 
 
-def _read_steps(path: Path) -> tuple[Step, ...]:
+def read_steps(path: Path) -> tuple[Step, ...]:
+    """The commands that run.json notes."""
     record = read_object(path)
     assert record is not None
     return tuple(_read_step(node) for node in (record, *record.listed("steps")))
@@ -198,7 +205,7 @@ def _read_fit(node: Node) -> Fit:
         recheck=stepping.maybe("recheck"),
         parameters=tuple(_read_parameter(name, one) for name, one in node.children("parameters").items()),
         background=tuple((name, one.number("pull")) for name, one in node.children("background").items()),
-        mae={name: numbers_of(one) for name, one in node.children("mae").items()},
+        mae={name: one.numbers() for name, one in node.children("mae").items()},
         closed_loop=tuple(
             LoopError(name, one.maybe("data_sheet"), one.maybe("refitted"), one.maybe("band"))
             for name, one in node.children("closed_loop").items()
@@ -237,15 +244,9 @@ def _read_network(node: Node) -> Network:
         remark=training.text("remark", ""),
         iterations=training.maybe("iterations"),
         output=output.text("name", ""),
-        mae={name: numbers_of(one) for name, one in node.children("mae").items()},
+        mae={name: one.numbers() for name, one in node.children("mae").items()},
         in_loop=node.text("model", "replay") == "loop",
     )
-
-
-def numbers_of(node: Node) -> dict[str, float]:
-    """The numbers of an object by key; texts and nulls are passed over."""
-    found = {key: node.maybe(key) for key, value in node.content.items() if not isinstance(value, str)}
-    return {key: value for key, value in found.items() if value is not None}
 
 
 def _require(path: Path, columns: dict[str, FloatArray], needed: tuple[str, ...]) -> None:

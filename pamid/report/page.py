@@ -14,6 +14,7 @@ from pamid.report.markup import Html, Part, joined, paragraphs, prose, tag
 from pamid.report.sentences import verdict_sentence
 from pamid.report.style import COLOURS, Picture
 from pamid.report.tables import (
+    grounds_table,
     inputs_table,
     loop_table,
     mae_table,
@@ -21,7 +22,9 @@ from pamid.report.tables import (
     parameters_of,
     ranking_table,
     recordings_table,
+    sensors_table,
     steps_table,
+    transfer_table,
 )
 
 MARK = "<!doctype html>\n<!-- pamid.report/1 -->\n"
@@ -29,26 +32,31 @@ _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 
 
 def page_html(run: RunData, rows: tuple[ChannelErrors, ...], pictures: dict[str, Picture]) -> str:
-    """The whole page as text."""
+    """The whole page of a run as text."""
     verdict = verdict_sentence(run, rows)
     rig = words.clean(run.rig)
+    main = tag(
+        "main",
+        tag("header", tag("p", _subtitle(run), class_="rig"), tag("h1", prose(verdict)), _warnings(run)),
+        _answer("Where", where_answer(run), pictures, ("ports", "regimes"), ("timeline",)),
+        _answer("Which", which_answer(run), pictures, *_which_pictures(run)),
+        _answer("How far", how_far_answer(run, rows), pictures, ("budget",), ("window",)),
+        _answer("Next experiment", next_answer(run), pictures),
+        _evidence(run, rows, pictures),
+    )
+    return document(f"{rig}: {verdict}" if rig else verdict, main)
+
+
+def document(title: str, main: Html) -> str:
+    """A page with this title and content, that loads and runs nothing."""
     head = tag(
         "head",
         tag("meta", charset="utf-8"),
         tag("meta", http_equiv="Content-Security-Policy", content=_POLICY),
         tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
         tag("meta", name="color-scheme", content="light dark"),
-        tag("title", f"{rig}: {verdict}" if rig else verdict),
+        tag("title", title),
         tag("style", Html(_style_sheet())),
-    )
-    main = tag(
-        "main",
-        tag("header", tag("p", _subtitle(run), class_="rig"), tag("h1", prose(verdict)), _warnings(run)),
-        _answer("Where", where_answer(run), pictures, "ports", "timeline"),
-        _answer("Which", which_answer(run), pictures, "ranking"),
-        _answer("How far", how_far_answer(run, rows), pictures, "budget", "window"),
-        _answer("Next experiment", next_answer(run), pictures),
-        _evidence(run, rows, pictures),
     )
     return MARK + tag("html", head, tag("body", main), lang="en") + "\n"
 
@@ -81,11 +89,19 @@ def _warnings(run: RunData) -> Html:
     return paragraphs((words.clean(one).replace("..", ".") for one in told), "warning")
 
 
-def _answer(question: str, answer: Answer, pictures: dict[str, Picture], *names: str) -> Html:
+def _which_pictures(run: RunData) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The ranking leads, unless no effect of it is the answer."""
+    unknown = run.diagnosis is not None and run.diagnosis.unknown is not None
+    return (("missing",), ("ranking",)) if unknown else (("ranking",), ())
+
+
+def _answer(question: str, answer: Answer, pictures: dict[str, Picture], above: tuple[str, ...] = (),
+            below: tuple[str, ...] = ()) -> Html:
+    """Lead sentence, pictures, list, sentences, further pictures."""
     heading = tag("h2", tag("span", question, class_="question"), prose(answer.lead))
-    shown = [figure_html(pictures[name]) for name in names if name in pictures]
+    first, last = ([figure_html(pictures[name]) for name in names if name in pictures] for names in (above, below))
     points = tag("ul", [tag("li", prose(point)) for point in answer.points]) if answer.points else ""
-    return tag("section", heading, shown[:1], points, paragraphs(answer.details), shown[1:], class_="answer")
+    return tag("section", heading, first, points, paragraphs(answer.details), last, class_="answer")
 
 
 def figure_html(picture: Picture) -> Html:
@@ -104,8 +120,10 @@ def _evidence(run: RunData, rows: tuple[ChannelErrors, ...], pictures: dict[str,
         "section",
         tag("h2", "Evidence"),
         _errors(run, rows),
+        _transfer(run),
         _closed_loop(run),
         _candidates(run),
+        _sensors(run),
         _parameters(run),
         _background(run, pictures),
         _network(run, pictures),
@@ -138,11 +156,38 @@ def _closed_loop(run: RunData) -> Html:
     return joined([head, loop_table(run.fit.closed_loop), paragraphs([note], "note")])
 
 
-def _candidates(run: RunData) -> Html:
-    if run.diagnosis is None or not run.diagnosis.ranking:
+def _transfer(run: RunData) -> Html:
+    if run.diagnosis is None or not run.diagnosis.transfer:
         return Html("")
-    count = len(run.diagnosis.ranking)
-    return tag("details", tag("summary", f"All {count} candidates that were refitted"), ranking_table(run.diagnosis))
+    note = ("Held-out recordings made under other conditions than any that was fitted: mean absolute error refitted "
+            "and with the cause, on windows that did not choose it.")  # fmt: skip
+    return joined([tag("h3", "Does it hold elsewhere?"), transfer_table(run.diagnosis.transfer, run.fit),
+                   paragraphs([note], "note")])  # fmt: skip
+
+
+def _candidates(run: RunData) -> Html:
+    diagnosis = run.diagnosis
+    if diagnosis is None or not diagnosis.ranking:
+        return Html("")
+    count = len(diagnosis.ranking)
+    parts: list[Part] = [tag("h3", "What the verdict rests on")]
+    if diagnosis.grounds:
+        parts += [grounds_table(diagnosis.grounds), paragraphs(["All on the held-out windows that choose."], "note")]
+    parts.append(tag("details", tag("summary", f"All {count} candidates that were refitted"), ranking_table(diagnosis)))
+    classes = [words.join(map(words.effect_words, group)) for group in diagnosis.look_alikes if len(group) > 1]
+    if classes:
+        parts += [tag("h3", "Look-alikes"), tag("ul", [tag("li", prose(one)) for one in classes]),
+                  paragraphs(["Effects of one class predict the same, within the noise, on these recordings."], "note")]
+    return joined(parts)
+
+
+def _sensors(run: RunData) -> Html:
+    where = run.diagnosis.where if run.diagnosis is not None else None
+    if where is None or not where.sensors:
+        return Html("")
+    checks = f"These sensors allow {words.count(where.redundancy)} independent checks. " if where.redundancy else ""
+    note = f"{checks}From the structure of the rig's equations alone, for an effect of unknown form."
+    return joined([tag("h3", "Which sensor would tell more"), sensors_table(where), paragraphs([note], "note")])
 
 
 def _parameters(run: RunData) -> Html:

@@ -74,6 +74,15 @@ class Node:
             self.refuse(key, "true or false")
         return value
 
+    def maybe_flag(self, key: str) -> bool | None:
+        """True or false; None where the key is missing or null."""
+        return None if self.content.get(key) is None else self.flag(key, False)
+
+    def numbers(self) -> dict[str, float]:
+        """The numbers of this object by key; texts and nulls are passed over."""
+        found = {key: self.maybe(key) for key, value in self.content.items() if not isinstance(value, str)}
+        return {key: value for key, value in found.items() if value is not None}
+
     def texts(self, key: str) -> tuple[str, ...]:
         """A list of texts; () where it is missing."""
         values = self._list(key)
@@ -104,7 +113,18 @@ class Node:
     def children(self, key: str) -> dict[str, Node]:
         """The objects in the object at `key`, by name; {} where it is missing."""
         parent = self.child(key)
-        return {} if parent is None else {name: parent._node(name, parent.content[name]) for name in parent.content}
+        return {} if parent is None else parent.nested()
+
+    def nested(self) -> dict[str, Node]:
+        """The objects in this object, by name."""
+        return {name: self._node(name, value) for name, value in self.content.items()}
+
+    def needed(self, key: str) -> Node:
+        """The object at `key`, which must be there."""
+        found = self.child(key)
+        if found is None:
+            self.refuse(key, "an object")
+        return found
 
     def listed(self, key: str) -> list[Node]:
         """The objects in the list at `key`; [] where it is missing."""

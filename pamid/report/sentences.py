@@ -8,7 +8,7 @@ import numpy as np
 
 from pamid.report import words
 from pamid.report.budget import ChannelErrors, Window, headline
-from pamid.report.diagnosed import Candidate, Diagnosis, Pull, Where
+from pamid.report.diagnosed import Candidate, Diagnosis, Pull, Regime, Sensor, Where
 from pamid.report.load import Network, RunData
 from pamid.report.reading import FloatArray
 from pamid.report.words import channel_unit, channel_words, effect_words, percent, percent_span, with_unit_text
@@ -82,11 +82,51 @@ def _gain(row: ChannelErrors | None) -> str:
 
 
 def ports_title(where: Where) -> str:
-    """ "81 % of the gap enters at the joint port, 12 % at the muscle port". """
-    ordered = sorted(where.shares, key=lambda one: (one[0] != where.port, -one[1]))
+    """ "81 % of the gap enters at the joint port, 12 % at the muscle port", or that the verdict names another port. """
+    ordered = sorted(where.shares, key=lambda one: -one[1])
+    named = [one for one in ordered if one[0] == where.port]
+    if named and named[0][1] < ordered[0][1]:
+        return (f"{percent(ordered[0][1])} of the gap might enter at the {words.port_words(ordered[0][0])} port; the "
+                f"verdict names the {words.port_words(where.port)} port, with {percent(named[0][1])}")  # fmt: skip
+    ordered = named + [one for one in ordered if one[0] != where.port]
     (port, share), others = ordered[0], ordered[1:2]
     tail = f", {percent(others[0][1])} at the {words.port_words(others[0][0])} port" if others else ""
     return f"{percent(share)} of the gap enters at the {words.port_words(port)} port{tail}"
+
+
+def sensor_words(name: str) -> str:
+    """ "force_1_n and force_2_n" -> "force 1 and force 2"; "the value at port angle_sensor" -> "... angle sensor". """
+    if name.startswith("the "):
+        return words.port_words(name)
+    return words.join(map(channel_words, name.split(" and ")))
+
+
+def split_words(sensor: Sensor) -> list[str]:
+    """The groups of ports that a sensor would take apart: ["muscle and joint"]."""
+    return [words.join(map(words.port_words, group)) for group in sensor.splits]
+
+
+def regime_words(one: Regime) -> str:
+    """ "velocity between -2 and 2 deg/s". """
+    unit_text = words.unit_words(one.unit)
+    if one.low is not None and one.high is not None:
+        place = f"{words.port_words(one.signal)} between {words.short(one.low)} and {words.short(one.high)}"
+        return place + (f"{words.SPACE}{unit_text}" if unit_text else "")
+    return f"{words.port_words(one.signal)} {words.span(one.low, one.high, unit_text)}".replace(words.DASH, "")
+
+
+def regimes_title(told: list[Regime]) -> str:
+    """ "70 % of the gap lies in 20 % of the time: velocity between -2 and 2 deg/s". """
+    best = told[0]
+    return f"{percent(best.share_of_gap)} of the gap lies in {percent(best.share_of_time)} of the time: " \
+           f"{regime_words(best)}"  # fmt: skip
+
+
+def missing_title(port: str, signal: str, share: float) -> str:
+    """ "Velocity alone accounts for 31 % of what is missing at the joint port". """
+    at = f" at the {words.port_words(port)} port" if port else ""
+    text = f"{words.port_words(signal)} alone accounts for {percent(share)} of what is missing{at}"
+    return words.sentence(text).removesuffix(".")
 
 
 def ranking_title(diagnosis: Diagnosis) -> str:

@@ -6,12 +6,35 @@ from collections.abc import Iterable
 
 from pamid.report import words
 from pamid.report.budget import MODELS, ChannelErrors
-from pamid.report.diagnosed import Diagnosis, Estimate
+from pamid.report.diagnosed import Diagnosis, Estimate, Transfer, Where
 from pamid.report.load import Fit, LoopError, Parameter, RunData, Step
 from pamid.report.markup import Html, Part, tag
+from pamid.report.sentences import sensor_words, split_words
 from pamid.report.words import channel_unit, channel_words, count, effect_words, number, percent, percent_span
 
 STRAINED = 3.0
+#: figures of `grounds` in diagnosis.json -> what each one is; all on the held-out windows that choose
+GROUNDS = {
+    "visible": "Error of the refitted model over the noise floor, in the channel where it is largest.",
+    "gap": "Error of the refitted model above the noise floor, in floors, summed over the channels.",
+    "of_signal": "Error of the refitted model over the standard deviation of the signal, in the worst channel.",
+    "left": "Share of the gap that remains with the best model.",
+    "ceiling": "Share of the gap that a black box trained on the same data leaves.",
+    "shrinkage": "Share of the error that the best model removes.",
+    "gain": "Log squared error per channel that the best model gains on the refitted one.",
+    "sure": "The same gain in its standard errors.",
+    "helps": "Share of the resampled window sets on which the first candidate helps at all.",
+    "margin": "Share of the gap by which the best candidate of another family is worse than the first.",
+    "margin_gain": "The same margin in log squared error per channel.",
+    "margin_sure": "The same margin in its standard errors.",
+    "wins": "Share of the resampled window sets that the family of the first candidate wins.",
+    "missing": "Evidence that something is missing from the refitted model, nats per sample.",
+    "unexplained": "Evidence that something is still missing from the best model, nats per sample.",
+    "at_port": "Evidence at the port of the first candidate over the largest at any port.",
+    "strain": "Largest strain of a parameter in the best model, in prior standard deviations.",
+    "pull": "Largest pull of the background in the best model, in tolerances.",
+}
+SHARES = frozenset({"left", "ceiling", "shrinkage", "helps", "margin", "wins", "at_port"})
 
 
 def table(heads: Iterable[str], rows: Iterable[Iterable[Part]], numeric: Iterable[int] = ()) -> Html:
@@ -152,3 +175,35 @@ def inputs_table(steps: tuple[Step, ...]) -> Html:
     """Every input file with the sha256 it had."""
     inputs = dict.fromkeys(pair for step in steps for pair in step.inputs)
     return table(["input", "sha256"], [[words.clean(path), tag("code", words.clean(sha))] for path, sha in inputs])
+
+
+def transfer_table(told: tuple[Transfer, ...], fit: Fit | None) -> Html:
+    """MAE on held-out recordings made under other conditions, refitted and with the cause."""
+    channels = list(dict.fromkeys(name for one in told for name in one.mae))
+    heads = ["recording", "differs in"]
+    heads += [f"{channel_words(name)} MAE [{channel_unit(name) or '-'}]" for name in channels]
+    body: list[list[Part]] = []
+    for one in told:
+        known = [r.name for r in (fit.recordings if fit is not None else ()) if r.sha256.startswith(one.recording)]
+        row: list[Part] = [words.clean(known[0]) if known else tag("code", words.clean(one.recording)),
+                           words.clean(one.differs) or words.DASH]  # fmt: skip
+        for name in channels:
+            before, after, removed = one.mae.get(name, (None, None, None))
+            row.append(words.DASH if after is None else
+                       f"{number(before)} → {number(after)} ({percent(removed)} removed)")  # fmt: skip
+        body.append(row)
+    return table(heads, body, range(2, 2 + len(channels)))
+
+
+def sensors_table(where: Where) -> Html:
+    """Further sensors and the groups of ports that each would take apart."""
+    body = [[words.sentence(sensor_words(one.name)).removesuffix("."), "; ".join(split_words(one)) or words.DASH]
+            for one in where.sensors]  # fmt: skip
+    return table(["one more sensor", "takes apart"], body)
+
+
+def grounds_table(grounds: dict[str, float]) -> Html:
+    """The figures that the verdict rests on, and what each one means."""
+    body = [[words.port_words(name), percent(value) if name in SHARES else number(value), GROUNDS.get(name, words.DASH)]
+            for name, value in grounds.items()]  # fmt: skip
+    return table(["figure", "value", "meaning"], body, (1,))

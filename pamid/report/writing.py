@@ -1,21 +1,34 @@
-"""`write_report`: from a run folder to its page and figures."""
+"""`write_report`: from the folder of a run or a trial to its page and figures."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 from pamid.errors import FileError
 from pamid.report.budget import ChannelErrors, errors_of, headline, worst_window
 from pamid.report.evidence import pulls_drawing, pulls_of, timeline_drawing, training_drawing
-from pamid.report.figures import budget_drawing, ports_drawing, ranking_drawing, window_drawing
-from pamid.report.load import RunData, load_run
+from pamid.report.figures import (
+    budget_drawing,
+    missing_drawing,
+    ports_drawing,
+    ranking_drawing,
+    regimes_drawing,
+    window_drawing,
+)
+from pamid.report.load import RunData, load_run, read_steps
 from pamid.report.page import MARK, page_html
-from pamid.report.style import Drawing, render
-from pamid.run import FIGURES, write_atomically
+from pamid.report.style import Drawing, Picture, render
+from pamid.report.trial import read_trial
+from pamid.report.trial_figures import trial_drawings
+from pamid.report.trial_page import trial_html
+from pamid.run import FIGURES, Run, write_atomically
 
 #: every figure this version can write; older ones of these names are removed when a run no longer has them
-FIGURE_NAMES = ("ports", "timeline", "ranking", "budget", "window", "window-network", "background", "training")
+FIGURE_NAMES = ("ports", "regimes", "timeline", "missing", "ranking", "budget", "window", "window-network",
+                "background", "training", "targets", "reliability", "confusion", "strata")
+TRIAL = "trial.json"
 
 
 @dataclass(frozen=True)
@@ -33,15 +46,27 @@ class Report:
 
 
 def write_report(run_folder: Path, output: Path | None = None) -> Report:
-    """Read a run, write `report.html` (or `output`) and RUN/figures/*.png; the same run gives the same bytes.
+    """Read a run or a trial, write `report.html` (or `output`) and RUN/figures/*.png; same run, same bytes.
 
     FileError if the folder is no run, holds no result, a file of it is damaged, or `output` exists and is no report.
     """
     page = run_folder / "report.html" if output is None else output
+    trial = read_trial(run_folder / TRIAL)
+    if trial is not None:
+        Run.open(run_folder)
+        steps = read_steps(run_folder / "run.json")
+        return _written(run_folder, page, (), trial_drawings(trial), lambda found: trial_html(trial, steps, found))
     run = load_run(run_folder)
-    _require_own(page)
     rows = errors_of(run)
-    pictures = {drawing.name: render(drawing) for drawing in drawings_of(run, rows)}
+    return _written(run_folder, page, rows, drawings_of(run, rows), lambda found: page_html(run, rows, found))
+
+
+def _written(run_folder: Path, page: Path, rows: tuple[ChannelErrors, ...], drawings: list[Drawing],
+             html_of: Callable[[dict[str, Picture]], str]) -> Report:
+    """Everything is drawn before anything is written."""
+    _require_own(page)
+    pictures = {drawing.name: render(drawing) for drawing in drawings}
+    html = html_of(pictures)
     folder = run_folder / FIGURES
     _make(folder)
     _make(page.parent)
@@ -50,7 +75,7 @@ def write_report(run_folder: Path, output: Path | None = None) -> Report:
             write_atomically(folder / f"{name}.png", pictures[name].png)
         else:
             (folder / f"{name}.png").unlink(missing_ok=True)
-    write_atomically(page, page_html(run, rows, pictures).encode("utf-8", errors="replace"))
+    write_atomically(page, html.encode("utf-8", errors="replace"))
     return Report(page, tuple(folder / f"{name}.png" for name in FIGURE_NAMES if name in pictures), rows)
 
 
@@ -60,7 +85,8 @@ def drawings_of(run: RunData, rows: tuple[ChannelErrors, ...]) -> list[Drawing]:
     diagnosis, row = run.diagnosis, headline(rows)
     gap = diagnosis is None or diagnosis.verdict != "no-structural-gap"
     if diagnosis is not None:
-        found += [ranking_drawing(diagnosis), *([ports_drawing(diagnosis)] if gap else [])]
+        found += [ranking_drawing(diagnosis), missing_drawing(run)]
+        found += [ports_drawing(diagnosis), regimes_drawing(diagnosis)] if gap else []
     found += [budget_drawing(rows, diagnosis), pulls_drawing(pulls_of(run))]
     if run.residual is not None and row is not None:
         found += [*([timeline_drawing(run, row.channel)] if gap else []), *_windows(run, row.channel)]

@@ -46,8 +46,8 @@ class OneDof(Rig):
                        size={"value": 1e6, "force": 700.0}, general=False),
         "muscle": Port("actuator-force", "N", MUSCLE, BOTH,
                        size={"value": 700.0, "position": 0.08, "velocity": 0.2, "pressure": 4e5}, general=False),
-        "chain": Port("transmission", "N", {"position": "", "pressure": "Pa", "law": ""}, BOTH, group="structure",
-                      size={"value": 700.0}, general=False),
+        "chain": Port("transmission", "N", {"position": "", "pressure": "Pa", "law": "", "drag": "N s"}, BOTH,
+                      group="structure", size={"value": 700.0}, general=False),
         "joint": Port("motion", "N m", {"position": "rad", "velocity": "rad/s", "load": "N"},
                       size={"value": 10.0, "velocity": 2.0, "position": 0.7, "load": 1000.0}, general=False),
         "arm": Port("transmission", "N m", {"position": "rad", "velocity": "rad/s", "inertia": "kg m2"},
@@ -109,9 +109,10 @@ class OneDof(Rig):
             return p.scale * LAWS[self.law](contraction, pressure)
 
         gauge = absolute_pa - ATMOSPHERE_PA
-        pull = law(chi, gauge) - p.damping * rate * absolute_pa
+        drag = p.damping * absolute_pa
+        pull = law(chi, gauge) - drag * rate
         pull = port("muscle", pull, place=i, position=chi, velocity=rate, pressure=gauge, side=side, law=law)
-        pull = port("chain", pull, place=i, position=chi, pressure=gauge, law=law)
+        pull = port("chain", pull, place=i, position=chi, pressure=gauge, law=law, drag=drag)
         return maximum(0.0, pull), chi, rate
 
     def pressure_rates(self, x: Any, u: Any, p: Any, port: Any) -> tuple[Expr, Expr]:

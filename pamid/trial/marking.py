@@ -46,6 +46,11 @@ class Marked:
         return self.visibility >= VISIBLE
 
     @property
+    def each_visible(self) -> bool:
+        """Does every planted fault show beside the others?"""
+        return float(self.result["visibility_each"] or 0.0) >= VISIBLE
+
+    @property
     def found(self) -> dict[str, Any]:
         found: dict[str, Any] = self.result["diagnosis"]
         return found
@@ -85,8 +90,8 @@ class Marked:
 
     @cached_property
     def exact_first(self) -> bool:
-        """Is the first of the ranking the fault, or one that these recordings cannot tell from it?"""
-        exact = set(self.truth[0]["exact"])
+        """Is the first of the ranking a planted fault, or one that these recordings cannot tell from it?"""
+        exact = {name for t in self.truth for name in t["exact"]}
         if not self.ranking:
             return False
         top = self.ranking[0]["effect"]
@@ -94,6 +99,11 @@ class Marked:
         if self.verdict == "ambiguous":
             alike |= {c["effect"] for c in self.found["causes"]}
         return bool(exact & {_bare(name) for name in alike})
+
+    @property
+    def screened_right(self) -> bool:
+        """Is the screen's own first choice of the fault's family?"""
+        return str(self.result["screened_family"]) == self.family
 
     @cached_property
     def port_right(self) -> bool:

@@ -101,7 +101,7 @@ def score(labels: Sequence[dict[str, Any]], results: Sequence[dict[str, Any]], *
              **_naming(singles), **_refusing(marked), **_doubles(marked, singles)}
     figures, covered = _forecasts(marked, seed)
     rates["shrinkage_covered"] = covered
-    sure, reliability = _calibration([m for m in singles if m.visible and m.ranking], seed)
+    sure, reliability = _calibration([m for m in marked if m.names and m.ranking and (m.visible or not m.truth)], seed)
     visible = [m for m in singles if m.visible]
     return Score(part, seed, len(results), rates, {**sure, **figures}, reliability, _strata(marked),
                  _confusion(visible), _baselines(visible, seed))
@@ -145,6 +145,7 @@ def _doubles(marked: list[Marked], singles: list[Marked]) -> dict[str, Rate]:
     doubles = [m for m in marked if m.stratum == "double" and m.visible]
     one = [m for m in singles if m.visible and m.verdict == "explained"]
     return {"both_of_two": _rate(doubles, lambda m: m.caught == 2),
+            "both_seen": _rate((m for m in doubles if m.each_visible), lambda m: m.caught == 2),
             "one_of_two": _rate(doubles, lambda m: m.caught >= 1),
             "extra_causes": _rate(one, lambda m: len(m.found["causes"]) > 1)}
 
@@ -176,9 +177,11 @@ def _figure(rows: Array, figure: Callable[[Array], Any], seed: int) -> Figure:
 
 
 def _calibration(answers: list[Marked], seed: int) -> tuple[dict[str, Figure], tuple[Bin, ...]]:
-    """The first candidate's probability against being right: expected calibration error, Brier score, its skill
-    against always saying the share that is right, and the reliability bins (empty ones left out)."""
-    rows = np.array([(m.ranking[0]["probability"], m.exact_first) for m in answers], float).reshape(-1, 2)
+    """The first candidate's probability against being right, wherever a cause was named, rightly or not: expected
+    calibration error, Brier score, its skill against always saying the share that is right, and the reliability bins
+    (empty ones left out)."""
+    rows = np.array([(m.ranking[0]["probability"], m.exact_first and m.stratum in ("single", "double"))
+                     for m in answers], float).reshape(-1, 2)
     bins = []
     place = _bin(rows[:, 0])
     for k in range(BINS):
@@ -252,12 +255,10 @@ def _confusion(visible: list[Marked]) -> dict[str, dict[str, int]]:
 
 
 def _baselines(visible: list[Marked], seed: int) -> dict[str, Rate]:
-    """Family first without looking: always the most common family; and with the labels dealt out at random.
-
-    The screen's own first choice is not among them: a diagnosis does not keep it.
-    """
+    """What naming a family takes: always the most common one, the screen's first choice, the labels dealt at random."""
     families = [m.family for m in visible]
     common = Counter(families).most_common(1)[0][1] if families else 0
     shuffled = np.random.default_rng(seed).permutation(np.array(families, dtype=object))
     hits = sum(m.answer == family for m, family in zip(visible, shuffled, strict=True))
-    return {"most_common_family": Rate(common, len(families)), "shuffled_labels": Rate(hits, len(families))}
+    return {"most_common_family": Rate(common, len(families)), "screening": _rate(visible, lambda m: m.screened_right),
+            "shuffled_labels": Rate(hits, len(families))}

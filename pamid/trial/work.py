@@ -18,7 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.diagnosis.contest import judged
+from pamid.diagnosis.contest import replayed
+from pamid.diagnosis.judgement import forecast_interval
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.diagnosis.unknown import describe_unknown
 from pamid.diagnosis.verdict import diagnosis_json
@@ -105,21 +106,23 @@ def _path(case: Case, folder: Path) -> Path:
 
 
 def examine(case: Case, place: Path) -> dict[str, Any]:
-    """diagnosis, CPU seconds it took, visibility (None where nothing is planted), shrinkage predicted and achieved."""
+    """diagnosis, CPU seconds it took, visibility (None where nothing is planted) and, of two faults, that of the less
+    visible one beside the other, shrinkage predicted and achieved."""
     bench = Bench.of(case)
     recorded = _written(case, bench.run(case.planted), place / "recording.csv")
     catalogue = {k: v for k, v in effects().items() if k not in case.removed}
     begun = time.process_time()
     d, told = diagnosed(gather(rig_named(RIG), [recorded], []), catalogue)
     seconds = time.process_time() - begun
-    visibility = None
-    if case.planted:
-        visibility = _visibility(d, _written(case, bench.run({}), place / "twin.csv"))
+    seen = _visibility(d, _written(case, bench.run({}), place / "twin.csv")) if case.planted else None
+    each = [_visibility(d, _written(case, bench.run({k: v}), place / "twin.csv"))
+            for k, v in case.planted.items()] if len(case.planted) > 1 else []
     held = None
     if d.cause is not None:
         fresh = _written(case, bench.run(case.planted, fresh=True), place / "fresh.csv")
         held = _shrinkage(d, told, fresh)
-    return {"diagnosis": told, "screened": d.screened, "seconds": seconds, "visibility": visibility, "shrinkage": held}
+    return {"diagnosis": told, "screened_family": d.screened, "seconds": seconds,
+            "visibility": seen, "visibility_each": min(each, default=seen), "shrinkage": held}
 
 
 def diagnosed(evidence: Evidence, catalogue: dict[str, type[Effect]]) -> tuple[Diagnosis, dict[str, Any]]:
@@ -183,13 +186,15 @@ def _shrinkage(d: Diagnosis, told: dict[str, Any], fresh: Recording) -> dict[str
     assert d.cause is not None
     rows = d.reporting if d.reporting.any() else d.chosen
     other = gather(d.evidence.rig, [fresh], [fresh])
-    before, after = (judged(other, m.assembly, m.fit) for m in (d.budget.baseline, d.cause))
+    before, after = (replayed(other, m.assembly, m.fit) for m in (d.budget.baseline, d.cause))
     if not (before.finite and after.finite):
         return None
     errors = [m.absolutes.mean(axis=0) for m in (before, after)]
     floor = d.budget.floor.mean(axis=0)
-    low, high = shrinkage_interval(*(d.budget.channel_losses(m.absolutes)[rows] for m in (d.budget.baseline, d.cause)))
+    was, now = (d.budget.channel_losses(m.absolutes)[rows] for m in (d.budget.baseline, d.cause))
+    raw, (low, high) = shrinkage_interval(was, now), forecast_interval(was, now)
     return {"predicted": d.budget.shrinkage(d.cause.absolutes, rows), "low": low, "high": high,
+            "raw_low": raw[0], "raw_high": raw[1],
             "achieved": float(1.0 - (errors[1] / floor).sum() / (errors[0] / floor).sum()),
             "channels": {c: {**{k: told["how_far"][c][k] for k in ("low", "high")},
                              "predicted": told["how_far"][c]["shrinkage"],

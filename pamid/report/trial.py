@@ -1,0 +1,172 @@
+"""trial.json read into frozen nouns (schema pamid.trial/1), and what it finds in sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pamid.report import words
+from pamid.report.reading import Node, read_object
+from pamid.report.words import effect_words, percent
+from pamid.trial.table import ROWS, TITLES, Row, cells
+
+
+@dataclass(frozen=True)
+class Share:
+    """A share of cases (0 to 1; None of no cases) with its 95 % interval."""
+
+    share: float | None
+    low: float
+    high: float
+    hits: float
+    of: float
+
+
+@dataclass(frozen=True)
+class Scored:
+    """A row of the table with its figure and interval in the row's unit, None where there were no cases; texts: its
+    cells as the terminal shows them."""
+
+    row: Row
+    texts: tuple[str, ...]
+    value: float | None
+    low: float | None
+    high: float | None
+
+    @property
+    def reached(self) -> bool | None:
+        """Whether the target is reached; None without a target or a figure."""
+        if self.value is None or self.row.target is None:
+            return None
+        return self.value >= self.row.target if self.row.upward else self.value <= self.row.target
+
+
+@dataclass(frozen=True)
+class Bin:
+    """Answers given with probabilities in one bin: their mean, and the share that was right."""
+
+    said: float
+    right: Share
+
+
+@dataclass(frozen=True)
+class Trial:
+    """trial.json. strata: dimension -> bin -> rate -> share; confusion: planted family -> answer -> cases; content: the
+    file as it stands, every part of it checked."""
+
+    content: Mapping[str, Any]
+    scored: tuple[Scored, ...]
+    reliability: tuple[Bin, ...]
+    strata: dict[str, dict[str, dict[str, Share]]]
+    confusion: dict[str, dict[str, float]]
+    failures: dict[str, str]
+    digest: str
+
+    def of(self, key: str) -> Scored | None:
+        """The row of a figure; None where the file does not hold it."""
+        return next((one for one in self.scored if one.row.key == key), None)
+
+
+def read_trial(path: Path) -> Trial | None:
+    """The trial in a file; None if there is no such file, FileError where it is damaged."""
+    node = read_object(path, "pamid.trial/1")
+    if node is None:
+        return None
+    node.text("part")
+    node.number("seed")
+    node.number("cases")
+    parts = {name: node.children(name) for name in ("rates", "figures", "baselines")}
+    for key in ("failed", "unseen"):
+        if key not in parts["rates"]:
+            Node(path, "rates", {}).refuse(key, "a rate")
+    scored = tuple(_scored(row, parts[row.section][row.key], node) for row in ROWS if row.key in parts[row.section])
+    strata = {name: {key: _rates(bin_) for key, bin_ in one.nested().items()}
+              for name, one in node.children("strata").items()}  # fmt: skip
+    failures = node.child("failures")
+    return Trial(
+        content=node.content,
+        scored=scored,
+        reliability=tuple(Bin(one.number("said"), _share(one.needed("right"))) for one in node.listed("reliability")),
+        strata=strata,
+        confusion={name: one.numbers() for name, one in node.children("confusion").items()},
+        failures={} if failures is None else {key: failures.text(key) for key in failures.content},
+        digest=node.text("cases_sha256", ""),
+    )
+
+
+def _scored(row: Row, node: Node, whole: Node) -> Scored:
+    factor = 100.0 if row.unit in ("%", "pp") else 1.0
+    found = [node.maybe(key) for key in ("value" if row.section == "figures" else "share", "low", "high")]
+    value, low, high = (None if one is None else factor * one for one in found)
+    node.number("of")
+    return Scored(row, cells(dict(whole.content), row), value, low, high)
+
+
+def _rates(node: Node) -> dict[str, Share]:
+    return {key: _share(node.needed(key)) for key in TITLES}
+
+
+def _share(node: Node) -> Share:
+    return Share(node.maybe("share"), node.number("low"), node.number("high"), node.number("hits"), node.number("of"))
+
+
+# ---- sentences ---------------------------------------------------------------------------------------------------
+
+
+def reached_words(trial: Trial) -> str:
+    """ "9 of 12 targets are reached". """
+    judged = [one.reached for one in trial.scored if one.reached is not None]
+    return f"{sum(judged)} of {len(judged)} targets are reached" if judged else "No case counts for a target"
+
+
+def targets_title(trial: Trial) -> str:
+    """ "9 of 12 targets are reached; missed: family named first (81.0 %, target >= 92 %)". """
+    missed = [f"{one.row.title.removeprefix('... ')} ({one.texts[1]}, target {one.texts[4]})"
+              for one in trial.scored if one.reached is False]  # fmt: skip
+    more = f" and {len(missed) - 2} more" if len(missed) > 2 else ""
+    return f"{reached_words(trial)}; missed: {', '.join(missed[:2])}{more}" if missed else reached_words(trial)
+
+
+def reliability_title(trial: Trial) -> str:
+    """ "Stated probabilities are off by 0.042 on average (target <= 0.05)". """
+    one = trial.of("ece")
+    if one is None or one.value is None:
+        return "Stated probabilities against the share that was right"
+    aim = f" (target {one.texts[4]})" if one.row.target is not None else ""
+    return f"Stated probabilities are off by {one.texts[1]} on average{aim}"
+
+
+def confusion_title(trial: Trial) -> str:
+    """ "104 of 120 visible single faults are given their family; most often mistaken: friction for leak, 5 of 20". """
+    rows = trial.confusion
+    right, every = sum(row.get(family, 0.0) for family, row in rows.items()), sum(map(_total, rows.values()))
+    text = f"{words.count(right)} of {words.count(every)} visible single faults are given their family"
+    wrong = [(count, family, answer) for family, row in rows.items() for answer, count in row.items()
+             if answer != family and count > 0]  # fmt: skip
+    if not wrong:
+        return text
+    count, family, answer = max(wrong, key=lambda one: one[0])
+    return (f"{text}; most often mistaken: {effect_words(family)} for {effect_words(answer)}, {words.count(count)} of "
+            f"{words.count(_total(rows[family]))}")  # fmt: skip
+
+
+def strata_title(trial: Trial) -> str:
+    """ "The family comes first in 61 % (visibility 1.1 to 1.3) to 98 % (visibility >= 2) of the cases". """
+    found = [(rates["family_first"].share, stratum_words(name, key))
+             for name, bins in trial.strata.items() for key, rates in bins.items()]  # fmt: skip
+    told = [(share, where) for share, where in found if share is not None]
+    if not told:
+        return "No visible single fault in any stratum"
+    (low, worst), (high, best) = min(told), max(told)
+    return f"The family is named first in {percent(low)} ({worst}) to {percent(high)} ({best}) of the visible faults"
+
+
+def stratum_words(dimension: str, key: str) -> str:
+    """ "inertia_kg_m2", "0.014" -> "inertia 0.014 kg m²". """
+    return f"{words.channel_words(dimension)} {words.clean(key)} {words.channel_unit(dimension)}".strip()
+
+
+def _total(row: dict[str, float]) -> float:
+    return sum(row.values())
