@@ -30,7 +30,7 @@ pamid diagnose rec.csv --rig one-dof --output run --jobs 2
               help="File with a further effect to consider (it is run).")
 @click.option("--without", multiple=True, help="Effect of the catalogue to leave out.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Same inputs and seed, same output.")
-@click.option("--jobs", type=click.IntRange(1, 256), default=2, show_default=True, help="Threads to use.")
+@click.option("--jobs", type=click.IntRange(1, 256), default=2, show_default=True, help="Processes to use.")
 @click.option("--output", type=click.Path(file_okay=False, path_type=Path), required=True, help="Run folder to make.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier run in that folder.")
 def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path, ...], effects: tuple[Path, ...],
@@ -73,6 +73,9 @@ def diagnosis_text(found: dict[str, Any], output: Path) -> str:
                                                             for p in where["ports"][:4] if p["share"] >= 0.005)]
     lines += [f"          {100 * r['share_of_gap']:.0f} % of the gap in {100 * r['share_of_time']:.0f} % of the time: "
               f"{r['signal']} {r['low']:.3g} .. {r['high']:.3g} {r['unit']}" for r in where["regimes"][:2]]
+    if where.get("sensors"):
+        split = " or ".join(", ".join(g) for g in where["sensors"][0]["splits"][:2])
+        lines.append(f"          a measurement of {where['sensors'][0]['sensor']} would split {split}")
     for i, c in enumerate(found["causes"]):
         values = ", ".join(f"{k} {v['value']:.4g} ({v['low']:.4g} .. {v['high']:.4g})"
                            for k, v in c["parameters"].items())
@@ -85,8 +88,13 @@ def diagnosis_text(found: dict[str, Any], output: Path) -> str:
     lines += ["", f"{'effect':36s} {'family':20s} {'P':>5s} {'shrinkage':>10s} {'95 %':>16s}"]
     lines += [f"{r['effect']:36s} {r['family']:20s} {r['probability']:5.2f} {100 * r['shrinkage']:8.1f} % "
               f"{100 * r['low']:6.1f} .. {100 * r['high']:5.1f}" for r in found["ranking"][:8]]
-    if found["next_experiment"] and found["verdict"] != "explained":
-        n = found["next_experiment"]
-        lines += ["", f"Measure next: {n['name']} separates {' and '.join(n['separates'])}."]
+    sure = found.get("confidence")
+    if sure:
+        lines += ["", f"Calibrated: a gap {100 * sure['gap']:.0f} %, its cause in the catalogue "
+                  f"{100 * sure['known']:.0f} %, the first one (or a look-alike) {100 * sure['first']:.0f} %."]
+    n = found["next_experiment"]
+    if n:
+        lines.append(f"Measure next: {n['name']}, {n['minutes']:.2g} min on the rig, separates "
+                     f"{' and '.join(n['separates'])}; ready to run: {output / n['excitation']}")
     lines.append(f"Next: pamid report {output}")
     return "\n".join(lines)

@@ -29,16 +29,24 @@ pamid trial --output trial --cases 4 --part calibration --jobs 2
 @click.option("--jobs", type=click.IntRange(1, 256), default=2, show_default=True, help="Processes to use.")
 @click.option("--only", type=click.Choice(["single", "double", "no-gap", "withheld", "nameless"]), default=None,
               help="Of the cases drawn only this stratum.")
-def command(output: Path, cases: int, part: str, seed: int, jobs: int, only: str | None) -> frame.Result:
+@click.option("--calibrate", type=click.Path(dir_okay=False, path_type=Path), default=None,
+              help="Write what the finished calibration cases teach (pamid/diagnosis/calibration.json) to this file.")
+def command(output: Path, cases: int, part: str, seed: int, jobs: int, only: str | None,
+            calibrate: Path | None) -> frame.Result:
     """Try the diagnosis on a virtual joint built on other equations than its own: one effect, two, none, one taken
     out of the catalogue, one that never was in it. It sees recordings only; the scorer alone opens the labels.
 
     Writes labels.json, a result per case and trial.json. The same command on the same folder goes on where it was
     interrupted; after a change of pamid itself take a new folder.
     """
+    from pamid.errors import UsageError
+    from pamid.run import write_json
+    from pamid.trial.calibrate import calibrated_from
     from pamid.trial.table import trial_text
     from pamid.trial.work import run_trial
 
+    if calibrate is not None and part != "calibration":
+        raise UsageError("--calibrate: only the calibration part may teach the judgement", "add --part calibration")
     run = _begun(output, {"part": part, "seed": seed}, {"cases": cases, "only": only})
     try:
         with Progress("trial") as progress:
@@ -47,6 +55,8 @@ def command(output: Path, cases: int, part: str, seed: int, jobs: int, only: str
     except BaseException as error:
         run.finish("interrupted" if isinstance(error, KeyboardInterrupt) else "failed")
         raise
+    if calibrate is not None:
+        write_json(calibrate, calibrated_from(output))
     failed = bool(found["failures"])
     run.finish("partial" if failed else "done")
     return frame.Result(found, trial_text(found), 6 if failed else 0)

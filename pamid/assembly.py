@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +45,10 @@ class Assembly:
     sizes: Sizes = field(default_factory=dict)
     outputs: tuple[str, ...] = ()
     sensitive: frozenset[str] | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Sent to another process without what was compiled in this one."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
 
     # ---- parameters ----------------------------------------------------------------------------------------------
 

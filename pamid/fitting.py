@@ -180,6 +180,8 @@ def _evaluate(problem: Problem, scale: Scale, s: Array, p: Array, starts: tuple[
         at += len(windows)
         blocks.append((D, off, B, gx))
         residuals.append(left)
+        if derivatives and not (np.isfinite(H).all() and np.isfinite(B).all() and np.isfinite(D).all()):
+            return _Normal(np.inf, H, g, blocks, residuals, False)
     return _Normal(cost, H, g, blocks, residuals, fine)
 
 

@@ -14,7 +14,7 @@ from pamid.diagnosis.verdict import SCHEMA, diagnosis_json
 from pamid.diagnosis.whole import diagnose_into
 from pamid.evidence import gather
 from pamid.library import effects, rig_named
-from pamid.recording import Recording, read_recording
+from pamid.recording import Recording, read_recording, write_recording
 from pamid.run import Run
 
 SENSORS = ("reference_deg", "command", "angle_deg", "pressure_1_kpa", "pressure_2_kpa")
@@ -67,7 +67,9 @@ def test_keeps_the_contract(rubbing: tuple[Path, Recording, dict[str, Any]]) -> 
     assert {p["port"] for p in stored["where"]["ports"]} == {"command", "valve", "pressure", "muscle", "structure",
                                                             "joint", "sensor"}
     assert sum(c["share"] for c in stored["causes"]) == pytest.approx(1.0)
-    assert sum(r["probability"] for r in stored["ranking"]) == pytest.approx(1.0)
+    assert 0.5 < sum(r["probability"] for r in stored["ranking"]) <= 1.0, "the rest is for what no file describes"
+    assert set(stored["confidence"]) == {"gap", "known", "first"}
+    assert stored["where"]["sensors"], "what further sensor would help"
     for row in stored["ranking"]:
         assert set(row) == {"effect", "family", "port", "probability", "held_out", "shrinkage", "low", "high",
                             "converged", "why"}
@@ -78,7 +80,7 @@ def test_keeps_the_contract(rubbing: tuple[Path, Recording, dict[str, Any]]) -> 
 
 def test_the_runners_up_stand_beside_it(rubbing: tuple[Path, Recording, dict[str, Any]]) -> None:
     _, _, found = rubbing
-    assert len({r["family"] for r in found["ranking"]}) >= 4
+    assert len({r["family"] for r in found["ranking"]}) >= 2, "the nearest wrong family is reported, too"
     assert any("coulomb-friction" in k for k in found["look_alikes"]), "friction laws look alike on this record"
 
 
@@ -93,6 +95,25 @@ def test_same_bytes_under_another_name(tmp_path: Path) -> None:
     found_for(tmp_path, [read_recording(tmp_path / "zzz.csv")], without=few, name="two", jobs=1)
     for name in ("diagnosis.json", "residual.csv"):
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
+
+
+def test_order_and_splitting_do_not_change_the_verdict(rubbing: tuple[Path, Recording, dict[str, Any]],
+                                                       tmp_path: Path) -> None:
+    """Two recordings in either order: the same bytes; the whole one in two parts: the same answer."""
+    _, whole, found = rubbing
+    few = tuple(n for n, e in effects().items() if e.family not in ("friction", "gravity", "command-timing", "leak"))
+    middle = len(whole) // 2
+    parts = []
+    for name, rows in (("first", slice(0, middle)), ("second", slice(middle, len(whole)))):
+        columns = {k: v[rows] for k, v in whole.columns.items() if k != "time_s"}
+        write_recording(tmp_path / f"{name}.csv", whole.time[rows] - whole.time[rows][0], columns,
+                        {"recording": {"loop": "closed"}, "known": whole.known, "controller": whole.controller})
+        parts.append(read_recording(tmp_path / f"{name}.csv"))
+    split = found_for(tmp_path, parts, without=few, name="split")
+    found_for(tmp_path, parts[::-1], without=few, name="turned")
+    assert (tmp_path / "split" / "diagnosis.json").read_bytes() == (tmp_path / "turned" / "diagnosis.json").read_bytes()
+    assert split["verdict"] == found["verdict"] == "explained"
+    assert [c["family"] for c in split["causes"]] == [c["family"] for c in found["causes"]]
 
 
 def test_nothing_planted_is_no_structural_gap(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,7 @@ import pytest
 from compiled import Array, program, run, state
 
 from pamid.engine import machine
+from pamid.engine.program import build_program
 
 X = state("x")
 
@@ -24,14 +25,16 @@ def _unseen(seed: float) -> Array:
 
 
 @pytest.fixture
-def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     monkeypatch.setenv("PAMID_CACHE", str(tmp_path / "cache"))
-    monkeypatch.setattr(machine, "_loaded", {})
-    return tmp_path / "cache" / "models"
+    _forget(monkeypatch)
+    yield tmp_path / "cache" / "models"
+    build_program.cache_clear()  # its programs live in the table that goes now
 
 
 def _forget(monkeypatch: pytest.MonkeyPatch) -> None:
     """As a new process would begin (the code already loaded stays alive: `monkeypatch` keeps the old table)."""
+    build_program.cache_clear()
     monkeypatch.setattr(machine, "_loaded", {})
 
 

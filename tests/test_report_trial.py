@@ -53,7 +53,7 @@ def test_one_page_with_four_figures(folder: Path) -> None:
     for told in ("Blind trial, part test, seed 7: 240 cases, 1 failed; 12 of 160 planted gaps do not show",
                  "family named first 87.3 % 79.8 to 92.3 110 >= 92 % missed",
                  "known effect called unknown 6.4 % 3.1 to 12.6 110 <= 10 % reached",
-                 "both of two effects found - 0 >= 65 % no cases",
+                 "both of two effects found, their common gap visible - 0 >= 65 % no cases",
                  "1.1 to 1.3 67 % (20/30) 60 % (18/30) 93 % (28/30) 5 % (1/20)", "inertia [kg m²]",
                  "Case 17: the joint ran into its stop <b>hard</b>", "cd" * 32, "pamid trial --output TRIAL"):
         assert told in text, told

@@ -21,7 +21,7 @@ from pamid.effect import Effect, Hints
 from pamid.evidence import Evidence, selection_part
 from pamid.fitting import fit
 from pamid.greybox import COARSE, model_with, rechecked
-from pamid.jobs import run_jobs
+from pamid.jobs import portable, run_forked, run_jobs
 
 Array = NDArray[np.float64]
 Told = Callable[[str], None]
@@ -86,8 +86,12 @@ class _Search:
     jobs: int
     told: Told
 
-    def run(self, work: Callable[[str], Any], items: list[str]) -> list[Any]:
-        return run_jobs(work, items, jobs=self.jobs)
+    def run(self, work: Callable[[Any], Any], items: list[Any],
+            done: Callable[[int, int], None] | None = None) -> list[Any]:
+        """Independent jobs on the cores: in processes, as threads where the rig or an effect cannot be sent to one."""
+        effects = [a.effect for a in self.candidates]
+        share = run_forked if self.jobs > 1 and portable(self.evidence.rig, effects) else run_jobs
+        return share(work, items, jobs=self.jobs, done=done)
 
     def family(self, a: Attachment) -> str:
         return a.effect.family_at(self.evidence.rig.ports[a.ports[0]].kind)
@@ -170,14 +174,13 @@ def _round(search: _Search, base: Contender, candidates: list[Attachment],
 
     Returns the models, what failed and why, and the family of the screen's own first choice.
     """
-    evidence, told, jobs = search.evidence, search.told, search.jobs
+    evidence, told = search.evidence, search.told
     ground = Ground.of(base)
 
     def screened(a: Attachment) -> Screened:
         return screen(evidence, ground, a, search.budget.sizes, search.hints)
 
-    found = run_jobs(screened, candidates, jobs=jobs,
-                     done=lambda i, n: told(f"screening {i}/{n}: {candidates[i - 1].label}"))
+    found = search.run(screened, candidates, lambda i, n: told(f"screening {i}/{n}: {candidates[i - 1].label}"))
     promising = sent_on({a.label: search.family(a) for a in candidates}, found, most)
 
     def fitted(s: Screened) -> Contender:
@@ -185,8 +188,8 @@ def _round(search: _Search, base: Contender, candidates: list[Attachment],
         done = refit(evidence, s.assembly, base.fit, first=s.first)
         return replayed(evidence, s.assembly, done)
 
-    contenders = run_jobs(fitted, promising, jobs=jobs,
-                          done=lambda i, n: told(f"refitting {i}/{n}: {promising[i - 1].attachment.label}"))
+    contenders = search.run(fitted, promising,
+                            lambda i, n: told(f"refitting {i}/{n}: {promising[i - 1].attachment.label}"))
     failed = [(s.attachment.label, s.why) for s in found if s.assembly is None or not np.isfinite(s.gain)]
     failed += [(c.attached[-1].label, "became unstable on held-out recordings") for c in contenders if not c.finite]
     return [c for c in contenders if c.finite], failed, search.family(promising[0].attachment) if promising else ""

@@ -6,6 +6,7 @@ Nothing but the grounds and the labels of the calibration part is used; the test
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from scipy.optimize import minimize
 
 from pamid.diagnosis.judgement import LEAST, Grounds, features
 from pamid.errors import DataError
+from pamid.run import read_json
 from pamid.trial.marking import Marked
 
 Array = NDArray[np.float64]
@@ -28,6 +30,15 @@ LOOKS_AT = {
 }
 FALSE_ALARMS, WRONG_ABSTENTIONS, MISSED_UNKNOWNS = 0.02, 0.10, 0.15
 COVERAGE = 0.95
+
+
+def calibrated_from(folder: Path) -> dict[str, Any]:
+    """calibration.json from the finished cases in the folder of a trial's calibration part."""
+    told = read_json(folder / "labels.json")
+    results = [read_json(path) for path in sorted((folder / "cases").glob("*.json"))]
+    drawn = {label["number"] for label in told["cases"]}
+    return calibrate(told["cases"], [r for r in results if r["case"] in drawn], seed=int(told["seed"]),
+                     digest=str(told["cases_sha256"]))
 
 
 def calibrate(labels: Sequence[dict[str, Any]], results: Sequence[dict[str, Any]], *, seed: int,
