@@ -56,7 +56,7 @@ def main() -> int:
             if options.only is not None and label not in options.only:
                 continue
             begun = time.process_time()
-            family = a.effect.family_at(rig.ports[a.ports[0]].kind) if a else "no-structural-gap"
+            family = a.family(rig) if a else "no-structural-gap"
             with tempfile.TemporaryDirectory() as folder:
                 source = Path(folder) / "excitation.csv"
                 write_recording(source, period * np.arange(len(signal)), {"command": signal})

@@ -79,7 +79,7 @@ def main() -> int:
         first = found["ranking"][0] if found["ranking"] else {"effect": "-", "family": "-", "shrinkage": 0.0}
         if label:
             a = every[label]
-            family = a.effect.family_at(rig.ports[a.ports[0]].kind)
+            family = a.family(rig)
             good = first["family"] == family
         else:
             family, good = "no-structural-gap", found["verdict"] == "no-structural-gap"

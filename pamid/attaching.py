@@ -19,6 +19,10 @@ class Attachment:
     label: str
     place: str = ""
 
+    def family(self, rig: Rig) -> str:
+        """The effect's family at the port where it acts."""
+        return self.effect.family_at(rig.ports[self.ports[0]].kind)
+
     def acts_at(self, port: str, place: str) -> bool:
         return port in self.ports and self.place in ("", place)
 

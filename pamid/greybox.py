@@ -21,7 +21,7 @@ from pamid.recording import Recording
 from pamid.residuals import Replay, channel_mae, noise_floor, replay
 from pamid.rig import Loop
 from pamid.simulation import choose_stepping, input_table, port_sizes
-from pamid.units import from_si, split_column, with_unit
+from pamid.units import as_column, from_si, split_column, with_unit
 from pamid.windows import Runner, Track
 
 Array = NDArray[np.float64]
@@ -103,14 +103,14 @@ def fit_json(g: GreyBox, seed: int) -> dict[str, Any]:
         "iterations": g.fit.iterations,
         "stepping": {"substeps": g.fit.stepping.substeps, "implicit": g.fit.stepping.implicit,
                      "recheck": g.recheck},
-        "noise": {c: _out(c, e.noise[i]) for i, c in enumerate(e.channels)},
+        "noise": {c: as_column(c, e.noise[i]) for i, c in enumerate(e.channels)},
         "parameters": {x.name: {"value": x.value, "low": x.low, "high": x.high, "prior": x.prior,
                                 "unit": x.bound.unit, "word": x.word, "at_bound": x.at_bound, "strain": x.strain,
                                 "source": x.bound.source}
                        for x in estimates(g.fit, g.draws) if not x.bound.owner.startswith("background")},
         "intervals": "block bootstrap" if g.draws is not None else "Jacobian",
         "background": {k: {"pull": v} for k, v in background_pull(g.fit).items()},
-        "mae": {c: {k: _out(c, v[i]) for k, v in figures.items()} for i, c in enumerate(e.channels)},
+        "mae": {c: {k: as_column(c, v[i]) for k, v in figures.items()} for i, c in enumerate(e.channels)},
         "closed_loop": closed_loop_figures(g),
     }
 
@@ -119,10 +119,6 @@ def _role(e: Evidence, recording: Recording) -> str:
     fit = any(s.recording is recording for s in e.fit)
     held = any(s.recording is recording for s in e.held_out)
     return "both" if fit and held else "fit" if fit else "held-out"
-
-
-def _out(channel: str, value: float) -> float:
-    return float(from_si(float(value), split_column(channel)[1]))
 
 
 # ---- the model in its own loop -----------------------------------------------------------------------------------

@@ -150,6 +150,11 @@ def from_si(value: Any, symbol: str) -> Any:
     return (value - kind.offset) / kind.factor if kind.offset else value / kind.factor
 
 
+def as_column(name: str, value: float) -> float:
+    """An SI value in the unit of the column `name`: ("angle_deg", pi) -> 180."""
+    return float(from_si(float(value), split_column(name)[1]))
+
+
 def compatible(symbol_a: str, symbol_b: str) -> bool:
     """True if values in one unit can be converted to the other."""
     return unit(symbol_a).dimension == unit(symbol_b).dimension

@@ -50,13 +50,17 @@ class Contender:
 
     @property
     def family(self) -> str:
-        a = self.attached[-1]
-        return a.effect.family_at(self.assembly.rig.ports[a.ports[0]].kind)
+        return self.attached[-1].family(self.assembly.rig)
 
     @property
     def group(self) -> str:
         """The port (group) under which the last effect is reported."""
         return self.assembly.rig.group_of(self.attached[-1].ports[0])
+
+    @property
+    def samples(self) -> int:
+        """Held-out samples that are scored."""
+        return sum(int(r.scored.sum()) for r in self.replays)
 
     @property
     def free_count(self) -> int:

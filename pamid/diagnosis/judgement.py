@@ -63,7 +63,6 @@ def weigh(budget: Budget, chosen: NDArray[np.bool_], ranking: tuple[Contender, .
           located: Located, after: Located, seed: int) -> Grounds:
     """The grounds for a verdict; without any candidate those of the baseline alone."""
     base, rows = budget.baseline, chosen
-    samples = sum(int(r.scored.sum()) for r in base.replays)
     gap = budget.excess(base.absolutes, rows)
     spread = np.std(np.concatenate([r.track.y[r.scored] for r in base.replays]), axis=0)
     error = base.absolutes[rows].mean(axis=0)
@@ -89,7 +88,7 @@ def weigh(budget: Budget, chosen: NDArray[np.bool_], ranking: tuple[Contender, .
         margin=(budget.excess(other.absolutes, rows) - budget.excess(first.absolutes, rows)) / max(gap, 1e-9),
         margin_gain=float(margin.mean()) / channels, margin_sure=_in_errors(margin),
         wins=float(np.mean(np.array(families)[everyone])) if ranking else 0.0,
-        missing=before / samples, unexplained=after.most / samples,
+        missing=before / base.samples, unexplained=after.most / base.samples,
         at_port=here / before if before > 0.0 else 1.0, strain=max(strains, default=0.0),
         pull=max(background_pull(model.fit).values(), default=0.0))
 
@@ -101,16 +100,19 @@ def _in_errors(draws: Array) -> float:
 def features(g: Grounds) -> dict[str, float]:
     """The grounds as the logistic functions take them: ratios in decades, everything within the range of the trial."""
     return {"visible": _decades(g.visible, 1.0, 100.0), "missing": _decades(g.missing, 1e-2, 1e3),
-            "of_signal": _decades(g.of_signal, 1e-3, 1.0), "sure": min(max(g.sure, 0.0), 20.0) / 10.0,
-            "helps": g.helps, "shrinkage": min(max(g.shrinkage, -0.2), 1.0), "left": min(max(g.left, 0.0), 1.2),
-            "ceiling": min(max(g.ceiling, 0.0), 1.2), "margin": min(max(g.margin, 0.0), 1.0),
-            "margin_sure": min(max(g.margin_sure, 0.0), 20.0) / 10.0, "wins": g.wins, "at_port": g.at_port,
-            "unexplained": _decades((g.unexplained + 1e-3) / (g.missing + 1e-3), 1e-3, 3.0),
-            "strain": min(g.strain, 6.0) / 3.0, "pull": min(g.pull, 3.0) / 3.0}
+            "of_signal": _decades(g.of_signal, 1e-3, 1.0), "sure": _within(g.sure, 0.0, 20.0) / 10.0,
+            "shrinkage": _within(g.shrinkage, -0.2, 1.0), "left": _within(g.left, 0.0, 1.2),
+            "margin": _within(g.margin, 0.0, 1.0), "margin_sure": _within(g.margin_sure, 0.0, 20.0) / 10.0,
+            "wins": g.wins, "at_port": g.at_port,
+            "unexplained": _decades((g.unexplained + 1e-3) / (g.missing + 1e-3), 1e-3, 3.0)}
+
+
+def _within(value: float, low: float, high: float) -> float:
+    return min(max(value, low), high)
 
 
 def _decades(value: float, low: float, high: float) -> float:
-    return float(np.log10(min(max(value, low), high)))
+    return float(np.log10(_within(value, low, high)))
 
 
 @dataclass(frozen=True)

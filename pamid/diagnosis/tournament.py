@@ -41,7 +41,7 @@ PLACES = 4              # classes of ports at which it is looked for
 class Diagnosis:
     """Everything found. ranking: contenders best first, with probabilities; cause: the chosen model, or None.
 
-    best: the best model whatever the verdict; located: where something is missing before it, after: beside it.
+    best: the best model whatever the verdict; located: where something is missing before it.
     """
 
     evidence: Evidence
@@ -54,7 +54,6 @@ class Diagnosis:
     tied: tuple[Contender, ...] = ()
     best: Contender | None = None
     located: Located | None = None
-    after: Located | None = None
     grounds: Grounds | None = None
     judged: Judged | None = None
     classes: tuple[tuple[str, ...], ...] = ()
@@ -94,7 +93,7 @@ class _Search:
         return share(work, items, jobs=self.jobs, done=done)
 
     def family(self, a: Attachment) -> str:
-        return a.effect.family_at(self.evidence.rig.ports[a.ports[0]].kind)
+        return a.family(self.evidence.rig)
 
     def excess(self, c: Contender) -> float:
         return self.budget.excess(c.absolutes, self.chosen)
@@ -125,7 +124,7 @@ def diagnose(evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: in
     judged = judge(grounds, ambiguous=best is not None and len(best.attached) == 1
                    and len({c.family for c in tied}) > 1)
     return Diagnosis(evidence, budget, chosen, judged.verdict, ranking, tuple(probabilities(judged, wins)),
-                     tuple(failed), tied, best, located, after, grounds, judged, tuple(tuple(k) for k in classes),
+                     tuple(failed), tied, best, located, grounds, judged, tuple(tuple(k) for k in classes),
                      screened)
 
 
@@ -141,7 +140,7 @@ def _extended(search: _Search, best: Contender, located: Located) -> tuple[Conte
         search.told(f"looking where something is missing beside {best.label}")
         after = locate(search.evidence, best, search.run, [k[0] for k in located.classes[:PLACES]])
         helped = search.budget.shrinkage(best.absolutes, search.chosen) > WORTH
-        little = max(LITTLE * located.most, PLAIN * sum(int(r.scored.sum()) for r in best.replays))
+        little = max(LITTLE * located.most, PLAIN * best.samples)
         if len(best.attached) == MOST_CAUSES or after.most < little or not helped:
             return best, after
         taken = {search.family(a) for a in best.attached}

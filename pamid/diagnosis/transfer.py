@@ -9,7 +9,7 @@ import numpy as np
 
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.evidence import Span
-from pamid.units import from_si, split_column
+from pamid.units import as_column
 
 AMPLITUDE = 1.5     # factor by which the spread of an output has to differ to count as another amplitude
 
@@ -29,10 +29,9 @@ def transfer(d: Diagnosis) -> list[dict[str, Any]]:
             continue
         entry: dict[str, Any] = {"recording": span.recording.sha256[:12], "differs": new}
         for i, channel in enumerate(d.evidence.channels):
-            unit = split_column(channel)[1]
             was, now = d.budget.baseline.absolutes[rows, i].mean(), d.cause.absolutes[rows, i].mean()
-            entry[channel] = {"mae_refitted": float(from_si(float(was), unit)),
-                              "mae_with_cause": float(from_si(float(now), unit)), "shrinkage": float(1.0 - now / was)}
+            entry[channel] = {"mae_refitted": as_column(channel, was), "mae_with_cause": as_column(channel, now),
+                              "shrinkage": float(1.0 - now / was)}
         out.append(entry)
     return out
 
@@ -46,9 +45,9 @@ def differences(d: Diagnosis, span: Span) -> dict[str, Any]:
         new["loop"] = own.loop
     if own.controller and all(r.controller != own.controller for r in fitted):
         new["controller"] = {k: v for k, v in own.controller.items() if all(r.controller.get(k) != v for r in fitted)}
-    for channel in d.evidence.channels[:1]:
-        spread = own.si(channel)[span.start : span.stop].std()
-        ratios = [spread / max(s.recording.si(channel)[s.start : s.stop].std(), 1e-300) for s in d.evidence.fit]
-        if all(not 1.0 / AMPLITUDE < r < AMPLITUDE for r in ratios):
-            new["amplitude"] = float(min(ratios, key=lambda r: abs(np.log(r))))
+    channel = d.evidence.channels[0]
+    spread = own.si(channel)[span.start : span.stop].std()
+    ratios = [spread / max(s.recording.si(channel)[s.start : s.stop].std(), 1e-300) for s in d.evidence.fit]
+    if all(not 1.0 / AMPLITUDE < r < AMPLITUDE for r in ratios):
+        new["amplitude"] = float(min(ratios, key=lambda r: abs(np.log(r))))
     return new

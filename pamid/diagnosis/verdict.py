@@ -15,7 +15,7 @@ from pamid.diagnosis.tournament import Diagnosis
 from pamid.diagnosis.transfer import transfer
 from pamid.intervals import background_pull, estimates
 from pamid.isolability import isolability
-from pamid.units import from_si, split_column
+from pamid.units import as_column
 
 Array = NDArray[np.float64]
 SCHEMA = "pamid.diagnosis/1"
@@ -105,7 +105,7 @@ def _cause(c: Contender, label: str, share: float) -> dict[str, Any]:
     rig = c.assembly.rig
     found = {e.bound.name: {"value": e.value, "low": e.low, "high": e.high, "unit": e.bound.unit, "word": e.word}
              for e in estimates(c.fit) if e.bound.owner == label}
-    return {"effect": label, "family": attached.effect.family_at(rig.ports[attached.ports[0]].kind),
+    return {"effect": label, "family": attached.family(rig),
             "port": rig.group_of(attached.ports[0]), "parameters": found, "share": share}
 
 
@@ -115,8 +115,8 @@ def _ranked(d: Diagnosis, c: Contender, probability: float, seed: int) -> dict[s
     low, high = forecast_interval(base[rows], losses[rows], seed)
     held = {}
     for i, channel in enumerate(d.evidence.channels):
-        held[channel] = {"mae_before": _out(channel, d.budget.baseline.absolutes[rows, i].mean()),
-                         "mae_after": _out(channel, c.absolutes[rows, i].mean())}
+        held[channel] = {"mae_before": as_column(channel, d.budget.baseline.absolutes[rows, i].mean()),
+                         "mae_after": as_column(channel, c.absolutes[rows, i].mean())}
     return {"effect": c.attached[-1].label, "family": c.family, "port": c.group, "probability": probability,
             "held_out": held, "shrinkage": d.budget.shrinkage(c.absolutes, rows), "low": low, "high": high,
             "converged": c.fit.converged, "why": c.fit.why}
@@ -129,15 +129,11 @@ def how_far(d: Diagnosis, i: int, seed: int) -> dict[str, float | None]:
     before = b.baseline.absolutes[rows, i]
     after = (d.cause or b.baseline).absolutes[rows, i]
     low, high = forecast_interval(before, after, seed)
-    return {"mae_data_sheet": _out(channel, b.data_sheet[rows, i].mean()),
-            "mae_refitted": _out(channel, before.mean()), "mae_with_cause": _out(channel, after.mean()),
-            "noise_floor": _out(channel, b.floor[rows, i].mean()),
-            "black_box": _out(channel, b.black_box[rows, i].mean()),
+    return {"mae_data_sheet": as_column(channel, b.data_sheet[rows, i].mean()),
+            "mae_refitted": as_column(channel, before.mean()), "mae_with_cause": as_column(channel, after.mean()),
+            "noise_floor": as_column(channel, b.floor[rows, i].mean()),
+            "black_box": as_column(channel, b.black_box[rows, i].mean()),
             "shrinkage": float(1.0 - after.mean() / before.mean()), "low": low, "high": high}
-
-
-def _out(channel: str, value: float) -> float:
-    return float(from_si(float(value), split_column(channel)[1]))
 
 
 def _isolable(d: Diagnosis) -> dict[str, Any]:

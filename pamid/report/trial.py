@@ -97,9 +97,8 @@ def read_trial(path: Path) -> Trial | None:
 
 
 def _scored(row: Row, node: Node, whole: Node) -> Scored:
-    factor = 100.0 if row.unit in ("%", "pp") else 1.0
     found = [node.maybe(key) for key in ("value" if row.section == "figures" else "share", "low", "high")]
-    value, low, high = (None if one is None else factor * one for one in found)
+    value, low, high = (None if one is None else row.factor * one for one in found)
     node.number("of")
     return Scored(row, cells(dict(whole.content), row), value, low, high)
 

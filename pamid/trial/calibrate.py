@@ -6,6 +6,7 @@ Nothing but the grounds and the labels of the calibration part is used; the test
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from pamid.diagnosis.judgement import LEAST, Grounds, features
+from pamid.diagnosis.judgement import LEAST, Grounds, Line, features
 from pamid.errors import DataError
 from pamid.run import read_json
 from pamid.trial.marking import Marked
@@ -56,13 +57,11 @@ def calibrate(labels: Sequence[dict[str, Any]], results: Sequence[dict[str, Any]
     lines = {"gap": _line(x, gap, LOOKS_AT["gap"]),
              "known": _line([x[i] for i in real], right[real], LOOKS_AT["known"]),
              "first": _line(x, exact, LOOKS_AT["first"])}
-    said = {q: _answers(line, x) for q, line in lines.items()}
-    lines["gap"]["yes"] = _alarm_from(said["gap"][~gap], silent)
-    lines["known"]["yes"] = _known_from(said["known"][real], right[real])
-    lines["first"]["yes"] = max(_alarm_from(said["first"][~gap], silent),
-                                _alarm_from(said["first"][real][~right[real]]))
+    said = {q: np.array([line.probability(row) for row in x]) for q, line in lines.items()}
+    yes = {"gap": _alarm_from(said["gap"][~gap], silent), "known": _known_from(said["known"][real], right[real]),
+           "first": max(_alarm_from(said["first"][~gap], silent), _alarm_from(said["first"][real][~right[real]]))}
     return {"schema": SCHEMA, "cases": {"part": "calibration", "seed": seed, "sha256": digest, "used": len(cases)},
-            "lines": lines, "spread": _spread(cases)}
+            "lines": {q: asdict(replace(line, yes=yes[q])) for q, line in lines.items()}, "spread": _spread(cases)}
 
 
 def _right(m: Marked) -> bool:
@@ -75,8 +74,8 @@ def _exact_right(m: Marked) -> bool:
     return m.stratum in ("single", "double") and m.exact_first
 
 
-def _line(x: list[dict[str, float]], yes: NDArray[np.bool_], names: tuple[str, ...]) -> dict[str, Any]:
-    """Ridge-penalised logistic regression; weights for the features as they are."""
+def _line(x: list[dict[str, float]], yes: NDArray[np.bool_], names: tuple[str, ...]) -> Line:
+    """Ridge-penalised logistic regression; weights for the features as they are, `yes` still even odds."""
     table = np.array([[row[k] for k in names] for row in x])
     centre, spread = table.mean(axis=0), np.maximum(table.std(axis=0), 1e-6)
     z, y = (table - centre) / spread, np.where(yes, 1.0, -1.0)
@@ -86,12 +85,7 @@ def _line(x: list[dict[str, float]], yes: NDArray[np.bool_], names: tuple[str, .
 
     w = minimize(loss, np.zeros(1 + len(names)), method="BFGS").x
     weights = w[1:] / spread
-    return {"bias": float(w[0] - weights @ centre), "weights": dict(zip(names, weights.tolist(), strict=True))}
-
-
-def _answers(line: dict[str, Any], x: list[dict[str, float]]) -> Array:
-    return np.array([1.0 / (1.0 + np.exp(-line["bias"] - sum(w * row[k] for k, w in line["weights"].items())))
-                     for row in x])
+    return Line(float(w[0] - weights @ centre), dict(zip(names, weights.tolist(), strict=True)), 0.5)
 
 
 def _alarm_from(wrong: Array, silent: int = 0) -> float:

@@ -18,6 +18,11 @@ class Row:
     upward: bool = True
     unit: str = "%"
 
+    @property
+    def factor(self) -> float:
+        """A figure in the unit shown = factor x the figure in trial.json."""
+        return 100.0 if self.unit in ("%", "pp") else 1.0
+
 
 ROWS = (
     Row("rates", "family_first", "family named first", 92.0),
@@ -95,13 +100,12 @@ def cells(found: dict[str, Any], row: Row) -> tuple[str, ...]:
     """title, measured, interval, number of cases, target."""
     at = found[row.section][row.key]
     value = at["value"] if row.section == "figures" else at["share"]
-    factor = 100.0 if row.unit in ("%", "pp") else 1.0
     write: Callable[[float], str] = (lambda v: f"{v:.3f}") if row.unit == "" else (lambda v: f"{v:.1f}")
     unit = f" {row.unit}" if row.unit else ""
     sign = ">=" if row.upward else "<="
-    measured = "-" if value is None else write(factor * value) + unit
+    measured = "-" if value is None else write(row.factor * value) + unit
     sure = at["low"] is not None and value is not None
-    interval = f"{write(factor * at['low'])} .. {write(factor * at['high'])}" if sure else ""
+    interval = f"{write(row.factor * at['low'])} .. {write(row.factor * at['high'])}" if sure else ""
     aim = "" if row.target is None else f"{sign} {row.target:g}{unit}"
     return row.title, measured, interval, str(at["of"]), aim
 
