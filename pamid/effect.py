@@ -16,7 +16,8 @@ from __future__ import annotations
 import inspect
 import re
 import sys
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
 from pamid.equations import EquationError, Expr, Number, integral
@@ -90,7 +91,7 @@ class Effect:
         raise NotImplementedError
 
     def starts(self, hints: Hints) -> list[dict[str, float]]:
-        """Starting values for a fit (in the parameters' units), beside the typical ones; usually none."""
+        """Starting values for a fit (SI), beside the typical ones; usually none."""
         return []
 
     @classmethod
@@ -107,9 +108,14 @@ class Effect:
 
 @dataclass(frozen=True)
 class Hints:
-    """What an effect may look at to choose starting values: peaks of the gap's spectrum, Hz, strongest first."""
+    """What an effect may look at to choose starting values.
+
+    peaks_hz: of the gap's spectrum, strongest first; reach: largest magnitude of each signal at the port where
+    the model's states are those of the recording (SI).
+    """
 
     peaks_hz: tuple[float, ...] = ()
+    reach: Mapping[str, float] = field(default_factory=dict)
 
 
 SECTIONS = ("What it is", "What it looks like", "Looks like it", "Equation", "References")

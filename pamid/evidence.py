@@ -13,12 +13,13 @@ from pamid.errors import DataError, FileError
 from pamid.recording import Recording, require_excited
 from pamid.residuals import Replay
 from pamid.rig import Rig
-from pamid.simulation import measured_outputs
+from pamid.simulation import measured_outputs, state_spread
 from pamid.windows import Track, noise_level, track_of
 
 Array = NDArray[np.float64]
 HELD_OUT_SHARE = 0.3
 LEAD_S = 6.0           # before a held-out part, to find the state it begins in
+DEPARTS = 0.01         # of a state's spread: what a model may be off by in a state that nothing measures, per window
 
 
 @dataclass(frozen=True)
@@ -32,18 +33,20 @@ class Span:
 
 @dataclass(frozen=True)
 class Evidence:
-    """Recordings of one rig, divided. channels: outputs that all of them hold; noise: their white noise (SI)."""
+    """Recordings of one rig, divided. channels: outputs that all of them hold; noise: their white noise (SI); jump:
+    by what the rig's states may depart from what a window before has led to (SI)."""
 
     rig: Rig
     fit: tuple[Span, ...]
     held_out: tuple[Span, ...]
     channels: tuple[str, ...]
     noise: Array
+    jump: Array
 
     def tracks(self, assembly: Assembly, held_out: bool = False) -> tuple[Track, ...]:
         """Tracks for this assembly; parameters the recordings know are held in each."""
         spans = self.held_out if held_out else self.fit
-        return tuple(track_of(assembly, s.recording, self.channels)
+        return tuple(track_of(assembly, s.recording, self.channels, self.jump)
                      .part(s.start, s.stop, max(300, round(LEAD_S / s.recording.sampling_period_s)) if held_out else 0)
                      for s in spans)
 
@@ -88,7 +91,8 @@ def gather(rig: Rig, recordings: list[Recording], held_out: list[Recording]) -> 
     noise = np.sqrt(np.mean([noise_level(t.y) ** 2 for t in
                              (track_of(plain, r, channels) for r in everything)], axis=0))
     return Evidence(rig, tuple(fit[i] for i in order),
-                    tuple(sorted(kept, key=lambda s: (s.recording.sha256, s.start))), channels, noise)
+                    tuple(sorted(kept, key=lambda s: (s.recording.sha256, s.start))), channels, noise,
+                    DEPARTS * np.sqrt(np.mean([state_spread(plain, r) ** 2 for r in everything], axis=0)))
 
 
 def selection_part(replays: list[Replay]) -> NDArray[np.bool_]:

@@ -108,7 +108,8 @@ def initial_starts(problem: Problem, p: Array, weights: Weights, stepping: Stepp
         rows: list[Array] = []
         for window in problem.windows(track):
             carried = memory.x[: runner.rig_states].copy()
-            x, _, usable = estimate_start(runner, memory, window, values, 1.0 / weights.sigma, carried)
+            x, usable = estimate_start(runner, memory, window, values, 1.0 / weights.sigma, carried,
+                                       track.jump if rows else np.full_like(track.jump, np.inf))
             x = x if usable else rows[-1] if rows else carried
             runner.enter(memory, x)
             runner.run(memory, window, values, False)
@@ -257,7 +258,8 @@ def fit(problem: Problem, *, p: Array | None = None, starts: tuple[Array, ...] |
         return Fit(problem, p, starts, weights, np.inf, np.eye(len(free)), 0, False,
                    "the model became unstable at its starting parameters", step)
     if not known_pulls:
-        pulls = tuple(PULL * np.einsum("wii->wi", b[0]).mean(axis=0) for b in now.blocks)
+        pulls = tuple(np.maximum(PULL * np.einsum("wii->wi", b[0]).mean(axis=0), 1.0 / t.jump**2)
+                      for b, t in zip(now.blocks, problem.tracks, strict=True))
         now = _evaluate(problem, scale, s, p, starts, weights, pulls, step, True)
     damping, count, calm, why, converged = 1e-3, 0, 0, "iterations used up", False
     for count in range(1, iterations + 1):

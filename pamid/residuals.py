@@ -6,13 +6,15 @@ recorded command. What effects remember runs on from window to window.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.assembly import Assembly
-from pamid.engine.program import Stepping
+from pamid.engine.program import Program, Stepping
 from pamid.windows import Runner, Track, Window, cut, estimate_start
 
 Array = NDArray[np.float64]
@@ -28,17 +30,49 @@ def replay_windows(track: Track) -> list[Window]:
     return cut(len(track), max(40, min(length, len(track) // 4)))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Replay:
-    """model (samples x channels, SI), scored (samples), windows; unusable windows count as lost."""
+    """A model run over a track window by window, its lead-in included.
 
-    track: Track
-    model: Array
-    scored: NDArray[np.bool_]
-    windows: tuple[Window, ...]
+    led: the track; whole: the model's outputs over it (samples x channels, SI); cuts: its windows; carried, starts:
+    the rig's states to which the window before has led and at which the window was entered (windows x states); finite:
+    nothing of what is scored became unstable.
+    """
+
+    led: Track
+    whole: Array = field(repr=False)
+    cuts: tuple[Window, ...] = field(repr=False)
+    carried: Array = field(repr=False)
+    starts: Array = field(repr=False)
     finite: bool
-    with_lead: Array         # model over the whole track, lead-in included
-    led: Track               # that track
+
+    @cached_property
+    def track(self) -> Track:
+        """What is scored: without the lead-in."""
+        return self.led.part(self.led.lead, len(self.led))
+
+    @cached_property
+    def windows(self) -> tuple[Window, ...]:
+        lead = self.led.lead
+        return tuple(Window(w.start - lead, w.stop - lead) for w in self.cuts if w.start >= lead)
+
+    @property
+    def entered(self) -> Array:
+        """The rig's states at the start of every scored window."""
+        return self.starts[len(self.cuts) - len(self.windows) :]
+
+    @property
+    def model(self) -> Array:
+        """Outputs, samples x channels (SI)."""
+        return self.whole[self.led.lead :]
+
+    @cached_property
+    def scored(self) -> NDArray[np.bool_]:
+        """Samples behind the first part of their window, on which its start was estimated."""
+        out = np.zeros(len(self.track), bool)
+        for w in self.windows:
+            out[w.start + warm_up(w) : w.stop] = True
+        return out
 
     @property
     def residual(self) -> Array:
@@ -51,43 +85,63 @@ class Replay:
         return np.array([r[w.start : w.stop][self.scored[w.start : w.stop]].mean(axis=0) for w in self.windows])
 
 
-def replay(assembly: Assembly, p: Array, track: Track, stepping: Stepping, noise: Array) -> Replay:
+def warm_up(window: Window) -> int:
+    """Samples at the beginning of a window on which its start is estimated."""
+    return max(10, round(WARM_UP * (window.stop - window.start)))
+
+
+def replay(assembly: Assembly, p: Array, track: Track, stepping: Stepping, noise: Array,
+           jumps: Array | None = None) -> Replay:
     """Run the model over the track window by window; the sensor noise per channel (SI) weighs the start estimates.
 
-    Windows of the track's lead-in find their start from all of their samples; the result no longer holds them.
+    Windows of the track's lead-in find their start from all of their samples. jumps: by what the states are known to
+    have departed from what was carried over (windows x states).
     """
     runner = Runner(assembly, track, stepping)
     values = runner.parameters(p)
     memory = runner.memory(values)
-    model, scored = np.empty_like(track.y), np.zeros(len(track), bool)
-    lead, finite = track.lead, True
+    whole, lead, finite = np.empty_like(track.y), track.lead, True
     windows = replay_windows(track.part(lead, len(track)))
-    ahead = cut(lead, windows[0].stop) if lead else []
-    shifted = [Window(w.start + lead, w.stop + lead) for w in windows]
-    for window in [*ahead, *shifted]:
-        length = window.stop - window.start
-        warm = length if window.start < lead else max(10, round(WARM_UP * length))
-        carried = memory.x[: runner.rig_states].copy()
-        x, _, usable = estimate_start(runner, memory, Window(window.start, window.start + warm), values, 1.0 / noise,
-                                      carried)
-        if usable:
-            runner.enter(memory, x)
+    cuts = (*(cut(lead, windows[0].stop) if lead else []), *(Window(w.start + lead, w.stop + lead) for w in windows))
+    carried, starts = np.empty((2, len(cuts), runner.rig_states))
+    for k, window in enumerate(cuts):
+        ahead = window.start < lead
+        seen = window if ahead else Window(window.start, window.start + warm_up(window))
+        carried[k] = memory.x[: runner.rig_states]
+        guess = carried[k] if jumps is None else carried[k] + jumps[k]
+        x, usable = estimate_start(runner, memory, seen, values, 1.0 / noise, guess,
+                                   track.jump if k else np.full_like(track.jump, np.inf))
+        starts[k] = x if usable else carried[k]
+        runner.enter(memory, starts[k])
         Y, _, fine = runner.run(memory, window, values, False)
         if not fine or not np.isfinite(memory.x).all():
-            finite = finite and window.start < lead
+            finite = finite and ahead
             Y = np.where(np.isfinite(Y), Y, 0.0)
             memory = runner.memory(values)
-        model[window.start : window.stop] = Y
-        scored[window.start + warm : window.stop] = True
-    return Replay(track.part(lead, len(track)), model[lead:], scored[lead:], tuple(windows), finite, model, track)
+        whole[window.start : window.stop] = Y
+    return Replay(track, whole, cuts, carried, starts, finite)
+
+
+def followed(program: Program, assembly: Assembly, p: Array, track: Track, windows: Sequence[Window], starts: Array,
+             stepping: Stepping) -> Array:
+    """Outputs of `program`, the assembly's equations with further outputs, over windows entered at these states
+    (samples x outputs)."""
+    n, rows = len(assembly.rig.states), []
+    values = Runner(assembly, track, stepping).parameters(p)
+    memory = program.memory(assembly.start(values), stepping=stepping, period_s=track.period_s)
+    for w, x in zip(windows, starts, strict=True):
+        memory.x[:n], memory.join = x, True
+        rows.append(program.run(memory, track.u[w.start : w.stop], values, period_s=track.period_s,
+                                time_s=(track.first + w.start) * track.period_s, stepping=stepping)[0])
+    return np.nan_to_num(np.concatenate(rows))
 
 
 def noise_floor(assembly: Assembly, p: Array, done: Replay, stepping: Stepping, noise: Array, seed: int = 0) -> Replay:
-    """The same comparison where the model is the truth: its own outputs plus white noise, replayed."""
+    """The same comparison where the model is the truth: its own outputs plus white noise, replayed. Where its states
+    departed from what was carried over, so did the truth's."""
     random = np.random.default_rng(seed)
-    t = done.led
-    y = done.with_lead + noise * random.standard_normal(done.with_lead.shape)
-    return replay(assembly, p, Track(t.name, t.u, y, t.p, t.known, t.period_s, t.first, t.lead), stepping, noise)
+    y = done.whole + noise * random.standard_normal(done.whole.shape)
+    return replay(assembly, p, replace(done.led, y=y), stepping, noise, done.starts - done.carried)
 
 
 def channel_mae(replays: list[Replay]) -> Array:

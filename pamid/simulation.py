@@ -154,3 +154,17 @@ def port_sizes(assembly: Assembly, runs: list[tuple[Array, Array, float]]) -> Si
             size = float(np.percentile(np.abs(Y[:, first + i]), 95.0)) if len(Y) else 0.0
             sizes[probes[key]] = max(sizes.get(probes[key], 0.0), size)
     return {k: v for k, v in sizes.items() if np.isfinite(v) and v > 0.0}
+
+
+def state_spread(assembly: Assembly, recording: Recording) -> Array:
+    """Standard deviation of each of the rig's states over a free run on the recorded inputs (SI); infinite where the
+    run says nothing of it: a state that runs away or does not move."""
+    p, _ = known_values(assembly, recording.known)
+    u, period = input_table(assembly, recording), recording.sampling_period_s
+    names = assembly.rig.states
+    program = assembly.program_with({f"state.{s.name}": symbol("state", s.name) for s in names})
+    step = choose_stepping(assembly, u, p, period, assembly.start(p))
+    memory = program.memory(assembly.start(p), stepping=step, period_s=period)
+    Y, _, bad = program.run(memory, u, p, period_s=period, stepping=step)
+    spread = Y[:, -len(names) :].std(axis=0) if bad < 0 else np.zeros(len(names))
+    return np.where(np.isfinite(spread) & (spread > 0.0), spread, np.inf)

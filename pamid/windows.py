@@ -25,7 +25,8 @@ class Track:
     """One recording as a fit sees it. SI throughout.
 
     u (samples x inputs), y (samples x channels), known: places of parameters that are held for it, p their values
-    put into the data sheet's; first: index in the recording file of the first sample (for time and reports); lead:
+    put into the data sheet's; jump: by what each of the rig's states may depart, where a window begins, from what the
+    window before has led to; first: index in the recording file of the first sample (for time and reports); lead:
     samples at the beginning that only serve to find the state, and are never scored.
     """
 
@@ -35,6 +36,7 @@ class Track:
     p: Array
     known: tuple[int, ...]
     period_s: float
+    jump: Array
     first: int = 0
     lead: int = 0
 
@@ -44,15 +46,15 @@ class Track:
     def part(self, start: int, stop: int, lead: int = 0) -> Track:
         """Samples start..stop, led in by up to `lead` samples before them."""
         begin = max(0, start - lead)
-        return Track(self.name, self.u[begin:stop], self.y[begin:stop], self.p, self.known, self.period_s,
-                     self.first + begin, start - begin)
+        return replace(self, u=self.u[begin:stop], y=self.y[begin:stop], first=self.first + begin, lead=start - begin)
 
 
-def track_of(assembly: Assembly, recording: Recording, channels: tuple[str, ...]) -> Track:
-    """The recording's inputs and measured channels for this assembly."""
+def track_of(assembly: Assembly, recording: Recording, channels: tuple[str, ...], jump: Array | None = None) -> Track:
+    """The recording's inputs and measured channels for this assembly; without `jump` states depart as they like."""
     p, known = known_values(assembly, recording.known)
+    free = np.full(len(assembly.rig.states), np.inf)
     return Track(recording.name, input_table(assembly, recording), output_table(channels, recording), p, tuple(known),
-                 recording.sampling_period_s)
+                 recording.sampling_period_s, free if jump is None else jump)
 
 
 def noise_level(y: Array) -> Array:
@@ -146,32 +148,30 @@ PULL = 1e-5          # information of a carried state against what a window says
 
 
 def estimate_start(runner: Runner, memory: Memory, window: Window, p: Array, weight: Array, carried: Array,
-                   pull: Array | None = None, iterations: int = 6) -> tuple[Array, Array, bool]:
-    """Rig state at the start of a window from its data, by Gauss-Newton with a weak pull to the carried state.
+                   jump: Array, iterations: int = 6) -> tuple[Array, bool]:
+    """Rig state at the start of a window from its data, by Gauss-Newton with a pull to the carried state.
 
-    memory is left untouched. weight: 1/sigma per channel. pull: information per state of the carried value (default
-    a 1e-5th of what the window says). Returns the state, its information diagonal, and whether it is usable.
+    memory is left untouched. weight: 1/sigma per channel. jump: by what each state may depart from the carried value
+    (standard deviation, infinite where nothing is known of it; a weak pull remains). Returns the state, and whether
+    it is usable.
     """
     own = Runner(runner.assembly, runner.track, runner.stepping, whole=runner.whole)
     n = own.rig_states
     y = runner.track.y[window.start : window.stop]
     x, damping, best = carried.copy(), 1e-3, np.inf
-    H, g, information = np.zeros((n, n)), np.zeros(n), np.zeros(n)
+    H, g, holds = np.zeros((n, n)), np.zeros(n), 1.0 / jump**2
     trial = x
     for _ in range(iterations * 2):
         m = own.widened(memory)
         own.enter(m, trial)
         Y, A, fine = own.run(m, window, p, True, weight)
         r = ((Y - y) * weight).ravel()
-        cost = float(r @ r) if fine else np.inf
-        if pull is not None and fine:
-            cost += float(((trial - carried) ** 2 * pull).sum())
+        cost = float(r @ r) + float(((trial - carried) ** 2 / jump**2).sum()) if fine else np.inf
         if cost < best:
             gain = best - cost
             x, best = trial, cost
             H, g = (A.T @ A)[:n, :n], (A.T @ r)[:n]
-            information = H.diagonal().copy()
-            holds = pull if pull is not None else PULL * information
+            holds = np.maximum(PULL * H.diagonal(), 1.0 / jump**2)
             H = H + np.diag(holds)
             g = g + holds * (x - carried)
             damping = max(damping * 0.1, 1e-9)
@@ -186,4 +186,4 @@ def estimate_start(runner: Runner, memory: Memory, window: Window, p: Array, wei
         if not np.isfinite(step).all():
             break
         trial = x + step
-    return x, information, bool(np.isfinite(best))
+    return x, bool(np.isfinite(best))

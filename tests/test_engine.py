@@ -340,7 +340,7 @@ def _stuck() -> tuple[Runner, Array]:
     friction = attach(rig, "coulomb-friction", effects())
     a = Assembly(rig, (friction,))
     p, u = a.values(), steps(17, 200, hold=20, size=30.0)[:, None]
-    track = Track("rec", u, np.zeros((200, 1)), p, (), PERIOD_S)
+    track = Track("rec", u, np.zeros((200, 1)), p, (), PERIOD_S, np.full(len(a.rig.states), np.inf))
     return Runner(a, track, EXPLICIT, free=(1, 2)), p
 
 

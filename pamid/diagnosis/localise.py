@@ -14,10 +14,9 @@ from pamid.engine.program import Program
 from pamid.equations import Expr
 from pamid.evidence import Evidence
 from pamid.expressions import symbols
-from pamid.residuals import WARM_UP, Replay
+from pamid.residuals import Replay, followed
 from pamid.rig import Port
 from pamid.units import display_unit, from_si, split_column
-from pamid.windows import Runner, Window, estimate_start
 
 Array = NDArray[np.float64]
 
@@ -73,7 +72,7 @@ def regimes(evidence: Evidence, base: Contender, after: Contender | None) -> lis
     if gap.sum() <= 0.0:
         return []
     inner = inner_signals(base)
-    tables = [measured_signals(evidence, r) | _followed(base, r, inner, evidence.noise) for r in befores]
+    tables = [measured_signals(evidence, r) | _followed(base, r, inner) for r in befores]
     found = []
     for place, (name, (_, unit)) in enumerate(tables[0].items()):
         x = np.concatenate([t[name][0][r.scored] for t, r in zip(tables, befores, strict=True)])
@@ -175,24 +174,10 @@ def _quantity(port: Port, key: str) -> str:
     return "flow_drawn" if key == "drawn" else key
 
 
-def _followed(base: Contender, r: Replay, inner: _Inner, noise: Array) -> dict[str, tuple[Array, str]]:
+def _followed(base: Contender, r: Replay, inner: _Inner) -> dict[str, tuple[Array, str]]:
     """The signals at the ports along a replay, and the time since the last reversal."""
-    runner = Runner(base.assembly, r.track, base.fit.stepping)
-    values = runner.parameters(base.fit.p)
-    memory = runner.memory(values)
-    follower = inner.program.memory(base.assembly.start(values), stepping=runner.stepping, period_s=r.track.period_s)
-    first, rows = len(inner.program.outputs) - len(inner.names), []
-    for w in r.windows:
-        warm = Window(w.start, w.start + max(10, round(WARM_UP * (w.stop - w.start))))
-        x, _, usable = estimate_start(runner, memory, warm, values, 1.0 / noise, memory.x[: runner.rig_states].copy())
-        if usable:
-            runner.enter(memory, x)
-        follower.x[: runner.rig_states], follower.join = memory.x[: runner.rig_states], True
-        runner.run(memory, w, values, False)
-        rows.append(inner.program.run(follower, r.track.u[w.start : w.stop], values, period_s=r.track.period_s,
-                                      time_s=(r.track.first + w.start) * r.track.period_s,
-                                      stepping=runner.stepping)[0][:, first:])
-    table = np.nan_to_num(np.concatenate(rows))
+    found = followed(inner.program, base.assembly, base.fit.p, r.track, r.windows, r.entered, base.fit.stepping)
+    table = found[:, found.shape[1] - len(inner.names) :]
     out = {}
     for name, unit, x in zip(inner.names, inner.units, table.T, strict=True):
         shown = display_unit(unit)
@@ -231,24 +216,6 @@ def frequency_band(before: list[Replay], after: list[Replay] | None, noise: Arra
     share = np.cumsum(power[1:]) / power[1:].sum()
     return [float(axis[1:][np.searchsorted(share, 0.1)]), float(axis[1:][min(np.searchsorted(share, 0.9),
                                                                            len(share) - 1)])]
-
-
-def spectrum_peaks(before: list[Replay], noise: Array, count: int = 3) -> tuple[float, ...]:
-    """Strongest lines of the gap, Hz, resolved to a fraction of 1/duration."""
-    b = max(before, key=lambda r: len(r.track))
-    r = (b.residual / noise) * np.hanning(len(b.track))[:, None]
-    n = 1 << (4 * len(b.track) - 1).bit_length()
-    power = (np.abs(np.fft.rfft(r, n, axis=0)) ** 2).sum(axis=1)
-    axis = np.fft.rfftfreq(n, b.track.period_s)
-    power[axis < 0.5] = 0.0
-    smooth = np.convolve(power, np.ones(401) / 401, "same")
-    contrast = power / (smooth + 1e-12 * power.max() + 1e-300)
-    peaks = []
-    for _ in range(count):
-        k = int(np.argmax(contrast * np.sqrt(power)))
-        peaks.append(float(axis[k]))
-        contrast[max(0, k - 60) : k + 60] = 0.0
-    return tuple(peaks)
 
 
 def worst_windows(before: list[Replay], budget: Budget, count: int = 3) -> list[list[float]]:

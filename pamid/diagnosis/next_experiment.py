@@ -191,7 +191,8 @@ def separations(evidence: Evidence, bench: Bench, e: Experiment,
     for truth, other in pairs:
         if truth.label not in made:
             made[truth.label] = [_recorded(evidence, truth, bench, e.signals(bench), s) for s in e.settings(bench)]
-        tracks = tuple(track_of(other.assembly, r, evidence.channels) for r in made[truth.label] if r is not None)
+        tracks = tuple(track_of(other.assembly, r, evidence.channels, evidence.jump)
+                       for r in made[truth.label] if r is not None)
         view = _View(other, evidence.noise, tracks)
         if len(tracks) < len(made[truth.label]) or not view.left:
             yield np.zeros(len(evidence.channels))

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from pamid.assembly import Assembly
 from pamid.attaching import Attachment
 from pamid.binding import Sizes
+from pamid.diagnosis.clues import Clues
 from pamid.diagnosis.contest import Contender, set_within_bounds, transferred
 from pamid.effect import Hints
 from pamid.engine.program import Stepping
@@ -17,11 +18,13 @@ from pamid.errors import PamidError
 from pamid.evidence import Evidence
 from pamid.fitting import Fit, Problem, fit, free_parameters
 from pamid.greybox import model_with
+from pamid.windows import Track, Window
 
 Array = NDArray[np.float64]
 
 SCREEN_S = 10.0        # of the fitted recordings, in all: more would change the cost of screening, not its outcome
-STEPS = 2              # from the best of the starting points, after one step from each of them
+SLIGHT = 0.1           # of the typical size
+FIRST_STEPS, STEPS = 2, 4   # from each of the starting points; from the best of them
 MOST = 8               # candidates refitted, beside the best of every further family
 LEAST = 6              # candidates refitted in any case
 FEW = 24                # with no more candidates than these all are: the runners-up belong into the answer
@@ -39,57 +42,67 @@ class Screened:
 
 
 def starting_points(assembly: Assembly, attachment: Attachment, hints: Hints) -> list[dict[str, float]]:
-    """Typical values, one variation per parameter that declares `tries`, and what the effect makes of the hints."""
+    """Typical values, a trace of them, one variation per parameter that declares `tries`, and what the effect makes of
+    the hints. A trace leaves the model next to the baseline: from there the way leads down wherever an effect helps."""
     own = {b.key: b for b in assembly.parameters if b.owner == attachment.label}
-    points: list[dict[str, float]] = [{}]
+    slight = {key: b.null + SLIGHT * (b.value - b.null) for key, b in own.items() if b.null is not None}
+    points: list[dict[str, float]] = [{}, slight]
     points += [{key: value} for key, b in own.items() for value in b.tries]
     for hinted in attachment.effect.starts(hints):
-        points.append({f"{attachment.label}:{name}": value * _si(attachment, name) for name, value in hinted.items()})
+        points.append({f"{attachment.label}:{name}": value for name, value in hinted.items()})
     return points
-
-
-def _si(attachment: Attachment, name: str) -> float:
-    return next(q.factor for q in attachment.effect.parameters if q.name == name)
 
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """What candidates are screened against: the baseline over the first part of every fitted recording.
+    """What candidates are screened against: the baseline over the part of every fitted recording where it is worst.
 
-    stops: where that part ends, starts: states at its windows, per track; cost: the baseline's there, after as many
-    steps as a candidate is given.
+    spans: where that part begins and ends, starts: states at its windows, per track; p: parameters from which the
+    baseline does best there, its own or the data sheet's (a gap can drive a fit into a corner that no effect leads out
+    of); cost: the baseline's, after as many steps as a candidate is given.
     """
 
     baseline: Contender
-    stops: tuple[int, ...]
+    spans: tuple[tuple[int, int], ...]
     starts: tuple[Array, ...]
+    p: Array
     cost: float
 
     @classmethod
     def of(cls, baseline: Contender) -> Ground:
         problem, base = baseline.fit.problem, baseline.fit
         share = SCREEN_S / sum(len(t) * t.period_s for t in problem.tracks)
-        stops, starts = [], []
-        for track, x in zip(problem.tracks, base.starts, strict=True):
+        spans, starts = [], []
+        for track, x, r in zip(problem.tracks, base.starts, base.residuals, strict=True):
             windows = problem.windows(track)
-            few = min(max(3, round(share * len(windows))), len(windows))
-            k = next(k for k in range(few, len(windows) + 1)  # a part is cut as the whole was, or it is the whole
-                     if len(problem.windows(track.part(0, windows[k - 1].stop))) == k)
-            stops.append(windows[k - 1].stop)
-            starts.append(x[:k])
-        short = replace(problem, tracks=tuple(t.part(0, s) for t, s in zip(problem.tracks, stops, strict=True)))
-        again = fit(short, p=base.p, starts=tuple(starts), weights=base.weights, pulls=base.pulls,
-                    stepping=base.stepping, iterations=1 + STEPS, probe=True)
-        return cls(baseline, tuple(stops), tuple(starts), again.cost)
+            losses = np.array([((r[w.start : w.stop] * base.weights.root) ** 2).sum() for w in windows])
+            first, last = _worst_run(problem, track, windows, losses, max(3, round(share * len(windows))))
+            spans.append((windows[first].start, windows[last].stop))
+            starts.append(x[first : last + 1])
+        short = replace(problem, tracks=tuple(t.part(*s) for t, s in zip(problem.tracks, spans, strict=True)))
+        costs = [fit(short, p=p, starts=tuple(starts), weights=base.weights, pulls=base.pulls, stepping=base.stepping,
+                     iterations=FIRST_STEPS + STEPS, probe=True).cost for p in (base.p, problem.assembly.values())]
+        p = base.p if costs[0] <= 1.05 * costs[1] else problem.assembly.values()
+        return cls(baseline, tuple(spans), tuple(starts), p, min(costs))
 
     def problem(self, evidence: Evidence, assembly: Assembly) -> Problem:
-        tracks = tuple(t.part(0, s) for t, s in zip(evidence.tracks(assembly), self.stops, strict=True))
+        tracks = tuple(t.part(*s) for t, s in zip(evidence.tracks(assembly), self.spans, strict=True))
         return Problem(assembly, tracks, free_parameters(assembly, tracks))
 
 
-def screen(evidence: Evidence, ground: Ground, attachment: Attachment, sizes: Sizes, hints: Hints) -> Screened:
-    """Gain of one candidate after one step from each of its starting points and some more from the best of them, from
-    the baseline's solution."""
+def _worst_run(problem: Problem, track: Track, windows: list[Window], losses: Array, few: int) -> tuple[int, int]:
+    """First and last of the `few` (or somewhat more) windows in a row with the largest loss. A part has to be cut as
+    the whole was; where none is, it is the whole."""
+    for count in range(min(few, len(windows)), len(windows)):
+        for first in np.argsort(-np.convolve(losses, np.ones(count), "valid"), kind="stable"):
+            last = int(first) + count - 1
+            if len(problem.windows(track.part(windows[first].start, windows[last].stop))) == count:
+                return int(first), last
+    return 0, len(windows) - 1
+
+
+def screen(evidence: Evidence, ground: Ground, attachment: Attachment, sizes: Sizes, clues: Clues) -> Screened:
+    """Gain of one candidate after a few steps from each of its starting points and some more from the best of them."""
     baseline = ground.baseline
     try:
         assembly = model_with(evidence, (*baseline.attached, attachment), sizes)
@@ -98,10 +111,10 @@ def screen(evidence: Evidence, ground: Ground, attachment: Attachment, sizes: Si
         return Screened(attachment, None, {}, -np.inf, str(error))
     unstable = Screened(attachment, assembly, {}, -np.inf, "unstable at every starting value")
     best, found, stepping = unstable, None, None
-    for first in starting_points(assembly, attachment, hints):
-        p = transferred(assembly, baseline.assembly, baseline.fit.p)
+    for first in starting_points(assembly, attachment, clues.at(attachment.ports[0])):
+        p = transferred(assembly, baseline.assembly, ground.p)
         set_within_bounds(assembly, p, first)
-        done = _probed(ground, problem, p, ground.starts, 1, stepping)
+        done = _probed(ground, problem, p, ground.starts, FIRST_STEPS, stepping)
         stepping = done.stepping
         if ground.cost - done.cost > best.gain:
             best, found = Screened(attachment, assembly, first, ground.cost - done.cost), done

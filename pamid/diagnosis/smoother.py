@@ -23,12 +23,14 @@ from pamid.engine.blocks import eliminate
 from pamid.equations import Expr, Number
 from pamid.evidence import Evidence
 from pamid.residuals import Replay
-from pamid.windows import Runner, Window, cut, estimate_start
+from pamid.windows import Runner, Window, cut
 
 Array = NDArray[np.float64]
 
 SLICE_S = 0.05              # length of the slices over which the value is constant
-ROUNDS = 4                  # Gauss-Newton steps
+ROUNDS = 12                 # Gauss-Newton steps at most, damped as the ground demands
+CALM = 1e-3                 # of the cost: a gain below it ends them
+LEAST_DAMPING = 1e-10       # of a diagonal scaled to one
 STIFF = 1e-4                # standard deviation of a state's jump between slices, in standard deviations of the state
 FREE = 1e3                  # ... of its jump where a window begins
 SIZES = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)   # standard deviations tried, in sizes of the port's value
@@ -84,7 +86,7 @@ class Smoother:
         values = runner.parameters(self.parameters)
         slices, opens = _slices(r)
         if self.along is None:
-            return _Path(self, runner, values, slices, opens, _start_path(self, runner, values, r, slices, opens))
+            return _Path(self, runner, values, slices, opens, _start_path(runner, values, r, slices, opens))
         known, own = self.along.assembly.program.states, self.assembly.program.states
         starts = np.zeros((len(slices), len(own)))
         starts[:, [own.index(s) for s in known]] = self.along.paths[i].x
@@ -99,7 +101,7 @@ class Smoother:
     def best(self) -> tuple[float, float, float]:
         """(log evidence, size, time constant): the most likely size and time constant of a coarse grid."""
         if not self.ports:
-            return self.evidence_at(1.0, 1.0), 1.0, 1.0
+            return self.evidence_at(1.0, 1.0, ROUNDS), 1.0, 1.0
         middle = [(self.evidence_at(s, TIMES_S[0]), s) for s in SIZES]
         size = max(middle)[1]
         self.evidence_at(size, TIMES_S[0], ROUNDS)
@@ -158,27 +160,32 @@ class _Path:
 
     def solve(self, size: float, time_s: float, rounds: int) -> float:
         """Log evidence; with rounds > 0 the path is improved first, else the last linearisation serves."""
-        linear = self.linear or self.linearise(self.x)
+        linear, damping = self.linear or self.linearise(self.x), LEAST_DAMPING
+        prior = self.prior(size, time_s)
         for _ in range(rounds):
-            prior = self.prior(size, time_s)
-            step, before, _, _ = self.step(linear, prior)
-            for shorter in (1.0, 0.3, 0.1):
-                x = self.x + shorter * step
-                there = self.linearise(x)
-                if np.isfinite(there.cost) and there.cost + _surprise(x, there, prior) < before:
-                    self.x, linear = x, there
+            step, before, promised, _ = self.step(linear, prior, damping)
+            x = self.x + step
+            there = self.linearise(x)
+            gain = before - there.cost - _surprise(x, there, prior)
+            if gain > 0.0:  # False where it is not a number
+                self.x, linear, damping = x, there, max(0.01 * damping, LEAST_DAMPING)
+                if gain < CALM * before:
                     break
-            else:
+            elif promised < CALM * before:
                 break
+            else:
+                damping = max(30.0 * damping, 1e-4)
         self.linear = linear
-        _, before, gain, log_det = self.step(linear, self.prior(size, time_s))
+        _, before, gain, log_det = self.step(linear, self.prior(size, time_s), LEAST_DAMPING)
         return -0.5 * (before - gain + log_det)
 
     def prior(self, size: float, time_s: float) -> _Prior:
         missing = self.smoother.missing
         spread = np.maximum(self.x.std(axis=0), 1e-9 * np.abs(self.x).max(axis=0) + 1e-100)
         joint = np.tile(1.0 / (STIFF * spread) ** 2, (len(self.slices) - 1, 1))
-        joint[self.opens[1:]] = 1.0 / (FREE * spread) ** 2
+        free = FREE * spread
+        free[: len(self.runner.track.jump)] = np.minimum(free[: len(self.runner.track.jump)], self.runner.track.jump)
+        joint[self.opens[1:]] = 1.0 / free**2
         length = (self.slices[0].stop - self.slices[0].start) * self.runner.track.period_s
         keep = float(np.exp(-length / time_s))
         first, decay = np.zeros(len(spread)), np.ones(len(spread))
@@ -186,8 +193,8 @@ class _Path:
         decay[missing] = keep
         return _Prior(joint, first, decay, float(np.log(joint[:, missing]).sum() + np.log(first[missing]).sum()))
 
-    def step(self, linear: _Linear, prior: _Prior) -> tuple[Array, float, float, float]:
-        """Gauss-Newton step, cost before it, what it promises to gain, log det of the information against the prior's.
+    def step(self, linear: _Linear, prior: _Prior, damping: float) -> tuple[Array, float, float, float]:
+        """Damped Gauss-Newton step, cost before it, promised gain, log det of the information against the prior's.
 
         The system is scaled to a unit diagonal: states in pascals and radians stand side by side.
         """
@@ -205,7 +212,7 @@ class _Path:
         scale = 1.0 / np.sqrt(np.einsum("kii->ki", D) + 1e-300)
         D *= scale[:, :, None] * scale[:, None, :]
         off *= scale[1:, :, None] * scale[:-1, None, :]
-        z, log_det = eliminate(D, off, (scale * g)[:, :, None], 1e-10)
+        z, log_det = eliminate(D, off, (scale * g)[:, :, None], damping)
         step = -scale * z[:, :, 0]
         before = linear.cost + _surprise(self.x, linear, prior)
         return step, before, -float((g * step).sum()), log_det - 2.0 * float(np.log(scale).sum()) - prior.log_det
@@ -228,19 +235,15 @@ def _slices(r: Replay) -> tuple[list[Window], NDArray[np.bool_]]:
     return slices, np.array(opens)
 
 
-def _start_path(smoother: Smoother, runner: Runner, values: Array, r: Replay, slices: list[Window],
-                opens: NDArray[np.bool_]) -> Array:
+def _start_path(runner: Runner, values: Array, r: Replay, slices: list[Window], opens: NDArray[np.bool_]) -> Array:
     """States at the start of every slice along the replay, latent values zero."""
     memory = runner.memory(values)
-    narrow = Runner(smoother.assembly, r.track, runner.stepping)
+    narrow = Runner(runner.assembly, r.track, runner.stepping)
+    starts = iter(r.entered)
     out = np.zeros((len(slices), len(memory.x)))
     for k, window in enumerate(slices):
         if opens[k]:
-            whole = next(w for w in r.windows if w.start == window.start)
-            x, _, usable = estimate_start(narrow, memory, whole, values, 1.0 / smoother.evidence.noise,
-                                          memory.x[: narrow.rig_states].copy())
-            if usable:
-                narrow.enter(memory, x)
+            narrow.enter(memory, next(starts))
         out[k] = memory.x
         narrow.run(memory, window, values, False)
         if not np.isfinite(memory.x).all():

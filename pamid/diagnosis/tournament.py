@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 
 from pamid.attaching import Attachment, attachments
 from pamid.diagnosis.budget import Budget, gap_budget
+from pamid.diagnosis.clues import Clues, gather_clues
 from pamid.diagnosis.contest import Contender, bootstrap_losses, refit, replayed
 from pamid.diagnosis.judgement import WORTH, Grounds, Judged, at_the_floor, judge, probabilities, weigh
 from pamid.diagnosis.latent import Located, locate
-from pamid.diagnosis.localise import spectrum_peaks
 from pamid.diagnosis.look_alikes import look_alike_classes
 from pamid.diagnosis.screen import MOST, Ground, Screened, screen, sent_on
-from pamid.effect import Effect, Hints
+from pamid.effect import Effect
 from pamid.evidence import Evidence, selection_part
 from pamid.fitting import fit
 from pamid.greybox import COARSE, model_with, rechecked
@@ -80,7 +80,7 @@ class _Search:
     budget: Budget
     chosen: NDArray[np.bool_]
     candidates: list[Attachment]
-    hints: Hints
+    clues: Clues
     seed: int
     jobs: int
     told: Told
@@ -111,7 +111,7 @@ def diagnose(evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: in
     if at_the_floor(budget, seed):
         return Diagnosis(evidence, budget, chosen, "no-structural-gap")
     search = _Search(evidence, budget, chosen, attachments(evidence.rig, catalogue.values()),
-                     Hints(spectrum_peaks(list(base.replays), evidence.noise)), seed, jobs, told)
+                     gather_clues(evidence, base), seed, jobs, told)
     told("looking where something is missing")
     located = locate(evidence, base, search.run)
     contenders, failed, screened = _round(search, base, search.candidates, MOST)
@@ -177,7 +177,7 @@ def _round(search: _Search, base: Contender, candidates: list[Attachment],
     ground = Ground.of(base)
 
     def screened(a: Attachment) -> Screened:
-        return screen(evidence, ground, a, search.budget.sizes, search.hints)
+        return screen(evidence, ground, a, search.budget.sizes, search.clues)
 
     found = search.run(screened, candidates, lambda i, n: told(f"screening {i}/{n}: {candidates[i - 1].label}"))
     promising = sent_on({a.label: search.family(a) for a in candidates}, found, most)

@@ -34,7 +34,7 @@ class DeadTime(Effect):
     kinds = ("command",)
     general_kinds = ("reading",)
     parameters = (
-        Parameter("delay", 0.012, low=0.0, high=LONGEST_S, spread=0.02, unit="s", null=0.0, tries=(0.003, 0.035),
+        Parameter("delay", 0.012, low=0.0, high=LONGEST_S, spread=0.02, unit="s", null=0.0, tries=(0.003, 0.022, 0.035),
                   source="estimate: one sample (3 ms) to the 45 ms of slow buses and drivers"),
     )
     look_alikes = ("tube-lag", "angle-sensor-lag")

@@ -17,9 +17,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from pamid.effect import Effect
+from pamid.effect import Effect, Hints
 from pamid.equations import Expr, Number, absolute, maximum, sign
 from pamid.parameter import Parameter
+
+TRIED = (0.7, 0.85, 0.95, 1.0)    # of the travel
 
 
 class EndStop(Effect):
@@ -31,12 +33,16 @@ class EndStop(Effect):
     parameters = (
         Parameter("stiffness", 50.0, low=0.0, high=150.0, spread=50.0, size="value/position", null=0.0,
                   source="200-5000 N m/rad on a joint"),
-        Parameter("limit", 0.85, low=0.2, high=2.0, spread=0.3, size="position", tries=(0.6, 0.75, 1.0),
+        Parameter("limit", 0.85, low=0.2, high=2.0, spread=0.3, size="position",
                   source="35-60 deg on a joint that turns +-40 deg"),
         Parameter("speed", 1.0, low=0.5, high=5.0, spread=2.0, log=True, size="velocity", fitted=False,
                   source="estimate: buffers of 0.5-20 N m s/rad"),
     )
     look_alikes = ("force-compensator", "cubic-stiffness")
+
+    def starts(self, hints: Hints) -> list[dict[str, float]]:
+        """Stops somewhat within the travel: outside it nothing is seen of them, and no slope leads back."""
+        return [{"limit": share * hints.reach["position"]} for share in TRIED if "position" in hints.reach]
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         side = sign(at.position)

@@ -18,9 +18,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from pamid.effect import Effect
+from pamid.effect import Effect, Hints
 from pamid.equations import Expr, Number, smooth_step
 from pamid.parameter import Parameter
+
+TRIED = (0.78, 0.85, 0.92, 0.98)    # of the largest force
+AJAR = 0.2    # wide open it throws the model about
 
 
 class ForceCompensator(Effect):
@@ -32,12 +35,16 @@ class ForceCompensator(Effect):
     parameters = (
         Parameter("opening", 2.0, low=0.0, high=5.0, spread=2.0, null=0.0,
                   source="estimate: 1-5 times the conductance of the vent valve"),
-        Parameter("limit", 1200.0, low=300.0, high=1500.0, spread=300.0, unit="N", tries=(560.0, 640.0, 720.0, 800.0),
+        Parameter("limit", 1200.0, low=300.0, high=1500.0, spread=300.0, unit="N",
                   source="maker: 1200 N at 20 mm bore, 400 N at 10 mm"),
         Parameter("blend", 80.0, low=40.0, high=200.0, unit="N", fitted=False,
                   source="estimate: 50-100 N from shut to open"),
     )
     look_alikes = ("end-stop", "leak")
+
+    def starts(self, hints: Hints) -> list[dict[str, float]]:
+        """Limits below the largest force: above it nothing is seen of them, and no slope leads back."""
+        return [{"opening": AJAR, "limit": share * hints.reach["force"]} for share in TRIED if "force" in hints.reach]
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         return value - p.opening * smooth_step((at.force - p.limit) / p.blend) * at.outflow
