@@ -94,16 +94,16 @@ def set_within_bounds(assembly: Assembly, p: Array, first: dict[str, float]) -> 
         p[assembly.keys[key]] = min(max(value, bound.low), bound.high)
 
 
-def refit(evidence: Evidence, assembly: Assembly, base: Fit, *, first: dict[str, float] | None = None,
-          iterations: int = 15) -> Fit:
-    """Fit all parameters jointly from the data-sheet start; `first`: starting values (SI) by parameter key.
+def refit(evidence: Evidence, assembly: Assembly, base: Fit, *, p: Array | None = None,
+          first: dict[str, float] | None = None, iterations: int = 15) -> Fit:
+    """Fit all parameters jointly from p (default: the data sheet); `first`: further starting values (SI) by key.
 
     First with the baseline's weights, then with those of its own, smaller residuals: a model that explains the gap
     is not held to its priors by the size of the gap it removed.
     """
     tracks = evidence.tracks(assembly)
     problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
-    p = assembly.values()
+    p = assembly.values() if p is None else p.copy()
     set_within_bounds(assembly, p, first or {})
     done = fit(problem, p=p, starts=base.starts, weights=base.weights, pulls=base.pulls, iterations=iterations,
                tolerance=2e-2)

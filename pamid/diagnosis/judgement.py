@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 WORTH = 0.05            # of the gap: what an effect has to remove to be worth looking beyond it
 LEAST = 0.02            # of the error: what a cause has to remove to be named at all
-QUESTIONS = ("gap", "known", "first")
+QUESTIONS = ("gap", "known", "first", "further")
 
 
 @dataclass(frozen=True)
@@ -51,6 +51,7 @@ class Grounds:
     at_port: float       # latent evidence at the port of the first over the largest one
     strain: float        # largest strain of a parameter of the rig in the best model
     pull: float          # largest pull of the background in the best model
+    channels: int        # measured
 
 
 def at_the_floor(budget: Budget, seed: int) -> bool:
@@ -84,35 +85,36 @@ def weigh(budget: Budget, chosen: NDArray[np.bool_], ranking: tuple[Contender, .
         left=budget.excess(model.absolutes, rows) / gap if gap > 0.0 else 0.0,
         ceiling=budget.excess(budget.black_box, rows) / gap if gap > 0.0 else 0.0,
         shrinkage=budget.shrinkage(model.absolutes, rows),
-        gain=float(gain.mean()) / channels, sure=_in_errors(gain), helps=float((losses[2] < losses[0]).mean()),
+        gain=float(gain.mean()) / channels, sure=in_errors(gain), helps=float((losses[2] < losses[0]).mean()),
         margin=(budget.excess(other.absolutes, rows) - budget.excess(first.absolutes, rows)) / max(gap, 1e-9),
-        margin_gain=float(margin.mean()) / channels, margin_sure=_in_errors(margin),
+        margin_gain=float(margin.mean()) / channels, margin_sure=in_errors(margin),
         wins=float(np.mean(np.array(families)[everyone])) if ranking else 0.0,
         missing=before / base.samples, unexplained=after.most / base.samples,
         at_port=here / before if before > 0.0 else 1.0, strain=max(strains, default=0.0),
-        pull=max(background_pull(model.fit).values(), default=0.0))
+        pull=max(background_pull(model.fit).values(), default=0.0), channels=channels)
 
 
-def _in_errors(draws: Array) -> float:
+def in_errors(draws: Array) -> float:
+    """Mean of bootstrap draws in their standard deviations."""
     return float(draws.mean() / max(draws.std(), 1e-6))
 
 
 def features(g: Grounds) -> dict[str, float]:
     """The grounds as the logistic functions take them: ratios in decades, everything within the range of the trial."""
-    return {"visible": _decades(g.visible, 1.0, 100.0), "missing": _decades(g.missing, 1e-2, 1e3),
-            "of_signal": _decades(g.of_signal, 1e-3, 1.0), "sure": _within(g.sure, 0.0, 20.0) / 10.0,
-            "shrinkage": _within(g.shrinkage, -0.2, 1.0), "left": _within(g.left, 0.0, 1.2),
-            "margin": _within(g.margin, 0.0, 1.0), "margin_sure": _within(g.margin_sure, 0.0, 20.0) / 10.0,
-            "wins": g.wins, "at_port": g.at_port,
-            "unexplained": _decades((g.unexplained + 1e-3) / (g.missing + 1e-3), 1e-3, 3.0)}
+    return {"visible": decades(g.visible, 1.0, 100.0), "missing": decades(g.missing, 1e-2, 1e3),
+            "of_signal": decades(g.of_signal, 1e-3, 1.0), "sure": within(g.sure, 0.0, 20.0) / 10.0,
+            "shrinkage": within(g.shrinkage, -0.2, 1.0), "left": within(g.left, 0.0, 1.2),
+            "margin": within(g.margin, 0.0, 1.0), "margin_sure": within(g.margin_sure, 0.0, 20.0) / 10.0,
+            "wins": g.wins, "at_port": g.at_port, "channels": decades(g.channels, 1.0, 10.0),
+            "unexplained": decades((g.unexplained + 1e-3) / (g.missing + 1e-3), 1e-3, 3.0)}
 
 
-def _within(value: float, low: float, high: float) -> float:
+def within(value: float, low: float, high: float) -> float:
     return min(max(value, low), high)
 
 
-def _decades(value: float, low: float, high: float) -> float:
-    return float(np.log10(_within(value, low, high)))
+def decades(value: float, low: float, high: float) -> float:
+    return float(np.log10(within(value, low, high)))
 
 
 @dataclass(frozen=True)
@@ -161,7 +163,7 @@ def judge(g: Grounds, *, ambiguous: bool) -> Judged:
     A first candidate that is as good as certain is named also where the gap by itself would not raise an alarm.
     """
     c, x = calibration(), features(g)
-    gap, known, first = (c.lines[q].probability(x) for q in QUESTIONS)
+    gap, known, first = (c.lines[q].probability(x) for q in ("gap", "known", "first"))
     certain = first >= c.lines["first"].yes
     if gap < c.lines["gap"].yes and not certain:
         verdict = "no-structural-gap"

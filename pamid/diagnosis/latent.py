@@ -20,7 +20,7 @@ from pamid.evidence import Evidence
 from pamid.rig import Rig
 
 ALIKE = 0.98                # ports with this share of another one's evidence: these recordings do not tell them apart
-PLAYERS = 3                 # ports whose joint evidence is computed
+PLAYERS = 2                 # ports whose joint evidence is computed
 
 
 @dataclass(frozen=True)
@@ -68,8 +68,12 @@ def locate(evidence: Evidence, base: Contender, run: Callable[[Callable[[str], A
     plain = Smoother(evidence, base, ())
     nothing = plain.best[0]
     names = ports or list(evidence.rig.ports)
-    smoothers = {name: Smoother(evidence, base, (name,), plain) for name in names}
-    gains = dict(zip(names, run(lambda name: _gained(smoothers[name], nothing), names), strict=True))
+    smoothers = {name: Smoother(evidence, base, (name,)) for name in names}
+    twins = {name: next(k for k in names if smoothers[k].assembly.program is smoothers[name].assembly.program)
+             for name in names}     # a value enters the equations there as it does here
+    own = [name for name in names if twins[name] == name]
+    found_at = dict(zip(own, run(lambda name: _gained(smoothers[name], nothing), own), strict=True))
+    gains = {name: found_at[twins[name]] for name in names}
     classes: dict[str, list[str]] = {}
     for name in sorted(names, key=lambda k: -gains[k]):
         leader = next((k for k in classes if gains[name] >= ALIKE * gains[k]), name)
@@ -81,7 +85,7 @@ def locate(evidence: Evidence, base: Contender, run: Callable[[Callable[[str], A
     value: dict[frozenset[str], float] = {frozenset(): 0.0} | {frozenset((k,)): gains[k] for k in players}
     for size in range(2, len(players) + 1):
         for members in combinations(players, size):
-            joint = _gained(Smoother(evidence, base, members, plain), nothing)
+            joint = _gained(Smoother(evidence, base, members), nothing)
             value[frozenset(members)] = max([joint, *(value[frozenset(members) - {m}] for m in members)])
     return Located(gains, found, shapley(players, value), smoothers)
 

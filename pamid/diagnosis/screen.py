@@ -23,6 +23,7 @@ from pamid.windows import Track, Window
 Array = NDArray[np.float64]
 
 SCREEN_S = 10.0        # of the fitted recordings, in all: more would change the cost of screening, not its outcome
+LATER_S = 6.0          # ... beside effects that are already found
 SLIGHT = 0.1           # of the typical size
 FIRST_STEPS, STEPS = 2, 4   # from each of the starting points; from the best of them
 MOST = 8               # candidates refitted, beside the best of every further family
@@ -71,7 +72,7 @@ class Ground:
     @classmethod
     def of(cls, baseline: Contender) -> Ground:
         problem, base = baseline.fit.problem, baseline.fit
-        share = SCREEN_S / sum(len(t) * t.period_s for t in problem.tracks)
+        share = (LATER_S if baseline.attached else SCREEN_S) / sum(len(t) * t.period_s for t in problem.tracks)
         spans, starts = [], []
         for track, x, r in zip(problem.tracks, base.starts, base.residuals, strict=True):
             windows = problem.windows(track)
@@ -110,17 +111,18 @@ def screen(evidence: Evidence, ground: Ground, attachment: Attachment, sizes: Si
     except PamidError as error:
         return Screened(attachment, None, {}, -np.inf, str(error))
     unstable = Screened(attachment, assembly, {}, -np.inf, "unstable at every starting value")
-    best, found, stepping = unstable, None, None
+    best, found = unstable, None
     for first in starting_points(assembly, attachment, clues.at(attachment.ports[0])):
         p = transferred(assembly, baseline.assembly, ground.p)
         set_within_bounds(assembly, p, first)
-        done = _probed(ground, problem, p, ground.starts, FIRST_STEPS, stepping)
-        stepping = done.stepping
+        done = _probed(ground, problem, p, ground.starts, FIRST_STEPS, baseline.fit.stepping)
+        if not np.isfinite(done.cost):  # the baseline's integration steps are too long for this effect
+            done = _probed(ground, problem, p, ground.starts, FIRST_STEPS, None)
         if ground.cost - done.cost > best.gain:
             best, found = Screened(attachment, assembly, first, ground.cost - done.cost), done
     if found is None:
         return unstable
-    done = _probed(ground, problem, found.p, found.starts, STEPS, stepping)
+    done = _probed(ground, problem, found.p, found.starts, STEPS, found.stepping)
     return replace(best, gain=max(best.gain, ground.cost - done.cost))
 
 

@@ -122,10 +122,11 @@ def missing_value(smoother: Smoother) -> tuple[NDArray[np.intp], Array, Array, d
     first = len(program.outputs) - len(extra)
     rows, values, times, numbers = [], [], [], []
     recordings = smoother.evidence.recordings
+    p = smoother.parameters(smoother.s)
     for path, span in zip(smoother.paths, smoother.evidence.held_out, strict=True):
         track = path.runner.track
         values.append(size_at(smoother.base.assembly, port) * path.x[:, smoother.missing[0]])
-        rows += [_signals(program, path.runner, x, path.values, over)[first:]
+        rows += [_signals(program, path.runner, x, path.runner.parameters(p), over)[first:]
                  for x, over in zip(path.x, path.slices, strict=True)]
         times.append(np.array([(track.first + over.start) * track.period_s for over in path.slices]))
         own = next(i for i, r in enumerate(recordings) if r is span.recording)

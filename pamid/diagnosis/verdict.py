@@ -55,6 +55,7 @@ def diagnosis_json(d: Diagnosis, unknown: dict[str, Any] | None, seed: int,
         "parameters": parameters,
         "background": _background(d, final),
         "unknown": unknown,
+        "further": [vars(n) for n in d.newcomers],
         "grounds": vars(d.grounds) if d.grounds else None,
         "confidence": {k: v for k, v in vars(d.judged).items() if k != "verdict"} if d.judged else None,
     }
@@ -140,9 +141,11 @@ def _isolable(d: Diagnosis) -> dict[str, Any]:
     """What these sensors cannot separate by structure, what the recordings leave tied, and sensors that would help."""
     found = isolability(d.evidence.rig, d.evidence.channels)
     together = [list(g) for g in found.groups if len(g) > 1]
-    tied = list(dict.fromkeys(c.group for c in d.tied))
-    if len(tied) > 1 and not any(set(tied) <= set(g) for g in together):
-        together.append(tied)
+    port = d.evidence.rig.group_of
+    leading = d.located.classes[0] if d.located else ()
+    for tied in ([c.group for c in d.tied], [port(name) for name in leading]):
+        if len(set(tied)) > 1 and not any(set(tied) <= set(g) for g in together):
+            together.append(list(dict.fromkeys(tied)))
     return {"indistinguishable": together, "redundancy": found.redundancy, "unseen": list(found.unseen),
             "sensors": [{"sensor": s.sensor, "splits": [list(g) for g in s.splits]} for s in found.sensors]}
 

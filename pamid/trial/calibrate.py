@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
+from pamid.diagnosis.further import Newcomer
 from pamid.diagnosis.judgement import LEAST, Grounds, Line, features
 from pamid.errors import DataError
 from pamid.run import read_json
@@ -28,6 +29,7 @@ LOOKS_AT = {
     "gap": ("visible", "missing", "of_signal", "sure"),
     "known": ("left", "shrinkage", "sure", "margin_sure", "at_port", "unexplained", "visible", "missing"),
     "first": ("left", "sure", "margin", "margin_sure", "wins", "at_port", "unexplained"),
+    "further": ("removed", "of_left", "gain", "sure", "margin", "at_port", "unexplained"),
 }
 FALSE_ALARMS, WRONG_ABSTENTIONS, MISSED_UNKNOWNS = 0.02, 0.10, 0.15
 COVERAGE = 0.95
@@ -57,8 +59,12 @@ def calibrate(labels: Sequence[dict[str, Any]], results: Sequence[dict[str, Any]
     lines = {"gap": _line(x, gap, LOOKS_AT["gap"]),
              "known": _line([x[i] for i in real], right[real], LOOKS_AT["known"]),
              "first": _line(x, exact, LOOKS_AT["first"])}
-    said = {q: np.array([line.probability(row) for row in x]) for q, line in lines.items()}
-    yes = {"gap": _alarm_from(said["gap"][~gap], silent), "known": _known_from(said["known"][real], right[real]),
+    newcomers = [(Newcomer(**told).features(), _real(m, told)) for m in everything for told in m.found["further"]]
+    lines["further"] = _line([row for row, _ in newcomers], np.array([real for _, real in newcomers]),
+                             LOOKS_AT["further"])
+    said = {q: np.array([line.probability(row) for row in x]) for q, line in lines.items()
+            if q != "further"}
+    yes = {"further": lines["further"].yes, "gap": _alarm_from(said["gap"][~gap], silent), "known": _known_from(said["known"][real], right[real]),
            "first": max(_alarm_from(said["first"][~gap], silent), _alarm_from(said["first"][real][~right[real]]))}
     return {"schema": SCHEMA, "cases": {"part": "calibration", "seed": seed, "sha256": digest, "used": len(cases)},
             "lines": {q: asdict(replace(line, yes=yes[q])) for q, line in lines.items()}, "spread": _spread(cases)}
@@ -72,6 +78,11 @@ def _right(m: Marked) -> bool:
 
 def _exact_right(m: Marked) -> bool:
     return m.stratum in ("single", "double") and m.exact_first
+
+
+def _real(m: Marked, newcomer: dict[str, Any]) -> bool:
+    """Is a further effect of a planted family?"""
+    return m.stratum in ("single", "double") and newcomer["family"] in {t["family"] for t in m.truth}
 
 
 def _line(x: list[dict[str, float]], yes: NDArray[np.bool_], names: tuple[str, ...]) -> Line:
