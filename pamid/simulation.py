@@ -166,5 +166,5 @@ def state_spread(assembly: Assembly, recording: Recording) -> Array:
     step = choose_stepping(assembly, u, p, period, assembly.start(p))
     memory = program.memory(assembly.start(p), stepping=step, period_s=period)
     Y, _, bad = program.run(memory, u, p, period_s=period, stepping=step)
-    spread = Y[:, -len(names) :].std(axis=0) if bad < 0 else np.zeros(len(names))
+    spread = Y[:, Y.shape[1] - len(names) :].std(axis=0) if bad < 0 else np.zeros(len(names))
     return np.where(np.isfinite(spread) & (spread > 0.0), spread, np.inf)

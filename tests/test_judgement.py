@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from pamid.diagnosis.further import Newcomer
 from pamid.diagnosis.judgement import (
     Grounds,
     Judged,
+    Line,
     calibration,
     features,
     forecast_interval,
@@ -22,10 +24,14 @@ from pamid.metrics import shrinkage_interval
 from pamid.trial.calibrate import calibrate
 from pamid.trial.cases import PARTS
 
+#: a further effect that is real, and one that is not
+ADDED = Newcomer("leak", "leak", removed=0.3, of_left=0.8, gain=0.6, sure=12.0, margin=6.0, at_port=1.0,
+                 unexplained=3.0)
+NEEDLESS = replace(ADDED, removed=0.01, of_left=0.05, gain=0.02, sure=1.5, margin=0.5, at_port=0.6, unexplained=0.2)
 #: a clear case: large gap, removed by one effect that wins everywhere
 CLEAR = Grounds(visible=6.0, gap=8.0, of_signal=0.05, left=0.02, ceiling=0.6, shrinkage=0.75, gain=2.3, sure=15.0,
                 helps=1.0, margin=0.5, margin_gain=1.0, margin_sure=12.0, wins=1.0, missing=30.0, unexplained=0.3,
-                at_port=1.0, strain=1.0, pull=1.0)
+                at_port=1.0, strain=1.0, pull=1.0, channels=3)
 QUIET = replace(CLEAR, visible=1.03, gap=0.05, of_signal=0.01, shrinkage=0.01, sure=0.5, missing=0.02, left=0.9,
                 margin=0.0, margin_sure=0.3, wins=0.4, unexplained=0.02)
 FOREIGN = replace(CLEAR, left=0.98, shrinkage=0.01, sure=0.8, margin=0.01, margin_sure=0.5, wins=0.4,
@@ -49,7 +55,11 @@ def test_features_stay_within_what_the_trial_has_seen() -> None:
     wild = replace(CLEAR, visible=1e6, missing=1e9, sure=1e4, margin_sure=1e4, strain=50.0, left=3.0, gap=1e6)
     x = features(wild)
     assert (x["visible"], x["missing"], x["sure"], x["left"]) == (2.0, 3.0, 2.0, 1.2)
-    assert set(x) >= {name for line in calibration().lines.values() for name in line.weights}
+    lines = calibration().lines
+    assert set(x) >= {name for q, line in lines.items() if q != "further" for name in line.weights}
+    odd = replace(ADDED, removed=-3.0, gain=1e3, sure=1e4, margin=-1.0, unexplained=1e9).features()
+    assert set(odd) >= set(lines["further"].weights)
+    assert (odd["removed"], odd["gain"], odd["sure"], odd["margin"]) == (-3.0, 2.0, 2.0, 0.0)
 
 
 def test_probabilities_share_what_is_left() -> None:
@@ -82,7 +92,8 @@ def _case(number: int, stratum: str, grounds: Grounds | None, right: bool) -> tu
     ranking = [{"effect": top, "family": top, "port": "", "probability": 0.0}] if grounds else []
     result = {"case": number, "failed": None, "visibility": 3.0 if truth else None, "shrinkage": None,
               "diagnosis": {"grounds": vars(grounds) if grounds else None, "ranking": ranking, "look_alikes": [],
-                            "causes": [], "verdict": "explained", "where": {}}}
+                            "causes": [], "verdict": "explained", "where": {},
+                            "further": [vars(ADDED if right else NEEDLESS)] if truth else []}}
     return label, result
 
 
@@ -108,6 +119,8 @@ def test_calibration_learns_what_the_labels_say() -> None:
     assert says("gap", QUIET) < found["lines"]["gap"]["yes"] < says("gap", CLEAR)
     assert says("known", FOREIGN) < found["lines"]["known"]["yes"] < says("known", CLEAR)
     assert says("first", CLEAR) > 0.8
+    further = Line(**found["lines"]["further"])
+    assert further.probability(NEEDLESS.features()) < 0.2 < 0.8 < further.probability(ADDED.features())
 
 
 def test_the_test_part_teaches_nothing() -> None:

@@ -45,7 +45,7 @@ def joint(tmp_path_factory: pytest.TempPathFactory) -> tuple[Evidence, Contender
 def signals(joint: tuple[Evidence, Contender]) -> dict[str, np.ndarray]:
     evidence, base = joint
     found = measured_signals(evidence, base.replays[0])
-    found |= _followed(base, base.replays[0], inner_signals(base), evidence.noise)
+    found |= _followed(base, base.replays[0], inner_signals(base))
     return {name: values for name, (values, _) in found.items()}
 
 
@@ -53,9 +53,9 @@ def with_gap(joint: tuple[Evidence, Contender], inside: np.ndarray) -> Contender
     """The model made to err by 2 deg at these samples of its replay."""
     _, base = joint
     r = base.replays[0]
-    model = r.model.copy()
-    model[inside, 0] += np.deg2rad(2.0)
-    return replace(base, replays=(replace(r, model=model),))
+    whole = r.whole.copy()
+    whole[r.led.lead :][inside, 0] += np.deg2rad(2.0)
+    return replace(base, replays=(replace(r, whole=whole),))
 
 
 def test_a_model_without_error_has_no_regime(joint: tuple[Evidence, Contender]) -> None:

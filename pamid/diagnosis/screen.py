@@ -42,15 +42,20 @@ class Screened:
     why: str = ""
 
 
-def starting_points(assembly: Assembly, attachment: Attachment, hints: Hints) -> list[dict[str, float]]:
-    """Typical values, a trace of them, one variation per parameter that declares `tries`, and what the effect makes of
-    the hints. A trace leaves the model next to the baseline: from there the way leads down wherever an effect helps."""
+def starting_points(assembly: Assembly, attachment: Attachment, hints: Hints) -> list[tuple[dict[str, float], int]]:
+    """Starting values, each with the steps it is given: typical ones, a trace of them, one variation per parameter that
+    declares `tries`, and what the effect makes of the hints.
+
+    A trace leaves the model next to the baseline: from there the way leads down wherever an effect helps. An effect
+    that asks for hints acts beyond a limit or at one frequency only: a start has to settle before it can be judged.
+    """
     own = {b.key: b for b in assembly.parameters if b.owner == attachment.label}
     slight = {key: b.null + SLIGHT * (b.value - b.null) for key, b in own.items() if b.null is not None}
-    points: list[dict[str, float]] = [{}, slight]
-    points += [{key: value} for key, b in own.items() for value in b.tries]
+    points = [({}, FIRST_STEPS), (slight, FIRST_STEPS)]
+    points += [({key: value}, FIRST_STEPS) for key, b in own.items() for value in b.tries]
     for hinted in attachment.effect.starts(hints):
-        points.append({f"{attachment.label}:{name}": value for name, value in hinted.items()})
+        first = {f"{attachment.label}:{name}": value for name, value in hinted.items()}
+        points += [(first, FIRST_STEPS + STEPS), (slight | first, FIRST_STEPS + STEPS)]
     return points
 
 
@@ -112,12 +117,12 @@ def screen(evidence: Evidence, ground: Ground, attachment: Attachment, sizes: Si
         return Screened(attachment, None, {}, -np.inf, str(error))
     unstable = Screened(attachment, assembly, {}, -np.inf, "unstable at every starting value")
     best, found = unstable, None
-    for first in starting_points(assembly, attachment, clues.at(attachment.ports[0])):
+    for first, steps in starting_points(assembly, attachment, clues.at(attachment.ports[0])):
         p = transferred(assembly, baseline.assembly, ground.p)
         set_within_bounds(assembly, p, first)
-        done = _probed(ground, problem, p, ground.starts, FIRST_STEPS, baseline.fit.stepping)
+        done = _probed(ground, problem, p, ground.starts, steps, baseline.fit.stepping)
         if not np.isfinite(done.cost):  # the baseline's integration steps are too long for this effect
-            done = _probed(ground, problem, p, ground.starts, FIRST_STEPS, None)
+            done = _probed(ground, problem, p, ground.starts, steps, None)
         if ground.cost - done.cost > best.gain:
             best, found = Screened(attachment, assembly, first, ground.cost - done.cost), done
     if found is None:

@@ -21,7 +21,7 @@ from pamid.effect import Effect, Hints
 from pamid.equations import Expr, Number, absolute, maximum, sign
 from pamid.parameter import Parameter
 
-TRIED = (0.7, 0.85, 0.95, 1.0)    # of the travel
+TRIED = (0.8, 0.9, 0.98)    # of the travel
 
 
 class EndStop(Effect):

@@ -22,8 +22,7 @@ from pamid.effect import Effect, Hints
 from pamid.equations import Expr, Number, smooth_step
 from pamid.parameter import Parameter
 
-TRIED = (0.78, 0.85, 0.92, 0.98)    # of the largest force
-AJAR = 0.2    # wide open it throws the model about
+TRIED = (0.8, 0.9, 0.98)    # of the largest force
 
 
 class ForceCompensator(Effect):
@@ -44,7 +43,7 @@ class ForceCompensator(Effect):
 
     def starts(self, hints: Hints) -> list[dict[str, float]]:
         """Limits below the largest force: above it nothing is seen of them, and no slope leads back."""
-        return [{"opening": AJAR, "limit": share * hints.reach["force"]} for share in TRIED if "force" in hints.reach]
+        return [{"limit": share * hints.reach["force"]} for share in TRIED if "force" in hints.reach]
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         return value - p.opening * smooth_step((at.force - p.limit) / p.blend) * at.outflow

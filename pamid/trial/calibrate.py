@@ -59,15 +59,12 @@ def calibrate(labels: Sequence[dict[str, Any]], results: Sequence[dict[str, Any]
     lines = {"gap": _line(x, gap, LOOKS_AT["gap"]),
              "known": _line([x[i] for i in real], right[real], LOOKS_AT["known"]),
              "first": _line(x, exact, LOOKS_AT["first"])}
-    newcomers = [(Newcomer(**told).features(), _real(m, told)) for m in everything for told in m.found["further"]]
-    lines["further"] = _line([row for row, _ in newcomers], np.array([real for _, real in newcomers]),
-                             LOOKS_AT["further"])
-    said = {q: np.array([line.probability(row) for row in x]) for q, line in lines.items()
-            if q != "further"}
-    yes = {"further": lines["further"].yes, "gap": _alarm_from(said["gap"][~gap], silent), "known": _known_from(said["known"][real], right[real]),
+    said = {q: np.array([line.probability(row) for row in x]) for q, line in lines.items()}
+    yes = {"gap": _alarm_from(said["gap"][~gap], silent), "known": _known_from(said["known"][real], right[real]),
            "first": max(_alarm_from(said["first"][~gap], silent), _alarm_from(said["first"][real][~right[real]]))}
+    lines = {q: replace(line, yes=yes[q]) for q, line in lines.items()} | {"further": _further(everything)}
     return {"schema": SCHEMA, "cases": {"part": "calibration", "seed": seed, "sha256": digest, "used": len(cases)},
-            "lines": {q: asdict(replace(line, yes=yes[q])) for q, line in lines.items()}, "spread": _spread(cases)}
+            "lines": {q: asdict(line) for q, line in lines.items()}, "spread": _spread(cases)}
 
 
 def _right(m: Marked) -> bool:
@@ -80,9 +77,12 @@ def _exact_right(m: Marked) -> bool:
     return m.stratum in ("single", "double") and m.exact_first
 
 
-def _real(m: Marked, newcomer: dict[str, Any]) -> bool:
-    """Is a further effect of a planted family?"""
-    return m.stratum in ("single", "double") and newcomer["family"] in {t["family"] for t in m.truth}
+def _further(cases: list[Marked]) -> Line:
+    """Is a further effect, weighed beside a first one, of a planted family?"""
+    weighed = [(m, told) for m in cases for told in m.found["further"]]
+    real = [m.stratum in ("single", "double") and told["family"] in {t["family"] for t in m.truth}
+            for m, told in weighed]
+    return _line([Newcomer(**told).features() for _, told in weighed], np.array(real, bool), LOOKS_AT["further"])
 
 
 def _line(x: list[dict[str, float]], yes: NDArray[np.bool_], names: tuple[str, ...]) -> Line:

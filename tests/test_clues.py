@@ -1,0 +1,61 @@
+"""Clues: effects that act only beyond a limit begin within the range that the recordings reach."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from virtual_joint import record
+
+from pamid.attaching import attach
+from pamid.diagnosis.clues import gather_clues
+from pamid.diagnosis.contest import contender_from
+from pamid.diagnosis.screen import FIRST_STEPS, Ground, screen, starting_points
+from pamid.effect import Hints
+from pamid.evidence import gather
+from pamid.greybox import fit_model, model_with
+from pamid.library import effects, rig_named
+
+
+@pytest.fixture(scope="module")
+def stopped(tmp_path_factory: pytest.TempPathFactory):  # type: ignore[no-untyped-def]
+    """A joint whose end stops at 26 deg are hit; its baseline."""
+    path = tmp_path_factory.mktemp("stop") / "rec.csv"
+    evidence = gather(rig_named("one-dof"), [record(path, 24.0, seed=3, effects=("end-stop:limit_rad=0.4538",))], [])
+    model = fit_model(evidence)
+    return evidence, contender_from(model.assembly, model.fit, model.held_out), model.assembly.sizes
+
+
+def test_reach_is_that_of_the_recording(stopped) -> None:  # type: ignore[no-untyped-def]
+    evidence, base, _ = stopped
+    clues = gather_clues(evidence, base)
+    seen = max(float(np.abs(t.y[:, 0]).max()) for t in base.fit.problem.tracks)
+    assert clues.at("joint").reach["position"] == pytest.approx(seen, rel=0.25)
+    assert len(clues.peaks_hz) == 3 and not clues.at("nowhere").reach
+
+
+def test_stops_are_found_although_the_typical_ones_lie_outside(stopped) -> None:  # type: ignore[no-untyped-def]
+    evidence, base, sizes = stopped
+    clues, ground = gather_clues(evidence, base), Ground.of(base)
+    stop = attach(evidence.rig, "end-stop", effects())
+    found = screen(evidence, ground, stop, sizes, clues)
+    rivals = [screen(evidence, ground, attach(evidence.rig, name, effects()), sizes, clues).gain
+              for name in ("coulomb-friction", "gravity", "leak")]
+    assert found.gain > 2.0 * max(rivals)
+    assert np.degrees(found.first["end-stop:limit"]) == pytest.approx(26.0, abs=5.0)
+
+
+def test_starting_points_hold_a_trace_of_the_effect(stopped) -> None:  # type: ignore[no-untyped-def]
+    evidence, _, sizes = stopped
+    leak = attach(evidence.rig, "leak", effects())
+    points = starting_points(model_with(evidence, (leak,), sizes), leak, Hints())
+    assert ({}, FIRST_STEPS) in points
+    assert any(0.0 < p.get("leak:share", 0.0) < 0.2 * effects()["leak"].parameters[0].value for p, _ in points)
+
+
+def test_the_ground_is_where_the_baseline_is_worst(stopped) -> None:  # type: ignore[no-untyped-def]
+    _, base, _ = stopped
+    ground = Ground.of(base)
+    (start, stop), left = ground.spans[0], base.fit.residuals[0] * base.fit.weights.root
+    assert stop - start < len(left)
+    inside = (left[start:stop] ** 2).mean()
+    assert inside > (left**2).mean()
