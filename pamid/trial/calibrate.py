@@ -29,7 +29,7 @@ LOOKS_AT = {
     "gap": ("visible", "missing", "of_signal", "sure"),
     "known": ("left", "shrinkage", "sure", "margin_sure", "at_port", "unexplained", "visible", "missing"),
     "first": ("left", "sure", "margin", "margin_sure", "wins", "at_port", "unexplained"),
-    "further": ("removed", "of_left", "gain", "sure", "margin", "at_port", "unexplained"),
+    "further": ("of_left", "sure"),
 }
 FALSE_ALARMS, WRONG_ABSTENTIONS, MISSED_UNKNOWNS = 0.02, 0.10, 0.15
 COVERAGE = 0.95
@@ -82,7 +82,16 @@ def _further(cases: list[Marked]) -> Line:
     weighed = [(m, told) for m in cases for told in m.found["further"]]
     real = [m.stratum in ("single", "double") and told["family"] in {t["family"] for t in m.truth}
             for m, told in weighed]
-    return _line([Newcomer(**told).features() for _, told in weighed], np.array(real, bool), LOOKS_AT["further"])
+    x = [Newcomer(**told).features() for _, told in weighed]
+    line = _line(x, np.array(real, bool), LOOKS_AT["further"])
+    return replace(line, yes=_most_right(np.array([line.probability(row) for row in x]), np.array(real, bool)))
+
+
+def _most_right(p: Array, right: NDArray[np.bool_]) -> float:
+    """The probability from which on rights outnumber wrongs by most."""
+    grid = np.linspace(0.05, 0.95, 91)
+    won = np.array([(np.where(right, 1, -1) * (p >= t)).sum() for t in grid])
+    return float(grid[won == won.max()].mean())
 
 
 def _line(x: list[dict[str, float]], yes: NDArray[np.bool_], names: tuple[str, ...]) -> Line:
