@@ -258,7 +258,8 @@ def fit(problem: Problem, *, p: Array | None = None, starts: tuple[Array, ...] |
         return Fit(problem, p, starts, weights, np.inf, np.eye(len(free)), 0, False,
                    "the model became unstable at its starting parameters", step)
     if not known_pulls:
-        pulls = tuple(np.maximum(PULL * np.einsum("wii->wi", b[0]).mean(axis=0), 1.0 / t.jump**2)
+        off = _off(problem, weights)
+        pulls = tuple(np.maximum(PULL * np.einsum("wii->wi", b[0]).mean(axis=0), 1.0 / (off * t.jump) ** 2)
                       for b, t in zip(now.blocks, problem.tracks, strict=True))
         now = _evaluate(problem, scale, s, p, starts, weights, pulls, step, True)
     damping, count, calm, why, converged = 1e-3, 0, 0, "iterations used up", False
@@ -289,6 +290,13 @@ def fit(problem: Problem, *, p: Array | None = None, starts: tuple[Array, ...] |
     covariance: Array = np.linalg.pinv(H, hermitian=True).astype(np.float64, copy=False)
     return Fit(problem, p, starts, weights, now.cost, covariance, count, converged, why, step,
                pulls, tuple(now.residuals))
+
+
+def _off(problem: Problem, weights: Weights) -> float:
+    """By how much less a residual counts than one of the sensors' noise: the states of a model that is wrong may depart
+    by as much more."""
+    noise = noise_level(np.concatenate([t.y for t in problem.tracks]))
+    return float(np.exp(-np.log(noise * weights.root).mean()))
 
 
 def careful_stepping(problem: Problem, p: Array) -> Stepping:

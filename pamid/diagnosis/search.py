@@ -24,8 +24,7 @@ Array = NDArray[np.float64]
 Told = Callable[[str], None]
 
 SLIGHT = 0.1            # in log squared error per channel: less is not worth another parameter
-SAME = 0.02             # of the gap: models whose predictions are alike and whose errors differ by less are one
-SURE = 3.0              # standard errors by which a more elaborate effect has to win
+SURE = 3.0              # standard errors by which a more elaborate effect, or one of two alike, has to win
 
 
 @dataclass(frozen=True)
@@ -130,11 +129,8 @@ def _plainness(c: Contender) -> tuple[int, bool]:
 
 
 def tied_with_first(search: Search, ranking: tuple[Contender, ...], classes: list[list[str]]) -> tuple[Contender, ...]:
-    """The first and those that neither the selection windows nor their predictions tell from it.
-
-    Where the predictions are alike, a small difference decides nothing, however sure it is: the models are wrong by
-    more than that.
-    """
+    """The first and those that neither the selection windows nor their predictions tell from it; those that predict
+    alike have to be surely worse to be told from it."""
     if not ranking:
         return ()
     losses = search.losses(list(ranking))
@@ -142,10 +138,9 @@ def tied_with_first(search: Search, ranking: tuple[Contender, ...], classes: lis
     gap, first = search.excess(search.budget.baseline), search.excess(ranking[0])
     out = [ranking[0]]
     for i, c in enumerate(ranking[1:], start=1):
-        worse, lost = losses[i] - losses[0], search.excess(c) - first
-        alike = c.attached[-1].label in same
-        close = lost < 0.1 * gap and worse.mean() < (2.0 if alike else 1.0) * worse.std()
-        if close or (alike and lost < SAME * gap):
+        worse = losses[i] - losses[0]
+        unsure = worse.mean() < (SURE if c.attached[-1].label in same else 1.0) * worse.std()
+        if unsure and search.excess(c) - first < 0.1 * gap:
             out.append(c)
     return tuple(out)
 
