@@ -25,11 +25,12 @@ def stopped(tmp_path_factory: pytest.TempPathFactory):  # type: ignore[no-untype
     return evidence, contender_from(model.assembly, model.fit, model.held_out), model.assembly.sizes
 
 
-def test_reach_is_that_of_the_recording(stopped) -> None:  # type: ignore[no-untyped-def]
+def test_reach_is_near_that_of_the_recording(stopped) -> None:  # type: ignore[no-untyped-def]
+    """The baseline knows of no stop and runs past it, but not where a window has just begun."""
     evidence, base, _ = stopped
     clues = gather_clues(evidence, base)
     seen = max(float(np.abs(t.y[:, 0]).max()) for t in base.fit.problem.tracks)
-    assert clues.at("joint").reach["position"] == pytest.approx(seen, rel=0.25)
+    assert 0.9 * seen < clues.at("joint").reach["position"] < 1.5 * seen
     assert len(clues.peaks_hz) == 3 and not clues.at("nowhere").reach
 
 
@@ -54,8 +55,11 @@ def test_starting_points_hold_a_trace_of_the_effect(stopped) -> None:  # type: i
 
 def test_the_ground_is_where_the_baseline_is_worst(stopped) -> None:  # type: ignore[no-untyped-def]
     _, base, _ = stopped
-    ground = Ground.of(base)
-    (start, stop), left = ground.spans[0], base.fit.residuals[0] * base.fit.weights.root
-    assert stop - start < len(left)
-    inside = (left[start:stop] ** 2).mean()
-    assert inside > (left**2).mean()
+    ground, problem = Ground.of(base), base.fit.problem
+    track, left = problem.tracks[0], (base.fit.residuals[0] * base.fit.weights.root) ** 2
+    windows = problem.windows(track)
+    (start, stop), losses = ground.spans[0], [left[w.start : w.stop].sum() for w in windows]
+    count = sum(start <= w.start and w.stop <= stop for w in windows)
+    assert count < len(windows)
+    runs = [sum(losses[i : i + count]) for i in range(len(windows) - count + 1)]
+    assert left[start:stop].sum() == pytest.approx(max(runs))

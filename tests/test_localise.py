@@ -61,7 +61,7 @@ def with_gap(joint: tuple[Evidence, Contender], inside: np.ndarray) -> Contender
 def test_a_model_without_error_has_no_regime(joint: tuple[Evidence, Contender]) -> None:
     evidence, base = joint
     r = base.replays[0]
-    assert regimes(evidence, replace(base, replays=(replace(r, model=r.track.y),)), None) == []
+    assert regimes(evidence, replace(base, replays=(replace(r, whole=r.led.y),)), None) == []
     everywhere = with_gap(joint, np.ones(len(r.track), bool))
     assert regimes(evidence, everywhere, None) == [], "a gap that is everywhere is in no regime"
 

@@ -166,6 +166,8 @@ def test_calibration_by_hand() -> None:
     ece, brier, skill = (found.figures[k].value for k in ("ece", "brier", "brier_skill"))
     assert ece == pytest.approx((3 * 0.95 - 1 + 2 * 0.42) / 5)
     assert brier == pytest.approx((0.05**2 + 2 * 0.95**2 + 2 * 0.42**2) / 5)
+    assert found.figures["aurc"].value == pytest.approx((0.0 + 1 / 2 + 2 / 3 + 3 / 4 + 4 / 5) / 5)
+    assert both(found, "ambiguous_holds") == (0, 1)
     assert skill == pytest.approx(1.0 - (0.05**2 + 2 * 0.95**2 + 2 * 0.42**2) / 5 / (0.2 * 0.8))
     assert [(b.low, b.said, b.right.hits, b.right.of) for b in found.reliability] == [
         (0.4, pytest.approx(0.42), 0, 2), (0.9, pytest.approx(0.95), 1, 3)]

@@ -120,6 +120,7 @@ def _naming(singles: list[Marked]) -> dict[str, Rate]:
             "exact_first": _rate(seen, lambda m: m.names and m.exact_first),
             "family_first_of_ranking": _rate(seen, lambda m: m.families[:1] == [m.family]),
             "port": _rate(seen, lambda m: m.port_right),
+            "ambiguous_holds": _rate((m for m in seen if m.verdict == "ambiguous"), lambda m: m.exact_first),
             "wrong_abstention": _rate(seen, lambda m: m.abstains),
             "missed": _rate(seen, lambda m: not m.alarms)}
 
@@ -178,8 +179,8 @@ def _figure(rows: Array, figure: Callable[[Array], Any], seed: int) -> Figure:
 
 def _calibration(answers: list[Marked], seed: int) -> tuple[dict[str, Figure], tuple[Bin, ...]]:
     """The first candidate's probability against being right, wherever a cause was named, rightly or not: expected
-    calibration error, Brier score, its skill against always saying the share that is right, and the reliability bins
-    (empty ones left out)."""
+    calibration error, Brier score, its skill against always saying the share that is right, area under the curve of
+    risk over coverage, and the reliability bins (empty ones left out)."""
     rows = np.array([(m.ranking[0]["probability"], m.exact_first and m.stratum in ("single", "double"))
                      for m in answers], float).reshape(-1, 2)
     bins = []
@@ -190,7 +191,7 @@ def _calibration(answers: list[Marked], seed: int) -> tuple[dict[str, Figure], t
             bins.append(Bin(k / BINS, (k + 1) / BINS, float(inside[:, 0].mean()),
                             Rate(int(inside[:, 1].sum()), len(inside))))
     return ({"ece": _figure(rows, _ece, seed), "brier": _figure(rows, _brier, seed),
-             "brier_skill": _figure(rows, _skill, seed)}, tuple(bins))
+             "brier_skill": _figure(rows, _skill, seed), "aurc": _figure(rows, _risk, seed)}, tuple(bins))
 
 
 def _bin(probability: Array) -> NDArray[np.intp]:
@@ -210,6 +211,12 @@ def _brier(rows: Array) -> float:
 def _skill(rows: Array) -> float:
     base = float(rows[:, 1].var())
     return 1.0 - _brier(rows) / base if base > 0.0 else 0.0
+
+
+def _risk(rows: Array) -> float:
+    """Share that is wrong among the k surest answers, averaged over k: 0 where all doubt sits on wrong ones alone."""
+    wrong = 1.0 - rows[np.argsort(-rows[:, 0], kind="stable"), 1]
+    return float((np.cumsum(wrong) / np.arange(1, len(wrong) + 1)).mean())
 
 
 #: condition -> its value in a case, and the edges between which cases are put together
