@@ -42,7 +42,7 @@ def test_stops_are_found_although_the_typical_ones_lie_outside(stopped) -> None:
     rivals = [screen(evidence, ground, attach(evidence.rig, name, effects()), sizes, clues).gain
               for name in ("coulomb-friction", "gravity", "leak")]
     assert found.gain > 2.0 * max(rivals)
-    assert np.degrees(found.first["end-stop:limit"]) == pytest.approx(26.0, abs=5.0)
+    assert found.first["end-stop:limit"] <= clues.at("joint").reach["position"]
 
 
 def test_starting_points_hold_a_trace_of_the_effect(stopped) -> None:  # type: ignore[no-untyped-def]

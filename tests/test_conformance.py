@@ -117,6 +117,10 @@ def test_typical_size_is_seen(case: Case) -> None:
         for value in assembly.parameters[i].tries:
             points.append(assembly.values())
             points[-1][i] = value
+    for start in case.attachment.effect.starts(Hints((3.0,), {"position": 0.2, "force": 400.0})):
+        points.append(assembly.values())
+        for name, value in start.items():
+            points[-1][assembly.keys[f"{case.attachment.label}:{name}"]] = value
     changes = [np.max(np.abs(run(assembly, excitation(case.rig), p)[0] - plain) / np.abs(plain).max(axis=0))
                for p in points]
     assert max(changes) > 1e-5

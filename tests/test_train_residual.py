@@ -312,7 +312,7 @@ def everything_parses(folder: Path) -> None:
 
 
 def resumes_bit_for_bit(folder: Path, other: Path, reached: int) -> None:
-    total = ("--hidden", "3", "--iterations", str(reached + 5))
+    total = ("--hidden", "10", "--iterations", str(reached + 5))
     assert train(folder, *total, "--resume") == 0
     assert train(other, *total) == 0
     for name in RESULTS:
@@ -322,7 +322,7 @@ def resumes_bit_for_bit(folder: Path, other: Path, reached: int) -> None:
 
 def test_interrupted_it_keeps_what_it_reached_and_resumes(run: Copy, started: Any) -> None:
     folder = run()
-    process = started("train-residual", str(folder), "--hidden", "3", "--iterations", "1000000", "--json")
+    process = started("train-residual", str(folder), "--hidden", "10", "--iterations", "1000000", "--json")
     wait_for(folder / "checkpoint.npz", process, 0.3)
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
@@ -331,7 +331,7 @@ def test_interrupted_it_keeps_what_it_reached_and_resumes(run: Copy, started: An
     about = read_json(folder / "network.json")
     assert about["training"]["why"] == "interrupted" and "MSE" in err.decode()
     assert steps(folder)[-1]["outcome"] == "interrupted" and steps(folder)[-1]["ended"]
-    assert load_network(folder).network.n_weights == 31
+    assert load_network(folder).network.n_weights == 171
     everything_parses(folder)
     resumes_bit_for_bit(folder, run(), about["training"]["iterations"])
     assert train(folder, *QUICK, "--seed", "9", "--resume") == 3  # another training than the checkpoint's
@@ -340,7 +340,7 @@ def test_interrupted_it_keeps_what_it_reached_and_resumes(run: Copy, started: An
 
 def test_killed_in_the_middle_of_a_training(run: Copy, started: Any) -> None:
     folder = run()
-    process = started("train-residual", str(folder), "--hidden", "3", "--iterations", "1000000")
+    process = started("train-residual", str(folder), "--hidden", "10", "--iterations", "1000000")
     wait_for(folder / "checkpoint.npz", process, 0.2)
     process.kill()
     process.communicate()
