@@ -109,7 +109,7 @@ def initial_starts(problem: Problem, p: Array, weights: Weights, stepping: Stepp
         for window in problem.windows(track):
             carried = memory.x[: runner.rig_states].copy()
             x, usable = estimate_start(runner, memory, window, values, 1.0 / weights.sigma, carried,
-                                       track.jump if rows else np.full_like(track.jump, np.inf))
+                                       track.jump if rows else None)
             x = x if usable else rows[-1] if rows else carried
             runner.enter(memory, x)
             runner.run(memory, window, values, False)

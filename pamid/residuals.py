@@ -110,7 +110,7 @@ def replay(assembly: Assembly, p: Array, track: Track, stepping: Stepping, noise
         carried[k] = memory.x[: runner.rig_states]
         guess = carried[k] if jumps is None else carried[k] + jumps[k]
         x, usable = estimate_start(runner, memory, seen, values, 1.0 / noise, guess,
-                                   track.jump if k else np.full_like(track.jump, np.inf))
+                                   track.jump if k else None)
         starts[k] = x if usable else carried[k]
         runner.enter(memory, starts[k])
         Y, _, fine = runner.run(memory, window, values, False)

@@ -148,30 +148,30 @@ PULL = 1e-5          # information of a carried state against what a window says
 
 
 def estimate_start(runner: Runner, memory: Memory, window: Window, p: Array, weight: Array, carried: Array,
-                   jump: Array, iterations: int = 6) -> tuple[Array, bool]:
+                   jump: Array | None, iterations: int = 6) -> tuple[Array, bool]:
     """Rig state at the start of a window from its data, by Gauss-Newton with a pull to the carried state.
 
     memory is left untouched. weight: 1/sigma per channel. jump: by what each state may depart from the carried value
-    (standard deviation, infinite where nothing is known of it; a weak pull remains). Returns the state, and whether
-    it is usable.
+    (standard deviation; None or infinite where nothing is known of it: a weak pull remains). Returns the state, and
+    whether it is usable.
     """
     own = Runner(runner.assembly, runner.track, runner.stepping, whole=runner.whole)
     n = own.rig_states
     y = runner.track.y[window.start : window.stop]
     x, damping, best = carried.copy(), 1e-3, np.inf
-    H, g, holds = np.zeros((n, n)), np.zeros(n), 1.0 / jump**2
+    H, g, known = np.zeros((n, n)), np.zeros(n), np.zeros(n) if jump is None else 1.0 / jump**2
     trial = x
     for _ in range(iterations * 2):
         m = own.widened(memory)
         own.enter(m, trial)
         Y, A, fine = own.run(m, window, p, True, weight)
         r = ((Y - y) * weight).ravel()
-        cost = float(r @ r) + float(((trial - carried) ** 2 / jump**2).sum()) if fine else np.inf
+        cost = float(r @ r) + float(((trial - carried) ** 2 * known).sum()) if fine else np.inf
         if cost < best:
             gain = best - cost
             x, best = trial, cost
             H, g = (A.T @ A)[:n, :n], (A.T @ r)[:n]
-            holds = np.maximum(PULL * H.diagonal(), 1.0 / jump**2)
+            holds = np.maximum(PULL * H.diagonal(), known)
             H = H + np.diag(holds)
             g = g + holds * (x - carried)
             damping = max(damping * 0.1, 1e-9)

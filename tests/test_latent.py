@@ -101,7 +101,7 @@ def test_a_step_goes_where_the_cost_falls(bent: tuple[Evidence, Contender]) -> N
         smoother.s = s + share * step.s
         for path, x, d in zip(smoother.paths, xs, step.x, strict=True):
             path.x = x + share * d
-        return smoother._cost(smoother._followed(), priors, smoother.s, [path.x for path in smoother.paths])
+        return smoother._cost(smoother._followed(), priors)
 
     slope = (cost(1e-5) - cost(-1e-5)) / 2e-5
     assert np.abs(step.s).max() > 0.01, "the parameters take part"

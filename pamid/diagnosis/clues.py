@@ -31,13 +31,13 @@ class Clues:
 
 
 def gather_clues(evidence: Evidence, base: Contender) -> Clues:
-    """From the held-out replays of a model."""
+    """From the windows of a model's fit and its held-out replays."""
     return Clues(spectrum_peaks(list(base.replays), evidence.noise), _reach(base))
 
 
 def _reach(base: Contender) -> dict[str, dict[str, float]]:
-    """Largest magnitudes where windows begin: there the states are those of the recording; later on a model that knows
-    no limit runs past it."""
+    """Largest magnitudes where windows begin: there the states are near those of the recording; later on a model that
+    knows no limit runs past it."""
     assembly, fit = base.assembly, base.fit
     wanted = {f"{q.where}.{name}": (q.port, name, value) for q in assembly.traced.passages
               for name, value in q.signals if isinstance(value, Expr)}

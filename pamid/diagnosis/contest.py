@@ -79,11 +79,13 @@ def contender_from(assembly: Assembly, fitted: Fit, replays: tuple[Replay, ...])
                      np.concatenate([r.losses(1) for r in replays]))
 
 
-def transferred(assembly: Assembly, source: Assembly, p: Array) -> Array:
-    """The assembly's data-sheet values with the parameters it shares with `source` taken from p."""
+def transferred(assembly: Assembly, *found: tuple[Assembly, Array]) -> Array:
+    """The assembly's data-sheet values with the parameters it shares with other models taken from theirs; where several
+    have one, the last."""
     out = assembly.values()
-    for key, i in source.keys.items():
-        out[assembly.keys[key]] = p[i]
+    for source, p in found:
+        for key in source.keys.keys() & assembly.keys.keys():
+            out[assembly.keys[key]] = p[source.keys[key]]
     return out
 
 

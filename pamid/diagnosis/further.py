@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pamid.attaching import Attachment
-from pamid.diagnosis.contest import Contender, refit, replayed
+from pamid.diagnosis.contest import Contender, refit, replayed, transferred
 from pamid.diagnosis.judgement import WORTH, calibration, decades, in_errors, within
 from pamid.diagnosis.latent import Located, locate
 from pamid.diagnosis.search import Search, run_round, settled
@@ -16,8 +16,9 @@ from pamid.greybox import model_with
 
 MOST_CAUSES = 3
 FEW_MORE = 4            # candidates refitted beside a first cause
-LITTLE, ENOUGH = 0.005, 0.5  # where less is missing than this share of the latent evidence (at most so much, nats per
-PLAIN = 0.15            # sample), or than this, no further effect is looked for
+LITTLE = 0.005          # of the first latent evidence: where no more is missing, no further effect is looked for
+ENOUGH = 0.5            # nats per sample: where more than this is missing one is looked for in any case
+PLAIN = 0.15            # ... and where less than this is, none
 OPEN = 0.5              # of the largest latent evidence: ports at which it is looked for
 TRACE = 0.02            # of the gap: what an effect has to remove to be named beside another one
 RIVALS = 2              # of the first cause, tried in its place beside the second
@@ -76,15 +77,15 @@ def extended(search: Search, ranking: tuple[Contender, ...], located: Located) -
         helped = search.budget.shrinkage(best.absolutes, search.chosen) > WORTH
         little = max(min(LITTLE * located.most, ENOUGH * best.samples), PLAIN * best.samples)
         if len(best.attached) == MOST_CAUSES or after.most < little or not helped:
-            return Extended(best, after, tuple(weighed))
+            break
         more = _candidates(search, best, located, after)
         if not more:
-            return Extended(best, after, tuple(weighed))
-        newest = more[0]
+            break
         weighed.append(_weighed(search, best, more, located, after))
         if not weighed[-1].taken:
-            return Extended(best, after, tuple(weighed))
-        best = settled(search.evidence, _swapped(search, ranking, _without_needless(search, newest)))
+            break
+        best = settled(search.evidence, _swapped(search, ranking, _without_needless(search, more[0])))
+    return Extended(best, after, tuple(weighed))
 
 
 def _candidates(search: Search, best: Contender, located: Located, after: Located) -> list[Contender]:
@@ -117,7 +118,7 @@ def _weighed(search: Search, best: Contender, more: list[Contender], located: Lo
 def _without_needless(search: Search, best: Contender) -> Contender:
     """Backward check: the model without any effect but the newest, if that one is missed by nobody."""
     for a in best.attached[:-1]:
-        smaller = _refitted(search, best, tuple(k for k in best.attached if k is not a), best)
+        smaller = _refitted(search, tuple(k for k in best.attached if k is not a), best)
         if smaller.finite and search.excess(smaller) - search.excess(best) < WORTH * search.excess(
                 search.budget.baseline):
             return smaller
@@ -130,18 +131,14 @@ def _swapped(search: Search, ranking: tuple[Contender, ...], best: Contender) ->
         return best
     taken = {search.family(a) for a in best.attached[1:]}
     rivals = [c for c in ranking[1:] if c.family not in taken][:RIVALS]
-    options = [best, *(_refitted(search, best, (*r.attached, *best.attached[1:]), r) for r in rivals)]
-    losses = search.losses([c for c in options if c.finite]).mean(axis=1)
-    return [c for c in options if c.finite][int(np.argmin(losses))]
+    options = [best, *(_refitted(search, (*r.attached, *best.attached[1:]), r, best) for r in rivals)]
+    stable = [c for c in options if c.finite]
+    return stable[int(np.argmin(search.losses(stable).mean(axis=1)))]
 
 
-def _refitted(search: Search, best: Contender, attached: tuple[Attachment, ...], rival: Contender) -> Contender:
-    """A model with these effects, refitted from what `best` and then `rival` have found for them."""
+def _refitted(search: Search, attached: tuple[Attachment, ...], *found: Contender) -> Contender:
+    """A model with these effects, refitted from what these others have found, the last of them first."""
     evidence = search.evidence
     assembly = model_with(evidence, attached, search.budget.sizes)
-    p = assembly.values()
-    for source in (rival, best):
-        for key, i in source.assembly.keys.items():
-            if key in assembly.keys:
-                p[assembly.keys[key]] = source.fit.p[i]
+    p = transferred(assembly, *((c.assembly, c.fit.p) for c in found))
     return replayed(evidence, assembly, refit(evidence, assembly, search.budget.baseline.fit, p=p))

@@ -105,7 +105,7 @@ def features(g: Grounds) -> dict[str, float]:
             "of_signal": decades(g.of_signal, 1e-3, 1.0), "sure": within(g.sure, 0.0, 20.0) / 10.0,
             "shrinkage": within(g.shrinkage, -0.2, 1.0), "left": within(g.left, 0.0, 1.2),
             "margin": within(g.margin, 0.0, 1.0), "margin_sure": within(g.margin_sure, 0.0, 20.0) / 10.0,
-            "wins": g.wins, "at_port": g.at_port, "channels": decades(g.channels, 1.0, 10.0),
+            "wins": g.wins, "at_port": g.at_port,
             "unexplained": decades((g.unexplained + 1e-3) / (g.missing + 1e-3), 1e-3, 3.0)}
 
 

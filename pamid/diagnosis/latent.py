@@ -63,7 +63,7 @@ def locate(evidence: Evidence, base: Contender, run: Callable[[Callable[[str], A
     """Evidence for a latent value at every port, and Shapley values of the classes of ports.
 
     run(work, items) does the jobs. With `ports` only these are tried, and nothing is shared out. Joint evidence is
-    computed for the leading ports of three classes.
+    computed for the leading classes only.
     """
     plain = Smoother(evidence, base, ())
     nothing = plain.best[0]

@@ -86,9 +86,10 @@ class Ground:
             spans.append((windows[first].start, windows[last].stop))
             starts.append(x[first : last + 1])
         short = replace(problem, tracks=tuple(t.part(*s) for t, s in zip(problem.tracks, spans, strict=True)))
+        sheet = problem.assembly.values()
         costs = [fit(short, p=p, starts=tuple(starts), weights=base.weights, pulls=base.pulls, stepping=base.stepping,
-                     iterations=FIRST_STEPS + STEPS, probe=True).cost for p in (base.p, problem.assembly.values())]
-        p = base.p if costs[0] <= 1.05 * costs[1] else problem.assembly.values()
+                     iterations=FIRST_STEPS + STEPS, probe=True).cost for p in (base.p, sheet)]
+        p = base.p if costs[0] <= 1.05 * costs[1] else sheet
         return cls(baseline, tuple(spans), tuple(starts), p, min(costs))
 
     def problem(self, evidence: Evidence, assembly: Assembly) -> Problem:
@@ -118,7 +119,7 @@ def screen(evidence: Evidence, ground: Ground, attachment: Attachment, sizes: Si
     unstable = Screened(attachment, assembly, {}, -np.inf, "unstable at every starting value")
     best, found = unstable, None
     for first, steps in starting_points(assembly, attachment, clues.at(attachment.ports[0])):
-        p = transferred(assembly, baseline.assembly, ground.p)
+        p = transferred(assembly, (baseline.assembly, ground.p))
         set_within_bounds(assembly, p, first)
         done = _probed(ground, problem, p, ground.starts, steps, baseline.fit.stepping)
         if not np.isfinite(done.cost):  # the baseline's integration steps are too long for this effect

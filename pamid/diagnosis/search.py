@@ -58,7 +58,7 @@ class Search:
 
 
 def run_round(search: Search, base: Contender, candidates: list[Attachment],
-           most: int) -> tuple[list[Contender], list[tuple[str, str]], str]:
+              most: int) -> tuple[list[Contender], list[tuple[str, str]], str]:
     """Screen all candidates on top of `base`, refit the promising ones, replay them on what was held out.
 
     Returns the models, what failed and why, and the family of the screen's own first choice.
@@ -74,7 +74,7 @@ def run_round(search: Search, base: Contender, candidates: list[Attachment],
 
     def fitted(s: Screened) -> Contender:
         assert s.assembly is not None
-        p = transferred(s.assembly, base.assembly, base.fit.p) if base.attached else None
+        p = transferred(s.assembly, (base.assembly, base.fit.p)) if base.attached else None
         done = refit(evidence, s.assembly, base.fit, p=p, first=s.first)
         return replayed(evidence, s.assembly, done)
 

@@ -92,10 +92,14 @@ class Smoother:
         return Scale([self.assembly.parameters[i] for i in free], self.assembly.values()[free])
 
     @cached_property
+    def values(self) -> Array:
+        """All parameters of the fit, SI."""
+        return transferred(self.assembly, (self.base.assembly, self.base.fit.p))
+
+    @cached_property
     def fitted(self) -> Array:
-        """The parameters of the fit in prior spreads."""
-        known = transferred(self.assembly, self.base.assembly, self.base.fit.p)[list(self.free)]
-        return np.clip(self.scale.inside(known), self.scale.low, self.scale.high)
+        """Those that move, in prior spreads."""
+        return np.clip(self.scale.inside(self.values[list(self.free)]), self.scale.low, self.scale.high)
 
     @cached_property
     def known(self) -> Array:
@@ -109,7 +113,7 @@ class Smoother:
         return self.fitted.copy()
 
     def parameters(self, s: Array) -> Array:
-        p = transferred(self.assembly, self.base.assembly, self.base.fit.p)
+        p = self.values.copy()
         p[list(self.free)] = self.scale.outside(s)
         return p
 
@@ -153,12 +157,12 @@ class Smoother:
         damping = LEAST_DAMPING
         for _ in range(rounds):
             here = self.s, [q.x for q in self.paths]
-            before = self._cost(linear, priors, *here)
+            before = self._cost(linear, priors)
             step = self._step(linear, priors, damping, moving)
             self.s = here[0] + step.s
             for path, d in zip(self.paths, step.x, strict=True):
                 path.x = path.x + d
-            gain = before - self._cost(self._followed(), priors, self.s, [q.x for q in self.paths])
+            gain = before - self._cost(self._followed(), priors)
             if gain > 0.0:  # False where it is not a number
                 linear, damping = self._linearised(moving), max(0.01 * damping, LEAST_DAMPING)
                 if gain < CALM * before:
@@ -173,7 +177,7 @@ class Smoother:
         self.linear = linear
         priors = [path.prior(self.missing, size, time_s) for path in self.paths]
         step = self._step(linear, priors, LEAST_DAMPING, moving)
-        cost = self._cost(linear, priors, self.s, [q.x for q in self.paths])
+        cost = self._cost(linear, priors)
         found = -0.5 * (cost - min(step.gain, trusted * cost) + step.log_det)
         return found if np.isfinite(found) else -np.inf
 
@@ -184,10 +188,10 @@ class Smoother:
     def _followed(self) -> list[Followed]:
         return [path.follow(self.parameters(self.s), self.evidence.noise) for path in self.paths]
 
-    def _cost(self, linear: Sequence[Followed | Linear], priors: list[Prior], s: Array, xs: list[Array]) -> float:
-        away = s - self.fitted
-        return float(away @ self.known @ away) + sum(one.cost + surprise(x, one, prior)
-                                  for one, prior, x in zip(linear, priors, xs, strict=True))
+    def _cost(self, linear: Sequence[Followed | Linear], priors: list[Prior]) -> float:
+        away = self.s - self.fitted
+        return float(away @ self.known @ away) + sum(one.cost + surprise(path.x, one, prior) for path, one, prior
+                                                     in zip(self.paths, linear, priors, strict=True))
 
     def _step(self, linear: list[Linear], priors: list[Prior], damping: float, moving: bool) -> _Step:
         """Damped Gauss-Newton step; parameters at a bound that would leave it stay."""
