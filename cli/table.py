@@ -10,6 +10,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "fit": ("fit:command", "Fit the parameters of a rig to recordings, with intervals."),
     "train-residual": ("train_residual:command", "Train a network on what a fitted model leaves over."),
     "diagnose": ("diagnose:command", "Find where the gap lies, which effect causes it, how far it shrinks."),
+    "reproduce-paper": ("reproduce_paper:command", "The first paper's results table on a calibrated twin of its rig."),
     "trial": ("trial:command", "The blind trial of the diagnosis: drawn cases with hidden labels, scored."),
     "report": ("report:command", "Turn a run into tables, figures and one HTML page."),
     "effects": ("effects:command", "List the catalogue of effects, or explain one."),

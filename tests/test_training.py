@@ -5,19 +5,26 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from scipy.optimize import brentq
+from threadpoolctl import threadpool_limits
 
 from pamid.errors import DataError
 from pamid.networks.bayes import Evidence, effective_samples, effective_weights, promised_decrease, solve_damped
 from pamid.networks.elman import Elman
+from pamid.networks.network import Network
+from pamid.networks.problem import Damping, Goals, Problem, recordings
 from pamid.networks.store import trace_csv
-from pamid.networks.training import Goals, train
+from pamid.networks.training import train
 
 
 @dataclass(frozen=True)
-class Linear:
+class Linear(Network):
     """y = U w: the network whose evidence has a closed form."""
 
-    n_weights: int
+    size: int
+
+    @property
+    def n_weights(self):
+        return self.size
 
     def initial(self, seed):
         return np.random.default_rng(seed).normal(size=self.n_weights)
@@ -25,10 +32,8 @@ class Linear:
     def simulate(self, weights, inputs):
         return inputs @ weights
 
-    def normal_equations(self, weights, inputs, target, washout):
-        u = inputs[washout:]
-        error = target[washout:] - u @ weights
-        return float(error @ error), u.T @ u, u.T @ error
+    def sweep(self, weights, inputs):
+        yield 0, inputs @ weights, inputs
 
 
 def linear_data(n=120, p=8, noise=0.3, seed=0):
@@ -140,13 +145,15 @@ def test_correlated_residuals_are_remarked():
 
 
 @pytest.mark.parametrize("regularise", [False, True])
-def test_learns_a_teacher_from_random_starts(regularise):
+def test_learns_a_teacher(regularise):
     u, target = teacher_data()
-    trained = train(Elman(2, 3), u, target, iterations=150, starts=4, regularise=regularise)
-    assert trained.trace["mse"][0] > 1e-2
-    assert trained.trace["mse"][-1] < 1e-15 and trained.converged, trained.why
-    # a start may end in a minimum of its own: that is what several starts are for, but most must arrive
-    assert sum(mse < 1e-15 for mse in trained.starts_mse) >= 3, trained.starts_mse
+    roomy = [train(Elman(2, 6), u, target, iterations=150, seed=seed, regularise=regularise) for seed in range(3)]
+    assert all(t.trace["mse"][0] > 1e-4 for t in roomy)
+    assert all(t.trace["mse"][-1] < 1e-12 for t in roomy), [t.trace["mse"][-1] for t in roomy]
+    # of the teacher's own size a start may end in a minimum of its own: that is what several starts are for
+    tight = [train(Elman(2, 3), u, target, iterations=150, seed=seed, regularise=regularise) for seed in range(4)]
+    arrived = [t for t in tight if t.trace["mse"][-1] < 1e-15]
+    assert len(arrived) >= 2 and all(t.converged for t in arrived), [(t.trace["mse"][-1], t.why) for t in tight]
 
 
 def test_noise_is_not_learnt():
@@ -164,27 +171,51 @@ def test_mu_rises_on_rejected_and_falls_on_accepted_steps():
     trace = train(Elman(2, 5), u, target, iterations=60, regularise=False).trace
     assert trace["trials"][1:].max() > 1 and trace["trials"][1:].min() == 1  # both kinds occurred
     assert trace["mu"][0] == 0.005
-    expected = trace["mu"][:-1] * 10.0 ** (trace["trials"][1:] - 1) * 0.1
-    np.testing.assert_allclose(trace["mu"][1:], np.maximum(expected, 1e-20), rtol=1e-9)
+    raised = trace["mu"][:-1] * 3.0 ** (trace["trials"][1:] - 1)
+    factors = trace["mu"][1:] / raised
+    assert all(np.isclose(f, [0.1, 1.0 / 3.0, 2.0 / 3.0, 1.0, 2.0], rtol=1e-9).any() for f in factors)
+    assert factors.min() < 0.5 and factors.max() > 0.5
     assert np.all(np.diff(trace["mse"]) < 0.0)
 
 
-def test_a_rejected_step_costs_a_simulation_only():
-    calls = {"simulate": 0, "normal_equations": 0}
+def test_the_damping_follows_the_gain():
+    assert [Damping().factor(g) for g in (1.0, 0.8, 0.6, 0.3, 0.1, 1e-9)] == [0.1, 1 / 3, 2 / 3, 1.0, 2.0, 2.0]
+
+
+def test_a_rejected_step_costs_simulations_only():
+    passes = []
 
     @dataclass(frozen=True)
     class Counting(Elman):
-        def simulate(self, *arguments):
-            calls["simulate"] += 1
-            return super().simulate(*arguments)
-
         def normal_equations(self, *arguments):
-            calls["normal_equations"] += 1
+            passes.append(1)
             return super().normal_equations(*arguments)
 
     trace = train(Counting(2, 5), *teacher_data(noise=0.02), iterations=40, regularise=False).trace
-    assert calls["normal_equations"] == len(trace["mse"]) + 1  # and the count of supported weights at the end
-    assert calls["simulate"] == trace["trials"].sum() + 2  # and the error at the start, the residual at the end
+    assert trace["trials"].sum() > len(trace["mse"])
+    assert len(passes) == len(trace["mse"]) + 2  # again beyond each gate (20), and for the supported weights
+
+
+def test_linear_weights_are_at_their_best():
+    """After a step no other output weights give a lower objective: variable projection."""
+    u, target = teacher_data(noise=0.02)
+    network = Elman(2, 3)
+    trained = train(network, u, target, iterations=4)
+    alpha, beta = trained.trace["alpha"][-2], trained.trace["beta"][-2]
+    features = network.features(trained.weights, u)
+    best = np.linalg.solve(beta * features.T @ features + alpha * np.eye(4), beta * features.T @ target)
+    np.testing.assert_allclose(trained.weights[network.linear], best, rtol=1e-6)
+
+
+def test_acceleration_is_half_the_second_derivative_along_the_step():
+    u, target = teacher_data()
+    network = Elman(2, 3)
+    problem = Problem(network, recordings(u, target), 100, True, Damping(), Goals())
+    weights, step = network.initial(3), 1e-3 * np.random.default_rng(0).normal(size=network.n_weights)
+    second = (network.jacobian(weights + 1e-2 * step, u) - network.jacobian(weights - 1e-2 * step, u)) @ step / 2e-2
+    expected = network.jacobian(weights, u)[100:].T @ second[100:]
+    np.testing.assert_allclose(problem.curvature(weights, step, problem.errors(weights)), expected,
+                               atol=1e-3 * np.abs(expected).max())
 
 
 def test_gradient_in_the_trace_is_the_objectives():
@@ -210,11 +241,28 @@ def test_best_of_several_starts_is_kept():
     np.testing.assert_array_equal(several.weights, single[several.best].weights)
 
 
+@pytest.mark.parametrize("threads", [1, 2, 3])
+def test_the_worse_half_is_left_behind_at_every_gate(threads):
+    u, target = teacher_data(noise=0.01)
+    goals = Goals(gradient=0.0, promise=0.0, mse=0.0)
+    with threadpool_limits(1, "blas"):
+        several = train(Elman(2, 3), u, target, iterations=50, starts=4, seed=10, goals=goals, threads=threads)
+        single = [train(Elman(2, 3), u, target, iterations=50, seed=10 + s, goals=goals) for s in range(4)]
+    at = [[s.trace["mse"][min(k, len(s.trace["mse"]) - 1)] for k in range(51)] for s in single]
+    second = sorted(sorted(range(4), key=lambda s: at[s][20])[:2])
+    winner = min(second, key=lambda s: at[s][40])
+    assert several.best == winner
+    np.testing.assert_array_equal(several.weights, single[winner].weights)
+    stopped = [40 if s in second else 20 for s in range(4)]
+    stopped[winner] = 50
+    assert several.starts_mse == tuple(at[s][k] for s, k in enumerate(stopped))
+
+
 def test_washout_leaves_a_wrong_beginning_out():
     u, target = teacher_data()
     spoilt = target.copy()
     spoilt[:100] += 5.0
-    trained = train(Elman(2, 3), u, spoilt, iterations=150, washout=100)
+    trained = train(Elman(2, 6), u, spoilt, iterations=150, washout=100)
     assert trained.samples == 1400 and trained.trace["mse"][-1] < 1e-10
 
 
@@ -224,9 +272,10 @@ def test_several_recordings_are_one_objective():
     whole = train(Linear(2), u, target, iterations=50)
     np.testing.assert_allclose(halves.weights, whole.weights, rtol=1e-9)
     apart = train(Elman(2, 3), [u, u], [target, target], iterations=10)  # each from a zero state
-    once = train(Elman(2, 3), u, target, iterations=0)
+    network = Elman(2, 3)
     assert apart.samples == 3000
-    assert apart.trace["mse"][0] == pytest.approx(once.trace["mse"][0], rel=1e-12)
+    own = np.mean((target - network.simulate(apart.weights, u)) ** 2)
+    assert apart.trace["mse"][-1] == pytest.approx(own, rel=1e-9)
 
 
 # --- why it ended -----------------------------------------------------------------------------------------------------
@@ -259,7 +308,7 @@ class Cliff(Linear):
     def simulate(self, weights, inputs):
         return np.full(len(inputs), np.inf) if np.abs(weights).max() > self.edge else super().simulate(weights, inputs)
 
-    def normal_equations(self, weights, inputs, target, washout):
+    def normal_equations(self, weights, inputs, target, washout=0, threads=1):
         if np.abs(weights).max() > self.edge:
             return np.inf, np.full((self.n_weights,) * 2, np.nan), np.full(self.n_weights, np.nan)
         sse, jtj, jte = super().normal_equations(weights, inputs, target, washout)

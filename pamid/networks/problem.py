@@ -2,41 +2,46 @@
 
 import hashlib
 from dataclasses import dataclass
-from typing import Protocol
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.errors import DataError
+from pamid.networks.bayes import Evidence, solve_damped
+from pamid.networks.network import Network
 from pamid.networks.scaling import check_finite
 
 Array = NDArray[np.float64]
 
-
-class Network(Protocol):
-    """What training asks of a network; error is target - output, J the output's derivative (bayes.py, elman.py).
-
-    `repr` must tell the network's sizes: it is what ties a checkpoint to the network.
-    """
-
-    @property
-    def n_weights(self) -> int: ...
-    def initial(self, seed: int) -> Array: ...
-    def simulate(self, weights: Array, inputs: Array) -> Array: ...
-    def normal_equations(
-        self, weights: Array, inputs: Array, target: Array, washout: int
-    ) -> tuple[float, Array, Array]: ...
+ASIDE = 0.1    # of a step: where its second derivative is probed
 
 
 @dataclass(frozen=True)
 class Damping:
-    """The schedule of mu."""
+    """The schedule of mu: `increase` after a step that does not lower F, else by the gain ratio."""
 
     start: float = 0.005
-    decrease: float = 0.1
-    increase: float = 10.0
+    increase: float = 3.0
     largest: float = 1e10
     smallest: float = 1e-20
+
+    def factor(self, gain: float) -> float:
+        """What mu is multiplied by after an accepted step that lowered F by `gain` times what it promised."""
+        steps = ((0.98, 0.1), (0.75, 1.0 / 3.0), (0.5, 2.0 / 3.0), (0.25, 1.0))
+        return next((factor for above, factor in steps if gain > above), 2.0)
+
+
+@dataclass(frozen=True)
+class Errors:
+    """Errors of a plain simulation, those of every recording from the washout on, and the sum of their squares."""
+
+    each: tuple[Array, ...]
+
+    @cached_property
+    def sse(self) -> float:
+        with np.errstate(all="ignore"):
+            return float(sum(e @ e for e in self.each))
 
 
 @dataclass(frozen=True)
@@ -58,7 +63,7 @@ class Goals:
 
 @dataclass(frozen=True)
 class Problem:
-    """Recordings are (inputs (N, m), target (N,)) pairs, each simulated from a zero state."""
+    """Recordings are (inputs (N, m), target (N,)) pairs, each simulated from a zero state; threads: for one pass."""
 
     network: Network
     records: tuple[tuple[Array, Array], ...]
@@ -66,24 +71,53 @@ class Problem:
     regularise: bool
     damping: Damping
     goals: Goals
+    threads: int = 1
 
     @property
     def samples(self) -> int:
         return sum(len(t) - self.washout for _, t in self.records)
 
-    def residual(self, weights: Array) -> list[Array]:
+    def errors(self, weights: Array) -> Errors:
         with np.errstate(all="ignore"):
-            return [(t - self.network.simulate(weights, u))[self.washout :] for u, t in self.records]
+            return Errors(tuple((t - self.network.simulate(weights, u))[self.washout :] for u, t in self.records))
 
-    def sse(self, weights: Array) -> float:
+    def projected(self, weights: Array, evidence: Evidence) -> tuple[Array, Errors]:
+        """The weights with those in which the output is linear at the minimum of F for the others, and the errors."""
+        network, linear = self.network, self.network.linear
+        count = linear.stop - linear.start
+        if not count:
+            return weights, self.errors(weights)
+        gram, right = np.zeros((count, count)), np.zeros(count)
         with np.errstate(all="ignore"):
-            return float(sum(e @ e for e in self.residual(weights)))
+            features = [network.features(weights, u) for u, _ in self.records]
+            for f, (_, t) in zip(features, self.records, strict=True):
+                rows = f[self.washout :]
+                gram, right = gram + rows.T @ rows, right + rows.T @ t[self.washout :]
+            if not np.isfinite(gram).all():
+                return weights, Errors((np.array([np.inf]),))
+            weights = weights.copy()
+            weights[linear] = solve_damped(evidence.beta * gram, evidence.alpha, evidence.beta * right)
+            return weights, Errors(tuple((t - f @ weights[linear])[self.washout :]
+                                         for f, (_, t) in zip(features, self.records, strict=True)))
+
+    def curvature(self, weights: Array, step: Array, errors: Errors) -> Array | None:
+        """J' times the second derivative of the output along `step`, by a central difference; None where the output
+        overflows beside these weights."""
+        ahead, behind = self.errors(weights + ASIDE * step), self.errors(weights - ASIDE * step)
+        if not np.isfinite(ahead.sse + behind.sse):
+            return None
+        total = np.zeros(len(weights))
+        for (u, t), e, a, b in zip(self.records, errors.each, ahead.each, behind.each, strict=True):
+            second = np.zeros(len(t))
+            second[self.washout :] = (2.0 * e - a - b) / ASIDE**2
+            total += self.network.pull_back(weights, u, second)
+        return total if np.isfinite(total).all() else None
 
     def evaluate(self, weights: Array) -> tuple[float, Array, Array] | None:
         """Sums over all recordings; None where weights are so wild that a number overflows."""
         sse, jtj, jte = 0.0, np.zeros((len(weights), len(weights))), np.zeros(len(weights))
         for u, t in self.records:
-            part = self.network.normal_equations(weights, u, t, self.washout)
+            part = self.network.normal_equations(weights, u, t, self.washout, self.threads)
             sse, jtj, jte = sse + part[0], jtj + part[1], jte + part[2]
         return (sse, jtj, jte) if np.isfinite(sse) and np.isfinite(jtj).all() and np.isfinite(jte).all() else None
 
@@ -121,11 +155,11 @@ def check_problem(problem: Problem, iterations: int, starts: int, seed: int) -> 
         )
 
 
-def fingerprint(problem: Problem, seed: int) -> str:
-    """Identifies what a checkpoint belongs to; how long to train is not part of it."""
+def fingerprint(problem: Problem, seed: int, starts: int) -> str:
+    """Identifies what a checkpoint belongs to; how long to train, and on how many cores, is not part of it."""
     digest = hashlib.sha256()
     for u, t in problem.records:
         digest.update(repr(u.shape).encode() + u.tobytes() + t.tobytes())
-    options = (int(problem.washout), bool(problem.regularise), problem.damping, problem.goals, int(seed))
+    options = (int(problem.washout), bool(problem.regularise), problem.damping, problem.goals, int(seed), int(starts))
     digest.update(repr((problem.network, *options)).encode())
     return digest.hexdigest()

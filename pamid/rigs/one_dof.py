@@ -19,7 +19,7 @@ from pamid.equations import ZERO, Expr, Number, absolute, clip, maximum, where
 from pamid.errors import FileError, nearest
 from pamid.parameter import Parameter
 from pamid.rig import Loop, Port, Rig
-from pamid.rigs.muscle import LAWS
+from pamid.rigs.muscle import LAWS, Law
 from pamid.rigs.pneumatics import ATMOSPHERE_PA, iso_flow, muscle_volume, muscle_volume_slope
 
 BOTH = ("1", "2")
@@ -92,7 +92,7 @@ class OneDof(Rig):
     def __init__(self, law: str = "exponential") -> None:
         if law not in LAWS:
             raise FileError(f"unknown force law {law!r}", nearest(law, list(LAWS)) or f"laws: {', '.join(LAWS)}")
-        self.law = law
+        self.static_force: Law = LAWS[law]  # a rig file may put another here, such as networks.force_law
 
     def start(self, p: Any) -> dict[str, float]:
         """Both muscles at p0, the arm at rest in the middle."""
@@ -106,7 +106,7 @@ class OneDof(Rig):
         absolute_pa = x.pressure_1 if i == "1" else x.pressure_2
 
         def law(contraction: Expr, pressure: Expr) -> Expr:
-            return p.scale * LAWS[self.law](contraction, pressure)
+            return p.scale * self.static_force(contraction, pressure)
 
         gauge = absolute_pa - ATMOSPHERE_PA
         drag = p.damping * absolute_pa

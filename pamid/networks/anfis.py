@@ -1,0 +1,249 @@
+"""ANFIS: first-order Takagi-Sugeno rules on a grid of membership sets, a static network linear in its consequents.
+
+Equations (Jang 1993, IEEE Trans. Systems, Man, and Cybernetics 23(3)), for inputs x_k scaled into [-1, 1]
+    membership   gaussian exp(-t^2/2), bell 1/(1 + |t|^(2 b)) with t = (x_k - centre)/width, per input k and set i
+    firing       product of one membership per input, for every combination of sets; normalised to sum 1
+    output       y = sum over rules of firing (bias + sum_k slope_k (x_k - grid_k)/spacing)
+A product over a full grid normalises input by input: the share of a rule is the product of its sets' shares, each a
+softmax of log memberships. It never comes to 0/0, however far an input lies from every set.
+
+Weights are one flat vector. Premises first: for input k, for set i: centre, log width (bell: log slope after it), as
+deviations from the untouched grid. Then the consequents: for rule r (the last input's set running fastest) bias,
+slope_1 .. slope_m. All zero is the untouched grid with output zero.
+
+Deviations are bent by limit tanh(deviation/limit): a centre stays within 0.45 spacings of its place, so sets keep
+their order; widths (and bell slopes) stay within a factor of 4.5 (2), so none collapses. Near zero they are the weight.
+The place a rule's slope is counted from does not move with its centre: the output stays linear in the consequents with
+features that are well conditioned, and the derivative by a centre goes through the firing alone.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from itertools import product
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import expit, log_expit
+
+from pamid.equations import ZERO, Expr, exp
+from pamid.errors import DataError, nearest
+from pamid.networks.network import Network
+from pamid.networks.sums import Rows
+
+Array = NDArray[np.float64]
+
+SHAPES = ("gaussian", "bell")
+LIMITS = (0.45, 1.5, math.log(2.0))  # of centre (spacings), log width, log slope
+# Spacings. The customary 0.42 and 0.5, neighbours crossing at half height, start 4 to 14 (bell 2 to 6) times further off:
+# error of the first least squares on four smooth functions of two inputs, 5 x 5 rules.
+WIDTH = {"gaussian": 0.6, "bell": 0.7}
+BELL_SLOPE = 2.0  # exponent b of the untouched grid; from 1 to 4 with its limit, so the peak is always smooth
+MOST_CONSEQUENTS = 5000
+START = 0.05  # standard deviation of a random start's premises
+CHUNK = 1024  # samples whose Jacobian rows are held at once: 0.8 MB at 95 weights
+
+
+class Sets(NamedTuple):
+    """Membership sets, each (inputs, sets): place and width in scaled units, bell exponent b; and d/dweight of each.
+
+    `bend` (inputs, sets, 2 or 3) is the derivative of centre/spacing, log width, log slope by its weight.
+    """
+
+    centre: Array
+    width: Array
+    slope: Array
+    bend: Array
+
+
+@dataclass(frozen=True)
+class Anfis(Network):
+    """An ANFIS' sizes; weights are passed to every verb as one flat float64 vector (layout: module).
+
+    `inputs` m, `sets` membership sets per input, `shape` "gaussian" or "bell". sets^m rules.
+    """
+
+    kind: ClassVar[str] = "anfis"
+    inputs: int = 2
+    sets: int = 5
+    shape: str = "gaussian"
+
+    def __post_init__(self) -> None:
+        for name, least in (("inputs", 1), ("sets", 2)):
+            value = getattr(self, name)
+            if not isinstance(value, int) or isinstance(value, bool) or value < least:
+                raise DataError(f"Anfis: {name} must be a whole number of at least {least}, not {value!r}.")
+        if self.shape not in SHAPES:
+            hint = nearest(str(self.shape), SHAPES) or f"Shapes: {', '.join(SHAPES)}."
+            raise DataError(f"Anfis: unknown shape {self.shape!r}.", hint)
+        if self.inputs * math.log(self.sets) + math.log(self.inputs + 1) > math.log(MOST_CONSEQUENTS) + 1e-9:
+            raise DataError(
+                f"Anfis: {self.sets} sets on each of {self.inputs} inputs make {self.sets}^{self.inputs} rules of "
+                f"{self.inputs + 1} consequents, more than {MOST_CONSEQUENTS}.",
+                "Rules grow with the power of the inputs: take fewer inputs or sets.",
+            )
+
+    @property
+    def premises(self) -> int:
+        return self.inputs * self.sets * self._per_set
+
+    @property
+    def rules(self) -> int:
+        return int(self.sets**self.inputs)
+
+    @property
+    def n_weights(self) -> int:
+        return self.premises + self.rules * (self.inputs + 1)
+
+    @property
+    def linear(self) -> slice:
+        """The consequents: simulate(w, u) == features(w, u) @ w[linear]."""
+        return slice(self.premises, self.n_weights)
+
+    @property
+    def spacing(self) -> float:
+        return 2.0 / (self.sets - 1)
+
+    def initial(self, seed: int) -> Array:
+        """Random start: premises a little off the grid, consequents zero (the first step solves for them)."""
+        weights = np.zeros(self.n_weights)
+        weights[: self.premises] = START * np.random.default_rng(seed).standard_normal(self.premises)
+        return weights
+
+    def membership(self, weights: ArrayLike) -> Sets:
+        """The membership sets that the weights stand for; DataError when there are not `n_weights` of them."""
+        deviation = self._checked_weights(weights)[: self.premises].reshape(self.inputs, self.sets, self._per_set)
+        limits = np.array(LIMITS[: self._per_set])
+        bent = np.tanh(deviation / limits)
+        moved = limits * bent
+        return Sets(
+            centre=self._grid + self.spacing * moved[..., 0],
+            width=self.spacing * WIDTH[self.shape] * np.exp(moved[..., 1]),
+            slope=BELL_SLOPE * np.exp(moved[..., 2]) if self.shape == "bell" else np.ones(moved.shape[:2]),
+            bend=1.0 - bent * bent,
+        )
+
+    def simulate(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
+        """Output y (N,) for inputs (N, m); each sample by itself."""
+        sets, consequents, u = self.membership(weights), self._consequents(weights), self._checked(inputs)
+        y = np.empty(len(u))
+        with np.errstate(all="ignore"):  # wild trial weights may overflow: the caller judges the outcome
+            for start in range(0, len(u), CHUNK):
+                x = np.ascontiguousarray(u[start : start + CHUNK].T)
+                firing = self._firing([self._shares(sets, k, x[k])[0] for k in range(self.inputs)])
+                y[start : start + CHUNK] = np.sum(firing * self._rule_outputs(consequents, x), axis=0)
+        return y
+
+    def features(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
+        """dy/d(consequents) (N, rules (m + 1)); depends on the premises only."""
+        return np.ascontiguousarray(self.jacobian(weights, inputs)[:, self.linear])
+
+    def expression(self, weights: ArrayLike, inputs: Sequence[Expr]) -> Expr:
+        """The output as an equation of the inputs, to be held within [-1, 1]: no sum of memberships vanishes there."""
+        sets, rows = self.membership(weights), iter(self._consequents(weights).tolist())
+        members: list[list[Expr]] = []
+        for k, x in enumerate(inputs):
+            squares = [((x - c) * (1.0 / w)) ** 2 for c, w in zip(sets.centre[k], sets.width[k], strict=True)]
+            members.append(
+                [exp(-0.5 * s) for s in squares] if self.shape == "gaussian"
+                else [1.0 / (1.0 + s**b) for s, b in zip(squares, sets.slope[k].tolist(), strict=True)]
+            )  # fmt: skip
+        places = [[(x - g) * (1.0 / self.spacing) for g in self._grid.tolist()] for x in inputs]
+
+        def fired(k: int, rule: tuple[int, ...]) -> Expr:
+            """Sum over the sets of inputs k, k + 1, .. with those of the inputs before them given."""
+            if k < self.inputs:
+                return sum((members[k][i] * fired(k + 1, (*rule, i)) for i in range(self.sets)), start=ZERO)
+            bias, *slopes = next(rows)  # rules come in the order of the weights
+            return sum((s * places[j][i] for j, (s, i) in enumerate(zip(slopes, rule, strict=True))), start=ZERO + bias)
+
+        return fired(0, ()) / reduce(lambda a, b: a * b, (sum(m, start=ZERO) for m in members))
+
+    def sweep(self, weights: ArrayLike, inputs: ArrayLike) -> Iterator[Rows]:
+        """(first sample, y (n,), dy/dw (n, n_weights)) chunk by chunk, exact."""
+        sets, consequents, u = self.membership(weights), self._consequents(weights), self._checked(inputs)
+        for start in range(0, len(u), CHUNK):
+            x = np.ascontiguousarray(u[start : start + CHUNK].T)
+            n = x.shape[1]
+            with np.errstate(all="ignore"):
+                known = [self._shares(sets, k, x[k]) for k in range(self.inputs)]
+                firing = self._firing([shares for shares, _ in known])
+                parts = firing * self._rule_outputs(consequents, x)
+                y = parts.sum(axis=0)
+                jacobian = np.empty((self.n_weights, n))
+                premise = jacobian[: self.premises].reshape(self.inputs, self.sets, self._per_set, n)
+                grid = parts.reshape(*(self.sets,) * self.inputs, n)
+                for k, (shares, slopes) in enumerate(known):
+                    others = tuple(j for j in range(self.inputs) if j != k)
+                    by_log = grid.sum(axis=others) - shares * y  # dy/d log membership, (sets, n)
+                    np.multiply(slopes, by_log[:, None, :], out=premise[k])
+                consequent = jacobian[self.premises :].reshape(self.rules, self.inputs + 1, n)
+                consequent[:, 0] = firing
+                for k in range(self.inputs):
+                    split = (self.sets**k, self.sets, -1, n)
+                    away = (x[k] - self._grid[:, None, None]) / self.spacing
+                    np.multiply(firing.reshape(split), away, out=consequent[:, k + 1].reshape(split))
+            yield start, y, jacobian.T
+
+    def _shares(self, sets: Sets, k: int, x: Array) -> tuple[Array, Array]:
+        """Normalised memberships of input k (sets, n) and d log membership/d weight (sets, 2 or 3, n)."""
+        width = sets.width[k, :, None]
+        t = (x - sets.centre[k, :, None]) / width
+        slopes = np.empty((self.sets, self._per_set, len(x)))
+        if self.shape == "gaussian":
+            squared = t * t
+            log_member = -0.5 * squared
+            slopes[:, 0], slopes[:, 1] = t / width, squared
+        else:
+            t = np.where(t == 0.0, 1e-300, t)
+            rise = 2.0 * sets.slope[k, :, None]
+            log_power = rise * np.log(np.abs(t))
+            outside = expit(log_power)
+            log_member = log_expit(-log_power)
+            slopes[:, 1] = rise * outside
+            slopes[:, 0], slopes[:, 2] = slopes[:, 1] / (t * width), -outside * log_power
+        slopes[:, 0] *= self.spacing
+        slopes *= sets.bend[k, :, :, None]
+        shares = np.exp(log_member - log_member.max(axis=0))
+        return shares / shares.sum(axis=0), slopes
+
+    def _firing(self, shares: Sequence[Array]) -> Array:
+        """(rules, n), the last input's set running fastest."""
+        n = shares[0].shape[1]
+        return reduce(lambda a, b: (a[:, None, :] * b).reshape(-1, n), shares)
+
+    def _rule_outputs(self, consequents: Array, x: Array) -> Array:
+        """Every rule's own linear function (rules, n) of x (m, n)."""
+        slopes = consequents[:, 1:] / self.spacing
+        constant = consequents[:, 0] - np.sum(slopes * self._rule_places, axis=1)
+        return slopes @ x + constant[:, None]
+
+    @property
+    def _per_set(self) -> int:
+        return 3 if self.shape == "bell" else 2
+
+    @property
+    def _grid(self) -> Array:
+        return np.linspace(-1.0, 1.0, self.sets)
+
+    @property
+    def _rule_places(self) -> Array:
+        """Grid place of every rule (rules, m)."""
+        return np.array(list(product(self._grid, repeat=self.inputs)))
+
+    def _consequents(self, weights: ArrayLike) -> Array:
+        return self._checked_weights(weights)[self.linear].reshape(self.rules, self.inputs + 1)
+
+    def _checked_weights(self, weights: ArrayLike) -> Array:
+        flat = np.ascontiguousarray(weights, dtype=np.float64)
+        if flat.shape != (self.n_weights,):
+            raise DataError(f"{self!r} has {self.n_weights} weights in one vector, not an array of shape {flat.shape}.")
+        return flat
+
+    def _checked(self, inputs: ArrayLike) -> Array:
+        u = np.ascontiguousarray(inputs, dtype=np.float64)
+        if u.ndim != 2 or u.shape[1] != self.inputs:
+            raise DataError(f"{self!r} takes inputs (N, {self.inputs}), not {u.shape}.")
+        return u

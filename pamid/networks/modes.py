@@ -1,0 +1,92 @@
+"""A linear model by modes, from which a recurrent network can begin: few damped oscillations, found in the data.
+
+With complex poles p, |p| < 1, the model is
+    z(k+1) = p z(k) + r . u(k),   y(k) = b + sum over modes of Re z(k+1)
+Given the poles it is linear in the residues r: poles are drawn at random and chosen greedily, each with the residues of
+all inputs that lower the squared error most (orthogonal least squares; Chen, Cowan and Grant 1991, IEEE TNN 2(2)).
+A start that knows the slow and the lightly damped parts of what it has to learn matters more than anything that comes
+after: gradients of a free-running network say little about memories it does not have yet.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+POOL = 80                       # poles drawn, of which a few are chosen
+TURN = (0.003, 0.5)             # rad per sample: from slowest to fastest oscillation
+QUALITY = (0.3, 30.0)           # memory (samples) times turn: from overdamped to ringing
+LONGEST = 3000.0                # samples: no longer memory
+ROWS = 7000                     # samples that choose: more would change the time it takes, not the choice
+RIDGE = 1e-6                    # of a feature's mean square, on the residues: keeps cancelling pairs small
+
+
+@dataclass(frozen=True)
+class Modes:
+    """poles (n,), residues (n, inputs), bias; error: mean square that they leave."""
+
+    poles: Complex
+    residues: Complex
+    bias: float
+    error: float
+
+    def states(self, inputs: Array) -> Complex:
+        """z(k+1) of every mode (N, n) from rest."""
+        return np.stack([lfilter([1.0], [1.0, -p], inputs @ r) for p, r in zip(self.poles, self.residues, strict=True)],
+                        axis=1)
+
+
+def find_modes(records: Sequence[tuple[Array, Array]], washout: int, count: int, seed: int) -> Modes:
+    """`count` modes for recordings of (inputs (N, m), target (N,)), each from rest; another seed draws other poles."""
+    poles = _drawn(np.random.default_rng(seed))
+    every = max(1, sum(len(t) - washout for _, t in records) // ROWS)
+    rows = [slice(washout, None, every)] * len(records)
+    target = np.concatenate([t[r] for (_, t), r in zip(records, rows, strict=True)])
+    parts = [np.concatenate([_passed(u, p)[r] for (u, _), r in zip(records, rows, strict=True)]) for p in poles]
+    chosen: list[int] = []
+    basis = np.ones((len(target), 1))
+    for _ in range(count):
+        left = target - basis @ _solved(basis, target)
+        orthogonal = np.linalg.qr(basis)[0]
+        gains = [-1.0 if i in chosen else _gain(part - orthogonal @ (orthogonal.T @ part), left)
+                 for i, part in enumerate(parts)]
+        chosen.append(int(np.argmax(gains)))
+        basis = np.column_stack([basis, parts[chosen[-1]]])
+    weights = _solved(basis, target)
+    error = float(np.mean((target - basis @ weights) ** 2))
+    pairs = weights[1:].reshape(count, 2, -1)
+    kept = poles[chosen]
+    return Modes(kept, (pairs[:, 0] + 1j * pairs[:, 1]) * np.abs(1.0 - kept)[:, None], float(weights[0]), error)
+
+
+def _drawn(random: np.random.Generator) -> Complex:
+    turn = np.exp(random.uniform(*np.log(TURN), POOL))
+    memory = np.minimum(np.exp(random.uniform(*np.log(QUALITY), POOL)) / turn, LONGEST)
+    return np.exp(-1.0 / memory + 1j * turn)
+
+
+def _passed(inputs: Array, pole: complex) -> Array:
+    """What the real and the imaginary parts of the residues of one mode multiply (N, 2 m)."""
+    z = lfilter([1.0], [1.0, -pole], inputs, axis=0) * abs(1.0 - pole)
+    return np.concatenate([z.real, -z.imag], axis=1)
+
+
+def _gain(features: Array, left: Array) -> float:
+    """Drop of the squared error by these features."""
+    towards = features.T @ left
+    return float(towards @ np.linalg.solve(_ridged(features), towards))
+
+
+def _solved(features: Array, target: Array) -> Array:
+    return np.linalg.solve(_ridged(features), features.T @ target)
+
+
+def _ridged(features: Array) -> Array:
+    gram = features.T @ features
+    gram[np.diag_indices(len(gram))] += RIDGE * max(np.trace(gram) / len(gram), 1e-300)
+    return gram

@@ -1,0 +1,82 @@
+"""What every network of this package is: five things of its own, and what follows from them.
+
+A kind of network is a module with a frozen dataclass derived from `Network`, its sizes as fields (`repr` ties a
+checkpoint to them, network.json holds them). Weights are one flat float64 vector, passed to every verb; inputs and
+target are scaled into [-1, 1]. Choose weights whose natural value is zero: regularisation pulls them there.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pamid.errors import DataError
+from pamid.networks.sums import Rows, summed
+
+Array = NDArray[np.float64]
+Records = Sequence[tuple[Array, Array]]
+
+
+class Network(ABC):
+    """A map from inputs (N, m) to an output (N,), from a zero state; error is target - output, J the output's
+    derivative with respect to the weights.
+
+    Weights so wild that numbers overflow give inf or NaN, never an exception; DataError is for wrong shapes.
+    """
+
+    kind: ClassVar[str]
+
+    @property
+    @abstractmethod
+    def n_weights(self) -> int: ...
+
+    @property
+    def linear(self) -> slice:
+        """The weights in which the output is linear: simulate(w, u) = features(w, u) @ w[linear]."""
+        return slice(0, 0)
+
+    @abstractmethod
+    def initial(self, seed: int) -> Array:
+        """A random start that knows no data."""
+
+    def start(self, records: Records, washout: int, seed: int) -> Array:
+        """A random start for these recordings, (inputs (N, m), target (N,)) each."""
+        return self.initial(seed)
+
+    @abstractmethod
+    def simulate(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
+        """Output (N,)."""
+
+    def features(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
+        """What the weights `linear` multiply (N, number of these)."""
+        return np.empty((len(np.asarray(inputs)), 0))
+
+    @abstractmethod
+    def sweep(self, weights: ArrayLike, inputs: ArrayLike) -> Iterator[Rows]:
+        """(first sample, y (n,), dy/dw (n, n_weights)) chunk by chunk, exact.
+
+        Arrays may be overwritten by the next chunk but one.
+        """
+
+    def normal_equations(self, weights: ArrayLike, inputs: ArrayLike, target: ArrayLike, washout: int = 0,
+                         threads: int = 1) -> tuple[float, Array, Array]:
+        """One pass: (sum of e^2, J'J, J'e) over samples `washout` .. N-1; J is never held whole.
+
+        Sensitivities run from sample 0 on, so washed-out samples only leave the sums. With two threads one makes a
+        chunk while the other adds the one before: the same result in less time.
+        """
+        wanted = np.ascontiguousarray(target, dtype=np.float64)
+        if wanted.shape != (len(np.asarray(inputs)),):
+            raise DataError(f"Target has shape {wanted.shape} for {len(np.asarray(inputs))} samples of input.")
+        return summed(self.sweep(weights, inputs), wanted, self.n_weights, washout, threads)
+
+    def pull_back(self, weights: ArrayLike, inputs: ArrayLike, weighing: ArrayLike) -> Array:
+        """J'v (n_weights,) for v = `weighing` (N,)."""
+        v = np.asarray(weighing, dtype=np.float64)
+        return np.sum([v[k : k + len(j)] @ j for k, _, j in self.sweep(weights, inputs)], axis=0)
+
+    def jacobian(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
+        """dy/dw (N, n_weights), the whole record at once: for tests and small records."""
+        return np.concatenate([np.empty((0, self.n_weights))] + [j.copy() for _, _, j in self.sweep(weights, inputs)])

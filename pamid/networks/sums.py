@@ -1,0 +1,50 @@
+"""Normal equations from rows of a Jacobian that come in chunks: what every network's pass ends in."""
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.blas import dsyrk
+
+Array = NDArray[np.float64]
+Rows = tuple[int, Array, Array]   # first sample, output (n,), its derivative (n, n_weights)
+
+_LINE = 64   # bytes in a line of the cache: vectors that straddle two of them load at half speed
+
+
+def aligned(*shape: int) -> Array:
+    """Zeros (C order) that begin at a cache line."""
+    raw = np.zeros(int(np.prod(shape)) + _LINE // 8)
+    skip = (-raw.ctypes.data % _LINE) // 8
+    return raw[skip : skip + int(np.prod(shape))].reshape(shape)
+
+
+def summed(chunks: Iterator[Rows], target: Array, n_weights: int, washout: int = 0,
+           threads: int = 1) -> tuple[float, Array, Array]:
+    """(sum of e^2, J'J, J'e) with e = target - y, over samples `washout` .. N-1.
+
+    Chunks are added in their order whatever `threads` is: with two, the next one is made while this one is added. Its
+    maker must leave the chunk before untouched.
+    """
+    sse, jte = 0.0, np.zeros(n_weights)
+    jtj = np.zeros((n_weights, n_weights), order="F")
+    with np.errstate(all="ignore"):
+        for start, y, jacobian in _ahead(chunks) if threads > 1 else chunks:
+            skip = min(max(washout - start, 0), len(y))
+            error = target[start + skip : start + len(y)] - y[skip:]
+            rows = jacobian[skip:]
+            if len(error):
+                sse += float(error @ error)
+                jte += error @ rows
+                jtj = dsyrk(1.0, rows.T, beta=1.0, c=jtj, overwrite_c=1, lower=1)
+    return sse, np.tril(jtj) + np.tril(jtj, -1).T, jte
+
+
+def _ahead(chunks: Iterator[Rows]) -> Iterator[Rows]:
+    """The same chunks, each made while the one before is in use."""
+    with ThreadPoolExecutor(1) as maker:
+        coming = maker.submit(next, chunks, None)
+        while (chunk := coming.result()) is not None:
+            coming = maker.submit(next, chunks, None)
+            yield chunk

@@ -1,0 +1,346 @@
+"""The results table of the first paper on a twin of its rig: what `pamid reproduce-paper` does.
+
+The twin is a virtual joint with effects that the analytic model lacks, sized so that this model misses it by as much
+as the paper's model missed its rig. Many other twins would do: this one is a fixture, not a claim about that rig.
+Source of the published figures: Hosovsky, Mizakova, Pitel, improved modeling of a pneumatic muscle actuator.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.assembly import Assembly
+from pamid.diagnosis.contest import Contender
+from pamid.diagnosis.tournament import Diagnosis, diagnose
+from pamid.diagnosis.verdict import diagnosis_json
+from pamid.evidence import gather
+from pamid.excitation import aprbs
+from pamid.greybox import GreyBox, fit_model, loop_run
+from pamid.leftover import Leftover, Stretch, derived
+from pamid.library import effects, rig_named
+from pamid.metrics import mae
+from pamid.networks.store import save_network, trace_csv
+from pamid.recording import Recording, read_recording, write_recording
+from pamid.residual_network import CHECKPOINT_FILE, STARTUP_S, TRACE_FILE, Correction, train_correction
+from pamid.run import Run, write_atomically, write_json
+from pamid.units import split_column, with_unit
+from pamid.virtual import virtual_rig
+
+Array = NDArray[np.float64]
+Told = Callable[[str], None]
+
+RIG, PERIOD_S = "one-dof", 0.003
+REFERENCE, COMMAND, ANGLE = "reference_deg", "command", "angle_deg"
+AMPLITUDE_DEG, HOLD_S = 40.0, (0.4, 1.6)
+STEPS_DEG, FIRST_STEP_S, STEP_S, STEP_SAMPLES = (20.0, -20.0, 30.0, -30.0, 40.0, -40.0), 0.252, 1.626, 3334
+NOMINAL_KG_M2 = 0.014
+TRAINED, UNSEEN = "6.4 Jn", "Jn"
+INERTIAS = {TRAINED: 6.4 * NOMINAL_KG_M2, UNSEEN: NOMINAL_KG_M2}     # kg m2
+FILES = {"training": "training.csv", TRAINED: "steps-6.4-jn.csv", UNSEEN: "steps-jn.csv"}
+TABLE_FILE = "paper.json"
+SCHEMA = "pamid.paper/1"
+
+ANALYTIC, REFITTED, ELMAN, NAMED = "analytic model", "refitted model", "analytic model + Elman", "named causes"
+SPRING_KEPT = "named causes, spring kept"
+PUBLISHED = {ANALYTIC: {TRAINED: 1.2887, UNSEEN: 1.1708}, ELMAN: {TRAINED: 0.9793}}     # MAE in deg
+PUBLISHED_TRAINING: dict[str, Any] = {"iterations": 5000, "seconds": 36101, "mse": 0.0015, "gradient": 1.43, "mu": 5e5,
+                                      "gamma": 156, "n_weights": 171}
+NOTES = (
+    "A calibrated twin, not the authors' rig: their recordings and parameters are not published. The effects hidden "
+    "in it were sized so that the analytic model's error is the published one; other twins would fit as well.",
+    "The paper calls its MSE of 0.0015, of signals within [-1, 1], a mean relative error of 0.075 %. That divides a "
+    "squared error by the range; the root of it is 0.0387, or 1.94 % of the range.",
+)
+
+
+@dataclass(frozen=True)
+class Twin:
+    """What the hidden truth has and the analytic model has not.
+
+    damping and conductance are shares of the model's; hysteresis is at 6 bar. The load swings behind a spring; what
+    sits before it stays the same with either load. Damping was chosen so that the joint settles under random steps, too
+    (0.14 passes the test of the steps and then oscillates by 10 deg for ever), conductance and spring to meet the two
+    errors.
+    """
+
+    hysteresis_n: float = 0.0307 * 1500.0
+    reach: float = 0.004
+    damping: float = 0.35
+    conductance: float = 0.9385
+    delay_s: float = 0.009
+    coulomb_n_m: float = 0.15
+    spring_n_m: float = 35.75            # per rad
+    loss_n_m_s: float = 0.05
+    inboard_kg_m2: float = 0.5 * NOMINAL_KG_M2
+
+    def effects(self, inertia: float) -> tuple[str, ...]:
+        """As `--effect` takes them, for an inertia in kg m2."""
+        outboard = inertia - self.inboard_kg_m2
+        natural = math.sqrt(self.spring_n_m / outboard)
+        ratio = self.loss_n_m_s / (2.0 * natural * outboard)
+        return (f"maxwell-slip-hysteresis:force_n={self.hysteresis_n},reach={self.reach}",
+                f"two-mass:share={outboard / inertia},frequency_hz={natural / (2.0 * math.pi)},damping={ratio}",
+                f"dead-time:delay_s={self.delay_s}",
+                f"coulomb-friction:torque_n_m={self.coulomb_n_m}")
+
+    def hidden(self) -> dict[str, float]:
+        """Parameters of the rig that differ from the data sheet, by outside name."""
+        shares = {"damping_m2_s": self.damping, "conductance_in_m3_per_s_pa": self.conductance,
+                  "conductance_out_m3_per_s_pa": self.conductance}
+        return {p.outside_name: p.value * shares[p.outside_name] for p in rig_named(RIG).parameters
+                if p.outside_name in shares}
+
+    def record(self, reference: Array, inertia: float, *, noise: float = 1.0, seed: int = 0) -> dict[str, Any]:
+        """columns (samples,) in their own units and the meta of a recording on this reference (deg)."""
+        made = virtual_rig(RIG, excitation(reference), self.effects(inertia), {"inertia_kg_m2": inertia},
+                           self.hidden(), noise, seed)
+        return {"columns": made.columns, "meta": made.meta}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """seconds of the training record; iterations and starts of the network; quick: too small to be believed."""
+
+    seconds: float = 200.0
+    iterations: int = 1000
+    starts: int = 4
+    seed: int = 0
+    jobs: int = 2
+    quick: bool = False
+
+
+@dataclass(frozen=True)
+class Row:
+    """One model. mae, after_1_s: deg by inertia, on all of the steps and without the start-up; None: unstable."""
+
+    model: str
+    mae: dict[str, float | None]
+    after_1_s: dict[str, float | None]
+    seconds: float | None = None
+
+    def improvement(self, against: Row) -> dict[str, float | None]:
+        """1 - error / the error of another row, by inertia."""
+        return {case: None if own is None or not against.mae[case] else 1.0 - own / float(against.mae[case] or 1.0)
+                for case, own in self.mae.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class Records:
+    """The recordings of the twin: one to train on, one of the steps for each inertia."""
+
+    training: Recording
+    steps: dict[str, Recording]
+
+    @cached_property
+    def analytic(self) -> dict[str, dict[str, Array]]:
+        """The analytic model in its own loop on every reference, by name of the recording in `FILES`."""
+        return {name: analytic_loop(r) for name, r in {"training": self.training, **self.steps}.items()}
+
+    def row(self, model: str, angles: dict[str, Array | None], seconds: float | None = None) -> Row:
+        """Score angles (deg, by inertia) on the steps."""
+        skip = math.ceil(STARTUP_S / PERIOD_S)
+
+        def errors(first: int) -> dict[str, float | None]:
+            return {case: None if angle is None else mae(self.steps[case].signal(ANGLE)[first:], angle[first:])
+                    for case, angle in angles.items()}
+
+        return Row(model, errors(0), errors(skip), seconds)
+
+    def row_of(self, model: str, grey: GreyBox, p: Array, seconds: float | None = None) -> Row:
+        """Score a fitted model in its own loop."""
+        runs = {case: loop_run(grey, r, p) for case, r in self.steps.items()}
+        return self.row(model, {case: None if run is None else run[ANGLE] for case, run in runs.items()}, seconds)
+
+
+# ---- recordings --------------------------------------------------------------------------------------------------
+
+
+def step_reference() -> Array:
+    """The test of figures 5 and 6, deg, shape (3334,): steps of alternating sign every 3 ms."""
+    reference = np.zeros(STEP_SAMPLES)
+    for k, level in enumerate(STEPS_DEG):
+        reference[round((FIRST_STEP_S + k * STEP_S) / PERIOD_S):] = level
+    return reference
+
+
+def excitation(reference: Array) -> Recording:
+    """A reference (deg) as what is sent to a closed loop."""
+    return Recording("reference", Path("reference"), "", clock(reference), {REFERENCE: reference}, PERIOD_S)
+
+
+def clock(reference: Array) -> Array:
+    """Sampling instants in s."""
+    return PERIOD_S * np.arange(len(reference), dtype=np.float64)
+
+
+def analytic_loop(recording: Recording) -> dict[str, Array]:
+    """Reference, command, angle, velocity and acceleration (deg, s) of the data-sheet model in its own loop."""
+    reference = recording.signal(REFERENCE)
+    made = virtual_rig(RIG, excitation(reference), (), recording.known, {}, 0.0, 0).columns
+    velocity = np.gradient(made[ANGLE], PERIOD_S)
+    unit = split_column(ANGLE)[1]
+    return {REFERENCE: reference, f"{COMMAND}_loop": made[COMMAND], derived(ANGLE, "loop"): made[ANGLE],
+            with_unit("velocity_loop", f"{unit}/s"): velocity,
+            with_unit("acceleration_loop", f"{unit}/s2"): np.gradient(velocity, PERIOD_S)}
+
+
+def record_twin(folder: Path, twin: Twin, plan: Plan) -> Records:
+    """Make the three recordings, with the default sensor noise, as files a user could have."""
+    steps = step_reference()
+    wanted = {"training": (aprbs(plan.seconds, PERIOD_S, AMPLITUDE_DEG, HOLD_S, seed=plan.seed), INERTIAS[TRAINED]),
+              **{case: (steps, inertia) for case, inertia in INERTIAS.items()}}
+    read = {}
+    for k, (name, (reference, inertia)) in enumerate(wanted.items()):
+        path = folder / FILES[name]
+        write_recording(path, clock(reference), **twin.record(reference, inertia, seed=len(wanted) * plan.seed + k))
+        read[name] = read_recording(path)
+    return Records(read.pop("training"), read)
+
+
+def calibration(twin: Twin) -> dict[str, float]:
+    """MAE (deg) of the analytic model against the twin without noise, by inertia: what the twin was made to meet."""
+    found = {}
+    for case, inertia in INERTIAS.items():
+        truth = twin.record(step_reference(), inertia, noise=0.0)["columns"]
+        known = replace(excitation(truth[REFERENCE]), known={"inertia_kg_m2": inertia})
+        found[case] = mae(truth[ANGLE], analytic_loop(known)[derived(ANGLE, "loop")])
+    return found
+
+
+# ---- the models --------------------------------------------------------------------------------------------------
+
+
+def leftover_of(records: Records) -> Leftover:
+    """What the analytic model leaves of the angle, to train on (part 0) and to test by (part 1)."""
+    recordings = [records.training, *records.steps.values()]
+    loops = list(records.analytic.values())
+    columns = {name: np.concatenate([one[name] for one in loops]) for name in loops[0]}
+    columns[ANGLE] = np.concatenate([r.signal(ANGLE) for r in recordings])
+    return Leftover(ANGLE, "loop", columns, derived(ANGLE, "loop"), tuple(loops[0]),
+                    tuple(Stretch(rows, int(k > 0)) for k, rows in enumerate(_rows(recordings))), 0, PERIOD_S, ())
+
+
+def _rows(recordings: Sequence[Recording]) -> list[slice]:
+    edges = np.cumsum([0, *(len(r) for r in recordings)]).tolist()
+    return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+
+
+def train_elman(run: Run, records: Records, plan: Plan, *, resume: bool, told: Told) -> tuple[Row, Correction]:
+    """The paper's network: 5-10-1 on the analytic model, its correction added to the angle. Writes network.json,
+    network.npz and trace.csv; KeyboardInterrupt after that where it was interrupted."""
+    begun = time.perf_counter()
+    found = train_correction(
+        leftover_of(records), iterations=plan.iterations, seed=plan.seed, starts=plan.starts,
+        checkpoint=run.path(CHECKPOINT_FILE), resume=resume,
+        progress=lambda step, start: told(f"training, start {start + 1} of {plan.starts}, step {step.iteration} of "
+                                          f"{plan.iterations}, MSE {step.mse:.3g}"))
+    save_network(run.folder, found.trained)
+    write_atomically(run.path(TRACE_FILE), trace_csv(found.training))
+    if found.interrupted:
+        raise KeyboardInterrupt
+    tests = _rows([records.training, *records.steps.values()])[1:]
+    angles: dict[str, Array | None] = {case: records.analytic[case][derived(ANGLE, "loop")] + found.values[rows]
+                                       for case, rows in zip(records.steps, tests, strict=True)}
+    return records.row(ELMAN, angles, time.perf_counter() - begun), found
+
+
+def carried(assembly: Assembly, p: Array, before: float, after: float) -> Array:
+    """Parameters (SI) for another load on the arm (kg m2): of a part that swings behind a spring, the share and the
+    frequency follow from the spring and the inertia before it, which stay."""
+    p = p.copy()
+    for a in assembly.attachments:
+        places = [assembly.keys.get(f"{a.label}:{name}", -1) for name in ("share", "frequency", "damping")]
+        if a.family(assembly.rig) != "flexible-transmission" or min(places) < 0:
+            continue
+        share, frequency, damping = places
+        was = p[share] * before
+        now = max(after - (before - was), 0.0)
+        p[share] = now / after
+        if now > 0.0:
+            p[[frequency, damping]] *= math.sqrt(was / now)
+    return p
+
+
+def named_rows(records: Records, grey: GreyBox, cause: Contender, seconds: float) -> list[Row]:
+    """The model with the named causes in its own loop; once more, where it has a load behind a spring, with that spring
+    and not its share and frequency kept for the other inertia."""
+    model = replace(grey, assembly=cause.assembly, fit=cause.fit)
+    row = records.row_of(NAMED, model, cause.fit.p, seconds)
+    moved = carried(cause.assembly, cause.fit.p, INERTIAS[TRAINED], INERTIAS[UNSEEN])
+    if np.array_equal(moved, cause.fit.p):
+        return [row]
+    again = records.row_of(SPRING_KEPT, model, moved)
+    return [row, Row(SPRING_KEPT, {**row.mae, UNSEEN: again.mae[UNSEEN]},
+                     {**row.after_1_s, UNSEEN: again.after_1_s[UNSEEN]})]
+
+
+def explain(run: Run, records: Records, plan: Plan, told: Told) -> tuple[list[Row], Diagnosis]:
+    """The refitted model and the named causes, from the training record alone; writes diagnosis.json."""
+    begun = time.perf_counter()
+    evidence = gather(rig_named(RIG), [records.training], [])
+    grey = fit_model(evidence, seed=plan.seed, jobs=plan.jobs, told=told)
+    rows = [records.row_of(REFITTED, grey, grey.fit.p, time.perf_counter() - begun)]
+    begun = time.perf_counter()
+    found = diagnose(evidence, effects(), seed=plan.seed, jobs=plan.jobs, told=told)
+    write_json(run.path("diagnosis.json"), diagnosis_json(found, None, plan.seed))
+    if found.cause is not None:
+        rows += named_rows(records, found.budget.model, found.cause, time.perf_counter() - begun)
+    return rows, found
+
+
+# ---- the table ---------------------------------------------------------------------------------------------------
+
+
+def reproduce(run: Run, plan: Plan, *, resume: bool = False, told: Told = lambda text: None) -> dict[str, Any]:
+    """Everything into a run folder; returns pamid.paper/1. paper.json is the same without times of the clock."""
+    twin = Twin()
+    run.path(TABLE_FILE).unlink(missing_ok=True)     # of an earlier run
+    told("recording the twin")
+    records = record_twin(run.folder, twin, plan)
+    analytic = records.row(ANALYTIC, {case: records.analytic[case][derived(ANGLE, "loop")] for case in records.steps})
+    elman, network = train_elman(run, records, plan, resume=resume, told=told)
+    (refitted, *named), diagnosis = explain(run, records, plan, told)
+    rows = [analytic, refitted, elman, *named]
+    table = [row_json(row, analytic) for row in rows]
+    found: dict[str, Any] = {
+        "schema": SCHEMA, "quick": plan.quick, "plan": asdict(plan), "notes": list(NOTES),
+        "twin": {**asdict(twin), "analytic_mae_without_noise": calibration(twin)},
+        "published": {"mae": PUBLISHED, "improvement": published_improvement(),
+                      "training": training_json(PUBLISHED_TRAINING)},
+        "rows": table,
+        "training": training_json(network.training.summary),
+        "diagnosis": {k: v for k, v in diagnosis_json(diagnosis, None, plan.seed).items()
+                      if k in ("verdict", "sentence", "causes")},
+    }
+    write_json(run.path(TABLE_FILE), found)
+    return {**found, "rows": [{**cells, "seconds": row.seconds} for cells, row in zip(table, rows, strict=True)]}
+
+
+def row_json(row: Row, analytic: Row) -> dict[str, Any]:
+    """A row with the published errors beside it, in deg; improvement as a share of the analytic model's error."""
+    return {"model": row.model, "mae": row.mae, "mae_after_1_s": row.after_1_s,
+            "improvement": row.improvement(analytic), "published": PUBLISHED.get(row.model, {})}
+
+
+def training_json(training: dict[str, Any]) -> dict[str, Any]:
+    """How a training went, its error as a share of the range beside the scaled mse."""
+    return {**training, "rmse_of_range": of_range(training["mse"])}
+
+
+def published_improvement() -> float:
+    """The paper's 24 %: by how much its network lowers the error at the inertia it was trained with."""
+    return 1.0 - PUBLISHED[ELMAN][TRAINED] / PUBLISHED[ANALYTIC][TRAINED]
+
+
+def of_range(mse: float) -> float:
+    """Root of a mean squared error of signals within [-1, 1], as a share of that range."""
+    return math.sqrt(mse) / 2.0
