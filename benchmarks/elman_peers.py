@@ -75,14 +75,13 @@ def environment(folder: Path) -> Path:
 
 
 def write_record(path: Path, samples: int) -> None:
-    """The record of benchmarks/elman_pass.py: a teacher network's answer to held random levels, 2 % noise."""
+    """A teacher network's answer (measuring.py) and weights to start from."""
+    from peers.measuring import teacher_record
+
     from pamid.networks.elman import Elman
 
-    network, draw = Elman(), np.random.default_rng(0)
-    u = np.repeat(draw.uniform(-1.0, 1.0, (samples // 200 + 1, 5)), 200, axis=0)[:samples]
-    teacher = network.simulate(0.3 * np.random.default_rng(1).normal(size=network.n_weights), u)
-    target = teacher / np.abs(teacher).max() + 0.02 * draw.normal(size=samples)
-    np.savez(path, u=u, target=target, weights=network.initial(2))
+    u, target = teacher_record(samples)
+    np.savez(path, u=u, target=target, weights=Elman().initial(2))
 
 
 def figures(row: Row, python: Path, path: Path) -> dict[str, Any]:

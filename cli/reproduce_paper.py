@@ -87,7 +87,8 @@ def table_text(found: dict[str, Any]) -> str:
         values = ", ".join(f"{k} {v['value']:.4g} ({v['low']:.4g} .. {v['high']:.4g})"
                            for k, v in cause["parameters"].items())
         lines.append(f"           {cause['effect']} ({cause['family']}): {values}")
-    lines += ["", "Twin       without noise the analytic model misses it by "
+    lines += ["", "Hidden     " + ", ".join(f"{k} {v:.4g}" for k, v in found["twin"].items() if isinstance(v, float)),
+              "           without noise the analytic model misses it by "
               + " and ".join(f"{value:.4f} deg at {case}" for case, value in twin.items())]
     return "\n".join([*lines, *(f"Note       {note}" for note in found["notes"])])
 

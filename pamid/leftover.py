@@ -67,8 +67,11 @@ class Leftover:
         return [s for s in self.stretches if s.part == part]
 
 
-def read_leftover(folder: Path, channel: str | None = None, inputs: Sequence[str] = ()) -> Leftover:
+def read_leftover(folder: Path, channel: str | None = None, inputs: Sequence[str] = (), *,
+                  replay: bool = False) -> Leftover:
     """Lay out `channel` (default angle_deg, else the first one) of a run for a network with these inputs.
+
+    replay: the model on recorded commands, though there be one in its own loop.
 
     FileError where the run holds no residual or a damaged one, UsageError for a channel or input it does not have,
     DataError where a part is missing or nothing varies.
@@ -85,7 +88,7 @@ def read_leftover(folder: Path, channel: str | None = None, inputs: Sequence[str
         if name not in columns:
             raise FileError(f"{folder / RESIDUAL_FILE} lacks the column {name!r}.", _REMEDY, code="damaged")
     spans = _spans(columns)
-    model, usual, notes = _model_of(columns, channel, channels, spans)
+    model, usual, notes = _model_of(columns, channel, channels, spans, replay)
     if model == "loop":
         stretches, washout = spans, 0
     else:
@@ -180,12 +183,12 @@ def _windows(columns: dict[str, Array], spans: list[Stretch]) -> tuple[list[Stre
 # ---- model and inputs --------------------------------------------------------------------------------------------
 
 
-def _model_of(columns: dict[str, Array], channel: str, channels: list[str],
-              spans: list[Stretch]) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
+def _model_of(columns: dict[str, Array], channel: str, channels: list[str], spans: list[Stretch],
+              replay: bool) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
     """Which model is to be corrected, its usual inputs, and what is to be said about that."""
     loops = _loop_blocks(list(columns))
     for block in loops:
-        if block[1] != derived(channel, "loop"):
+        if replay or block[1] != derived(channel, "loop"):
             continue
         if all(np.ptp(columns[block[2]][s.rows]) > 0 for s in spans):
             return "loop", (block[0], block[4], block[1], block[2], block[3]), ()

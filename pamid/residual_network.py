@@ -7,10 +7,10 @@ difference of angles). Errors are mean absolute errors, eq. 11 of that paper.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,10 @@ from threadpoolctl import threadpool_limits
 from pamid.errors import ConvergenceError, UsageError, nearest
 from pamid.leftover import MODELS, RESIDUAL_FILE, Leftover, derived, split_table
 from pamid.metrics import mae
+from pamid.networks.anfis import Anfis
 from pamid.networks.elman import Elman
+from pamid.networks.narx import Narx
+from pamid.networks.network import Network
 from pamid.networks.store import NETWORK_FILE, TrainedNetwork, save_network, trace_csv, train_on_signals
 from pamid.networks.training import Progress, Training
 from pamid.run import Run, read_json, write_atomically, write_json
@@ -28,8 +31,47 @@ Array = NDArray[np.float64]
 
 CHECKPOINT_FILE, TRACE_FILE = "checkpoint.npz", "trace.csv"
 STARTUP_S = 1.0            # left out of the second pair of errors: the network starts from a zero state
-NETWORKS = ("elman",)
-LATER = ("anfis", "narx")
+MOST_RULES, MOST_SETS = 64, 5   # of an ANFIS whose --sets are not given
+TAP_S = 0.03               # between the taps of a NARX network: 10 samples at 3 ms, where this was measured
+SIZES: dict[str, tuple[str, ...]] = {"elman": ("hidden",), "anfis": ("sets",), "narx": ("hidden",)}
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """The kind of network that is asked for; sizes that are not (None) follow from its inputs.
+
+    UsageError for an unknown kind, or a size of another kind.
+    """
+
+    kind: str = "elman"
+    hidden: int | None = None
+    sets: int | None = None
+
+    def __post_init__(self) -> None:
+        if self.kind not in SIZES:
+            raise UsageError(f"--network {self.kind!r}: there is no such network.",
+                             nearest(self.kind, SIZES) or f"Take one of {', '.join(SIZES)}.", code="unknown-network")
+        for name in ("hidden", "sets"):
+            owners = [kind for kind, sizes in SIZES.items() if name in sizes]
+            if getattr(self, name) is not None and self.kind not in owners:
+                raise UsageError(f"--{name} belongs to --network {' or '.join(owners)}, not to {self.kind}.")
+
+    def network(self, inputs: int, period_s: float) -> Network:
+        """The network for this many inputs, sampled every `period_s`."""
+        hidden = 10 if self.hidden is None else self.hidden
+        if self.kind == "elman":
+            return Elman(inputs, hidden)
+        if self.kind == "narx":
+            return Narx(inputs, hidden, stride=max(1, round(TAP_S / period_s)))
+        return Anfis(inputs, _usual_sets(inputs) if self.sets is None else self.sets)
+
+
+def _usual_sets(inputs: int) -> int:
+    """As many sets as make at most `MOST_RULES` rules."""
+    if 2**inputs > MOST_RULES:
+        raise UsageError(f"An ANFIS of {inputs} inputs has at least {2**inputs} rules, more than {MOST_RULES}.",
+                         "Name fewer with --inputs, or ask for them with --sets 2.")
+    return max(sets for sets in range(2, MOST_SETS + 1) if sets**inputs <= MOST_RULES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,32 +92,40 @@ class Correction:
         return self.training.why == "interrupted"
 
 
-def require_network(kind: str) -> None:
-    """UsageError unless this version can train that kind of network."""
-    if kind in LATER:
-        raise UsageError(f"--network {kind}: this version trains elman networks only; {kind} comes with a later one.",
-                         "Take --network elman.", code="unknown-network")
-    if kind not in NETWORKS:
-        raise UsageError(f"--network {kind!r}: there is no such network.",
-                         nearest(kind, NETWORKS) or "Take --network elman.", code="unknown-network")
+class Course(TypedDict, total=False):
+    """How a network is trained: which one (default: Elman), and what goes to `networks.training.train`."""
+
+    wanted: Wanted
+    iterations: int
+    seed: int
+    starts: int
+    threads: int
+    checkpoint: Path | None
+    resume: bool
+    progress: Progress | None
 
 
-def train_correction(leftover: Leftover, *, kind: str = "elman", hidden: int = 10, iterations: int = 1000,
-                     seed: int = 0, starts: int = 1, checkpoint: Path | None = None, resume: bool = False,
-                     progress: Progress | None = None) -> Correction:
-    """Train on part 0, judge on part 1.
+def train_correction(leftover: Leftover, **course: Unpack[Course]) -> Correction:
+    """Train on part 0, judge on part 1; errors as in `train_network`."""
+    trained, training, values = train_network(leftover, leftover.channel, leftover.target, **course)
+    return Correction(leftover, trained, training, values,
+                      held_out_mae(leftover, leftover.channel, refitted=leftover.columns[leftover.modelled],
+                                   with_network=leftover.columns[leftover.modelled] + values))
+
+
+def train_network(leftover: Leftover, name: str, target: Array,
+                  **course: Unpack[Course]) -> tuple[TrainedNetwork, Training, Array]:
+    """A network for `target` (rows,) over part 0, and its values over all stretches, elsewhere 0 (rows,).
 
     An interrupt ends the training with what it has; KeyboardInterrupt only where that is nothing. ConvergenceError
     where the training diverged at its very start; FileError for a checkpoint of another training.
     """
-    require_network(kind)
-    network = Elman(inputs=len(leftover.inputs), hidden=hidden)
-    own, target = leftover.of_part(0), leftover.target
+    network = course.pop("wanted", Wanted()).network(len(leftover.inputs), leftover.period_s)
+    own = leftover.of_part(0)
     with threadpool_limits(limits=1, user_api="blas"):  # the number of threads must not show in the last bits
         trained, training = train_on_signals(
-            network, [leftover.signals(s) for s in own], [target[s.rows] for s in own],
-            output_name=leftover.channel, period_s=leftover.period_s, iterations=iterations, seed=seed,
-            starts=starts, washout=leftover.washout, checkpoint=checkpoint, resume=resume, progress=progress)
+            network, [leftover.signals(s) for s in own], [target[s.rows] for s in own], output_name=name,
+            period_s=leftover.period_s, washout=leftover.washout, **course)
         if not len(training.trace["iteration"]):
             if training.why == "interrupted":
                 raise KeyboardInterrupt
@@ -83,20 +133,20 @@ def train_correction(leftover: Leftover, *, kind: str = "elman", hidden: int = 1
         values = np.zeros(len(target))
         for s in leftover.stretches:
             values[s.rows] = trained.predict(leftover.signals(s))
-    return Correction(leftover, trained, training, values, _held_out_mae(leftover, values))
+    return trained, training, values
 
 
-def _held_out_mae(leftover: Leftover, correction: Array) -> dict[str, float]:
-    """MAE over the scored held-out rows, without and with the correction, all and after the start-up."""
+def held_out_mae(leftover: Leftover, channel: str, **models: Array) -> dict[str, float]:
+    """MAE of a channel by several models (rows,) over the scored held-out rows: by the model's name, and by it with
+    `_after_1_s` where the start-up is left out, too."""
     startup = math.ceil(STARTUP_S / leftover.period_s - 1e-6)
-    found = {}
+    found: dict[str, float] = {}
     for ending, skip in (("", leftover.washout), ("_after_1_s", max(startup, leftover.washout))):
         rows = np.concatenate([np.arange(s.rows.start + skip, max(s.rows.stop, s.rows.start + skip))
                                for s in leftover.of_part(1)])
         if len(rows):  # windows may be shorter than the start-up
-            measured, model = (leftover.columns[n][rows] for n in (leftover.channel, leftover.modelled))
-            found[f"refitted{ending}"] = mae(measured, model)
-            found[f"with_network{ending}"] = mae(measured, model + correction[rows])
+            measured = leftover.columns[channel][rows]
+            found |= {f"{name}{ending}": mae(measured, model[rows]) for name, model in models.items()}
     return found
 
 
@@ -106,28 +156,35 @@ def _held_out_mae(leftover: Leftover, correction: Array) -> dict[str, float]:
 def write_correction(run: Run, found: Correction) -> dict[str, Any]:
     """network.npz, network.json, trace.csv and the network's column of residual.csv; returns network.json."""
     one = found.leftover
-    save_network(run.folder, found.trained)
-    about = read_json(run.path(NETWORK_FILE))
-    about |= {"model": one.model, "target": f"measured {one.channel} - {MODELS[one.model]}",
-              "mae": {one.channel: {**found.mae, "part": "held-out"}}, "notes": list(one.notes)}
-    write_json(run.path(NETWORK_FILE), about)
-    write_atomically(run.path(TRACE_FILE), trace_csv(found.training))
-    corrected = one.columns[one.modelled] + found.values
-    table = with_column(run.path(RESIDUAL_FILE), derived(one.channel, "network"), corrected)
-    write_atomically(run.path(RESIDUAL_FILE), table)
-    return dict(about)
+    about = {"enters": "output", "model": one.model, "target": f"measured {one.channel} - {MODELS[one.model]}",
+             "mae": {one.channel: {**found.mae, "part": "held-out"}}, "notes": list(one.notes)}
+    return write_network(run, found.trained, found.training, about,
+                         {one.channel: one.columns[one.modelled] + found.values})
 
 
-def with_column(path: Path, name: str, values: Sequence[float] | Array) -> bytes:
-    """residual.csv with a network's column at its end, in place of any earlier network's; other cells unchanged."""
+def write_network(run: Run, trained: TrainedNetwork, training: Training, about: dict[str, Any],
+                  corrected: dict[str, Array]) -> dict[str, Any]:
+    """network.npz, network.json with `about` in it, trace.csv and the corrected channels (rows,) in residual.csv;
+    returns network.json."""
+    save_network(run.folder, trained)
+    whole = dict(read_json(run.path(NETWORK_FILE))) | about
+    write_json(run.path(NETWORK_FILE), whole)
+    write_atomically(run.path(TRACE_FILE), trace_csv(training))
+    write_atomically(run.path(RESIDUAL_FILE), with_columns(run.path(RESIDUAL_FILE), {
+        derived(channel, "network"): values for channel, values in corrected.items()}))
+    return whole
+
+
+def with_columns(path: Path, added: Mapping[str, Sequence[float] | Array]) -> bytes:
+    """residual.csv with a network's columns at its end, in place of any earlier network's; other cells unchanged."""
     names, body = split_table(path)
     earlier = {derived(c, "network") for c in names}
     keep = [i for i, column in enumerate(names) if column not in earlier]
     whole = len(keep) == len(names)
-    lines = [",".join([*(names[i] for i in keep), name])]
-    for line, value in zip(body, values, strict=True):
+    lines = [",".join([*(names[i] for i in keep), *added])]
+    for line, values in zip(body, zip(*added.values(), strict=True), strict=True):
         if not whole:
             cells = line.split(",")
             line = ",".join([cells[i] for i in keep])
-        lines.append(f"{line},{value:.9g}")
+        lines.append(",".join([line, *(f"{value:.9g}" for value in values)]))
     return ("\n".join(lines) + "\n").encode()

@@ -116,7 +116,8 @@ def test_growing_sensitivities_overflow_silently():
     network = Elman(1, 2)
     u, target = np.zeros((2000, 1)), np.zeros(2000)
     layers = network.layers(np.zeros(network.n_weights))
-    unstable = network.flatten(layers._replace(context=np.diag([3.0, 3.0]), output=np.ones(2)))
+    layers.context[:], layers.output[:] = np.diag([3.0, 3.0]), 1.0
+    unstable = network.flatten(layers)
     sse, jtj, _ = BatchedElman(network, "cpu").normal_equations(unstable[None], u, target)
     assert sse[0] == 0.0 and not np.isfinite(jtj).all()  # at rest for ever, but 3^2000 away from it after a nudge
     assert not np.isfinite(network.normal_equations(unstable, u, target)[1]).all()

@@ -1,6 +1,8 @@
 """The static derivative that the exact one is compared with."""
 
 import importlib.util
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -13,14 +15,16 @@ SCRIPT = Path(__file__).resolve().parent.parent / "benchmarks" / "peers" / "stat
 
 
 @pytest.fixture(scope="module")
-def static() -> Elman:
+def static() -> Iterator[Elman]:
     """A small network with the static derivative."""
+    sys.path.insert(0, str(SCRIPT.parent))  # where a script finds its neighbours
     spec = importlib.util.spec_from_file_location("static_derivative", SCRIPT)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     network: Elman = module.StaticElman(3, 4)
-    return network
+    yield network
+    sys.path.remove(str(SCRIPT.parent))
 
 
 def drawn(samples: int, memory: float) -> tuple[np.ndarray, np.ndarray]:
@@ -28,7 +32,8 @@ def drawn(samples: int, memory: float) -> tuple[np.ndarray, np.ndarray]:
     network, draw = Elman(3, 4), np.random.default_rng(1)
     layers = network.layers(draw.uniform(-1.0, 1.0, network.n_weights))
     context = memory / np.linalg.norm(layers.context, 2) * layers.context
-    return draw.uniform(-1.0, 1.0, (samples, 3)), network.flatten(layers._replace(context=context))
+    layers.context[:] = context
+    return draw.uniform(-1.0, 1.0, (samples, 3)), network.flatten(layers)
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.8])

@@ -20,7 +20,8 @@ def lively(network: Elman, seed: int) -> np.ndarray:
     draw = np.random.default_rng(seed)
     layers = network.layers(draw.uniform(-1.0, 1.0, network.n_weights))
     radius = np.abs(np.linalg.eigvals(layers.context)).max()
-    return network.flatten(layers._replace(context=0.9 / radius * layers.context))
+    layers.context[:] = 0.9 / radius * layers.context
+    return network.flatten(layers)
 
 
 def by_hand(network: Elman, weights: np.ndarray, u: np.ndarray) -> np.ndarray:

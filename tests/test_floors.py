@@ -34,9 +34,10 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("networks",),
     ("leftover", "residual_network"),
     ("diagnosis",),
+    ("port_network",),
     ("trial",),
     ("report", "export"),
-    ("demo",),
+    ("demo", "paper"),
     ("cli",),
 )
 

@@ -16,16 +16,19 @@ from typing import Any
 import numpy as np
 import pytest
 from pamid_cli import frame
+from pamid_cli.train_residual import EXAMPLE
 
 from pamid.demo import Withheld, write_demo_recording
+from pamid.errors import UsageError
 from pamid.evidence import gather
 from pamid.greybox import fit_json, fit_model, residual_csv
 from pamid.leftover import read_columns, read_leftover
 from pamid.library import rig_named
+from pamid.networks.anfis import Anfis
 from pamid.networks.checkpoints import load_arrays
 from pamid.networks.store import load_network
 from pamid.recording import read_recording
-from pamid.residual_network import with_column
+from pamid.residual_network import Wanted, with_columns
 from pamid.run import Run, read_json, write_atomically, write_json
 
 LOOP = ["reference_deg", "command_loop", "angle_loop_deg", "velocity_loop_deg_per_s", "acceleration_loop_deg_per_s2"]
@@ -113,10 +116,62 @@ def test_the_summary_is_told(run: Copy, capsys: pytest.CaptureFixture[str]) -> N
     assert train(folder, *QUICK) == 0
     text = capsys.readouterr().out
     about = read_json(folder / "network.json")
-    for words in ("elman 5-3-1, 31 weights", f"MSE {about['training']['mse']:.4g}", "gradient", "mu ", "of 31 weights",
-                  f"worth {about['training']['effective_samples']:.0f} independent", "correlated in time",
-                  "iterations used up", "without 1 s of start-up"):
+    t = about["training"]
+    for words in ("elman 5-3-1, 31 weights", f"MSE {t['mse']:.4g}", "gradient", "mu ", f"gamma {t['gamma']:.1f} of 31",
+                  f"{t['supported_weights']:.1f} of 31 are supported, counting the {t['effective_samples']:.0f} indep",
+                  "iterations used up", "... without 1 s of start-up"):
         assert words in text
+    assert "every start" not in text
+
+
+@pytest.mark.parametrize(("options", "sizes", "words"), [
+    (("--network", "anfis"), {"inputs": 5, "sets": 2, "shape": "gaussian"}, "anfis 2x2x2x2x2 = 32 rules, 212 weights"),
+    (("--network", "anfis", "--inputs", "angle_loop_deg,command_loop", "--sets", "3"),
+     {"inputs": 2, "sets": 3, "shape": "gaussian"}, "anfis 3x3 = 9 rules, 39 weights"),
+    (("--network", "narx", "--hidden", "3"),
+     {"inputs": 5, "hidden": 3, "input_lags": 2, "output_lags": 2, "stride": 10},
+     "narx 5-3-1 seeing 2 earlier inputs and 2 earlier outputs, 10 samples apart, 58 weights"),
+])
+def test_every_network_is_trained(run: Copy, capsys: pytest.CaptureFixture[str], options: tuple[str, ...],
+                                  sizes: dict[str, Any], words: str) -> None:
+    folder = run()
+    assert train(folder, *options, "--iterations", "4") == 0
+    about = read_json(folder / "network.json")
+    assert about["kind"] == options[1] and about["sizes"] == sizes
+    assert capsys.readouterr().out.startswith(words)
+    table = read_columns(folder / "residual.csv")
+    held = table["part"] == 1
+    values = load_network(folder).predict({name: x[held] for name, x in table.items()})
+    np.testing.assert_allclose(table["angle_network_deg"][held], table["angle_loop_deg"][held] + values, rtol=1e-7)
+    trace = np.loadtxt(folder / "trace.csv", delimiter=",", skiprows=1)
+    assert trace[-1, 1] < trace[0, 1]
+
+
+@pytest.mark.parametrize(("inputs", "sets"), [(1, 5), (2, 5), (3, 4), (4, 2), (5, 2), (6, 2)])
+def test_usual_sets_of_an_anfis(inputs: int, sets: int) -> None:
+    network = Wanted("anfis").network(inputs, 0.003)
+    assert network == Anfis(inputs, sets) and network.rules <= 64
+    assert Wanted("anfis", sets=2).network(7, 0.003).n_weights == Anfis(7, 2).n_weights
+    with pytest.raises(UsageError, match="128 rules"):
+        Wanted("anfis").network(7, 0.003)
+
+
+def test_starts_race_on_any_number_of_cores(run: Copy, capsys: pytest.CaptureFixture[str]) -> None:
+    one, other = run(), run()
+    race = ("--hidden", "2", "--iterations", "22", "--starts", "3")
+    assert train(one, *race, "--jobs", "1") == train(other, *race, "--jobs", "2") == 0
+    for name in RESULTS:
+        assert (one / name).read_bytes() == (other / name).read_bytes(), name
+    ends = read_json(one / "network.json")["training"]["starts_mse"]
+    assert len(ends) == 3 and f"MSE of every start: {ends[0]:.3g}, " in capsys.readouterr().out
+
+
+def test_examples_of_the_help_run(run: Copy, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = run()
+    folder.rename(folder.parent / "fitted")
+    monkeypatch.chdir(folder.parent)
+    for line in EXAMPLE.strip().splitlines():
+        assert frame.run(line.split()[1:]) == 0, line
 
 
 def test_same_run_and_seed_same_bytes(run: Copy) -> None:
@@ -194,8 +249,8 @@ def test_a_model_that_failed_in_its_own_loop_is_not_corrected(run: Copy, capsys:
 
 
 @pytest.mark.parametrize(("options", "code", "words"), [
-    (("--network", "anfis"), 2, "Take --network elman"),
-    (("--network", "narx"), 2, "elman networks only"),
+    (("--network", "anfis", "--hidden", "5"), 2, "--hidden belongs to --network elman or narx, not to anfis"),
+    (("--network", "narx", "--sets", "3"), 2, "--sets belongs to --network anfis, not to narx"),
     (("--network", "elmann"), 2, "Did you mean 'elman'"),
     (("--channel", "angel_deg"), 2, "Did you mean 'angle_deg'"),
     (("--inputs", "reference_deg,angle_deg"), 2, "Take angle_refitted_deg"),
@@ -264,7 +319,7 @@ def test_recordings_of_different_periods_are_refused(run: Copy, capsys: pytest.C
 def test_a_column_goes_to_the_end(tmp_path: Path) -> None:
     table = tmp_path / "residual.csv"
     table.write_text("time_s,recording,part,window,angle_network_deg,angle_deg\n0,0,0,0,7,1.50\n1,0,0,0,8,-2\n")
-    assert with_column(table, "angle_network_deg", [1.25, 2.5]).decode() == (
+    assert with_columns(table, {"angle_network_deg": [1.25, 2.5]}).decode() == (
         "time_s,recording,part,window,angle_deg,angle_network_deg\n0,0,0,0,1.50,1.25\n1,0,0,0,-2,2.5\n")
 
 

@@ -32,6 +32,16 @@ def record() -> Record:
         return Record(*(file[name] for name in Record._fields))
 
 
+def teacher_record(samples: int, noise: float = 0.02) -> tuple[Array, Array]:
+    """(u, target): a teacher network's answer to held random levels, with noise; in pamid's environment only."""
+    from pamid.networks.elman import Elman
+
+    network, draw = Elman(INPUTS, HIDDEN), np.random.default_rng(0)
+    u = np.repeat(draw.uniform(-1.0, 1.0, (samples // 200 + 1, INPUTS)), 200, axis=0)[:samples]
+    y = network.simulate(0.3 * np.random.default_rng(1).normal(size=network.n_weights), u)
+    return u, y / np.abs(y).max() + noise * draw.normal(size=samples)
+
+
 class Stamps:
     """CPU seconds (all threads) and wall seconds from one step to the next."""
 

@@ -14,6 +14,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
+from measuring import teacher_record
 from numpy.typing import ArrayLike, NDArray
 
 from pamid.networks.elman import Elman
@@ -42,19 +43,12 @@ class StaticElman(Elman):
             yield start, y, jacobian
 
 
-def teacher_record(samples: int) -> tuple[Array, Array]:
-    network, draw = Elman(), np.random.default_rng(0)
-    u = np.repeat(draw.uniform(-1.0, 1.0, (samples // 200 + 1, 5)), 200, axis=0)[:samples]
-    y = network.simulate(0.3 * np.random.default_rng(1).normal(size=network.n_weights), u)
-    return u, y / np.abs(y).max() + NOISE * draw.normal(size=samples)
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     for name, default in (("samples", 10_000), ("iterations", 80), ("starts", 4)):
         parser.add_argument(f"--{name}", type=int, default=default)
     options = parser.parse_args()
-    u, target = teacher_record(options.samples)
+    u, target = teacher_record(options.samples, NOISE)
     print(f"N = {options.samples}, at most {options.iterations} steps, noise variance {NOISE**2:.1e}")
     print(f"{'start':5s} {'exact mse':>11s} {'static mse':>11s} {'ratio':>6s}   ended")
     for seed in range(options.starts):

@@ -1,11 +1,11 @@
 """Compiled passes through a recurrent tanh layer: the state alone, and the state with its exact sensitivities.
 
-The layer is x(k+1) = tanh(C x(k) + drive(k)) with output y(k) = l . x(k+1) + c, where drive(k) = I u(k) + b.
+The layer is x(k+1) = tanh(C x(k) + I u(k) + b) with output y(k) = l . x(k+1) + c.
 Sensitivities are carried forward in time (real-time recurrent learning): with S = dx/dw and the slopes
 d = 1 - x(k+1)^2,
     S(k+1) = diag(d) C S(k) + direct(k).
 The direct part is sparse: weight (i, .) enters unit i only, so it touches h + m + 1 entries of row i and is added
-afterwards instead of being part of the dense product. That product, with the output's row l . S(k+1) beside it, is where
+afterwards instead of being part of the dense product. That product, with the output l . S(k+1) beside it, is where
 the time goes: it is written in vectors of `LANES` columns, `ROWS` results at a time, all kept in registers.
 
 Column order of S and of the first h (h + m + 1) columns of the Jacobian: unit by unit, and within unit i its h
@@ -16,16 +16,15 @@ Arrays are float64 and C-contiguous; n samples, h hidden units, m inputs, p = h 
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
-from llvmlite import ir
 from numba import njit, types
 from numba.core import cgutils
 from numba.extending import intrinsic as _intrinsic
 
-LANES = 8   # columns in a vector; sensitivities are padded to a multiple of it
+from pamid.engine.vectors import LANES, WORD, Vectors
+
 ROWS = 5    # results held at once: with their factors they fit into sixteen registers
 intrinsic: Any = _intrinsic   # numba's own annotation keeps the typing context that a call leaves out
 
@@ -39,125 +38,155 @@ def _carry(typingctx, matrix, before, after, output, jacobian, first, h, p):  # 
         factors, old, new, weights, rows = (
             context.make_array(sig.args[i])(context, builder, args[i]).data for i in range(5))
         first, h, p = args[5:]
-        word, vector = ir.IntType(64), ir.VectorType(ir.DoubleType(), LANES)
-        fma = cgutils.get_or_insert_function(builder.module, ir.FunctionType(vector, [vector] * 3),
-                                             f"llvm.fmuladd.v{LANES}f64")
-        nothing, zeros = ir.Constant(vector, ir.Undefined), ir.Constant(vector, [0.0] * LANES)
-        same = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
+        v = Vectors(builder)
 
-        def spread(base, place):  # type: ignore[no-untyped-def]
-            number = builder.load(builder.gep(base, [place]))
-            lane = builder.insert_element(nothing, number, ir.Constant(ir.IntType(32), 0))
-            return builder.shuffle_vector(lane, nothing, same)
-
-        def at(base, row, column):  # type: ignore[no-untyped-def]
-            place = builder.add(builder.mul(row, p), column)
-            return builder.bitcast(builder.gep(base, [place]), vector.as_pointer())
-
-        def add(held, factor, value):  # type: ignore[no-untyped-def]
-            builder.store(builder.call(fma, [factor, value, builder.load(held)]), held)
+        def place(row, column):  # type: ignore[no-untyped-def]
+            return builder.add(builder.mul(row, p), column)
 
         def some_rows(top, count, column, total):  # type: ignore[no-untyped-def]
-            places = [builder.add(top, word(i)) for i in range(count)]
-            sums = [cgutils.alloca_once(builder, vector) for _ in places]
-            for held in sums:
-                builder.store(zeros, held)
+            places = [builder.add(top, WORD(i)) for i in range(count)]
+            sums = [v.held(v.constant(0.0)) for _ in places]
             with cgutils.for_range(builder, h) as loop:
-                value = builder.load(at(old, loop.index, column), align=8)
+                value = v.load(old, place(loop.index, column))
                 for i, held in zip(places, sums, strict=True):
-                    add(held, spread(factors, builder.add(builder.mul(i, h), loop.index)), value)
+                    v.add(held, v.spread(factors, builder.add(builder.mul(i, h), loop.index)), value)
             for i, held in zip(places, sums, strict=True):
                 value = builder.load(held)
-                builder.store(value, at(new, i, column), align=8)
-                add(total, spread(weights, i), value)
+                v.store(value, new, place(i, column))
+                v.add(total, v.spread(weights, i), value)
 
-        whole, rest = builder.sdiv(h, word(ROWS)), builder.srem(h, word(ROWS))
-        total = cgutils.alloca_once(builder, vector)
-        with cgutils.for_range(builder, builder.sdiv(p, word(LANES))) as tile:
-            column = builder.mul(tile.index, word(LANES))
-            builder.store(zeros, total)
+        whole, rest = builder.sdiv(h, WORD(ROWS)), builder.srem(h, WORD(ROWS))
+        with cgutils.for_range(builder, builder.sdiv(p, WORD(LANES))) as tile:
+            column = builder.mul(tile.index, WORD(LANES))
+            total = v.held(v.constant(0.0))
             with cgutils.for_range(builder, whole) as group:
-                some_rows(builder.mul(group.index, word(ROWS)), ROWS, column, total)
+                some_rows(builder.mul(group.index, WORD(ROWS)), ROWS, column, total)
             for count in range(1, ROWS):
-                with builder.if_then(builder.icmp_signed("==", rest, word(count))):
-                    some_rows(builder.mul(whole, word(ROWS)), count, column, total)
-            builder.store(builder.load(total), at(rows, word(0), builder.add(first, column)), align=8)
+                with builder.if_then(builder.icmp_signed("==", rest, WORD(count))):
+                    some_rows(builder.mul(whole, WORD(ROWS)), count, column, total)
+            v.store(builder.load(total), rows, builder.add(first, column))
         return context.get_dummy_value()
 
     return signature, codegen
 
 
-@njit("float64(float64)", cache=True, nogil=True, inline="always")
-def _tanh(a):
-    """tanh(a) to 2e-16, a third of the time of the library's (which is exact relative to small values, too)."""
-    return 1.0 - 2.0 / (math.exp(2.0 * a) + 1.0)
+@intrinsic
+def _activate(typingctx, columns, seen, values, count, wide):  # type: ignore[no-untyped-def]
+    """values = tanh(matrix @ seen), with the matrix's `columns` (count, wide) one after the other.
+
+    tanh(a) = 1 - 2 / (exp(2 a) + 1) is right to 2e-16; exp by powers of two and a series over +- ln(2) / 2.
+    """
+    signature = types.void(columns, seen, values, types.intp, types.intp)
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        factors, x, to = (context.make_array(sig.args[i])(context, builder, args[i]).data for i in range(3))
+        v = Vectors(builder)
+        with cgutils.for_range(builder, builder.sdiv(args[4], WORD(LANES))) as tile:
+            column = builder.mul(tile.index, WORD(LANES))
+            held = v.held(v.constant(0.0))
+            with cgutils.for_range(builder, args[3]) as loop:
+                place = builder.add(builder.mul(loop.index, args[4]), column)
+                v.add(held, v.spread(x, loop.index), v.load(factors, place))
+            v.store(v.tanh(builder.load(held)), to, column)
+        return context.get_dummy_value()
+
+    return signature, codegen
 
 
 @njit(
     "void(float64[:, ::1], float64[:, ::1], float64[::1], float64[:, ::1])",
     cache=True, nogil=True, fastmath={"contract"},
 )
-def run_states(context, drive, state, states):
+def run_states(columns, inputs, state, states):
     """Simulate n steps.
 
-    `context` (h, h), `drive` (n, h); `state` (h,) holds x before the first step and is left at x after the last one;
-    `states` (n, h) receives x after every step.
+    `columns` (h + m + 1, wide) are those of [C, I, b], padded with zeros to whole vectors; `inputs` (n, m); `state`
+    (h,) holds x before the first step and is left at x after the last one; `states` (n, at least h) receives x after
+    every step.
     """
-    h = context.shape[0]
-    for k in range(drive.shape[0]):
+    h, m = state.shape[0], inputs.shape[1]
+    seen, fresh = np.ones(h + m + 1), np.empty(columns.shape[1])
+    seen[:h] = state
+    for k in range(inputs.shape[0]):
+        for j in range(m):
+            seen[h + j] = inputs[k, j]
+        _activate(columns, seen, fresh, h + m + 1, columns.shape[1])
         for i in range(h):
-            total = drive[k, i]
-            for j in range(h):
-                total += context[i, j] * state[j]
-            states[k, i] = _tanh(total)
-        for i in range(h):
-            state[i] = states[k, i]
+            seen[i] = states[k, i] = fresh[i]
+    state[:] = seen[:h]
 
 
 @njit(
-    "void(float64[:, ::1], float64[::1], float64, float64[:, ::1], float64[:, ::1], float64[::1], float64[:, :, ::1],"
+    "void(float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[:, ::1])",
+    cache=True, nogil=True, fastmath={"contract"},
+)
+def run_bends(units, change, inputs, states, first, second):
+    """First and second derivative of the states along a change of the weights, exactly (a Taylor series through time).
+
+    `units` (h, h + m + 1) is [C, I, b], `change` a change of it, `inputs` (n, m), `states` (n, at least h) as from
+    `run_states` from a zero state; `first` and `second` (n, h) receive d x(k+1) / d s and d2 x(k+1) / d s2 at s = 0 for
+    weights w + s change.
+    """
+    h, m = units.shape[0], inputs.shape[1]
+    x, dx, ddx = np.zeros(h), np.zeros(h), np.zeros(h)
+    for k in range(inputs.shape[0]):
+        for i in range(h):
+            da, dda = change[i, h + m], 0.0
+            for j in range(m):
+                da += change[i, h + j] * inputs[k, j]
+            for j in range(h):
+                da += units[i, j] * dx[j] + change[i, j] * x[j]
+                dda += units[i, j] * ddx[j] + 2.0 * change[i, j] * dx[j]
+            after = states[k, i]
+            slope = 1.0 - after * after
+            first[k, i] = slope * da
+            second[k, i] = slope * dda - 2.0 * after * slope * da * da
+        for i in range(h):
+            x[i], dx[i], ddx[i] = states[k, i], first[k, i], second[k, i]
+
+
+@njit(
+    "void(float64[:, ::1], float64[:, ::1], float64[::1], float64, float64[:, ::1], float64[::1], float64[:, :, ::1],"
     " float64[::1], float64[::1])",
     cache=True, nogil=True, fastmath={"contract"},
 )
-def run_sensitivities(context, output, output_bias, drive, inputs, state, sensitivity, y, jacobian):
+def run_sensitivities(units, columns, output, output_bias, inputs, state, sensitivity, y, jacobian):
     """Simulate n steps and write the output's exact derivative with respect to every weight.
 
-    As `run_states`, with `inputs` (n, m); `sensitivity` (2, h, at least p, a multiple of LANES) holds dx/dw before the
-    first step in sensitivity[0], which is left at its value after the last; `y` (n,) receives the output, `jacobian`
-    (n (p + h + 1) + LANES,) the rows of dy/dw one after the other (the last numbers are scratch: a row's last vector
-    may reach into the next row, which is written after it).
+    As `run_states`, with `units` (h, h + m + 1), that is [C, I, b], beside its `columns`; `sensitivity` (2, h, at least
+    p, a multiple of LANES) holds dx/dw before the first step in sensitivity[0], which is left at its value after the
+    last; `y` (n,) receives the output, `jacobian` (n (p + h + 1) + LANES,) the rows of dy/dw one after the other (the
+    last numbers are scratch: a row's last vector may reach into the next row, which is written after it).
     """
-    h, m = context.shape[0], inputs.shape[1]
-    wide, per_unit = sensitivity.shape[2], h + m + 1
-    p = h * per_unit
-    matrix, fresh, entering = np.empty((h, h)), np.empty(h), np.ones(per_unit)
+    h, per_unit = units.shape
+    m, wide, p = inputs.shape[1], sensitivity.shape[2], h * per_unit
+    matrix, seen, fresh = np.empty((h, h)), np.ones(per_unit), np.empty(columns.shape[1])
     before, after = sensitivity[0], sensitivity[1]
-    for k in range(drive.shape[0]):
+    seen[:h] = state
+    for k in range(inputs.shape[0]):
         total, first = output_bias, k * (p + h + 1)
+        for j in range(m):
+            seen[h + j] = inputs[k, j]
+        _activate(columns, seen, fresh, per_unit, columns.shape[1])
         for i in range(h):
-            activation = drive[k, i]
-            for j in range(h):
-                activation += context[i, j] * state[j]
-            fresh[i] = _tanh(activation)
             total += output[i] * fresh[i]
             for j in range(h):
-                matrix[i, j] = (1.0 - fresh[i] * fresh[i]) * context[i, j]
+                matrix[i, j] = (1.0 - fresh[i] * fresh[i]) * units[i, j]
         y[k] = total
-        entering[:h] = state
-        entering[h:h + m] = inputs[k]
         _carry(matrix, before, after, output, jacobian, first, h, wide)
         for i in range(h):
             slope = 1.0 - fresh[i] * fresh[i]
             own, row = after[i, i * per_unit:(i + 1) * per_unit], jacobian[first + i * per_unit:]
             for j in range(per_unit):
-                own[j] += slope * entering[j]
+                own[j] += slope * seen[j]
             for j in range(per_unit):
-                row[j] += output[i] * slope * entering[j]
+                row[j] += output[i] * slope * seen[j]
         for i in range(h):
-            state[i] = jacobian[first + p + i] = fresh[i]
+            seen[i] = jacobian[first + p + i] = fresh[i]
         jacobian[first + p + h] = 1.0
         before, after = after, before
-    if drive.shape[0] % 2:
+    state[:] = seen[:h]
+    if inputs.shape[0] % 2:
         sensitivity[0] = sensitivity[1]
 
 
@@ -165,12 +194,12 @@ def run_sensitivities(context, output, output_bias, drive, inputs, state, sensit
     "void(float64[:, ::1], float64[::1], float64[:, ::1], float64[:, ::1], float64[::1], float64[:, ::1])",
     cache=True, nogil=True, fastmath={"contract"},
 )
-def run_adjoint(context, output, states, inputs, weighing, gradient):
-    """Add d(sum of weighing y)/dw for context, input and bias weights to `gradient` (h, h + m + 1), going back in time.
+def run_adjoint(units, output, states, inputs, weighing, gradient):
+    """Add d(sum of weighing y)/dw for the weights of `units` to `gradient`, both (h, h + m + 1), going back in time.
 
-    `states` (n, h) as from `run_states` from a zero state, `inputs` (n, m), `weighing` (n,).
+    `states` (n, at least h) as from `run_states` from a zero state, `inputs` (n, m), `weighing` (n,).
     """
-    h, m = context.shape[0], inputs.shape[1]
+    h, m = units.shape[0], inputs.shape[1]
     adjoint, entering = np.zeros(h), np.empty(h)
     for k in range(states.shape[0] - 1, -1, -1):
         for i in range(h):
@@ -187,4 +216,4 @@ def run_adjoint(context, output, states, inputs, weighing, gradient):
                 row[h + j] += entering[i] * inputs[k, j]
             row[h + m] += entering[i]
             for j in range(h):
-                adjoint[j] += context[i, j] * entering[i]
+                adjoint[j] += units[i, j] * entering[i]

@@ -30,19 +30,22 @@ from scipy.special import expit, log_expit
 
 from pamid.equations import ZERO, Expr, exp
 from pamid.errors import DataError, nearest
-from pamid.networks.network import Network
+from pamid.networks.bayes import Evidence
+from pamid.networks.network import Network, Records
+from pamid.networks.problem import Damping, Goals, Problem
 from pamid.networks.sums import Rows
 
 Array = NDArray[np.float64]
 
 SHAPES = ("gaussian", "bell")
 LIMITS = (0.45, 1.5, math.log(2.0))  # of centre (spacings), log width, log slope
-# Spacings. The customary 0.42 and 0.5, neighbours crossing at half height, start 4 to 14 (bell 2 to 6) times further off:
-# error of the first least squares on four smooth functions of two inputs, 5 x 5 rules.
+# Spacings. The customary 0.42 and 0.5, neighbours crossing at half height, start 3 to 14 (bell 2 to 6) times further
+# off: error of the first least squares on four smooth functions of two inputs, 5 x 5 rules.
 WIDTH = {"gaussian": 0.6, "bell": 0.7}
 BELL_SLOPE = 2.0  # exponent b of the untouched grid; from 1 to 4 with its limit, so the peak is always smooth
 MOST_CONSEQUENTS = 5000
 START = 0.05  # standard deviation of a random start's premises
+RIDGE = 1e-6  # of a start's least squares, per sample
 CHUNK = 1024  # samples whose Jacobian rows are held at once: 0.8 MB at 95 weights
 
 
@@ -107,10 +110,15 @@ class Anfis(Network):
         return 2.0 / (self.sets - 1)
 
     def initial(self, seed: int) -> Array:
-        """Random start: premises a little off the grid, consequents zero (the first step solves for them)."""
+        """Random start that knows no data: premises a little off the grid, consequents zero."""
         weights = np.zeros(self.n_weights)
         weights[: self.premises] = START * np.random.default_rng(seed).standard_normal(self.premises)
         return weights
+
+    def start(self, records: Records, washout: int, seed: int) -> Array:
+        """The same premises with least-squares consequents: the first guess of alpha needs weights to go by."""
+        problem = Problem(self, tuple(records), washout, False, Damping(), Goals())
+        return problem.projected(self.initial(seed), Evidence(0.0, RIDGE * problem.samples, 1.0))[0]
 
     def membership(self, weights: ArrayLike) -> Sets:
         """The membership sets that the weights stand for; DataError when there are not `n_weights` of them."""
@@ -138,7 +146,14 @@ class Anfis(Network):
 
     def features(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
         """dy/d(consequents) (N, rules (m + 1)); depends on the premises only."""
-        return np.ascontiguousarray(self.jacobian(weights, inputs)[:, self.linear])
+        sets, u = self.membership(weights), self._checked(inputs)
+        rows = np.empty((self.rules, self.inputs + 1, len(u)))
+        with np.errstate(all="ignore"):
+            for start in range(0, len(u), CHUNK):
+                x = np.ascontiguousarray(u[start : start + CHUNK].T)
+                firing = self._firing([self._shares(sets, k, x[k])[0] for k in range(self.inputs)])
+                self._fill(rows[:, :, start : start + CHUNK], firing, x)
+        return rows.reshape(-1, len(u)).T
 
     def expression(self, weights: ArrayLike, inputs: Sequence[Expr]) -> Expr:
         """The output as an equation of the inputs, to be held within [-1, 1]: no sum of memberships vanishes there."""
@@ -179,12 +194,7 @@ class Anfis(Network):
                     others = tuple(j for j in range(self.inputs) if j != k)
                     by_log = grid.sum(axis=others) - shares * y  # dy/d log membership, (sets, n)
                     np.multiply(slopes, by_log[:, None, :], out=premise[k])
-                consequent = jacobian[self.premises :].reshape(self.rules, self.inputs + 1, n)
-                consequent[:, 0] = firing
-                for k in range(self.inputs):
-                    split = (self.sets**k, self.sets, -1, n)
-                    away = (x[k] - self._grid[:, None, None]) / self.spacing
-                    np.multiply(firing.reshape(split), away, out=consequent[:, k + 1].reshape(split))
+                self._fill(jacobian[self.premises :].reshape(self.rules, self.inputs + 1, n), firing, x)
             yield start, y, jacobian.T
 
     def _shares(self, sets: Sets, k: int, x: Array) -> tuple[Array, Array]:
@@ -214,10 +224,17 @@ class Anfis(Network):
         n = shares[0].shape[1]
         return reduce(lambda a, b: (a[:, None, :] * b).reshape(-1, n), shares)
 
+    def _fill(self, rows: Array, firing: Array, x: Array) -> None:
+        """Write dy/d(consequents) for x (m, n) into rows (rules, m + 1, n): firing, and firing times each place."""
+        rows[:, 0] = firing
+        for k in range(self.inputs):
+            away = (x[k] - self._grid[:, None]) / self.spacing
+            np.multiply(firing, away[self._rule_sets[:, k]], out=rows[:, k + 1])
+
     def _rule_outputs(self, consequents: Array, x: Array) -> Array:
         """Every rule's own linear function (rules, n) of x (m, n)."""
         slopes = consequents[:, 1:] / self.spacing
-        constant = consequents[:, 0] - np.sum(slopes * self._rule_places, axis=1)
+        constant = consequents[:, 0] - np.sum(slopes * self._grid[self._rule_sets], axis=1)
         return slopes @ x + constant[:, None]
 
     @property
@@ -229,9 +246,9 @@ class Anfis(Network):
         return np.linspace(-1.0, 1.0, self.sets)
 
     @property
-    def _rule_places(self) -> Array:
-        """Grid place of every rule (rules, m)."""
-        return np.array(list(product(self._grid, repeat=self.inputs)))
+    def _rule_sets(self) -> NDArray[np.intp]:
+        """The set of every input that each rule asks for (rules, m)."""
+        return np.array(list(product(range(self.sets), repeat=self.inputs)))
 
     def _consequents(self, weights: ArrayLike) -> Array:
         return self._checked_weights(weights)[self.linear].reshape(self.rules, self.inputs + 1)

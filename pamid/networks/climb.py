@@ -153,7 +153,7 @@ def _step(problem: Problem, point: Point) -> tuple[Point, str, bool]:
 
 def _bent(problem: Problem, point: Point, matrix: Array, mu: float, step: Array) -> Array:
     """The step with its acceleration, where that is short beside it."""
-    pulled = problem.curvature(point.attempt.weights, step, point.errors)
+    pulled = problem.curvature(point.attempt.weights, step)
     if pulled is None:
         return step
     bend = 0.5 * solve_damped(matrix, mu, -point.attempt.evidence.beta * pulled)

@@ -21,7 +21,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pamid.engine.recurrence import LANES, run_adjoint, run_sensitivities, run_states
+from pamid.engine.recurrence import LANES, run_adjoint, run_bends, run_sensitivities, run_states
 from pamid.errors import DataError
 from pamid.networks.modes import find_modes
 from pamid.networks.network import Network, Records
@@ -35,13 +35,23 @@ CHUNK = 1024  # samples whose Jacobian rows are held at once: 1.4 MB at 171 weig
 
 
 class Layers(NamedTuple):
-    """The weight vector taken apart: context (h, h), input (h, m), bias (h,), output (h,), output_bias."""
+    """The weight vector taken apart: units (h, h + m + 1) = [context, input, bias], output (h,), output_bias."""
 
-    context: Array
-    input: Array
-    bias: Array
+    units: Array
     output: Array
     output_bias: float
+
+    @property
+    def context(self) -> Array:
+        return self.units[:, : len(self.units)]
+
+    @property
+    def input(self) -> Array:
+        return self.units[:, len(self.units) : -1]
+
+    @property
+    def bias(self) -> Array:
+        return self.units[:, -1]
 
 
 @dataclass(frozen=True)
@@ -71,15 +81,12 @@ class Elman(Network):
                 f"not an array of shape {flat.shape}."
             )
         h = self.hidden
-        units = flat[: -h - 1].reshape(h, h + self.inputs + 1)
-        return Layers(
-            np.ascontiguousarray(units[:, :h]), units[:, h:-1], units[:, -1], flat[-h - 1 : -1].copy(), float(flat[-1])
-        )
+        units = flat[: -h - 1].reshape(h, h + self.inputs + 1).copy()
+        return Layers(units, flat[-h - 1 : -1].copy(), float(flat[-1]))
 
     def flatten(self, layers: Layers) -> Array:
         """The inverse of `layers`."""
-        units = np.column_stack([layers.context, layers.input, layers.bias])
-        return np.concatenate([units.ravel(), layers.output, [layers.output_bias]])
+        return np.concatenate([layers.units.ravel(), layers.output, [layers.output_bias]])
 
     def initial(self, seed: int) -> Array:
         """Random start that knows no data, for inputs and target scaled into [-1, 1].
@@ -103,7 +110,7 @@ class Elman(Network):
         entering = 0.5 * np.sqrt(3.0 / m) * draw.uniform(-1.0, 1.0, (h, m)) * loss[:, None]
         bias = 0.5 * draw.uniform(-1.0, 1.0, h) * loss
         output = 0.01 * draw.uniform(-1.0, 1.0, h) / np.sqrt(h)
-        return self.flatten(Layers(context, entering, bias, output, 0.0))
+        return self.flatten(Layers(np.column_stack([context, entering, bias]), output, 0.0))
 
     def start(self, records: Records, washout: int, seed: int) -> Array:
         """Random start from a linear model of the data: a pair of units for each of its modes (modes.py), scaled so
@@ -116,8 +123,7 @@ class Elman(Network):
         found = find_modes(records, washout, self.hidden // 2, seed)
         largest = np.max([np.abs(found.states(u)).max(axis=0, initial=1e-300) for u, _ in records], axis=0)
         paired = slice(0, 2 * len(found.poles))
-        for part in (layers.context, layers.input, layers.bias, layers.output):
-            part[paired] = 0.0
+        layers.units[paired] = layers.output[paired] = 0.0
         for k, (pole, residues, size) in enumerate(zip(found.poles, found.residues, largest / BEND, strict=True)):
             first, second = 2 * k, 2 * k + 1
             layers.context[first : second + 1, first : second + 1] = [[pole.real, -pole.imag], [pole.imag, pole.real]]
@@ -133,11 +139,15 @@ class Elman(Network):
     def features(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
         """States x(k+1) and a column of ones (N, h + 1), from a zero state: the output is linear in them."""
         layers, u = self.layers(weights), self._checked(inputs)
-        with np.errstate(all="ignore"):  # wild trial weights may overflow: the caller judges the outcome
-            drive = u @ layers.input.T + layers.bias
-        states = np.empty((len(u), self.hidden))
-        run_states(layers.context, drive, np.zeros(self.hidden), states)
-        return np.column_stack([states, np.ones(len(u))])
+        states = np.ones((len(u), self.hidden + 1))
+        run_states(self._columns(layers), u, np.zeros(self.hidden), states)
+        return states
+
+    def _columns(self, layers: Layers) -> Array:
+        """Those of the units' weights, filled up with zeros to whole vectors."""
+        columns = np.zeros((layers.units.shape[1], self.hidden + -self.hidden % LANES))
+        columns[:, : self.hidden] = layers.units.T
+        return columns
 
     def simulate(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
         """Output y (N,) for inputs (N, m) from a zero state."""
@@ -150,9 +160,18 @@ class Elman(Network):
         v = np.ascontiguousarray(weighing, dtype=np.float64)
         features = self.features(weights, inputs)
         gradient = np.zeros((self.hidden, self.hidden + self.inputs + 1))
-        run_adjoint(layers.context, layers.output, np.ascontiguousarray(features[:, :-1]), u, v, gradient)
+        run_adjoint(layers.units, layers.output, features, u, v, gradient)
         with np.errstate(all="ignore"):
             return np.concatenate([gradient.ravel(), v @ features])
+
+    def bend(self, weights: ArrayLike, step: ArrayLike, inputs: ArrayLike) -> Array:
+        """Second derivative (N,) of the output along a change of the weights, exact."""
+        layers, along, u = self.layers(weights), self.layers(step), self._checked(inputs)
+        states = self.features(weights, inputs)
+        first, second = np.empty((2, len(u), self.hidden))
+        run_bends(layers.units, along.units, u, states, first, second)
+        with np.errstate(all="ignore"):
+            return np.asarray(second @ layers.output + 2.0 * (first @ along.output))
 
     def sweep(self, weights: ArrayLike, inputs: ArrayLike) -> Iterator[Rows]:
         """Yield (first sample, y, dy/dw) chunk by chunk; the arrays are overwritten by the next chunk but one."""
@@ -162,11 +181,10 @@ class Elman(Network):
         sensitivity = aligned(2, h, -(-carried // LANES) * LANES)
         size = min(CHUNK, max(len(u), 1))
         buffers = [(np.empty(size), aligned(size * self.n_weights + LANES)) for _ in range(2)]
+        columns = self._columns(layers)
         for number, start in enumerate(range(0, len(u), CHUNK)):
             part, (y, flat) = u[start : start + CHUNK], buffers[number % 2]
-            with np.errstate(all="ignore"):
-                drive = part @ layers.input.T + layers.bias
-            run_sensitivities(layers.context, layers.output, layers.output_bias, drive, part, state, sensitivity, y,
+            run_sensitivities(layers.units, columns, layers.output, layers.output_bias, part, state, sensitivity, y,
                               flat)
             n = len(part)
             yield start, y[:n], flat[: n * self.n_weights].reshape(n, self.n_weights)

@@ -65,9 +65,8 @@ def find_modes(records: Sequence[tuple[Array, Array]], washout: int, count: int,
 
 
 def _drawn(random: np.random.Generator) -> Complex:
-    turn = np.exp(random.uniform(*np.log(TURN), POOL))
-    memory = np.minimum(np.exp(random.uniform(*np.log(QUALITY), POOL)) / turn, LONGEST)
-    return np.exp(-1.0 / memory + 1j * turn)
+    turn, quality = (low * (high / low) ** random.uniform(size=POOL) for low, high in (TURN, QUALITY))
+    return np.exp(-1.0 / np.minimum(quality / turn, LONGEST) + 1j * turn)
 
 
 def _passed(inputs: Array, pole: complex) -> Array:
@@ -83,7 +82,7 @@ def _gain(features: Array, left: Array) -> float:
 
 
 def _solved(features: Array, target: Array) -> Array:
-    return np.linalg.solve(_ridged(features), features.T @ target)
+    return np.asarray(np.linalg.solve(_ridged(features), features.T @ target))
 
 
 def _ridged(features: Array) -> Array:

@@ -16,6 +16,8 @@ from pamid.errors import DataError
 from pamid.networks.sums import Rows, summed
 
 Array = NDArray[np.float64]
+
+ASIDE = 0.1    # of a step: where its second derivative is probed
 Records = Sequence[tuple[Array, Array]]
 
 
@@ -71,6 +73,13 @@ class Network(ABC):
         if wanted.shape != (len(np.asarray(inputs)),):
             raise DataError(f"Target has shape {wanted.shape} for {len(np.asarray(inputs))} samples of input.")
         return summed(self.sweep(weights, inputs), wanted, self.n_weights, washout, threads)
+
+    def bend(self, weights: ArrayLike, step: ArrayLike, inputs: ArrayLike) -> Array:
+        """Second derivative (N,) of the output along a change of the weights; here by a central difference."""
+        w, v = np.asarray(weights, dtype=np.float64), ASIDE * np.asarray(step, dtype=np.float64)
+        with np.errstate(all="ignore"):
+            ahead, here, behind = (self.simulate(at, inputs) for at in (w + v, w, w - v))
+            return np.asarray((ahead - 2.0 * here + behind) / ASIDE**2)
 
     def pull_back(self, weights: ArrayLike, inputs: ArrayLike, weighing: ArrayLike) -> Array:
         """J'v (n_weights,) for v = `weighing` (N,)."""

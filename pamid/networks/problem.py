@@ -9,12 +9,11 @@ from numpy.typing import NDArray
 
 from pamid.errors import DataError
 from pamid.networks.bayes import Evidence, solve_damped
+from pamid.networks.meeting import Meeting
 from pamid.networks.network import Network
 from pamid.networks.scaling import check_finite
 
 Array = NDArray[np.float64]
-
-ASIDE = 0.1    # of a step: where its second derivative is probed
 
 
 @dataclass(frozen=True)
@@ -63,7 +62,10 @@ class Goals:
 
 @dataclass(frozen=True)
 class Problem:
-    """Recordings are (inputs (N, m), target (N,)) pairs, each simulated from a zero state; threads: for one pass."""
+    """Recordings are (inputs (N, m), target (N,)) pairs, each simulated from a zero state.
+
+    threads: for one pass; meeting: where passes are computed together with those of other starts, if anywhere.
+    """
 
     network: Network
     records: tuple[tuple[Array, Array], ...]
@@ -72,6 +74,7 @@ class Problem:
     damping: Damping
     goals: Goals
     threads: int = 1
+    meeting: Meeting | None = None
 
     @property
     def samples(self) -> int:
@@ -100,24 +103,23 @@ class Problem:
             return weights, Errors(tuple((t - f @ weights[linear])[self.washout :]
                                          for f, (_, t) in zip(features, self.records, strict=True)))
 
-    def curvature(self, weights: Array, step: Array, errors: Errors) -> Array | None:
-        """J' times the second derivative of the output along `step`, by a central difference; None where the output
-        overflows beside these weights."""
-        ahead, behind = self.errors(weights + ASIDE * step), self.errors(weights - ASIDE * step)
-        if not np.isfinite(ahead.sse + behind.sse):
-            return None
+    def curvature(self, weights: Array, step: Array) -> Array | None:
+        """J' times the second derivative of the output along `step`; None where that overflows."""
         total = np.zeros(len(weights))
-        for (u, t), e, a, b in zip(self.records, errors.each, ahead.each, behind.each, strict=True):
-            second = np.zeros(len(t))
-            second[self.washout :] = (2.0 * e - a - b) / ASIDE**2
+        for u, _ in self.records:
+            second = self.network.bend(weights, step, u)
+            second[: self.washout] = 0.0
+            if not np.isfinite(second).all():
+                return None
             total += self.network.pull_back(weights, u, second)
         return total if np.isfinite(total).all() else None
 
     def evaluate(self, weights: Array) -> tuple[float, Array, Array] | None:
         """Sums over all recordings; None where weights are so wild that a number overflows."""
         sse, jtj, jte = 0.0, np.zeros((len(weights), len(weights))), np.zeros(len(weights))
-        for u, t in self.records:
-            part = self.network.normal_equations(weights, u, t, self.washout, self.threads)
+        for i, (u, t) in enumerate(self.records):
+            part = (self.network.normal_equations(weights, u, t, self.washout, self.threads) if self.meeting is None
+                    else self.meeting.normal_equations(i, weights))
             sse, jtj, jte = sse + part[0], jtj + part[1], jte + part[2]
         return (sse, jtj, jte) if np.isfinite(sse) and np.isfinite(jtj).all() and np.isfinite(jte).all() else None
 

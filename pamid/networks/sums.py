@@ -5,7 +5,6 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.blas import dsyrk
 
 Array = NDArray[np.float64]
 Rows = tuple[int, Array, Array]   # first sample, output (n,), its derivative (n, n_weights)
@@ -27,8 +26,7 @@ def summed(chunks: Iterator[Rows], target: Array, n_weights: int, washout: int =
     Chunks are added in their order whatever `threads` is: with two, the next one is made while this one is added. Its
     maker must leave the chunk before untouched.
     """
-    sse, jte = 0.0, np.zeros(n_weights)
-    jtj = np.zeros((n_weights, n_weights), order="F")
+    sse, jte, jtj = 0.0, np.zeros(n_weights), np.zeros((n_weights, n_weights))
     with np.errstate(all="ignore"):
         for start, y, jacobian in _ahead(chunks) if threads > 1 else chunks:
             skip = min(max(washout - start, 0), len(y))
@@ -37,8 +35,8 @@ def summed(chunks: Iterator[Rows], target: Array, n_weights: int, washout: int =
             if len(error):
                 sse += float(error @ error)
                 jte += error @ rows
-                jtj = dsyrk(1.0, rows.T, beta=1.0, c=jtj, overwrite_c=1, lower=1)
-    return sse, np.tril(jtj) + np.tril(jtj, -1).T, jte
+                jtj += rows.T @ rows  # numpy multiplies half of it and, unlike scipy's dsyrk, lets other threads run
+    return sse, jtj, jte
 
 
 def _ahead(chunks: Iterator[Rows]) -> Iterator[Rows]:

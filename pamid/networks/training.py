@@ -21,6 +21,7 @@ from pamid.errors import DataError
 from pamid.networks.bayes import effective_samples, effective_weights
 from pamid.networks.checkpoints import Attempt, Checkpoint, Step, load_checkpoint, save_checkpoint
 from pamid.networks.climb import USED_UP, climb, fresh
+from pamid.networks.meeting import Engine, Meeting
 from pamid.networks.network import Network
 from pamid.networks.problem import Damping, Goals, Problem, check_problem, fingerprint, recordings
 from pamid.networks.scaling import Scaling, scaling_of
@@ -101,6 +102,7 @@ def train(
     checkpoint: Path | None = None,
     resume: bool = False,
     threads: int = 1,
+    engine: Engine | None = None,
 ) -> Training:
     """Fit a network's output to a target, both scaled into [-1, 1].
 
@@ -109,7 +111,8 @@ def train(
     steps, and the start with the smallest mse is kept. The first `washout` samples of every recording are simulated
     but not counted. `regularise=False` is plain least squares (alpha 0, beta 1). `progress(step, start)` is called
     after every step; KeyboardInterrupt, there or anywhere, ends the training with what it has. `threads`: cores used;
-    the result does not depend on it.
+    the result does not depend on it. `engine`: computes the passes of all starts that are running in one batch
+    (batch.py), to the last digits but a few as the network itself does.
 
     `checkpoint` is a file rewritten every few seconds and at the end. With `resume` the training goes on from it (from
     the beginning where there is none yet) and ends with the very numbers of an undisturbed one; more `iterations` than
@@ -129,9 +132,9 @@ def train(
     try:
         running = list(range(starts))
         for gate in (g for g in GATES if g < iterations):
-            _run_side_by_side(problem, attempts, running, gate, seed, max(threads, 1), clock, progress)
+            _run_side_by_side(problem, attempts, running, gate, seed, max(threads, 1), engine, clock, progress)
             running = _ahead(attempts, running, gate)
-        _run_side_by_side(problem, attempts, running, iterations, seed, max(threads, 1), clock, progress)
+        _run_side_by_side(problem, attempts, running, iterations, seed, max(threads, 1), engine, clock, progress)
     except KeyboardInterrupt:
         interrupted = True
         attempts = attempts or {0: fresh(problem, seed, 0)}
@@ -140,11 +143,16 @@ def train(
 
 
 def _run_side_by_side(problem: Problem, attempts: dict[int, Attempt], running: list[int], gate: int, seed: int,
-                      threads: int, clock: "_Clock", progress: Progress | None) -> None:
+                      threads: int, engine: Engine | None, clock: "_Clock", progress: Progress | None) -> None:
     """Bring every running start to iteration `gate`, or to its end; `attempts` follows step by step."""
     told: queue.SimpleQueue[Attempt | None] = queue.SimpleQueue()
     stop = Event()
-    problem = replace(problem, threads=max(1, threads // len(running)))
+    open_starts = [s for s in running if s not in attempts or not _ended(attempts[s], gate)]
+    if not open_starts:
+        return
+    meeting = Meeting(engine, problem.records, problem.washout, len(open_starts)) if engine else None
+    threads = len(open_starts) if meeting else threads
+    problem = replace(problem, threads=max(1, threads // len(open_starts)), meeting=meeting)
 
     def go(start: int) -> None:
         try:
@@ -154,10 +162,11 @@ def _run_side_by_side(problem: Problem, attempts: dict[int, Attempt], running: l
                 if stop.is_set():
                     return
         finally:
+            if meeting:
+                meeting.leave()
             told.put(None)
 
     with ThreadPoolExecutor(threads) as pool:
-        open_starts = [s for s in running if s not in attempts or not _ended(attempts[s], gate)]
         jobs = [pool.submit(go, s) for s in open_starts]
         try:
             left = len(jobs)
