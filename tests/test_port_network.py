@@ -33,10 +33,10 @@ Copy = Callable[[], Path]
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, GreyBox]:
-    """A folder with a run fitted to 12 s of a virtual joint whose valves have a dead band, and its model."""
+    """A folder with a run fitted to 20 s of a virtual joint whose valves have a dead band, and its model."""
     folder = tmp_path_factory.mktemp("joint")
     withheld = Withheld("valve-dead-band", "valve-dead-band", "valve-dead-band:dead_band=0.08", {})
-    recording = write_demo_recording(folder, withheld, seed=3, duration_s=12.0)
+    recording = write_demo_recording(folder, withheld, seed=3, duration_s=20.0)
     run = Run.create(folder / "run", command="fit", seed=0, inputs=[recording, recording.with_suffix(".toml")])
     model = fit_model(gather(rig_named("one-dof"), [read_recording(recording)], []))
     write_json(run.path("fit.json"), fit_json(model, 0))
@@ -76,12 +76,12 @@ def test_what_is_missing_there_brings_the_model_to_its_data(place: tuple[Path, G
 
     np.testing.assert_allclose(error(0.0 * missing, model.fit.p), before, rtol=1e-9)
     assert (error(missing) < 0.25 * before).all() and error(missing)[0] < 0.1 * before[0]
-    assert (error(-missing) > before).all() and error(np.roll(missing, 100))[0] > before[0]
+    assert (error(-missing) > before).all() and error(np.roll(missing, 100))[0] > 3.0 * error(missing)[0]
     np.testing.assert_allclose(model.assembly.values(named_values(model, p)), p, rtol=1e-12)
-    # what a dead band takes away: up to its width (0.08), against the command
+    # what a dead band takes away just beyond it: about its width (0.08), against the command
     command = model.evidence.tracks(model.assembly)[0].u[:, 0]
     taken = -missing * np.sign(command)
-    assert 0.04 < np.median(taken[np.abs(command) > 0.15]) < 0.12
+    assert 0.04 < np.median(taken[(np.abs(command) > 0.08) & (np.abs(command) < 0.3)]) < 0.12
 
 
 def test_one_place_of_a_port(place: tuple[Path, GreyBox]) -> None:
@@ -114,8 +114,9 @@ def test_figures_files_and_text(run: Copy, capsys: pytest.CaptureFixture[str]) -
             assert errors[key] == pytest.approx(error, rel=1e-6)
         assert errors["refitted"] == pytest.approx(fit["mae"][channel]["refitted"], rel=1e-6)
         assert ("with_output_network" in errors) == (channel == "angle_deg")
-    # where the dead band is, a correction helps every channel on what it was not trained on
-    assert all(errors["with_network"] < errors["refitted"] for errors in about["mae"].values())
+    # where the dead band is, a correction helps every channel on what it was not trained on, its own more than there
+    assert all(errors["with_network"] < 0.6 * errors["refitted"] for errors in about["mae"].values())
+    assert about["mae"]["angle_deg"]["with_network"] < about["mae"]["angle_deg"]["with_output_network"]
     after = (folder / "residual.csv").read_text().splitlines()
     assert all(new.startswith(f"{old},") for old, new in zip(before, after, strict=True))
     leftover = read_leftover(folder, replay=True)
@@ -142,8 +143,8 @@ def test_beside_it_stands_the_network_at_the_output(run: Copy, capsys: pytest.Ca
 def test_same_bytes_and_resuming(run: Copy) -> None:
     one, other, third = run(), run(), run()
     options = ("--hidden", "3", "--at", "joint", "--iterations")
-    assert train(one, *options, "6", "--jobs", "2") == train(other, *options, "6", "--jobs", "1") == 0
-    assert train(third, *options, "3") == train(third, *options, "6", "--resume") == 0
+    assert train(one, *options, "4", "--jobs", "2") == train(other, *options, "4", "--jobs", "1") == 0
+    assert train(third, *options, "2") == train(third, *options, "4", "--resume") == 0
     for name in RESULTS:
         assert (one / name).read_bytes() == (other / name).read_bytes() == (third / name).read_bytes(), name
 

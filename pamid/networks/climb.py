@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from pamid.networks.bayes import Evidence, first_guess, promised_decrease, reestimate, solve_damped
 from pamid.networks.checkpoints import Attempt, Step
 from pamid.networks.problem import Errors, Problem
+from pamid.networks.sums import side_by_side
 
 Array = NDArray[np.float64]
 
@@ -125,30 +126,53 @@ def _finished(problem: Problem, point: Point, iterations: int) -> tuple[str, boo
     return (USED_UP, False) if last.iteration >= iterations else ("", False)
 
 
+@dataclass(frozen=True)
+class _Trial:
+    """A step with damping mu: where it leads, by how much it lowers F and what share of its promise that is."""
+
+    mu: float
+    weights: Array
+    errors: Errors
+    lowered: float
+    gain: float
+
+
 def _step(problem: Problem, point: Point) -> tuple[Point, str, bool]:
     """Raise mu until a step lowers F, take it, change mu by its gain, re-estimate alpha and beta; or say that mu ran
     out."""
-    old, damping, begun = point.attempt, problem.damping, point.objective
-    matrix, right = point.half_hessian, point.descent
-    mu, trials = old.mu, 0
-    while mu <= damping.largest:
-        step = solve_damped(matrix, mu, right)
-        promised = float(step @ (mu * step + right))
-        weights, errors = problem.projected(old.weights + _bent(problem, point, matrix, mu, step), old.evidence)
-        trials += 1
-        lowered = begun - objective(old.evidence, errors.sse, weights)
-        if lowered > 0.0:
-            following = max(mu * damping.factor(lowered / promised), damping.smallest)
-            moved = _evaluate(problem, replace(old, weights=weights, mu=following), errors)
+    old, damping = point.attempt, problem.damping
+    for trials, trial in enumerate(_trials(problem, point), start=1):
+        if trial.lowered > 0.0:
+            following = max(trial.mu * damping.factor(trial.gain), damping.smallest)
+            moved = _evaluate(problem, replace(old, weights=trial.weights, mu=following), trial.errors)
             # where the output is finite but its derivative overflows, the step led to weights nobody can leave
             if moved is not None:
                 return _row(problem, moved, trials), "", False
-        mu *= damping.increase
     why = f"mu reached {damping.largest:g}: no step lowers the objective"
     converged = point.promise < problem.goals.stuck
     if not converged:
         why += f", though a full step promises {100.0 * point.promise:.2g} % of it"
-    return replace(point, attempt=replace(old, mu=mu)), why, converged
+    return replace(point, attempt=replace(old, mu=trial.mu * damping.increase)), why, converged
+
+
+def _trials(problem: Problem, point: Point) -> Iterator[_Trial]:
+    """Trials with rising mu; with more than one thread some are computed ahead, whether they are wanted or not."""
+    matrix, right = point.half_hessian, point.descent
+    mu = [point.attempt.mu]
+    while mu[-1] * problem.damping.increase <= problem.damping.largest:
+        mu.append(mu[-1] * problem.damping.increase)
+    ahead = max(1, min(problem.threads, 2))
+    for k in range(0, len(mu), ahead):
+        yield from side_by_side(lambda m: _trial(problem, point, matrix, right, m), mu[k : k + ahead])
+
+
+def _trial(problem: Problem, point: Point, matrix: Array, right: Array, mu: float) -> _Trial:
+    step = solve_damped(matrix, mu, right)
+    promised = float(step @ (mu * step + right))
+    old = point.attempt
+    weights, errors = problem.projected(old.weights + _bent(problem, point, matrix, mu, step), old.evidence)
+    lowered = point.objective - objective(old.evidence, errors.sse, weights)
+    return _Trial(mu, weights, errors, lowered, lowered / promised if promised > 0.0 else 0.0)
 
 
 def _bent(problem: Problem, point: Point, matrix: Array, mu: float, step: Array) -> Array:

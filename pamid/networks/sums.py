@@ -1,7 +1,8 @@
 """Normal equations from rows of a Jacobian that come in chunks: what every network's pass ends in."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,14 @@ def summed(chunks: Iterator[Rows], target: Array, n_weights: int, washout: int =
                 jte += error @ rows
                 jtj += rows.T @ rows  # numpy multiplies half of it and, unlike scipy's dsyrk, lets other threads run
     return sse, jtj, jte
+
+
+def side_by_side(work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
+    """Results in the order of the items, a thread for each where there are several."""
+    if len(items) < 2:
+        return [work(item) for item in items]
+    with ThreadPoolExecutor(len(items)) as pool:
+        return list(pool.map(work, items))
 
 
 def _ahead(chunks: Iterator[Rows]) -> Iterator[Rows]:
