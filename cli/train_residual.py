@@ -42,6 +42,8 @@ pamid train-residual fitted --at joint --iterations 20
               "best is kept.")
 @click.option("--jobs", type=click.IntRange(1, 256), help="Cores to use; the result does not depend on it. "
               "[default: all]")
+@click.option("--device", default="cpu", show_default=True, help="cpu, or where torch sees one cuda: there the starts "
+              "of an elman network share their passes (meant for dozens of starts).")
 @click.option("--at", default="output", show_default=True, metavar="output|PORT",
               help="Where the correction is added: behind the model, to one channel, or inside it, to the value at a "
               "port of the rig, as joint or muscle_1 (`pamid rigs RIG` lists them); this reads the recordings again.")
@@ -51,7 +53,7 @@ pamid train-residual fitted --at joint --iterations 20
 @click.option("--inputs", metavar="A,B,...", help="Columns of residual.csv the network is given. "
               "[default: reference and the model in its own loop; else inputs of the rig and refitted outputs]")
 def command(run: Path, network: str, hidden: int | None, sets: int | None, iterations: int, seed: int, starts: int,
-            jobs: int | None, at: str, rig: str | None, resume: bool, channel: str | None,
+            jobs: int | None, device: str, at: str, rig: str | None, resume: bool, channel: str | None,
             inputs: str | None) -> frame.Result:
     """Train a network on what the refitted model of the run folder RUN leaves over, on its fitted part, and judge it on
     the held-out part: measured - model, or with --at PORT what is missing in the equations there.
@@ -78,8 +80,9 @@ def command(run: Path, network: str, hidden: int | None, sets: int | None, itera
         which = f"start {start + 1} of {starts}, " if starts > 1 else ""
         progress.update(step.iteration, f"{which}MSE {step.mse:.4g}, gamma {step.gamma:.1f}")
 
-    course = Course(wanted=wanted, iterations=iterations, seed=seed, starts=starts, threads=jobs or os.cpu_count() or 1,
-                    checkpoint=folder.path(CHECKPOINT_FILE), resume=resume, progress=told)
+    course = Course(wanted=wanted, device=device, iterations=iterations, seed=seed, starts=starts,
+                    threads=jobs or os.cpu_count() or 1, checkpoint=folder.path(CHECKPOINT_FILE),
+                    resume=resume, progress=told)
     try:
         with Progress("train-residual", iterations) as progress:
             if port is None:

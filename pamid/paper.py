@@ -239,7 +239,7 @@ def train_elman(run: Run, records: Records, plan: Plan, *, resume: bool, told: T
     network.npz and trace.csv; KeyboardInterrupt after that where it was interrupted."""
     begun = time.perf_counter()
     found = train_correction(
-        leftover_of(records), iterations=plan.iterations, seed=plan.seed, starts=plan.starts,
+        leftover_of(records), iterations=plan.iterations, seed=plan.seed, starts=plan.starts, threads=plan.jobs,
         checkpoint=run.path(CHECKPOINT_FILE), resume=resume,
         progress=lambda step, start: told(f"training, start {start + 1} of {plan.starts}, step {step.iteration} of "
                                           f"{plan.iterations}, MSE {step.mse:.3g}"))

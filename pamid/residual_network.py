@@ -20,6 +20,7 @@ from pamid.errors import ConvergenceError, UsageError, nearest
 from pamid.leftover import MODELS, RESIDUAL_FILE, Leftover, derived, split_table
 from pamid.metrics import mae
 from pamid.networks.anfis import Anfis
+from pamid.networks.batch import engine_on
 from pamid.networks.elman import Elman
 from pamid.networks.narx import Narx
 from pamid.networks.network import Network
@@ -93,9 +94,11 @@ class Correction:
 
 
 class Course(TypedDict, total=False):
-    """How a network is trained: which one (default: Elman), and what goes to `networks.training.train`."""
+    """How a network is trained: which one (default: Elman), where (cpu or a device that torch sees), and what goes to
+    `networks.training.train`."""
 
     wanted: Wanted
+    device: str
     iterations: int
     seed: int
     starts: int
@@ -121,11 +124,12 @@ def train_network(leftover: Leftover, name: str, target: Array,
     where the training diverged at its very start; FileError for a checkpoint of another training.
     """
     network = course.pop("wanted", Wanted()).network(len(leftover.inputs), leftover.period_s)
+    engine = engine_on(course.pop("device", "cpu"), network)
     own = leftover.of_part(0)
     with threadpool_limits(limits=1, user_api="blas"):  # the number of threads must not show in the last bits
         trained, training = train_on_signals(
             network, [leftover.signals(s) for s in own], [target[s.rows] for s in own], output_name=name,
-            period_s=leftover.period_s, washout=leftover.washout, **course)
+            period_s=leftover.period_s, washout=leftover.washout, engine=engine, **course)
         if not len(training.trace["iteration"]):
             if training.why == "interrupted":
                 raise KeyboardInterrupt

@@ -251,6 +251,8 @@ def test_a_model_that_failed_in_its_own_loop_is_not_corrected(run: Copy, capsys:
 @pytest.mark.parametrize(("options", "code", "words"), [
     (("--network", "anfis", "--hidden", "5"), 2, "--hidden belongs to --network elman or narx, not to anfis"),
     (("--network", "narx", "--sets", "3"), 2, "--sets belongs to --network anfis, not to narx"),
+    (("--network", "narx", "--device", "cuda"), 2, "only elman networks are trained, not narx"),
+    (("--device", "gpu"), 2, "There is no device 'gpu'"),
     (("--network", "elmann"), 2, "Did you mean 'elman'"),
     (("--channel", "angel_deg"), 2, "Did you mean 'angle_deg'"),
     (("--inputs", "reference_deg,angle_deg"), 2, "Take angle_refitted_deg"),

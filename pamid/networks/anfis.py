@@ -5,7 +5,7 @@ Equations (Jang 1993, IEEE Trans. Systems, Man, and Cybernetics 23(3)), for inpu
     firing       product of one membership per input, for every combination of sets; normalised to sum 1
     output       y = sum over rules of firing (bias + sum_k slope_k (x_k - grid_k)/spacing)
 A product over a full grid normalises input by input: the share of a rule is the product of its sets' shares, each a
-softmax of log memberships. It never comes to 0/0, however far an input lies from every set.
+softmax of log memberships, which never comes to 0/0. Inputs beyond [-1, 1] count as its edge.
 
 Weights are one flat vector. Premises first: for input k, for set i: centre, log width (bell: log slope after it), as
 deviations from the untouched grid. Then the consequents: for rule r (the last input's set running fastest) bias,
@@ -263,4 +263,4 @@ class Anfis(Network):
         u = np.ascontiguousarray(inputs, dtype=np.float64)
         if u.ndim != 2 or u.shape[1] != self.inputs:
             raise DataError(f"{self!r} takes inputs (N, {self.inputs}), not {u.shape}.")
-        return u
+        return np.clip(u, -1.0, 1.0)  # the outermost rules' planes would lead far away from all data

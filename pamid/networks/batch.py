@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from pamid.errors import DataError, UsageError
 from pamid.jobs import run_jobs
 from pamid.networks.elman import Elman
+from pamid.networks.network import Network
 
 if TYPE_CHECKING:
     import torch
@@ -46,6 +47,16 @@ def require_device(name: str) -> str:
             last = f" to cuda:{present - 1}" if present > 1 else " only"
             raise UsageError(f"There is no device {name!r}: torch sees cuda:0{last}.", "Use --device cuda.")
     return name
+
+
+def engine_on(device: str, network: Network) -> "BatchedElman | None":
+    """What computes the passes of a training on a device; None on the processor, where the network itself does."""
+    if device == "cpu":
+        return None
+    if not isinstance(network, Elman):
+        raise UsageError(f"--device {device}: on a device only elman networks are trained, not {network.kind}.",
+                         "Leave out --device.")
+    return BatchedElman(network, require_device(device))
 
 
 @dataclass(frozen=True)

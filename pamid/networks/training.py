@@ -108,11 +108,11 @@ def train(
 
     `inputs` (N, m) and `target` (N,), or equally long lists of these: several recordings, each from a zero state.
     Start s begins at `network.start(..., seed + s)`; the starts race (module), the winner takes at most `iterations`
-    steps, and the start with the smallest mse is kept. The first `washout` samples of every recording are simulated
-    but not counted. `regularise=False` is plain least squares (alpha 0, beta 1). `progress(step, start)` is called
-    after every step; KeyboardInterrupt, there or anywhere, ends the training with what it has. `threads`: cores used;
-    the result does not depend on it. `engine`: computes the passes of all starts that are running in one batch
-    (batch.py), to the last digits but a few as the network itself does.
+    steps and is kept. The first `washout` samples of every recording are simulated but not counted. `regularise=False`
+    is plain least squares (alpha 0, beta 1). `progress(step, start)` is called after every step; KeyboardInterrupt,
+    there or anywhere, ends the training with what it has. `threads`: cores used; the result does not depend on it.
+    `engine`: computes the passes of all starts that are running in one batch (batch.py), to the last digits but a few
+    as the network itself does.
 
     `checkpoint` is a file rewritten every few seconds and at the end. With `resume` the training goes on from it (from
     the beginning where there is none yet) and ends with the very numbers of an undisturbed one; more `iterations` than
@@ -128,9 +128,8 @@ def train(
     if resume and checkpoint is not None and checkpoint.exists():
         attempts = {a.start: a for a in load_checkpoint(checkpoint, key, network.n_weights).attempts}
     clock = _Clock(checkpoint, key)
-    interrupted = False
+    interrupted, running = False, list(range(starts))
     try:
-        running = list(range(starts))
         for gate in (g for g in GATES if g < iterations):
             _run_side_by_side(problem, attempts, running, gate, seed, max(threads, 1), engine, clock, progress)
             running = _ahead(attempts, running, gate)
@@ -139,7 +138,7 @@ def train(
         interrupted = True
         attempts = attempts or {0: fresh(problem, seed, 0)}
     clock.keep(attempts, always=True)
-    return _conclude(problem, [attempts[k] for k in sorted(attempts)], interrupted)
+    return _conclude(problem, [attempts[k] for k in sorted(attempts)], running, interrupted)
 
 
 def _run_side_by_side(problem: Problem, attempts: dict[int, Attempt], running: list[int], gate: int, seed: int,
@@ -206,8 +205,8 @@ def _ahead(attempts: dict[int, Attempt], running: list[int], gate: int) -> list[
     return sorted(kept)
 
 
-def _conclude(problem: Problem, attempts: Sequence[Attempt], interrupted: bool) -> Training:
-    best = min(attempts, key=lambda a: a.mse)
+def _conclude(problem: Problem, attempts: Sequence[Attempt], running: list[int], interrupted: bool) -> Training:
+    best = min((a for a in attempts if a.start in running), key=lambda a: a.mse)
     columns = np.array(best.steps, dtype=np.float64).reshape(len(best.steps), len(Step._fields)).T
     residual = problem.errors(best.weights).each
     independent = sum(effective_samples(e) for e in residual) if all(np.isfinite(e).all() for e in residual) else 0.0
