@@ -83,15 +83,15 @@ def main() -> None:
     u, target = teacher_record(SAMPLES)
     weights = network.initial(2)
     _, jtj, jte = network.normal_equations(weights, u, target)
+    stamps = Stamps()
+    training = train(network, u, target, iterations=19, progress=stamps)
+    iteration, memory = stamps.step["cpu_s"], peak_mb()
     rates = [dgemm_rate()]
     one_pass = cpu_seconds(lambda: network.normal_equations(weights, u, target), ROUNDS)
     rates.append(dgemm_rate())
     simulation = cpu_seconds(lambda: network.simulate(weights, u), ROUNDS)
     algebra = cpu_seconds(lambda: (solve_damped(jtj, 1.0, jte), effective_weights(Evidence(0.0, 1.0, 1.0), jtj.copy())),
                           ROUNDS)
-    stamps = Stamps()
-    training = train(network, u, target, iterations=19, progress=stamps)
-    iteration, memory = stamps.step["cpu_s"], peak_mb()
     trials = training.trace["trials"][1:].mean()
     alone, both = (wall_seconds(lambda k=k: network.normal_equations(weights, u, target, 0, k)) for k in (1, 2))
     races = []

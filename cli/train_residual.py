@@ -38,7 +38,7 @@ pamid train-residual fitted --at joint --iterations 20
               help="Levenberg-Marquardt steps at most, for every start.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Same run and seed, same network.")
 @click.option("--starts", type=click.IntRange(1, 1000), default=1, show_default=True,
-              help="Random starts that race: the worse half is left behind at iterations 20, 40, 80, 160 and 320, the "
+              help="Random starts that race: the worse half is left behind at iterations 10, 20, 40, 80 and 160, the "
               "best is kept.")
 @click.option("--jobs", type=click.IntRange(1, 256), help="Cores to use; the result does not depend on it. "
               "[default: all]")

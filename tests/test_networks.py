@@ -67,10 +67,12 @@ def test_sums_are_those_of_the_jacobian(network):
     assert one[0] == two[0] and (one[1] == two[1]).all() and (one[2] == two[2]).all()
 
 
-def test_pull_back_is_the_transposed_jacobian(network):
+def test_curvature_is_that_of_the_jacobian(network):
     u, _ = record(network, 2500)
-    w, v = weights_of(network), np.random.default_rng(3).normal(size=2500)
-    np.testing.assert_allclose(network.pull_back(w, u, v), v @ network.jacobian(w, u), rtol=1e-9, atol=1e-9)
+    w, step = weights_of(network), 1e-2 * np.random.default_rng(3).normal(size=network.n_weights)
+    second = (network.jacobian(w + 1e-2 * step, u) - network.jacobian(w - 1e-2 * step, u)) @ step / 2e-2
+    expected = network.jacobian(w, u)[70:].T @ second[70:]
+    np.testing.assert_allclose(network.curvature(w, step, u, 70), expected, atol=1e-3 * np.abs(expected).max())
 
 
 def test_linear_weights_are_linear(network):

@@ -13,7 +13,7 @@ from pamid.networks.elman import Elman
 from pamid.networks.network import Network
 from pamid.networks.problem import Damping, Goals, Problem, recordings
 from pamid.networks.store import trace_csv
-from pamid.networks.training import train
+from pamid.networks.training import GATES, train
 
 
 @dataclass(frozen=True)
@@ -193,7 +193,7 @@ def test_a_rejected_step_costs_simulations_only():
 
     trace = train(Counting(2, 5), *teacher_data(noise=0.02), iterations=40, regularise=False).trace
     assert trace["trials"].sum() > len(trace["mse"])
-    assert len(passes) == len(trace["mse"]) + 2  # again beyond each gate (20), and for the supported weights
+    assert len(passes) == len(trace["mse"]) + 1 + sum(g < 40 for g in GATES)  # again beyond gates, and at the end
 
 
 def test_linear_weights_are_at_their_best():
@@ -249,11 +249,11 @@ def test_the_worse_half_is_left_behind_at_every_gate(threads):
         several = train(Elman(2, 3), u, target, iterations=50, starts=4, seed=10, goals=goals, threads=threads)
         single = [train(Elman(2, 3), u, target, iterations=50, seed=10 + s, goals=goals) for s in range(4)]
     at = [[s.trace["mse"][min(k, len(s.trace["mse"]) - 1)] for k in range(51)] for s in single]
-    second = sorted(sorted(range(4), key=lambda s: at[s][20])[:2])
-    winner = min(second, key=lambda s: at[s][40])
+    second = sorted(sorted(range(4), key=lambda s: at[s][GATES[0]])[:2])
+    winner = min(second, key=lambda s: at[s][GATES[1]])
     assert several.best == winner
     np.testing.assert_array_equal(several.weights, single[winner].weights)
-    stopped = [40 if s in second else 20 for s in range(4)]
+    stopped = [GATES[1] if s in second else GATES[0] for s in range(4)]
     stopped[winner] = 50
     assert several.starts_mse == tuple(at[s][k] for s, k in enumerate(stopped))
 

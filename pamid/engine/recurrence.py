@@ -70,27 +70,33 @@ def _carry(typingctx, matrix, before, after, output, jacobian, first, h, p):  # 
     return signature, codegen
 
 
-@intrinsic
-def _activate(typingctx, columns, seen, values, count, wide):  # type: ignore[no-untyped-def]
-    """values = tanh(matrix @ seen), with the matrix's `columns` (count, wide) one after the other.
-
-    tanh(a) = 1 - 2 / (exp(2 a) + 1) is right to 2e-16; exp by powers of two and a series over +- ln(2) / 2.
-    """
-    signature = types.void(columns, seen, values, types.intp, types.intp)
-
+def _weighing(finish):  # type: ignore[no-untyped-def]
+    """Code for values = finish(values + matrix @ seen), with the matrix's columns (count, wide) one after the other."""
     def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
         factors, x, to = (context.make_array(sig.args[i])(context, builder, args[i]).data for i in range(3))
         v = Vectors(builder)
         with cgutils.for_range(builder, builder.sdiv(args[4], WORD(LANES))) as tile:
             column = builder.mul(tile.index, WORD(LANES))
-            held = v.held(v.constant(0.0))
+            held = v.held(v.load(to, column))
             with cgutils.for_range(builder, args[3]) as loop:
                 place = builder.add(builder.mul(loop.index, args[4]), column)
                 v.add(held, v.spread(x, loop.index), v.load(factors, place))
-            v.store(v.tanh(builder.load(held)), to, column)
+            v.store(finish(v, builder.load(held)), to, column)
         return context.get_dummy_value()
 
-    return signature, codegen
+    return codegen
+
+
+@intrinsic
+def _weigh(typingctx, columns, seen, values, count, wide):  # type: ignore[no-untyped-def]
+    """values = values + matrix @ seen; `columns` (count, wide)."""
+    return types.void(columns, seen, values, types.intp, types.intp), _weighing(lambda v, x: x)
+
+
+@intrinsic
+def _activate(typingctx, columns, seen, values, count, wide):  # type: ignore[no-untyped-def]
+    """values = tanh(values + matrix @ seen); `columns` (count, wide)."""
+    return types.void(columns, seen, values, types.intp, types.intp), _weighing(lambda v, x: v.tanh(x))
 
 
 @njit(
@@ -110,6 +116,7 @@ def run_states(columns, inputs, state, states):
     for k in range(inputs.shape[0]):
         for j in range(m):
             seen[h + j] = inputs[k, j]
+        fresh[:] = 0.0
         _activate(columns, seen, fresh, h + m + 1, columns.shape[1])
         for i in range(h):
             seen[i] = states[k, i] = fresh[i]
@@ -117,32 +124,39 @@ def run_states(columns, inputs, state, states):
 
 
 @njit(
-    "void(float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[:, ::1])",
+    "void(float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[::1], float64[::1],"
+    " float64[::1])",
     cache=True, nogil=True, fastmath={"contract"},
 )
-def run_bends(units, change, inputs, states, first, second):
-    """First and second derivative of the states along a change of the weights, exactly (a Taylor series through time).
+def run_bend(columns, change, inputs, states, output, output_change, bend):
+    """Second derivative of the output along a change of the weights, exactly (a Taylor series through time).
 
-    `units` (h, h + m + 1) is [C, I, b], `change` a change of it, `inputs` (n, m), `states` (n, at least h) as from
-    `run_states` from a zero state; `first` and `second` (n, h) receive d x(k+1) / d s and d2 x(k+1) / d s2 at s = 0 for
-    weights w + s change.
+    `columns` and `change` (h + m + 1, wide) are those of [C, I, b] and of a change of it, `inputs` (n, m), `states` (n,
+    at least h) as from `run_states` from a zero state; `output` and `output_change` (h,). `bend` (n,) receives
+    d2 y / d s2 at s = 0 for weights w + s change.
     """
-    h, m = units.shape[0], inputs.shape[1]
-    x, dx, ddx = np.zeros(h), np.zeros(h), np.zeros(h)
+    h, m, wide = output.shape[0], inputs.shape[1], columns.shape[1]
+    seen, dx, ddx, twice = np.ones(h + m + 1), np.zeros(h), np.zeros(h), np.zeros(h)
+    seen[:h] = 0.0
+    da, dda = np.empty(wide), np.empty(wide)
     for k in range(inputs.shape[0]):
+        for j in range(m):
+            seen[h + j] = inputs[k, j]
+        da[:] = 0.0
+        dda[:] = 0.0
+        _weigh(change, seen, da, h + m + 1, wide)
+        _weigh(columns, dx, da, h, wide)
+        _weigh(change, twice, dda, h, wide)
+        _weigh(columns, ddx, dda, h, wide)
+        total = 0.0
         for i in range(h):
-            da, dda = change[i, h + m], 0.0
-            for j in range(m):
-                da += change[i, h + j] * inputs[k, j]
-            for j in range(h):
-                da += units[i, j] * dx[j] + change[i, j] * x[j]
-                dda += units[i, j] * ddx[j] + 2.0 * change[i, j] * dx[j]
             after = states[k, i]
             slope = 1.0 - after * after
-            first[k, i] = slope * da
-            second[k, i] = slope * dda - 2.0 * after * slope * da * da
-        for i in range(h):
-            x[i], dx[i], ddx[i] = states[k, i], first[k, i], second[k, i]
+            seen[i], dx[i] = after, slope * da[i]
+            ddx[i] = slope * dda[i] - 2.0 * after * slope * da[i] * da[i]
+            twice[i] = 2.0 * dx[i]
+            total += output[i] * ddx[i] + output_change[i] * twice[i]
+        bend[k] = total
 
 
 @njit(
@@ -167,6 +181,7 @@ def run_sensitivities(units, columns, output, output_bias, inputs, state, sensit
         total, first = output_bias, k * (p + h + 1)
         for j in range(m):
             seen[h + j] = inputs[k, j]
+        fresh[:] = 0.0
         _activate(columns, seen, fresh, per_unit, columns.shape[1])
         for i in range(h):
             total += output[i] * fresh[i]
@@ -194,26 +209,23 @@ def run_sensitivities(units, columns, output, output_bias, inputs, state, sensit
     "void(float64[:, ::1], float64[::1], float64[:, ::1], float64[:, ::1], float64[::1], float64[:, ::1])",
     cache=True, nogil=True, fastmath={"contract"},
 )
-def run_adjoint(units, output, states, inputs, weighing, gradient):
-    """Add d(sum of weighing y)/dw for the weights of `units` to `gradient`, both (h, h + m + 1), going back in time.
+def run_adjoint(rows, output, states, inputs, weighing, gradient):
+    """Add d(sum of weighing y)/dw for the weights [C, I, b] to `gradient` (h, h + m + 1), going back in time.
 
-    `states` (n, at least h) as from `run_states` from a zero state, `inputs` (n, m), `weighing` (n,).
+    `rows` (h, wide) are those of C, padded with zeros to whole vectors; `states` (n, at least h) as from `run_states`
+    from a zero state, `inputs` (n, m), `weighing` (n,).
     """
-    h, m = units.shape[0], inputs.shape[1]
-    adjoint, entering = np.zeros(h), np.empty(h)
+    h, m, wide = rows.shape[0], inputs.shape[1], rows.shape[1]
+    adjoint, entering, seen = np.zeros(wide), np.empty(h), np.ones(h + m + 1)
     for k in range(states.shape[0] - 1, -1, -1):
         for i in range(h):
-            total = weighing[k] * output[i]
-            total += adjoint[i]
-            entering[i] = total * (1.0 - states[k, i] * states[k, i])
-            adjoint[i] = 0.0
+            entering[i] = (weighing[k] * output[i] + adjoint[i]) * (1.0 - states[k, i] * states[k, i])
+            seen[i] = states[k - 1, i] if k > 0 else 0.0
+        for j in range(m):
+            seen[h + j] = inputs[k, j]
         for i in range(h):
-            row = gradient[i]
-            if k > 0:
-                for j in range(h):
-                    row[j] += entering[i] * states[k - 1, j]
-            for j in range(m):
-                row[h + j] += entering[i] * inputs[k, j]
-            row[h + m] += entering[i]
-            for j in range(h):
-                adjoint[j] += units[i, j] * entering[i]
+            row, factor = gradient[i], entering[i]
+            for j in range(h + m + 1):
+                row[j] += factor * seen[j]
+        adjoint[:] = 0.0
+        _weigh(rows, entering, adjoint, h, wide)

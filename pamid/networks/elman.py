@@ -21,7 +21,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pamid.engine.recurrence import LANES, run_adjoint, run_bends, run_sensitivities, run_states
+from pamid.engine.recurrence import LANES, run_adjoint, run_bend, run_sensitivities, run_states
 from pamid.errors import DataError
 from pamid.networks.modes import find_modes
 from pamid.networks.network import Network, Records
@@ -144,34 +144,25 @@ class Elman(Network):
         return states
 
     def _columns(self, layers: Layers) -> Array:
-        """Those of the units' weights, filled up with zeros to whole vectors."""
-        columns = np.zeros((layers.units.shape[1], self.hidden + -self.hidden % LANES))
-        columns[:, : self.hidden] = layers.units.T
-        return columns
+        """Those of the units' weights, in whole vectors."""
+        return _padded(layers.units.T)
 
     def simulate(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
         """Output y (N,) for inputs (N, m) from a zero state."""
         with np.errstate(all="ignore"):
             return np.asarray(self.features(weights, inputs) @ np.asarray(weights, dtype=np.float64)[self.linear])
 
-    def pull_back(self, weights: ArrayLike, inputs: ArrayLike, weighing: ArrayLike) -> Array:
-        """J'v for v = `weighing` (N,), backward through time: a tenth of a pass."""
-        layers, u = self.layers(weights), self._checked(inputs)
-        v = np.ascontiguousarray(weighing, dtype=np.float64)
-        features = self.features(weights, inputs)
-        gradient = np.zeros((self.hidden, self.hidden + self.inputs + 1))
-        run_adjoint(layers.units, layers.output, features, u, v, gradient)
-        with np.errstate(all="ignore"):
-            return np.concatenate([gradient.ravel(), v @ features])
-
-    def bend(self, weights: ArrayLike, step: ArrayLike, inputs: ArrayLike) -> Array:
-        """Second derivative (N,) of the output along a change of the weights, exact."""
+    def curvature(self, weights: ArrayLike, step: ArrayLike, inputs: ArrayLike, washout: int = 0) -> Array:
+        """J' times the second derivative of the output along a change of the weights, exact: forward, then backward in
+        time, a sixth of a pass."""
         layers, along, u = self.layers(weights), self.layers(step), self._checked(inputs)
-        states = self.features(weights, inputs)
-        first, second = np.empty((2, len(u), self.hidden))
-        run_bends(layers.units, along.units, u, states, first, second)
+        states, bend = self.features(weights, inputs), np.empty(len(u))
+        run_bend(self._columns(layers), self._columns(along), u, states, layers.output, along.output, bend)
+        bend[:washout] = 0.0
+        gradient = np.zeros_like(layers.units)
+        run_adjoint(_padded(layers.context), layers.output, states, u, bend, gradient)
         with np.errstate(all="ignore"):
-            return np.asarray(second @ layers.output + 2.0 * (first @ along.output))
+            return np.concatenate([gradient.ravel(), bend @ states])
 
     def sweep(self, weights: ArrayLike, inputs: ArrayLike) -> Iterator[Rows]:
         """Yield (first sample, y, dy/dw) chunk by chunk; the arrays are overwritten by the next chunk but one."""
@@ -194,3 +185,11 @@ class Elman(Network):
         if u.ndim != 2 or u.shape[1] != self.inputs:
             raise DataError(f"Elman {self.inputs}-{self.hidden}-1 takes inputs (N, {self.inputs}), not {u.shape}.")
         return u
+
+
+def _padded(values: Array) -> Array:
+    """Rows filled up with zeros to whole vectors."""
+    rows, columns = values.shape
+    padded = np.zeros((rows, columns + -columns % LANES))
+    padded[:, :columns] = values
+    return padded

@@ -74,17 +74,15 @@ class Network(ABC):
             raise DataError(f"Target has shape {wanted.shape} for {len(np.asarray(inputs))} samples of input.")
         return summed(self.sweep(weights, inputs), wanted, self.n_weights, washout, threads)
 
-    def bend(self, weights: ArrayLike, step: ArrayLike, inputs: ArrayLike) -> Array:
-        """Second derivative (N,) of the output along a change of the weights; here by a central difference."""
+    def curvature(self, weights: ArrayLike, step: ArrayLike, inputs: ArrayLike, washout: int = 0) -> Array:
+        """J' times the second derivative of the output along a change of the weights, over samples `washout` .. N-1;
+        here the latter by a central difference."""
         w, v = np.asarray(weights, dtype=np.float64), ASIDE * np.asarray(step, dtype=np.float64)
         with np.errstate(all="ignore"):
             ahead, here, behind = (self.simulate(at, inputs) for at in (w + v, w, w - v))
-            return np.asarray((ahead - 2.0 * here + behind) / ASIDE**2)
-
-    def pull_back(self, weights: ArrayLike, inputs: ArrayLike, weighing: ArrayLike) -> Array:
-        """J'v (n_weights,) for v = `weighing` (N,)."""
-        v = np.asarray(weighing, dtype=np.float64)
-        return np.sum([v[k : k + len(j)] @ j for k, _, j in self.sweep(weights, inputs)], axis=0)
+            second = (ahead - 2.0 * here + behind) / ASIDE**2
+            second[:washout] = 0.0
+            return np.sum([second[k : k + len(j)] @ j for k, _, j in self.sweep(weights, inputs)], axis=0)
 
     def jacobian(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
         """dy/dw (N, n_weights), the whole record at once: for tests and small records."""

@@ -105,14 +105,8 @@ class Problem:
 
     def curvature(self, weights: Array, step: Array) -> Array | None:
         """J' times the second derivative of the output along `step`; None where that overflows."""
-        total = np.zeros(len(weights))
-        for u, _ in self.records:
-            second = self.network.bend(weights, step, u)
-            second[: self.washout] = 0.0
-            if not np.isfinite(second).all():
-                return None
-            total += self.network.pull_back(weights, u, second)
-        return total if np.isfinite(total).all() else None
+        total = np.sum([self.network.curvature(weights, step, u, self.washout) for u, _ in self.records], axis=0)
+        return np.asarray(total) if np.isfinite(total).all() else None
 
     def evaluate(self, weights: Array) -> tuple[float, Array, Array] | None:
         """Sums over all recordings; None where weights are so wild that a number overflows."""

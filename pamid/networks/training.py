@@ -31,7 +31,7 @@ __all__ = ["Damping", "Goals", "Network", "Scaling", "Step", "Training", "scalin
 Array = NDArray[np.float64]
 Progress = Callable[[Step, int], None]
 
-GATES = (20, 40, 80, 160, 320)   # iterations at which the worse half of the starts is left behind
+GATES = (10, 20, 40, 80, 160)   # iterations at which the worse half of the starts is left behind
 _DAMPING, _GOALS = Damping(), Goals()
 _CHECKPOINT_SECONDS = 5.0
 
