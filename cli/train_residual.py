@@ -42,6 +42,9 @@ pamid train-residual fitted --at joint --iterations 20
               "best is kept.")
 @click.option("--jobs", type=click.IntRange(1, 256), help="Cores to use; the result does not depend on it. "
               "[default: all]")
+@click.option("--evidence", type=click.Choice(["every-sample", "independent-samples"]), default="every-sample",
+              show_default=True, help="What the regularisation counts: every sample, as the first paper does, or the "
+              "far fewer independent ones that a correlated residual is worth.")
 @click.option("--device", default="cpu", show_default=True, help="cpu, or where torch sees one cuda: there the starts "
               "of an elman network share their passes (meant for dozens of starts).")
 @click.option("--at", default="output", show_default=True, metavar="output|PORT",
@@ -53,7 +56,7 @@ pamid train-residual fitted --at joint --iterations 20
 @click.option("--inputs", metavar="A,B,...", help="Columns of residual.csv the network is given. "
               "[default: reference and the model in its own loop; else inputs of the rig and refitted outputs]")
 def command(run: Path, network: str, hidden: int | None, sets: int | None, iterations: int, seed: int, starts: int,
-            jobs: int | None, device: str, at: str, rig: str | None, resume: bool, channel: str | None,
+            jobs: int | None, evidence: str, device: str, at: str, rig: str | None, resume: bool, channel: str | None,
             inputs: str | None) -> frame.Result:
     """Train a network on what the refitted model of the run folder RUN leaves over, on its fitted part, and judge it on
     the held-out part: measured - model, or with --at PORT what is missing in the equations there.
@@ -73,14 +76,14 @@ def command(run: Path, network: str, hidden: int | None, sets: int | None, itera
     leftover = read_leftover(run, channel, names, replay=port is not None)
     folder.begin_step(command=sys.argv, seed=seed, inputs=[run / FIT_FILE, run / RESIDUAL_FILE],
                       options={"network": network, "hidden": hidden, "sets": sets, "iterations": iterations,
-                               "starts": starts, "at": at, "resume": resume, "channel": leftover.channel,
-                               "inputs": list(leftover.inputs)})
+                               "starts": starts, "evidence": evidence, "at": at, "resume": resume,
+                               "channel": leftover.channel, "inputs": list(leftover.inputs)})
 
     def told(step: Step, start: int) -> None:
         which = f"start {start + 1} of {starts}, " if starts > 1 else ""
         progress.update(step.iteration, f"{which}MSE {step.mse:.4g}, gamma {step.gamma:.1f}")
 
-    course = Course(wanted=wanted, device=device, iterations=iterations, seed=seed, starts=starts,
+    course = Course(wanted=wanted, independent=evidence == "independent-samples", device=device, iterations=iterations, seed=seed, starts=starts,
                     threads=jobs or os.cpu_count() or 1, checkpoint=folder.path(CHECKPOINT_FILE),
                     resume=resume, progress=told)
     try:

@@ -99,6 +99,7 @@ class Course(TypedDict, total=False):
 
     wanted: Wanted
     device: str
+    independent: bool
     iterations: int
     seed: int
     starts: int

@@ -218,6 +218,21 @@ def test_acceleration_is_half_the_second_derivative_along_the_step():
                                atol=1e-3 * np.abs(expected).max())
 
 
+def test_evidence_of_independent_samples():
+    """The fixed point of Foresee and Hagan with the number of samples that the errors are worth."""
+    u, y = teacher_data(n=1500)
+    target = 0.3 * y + 0.7 * np.sin(np.arange(1500) / 60.0)
+    every, fewer = (train(Elman(2, 2), u, target, iterations=12, independent=k) for k in (False, True))
+    assert fewer.trace["gamma"][-1] < every.trace["gamma"][-1]
+    worth = effective_samples(target - Elman(2, 2).simulate(fewer.weights, u))
+    assert worth < 300.0 and fewer.effective_samples == pytest.approx(worth, rel=1e-9)
+    gamma, beta, sse = fewer.trace["gamma"][-1], fewer.trace["beta"][-1], fewer.trace["mse"][-1] * 1500
+    assert beta == pytest.approx((worth - gamma) / (2.0 * sse), rel=1e-6)
+    white = linear_data(n=400)
+    once, again = (train(Linear(8), *white, iterations=20, independent=k) for k in (False, True))
+    assert again.trace["gamma"][-1] == pytest.approx(once.trace["gamma"][-1], abs=0.5)
+
+
 def test_gradient_in_the_trace_is_the_objectives():
     u, target = teacher_data(noise=0.02)
     network = Elman(2, 3)

@@ -27,12 +27,12 @@ class Evidence:
     beta: float
 
 
-def first_guess(n_weights: int, samples: int, sse: float, ssw: float) -> Evidence:
+def first_guess(n_weights: int, samples: float, sse: float, ssw: float) -> Evidence:
     """Before any Hessian: all weights count as effective (the start of Foresee and Hagan's algorithm)."""
     return _evidence(float(n_weights), samples, sse, ssw)
 
 
-def reestimate(previous: Evidence, jtj: Array, samples: int, sse: float, ssw: float) -> Evidence:
+def reestimate(previous: Evidence, jtj: Array, samples: float, sse: float, ssw: float) -> Evidence:
     """One step of the fixed-point iteration, from the Hessian at the weights that gave `sse` and `ssw`."""
     return _evidence(effective_weights(previous, jtj), samples, sse, ssw)
 
@@ -69,7 +69,7 @@ def _rounding(matrix: Array) -> float:
     return float(len(matrix) * np.finfo(float).eps * max(np.trace(matrix), _TINY))
 
 
-def _evidence(gamma: float, samples: int, sse: float, ssw: float) -> Evidence:
+def _evidence(gamma: float, samples: float, sse: float, ssw: float) -> Evidence:
     # as many effective weights as samples leave no degree of freedom to measure noise with: keep a sliver
     freedom = max(samples - gamma, 1e-3 * samples)
     return Evidence(gamma, gamma / (2.0 * max(ssw, _TINY)), freedom / (2.0 * max(sse, _TINY)))

@@ -77,8 +77,10 @@ def fresh(problem: Problem, seed: int, start: int) -> Attempt:
 
 
 def _first(problem: Problem, weights: Array) -> Evidence:
+    errors = problem.errors(weights)
     with np.errstate(over="ignore"):
-        return first_guess(len(weights), problem.samples, problem.errors(weights).sse, float(weights @ weights))
+        witnesses = problem.witnesses(errors) if np.isfinite(errors.sse) else problem.samples
+        return first_guess(len(weights), witnesses, errors.sse, float(weights @ weights))
 
 
 def climb(problem: Problem, attempt: Attempt, iterations: int) -> Iterator[Attempt]:
@@ -189,7 +191,8 @@ def _row(problem: Problem, point: Point, trials: int) -> Point:
     old = point.attempt
     evidence = old.evidence
     if problem.regularise and old.steps:
-        evidence = reestimate(evidence, point.jtj, problem.samples, point.sse, float(old.weights @ old.weights))
+        witnesses = problem.witnesses(point.errors)
+        evidence = reestimate(evidence, point.jtj, witnesses, point.sse, float(old.weights @ old.weights))
     point = replace(point, attempt=replace(old, evidence=evidence))
     step = Step(
         iteration=len(old.steps),

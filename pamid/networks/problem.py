@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.errors import DataError
-from pamid.networks.bayes import Evidence, solve_damped
+from pamid.networks.bayes import Evidence, effective_samples, solve_damped
 from pamid.networks.meeting import Meeting
 from pamid.networks.network import Network
 from pamid.networks.scaling import check_finite
@@ -64,7 +64,8 @@ class Goals:
 class Problem:
     """Recordings are (inputs (N, m), target (N,)) pairs, each simulated from a zero state.
 
-    threads: for one pass; meeting: where passes are computed together with those of other starts, if anywhere.
+    independent: alpha and beta count the independent samples that the errors are worth, not every sample. threads: for
+    one pass; meeting: where passes are computed together with those of other starts, if anywhere.
     """
 
     network: Network
@@ -73,12 +74,17 @@ class Problem:
     regularise: bool
     damping: Damping
     goals: Goals
+    independent: bool = False
     threads: int = 1
     meeting: Meeting | None = None
 
     @property
     def samples(self) -> int:
         return sum(len(t) - self.washout for _, t in self.records)
+
+    def witnesses(self, errors: Errors) -> float:
+        """Samples that alpha and beta count."""
+        return sum(effective_samples(e) for e in errors.each) if self.independent else float(self.samples)
 
     def errors(self, weights: Array) -> Errors:
         with np.errstate(all="ignore"):
@@ -156,6 +162,6 @@ def fingerprint(problem: Problem, seed: int, starts: int) -> str:
     digest = hashlib.sha256()
     for u, t in problem.records:
         digest.update(repr(u.shape).encode() + u.tobytes() + t.tobytes())
-    options = (int(problem.washout), bool(problem.regularise), problem.damping, problem.goals, int(seed), int(starts))
+    options = (int(problem.washout), bool(problem.regularise), problem.damping, problem.goals, int(seed), int(starts), problem.independent)
     digest.update(repr((problem.network, *options)).encode())
     return digest.hexdigest()

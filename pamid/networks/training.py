@@ -101,6 +101,7 @@ def train(
     progress: Progress | None = None,
     checkpoint: Path | None = None,
     resume: bool = False,
+    independent: bool = False,
     threads: int = 1,
     engine: Engine | None = None,
 ) -> Training:
@@ -109,17 +110,18 @@ def train(
     `inputs` (N, m) and `target` (N,), or equally long lists of these: several recordings, each from a zero state.
     Start s begins at `network.start(..., seed + s)`; the starts race (module), the winner takes at most `iterations`
     steps and is kept. The first `washout` samples of every recording are simulated but not counted. `regularise=False`
-    is plain least squares (alpha 0, beta 1). `progress(step, start)` is called after every step; KeyboardInterrupt,
-    there or anywhere, ends the training with what it has. `threads`: cores used; the result does not depend on it.
-    `engine`: computes the passes of all starts that are running in one batch (batch.py), to the last digits but a few
-    as the network itself does.
+    is plain least squares (alpha 0, beta 1); `independent` lets alpha and beta count only the independent samples that
+    the errors are worth: at 3 ms far fewer, and more regularisation. `progress(step, start)` is called after every
+    step; KeyboardInterrupt, there or anywhere, ends the training with what it has. `threads`: cores used; the result
+    does not depend on it. `engine`: computes the passes of all starts that are running in one batch (batch.py), to the
+    last digits but a few as the network itself does.
 
     `checkpoint` is a file rewritten every few seconds and at the end. With `resume` the training goes on from it (from
     the beginning where there is none yet) and ends with the very numbers of an undisturbed one; more `iterations` than
     before are allowed. Not converging is told in the result; DataError is for data that cannot be fitted, FileError
     for a checkpoint of another training.
     """
-    problem = Problem(network, recordings(inputs, target), washout, regularise, damping, goals)
+    problem = Problem(network, recordings(inputs, target), washout, regularise, damping, goals, independent)
     check_problem(problem, iterations, starts, seed)
     if resume and checkpoint is None:
         raise DataError("There is nothing to resume from.", "Name the checkpoint file.")
@@ -211,7 +213,8 @@ def _conclude(problem: Problem, attempts: Sequence[Attempt], running: list[int],
     residual = problem.errors(best.weights).each
     independent = sum(effective_samples(e) for e in residual) if all(np.isfinite(e).all() for e in residual) else 0.0
     found = problem.evaluate(best.weights)
-    tempered = replace(best.evidence, beta=best.evidence.beta * independent / problem.samples)
+    counted = independent if problem.independent else problem.samples
+    tempered = replace(best.evidence, beta=best.evidence.beta * independent / max(counted, 1.0))
     return Training(
         weights=best.weights,
         trace=dict(zip(Step._fields, columns, strict=True)),
