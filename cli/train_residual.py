@@ -83,9 +83,9 @@ def command(run: Path, network: str, hidden: int | None, sets: int | None, itera
         which = f"start {start + 1} of {starts}, " if starts > 1 else ""
         progress.update(step.iteration, f"{which}MSE {step.mse:.4g}, gamma {step.gamma:.1f}")
 
-    course = Course(wanted=wanted, independent=evidence == "independent-samples", device=device, iterations=iterations, seed=seed, starts=starts,
-                    threads=jobs or os.cpu_count() or 1, checkpoint=folder.path(CHECKPOINT_FILE),
-                    resume=resume, progress=told)
+    course = Course(wanted=wanted, independent=evidence == "independent-samples", device=device, iterations=iterations,
+                    seed=seed, starts=starts, threads=jobs or os.cpu_count() or 1,
+                    checkpoint=folder.path(CHECKPOINT_FILE), resume=resume, progress=told)
     try:
         with Progress("train-residual", iterations) as progress:
             if port is None:

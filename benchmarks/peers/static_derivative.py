@@ -18,6 +18,7 @@ from measuring import teacher_record
 from numpy.typing import ArrayLike, NDArray
 
 from pamid.networks.elman import Elman
+from pamid.networks.network import Records
 from pamid.networks.sums import Rows
 from pamid.networks.training import train
 
@@ -25,7 +26,14 @@ Array = NDArray[np.float64]
 NOISE = 0.02
 
 
-class StaticElman(Elman):
+class RandomElman(Elman):
+    """An Elman network that begins at random weights whatever the data."""
+
+    def start(self, records: Records, washout: int, seed: int) -> Array:
+        return self.initial(seed)
+
+
+class StaticElman(RandomElman):
     """An Elman network whose derivative stops at x(k); it simulates as any other."""
 
     def sweep(self, weights: ArrayLike, inputs: ArrayLike) -> Iterator[Rows]:
@@ -53,7 +61,7 @@ def main() -> None:
     print(f"{'start':5s} {'exact mse':>11s} {'static mse':>11s} {'ratio':>6s}   ended")
     for seed in range(options.starts):
         exact, static = (train(n, u, target, iterations=options.iterations, seed=seed)
-                         for n in (Elman(), StaticElman()))
+                         for n in (RandomElman(), StaticElman()))
         mse = [t.trace["mse"][-1] for t in (exact, static)]
         print(f"{seed:5d} {mse[0]:11.3e} {mse[1]:11.3e} {mse[1] / mse[0]:6.2f}   "
               f"exact: {exact.why} ({len(exact.trace['mse']) - 1}); "

@@ -162,6 +162,7 @@ def fingerprint(problem: Problem, seed: int, starts: int) -> str:
     digest = hashlib.sha256()
     for u, t in problem.records:
         digest.update(repr(u.shape).encode() + u.tobytes() + t.tobytes())
-    options = (int(problem.washout), bool(problem.regularise), problem.damping, problem.goals, int(seed), int(starts), problem.independent)
+    options = (int(problem.washout), bool(problem.regularise), bool(problem.independent), problem.damping,
+               problem.goals, int(seed), int(starts))
     digest.update(repr((problem.network, *options)).encode())
     return digest.hexdigest()
