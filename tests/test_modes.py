@@ -60,7 +60,7 @@ def test_the_network_begins_as_that_model(hidden):
     assert np.mean((target - network.simulate(weights, u)) ** 2) < 0.3 * target.var()
 
 
-def test_odd_seeds_begin_at_random():
+def test_every_fourth_seed_begins_at_random():
     records = [ringing()]
     network = Elman(2, 4)
     np.testing.assert_array_equal(network.start(records, 0, 3), network.initial(3))

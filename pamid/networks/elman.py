@@ -113,15 +113,15 @@ class Elman(Network):
         return self.flatten(Layers(np.column_stack([context, entering, bias]), output, 0.0))
 
     def start(self, records: Records, washout: int, seed: int) -> Array:
-        """An even seed begins at a linear model of the data: a pair of units for each of its modes (modes.py), scaled
-        so that tanh bends them little (an odd last unit as in `initial`); an odd seed begins at `initial`.
+        """A linear model of the data: a pair of units for each of its modes (modes.py), scaled so that tanh bends them
+        little (an odd last unit as in `initial`). Every fourth seed begins at `initial` instead.
 
         Why both: where the gap rings for seconds (the first paper's task on a twin; 15000 samples, 100 steps) starts
         from `initial` mostly end at a mean squared error of 2e-2 to 5e-2, starts from modes at 4e-4 to 4e-3; where it
         forgets within a few samples (a random network as teacher; 10000 samples, 80 steps, noise 4e-4) four of four
         starts from `initial` come down to the noise, two of four from modes. Several starts race, and have both.
         """
-        if seed % 2:
+        if seed % 4 == 3:
             return self.initial(seed)
         layers = self.layers(self.initial(seed))
         found = find_modes(records, washout, self.hidden // 2, seed)
