@@ -31,13 +31,13 @@ import subprocess
 import sys
 import tempfile
 import time
-import venv
 import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from peers.environment import CACHE, python_with
 
 from pamid.equations import expression
 from pamid.networks.anfis import Anfis
@@ -97,23 +97,13 @@ def ours(record: dict[str, Array]) -> list[tuple[float, float]]:
     return path
 
 
-def peer_environment(folder: Path) -> Path:
-    """The peer's Python, made where it is not there yet."""
-    python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
-    if not python.exists():
-        print(f"making the peer's environment in {folder}", flush=True)
-        venv.create(folder, with_pip=True)
-    subprocess.run([python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", PEER], check=True)
-    return python
-
-
 def against_peer(environment: Path, step: float, epochs: int) -> None:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "record.npz"
         record = make_record(path)
         print(f"{SAMPLES} samples, noise {NOISE:g}, 5 x 5 rules, to an RMSE of {WANTED:g}")
         path_of_ours = ours(record)
-        command = [peer_environment(environment), HERE / "peers" / "anfis_steps.py", path, 5, step, epochs, WANTED]
+        command = [python_with(environment, [PEER]), HERE / "peers" / "anfis_steps.py", path, 5, step, epochs, WANTED]
         found: dict[str, Any] = json.loads(subprocess.run([str(c) for c in command], check=True, capture_output=True,
                                                           text=True).stdout)
     lowest = int(np.argmin(found["rmse"]))
@@ -169,13 +159,12 @@ def force_map(data: Path) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
     parser.add_argument("--only", nargs="*", choices=["peer", "map"], default=["map", "peer"])
     parser.add_argument("--quick", action="store_true", help=f"only {QUICK_EPOCHS} epochs of the peer")
     parser.add_argument("--step", type=float, default=STEP, help="the peer's step size")
     parser.add_argument("--epochs", type=int, default=EPOCHS, help="of the peer, at most")
     parser.add_argument("--data", type=Path, default=DATA)
-    parser.add_argument("--environment", type=Path, default=cache / "pamid" / "anfis-peer")
+    parser.add_argument("--environment", type=Path, default=CACHE / "anfis-peer")
     options = parser.parse_args()
     if "map" in options.only:
         force_map(options.data)

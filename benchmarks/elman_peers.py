@@ -15,12 +15,12 @@ import os
 import subprocess
 import sys
 import tempfile
-import venv
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from peers.environment import CACHE, python_with
 
 HERE = Path(__file__).resolve().parent
 REQUIRED = ["jax", "numpy>=2,<3", "pyrenn==0.1"]
@@ -56,22 +56,6 @@ PEERS = {
     ],
     "torch": [Row("torch jacfwd, the pass alone", "torch_pass.py")],
 }
-
-
-def environment(folder: Path) -> Path:
-    """The peers' Python; made where it is not there yet."""
-    python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
-    done, wanted = folder / "installed.txt", "\n".join(REQUIRED)
-    if done.exists() and done.read_text() == wanted:
-        return python
-    if folder.exists() and any(folder.iterdir()) and not (folder / "pyvenv.cfg").exists():
-        raise SystemExit(f"{folder} holds something else than an environment. Name an empty or a new folder.")
-    print(f"making the peers' environment in {folder}", flush=True)
-    if not python.exists():
-        venv.create(folder, with_pip=True)
-    subprocess.run([python, "-m", "pip", "install", "--quiet", *REQUIRED], check=True)
-    done.write_text(wanted)
-    return python
 
 
 def write_record(path: Path, samples: int) -> None:
@@ -126,8 +110,7 @@ def show_ours(ours: dict[str, Any], samples: int, core: str) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    parser.add_argument("--environment", type=Path, default=cache / "pamid" / "peers")
+    parser.add_argument("--environment", type=Path, default=CACHE / "peers")
     parser.add_argument("--peers", default=",".join(PEERS), help="of " + ", ".join(PEERS))
     parser.add_argument("--samples", type=int, default=66_667)
     options = parser.parse_args()
@@ -137,7 +120,7 @@ def main() -> None:
             parser.error(f"no peer named {name!r}; there are {', '.join(PEERS)}")
     rows = [row for name in chosen for row in PEERS[name]]
     own = Path(sys.executable)
-    theirs = environment(options.environment) if any(row.own_environment for row in rows) else own
+    theirs = python_with(options.environment, REQUIRED) if any(row.own_environment for row in rows) else own
     core = "not bound to a core (this system cannot)"
     if hasattr(os, "sched_setaffinity"):
         number = max(os.sched_getaffinity(0))

@@ -20,7 +20,7 @@ from pamid.errors import DataError
 from pamid.library import rig_named
 from pamid.networks.anfis import Anfis
 from pamid.networks.elman import Elman
-from pamid.networks.force_law import ForceLaw, check_force_law, force_law
+from pamid.networks.force_law import ForceLaw, _on_grid, _steps, check_force_law, force_law
 from pamid.networks.scaling import Scaling
 from pamid.networks.store import TrainedNetwork, load_network, save_network, train_on_signals
 from pamid.networks.training import train
@@ -228,6 +228,15 @@ def test_force_law_goes_on_in_straight_lines_without_a_kink(muscle):
         inward, outward = ((evaluated(law, end + d, 300.0) - evaluated(law, end, 300.0)) / d for d in (-away, away))
         assert outward == pytest.approx(inward, rel=1e-2)
     assert abs(evaluated(law, 0.3, 700.0) - chart(np.array([0.3]), np.array([700.0]))[0]) < 40.0  # N
+
+
+def test_the_guard_looks_at_the_law_itself(muscle):
+    """Its grid, beyond the trained range too, holds the forces that the equations give."""
+    grid, law = _on_grid(muscle), force_law(muscle)
+    steps = muscle.input_scaling.backward(np.stack([_steps(), _steps()], axis=1))  # pressure in bar, contraction
+    force = muscle.output_scaling.backward(grid.ravel()).reshape(grid.shape) * 1e3
+    for i, k in ((0, 0), (0, 60), (120, 120), (3, 118), (60, 60), (119, 2)):
+        assert force[i, k] == pytest.approx(evaluated(law, steps[k, 1], 100.0 * steps[i, 0]), abs=0.05)  # N
 
 
 RIG_FILE = """

@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 POINTS = 121      # per input, of the grid on which a law is checked
 BEYOND = 0.2      # how far that grid goes past each end of the scaled range [-1, 1]: a tenth of the range
 TOLERANCE = 5e-3  # of the trained range of forces: what a law may move the wrong way
-NUDGE = 1e-3      # scaled; along it the check takes the tangent plane by a central difference
+NUDGE = 1e-4      # scaled; along it, towards the inside, the check takes the tangent plane by a difference
 
 
 @runtime_checkable
@@ -136,8 +136,8 @@ def _on_grid(trained: TrainedNetwork) -> Array:
     table = np.stack(np.meshgrid(_steps(), _steps(), indexing="ij"), axis=-1).reshape(-1, 2)
     held = np.clip(table, -1.0, 1.0)
     nudge = NUDGE * (table - held)
-    inside, ahead, behind = (trained.network.simulate(trained.weights, held + by) for by in (0.0, nudge, -nudge))
-    return (inside + (ahead - behind) / (2.0 * NUDGE)).reshape(POINTS, POINTS)
+    edge, before = (trained.network.simulate(trained.weights, held - by) for by in (0.0, nudge))
+    return (edge + (edge - before) / NUDGE).reshape(POINTS, POINTS)
 
 
 def _steps() -> Array:
