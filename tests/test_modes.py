@@ -7,14 +7,17 @@ from pamid.networks.elman import Elman
 from pamid.networks.modes import find_modes
 
 
-def ringing(n=6000, seed=0, pole=0.995 * np.exp(0.05j), bias=0.1):
+POLE = 0.995 * np.exp(0.05j)
+
+
+def ringing(n=6000, seed=0):
     """Held random levels into one lightly damped mode; target within [-1, 1]."""
     draw = np.random.default_rng(seed)
     u = np.repeat(draw.uniform(-1.0, 1.0, (n // 300, 2)), 300, axis=0)
     z, out = 0j, np.empty(len(u))
     for k, row in enumerate(u):
-        z = pole * z + (0.02 - 0.01j) * row[0] + 0.01j * row[1]
-        out[k] = bias + z.real
+        z = POLE * z + (0.02 - 0.01j) * row[0] + 0.01j * row[1]
+        out[k] = 0.1 + z.real
     return u, out / 2.0
 
 
