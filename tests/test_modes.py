@@ -6,7 +6,6 @@ import pytest
 from pamid.networks.elman import Elman
 from pamid.networks.modes import find_modes
 
-
 POLE = 0.995 * np.exp(0.05j)
 
 
