@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,7 @@ from pamid.library import effects, rig_named
 from pamid.metrics import mae
 from pamid.networks.store import save_network, trace_csv
 from pamid.recording import Recording, read_recording, write_recording
+from pamid.report.paper_figure import steps_picture
 from pamid.residual_network import CHECKPOINT_FILE, STARTUP_S, TRACE_FILE, Correction, train_correction
 from pamid.run import Run, write_atomically, write_json
 from pamid.units import split_column, with_unit
@@ -46,7 +47,7 @@ NOMINAL_KG_M2 = 0.014
 TRAINED, UNSEEN = "6.4 Jn", "Jn"
 INERTIAS = {TRAINED: 6.4 * NOMINAL_KG_M2, UNSEEN: NOMINAL_KG_M2}     # kg m2
 FILES = {"training": "training.csv", TRAINED: "steps-6.4-jn.csv", UNSEEN: "steps-jn.csv"}
-TABLE_FILE = "paper.json"
+TABLE_FILE, FIGURE_FILE = "paper.json", "figures/steps.png"
 SCHEMA = "pamid.paper/1"
 
 ANALYTIC, REFITTED, ELMAN, NAMED = "analytic model", "refitted model", "analytic model + Elman", "named causes"
@@ -126,6 +127,7 @@ class Row:
     mae: dict[str, float | None]
     after_1_s: dict[str, float | None]
     seconds: float | None = None
+    angles: dict[str, Array | None] = field(default_factory=dict, repr=False)
 
     def improvement(self, against: Row) -> dict[str, float | None]:
         """1 - error / the error of another row, by inertia."""
@@ -153,7 +155,7 @@ class Records:
             return {case: None if angle is None else mae(self.steps[case].signal(ANGLE)[first:], angle[first:])
                     for case, angle in angles.items()}
 
-        return Row(model, errors(0), errors(skip), seconds)
+        return Row(model, errors(0), errors(skip), seconds, angles)
 
     def row_of(self, model: str, grey: GreyBox, p: Array, seconds: float | None = None) -> Row:
         """Score a fitted model in its own loop."""
@@ -280,7 +282,7 @@ def named_rows(records: Records, grey: GreyBox, cause: Contender, seconds: float
         return [row]
     again = records.row_of(SPRING_KEPT, model, moved)
     return [row, Row(SPRING_KEPT, {**row.mae, UNSEEN: again.mae[UNSEEN]},
-                     {**row.after_1_s, UNSEEN: again.after_1_s[UNSEEN]})]
+                     {**row.after_1_s, UNSEEN: again.after_1_s[UNSEEN]}, None, {**row.angles, **again.angles})]
 
 
 def explain(run: Run, records: Records, plan: Plan, told: Told) -> tuple[list[Row], Diagnosis]:
@@ -322,7 +324,15 @@ def reproduce(run: Run, plan: Plan, *, resume: bool = False, told: Told = lambda
                       if k in ("verdict", "sentence", "causes")},
     }
     write_json(run.path(TABLE_FILE), found)
+    write_atomically(run.path(FIGURE_FILE), picture_of(records, [analytic, elman, *named[:1]]))
     return {**found, "rows": [{**cells, "seconds": row.seconds} for cells, row in zip(table, rows, strict=True)]}
+
+
+def picture_of(records: Records, rows: Sequence[Row]) -> bytes:
+    """PNG of the errors of these models on the steps, those that are stable at both inertias."""
+    errors = {case: {row.model: angle - r.signal(ANGLE) for row in rows if None not in row.mae.values()
+                     and (angle := row.angles[case]) is not None} for case, r in records.steps.items()}
+    return steps_picture(clock(step_reference()), errors, ("trained at", "never seen")).png
 
 
 def row_json(row: Row, analytic: Row) -> dict[str, Any]:

@@ -23,8 +23,8 @@ from pamid.run import read_json
 from pamid.virtual import attach_specs
 
 SMALL = ("reproduce-paper", "--quick", "--seconds", "12", "--iterations", "4", "--starts", "2", "--jobs", "1", "--json")
-WRITTEN = ("run.json", "training.csv", "training.toml", "steps-6.4-jn.csv", "steps-jn.csv", "network.json",
-           "network.npz", "trace.csv", "checkpoint.npz", "diagnosis.json", "paper.json")  # fmt: skip
+WRITTEN = ("run.json", "training.csv", "training.toml", "steps-6.4-jn.csv", "steps-jn.csv", "figures/steps.png",
+           "network.json", "network.npz", "trace.csv", "checkpoint.npz", "diagnosis.json", "paper.json")  # fmt: skip
 
 
 @pytest.fixture
