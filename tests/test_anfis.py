@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.util
 import itertools
 import math
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from compiled import differences, program, run, sensitivities, state
+from scripts import load_script
 
 import pamid.networks.anfis as anfis_module
 from pamid.assembly import Assembly
@@ -330,11 +329,7 @@ def test_what_is_no_force_law_is_refused(network, names, output, words):
 @pytest.mark.parametrize("first", [0, 1, 2])
 def test_measured_map_of_a_20_mm_muscle(first):
     """Every third point held out; 10 N is 0.6 % of the largest force."""
-    spec = importlib.util.spec_from_file_location("anfis_benchmark", ROOT / "benchmarks" / "anfis.py")
-    assert spec is not None and spec.loader is not None
-    benchmark = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = benchmark
-    spec.loader.exec_module(benchmark)
+    benchmark = load_script("anfis.py")
     network, table, held_out = benchmark.map_network(DATA, first)
     error = benchmark.pulled(network, table) - table[:, 2]
     assert math.sqrt(np.mean(error[held_out] ** 2)) <= 10.0

@@ -1,30 +1,18 @@
 """The static derivative that the exact one is compared with."""
 
-import importlib.util
-import sys
-from collections.abc import Iterator
-from pathlib import Path
-
 import numpy as np
 import pytest
+from scripts import load_script
 
 import pamid.networks.elman as elman_module
 from pamid.networks.elman import Elman
 
-SCRIPT = Path(__file__).resolve().parent.parent / "benchmarks" / "peers" / "static_derivative.py"
-
 
 @pytest.fixture(scope="module")
-def static() -> Iterator[Elman]:
+def static() -> Elman:
     """A small network with the static derivative."""
-    sys.path.insert(0, str(SCRIPT.parent))  # where a script finds its neighbours
-    spec = importlib.util.spec_from_file_location("static_derivative", SCRIPT)
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    network: Elman = module.StaticElman(3, 4)
-    yield network
-    sys.path.remove(str(SCRIPT.parent))
+    network: Elman = load_script("peers/static_derivative.py").StaticElman(3, 4)
+    return network
 
 
 def drawn(samples: int, memory: float) -> tuple[np.ndarray, np.ndarray]:
