@@ -34,12 +34,15 @@ class Progress:
             self._stream.flush()
 
     def update(self, done: int, text: str = "") -> None:
-        """Say that `done` of the total are finished; `text` is what is going on."""
+        """Say that `done` of the total are finished; `text` is what is going on. The rest is taken to go as fast, and
+        may not be needed."""
         now = time.monotonic()
         if now - self._told < (_TERMINAL_S if self._live else _LOG_S):
             return
         self._told, self._shown = now, True
         count = f"{done}/{self._total} " if self._total is not None else "" if text else f"{done}"
-        line = f"{self._label}: {count}{text}".rstrip()[:_WIDTH] + f" ({now - self._begun:.0f} s)"
+        spent = now - self._begun
+        left = f", at most {spent * (self._total - done) / done:.0f} s left" if self._total and done > 0 else ""
+        line = f"{self._label}: {count}{text}".rstrip()[:_WIDTH] + f" ({spent:.0f} s{left})"
         self._stream.write(f"\r{line}\x1b[K" if self._live else line + "\n")
         self._stream.flush()

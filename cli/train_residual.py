@@ -81,7 +81,7 @@ def command(run: Path, network: str, hidden: int | None, sets: int | None, itera
 
     def told(step: Step, start: int) -> None:
         which = f"start {start + 1} of {starts}, " if starts > 1 else ""
-        progress.update(step.iteration, f"{which}MSE {step.mse:.4g}, gamma {step.gamma:.1f}")
+        progress.update(step.iteration, f"{which}MSE {step.mse:.4g}, gamma {step.gamma:.1f}, mu {step.mu:.1g}")
 
     course = Course(wanted=wanted, independent=evidence == "independent-samples", device=device, iterations=iterations,
                     seed=seed, starts=starts, threads=jobs or os.cpu_count() or 1,

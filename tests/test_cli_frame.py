@@ -197,7 +197,7 @@ def test_progress_on_a_terminal_and_in_a_log(monkeypatch: pytest.MonkeyPatch) ->
     with Progress("fitting", 4, stream=log) as progress:
         for done in range(4):
             progress.update(done, "x")
-    assert log.getvalue() == "fitting: 1/4 x (16 s)\nfitting: 3/4 x (40 s)\n"
+    assert log.getvalue() == "fitting: 1/4 x (16 s, at most 48 s left)\nfitting: 3/4 x (40 s, at most 13 s left)\n"
 
     class Terminal(StringIO):
         def isatty(self) -> bool:
