@@ -1,7 +1,5 @@
-"""The results table of the first paper on a twin of its rig: what `pamid reproduce-paper` does.
+"""The results table of the first paper on a twin of its rig (twin.py): what `pamid reproduce-paper` does.
 
-The twin is a virtual joint with effects that the analytic model lacks, sized so that this model misses it by as much
-as the paper's model missed its rig. Many other twins would do: this one is a fixture, not a claim about that rig.
 Source of the published figures: Hosovsky, Mizakova, Pitel, improved modeling of a pneumatic muscle actuator.
 """
 
@@ -33,19 +31,25 @@ from pamid.recording import Recording, read_recording, write_recording
 from pamid.report.paper_figure import steps_picture
 from pamid.residual_network import CHECKPOINT_FILE, STARTUP_S, TRACE_FILE, Correction, train_correction
 from pamid.run import Run, write_atomically, write_json
-from pamid.units import split_column, with_unit
-from pamid.virtual import virtual_rig
+from pamid.twin import (
+    AMPLITUDE_DEG,
+    ANGLE,
+    HOLD_S,
+    INERTIAS,
+    PERIOD_S,
+    RIG,
+    TRAINED,
+    UNSEEN,
+    Twin,
+    analytic_loop,
+    calibration,
+    clock,
+    step_reference,
+)
 
 Array = NDArray[np.float64]
 Told = Callable[[str], None]
 
-RIG, PERIOD_S = "one-dof", 0.003
-REFERENCE, COMMAND, ANGLE = "reference_deg", "command", "angle_deg"
-AMPLITUDE_DEG, HOLD_S = 40.0, (0.4, 1.6)
-STEPS_DEG, FIRST_STEP_S, STEP_S, STEP_SAMPLES = (20.0, -20.0, 30.0, -30.0, 40.0, -40.0), 0.252, 1.626, 3334
-NOMINAL_KG_M2 = 0.014
-TRAINED, UNSEEN = "6.4 Jn", "Jn"
-INERTIAS = {TRAINED: 6.4 * NOMINAL_KG_M2, UNSEEN: NOMINAL_KG_M2}     # kg m2
 FILES = {"training": "training.csv", TRAINED: "steps-6.4-jn.csv", UNSEEN: "steps-jn.csv"}
 TABLE_FILE, FIGURE_FILE = "paper.json", "figures/steps.png"
 SCHEMA = "pamid.paper/1"
@@ -61,50 +65,6 @@ NOTES = (
     "The paper calls its MSE of 0.0015, of signals within [-1, 1], a mean relative error of 0.075 %. That divides a "
     "squared error by the range; the root of it is 0.0387, or 1.94 % of the range.",
 )
-
-
-@dataclass(frozen=True)
-class Twin:
-    """What the hidden truth has and the analytic model has not.
-
-    damping and conductance are shares of the model's; hysteresis is at 6 bar. The load swings behind a spring; what
-    sits before it stays the same with either load. Damping was chosen so that the joint settles under random steps, too
-    (0.14 passes the test of the steps and then oscillates by 10 deg for ever), conductance and spring to meet the two
-    errors.
-    """
-
-    hysteresis_n: float = 0.0307 * 1500.0
-    reach: float = 0.004
-    damping: float = 0.35
-    conductance: float = 0.9385
-    delay_s: float = 0.009
-    coulomb_n_m: float = 0.15
-    spring_n_m: float = 35.75            # per rad
-    loss_n_m_s: float = 0.05
-    inboard_kg_m2: float = 0.5 * NOMINAL_KG_M2
-
-    def effects(self, inertia: float) -> tuple[str, ...]:
-        """As `--effect` takes them, for an inertia in kg m2."""
-        outboard = inertia - self.inboard_kg_m2
-        natural = math.sqrt(self.spring_n_m / outboard)
-        ratio = self.loss_n_m_s / (2.0 * natural * outboard)
-        return (f"maxwell-slip-hysteresis:force_n={self.hysteresis_n},reach={self.reach}",
-                f"two-mass:share={outboard / inertia},frequency_hz={natural / (2.0 * math.pi)},damping={ratio}",
-                f"dead-time:delay_s={self.delay_s}",
-                f"coulomb-friction:torque_n_m={self.coulomb_n_m}")
-
-    def hidden(self) -> dict[str, float]:
-        """Parameters of the rig that differ from the data sheet, by outside name."""
-        shares = {"damping_m2_s": self.damping, "conductance_in_m3_per_s_pa": self.conductance,
-                  "conductance_out_m3_per_s_pa": self.conductance}
-        return {p.outside_name: p.value * shares[p.outside_name] for p in rig_named(RIG).parameters
-                if p.outside_name in shares}
-
-    def record(self, reference: Array, inertia: float, *, noise: float = 1.0, seed: int = 0) -> dict[str, Any]:
-        """columns (samples,) in their own units and the meta of a recording on this reference (deg)."""
-        made = virtual_rig(RIG, excitation(reference), self.effects(inertia), {"inertia_kg_m2": inertia},
-                           self.hidden(), noise, seed)
-        return {"columns": made.columns, "meta": made.meta}
 
 
 @dataclass(frozen=True)
@@ -166,35 +126,6 @@ class Records:
 # ---- recordings --------------------------------------------------------------------------------------------------
 
 
-def step_reference() -> Array:
-    """The test of figures 5 and 6, deg, shape (3334,): steps of alternating sign every 3 ms."""
-    reference = np.zeros(STEP_SAMPLES)
-    for k, level in enumerate(STEPS_DEG):
-        reference[round((FIRST_STEP_S + k * STEP_S) / PERIOD_S):] = level
-    return reference
-
-
-def excitation(reference: Array) -> Recording:
-    """A reference (deg) as what is sent to a closed loop."""
-    return Recording("reference", Path("reference"), "", clock(reference), {REFERENCE: reference}, PERIOD_S)
-
-
-def clock(reference: Array) -> Array:
-    """Sampling instants in s."""
-    return PERIOD_S * np.arange(len(reference), dtype=np.float64)
-
-
-def analytic_loop(recording: Recording) -> dict[str, Array]:
-    """Reference, command, angle, velocity and acceleration (deg, s) of the data-sheet model in its own loop."""
-    reference = recording.signal(REFERENCE)
-    made = virtual_rig(RIG, excitation(reference), (), recording.known, {}, 0.0, 0).columns
-    velocity = np.gradient(made[ANGLE], PERIOD_S)
-    unit = split_column(ANGLE)[1]
-    return {REFERENCE: reference, f"{COMMAND}_loop": made[COMMAND], derived(ANGLE, "loop"): made[ANGLE],
-            with_unit("velocity_loop", f"{unit}/s"): velocity,
-            with_unit("acceleration_loop", f"{unit}/s2"): np.gradient(velocity, PERIOD_S)}
-
-
 def record_twin(folder: Path, twin: Twin, plan: Plan) -> Records:
     """Make the three recordings, with the default sensor noise, as files a user could have."""
     steps = step_reference()
@@ -206,16 +137,6 @@ def record_twin(folder: Path, twin: Twin, plan: Plan) -> Records:
         write_recording(path, clock(reference), **twin.record(reference, inertia, seed=len(wanted) * plan.seed + k))
         read[name] = read_recording(path)
     return Records(read.pop("training"), read)
-
-
-def calibration(twin: Twin) -> dict[str, float]:
-    """MAE (deg) of the analytic model against the twin without noise, by inertia: what the twin was made to meet."""
-    found = {}
-    for case, inertia in INERTIAS.items():
-        truth = twin.record(step_reference(), inertia, noise=0.0)["columns"]
-        known = replace(excitation(truth[REFERENCE]), known={"inertia_kg_m2": inertia})
-        found[case] = mae(truth[ANGLE], analytic_loop(known)[derived(ANGLE, "loop")])
-    return found
 
 
 # ---- the models --------------------------------------------------------------------------------------------------

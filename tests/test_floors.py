@@ -37,6 +37,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("port_network",),
     ("trial",),
     ("report", "export"),
+    ("twin",),
     ("demo", "paper"),
     ("cli",),
 )

@@ -20,6 +20,18 @@ from pamid.metrics import mae
 from pamid.networks.elman import Elman
 from pamid.recording import read_recording
 from pamid.run import read_json
+from pamid.twin import (
+    AMPLITUDE_DEG,
+    HOLD_S,
+    INERTIAS,
+    PERIOD_S,
+    RIG,
+    Twin,
+    analytic_loop,
+    calibration,
+    excitation,
+    step_reference,
+)
 from pamid.virtual import attach_specs
 
 SMALL = ("reproduce-paper", "--quick", "--seconds", "12", "--iterations", "4", "--starts", "2", "--jobs", "1", "--json")
@@ -35,33 +47,33 @@ def few_effects(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_analytic_model_misses_the_twin_by_the_published_errors() -> None:
-    found = paper.calibration(paper.Twin())
+    found = calibration(Twin())
     assert found == pytest.approx({"6.4 Jn": 1.2890, "Jn": 1.1706}, abs=0.02)
     for case, published in paper.PUBLISHED["analytic model"].items():
         assert found[case] == pytest.approx(published, abs=0.02)
 
 
 def test_the_twin_settles_under_random_steps() -> None:
-    reference = aprbs(30.0, paper.PERIOD_S, paper.AMPLITUDE_DEG, paper.HOLD_S, seed=1)
-    inertia = paper.INERTIAS["6.4 Jn"]
-    known = replace(paper.excitation(reference), known={"inertia_kg_m2": inertia})
-    model = paper.analytic_loop(known)["angle_loop_deg"]
+    reference = aprbs(30.0, PERIOD_S, AMPLITUDE_DEG, HOLD_S, seed=1)
+    inertia = INERTIAS["6.4 Jn"]
+    known = replace(excitation(reference), known={"inertia_kg_m2": inertia})
+    model = analytic_loop(known)["angle_loop_deg"]
 
-    def error(twin: paper.Twin) -> float:
+    def error(twin: Twin) -> float:
         return mae(twin.record(reference, inertia)["columns"]["angle_deg"], model)
 
-    assert error(paper.Twin()) < 1.5
-    assert error(replace(paper.Twin(), damping=0.138)) > 3.0  # why the twin's damping is not lower
+    assert error(Twin()) < 1.5
+    assert error(replace(Twin(), damping=0.138)) > 3.0  # why the twin's damping is not lower
 
 
 def test_the_steps_are_those_of_the_paper() -> None:
-    steps = paper.step_reference()
-    assert len(steps) == 3334 and len(steps) * paper.PERIOD_S == pytest.approx(10.002)
+    steps = step_reference()
+    assert len(steps) == 3334 and len(steps) * PERIOD_S == pytest.approx(10.002)
     changes = np.flatnonzero(np.diff(steps)) + 1
-    assert changes * paper.PERIOD_S == pytest.approx(0.252 + 1.626 * np.arange(6))
+    assert changes * PERIOD_S == pytest.approx(0.252 + 1.626 * np.arange(6))
     assert steps[changes].tolist() == [20.0, -20.0, 30.0, -30.0, 40.0, -40.0]
-    assert len(aprbs(200.0, paper.PERIOD_S, 40.0)) == 66667
-    assert paper.INERTIAS["6.4 Jn"] == pytest.approx(0.0896)
+    assert len(aprbs(200.0, PERIOD_S, 40.0)) == 66667
+    assert INERTIAS["6.4 Jn"] == pytest.approx(0.0896)
 
 
 def test_the_paper_s_arithmetic() -> None:
@@ -71,15 +83,15 @@ def test_the_paper_s_arithmetic() -> None:
 
 
 def test_another_load_leaves_spring_and_inboard_inertia() -> None:
-    rig, twin = rig_named(paper.RIG), paper.Twin()
+    rig, twin = rig_named(RIG), Twin()
     values = {}
-    for case, inertia in paper.INERTIAS.items():
+    for case, inertia in INERTIAS.items():
         attached = attach_specs(rig, twin.effects(inertia))
         assembly = Assembly(rig, tuple(a for a, _ in attached))
         values[case] = assembly.values({f"{a.label}:{k}": v for a, given in attached for k, v in given.items()})
     heavy, light = values["6.4 Jn"], values["Jn"]
     assert not np.allclose(heavy, light)
-    moved = paper.carried(assembly, heavy, paper.INERTIAS["6.4 Jn"], paper.INERTIAS["Jn"])
+    moved = paper.carried(assembly, heavy, INERTIAS["6.4 Jn"], INERTIAS["Jn"])
     assert moved == pytest.approx(light)
     bare = Assembly(rig)
     assert paper.carried(bare, bare.values(), 0.0896, 0.014) == pytest.approx(bare.values())
@@ -100,8 +112,8 @@ def test_a_quick_run(few_effects: None, tmp_path: Path, capsys: pytest.CaptureFi
             assert row["improvement"][case] == pytest.approx(1.0 - error / rows["analytic model"]["mae"][case])
     for case, name in (("6.4 Jn", "steps-6.4-jn.csv"), ("Jn", "steps-jn.csv")):
         recording = read_recording(folder / name)
-        assert recording.known["inertia_kg_m2"] == pytest.approx(paper.INERTIAS[case])
-        model = paper.analytic_loop(recording)["angle_loop_deg"]
+        assert recording.known["inertia_kg_m2"] == pytest.approx(INERTIAS[case])
+        model = analytic_loop(recording)["angle_loop_deg"]
         assert rows["analytic model"]["mae"][case] == pytest.approx(mae(recording.signal("angle_deg"), model))
         assert rows["analytic model"]["mae_after_1_s"][case] == pytest.approx(
             mae(recording.signal("angle_deg")[334:], model[334:]))
