@@ -16,7 +16,7 @@ import time
 from collections.abc import Callable
 
 import numpy as np
-from peers.measuring import Stamps, cpu_seconds, peak_mb, teacher_record
+from peers.measuring import Stamps, cpu_seconds, dgemm_rate, peak_mb, teacher_record
 
 from pamid.networks.bayes import Evidence, effective_weights, solve_damped
 from pamid.networks.elman import Elman
@@ -24,14 +24,7 @@ from pamid.networks.training import train
 
 SAMPLES = 66_667  # 200 s at 3 ms
 PAPER_SECONDS = 36_101 / 5_000  # Table I: 5000 iterations
-TORCH_SAMPLES = 4_000
 ROUNDS = 15
-
-
-def dgemm_rate() -> float:
-    """Floating-point operations per second of a square matrix product."""
-    a = np.random.default_rng(0).normal(size=(1000, 1000))
-    return 2.0 * 1000**3 / cpu_seconds(lambda: a @ a, ROUNDS)
 
 
 def wall_seconds(call: Callable[[], object]) -> float:
@@ -42,33 +35,6 @@ def wall_seconds(call: Callable[[], object]) -> float:
         call()
         taken.append(time.perf_counter() - begun)
     return min(taken)
-
-
-def torch_pass_seconds(network: Elman, weights: np.ndarray, u: np.ndarray, target: np.ndarray) -> float:
-    """CPU seconds of Jacobian, J'J and J'e by forward-mode automatic differentiation."""
-    import torch
-
-    torch.set_num_threads(1)
-    h, m = network.hidden, network.inputs
-    rows, wanted = torch.from_numpy(u), torch.from_numpy(target)
-
-    def output(flat):
-        units = flat[: -h - 1].reshape(h, h + m + 1)
-        drive = rows @ units[:, h:-1].T + units[:, -1]
-        x, states = torch.zeros(h, dtype=torch.float64), []
-        for k in range(len(rows)):
-            x = torch.tanh(units[:, :h] @ x + drive[k])
-            states.append(x)
-        return torch.stack(states) @ flat[-h - 1 : -1] + flat[-1]
-
-    def one_pass():
-        flat = torch.from_numpy(weights)
-        jacobian, error = torch.func.jacfwd(output)(flat), wanted - output(flat)
-        return jacobian.T @ jacobian, jacobian.T @ error
-
-    jtj = one_pass()[0].numpy()
-    assert np.allclose(jtj, network.normal_equations(weights, u, target)[1], rtol=1e-9, atol=1e-9)
-    return cpu_seconds(one_pass, 2)
 
 
 def operations(network: Elman, samples: int) -> float:
@@ -86,9 +52,9 @@ def main() -> None:
     stamps = Stamps()
     training = train(network, u, target, iterations=19, progress=stamps)
     iteration, memory = stamps.step["cpu_s"], peak_mb()
-    rates = [dgemm_rate()]
+    rates = [dgemm_rate(ROUNDS)]
     one_pass = cpu_seconds(lambda: network.normal_equations(weights, u, target), ROUNDS)
-    rates.append(dgemm_rate())
+    rates.append(dgemm_rate(ROUNDS))
     simulation = cpu_seconds(lambda: network.simulate(weights, u), ROUNDS)
     algebra = cpu_seconds(lambda: (solve_damped(jtj, 1.0, jte), effective_weights(Evidence(0.0, 1.0, 1.0), jtj.copy())),
                           ROUNDS)

@@ -69,6 +69,12 @@ def cpu_seconds(call: Callable[[], object], repeats: int) -> float:
     return float(np.diff([cpu for cpu, _ in stamps.taken]).min())
 
 
+def dgemm_rate(repeats: int) -> float:
+    """Floating-point operations per second of a square matrix product."""
+    a = np.random.default_rng(0).normal(size=(1000, 1000))
+    return 2.0 * 1000**3 / cpu_seconds(lambda: a @ a, repeats)
+
+
 def peak_mb() -> float:
     """Largest resident memory of this process so far, MB (1e6 bytes).
 

@@ -1,7 +1,6 @@
 """pamid's own training: a pass, a whole iteration, memory, and the machine's matrix product in the same process."""
 
-import numpy as np
-from measuring import Stamps, cpu_seconds, peak_mb, record, tell
+from measuring import Stamps, cpu_seconds, dgemm_rate, peak_mb, record, tell
 
 from pamid.networks.elman import Elman
 from pamid.networks.training import train
@@ -17,9 +16,7 @@ def main() -> None:
     train(network, u, target, iterations=STEPS, progress=stamps)
     one_pass = cpu_seconds(lambda: network.normal_equations(weights, u, target), 7)
     peak = peak_mb()  # before the matrices of the next line
-    a = np.random.default_rng(0).normal(size=(1000, 1000))
-    rate = 2.0 * 1000**3 / cpu_seconds(lambda: a @ a, 7)
-    tell(jte, **stamps.step, pass_s=one_pass, peak_mb=peak, dgemm_gf_s=rate * 1e-9)
+    tell(jte, **stamps.step, pass_s=one_pass, peak_mb=peak, dgemm_gf_s=dgemm_rate(7) * 1e-9)
 
 
 if __name__ == "__main__":

@@ -39,7 +39,7 @@ class StaticElman(RandomElman):
     def sweep(self, weights: ArrayLike, inputs: ArrayLike) -> Iterator[Rows]:
         """The exact sweep's rows hold the state as derivative of the output weights; the rest is made from it."""
         h, out = self.hidden, self.layers(weights).output
-        u, last = self._checked(inputs), np.zeros((1, h))
+        u, last = self.table(inputs), np.zeros((1, h))
         for start, y, jacobian in super().sweep(weights, inputs):
             n = len(y)
             after = jacobian[:, -h - 1 : -1].copy()
