@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pamid_cli import frame
+from train_command import said, train
 
 import pamid.port_network as port_network
 from pamid.demo import Withheld, write_demo_recording
@@ -50,16 +50,6 @@ def run(place: tuple[Path, GreyBox], tmp_path: Path) -> Copy:
     """Fresh copies of the fitted run."""
     numbers = iter(range(100))
     return lambda: Path(shutil.copytree(place[0] / "run", tmp_path / f"run{next(numbers)}"))
-
-
-def train(folder: Path, *options: str) -> int:
-    return frame.run(["train-residual", str(folder), *options])
-
-
-def said(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
-    found = json.loads(capsys.readouterr().out)
-    assert isinstance(found, dict)
-    return found
 
 
 def test_what_is_missing_there_brings_the_model_to_its_data(place: tuple[Path, GreyBox]) -> None:

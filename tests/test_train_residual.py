@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from pamid_cli import frame
 from pamid_cli.train_residual import EXAMPLE
+from train_command import said, train
 
 from pamid.demo import Withheld, write_demo_recording
 from pamid.errors import UsageError
@@ -60,16 +61,6 @@ def run(fitted: Path, tmp_path: Path) -> Copy:
     """Fresh copies of the fitted run."""
     numbers = iter(range(100))
     return lambda: Path(shutil.copytree(fitted, tmp_path / f"run{next(numbers)}"))
-
-
-def train(folder: Path, *options: str) -> int:
-    return frame.run(["train-residual", str(folder), *options])
-
-
-def said(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
-    found = json.loads(capsys.readouterr().out)
-    assert isinstance(found, dict)
-    return found
 
 
 def steps(folder: Path) -> list[dict[str, Any]]:
