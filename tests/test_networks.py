@@ -126,6 +126,20 @@ def test_learns_and_comes_back_from_disk(network, tmp_path):
     np.testing.assert_array_equal(load_network(tmp_path).predict(signals), trained.predict(signals))
 
 
+@pytest.mark.parametrize("stop", [1, 4, 7, 12])
+def test_resuming_shows_in_no_bit(network, tmp_path, stop):
+    def interrupt(step, start):
+        if step.iteration == stop:
+            raise KeyboardInterrupt
+
+    u, t = record(network)
+    whole = train(network, u, t, iterations=14)
+    train(network, u, t, iterations=14, checkpoint=tmp_path / "c.npz", progress=interrupt)
+    again = train(network, u, t, iterations=14, checkpoint=tmp_path / "c.npz", resume=True)
+    np.testing.assert_array_equal(again.weights, whole.weights)
+    np.testing.assert_array_equal(again.trace["mse"], whole.trace["mse"])
+
+
 def test_the_number_of_threads_does_not_show(network):
     u, t = record(network)
     runs = [train(network, u, t, iterations=22, starts=3, threads=k).weights for k in (1, 2, 4)]

@@ -192,8 +192,8 @@ def test_the_summary_is_strict_json_even_of_a_diverged_training(trained, tmp_pat
     u, target = teacher_data()
 
     class Overflowing(Elman):
-        def simulate(self, weights, inputs):
-            return np.full(len(inputs), np.inf)
+        def features(self, weights, inputs):  # and with them the output
+            return np.full((len(inputs), self.hidden + 1), np.inf)
 
     diverged = train(Overflowing(2, 3), u, target, iterations=2)
     assert not diverged.converged and diverged.summary["mse"] is None

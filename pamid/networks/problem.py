@@ -87,8 +87,14 @@ class Problem:
         return sum(effective_samples(e) for e in errors.each) if self.independent else float(self.samples)
 
     def errors(self, weights: Array) -> Errors:
+        """Added up as `projected` does, where that solves for some of the weights: to the last bit."""
+        linear = self.network.linear
         with np.errstate(all="ignore"):
-            return Errors(tuple((t - self.network.simulate(weights, u))[self.washout :] for u, t in self.records))
+            if linear.start == linear.stop:
+                outputs = [self.network.simulate(weights, u) for u, _ in self.records]
+            else:
+                outputs = [self.network.features(weights, u) @ weights[linear] for u, _ in self.records]
+            return Errors(tuple((t - y)[self.washout :] for y, (_, t) in zip(outputs, self.records, strict=True)))
 
     def projected(self, weights: Array, evidence: Evidence) -> tuple[Array, Errors]:
         """The weights with those in which the output is linear at the minimum of F for the others, and the errors."""
