@@ -20,7 +20,7 @@ features that are well conditioned, and the derivative by a centre goes through 
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import reduce
+from functools import cached_property, reduce
 from itertools import product
 from typing import ClassVar, NamedTuple
 
@@ -122,7 +122,7 @@ class Anfis(Network):
 
     def membership(self, weights: ArrayLike) -> Sets:
         """The membership sets that the weights stand for; DataError when there are not `n_weights` of them."""
-        deviation = self._checked_weights(weights)[: self.premises].reshape(self.inputs, self.sets, self._per_set)
+        deviation = self.flat(weights)[: self.premises].reshape(self.inputs, self.sets, self._per_set)
         limits = np.array(LIMITS[: self._per_set])
         bent = np.tanh(deviation / limits)
         moved = limits * bent
@@ -135,7 +135,7 @@ class Anfis(Network):
 
     def simulate(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
         """Output y (N,) for inputs (N, m); each sample by itself."""
-        sets, consequents, u = self.membership(weights), self._consequents(weights), self._checked(inputs)
+        sets, consequents, u = self.membership(weights), self._consequents(weights), self.table(inputs)
         y = np.empty(len(u))
         with np.errstate(all="ignore"):  # wild trial weights may overflow: the caller judges the outcome
             for start in range(0, len(u), CHUNK):
@@ -146,7 +146,7 @@ class Anfis(Network):
 
     def features(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
         """dy/d(consequents) (N, rules (m + 1)); depends on the premises only."""
-        sets, u = self.membership(weights), self._checked(inputs)
+        sets, u = self.membership(weights), self.table(inputs)
         rows = np.empty((self.rules, self.inputs + 1, len(u)))
         with np.errstate(all="ignore"):
             for start in range(0, len(u), CHUNK):
@@ -178,7 +178,7 @@ class Anfis(Network):
 
     def sweep(self, weights: ArrayLike, inputs: ArrayLike) -> Iterator[Rows]:
         """(first sample, y (n,), dy/dw (n, n_weights)) chunk by chunk, exact."""
-        sets, consequents, u = self.membership(weights), self._consequents(weights), self._checked(inputs)
+        sets, consequents, u = self.membership(weights), self._consequents(weights), self.table(inputs)
         for start in range(0, len(u), CHUNK):
             x = np.ascontiguousarray(u[start : start + CHUNK].T)
             n = x.shape[1]
@@ -241,26 +241,18 @@ class Anfis(Network):
     def _per_set(self) -> int:
         return 3 if self.shape == "bell" else 2
 
-    @property
+    @cached_property
     def _grid(self) -> Array:
         return np.linspace(-1.0, 1.0, self.sets)
 
-    @property
+    @cached_property
     def _rule_sets(self) -> NDArray[np.intp]:
         """The set of every input that each rule asks for (rules, m)."""
         return np.array(list(product(range(self.sets), repeat=self.inputs)))
 
     def _consequents(self, weights: ArrayLike) -> Array:
-        return self._checked_weights(weights)[self.linear].reshape(self.rules, self.inputs + 1)
+        return self.flat(weights)[self.linear].reshape(self.rules, self.inputs + 1)
 
-    def _checked_weights(self, weights: ArrayLike) -> Array:
-        flat = np.ascontiguousarray(weights, dtype=np.float64)
-        if flat.shape != (self.n_weights,):
-            raise DataError(f"{self!r} has {self.n_weights} weights in one vector, not an array of shape {flat.shape}.")
-        return flat
-
-    def _checked(self, inputs: ArrayLike) -> Array:
-        u = np.ascontiguousarray(inputs, dtype=np.float64)
-        if u.ndim != 2 or u.shape[1] != self.inputs:
-            raise DataError(f"{self!r} takes inputs (N, {self.inputs}), not {u.shape}.")
-        return np.clip(u, -1.0, 1.0)  # the outermost rules' planes would lead far away from all data
+    def table(self, inputs: ArrayLike) -> Array:
+        """Held within [-1, 1]: the outermost rules' planes would lead far away from all data."""
+        return np.clip(super().table(inputs), -1.0, 1.0)

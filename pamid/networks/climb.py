@@ -72,12 +72,11 @@ def fresh(problem: Problem, seed: int, start: int) -> Attempt:
     weights = np.array(problem.network.start(problem.records, problem.washout, seed + start), dtype=np.float64)
     if not problem.regularise:
         return Attempt(start, weights, problem.damping.start, Evidence(float(len(weights)), 0.0, 1.0), ())
-    weights, _ = problem.projected(weights, _first(problem, weights))
-    return Attempt(start, weights, problem.damping.start, _first(problem, weights), ())
+    weights, errors = problem.projected(weights, _first(problem, weights, problem.errors(weights)))
+    return Attempt(start, weights, problem.damping.start, _first(problem, weights, errors), ())
 
 
-def _first(problem: Problem, weights: Array) -> Evidence:
-    errors = problem.errors(weights)
+def _first(problem: Problem, weights: Array, errors: Errors) -> Evidence:
     with np.errstate(over="ignore"):
         witnesses = problem.witnesses(errors) if np.isfinite(errors.sse) else problem.samples
         return first_guess(len(weights), witnesses, errors.sse, float(weights @ weights))

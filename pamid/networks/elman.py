@@ -74,12 +74,7 @@ class Elman(Network):
 
     def layers(self, weights: ArrayLike) -> Layers:
         """Take the weight vector apart; DataError when it has not `n_weights` entries."""
-        flat = np.ascontiguousarray(weights, dtype=np.float64)
-        if flat.shape != (self.n_weights,):
-            raise DataError(
-                f"Elman {self.inputs}-{self.hidden}-1 has {self.n_weights} weights in one vector, "
-                f"not an array of shape {flat.shape}."
-            )
+        flat = self.flat(weights)
         h = self.hidden
         units = flat[: -h - 1].reshape(h, h + self.inputs + 1).copy()
         return Layers(units, flat[-h - 1 : -1].copy(), float(flat[-1]))
@@ -142,14 +137,10 @@ class Elman(Network):
 
     def features(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
         """States x(k+1) and a column of ones (N, h + 1), from a zero state: the output is linear in them."""
-        layers, u = self.layers(weights), self._checked(inputs)
+        layers, u = self.layers(weights), self.table(inputs)
         states = np.ones((len(u), self.hidden + 1))
-        run_states(self._columns(layers), u, np.zeros(self.hidden), states)
+        run_states(_padded(layers.units.T), u, np.zeros(self.hidden), states)
         return states
-
-    def _columns(self, layers: Layers) -> Array:
-        """Those of the units' weights, in whole vectors."""
-        return _padded(layers.units.T)
 
     def simulate(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
         """Output y (N,) for inputs (N, m) from a zero state."""
@@ -159,9 +150,9 @@ class Elman(Network):
     def curvature(self, weights: ArrayLike, step: ArrayLike, inputs: ArrayLike, washout: int = 0) -> Array:
         """J' times the second derivative of the output along a change of the weights, exact: forward, then backward in
         time, a sixth of a pass."""
-        layers, along, u = self.layers(weights), self.layers(step), self._checked(inputs)
+        layers, along, u = self.layers(weights), self.layers(step), self.table(inputs)
         states, bend = self.features(weights, inputs), np.empty(len(u))
-        run_bend(self._columns(layers), self._columns(along), u, states, layers.output, along.output, bend)
+        run_bend(_padded(layers.units.T), _padded(along.units.T), u, states, layers.output, along.output, bend)
         bend[:washout] = 0.0
         gradient = np.zeros_like(layers.units)
         run_adjoint(_padded(layers.context), layers.output, states, u, bend, gradient)
@@ -170,13 +161,13 @@ class Elman(Network):
 
     def sweep(self, weights: ArrayLike, inputs: ArrayLike) -> Iterator[Rows]:
         """Yield (first sample, y, dy/dw) chunk by chunk; the arrays are overwritten by the next chunk but one."""
-        layers, u = self.layers(weights), self._checked(inputs)
+        layers, u = self.layers(weights), self.table(inputs)
         h, carried = self.hidden, self.hidden * (self.hidden + self.inputs + 1)
         state = np.zeros(h)
-        sensitivity = aligned(2, h, -(-carried // LANES) * LANES)
+        sensitivity = aligned(2, h, _whole(carried))
         size = min(CHUNK, max(len(u), 1))
         buffers = [(np.empty(size), aligned(size * self.n_weights + LANES)) for _ in range(2)]
-        columns = self._columns(layers)
+        columns = _padded(layers.units.T)
         for number, start in enumerate(range(0, len(u), CHUNK)):
             part, (y, flat) = u[start : start + CHUNK], buffers[number % 2]
             run_sensitivities(layers.units, columns, layers.output, layers.output_bias, part, state, sensitivity, y,
@@ -184,16 +175,15 @@ class Elman(Network):
             n = len(part)
             yield start, y[:n], flat[: n * self.n_weights].reshape(n, self.n_weights)
 
-    def _checked(self, inputs: ArrayLike) -> Array:
-        u = np.ascontiguousarray(inputs, dtype=np.float64)
-        if u.ndim != 2 or u.shape[1] != self.inputs:
-            raise DataError(f"Elman {self.inputs}-{self.hidden}-1 takes inputs (N, {self.inputs}), not {u.shape}.")
-        return u
-
 
 def _padded(values: Array) -> Array:
     """Rows filled up with zeros to whole vectors."""
     rows, columns = values.shape
-    padded = np.zeros((rows, columns + -columns % LANES))
+    padded = np.zeros((rows, _whole(columns)))
     padded[:, :columns] = values
     return padded
+
+
+def _whole(columns: int) -> int:
+    """Columns of as many whole vectors."""
+    return columns + -columns % LANES

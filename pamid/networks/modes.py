@@ -45,9 +45,9 @@ def find_modes(records: Sequence[tuple[Array, Array]], washout: int, count: int,
     """`count` modes for recordings of (inputs (N, m), target (N,)), each from rest; another seed draws other poles."""
     poles = _drawn(np.random.default_rng(seed))
     every = max(1, sum(len(t) - washout for _, t in records) // ROWS)
-    rows = [slice(washout, None, every)] * len(records)
-    target = np.concatenate([t[r] for (_, t), r in zip(records, rows, strict=True)])
-    parts = [np.concatenate([_passed(u, p)[r] for (u, _), r in zip(records, rows, strict=True)]) for p in poles]
+    rows = slice(washout, None, every)
+    target = np.concatenate([t[rows] for _, t in records])
+    parts = [np.concatenate([_passed(u, p)[rows] for u, _ in records]) for p in poles]
     chosen: list[int] = []
     basis = np.ones((len(target), 1))
     for _ in range(count):

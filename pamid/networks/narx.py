@@ -84,9 +84,7 @@ class Narx(Network):
 
     def layers(self, weights: ArrayLike) -> Layers:
         """Take the weight vector apart; DataError when it has not `n_weights` entries."""
-        flat = np.ascontiguousarray(weights, dtype=np.float64)
-        if flat.shape != (self.n_weights,):
-            raise DataError(f"{self} has {self.n_weights} weights in one vector, not an array of shape {flat.shape}.")
+        flat = self.flat(weights)
         h, q = self.hidden, self._taps
         units = flat[: -h - 1].reshape(h, q + self.output_lags + 1)
         feedback = np.ascontiguousarray(units[:, q:-1])
@@ -118,7 +116,7 @@ class Narx(Network):
 
     def simulate(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
         """Output y (N,) for inputs (N, m), nothing having come before."""
-        layers, u = self.layers(weights), self._checked(inputs)
+        layers, u = self.layers(weights), self.table(inputs)
         y = np.zeros(self._reach + len(u))
         with np.errstate(all="ignore"):  # wild trial weights may overflow: the caller judges the outcome
             drive = self._tapped(u, 0, len(u)) @ layers.taps.T + layers.bias
@@ -127,7 +125,7 @@ class Narx(Network):
 
     def sweep(self, weights: ArrayLike, inputs: ArrayLike) -> Iterator[Rows]:
         """Yield (first sample, y, dy/dw) chunk by chunk; the arrays are overwritten by the next chunk but one."""
-        layers, u, reach = self.layers(weights), self._checked(inputs), self._reach
+        layers, u, reach = self.layers(weights), self.table(inputs), self._reach
         rows = reach + min(CHUNK, len(u))
         buffers = [(np.zeros(rows), np.zeros((rows, self.n_weights))) for _ in range(2)]
         hidden = np.empty(self.hidden)
@@ -148,9 +146,3 @@ class Narx(Network):
         """Inputs (stop - start, (n + 1) m) that samples start .. stop - 1 see: u(k), u(k-s), ..., u(k-ns)."""
         k = np.arange(start, stop)
         return np.hstack([u[np.maximum(k - lag * self.stride, 0)] for lag in range(self.input_lags + 1)])
-
-    def _checked(self, inputs: ArrayLike) -> Array:
-        u = np.ascontiguousarray(inputs, dtype=np.float64)
-        if u.ndim != 2 or u.shape[1] != self.inputs:
-            raise DataError(f"{self} takes inputs (N, {self.inputs}), not {u.shape}.")
-        return u

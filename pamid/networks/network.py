@@ -29,6 +29,7 @@ class Network(ABC):
     """
 
     kind: ClassVar[str]
+    inputs: int
 
     @property
     @abstractmethod
@@ -61,6 +62,20 @@ class Network(ABC):
 
         Arrays may be overwritten by the next chunk but one.
         """
+
+    def flat(self, weights: ArrayLike) -> Array:
+        """The weights (n_weights,) as they are computed with; DataError when there are not that many."""
+        flat = np.ascontiguousarray(weights, dtype=np.float64)
+        if flat.shape != (self.n_weights,):
+            raise DataError(f"{self!r} has {self.n_weights} weights in one vector, not an array of shape {flat.shape}.")
+        return flat
+
+    def table(self, inputs: ArrayLike) -> Array:
+        """The inputs (N, m) as they are computed with; DataError where they have another shape."""
+        u = np.ascontiguousarray(inputs, dtype=np.float64)
+        if u.ndim != 2 or u.shape[1] != self.inputs:
+            raise DataError(f"{self!r} takes inputs (N, {self.inputs}), not {u.shape}.")
+        return u
 
     def normal_equations(self, weights: ArrayLike, inputs: ArrayLike, target: ArrayLike, washout: int = 0,
                          threads: int = 1) -> tuple[float, Array, Array]:

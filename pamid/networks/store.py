@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pamid.errors import DataError, FileError, PamidError, nearest
 from pamid.networks.checkpoints import load_arrays
-from pamid.networks.problem import Network
+from pamid.networks.network import Network
 from pamid.networks.scaling import Scaling, check_finite, scaling_of
 from pamid.networks.training import Training, train
 from pamid.run import read_json, write_atomically, write_json
@@ -130,7 +130,7 @@ def save_network(folder: Path | str, trained: TrainedNetwork) -> None:
     scalings = zip(trained.input_scaling.low, trained.input_scaling.high, strict=True)
     about = {
         "schema": NETWORK_SCHEMA,
-        "kind": trained.network.kind,  # type: ignore[attr-defined]
+        "kind": trained.network.kind,
         "sizes": asdict(trained.network),  # type: ignore[call-overload]
         "n_weights": trained.network.n_weights,
         "inputs": [

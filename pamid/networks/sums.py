@@ -41,7 +41,8 @@ def summed(chunks: Iterator[Rows], target: Array, n_weights: int, washout: int =
 
 
 def side_by_side(work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
-    """Results in the order of the items, a thread for each where there are several."""
+    """Results in the order of the items, a thread for each where there are several; no more than that, since it
+    stands in the middle of every step (jobs.run_jobs settles the threads of BLAS first, which takes milliseconds)."""
     if len(items) < 2:
         return [work(item) for item in items]
     with ThreadPoolExecutor(len(items)) as pool:
