@@ -47,6 +47,11 @@ def test_another_seed_draws_other_poles():
     assert not np.intersect1d(one.poles, other.poles).size
 
 
+def test_a_single_unit_is_a_start_too():
+    u, target = ringing()
+    assert np.isfinite(Elman(2, 1).start([(u, target)], 0, 0)).all()
+
+
 @pytest.mark.parametrize("hidden", [4, 5])
 def test_the_network_begins_as_that_model(hidden):
     u, target = ringing()
