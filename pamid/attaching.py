@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from os.path import commonprefix
 
 from pamid.effect import Effect
 from pamid.errors import FileError, nearest
@@ -18,6 +19,12 @@ class Attachment:
     ports: tuple[str, ...]
     label: str
     place: str = ""
+
+    def group(self, rig: Rig) -> str:
+        """The name of its port as it is reported; of several, what their names have in common (muscle_11 and muscle_12:
+        muscle_1)."""
+        groups = [rig.group_of(name) for name in self.ports]
+        return commonprefix(groups).rstrip("_") or groups[0]
 
     def family(self, rig: Rig) -> str:
         """The effect's family at the port where it acts."""
@@ -35,7 +42,8 @@ def fits(effect: type[Effect], port: Port) -> bool:
 
 
 def attachments(rig: Rig, effects: Iterable[type[Effect]]) -> list[Attachment]:
-    """Every way in which effects can be attached to the rig; a special case stays away where its general form fits."""
+    """Every way in which effects can be attached to the rig: at every port by itself and, with one set of parameters, at
+    ports that are kin. A special case stays away where its general form fits."""
     known = list(effects)
     found: list[Attachment] = []
     for effect in known:
@@ -48,7 +56,15 @@ def attachments(rig: Rig, effects: Iterable[type[Effect]]) -> list[Attachment]:
             found.append(Attachment(effect(), (ports[0],), effect.name))
         else:
             found += [Attachment(effect(), (n,), f"{effect.name}@{n}") for n in ports]
+            found += [Attachment(effect(), kin, f"{effect.name}@{rig.ports[kin[0]].kin}") for kin in _kin(rig, ports)]
     return found
+
+
+def _kin(rig: Rig, ports: list[str]) -> list[tuple[str, ...]]:
+    """Those of the ports that are kin, where several are."""
+    names = dict.fromkeys(rig.ports[n].kin for n in ports)
+    sets = [tuple(n for n in ports if rig.ports[n].kin == kin) for kin in names if kin]
+    return [kin for kin in sets if len(kin) > 1]
 
 
 def attach(rig: Rig, spec: str, effects: dict[str, type[Effect]]) -> Attachment:
@@ -67,6 +83,9 @@ def attach(rig: Rig, spec: str, effects: dict[str, type[Effect]]) -> Attachment:
             raise FileError(f"effect {name!r} fits several ports of rig {rig.name!r}",
                             "say which: " + ", ".join(a.label for a in possible))
         return possible[0]
+    for a in possible:
+        if a.label == spec:
+            return a
     for a in possible:
         for port in a.ports:
             if at == port:

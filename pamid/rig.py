@@ -20,13 +20,19 @@ Inputs and outputs are columns of a recording, with the unit in which the equati
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from pamid.effect import KINDS, Effect, State
 from pamid.equations import Number
 from pamid.errors import FileError, nearest
 from pamid.parameter import Parameter
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -37,6 +43,8 @@ class Port:
     signals          what the rig offers there: names, or names with their SI units
     places           several like places that share an effect's parameters (muscle 1 and 2); () is one place
     group            the name reported for it, where several ports count as one (default: its own name)
+    kin              a name that like ports share: an effect may act at one of them or, with one set of parameters, at
+                     all of them
     size             typical magnitude of "value" and of the signals, SI; found from the recording where absent
     general          False on rigs with a catalogue of their own: the general catalogue stays away
     """
@@ -46,6 +54,7 @@ class Port:
     signals: tuple[str, ...] | dict[str, str] = ()
     places: tuple[str, ...] = ()
     group: str = ""
+    kin: str = ""
     size: dict[str, float] = field(default_factory=dict)
     general: bool = True
 
@@ -83,6 +92,8 @@ class Rig:
     controller: ClassVar[dict[str, float]] = {}           # default [controller] of a closed-loop recording
     noise: ClassVar[dict[str, float]] = {}                # standard deviation of each output's noise, column's unit
     period_s: ClassVar[float] = 0.003
+    excited: ClassVar[dict[str, float]] = {}              # usual amplitude of references and commands, column's unit
+    filled_by: ClassVar[dict[str, tuple[str, float]]] = {}  # muscle -> command and its sign that fills it
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -101,9 +112,24 @@ class Rig:
         """State (SI) in which a recording begins, where it differs from the states' own start; p holds numbers."""
         return {}
 
+    def pose(self, y: Mapping[str, Array], p: Any) -> dict[str, Array]:
+        """What to draw of the rig: polylines in metres, name -> (samples, points, 2); nothing by default.
+
+        y: outputs by name (SI), one value per sample; p: parameters (SI).
+        """
+        return {}
+
     def group_of(self, port: str) -> str:
         """The name a port is reported under."""
         return self.ports[port].group or port
+
+
+def chain_of_links(angles: Sequence[Array], lengths: Sequence[float]) -> Array:
+    """Links in a row from the origin, (samples, 1 + links, 2) in the unit of `lengths`; angles from the x axis, rad."""
+    points = [np.zeros((len(angles[0]), 2))]
+    for angle, length in zip(angles, lengths, strict=True):
+        points.append(points[-1] + length * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    return np.stack(points, axis=1)
 
 
 def check_rig(rig: Rig, where: str) -> None:

@@ -95,16 +95,17 @@ def assembled(case: Case) -> Assembly:
     return Assembly(rig_of(case.rig), (case.attachment,))
 
 
-def run(assembly: Assembly, u: Array, p: Array, columns: list[int] | None = None) -> tuple[Array, Array, int]:
+def run(assembly: Assembly, u: Array, p: Array, columns: list[int] | None = None, *,
+        stepping: Stepping = STEPPING) -> tuple[Array, Array, int]:
     """Outputs (samples x outputs), sensitivities for the parameters in `columns`, first bad sample or -1."""
     program = assembly.program
     period = assembly.rig.period_s
-    memory = program.memory(assembly.start(p), len(columns or []), stepping=STEPPING, period_s=period)
+    memory = program.memory(assembly.start(p), len(columns or []), stepping=stepping, period_s=period)
     chosen: NDArray[np.int64] | None = None
     if columns is not None:
         chosen = np.full(len(program.parameters), -1, np.int64)
         chosen[columns] = np.arange(len(columns))
-    return program.run(memory, u, p, period_s=period, stepping=STEPPING, columns=chosen)
+    return program.run(memory, u, p, period_s=period, stepping=stepping, columns=chosen)
 
 
 @cache

@@ -55,7 +55,7 @@ class Contender:
     @property
     def group(self) -> str:
         """The port (group) under which the last effect is reported."""
-        return self.assembly.rig.group_of(self.attached[-1].ports[0])
+        return self.attached[-1].group(self.assembly.rig)
 
     @property
     def samples(self) -> int:

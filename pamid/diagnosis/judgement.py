@@ -76,8 +76,9 @@ def weigh(budget: Budget, chosen: NDArray[np.bool_], ranking: tuple[Contender, .
     everyone = bootstrap_losses(list(ranking), chosen, seed).argmin(axis=0) if ranking else np.zeros(0, int)
     families = [c.family == first.family for c in ranking] if ranking else []
     before = located.most
+    groups = {base.assembly.rig.group_of(k) for k in first.attached[-1].ports} if ranking else set()
     here = max((v for k, v in located.gains.items()
-                if ranking and base.assembly.rig.group_of(k) == first.group), default=0.0)
+                if ranking and base.assembly.rig.group_of(k) in groups), default=0.0)
     strains = [e.strain for e in estimates(model.fit) if not e.bound.owner]
     return Grounds(
         visible=float((error / budget.floor[rows].mean(axis=0)).max()), gap=gap,

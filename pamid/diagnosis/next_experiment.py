@@ -116,19 +116,33 @@ def in_question(d: Diagnosis) -> list[tuple[Contender, Contender]]:
 
 def bench_of(evidence: Evidence) -> Bench:
     """The bench that the recordings were made on: its loop or its inputs, their range (2nd to 98th percentile)."""
-    rig, recordings = evidence.rig, evidence.recordings
-    period = recordings[0].sampling_period_s
-    recorded = {name for name in (*recordings[0].columns, *rig.outputs) if all(r.has(name) for r in recordings)}
+    rig, recordings, model = evidence.rig, evidence.recordings, _like(evidence)
+    period = model.sampling_period_s
+    recorded = {name for name in (*recordings[0].columns, *rig.inputs, *rig.outputs)
+                if all(r.has(name) for r in recordings)}
     held = {q.reference: q.reference if q.reference in recorded else q.reading for q in rig.loops}
-    closed = bool(held) and recorded >= set(held.values()) and bool(rig.controller or recordings[0].controller)
+    closed = bool(held) and recorded >= set(held.values()) and bool(rig.controller or model.controller)
+    sent = [n for n in rig.inputs if n not in rig.optional or n in recorded and n in {q.command for q in rig.loops}]
     driven = {}
-    for column, like in held.items() if closed else ((n, n) for n in rig.inputs if n not in rig.optional):
+    for column, like in held.items() if closed else ((n, n) for n in sent):
         low, high = np.percentile(np.concatenate([r.signal(like) for r in recordings]), [2.0, 98.0])
         driven[column] = (0.5 * float(low + high), 0.5 * float(high - low))
     longest = min(max(len(r) for r in recordings), MOST_SAMPLES) * period
     return Bench(rig, driven, period, tuple(q.command for q in rig.loops) if closed else (),
-                 tuple(n for n in rig.optional if n.startswith("external_")), recordings[0].known,
+                 tuple(n for n in rig.optional if n.startswith("external_")), _settings(evidence),
                  1.0 if closed else longest / PASS_S)
+
+
+def _like(evidence: Evidence) -> Recording:
+    """The recording after which an experiment is set up: the first one that was commanded, if any."""
+    commands = [q.command for q in evidence.rig.loops]
+    return next((r for r in evidence.recordings if all(r.has(c) for c in commands)), evidence.recordings[0])
+
+
+def _settings(evidence: Evidence) -> dict[str, float]:
+    """[known] of an experiment: as before, but nothing that only holds for a test without commands."""
+    model = _like(evidence)
+    return model.known if all(model.has(q.command) for q in evidence.rig.loops) else {}
 
 
 def benches(evidence: Evidence, bench: Bench, e: Experiment, model: Contender) -> list[Bench]:
@@ -176,7 +190,7 @@ def _recorded(evidence: Evidence, c: Contender, bench: Bench, columns: dict[str,
 
 
 def _controller(evidence: Evidence) -> dict[str, float]:
-    return {**evidence.rig.controller, **evidence.recordings[0].controller}
+    return {**evidence.rig.controller, **_like(evidence).controller}
 
 
 # ---- how far apart -----------------------------------------------------------------------------------------------
@@ -285,7 +299,7 @@ def _proposal(d: Diagnosis, bench: Bench, e: Experiment, pairs: list[tuple[Conte
     names = tuple(dict.fromkeys(c.attached[0].label for pair in pairs for c in pair))
     columns, settings = e.signals(bench), tuple(s for s in e.settings(bench) if s)
     closed = any(q.reference in columns for q in bench.rig.loops)
-    first = d.evidence.recordings[0]
+    first = _like(d.evidence)
     meta: dict[str, Any] = {"recording": {"loop": "closed" if closed else "open", "sampling_period_s": bench.period_s}}
     if first.rig is not None:
         meta["recording"]["rig"] = first.rig
@@ -300,7 +314,7 @@ def _why(d: Diagnosis, e: Experiment, settings: tuple[dict[str, float], ...], ap
     """What is sent, what changes between repetitions, and where the models should part."""
     told = [e.why]
     if settings:
-        told.append("with " + " and then ".join(f"{k} = {v:g}" for s in settings for k, v in s.items()))
+        told.append("with " + " and then ".join(", ".join(f"{k} = {v:g}" for k, v in s.items()) for s in settings))
     worst = int(np.argmax(apart))
     told.append(f"simulated on the fitted models, the nearest two differ most in {d.evidence.channels[worst]}, by "
                 f"{apart[worst]:.2g} times its noise")

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.attaching import attachments
+from pamid.attaching import Attachment, attachments
 from pamid.diagnosis.budget import Budget, gap_budget
 from pamid.diagnosis.clues import gather_clues
 from pamid.diagnosis.contest import Contender
@@ -19,6 +19,9 @@ from pamid.diagnosis.screen import MOST
 from pamid.diagnosis.search import Search, Told, ranked, run_round, tied_with_first
 from pamid.effect import Effect
 from pamid.evidence import Evidence, selection_part
+
+CROWDED = 60        # candidates from which on only those are screened
+REACH = 0.3         # ... that act at a port with this share of the largest latent evidence
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +72,7 @@ def diagnose(evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: in
                      gather_clues(evidence, base), seed, jobs, told)
     told("looking where something is missing")
     located = locate(evidence, base, search.run)
-    contenders, failed, screened = run_round(search, base, search.candidates, MOST)
+    contenders, failed, screened = run_round(search, base, within_reach(search.candidates, located), MOST)
     ranking, wins = ranked(search, contenders)
     classes = look_alike_classes(evidence, base, list(ranking[:8]))
     found = extended(search, ranking, located) if ranking else Extended(base, located)
@@ -82,6 +85,14 @@ def diagnose(evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: in
     return Diagnosis(evidence, budget, chosen, judged.verdict, ranking, tuple(probabilities(judged, wins)),
                      tuple(failed), tied, best, located, grounds, judged, tuple(tuple(k) for k in classes),
                      screened, found.newcomers)
+
+
+def within_reach(candidates: list[Attachment], located: Located) -> list[Attachment]:
+    """The candidates to screen: all of few; on a rig with many like ports those that act where something is missing."""
+    if len(candidates) <= CROWDED:
+        return candidates
+    enough = REACH * located.most
+    return [a for a in candidates if max(located.gains[port] for port in a.ports) >= enough]
 
 
 def _with_best(ranking: tuple[Contender, ...], wins: list[float],

@@ -107,7 +107,7 @@ def _cause(c: Contender, label: str, share: float) -> dict[str, Any]:
     found = {e.bound.name: {"value": e.value, "low": e.low, "high": e.high, "unit": e.bound.unit, "word": e.word}
              for e in estimates(c.fit) if e.bound.owner == label}
     return {"effect": label, "family": attached.family(rig),
-            "port": rig.group_of(attached.ports[0]), "parameters": found, "share": share}
+            "port": attached.group(rig), "parameters": found, "share": share}
 
 
 def _ranked(d: Diagnosis, c: Contender, probability: float, seed: int) -> dict[str, Any]:

@@ -32,6 +32,7 @@ class SupplySag(Effect):
     family = "supply-sag"
     kinds = ("flow",)
     signals = ("supply", "drawn", "fill")
+    everywhere = True       # all valves draw on one supply
     parameters = (
         Parameter("sag", 45.0, low=0.0, high=150.0, spread=40.0, unit="kPa", null=0.0,
                   source="estimate: 0.1-0.6 bar lost at the full flow of 3 l/s"),

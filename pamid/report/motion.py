@@ -1,0 +1,259 @@
+"""How the rig moved in a run: the measured pose beside those of the models, as polylines to be drawn.
+
+The rig comes from the catalogue by its name, or from whoever calls; nothing in a run is executed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.errors import DataError, FileError, nearest
+from pamid.library import rig_named, rigs
+from pamid.report import words
+from pamid.report.budget import MODELS, Window, worst_window
+from pamid.report.load import Residual, RunData
+from pamid.report.reading import REMEDY, FloatArray
+from pamid.report.sentences import causes_words
+from pamid.rig import Rig
+from pamid.tracing import Names
+from pamid.units import split_column, to_si
+
+LONGEST_S = 12.0  # shown where no times are asked for
+MEASURED = "measured"
+ROLES = {"data_sheet": "data_sheet", "refitted": "refitted", "cause": "with_cause"}  # kind of trace -> field, colour
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Poses over time.
+
+    time      of every frame in its recording (n,), s
+    lines     "measured", then up to two kinds of models, the best last -> polylines, each (n, points, 2), m
+    gaps      channel the pose follows from -> kind -> model - measured (n,), channel's unit
+    restarts  times at which the models were set to the measured state again, s
+    names     kind -> name in a legend
+    title     states the finding: mean |gap| over the scored samples between the first and the last frame
+    """
+
+    recording: str
+    time: FloatArray
+    lines: dict[str, tuple[FloatArray, ...]]
+    gaps: dict[str, dict[str, FloatArray]]
+    restarts: FloatArray
+    names: dict[str, str]
+    means: dict[str, dict[str, float]]
+    title: str
+
+    @property
+    def box(self) -> tuple[FloatArray, FloatArray]:
+        """Lower left and upper right corner of all that is drawn, with a margin, m."""
+        points = np.concatenate([one.reshape(-1, 2) for lines in self.lines.values() for one in lines])
+        low, high = points.min(axis=0), points.max(axis=0)
+        size = float(max(*(high - low), 1e-6))
+        middle, half = 0.5 * (low + high), 0.5 * np.maximum(high - low, 0.3 * size) + 0.08 * size
+        return middle - half, middle + half
+
+    @property
+    def pivots(self) -> FloatArray:
+        """Points that never move, (points, 2), m."""
+        points = np.concatenate(self.lines[MEASURED], axis=1)
+        return points[0, np.ptp(points, axis=0).max(axis=1) < 1e-9]
+
+    def tip(self, kind: str) -> FloatArray:
+        """The last point of the first polyline (n, 2), m."""
+        return self.lines[kind][0][:, -1]
+
+
+def rig_of_run(run: RunData, named: str | None = None) -> Rig:
+    """The rig that draws a run: `named` by the caller (a rig file is run), else the catalogue's of the run's name.
+
+    FileError where there is none, it is another one, or it has no pose.
+    """
+    if named is None and run.rig not in rigs():
+        raise FileError(f"The run is of the rig {run.rig!r}, which is not in the catalogue.",
+                        "A rig file is code, run only when you name it yourself: add --rig FILE.", code="rig")
+    rig = rig_named(named or run.rig)
+    if rig.name != run.rig:
+        raise FileError(f"The run is of the rig {run.rig!r}, {named} is {rig.name!r}.", "Name its own --rig.", code="rig")
+    if type(rig).pose is Rig.pose:
+        hint = "Give the rig a method pose(self, y, p) that returns its polylines in metres."
+        raise FileError(f"The rig {rig.name!r} has no pose to draw.", hint, code="rig")
+    return rig
+
+
+def motion_of(run: RunData, rig: Rig, step_s: float, begin: float | None = None, end: float | None = None) -> Motion:
+    """Poses every `step_s` between two times of the recording [s], of which the worst held-out window is the one that
+    counts. Without times: at most 12 s of the held-out part around that window.
+
+    DataError where the run does not hold what the pose needs or has nothing at these times.
+    """
+    if run.residual is None:
+        raise DataError("The run has no residual.csv, so nothing moves.", "`pamid fit` writes it.", code="no-residual")
+    residual, parameters = run.residual, _parameters(run, rig)
+    seen = _Outputs(rig, {name: residual.columns[name][:1] for name in rig.outputs if name in residual.columns})
+    _posed(rig, seen, parameters)
+    channels = [name for name in rig.outputs if name in seen.read]
+    kinds = _kinds(run, residual, channels)
+    columns = {kind: {name: _trace(residual, name, kind) for name in channels} for kind in (MEASURED, *kinds)}
+    window = _worst(residual, channels)
+    rows = _rows(residual, columns, window, begin, end)
+    clock = residual.columns["time_s"][rows]
+    first, last = _span(clock, window, begin, end)
+    time = first + step_s * np.arange(int((last - first) / step_s + 1e-9) + 1)
+    shown = {kind: {name: np.interp(time, clock, trace[rows]) for name, trace in traces.items()}
+             for kind, traces in columns.items()}
+    rows = rows[(clock >= first) & (clock <= last)]
+    names = {kind: _model_name(run, kind) for kind in kinds}
+    means = _means(residual, columns, rows)
+    return Motion(
+        recording=words.clean(run.fit.recordings[window.recording].name)
+        if run.fit is not None and window.recording < len(run.fit.recordings) else "",
+        time=time,
+        lines={kind: _posed(rig, _Outputs(rig, traces), parameters) for kind, traces in shown.items()},
+        gaps={name: {kind: shown[kind][name] - shown[MEASURED][name] for kind in kinds} for name in channels},
+        restarts=_restarts(residual, rows),
+        names={MEASURED: MEASURED, **names},
+        means=means,
+        title=motion_title(means, names),
+    )
+
+
+def motion_title(means: dict[str, dict[str, float]], names: dict[str, str]) -> str:
+    """ "The refitted model follows the angle to 0.06 deg on average (data sheet: 2.4 deg)". """
+    *before, best = names
+    told = words.join(f"the {words.channel_words(c)} to {_with_unit(c, of[best])}" for c, of in means.items())
+    text = f"The {names[best]} model follows {told} on average" if best != "cause" else \
+        f"The model {names[best]} follows {told} on average"
+    if not before:
+        return text
+    worse = all(of[best] >= of[before[-1]] for of in means.values())
+    told = words.join(_with_unit(c, of[before[-1]]) for c, of in means.items())
+    return f"{text}, {'no better than the' if worse else ''} {names[before[-1]]} {told}" if worse else \
+        f"{text} ({names[before[-1]]}: {told})"
+
+
+def _with_unit(channel: str, value: float) -> str:
+    return words.with_unit_text(value, words.channel_unit(channel), 2)
+
+
+def _model_name(run: RunData, kind: str) -> str:
+    if kind == "cause" and run.diagnosis is not None and len(run.diagnosis.causes) == 1:
+        return f"with {causes_words(run.diagnosis)}"
+    return MODELS[ROLES[kind]]
+
+
+class _Outputs(Mapping[str, FloatArray]):
+    """Outputs by name in SI, of what a run holds; `read` gathers those that a pose asked for."""
+
+    def __init__(self, rig: Rig, columns: Mapping[str, FloatArray]) -> None:
+        self._rig, self._columns, self.read = rig, columns, set[str]()
+
+    def __getitem__(self, name: str) -> FloatArray:
+        if name not in self._columns:
+            known = name in self._rig.outputs
+            hint = "Record that channel." if known else nearest(name, list(self._rig.outputs))
+            raise DataError(f"The pose of the rig {self._rig.name!r} needs {name!r}, which the run does not hold.", hint)
+        self.read.add(name)
+        found: FloatArray = to_si(self._columns[name], split_column(name)[1])
+        return found
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._columns)
+
+    def __len__(self) -> int:
+        return len(self._columns)
+
+
+def _parameters(run: RunData, rig: Rig) -> Names:
+    """The rig's parameters by name (SI): fitted where they were, else from the data sheet."""
+    fitted = {one.name: one.value for one in run.fit.parameters} if run.fit is not None else {}
+    return Names({p.name: fitted.get(p.outside_name, p.value) * p.factor for p in rig.parameters}, "parameter")
+
+
+def _posed(rig: Rig, outputs: _Outputs, parameters: Names) -> tuple[FloatArray, ...]:
+    """The polylines of a pose, checked; they may come from a user's file."""
+    found = rig.pose(outputs, parameters)
+    size = len(next(iter(outputs.values())))
+    if not found:
+        raise FileError(f"The rig {rig.name!r} has no pose to draw.", code="rig")
+    lines = {name: np.asarray(line, dtype=float) for name, line in found.items()}
+    for name, line in lines.items():
+        if line.ndim != 3 or line.shape[0] != size or line.shape[1] < 2 or line.shape[2] != 2:
+            raise FileError(f"The pose of the rig {rig.name!r}: {name!r} has the shape {line.shape}, expected "
+                            f"({size}, points, 2).", "One row per sample, at least two points.", code="rig")
+        if not np.isfinite(line).all():
+            raise DataError(f"The pose of the rig {rig.name!r}: {name!r} is not finite.", code="not-finite")
+    return tuple(lines.values())
+
+
+def _kinds(run: RunData, residual: Residual, channels: list[str]) -> tuple[str, ...]:
+    """The best model that was run on every channel, and the one before it."""
+    causes = run.diagnosis is not None and bool(run.diagnosis.causes)
+    found = [kind for kind in ROLES if (causes or kind != "cause") and
+             all(residual.of(name, kind) is not None for name in channels)]
+    if not found:
+        raise DataError("residual.csv holds no model of what the pose needs.", REMEDY, code="no-model")
+    return tuple(found[-2:])
+
+
+def _trace(residual: Residual, channel: str, kind: str) -> FloatArray:
+    found = residual.columns[channel] if kind == MEASURED else residual.of(channel, kind)
+    assert found is not None
+    return found
+
+
+def _worst(residual: Residual, channels: list[str]) -> Window:
+    windows = [w for name in channels if (w := worst_window(residual, name)) is not None]
+    if not windows:
+        raise DataError("No window of residual.csv is scored.", REMEDY, code="no-window")
+    return max(windows, key=lambda w: w.mae["refitted"])
+
+
+def _rows(residual: Residual, columns: dict[str, dict[str, FloatArray]], window: Window, begin: float | None,
+          end: float | None) -> NDArray[np.intp]:
+    """Rows of the window's recording in order of time; of its held-out part where no times are asked for."""
+    table = residual.columns
+    usable = (table["recording"] == window.recording) & np.isfinite(table["time_s"])
+    if begin is None and end is None:
+        usable &= table["part"] == (1 if window.held_out else 0)
+    for traces in columns.values():
+        for trace in traces.values():
+            usable &= np.isfinite(trace)
+    found = np.flatnonzero(usable)
+    return found[np.unique(table["time_s"][found], return_index=True)[1]]
+
+
+def _span(clock: FloatArray, window: Window, begin: float | None, end: float | None) -> tuple[float, float]:
+    """First and last time shown."""
+    first, last = float(clock[0]), float(clock[-1])
+    if begin is None and end is None:
+        middle = 0.5 * (window.start_s + window.end_s)
+        begin = max(first, min(middle - 0.5 * LONGEST_S, last - LONGEST_S))
+    if begin is None:
+        begin = max(first, (end or 0.0) - LONGEST_S)
+    low, high = max(first, begin), min(last, begin + LONGEST_S if end is None else end)
+    if not (high > low and ((clock >= low) & (clock <= high)).sum() >= 2):
+        raise DataError("The run holds nothing at these times.", f"Its recording spans {first:g} to {last:g} s.",
+                        code="times")  # fmt: skip
+    return low, high
+
+
+def _means(residual: Residual, columns: dict[str, dict[str, FloatArray]],
+           rows: NDArray[np.intp]) -> dict[str, dict[str, float]]:
+    """Channel -> kind -> mean |gap| over the scored rows (all of them where none is scored), channel's unit."""
+    scored = rows[residual.columns["window"][rows] >= 0]
+    rows = scored if scored.size else rows
+    measured = columns[MEASURED]
+    return {name: {kind: float(np.abs(traces[name] - measured[name])[rows].mean())
+                   for kind, traces in columns.items() if kind != MEASURED} for name in measured}
+
+
+def _restarts(residual: Residual, rows: NDArray[np.intp]) -> FloatArray:
+    """Times of the rows with which a new window begins."""
+    window = residual.columns["window"][rows]
+    left = np.flatnonzero((np.diff(window) != 0) & (window[:-1] >= 0)) + 1
+    return residual.columns["time_s"][rows[left]]
