@@ -246,9 +246,8 @@ def _require_free(path: Path, overwrite: bool) -> None:
 
 def _remove_old(path: Path) -> None:
     _sweep(path)
-    figures = path / FIGURES
     old = [path / name for name in RUN_FILES if name != "run.json"]
-    old += [item for item in figures.glob("*") if item.suffix in (".svg", ".png", ".pdf")] if figures.is_dir() else []
+    old += [item for item in (path / FIGURES).glob("*") if item.suffix in (".svg", ".png", ".pdf", ".gif")]
     for item in old:
         item.unlink(missing_ok=True)
 

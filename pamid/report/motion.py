@@ -5,6 +5,7 @@ The rig comes from the catalogue by its name, or from whoever calls; nothing in 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
@@ -61,7 +62,8 @@ class Motion:
     def pivots(self) -> FloatArray:
         """Points that never move, (points, 2), m."""
         points = np.concatenate(self.lines[MEASURED], axis=1)
-        return points[0, np.ptp(points, axis=0).max(axis=1) < 1e-9]
+        still = np.ptp(points, axis=0).max(axis=1) < 1e-9
+        return np.unique(points[0, still], axis=0)
 
     def tip(self, kind: str) -> FloatArray:
         """The last point of the first polyline (n, 2), m."""
@@ -78,7 +80,7 @@ def rig_of_run(run: RunData, named: str | None = None) -> Rig:
                         "A rig file is code, run only when you name it yourself: add --rig FILE.", code="rig")
     rig = rig_named(named or run.rig)
     if rig.name != run.rig:
-        raise FileError(f"The run is of the rig {run.rig!r}, {named} is {rig.name!r}.", "Name its own --rig.", code="rig")
+        raise FileError(f"The run is of the rig {run.rig!r}, {named} is {rig.name!r}.", "Name its own rig.", code="rig")
     if type(rig).pose is Rig.pose:
         hint = "Give the rig a method pose(self, y, p) that returns its polylines in metres."
         raise FileError(f"The rig {rig.name!r} has no pose to draw.", hint, code="rig")
@@ -86,34 +88,31 @@ def rig_of_run(run: RunData, named: str | None = None) -> Rig:
 
 
 def motion_of(run: RunData, rig: Rig, step_s: float, begin: float | None = None, end: float | None = None) -> Motion:
-    """Poses every `step_s` between two times of the recording [s], of which the worst held-out window is the one that
-    counts. Without times: at most 12 s of the held-out part around that window.
+    """Poses every `step_s` of the recording whose held-out window is the worst: between two times [s], or without them
+    over at most 12 s of the held-out part around that window.
 
     DataError where the run does not hold what the pose needs or has nothing at these times.
     """
     if run.residual is None:
         raise DataError("The run has no residual.csv, so nothing moves.", "`pamid fit` writes it.", code="no-residual")
     residual, parameters = run.residual, _parameters(run, rig)
-    seen = _Outputs(rig, {name: residual.columns[name][:1] for name in rig.outputs if name in residual.columns})
-    _posed(rig, seen, parameters)
-    channels = [name for name in rig.outputs if name in seen.read]
+    channels = _channels(residual, rig, parameters)
     kinds = _kinds(run, residual, channels)
-    columns = {kind: {name: _trace(residual, name, kind) for name in channels} for kind in (MEASURED, *kinds)}
+    traces = {kind: {name: _trace(residual, name, kind) for name in channels} for kind in (MEASURED, *kinds)}
     window = _worst(residual, channels)
-    rows = _rows(residual, columns, window, begin, end)
+    rows = _rows(residual, traces, window, begin, end)
     clock = residual.columns["time_s"][rows]
-    first, last = _span(clock, window, begin, end)
-    time = first + step_s * np.arange(int((last - first) / step_s + 1e-9) + 1)
-    shown = {kind: {name: np.interp(time, clock, trace[rows]) for name, trace in traces.items()}
-             for kind, traces in columns.items()}
+    first, last = _span(clock, window, begin, end, step_s)
+    time = first + step_s * np.arange(int((last - first) / step_s + 1e-9) + 1, dtype=np.float64)
+    shown = {kind: {name: np.interp(time, clock, trace[rows]) for name, trace in of.items()}
+             for kind, of in traces.items()}  # fmt: skip
     rows = rows[(clock >= first) & (clock <= last)]
     names = {kind: _model_name(run, kind) for kind in kinds}
-    means = _means(residual, columns, rows)
+    means = _means(residual, traces, rows)
     return Motion(
-        recording=words.clean(run.fit.recordings[window.recording].name)
-        if run.fit is not None and window.recording < len(run.fit.recordings) else "",
+        recording=_recording(run, window.recording),
         time=time,
-        lines={kind: _posed(rig, _Outputs(rig, traces), parameters) for kind, traces in shown.items()},
+        lines={kind: _posed(rig, _Outputs(rig, of), parameters) for kind, of in shown.items()},
         gaps={name: {kind: shown[kind][name] - shown[MEASURED][name] for kind in kinds} for name in channels},
         restarts=_restarts(residual, rows),
         names={MEASURED: MEASURED, **names},
@@ -122,22 +121,46 @@ def motion_of(run: RunData, rig: Rig, step_s: float, begin: float | None = None,
     )
 
 
+def _recording(run: RunData, number: int) -> str:
+    known = run.fit.recordings if run.fit is not None else ()
+    return words.clean(known[number].name) if 0 <= number < len(known) else ""
+
+
+def _channels(residual: Residual, rig: Rig, parameters: Names) -> list[str]:
+    """The outputs that the pose reads."""
+    outputs = _Outputs(rig, {name: residual.columns[name][:1] for name in rig.outputs if name in residual.columns})
+    if not outputs:
+        raise DataError(f"residual.csv holds no output of the rig {rig.name!r}.", REMEDY, code="no-output")
+    _posed(rig, outputs, parameters)
+    return [name for name in rig.outputs if name in outputs.read]
+
+
 def motion_title(means: dict[str, dict[str, float]], names: dict[str, str]) -> str:
     """ "The refitted model follows the angle to 0.06 deg on average (data sheet: 2.4 deg)". """
     *before, best = names
-    told = words.join(f"the {words.channel_words(c)} to {_with_unit(c, of[best])}" for c, of in means.items())
-    text = f"The {names[best]} model follows {told} on average" if best != "cause" else \
-        f"The model {names[best]} follows {told} on average"
-    if not before:
-        return text
-    worse = all(of[best] >= of[before[-1]] for of in means.values())
-    told = words.join(_with_unit(c, of[before[-1]]) for c, of in means.items())
-    return f"{text}, {'no better than the' if worse else ''} {names[before[-1]]} {told}" if worse else \
-        f"{text} ({names[before[-1]]}: {told})"
+    units = [words.channel_unit(channel) for channel in means]
+    shown = units if len(set(units)) > 1 else [*[""] * (len(units) - 1), units[-1]]  # a common one is named once
+
+    def told(kind: str) -> list[str]:
+        return [words.with_unit_text(of[kind], unit, 2) for of, unit in zip(means.values(), shown, strict=True)]
+
+    article = "the " if len(means) == 1 else ""
+    follows = words.join(f"{article}{words.channel_words(channel)} to {value}"
+                         for channel, value in zip(means, told(best), strict=True))  # fmt: skip
+    model = f"model {names[best]}" if best == "cause" else f"{names[best]} model"
+    others = "".join(f" ({names[kind]}: {words.join(told(kind))})" for kind in before)
+    return f"The {model} follows {follows} on average{others}"
 
 
-def _with_unit(channel: str, value: float) -> str:
-    return words.with_unit_text(value, words.channel_unit(channel), 2)
+def scale_of(extent: float) -> float:
+    """A round length of about a sixth of the extent: 1, 2 or 5 times a power of ten."""
+    power = 10.0 ** math.floor(math.log10(extent / 6.0))
+    return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= extent / 6.0 * (1.0 + 1e-9))
+
+
+def gap_words(channel: str) -> str:
+    """ "angle 1: model - measured". """
+    return f"{words.channel_words(channel)}: model {words.MINUS} measured"
 
 
 def _model_name(run: RunData, kind: str) -> str:
@@ -156,7 +179,7 @@ class _Outputs(Mapping[str, FloatArray]):
         if name not in self._columns:
             known = name in self._rig.outputs
             hint = "Record that channel." if known else nearest(name, list(self._rig.outputs))
-            raise DataError(f"The pose of the rig {self._rig.name!r} needs {name!r}, which the run does not hold.", hint)
+            raise DataError(f"The pose of the rig {self._rig.name!r} needs {name!r}, which the run lacks.", hint)
         self.read.add(name)
         found: FloatArray = to_si(self._columns[name], split_column(name)[1])
         return found
@@ -227,16 +250,18 @@ def _rows(residual: Residual, columns: dict[str, dict[str, FloatArray]], window:
     return found[np.unique(table["time_s"][found], return_index=True)[1]]
 
 
-def _span(clock: FloatArray, window: Window, begin: float | None, end: float | None) -> tuple[float, float]:
-    """First and last time shown."""
+def _span(clock: FloatArray, window: Window, begin: float | None, end: float | None,
+          step_s: float) -> tuple[float, float]:
+    """First and last time shown; a nan is refused with all else that leaves nothing."""
+    if clock.size < 2:
+        raise DataError("The run holds too little of what the pose needs.", REMEDY, code="times")
     first, last = float(clock[0]), float(clock[-1])
-    if begin is None and end is None:
-        middle = 0.5 * (window.start_s + window.end_s)
-        begin = max(first, min(middle - 0.5 * LONGEST_S, last - LONGEST_S))
     if begin is None:
-        begin = max(first, (end or 0.0) - LONGEST_S)
-    low, high = max(first, begin), min(last, begin + LONGEST_S if end is None else end)
-    if not (high > low and ((clock >= low) & (clock <= high)).sum() >= 2):
+        middle = 0.5 * (window.start_s + window.end_s)
+        begin = min(middle - 0.5 * LONGEST_S, last - LONGEST_S) if end is None else end - LONGEST_S
+    low = max(begin, first)
+    high = min(low + LONGEST_S if end is None else end, last)
+    if not high - low >= step_s:
         raise DataError("The run holds nothing at these times.", f"Its recording spans {first:g} to {last:g} s.",
                         code="times")  # fmt: skip
     return low, high

@@ -1,9 +1,11 @@
 """One HTML page from what was read and drawn: three answers first, then the evidence. Nothing in it is loaded from
-elsewhere and nothing runs; a policy in its head says so to the browser as well.
+elsewhere and nothing runs but the player of the rig's movement; a policy in its head says so to the browser as well.
 """
 
 from __future__ import annotations
 
+import base64
+import hashlib
 from importlib import resources
 
 from pamid.report import words
@@ -11,6 +13,7 @@ from pamid.report.answers import Answer, how_far_answer, next_answer, where_answ
 from pamid.report.budget import ChannelErrors, disagreements
 from pamid.report.load import Fit, RunData
 from pamid.report.markup import Html, Part, joined, paragraphs, prose, tag
+from pamid.report.player import player_html, player_script
 from pamid.report.sentences import verdict_sentence
 from pamid.report.style import COLOURS, Picture
 from pamid.report.tables import (
@@ -34,31 +37,34 @@ _POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
 def page_html(run: RunData, rows: tuple[ChannelErrors, ...], pictures: dict[str, Picture]) -> str:
     """The whole page of a run as text."""
     verdict = verdict_sentence(run, rows)
-    rig = words.clean(run.rig)
+    rig, player = words.clean(run.rig), player_html(run)
     main = tag(
         "main",
         tag("header", tag("p", _subtitle(run), class_="rig"), tag("h1", prose(verdict)), _warnings(run)),
         _answer("Where", where_answer(run), pictures, ("ports", "regimes"), ("timeline",)),
         _answer("Which", which_answer(run), pictures, *_which_pictures(run)),
-        _answer("How far", how_far_answer(run, rows), pictures, ("budget",), ("window",)),
+        _answer("How far", how_far_answer(run, rows), pictures, ("budget",), ("window",), player),
         _answer("Next experiment", next_answer(run), pictures),
         _evidence(run, rows, pictures),
     )
-    return document(f"{rig}: {verdict}" if rig else verdict, main)
+    return document(f"{rig}: {verdict}" if rig else verdict, main, player_script() if player else "")
 
 
-def document(title: str, main: Html) -> str:
-    """A page with this title and content, that loads and runs nothing."""
+def document(title: str, main: Html, script: str = "") -> str:
+    """A page with this title and content, that loads nothing and runs nothing but this script of ours."""
+    allowed = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    policy = f"{_POLICY}; script-src 'sha256-{allowed}'" if script else _POLICY
     head = tag(
         "head",
         tag("meta", charset="utf-8"),
-        tag("meta", http_equiv="Content-Security-Policy", content=_POLICY),
+        tag("meta", http_equiv="Content-Security-Policy", content=policy),
         tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
         tag("meta", name="color-scheme", content="light dark"),
         tag("title", title),
         tag("style", Html(_style_sheet())),
     )
-    return MARK + tag("html", head, tag("body", main), lang="en") + "\n"
+    body = tag("body", main, tag("script", Html(script)) if script else "")
+    return MARK + tag("html", head, body, lang="en") + "\n"
 
 
 def _style_sheet() -> str:
@@ -96,12 +102,12 @@ def _which_pictures(run: RunData) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def _answer(question: str, answer: Answer, pictures: dict[str, Picture], above: tuple[str, ...] = (),
-            below: tuple[str, ...] = ()) -> Html:
-    """Lead sentence, pictures, list, sentences, further pictures."""
+            below: tuple[str, ...] = (), player: Part = "") -> Html:
+    """Lead sentence, pictures, list, sentences, further pictures, the movement."""
     heading = tag("h2", tag("span", question, class_="question"), prose(answer.lead))
     first, last = ([figure_html(pictures[name]) for name in names if name in pictures] for names in (above, below))
     points = tag("ul", [tag("li", prose(point)) for point in answer.points]) if answer.points else ""
-    return tag("section", heading, first, points, paragraphs(answer.details), last, class_="answer")
+    return tag("section", heading, first, points, paragraphs(answer.details), last, player, class_="answer")
 
 
 def figure_html(picture: Picture) -> Html:

@@ -1,0 +1,58 @@
+"""`pamid animate`: the rig of a run as it moved, measured over simulated."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from . import frame
+from .progress import Progress
+
+EXAMPLE = """
+pamid animate fitted --output arm.gif
+"""
+
+
+@frame.command("animate", example=EXAMPLE)
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option("--output", type=click.Path(dir_okay=False, path_type=Path),
+              help="GIF to write. [default: RUN/figures/motion.gif]")
+@click.option("--rig", help="Path of the rig's file (it is run), where the rig is not in the catalogue.")
+@click.option("--from", "begin", type=float, metavar="S", help="Time of the recording to begin with. [default: at most "
+              "12 s of the held-out part, where the refitted model errs most]")
+@click.option("--to", "end", type=float, metavar="S", help="Time of the recording to end with.")
+@click.option("--speed", type=click.FloatRange(0.01, 100.0), default=1.0, show_default=True,
+              help="Seconds of the recording per second of the animation.")
+@click.option("--size", type=click.IntRange(160, 1600), default=480, show_default=True, help="Width in pixels.")
+@click.option("--force", is_flag=True, help="Replace the output if it exists.")
+def command(run: Path, output: Path | None, rig: str | None, begin: float | None, end: float | None, speed: float,
+            size: int, force: bool) -> frame.Result:
+    """Show how the rig of the run folder RUN moved and how its models would have: an animated GIF.
+
+    Measured dark and thick, the best model over it, the one before it dashed; below, by how much they are off. For any
+    rig that has a pose.
+    """
+    from pamid.errors import FileError
+    from pamid.report.animation import RATE, gif_of, size_px
+    from pamid.report.load import load_run
+    from pamid.report.motion import motion_of, rig_of_run
+    from pamid.run import FIGURES, write_atomically
+
+    target = run / FIGURES / "motion.gif" if output is None else output
+    if output is not None and output.exists() and not force:
+        raise FileError(f"{output} exists already.", "Choose another --output, or --force to replace it.",
+                        code="exists")
+    found = load_run(run)
+    motion = motion_of(found, rig_of_run(found, rig), speed / RATE, begin, end)
+    with Progress("animate", motion.time.size) as progress:
+        gif = gif_of(motion, size, lambda done, of: progress.update(done, "frames"))
+    target.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(target, gif)
+    width, height = size_px(gif)
+    told = {"schema": "pamid.animate/1", "output": str(target), "rig": found.rig, "recording": motion.recording,
+            "from_s": float(motion.time[0]), "to_s": float(motion.time[-1]), "speed": speed,
+            "frames": int(motion.time.size), "frames_per_second": RATE, "width_px": width, "height_px": height,
+            "bytes": len(gif), "mean_gap": motion.means}
+    return frame.Result(told, f"{motion.title}.\n{target}: {motion.time[0]:.2f} to {motion.time[-1]:.2f} s, "
+                              f"{motion.time.size} frames, {width} x {height} px, {len(gif) / 1000:.0f} kB.")
