@@ -33,8 +33,8 @@ class Span:
 
 @dataclass(frozen=True)
 class Evidence:
-    """Recordings of one rig, divided. channels: outputs that all of them hold; noise: their white noise (SI); jump:
-    by what the rig's states may depart from what a window before has led to (SI)."""
+    """Recordings of one rig, divided. channels: outputs that all of them hold and that move in one of them; noise:
+    their white noise (SI); jump: by what the rig's states may depart from what a window before has led to (SI)."""
 
     rig: Rig
     fit: tuple[Span, ...]
@@ -62,7 +62,8 @@ class Evidence:
 def gather(rig: Rig, recordings: list[Recording], held_out: list[Recording]) -> Evidence:
     """Divide the recordings; without `held_out` the last 30 % of every recording is held out.
 
-    DataError where the recordings cannot answer: too short, or nothing was excited.
+    DataError where the recordings cannot answer: too short, or nothing was excited. A rig that can be recorded without
+    being sent anything may have channels at rest, as long as another one moves.
     """
     plain = Assembly(rig)
     everything = [*recordings, *held_out]
@@ -70,16 +71,17 @@ def gather(rig: Rig, recordings: list[Recording], held_out: list[Recording]) -> 
     if not channels:
         raise FileError("the recordings share no measured output",
                         f"rig {rig.name!r} offers {', '.join(rig.outputs)}")
+    needed = [name for name in rig.inputs if name not in rig.optional]
+    moving: set[str] = set()
     for r in everything:
-        for name in rig.inputs:
-            if name not in rig.optional:
-                require_excited(r, name)
-        for channel in channels:
-            require_excited(r, channel)
+        for name in (*needed, *(channels if needed else ())):
+            require_excited(r, name)
+        moving |= _moving(r, channels)
         seconds = len(r) * r.sampling_period_s
         if len(r) < 400:
             raise DataError(f"{r.path}: {len(r)} samples ({seconds:.2f} s) are too few to fit and judge a model",
                             "at least 400 samples are needed; 20 s and more are sensible on a 3 ms rig")
+    channels = tuple(c for c in channels if c in moving)
     if held_out:
         fit = [Span(r, 0, len(r)) for r in recordings]
         kept = [Span(r, 0, len(r)) for r in held_out]
@@ -92,7 +94,31 @@ def gather(rig: Rig, recordings: list[Recording], held_out: list[Recording]) -> 
                              (track_of(plain, r, channels) for r in everything)], axis=0))
     return Evidence(rig, tuple(fit[i] for i in order),
                     tuple(sorted(kept, key=lambda s: (s.recording.sha256, s.start))), channels, noise,
-                    DEPARTS * np.sqrt(np.mean([state_spread(plain, r) ** 2 for r in everything], axis=0)))
+                    DEPARTS * _usual([state_spread(plain, r) for r in everything]))
+
+
+def _moving(recording: Recording, channels: tuple[str, ...]) -> set[str]:
+    """Channels that change in this recording; DataError where none does."""
+    found = set()
+    for channel in channels:
+        try:
+            require_excited(recording, channel)
+        except DataError as error:
+            still = error
+        else:
+            found.add(channel)
+    if not found:
+        raise still
+    return found
+
+
+def _usual(spreads: list[Array]) -> Array:
+    """Root mean square of every state's spread over the recordings that say something of it; infinite where none
+    does."""
+    table = np.stack(spreads)
+    said = np.isfinite(table)
+    count = said.sum(axis=0)
+    return np.where(count, np.sqrt((np.where(said, table, 0.0) ** 2).sum(axis=0) / np.maximum(count, 1)), np.inf)
 
 
 def selection_part(replays: list[Replay]) -> NDArray[np.bool_]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -87,7 +88,7 @@ def aprbs(
     hold_s: tuple[float, float] = (0.4, 1.6),
     levels: int | None = None,
     rate_limit: float | None = None,
-    seed: int = 0,
+    seed: int | Sequence[int] = 0,
     offset: float = 0.0,
     latin: bool = True,
 ) -> FloatArray:

@@ -1,5 +1,5 @@
-"""Experiments that tell models apart, as the signals to send: a menu for the joint with its muscles, and what of it a
-rig of one's own can run on its own inputs.
+"""Experiments as the signals to send: what a rig can be excited by, tests of its muscles and links, and a menu of those
+that tell models apart: for joints with their muscles, and what of it a rig of one's own can run on its own inputs.
 
 Signals are drawn on a clock of their own (s of the one-dof joint); a bench stretches it to the pace of its rig.
 Minutes are the time at the rig, with repetitions and pressures to be set; the signals are one pass of it.
@@ -7,12 +7,13 @@ Minutes are the time at the rig, with repetitions and pressures to be set; the s
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.errors import UsageError, nearest
 from pamid.excitation import aprbs
 from pamid.rig import Rig
 
@@ -20,8 +21,15 @@ Array = NDArray[np.float64]
 
 FASTEST_HZ = 15.0        # of the multisine, and at most a tenth of the sampling rate
 OTHER_INERTIA = 6.4      # the two rods of the first paper
+PAYLOAD, OTHER_PAYLOAD_KG = "payload_kg", 0.5
 PASS_S = 15.0            # what a bench of another pace stretches
 MOST_SAMPLES = 10_000
+APART = 0.5 * (3.0 - 5.0**0.5)  # golden section: parts of a pass at which shapes of several columns begin never meet
+
+VENTED = "vents_open"
+RELEASE_S, RELEASE_DEG = 20.0, (30.0, 40.0)
+PULSES_S, GAP_S = (0.03, 0.06, 0.12, 0.25, 0.5), 1.5
+PULSED_S = 2.0 * GAP_S * len(PULSES_S)
 
 
 @dataclass(frozen=True)
@@ -51,17 +59,21 @@ class Bench:
         return step * np.arange(round(seconds / step), dtype=np.float64)
 
     def driving(self, shape: Callable[[Array], Array]) -> dict[str, Array]:
-        """A shape of time within +-1 on every driven column, each a part of the length later than the one before."""
+        """A shape of time within +-1 on every driven column, each a part of a pass later than the one before."""
         whole = self.clock(PASS_S)
         once = shape(self.passes * whole[: len(whole) // self.passes])
-        wave = np.resize(once, len(whole))
-        return {name: centre + half * np.roll(wave, k * len(wave) // len(self.driven))
+        return {name: centre + half * np.resize(np.roll(once, round(k * APART * len(once))), len(whole))
                 for k, (name, (centre, half)) in enumerate(self.driven.items())}
 
     def open_loop(self, command: Array, torque: Array | None = None) -> dict[str, Array]:
-        """Commands in [-1, 1] past the controller, and a torque in N m from outside."""
-        outside = {} if torque is None else dict.fromkeys(self.external, torque)
-        return {**dict.fromkeys(self.command, command), **outside}
+        """Commands in [-1, 1] past the controller, and a torque in N m from outside: joint after joint, the others at
+        rest."""
+        outside = () if torque is None else self.external
+        turns = max(len(self.command), len(outside))
+        sent = [*((k, name, command) for k, name in enumerate(self.command)),
+                *((k, name, torque) for k, name in enumerate(outside) if torque is not None)]
+        return {name: np.concatenate([wave if k == turn else np.zeros(len(wave)) for turn in range(turns)])
+                for k, name, wave in sent}
 
     @property
     def pneumatic(self) -> bool:
@@ -81,6 +93,7 @@ def _as_it_is(bench: Bench) -> Settings:
 class Experiment:
     """An entry of the menu.
 
+    minutes   at the rig; in_turn: for each of its joints
     signals   columns to send to a bench (samples,), in their own units
     air       needs valves; pushed: needs a torque from outside
     settings  [known] values that change, once per repetition; () where the rig has nothing to change
@@ -92,16 +105,17 @@ class Experiment:
     signals: Callable[[Bench], Columns]
     air: bool = False
     pushed: bool = False
+    in_turn: bool = False
     settings: Callable[[Bench], Settings] = _as_it_is
 
     def fits(self, bench: Bench) -> bool:
         return (bench.pneumatic or not self.air) and bool(bench.external or not self.pushed) and (
-            bool(self.settings(bench)))
+            bool(self.settings(bench) and self.signals(bench)))
 
     def minutes_on(self, bench: Bench) -> float:
         """Time at the rig; on a rig of one's own, whose protocol is not known, the length of the signals."""
         if bench.command:
-            return self.minutes
+            return self.minutes * (len(bench.command) if self.in_turn else 1)
         return len(next(iter(self.signals(bench).values()))) * bench.period_s / 60.0
 
 
@@ -156,6 +170,86 @@ def _pulses(t: Array, every: float, pulses: list[tuple[float, float]]) -> Array:
     return out
 
 
+def valve_pulses(t: Array) -> Array:
+    """There and back for 30 to 500 ms each, one every 1.5 s, over 15 s."""
+    return _pulses(t, GAP_S, [(length, height) for length in PULSES_S for height in (1.0, -1.0)])
+
+
+# ---- what a rig can be excited by --------------------------------------------------------------------------------
+
+
+def excitable(rig: Rig, loop: str) -> tuple[str, ...]:
+    """Columns that carry an excitation: the references of a rig's loops, with loop "open" their commands; without
+    loops the inputs that it needs. UsageError where it has neither."""
+    if rig.loops:
+        return tuple(q.reference if loop == "closed" else q.command for q in rig.loops)
+    needed = tuple(c for c in rig.inputs if c not in rig.optional)
+    if not needed:
+        raise UsageError(f"rig {rig.name!r} has no loop and needs no input.",
+                         f"Name one with --column: {', '.join(rig.inputs) or 'it has none'}.")
+    return needed
+
+
+def muscle_pulses(rig: Rig, muscles: Sequence[str], level: float, period_s: float) -> dict[str, Array]:
+    """Commands that vent and fill one muscle after another, `valve_pulses` of duty `level` each, () for all of them;
+    the commands of all joints, samples. UsageError for a muscle that is not there."""
+    chosen = list(muscles) or list(rig.filled_by)
+    strange = [repr(name) for name in chosen if name not in rig.filled_by]
+    if strange or not chosen:
+        raise UsageError(f"rig {rig.name!r} has no muscle {', '.join(strange)}".rstrip() + ".",
+                         f"Muscles it declares (filled_by): {', '.join(rig.filled_by) or 'none'}.")
+    if not 0.0 < level <= 1.0:
+        raise UsageError(f"The level is {level:g}; a duty lies in (0, 1].")
+    wave = level * valve_pulses(period_s * np.arange(round(PULSED_S / period_s), dtype=np.float64))
+    columns = {command: np.zeros(len(chosen) * len(wave)) for command, _ in rig.filled_by.values()}
+    for k, name in enumerate(chosen):
+        command, fills = rig.filled_by[name]
+        columns[command][k * len(wave) : (k + 1) * len(wave)] = -fills * wave
+    return columns
+
+
+def releases(rig: Rig) -> tuple[str, ...]:
+    """Parameters that say where a rig begins that is let go with its muscles vented, one per joint; () where it has no
+    such test."""
+    sheet = {p.outside_name for p in rig.parameters}
+    names = tuple(f"initial_{q.reading}" for q in rig.loops)
+    return names if names and sheet >= {VENTED, *names} else ()
+
+
+def gravity_test(rig: Rig, release: Sequence[float], clamped: Sequence[str] = (),
+                 payload_kg: float | None = None) -> dict[str, float]:
+    """[known] of a recording in which a rig swings by itself: muscles vented, let go at these angles (in the unit of
+    the readings), some joints clamped. UsageError where the rig does not swing, has no such joint or no such range."""
+    from pamid.library import rigs
+
+    begins = releases(rig)
+    if not begins:
+        able = ", ".join(name for name, kind in rigs().items() if releases(kind())) or "none"
+        raise UsageError(f"rig {rig.name!r} has no gravity test: no parameters {VENTED} and initial_<angle>. Nothing "
+                         "swings where a joint turns in a horizontal plane.", f"Rigs that have one: {able}.")
+    if len(release) != len(begins):
+        raise UsageError(f"{len(release)} angles to release rig {rig.name!r} from; it has {len(begins)} joints.")
+    known = {VENTED: 1.0, "initial_pressure_kpa": 0.0, **dict(zip(begins, release, strict=True)),
+             **{f"clamped_{joint}": 1.0 for joint in clamped},
+             **({} if payload_kg is None else {PAYLOAD: payload_kg})}
+    sheet = {p.outside_name: p for p in rig.parameters}
+    for name, value in known.items():
+        if name not in sheet:
+            raise UsageError(f"rig {rig.name!r} has no parameter {name!r}.", nearest(name, sheet))
+        if not sheet[name].low <= value <= sheet[name].high:
+            raise UsageError(f"{name} = {value:g} lies outside {sheet[name].low:g} .. {sheet[name].high:g}.")
+    return known
+
+
+def nothing_sent(rig: Rig, samples: int) -> dict[str, Array]:
+    """Columns of a recording in which nothing is sent: the inputs that a rig needs, at 0; where it needs none, one that
+    is no command, for a recording has at least one column."""
+    needed = [c for c in rig.inputs if c not in rig.optional]
+    commands = {q.command for q in rig.loops}
+    free = sorted(rig.optional, key=commands.__contains__)
+    return {c: np.full(samples, rig.optional.get(c, 0.0)) for c in needed or free[:1]}
+
+
 # ---- the menu ----------------------------------------------------------------------------------------------------
 
 
@@ -173,13 +267,12 @@ def _quick_release(b: Bench) -> Columns:
 
 
 def _pressure_hold(b: Bench) -> Columns:
-    t = b.clock(20.0)
-    return b.open_loop(_pulses(t, 10.0, [(0.3, 0.5), (0.3, -1.0)]))
+    wave = _pulses(b.clock(20.0), 10.0, [(0.3, 0.5), (0.3, -1.0)])
+    return dict.fromkeys(b.command, wave)  # every muscle's own pressure is watched: all at once
 
 
 def _valve_pulses(b: Bench) -> Columns:
-    t = b.clock(15.0)
-    return b.open_loop(_pulses(t, 1.5, [(s, h) for s in (0.03, 0.06, 0.12, 0.25, 0.5) for h in (1.0, -1.0)]))
+    return b.open_loop(valve_pulses(b.clock(PULSED_S)))
 
 
 def _staircase(b: Bench) -> Columns:
@@ -208,26 +301,42 @@ def _two_pressures(b: Bench) -> Settings:
 def _another_inertia(b: Bench) -> Settings:
     name = "inertia_kg_m2"
     sheet = _sheet(b, name)
-    if sheet is None:
+    if sheet is not None:
+        return ({name: round(sheet * OTHER_INERTIA, 6) if b.known.get(name, sheet) < 2.0 * sheet else sheet},)
+    if _sheet(b, PAYLOAD) is None:
         return ()
-    return ({name: round(sheet * OTHER_INERTIA, 6) if b.known.get(name, sheet) < 2.0 * sheet else sheet},)
+    return ({PAYLOAD: 0.0 if b.known.get(PAYLOAD) else OTHER_PAYLOAD_KG},)
+
+
+def _at_rest(b: Bench) -> Columns:
+    return nothing_sent(b.rig, len(b.clock(RELEASE_S)))
+
+
+def _swings(b: Bench) -> Settings:
+    """All links free, and only the last one."""
+    joints = releases(b.rig)
+    if len(joints) != len(RELEASE_DEG):
+        return ()
+    return gravity_test(b.rig, RELEASE_DEG), gravity_test(b.rig, (0.0, RELEASE_DEG[1]), ("1",))
 
 
 MENU = (
     Experiment("torque-loops-two-pressures", 8.0,
                "slow torque loops with the valves shut, at 2 and at 5 bar: dry friction in the joint keeps its width, "
                "hysteresis of the muscles grows with the pressure, nothing in the valves is seen",
-               _torque_loops, air=True, pushed=True, settings=_two_pressures),
+               _torque_loops, air=True, pushed=True, in_turn=True, settings=_two_pressures),
     Experiment("quick-release", 4.0,
                "a held torque is let go with the valves shut: a sensor's lag and compliance show, valves and dead time "
-               "do not", _quick_release, air=True, pushed=True),
+               "do not", _quick_release, air=True, pushed=True, in_turn=True),
     Experiment("pressure-hold", 3.0,
                "vent a little, shut all valves and wait: a leak falls for ever, heat settles within 2 s",
                _pressure_hold, air=True),
+    Experiment("gravity-test", 4.0, "let go with the muscles vented, once with joint 1 clamped: the links' masses and "
+               "the friction of the joints, without any muscle", _at_rest, settings=_swings),
     Experiment("valve-pulses", 3.0, "pulses of 30 to 500 ms on the valves, past the controller", _valve_pulses,
-               air=True),
+               air=True, in_turn=True),
     Experiment("duty-staircase", 3.0, "duty from 0.02 to 0.3 in small steps, there and back: what the smallest "
-               "commands move", _staircase, air=True),
+               "commands move", _staircase, air=True, in_turn=True),
     Experiment("aprbs-other-inertia", 4.0, "random steps with another inertia: structural modes move, delays do not",
                _driven(_steps), settings=_another_inertia),
     Experiment("odd-multisine", 4.0, "odd random-phase multisine: an anti-resonance marks compliance, even lines mark "

@@ -13,6 +13,7 @@ from pamid.attaching import Attachment, attach
 from pamid.errors import FileError, UsageError, nearest
 from pamid.library import effects_with, rig_named
 from pamid.recording import Recording
+from pamid.rig import Rig
 from pamid.simulation import input_table, port_sizes, virtual_recording
 
 Array = NDArray[np.float64]
@@ -56,12 +57,31 @@ def attach_specs(rig: Any, specs: tuple[str, ...]) -> list[tuple[Attachment, dic
     return found
 
 
+def in_its_loop(rig: Rig, excitation: Recording) -> bool:
+    """Does the controller run? With the references of all loops and no command it does, with all commands or nothing of
+    either it does not. FileError for anything between."""
+    commands = [q.command for q in rig.loops if excitation.has(q.command)]
+    references = [q.reference for q in rig.loops if excitation.has(q.reference)]
+    if len(commands) == len(rig.loops) or not commands and not references:
+        return False
+    if not commands and len(references) == len(rig.loops):
+        return True
+    there = " and ".join([*references, *commands])
+    lacking = (q.command if commands else q.reference for q in rig.loops)
+    missing = " and ".join(c for c in lacking if not excitation.has(c))
+    raise FileError(f"{excitation.path} has {there}, but not {missing}",
+                    f"rig {rig.name!r} runs with the references of all its loops, or with all their commands "
+                    "(0 leaves the valves shut)")
+
+
 def virtual_rig(rig_name: str, excitation: Recording, specs: tuple[str, ...], known: dict[str, float],
                 hidden: dict[str, float], noise: float, seed: int) -> VirtualRecording:
-    """Simulate. Effects without given values act at their typical size."""
+    """Simulate. Effects without given values act at their typical size; `known` goes before what the excitation knows.
+    """
     rig = rig_named(rig_name)
     chosen = attach_specs(rig, specs)
-    closed = [q for q in rig.loops if excitation.has(q.reference) and not excitation.has(q.command)]
+    known = {**excitation.known, **known}
+    closed = in_its_loop(rig, excitation)
     settings = {**rig.controller, **excitation.controller} if closed else {}
     sizes = {}
     plain = Assembly(rig)

@@ -147,10 +147,11 @@ def joint(known: dict[str, float]) -> Bench:
                  known)
 
 
-def test_the_joint_is_offered_everything() -> None:
+def test_the_joint_is_offered_all_but_a_swing() -> None:
     bench = joint({})
-    assert menu(bench) == list(MENU)
-    for e in MENU:
+    offered = menu(bench)
+    assert [e.name for e in MENU if e not in offered] == ["gravity-test"]
+    for e in offered:
         columns = e.signals(bench)
         lengths = {len(v) for v in columns.values()}
         assert len(lengths) == 1 and 10.0 <= lengths.pop() * bench.period_s <= 30.0, e.name
