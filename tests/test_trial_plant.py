@@ -16,7 +16,7 @@ from pamid.errors import UsageError
 from pamid.excitation import aprbs
 from pamid.library import effects, rig_named
 from pamid.rigs.muscle import exponential
-from pamid.trial import faults, kernel, plant
+from pamid.trial import faults, joint_kernel, kernel, plant
 from pamid.trial.faults import FAULTS, HIGH_INERTIA, LONG_HOLDS, Fault, Planted, planted
 from pamid.trial.kernel import static_pull
 from pamid.trial.plant import CHANNELS, NOISE, PERIOD_S, STEPS, TO_COLUMN, Excitation, Specimen, draw_specimen, record
@@ -84,13 +84,14 @@ def force_map(specimen: Specimen, muscle: int) -> tuple[np.ndarray, np.ndarray, 
 
 
 def test_the_plant_shares_nothing_with_the_tool() -> None:
-    for module in (plant, faults, kernel):
+    for module in (plant, faults, kernel, joint_kernel):
         tree = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))
         names = [a.name for node in ast.walk(tree) if isinstance(node, ast.Import) for a in node.names]
         names += [f"{node.module}.{a.name}" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)
                   for a in node.names]
         own = {name.rsplit(".", 1)[0] for name in names if name.startswith("pamid")}
-        assert own <= {"pamid.errors", "pamid.trial.faults", "pamid.trial.kernel"}, (module.__name__, own)
+        known = {"pamid.errors", *(f"pamid.trial.{k}" for k in ("faults", "kernel", "joint_kernel"))}
+        assert own <= known, (module.__name__, own)
 
 
 @pytest.mark.parametrize("seed", range(8))

@@ -1,9 +1,9 @@
-"""Time stepping of the trial's joint: semi-implicit Euler at a tenth of a millisecond, compiled.
+"""What the trial's machines are made of: valves, air, muscles, friction, sensors, controller; compiled.
 
-Order within a step: valves, air, pulls, joint, sensor filters; each part uses what the parts before it have just set.
 `m` is the machine (fields of `plant.Specimen` and the known constants), `f` what is planted (fields of
-`faults.Planted`), both as records; SI throughout. All functions live in this one file: the compiler's cache looks
-only at the file of the function that is called.
+`faults.Planted`), both as records; `x` the state of a joint, `s` that of its two muscles, `z` of their hystereses; SI
+throughout. All functions live in this one file: the compiler's cache looks only at the file of the function that is
+called.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ TUBE_VOLUME = 6.0e-5    # m3, of a tube that lags by 15 ms: a wide one, that thr
 BLEND = 10e3            # Pa, over which filling hands over to venting
 ELEMENTS = 12           # of each hysteresis
 LAMINAR = 0.99          # pressure ratio from which flow is linear
+HANGING = 333           # samples at held pressures before a recording: the arm comes to hang where its muscles balance
 
 # of the joint
 ANGLE, SPEED, LOAD_ANGLE, LOAD_SPEED, SUPPLY, BRISTLE, LATCHED, ON_FOR, OFF_FOR, OPEN = range(10)
@@ -127,6 +128,26 @@ def advance_air(i: int, x: Array, s: Array, m: Any, f: Any, fill: float, vent: f
 
 
 @njit(cache=True)
+def pair_air(x: Array, s: Array, m: Any, f_1: Any, f_2: Any, drive: float, h: float) -> float:
+    """Pressures of both muscles one step on: one is filled up to p0, then the other vented. Returns the p V flow taken
+    from the supply; f_1, f_2: what is planted in each muscle."""
+    share_1 = min(max((m.hold_pressure - s[0, PRESSURE]) / BLEND, 0.0), 1.0)
+    share_2 = min(max((m.hold_pressure - s[1, PRESSURE]) / BLEND, 0.0), 1.0)
+    up, down = max(drive, 0.0), max(-drive, 0.0)
+    drawn = advance_air(0, x, s, m, f_1, up * share_1, down * (1.0 - share_2), h)
+    return drawn + advance_air(1, x, s, m, f_2, down * share_2, up * (1.0 - share_1), h)
+
+
+@njit(cache=True)
+def supply_after(pressure: float, drawn: float, m: Any, f: Any, h: float) -> float:
+    """Supply pressure (Pa) one step on, for the p V flow drawn from the tank behind the regulator."""
+    if f.sag_pa <= 0.0:
+        return pressure
+    settling = TANK * f.sag_pa / 3e-3 / REFERENCE
+    return (pressure + h * (m.supply_pressure / settling - drawn / TANK)) / (1.0 + h / settling)
+
+
+@njit(cache=True)
 def static_pull(i: int, contraction: float, pressure: float, m: Any, f: Any, waves: Array, worn: float) -> float:
     """Force (N) of muscle i at rest; pressure gauge; waves: (amplitude, cycles per unit, phase) along contraction."""
     side = 1.0 - 2.0 * i
@@ -215,6 +236,19 @@ def advance_pull(i: int, s: Array, z: Array, m: Any, f: Any, waves: Array, at: f
 
 
 @njit(cache=True)
+def pair_torque(x: Array, s: Array, z: Array, m: Any, f: Any, f_1: Any, f_2: Any, waves: Array, worn: float,
+                h: float) -> float:
+    """Torque (N m) of both muscles on the wheel; f, f_1, f_2: what is planted in the joint and in each muscle."""
+    turn = f.wheel_waves * x[ANGLE] + f.wheel_rad
+    wound = m.radius * (x[ANGLE] + f.wheel / f.wheel_waves * (np.sin(turn) - np.sin(f.wheel_rad))) / m.length
+    lever = m.radius * (1.0 + f.wheel * np.cos(turn))
+    rate = lever * x[SPEED] / m.length
+    advance_pull(0, s, z, m, f_1, waves, m.contraction_0 + wound, rate, worn, h)
+    advance_pull(1, s, z, m, f_2, waves, m.contraction_0 - wound, -rate, worn, h)
+    return lever * (s[0, PULL] - s[1, PULL])
+
+
+@njit(cache=True)
 def place_torque(x: Array, f: Any, clock: float) -> float:
     """Torques (N m) that depend on angle, speed and time alone."""
     angle = x[ANGLE]
@@ -251,99 +285,59 @@ def bristles(x: Array, f: Any, h: float) -> float:
 
 
 @njit(cache=True)
-def advance_joint(x: Array, m: Any, f: Any, torque: float, h: float) -> None:
-    """Speed, then angle, under `torque`; what is hung on behind the joint pulls back through spring or play."""
-    own = m.inertia
-    torque -= bristles(x, f, h)
-    if f.outboard > 0.0:
-        load = f.outboard * m.inertia
-        own -= load
-        twist, turning = x[ANGLE] - x[LOAD_ANGLE], x[SPEED] - x[LOAD_SPEED]
-        beyond = twist - min(max(twist, -f.play_rad), f.play_rad)
-        swing = 2.0 * np.pi * f.outboard_hz
-        link = load * swing * swing * beyond * (1.0 + (beyond / f.harden_rad) ** 2)
-        if beyond != 0.0:
-            link += 2.0 * f.outboard_damping * load * swing * turning
-        if f.play_rad > 0.0 and link * beyond <= 0.0:
-            link = 0.0
-        torque -= link
-        x[LOAD_SPEED] += h * link / load
-        x[LOAD_ANGLE] += h * x[LOAD_SPEED]
-    free = (x[SPEED] + h * torque / own) / (1.0 + h * m.viscous / own)
-    if f.stick_nm > 0.0:  # dry friction as an impulse: it stops the arm or slows it, never turns it round
-        level = f.stick_nm * (1.0 + f.stick_peak * np.exp(-abs(x[SPEED]) / f.stick_rad_s))
-        free = np.sign(free) * max(0.0, abs(free) - h * level / own)
-    x[SPEED] = free
-    x[ANGLE] += h * free
+def link_torque(twist: float, turning: float, load: float, f: Any) -> float:
+    """Torque (N m) that spring or play pass on to an inertia (kg m2) hung on behind the joint."""
+    beyond = twist - min(max(twist, -f.play_rad), f.play_rad)
+    swing = 2.0 * np.pi * f.outboard_hz
+    link = load * swing * swing * beyond * (1.0 + (beyond / f.harden_rad) ** 2)
+    if beyond != 0.0:
+        link += 2.0 * f.outboard_damping * load * swing * turning
+    return 0.0 if f.play_rad > 0.0 and link * beyond <= 0.0 else link
 
 
 @njit(cache=True)
-def advance(x: Array, s: Array, z: Array, m: Any, f: Any, waves: Array, drive: float, clock: float, worn: float,
-            held: bool, h: float) -> None:
-    """One step; `held`: pressures are kept where they are, as before a recording begins."""
-    if not held:
-        share_1 = min(max((m.hold_pressure - s[0, PRESSURE]) / BLEND, 0.0), 1.0)
-        share_2 = min(max((m.hold_pressure - s[1, PRESSURE]) / BLEND, 0.0), 1.0)
-        up, down = max(drive, 0.0), max(-drive, 0.0)
-        drawn = advance_air(0, x, s, m, f, up * share_1, down * (1.0 - share_2), h)
-        drawn += advance_air(1, x, s, m, f, down * share_2, up * (1.0 - share_1), h)
-        if f.sag_pa > 0.0:
-            settling = TANK * f.sag_pa / 3e-3 / REFERENCE
-            x[SUPPLY] = (x[SUPPLY] + h * (m.supply_pressure / settling - drawn / TANK)) / (1.0 + h / settling)
-    turn = f.wheel_waves * x[ANGLE] + f.wheel_rad
-    wound = m.radius * (x[ANGLE] + f.wheel / f.wheel_waves * (np.sin(turn) - np.sin(f.wheel_rad))) / m.length
-    lever = m.radius * (1.0 + f.wheel * np.cos(turn))
-    rate = lever * x[SPEED] / m.length
-    advance_pull(0, s, z, m, f, waves, m.contraction_0 + wound, rate, worn, h)
-    advance_pull(1, s, z, m, f, waves, m.contraction_0 - wound, -rate, worn, h)
-    advance_joint(x, m, f, lever * (s[0, PULL] - s[1, PULL]) + place_torque(x, f, clock), h)
+def sticking(speed: float, f: Any) -> float:
+    """Level (N m) of the dry friction that stops the joint."""
+    return f.stick_nm * (1.0 + f.stick_peak * np.exp(-abs(speed) / f.stick_rad_s))
 
 
 @njit(cache=True)
-def filtered(y: Array, x: Array, s: Array, m: Any, f: Any, h: float) -> None:
-    """Second-order filters of the readings y[channel] = (value, rate): angle, two gauge pressures, two forces."""
-    for c in range(5):
-        if c == 0:
-            value, lag = x[ANGLE], f.angle_lag_s
-        elif c < 3:
-            value, lag = s[c - 1, PRESSURE] - ATMOSPHERE, f.pressure_lag_s
-        else:
-            value, lag = s[c - 3, PULL], 0.0
-        corner = 1.6 / (m.filter_lag + lag)
-        y[c, 1] += h * corner * (corner * (value - y[c, 0]) - 1.6 * y[c, 1])
-        y[c, 0] += h * y[c, 1]
-
-
-@njit(cache=True)
-def run(m: Any, f: Any, waves: Array, asked: Array, closed: bool, controller: Array, noise_deg: Array, period: float,
-        steps: int, readings: Array, commands: Array) -> None:
-    """Fill readings (samples x 5, SI, before noise) and commands; asked: reference in deg, or the command itself."""
-    h, n = period / steps, asked.shape[0]
-    x, s, z, y = np.zeros(JOINT_STATES), np.zeros((2, MUSCLE_STATES)), np.zeros((2, 2, ELEMENTS)), np.zeros((5, 2))
-    x[SUPPLY] = m.supply_pressure
+def at_rest(s: Array, m: Any) -> None:
+    """Both muscles at p0 and at the temperature of the room, the joint in the middle."""
     s[:, PRESSURE] = s[:, TUBE] = m.hold_pressure
     s[:, WARMTH] = s[:, WALL] = ROOM
     s[:, CONTRACTION] = m.contraction_0
+
+
+@njit(cache=True)
+def smoothed(y: Array, value: float, lag: float, h: float) -> None:
+    """Second-order filter of a reading y = (value, rate)."""
+    corner = 1.6 / lag
+    y[1] += h * corner * (corner * (value - y[0]) - 1.6 * y[1])
+    y[0] += h * y[1]
+
+
+@njit(cache=True)
+def moved_zero(angle: float, f: Any) -> float:
+    """Angle (rad) as read by a sensor with a zero error."""
+    return angle + f.zero_rad * (1.0 + 0.05 * np.sin(angle))
+
+
+@njit(cache=True)
+def command_of(memory: Array, k: int, asked: float, angle: float, noise_deg: float, m: Any, controller: Array,
+               period: float) -> float:
+    """The PD controller's command at sample k; memory: its last error and the slope of it, in deg and s."""
     kp, kd, smoothing, limit = controller
-    error_before = slope = 0.0
-    for k in range(-333, n):  # a second at held pressures first: the arm hangs where its muscles balance
-        if k >= 0:
-            readings[k] = y[:, 0]
-            readings[k, 0] += f.zero_rad * (1.0 + 0.05 * np.sin(y[0, 0]))
-            if closed:
-                shown = np.floor((np.degrees(readings[k, 0]) + noise_deg[k]) / m.angle_step + 0.5) * m.angle_step
-                error = asked[k] - shown
-                if k > 0:
-                    slope += ((error - error_before) / period - slope) * period / (smoothing + period)
-                error_before = error
-                commands[k] = min(max(kp * error + kd * slope, -limit), limit)
-            else:
-                commands[k] = asked[k]
-        for j in range(steps):
-            clock = (k * steps + j) * h
-            drive = 0.0
-            if k >= 0:
-                late = int(np.floor((k * steps + j - f.delay_s / h + 1e-6) / steps))
-                drive = pulse(x, m, f, commands[late] if late >= 0 else 0.0, clock, h, period)
-            advance(x, s, z, m, f, waves, drive, clock, max(k, 0) / n, k < 0, h)
-            filtered(y, x, s, m, f, h)
+    error = asked - np.floor((np.degrees(angle) + noise_deg) / m.angle_step + 0.5) * m.angle_step
+    if k > 0:
+        memory[1] += ((error - memory[0]) / period - memory[1]) * period / (smoothing + period)
+    memory[0] = error
+    return min(max(kp * error + kd * memory[1], -limit), limit)
+
+
+@njit(cache=True)
+def driven(x: Array, m: Any, f: Any, commands: Array, at: int, steps: int, period: float) -> float:
+    """Signed share of step `at` of the recording in which the drive is on; commands: one per sample."""
+    h = period / steps
+    late = int(np.floor((at - f.delay_s / h + 1e-6) / steps))
+    return pulse(x, m, f, commands[late] if late >= 0 else 0.0, at * h, h, period)

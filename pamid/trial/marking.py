@@ -107,13 +107,20 @@ class Marked:
 
     @cached_property
     def port_right(self) -> bool:
-        """Is the gap placed at the fault's port, at one that cannot be told from it, or at an exact equivalent?"""
+        """Is the gap placed at the fault's port, at one that cannot be told from it, or at an exact equivalent? A fault
+        with a place (fault@place) has none: the same effect elsewhere is wrong."""
         where, truth = self.found["where"], self.truth[0]
         if not self.alarms:
             return False
         same = {where["port"], *(p for group in where["indistinguishable"] if where["port"] in group for p in group)}
-        twin = any(c["port"] == where["port"] and _bare(c["effect"]) in truth["exact"] for c in self.found["causes"])
+        twin = "@" not in truth["fault"] and any(
+            c["port"] == where["port"] and _bare(c["effect"]) in truth["exact"] for c in self.found["causes"])
         return truth["port"] in same or twin
+
+    @cached_property
+    def port_exact(self) -> bool:
+        """Does the first of the ranking act at the fault's own port, number and all?"""
+        return self.alarms and bool(self.ranking) and self.ranking[0]["port"] == self.truth[0]["port"]
 
     @cached_property
     def caught(self) -> int:

@@ -119,10 +119,10 @@ def packed(**values: float) -> Any:
     return np.array([tuple(values.values())], dtype=[(name, np.float64) for name in values])[0]
 
 
-def machine_record(specimen: Specimen, inertia_kg_m2: float) -> Any:
+def machine_record(specimen: Specimen, inertia_kg_m2: float, known: Mapping[str, float] = KNOWN) -> Any:
     """The machine's constants as compiled code reads them."""
     own = {f.name: float(getattr(specimen, f.name)) for f in fields(specimen) if f.name != "waves"}
-    return packed(**own, **KNOWN, inertia=inertia_kg_m2)
+    return packed(**own, **known, inertia=inertia_kg_m2)
 
 
 def record(specimen: Specimen, faults: Mapping[str, Mapping[str, float]], excitation: Excitation, *,
@@ -132,7 +132,7 @@ def record(specimen: Specimen, faults: Mapping[str, Mapping[str, float]], excita
     noise: factor of the sensors' white noise (0.05 deg, 1 kPa, 3 N). The columns of a recording come back in their
     own units. UsageError if the machine flies apart.
     """
-    from pamid.trial.kernel import run  # compiling takes seconds: only who records pays
+    from pamid.trial.joint_kernel import run  # compiling takes seconds: only who records pays
 
     f = planted(faults)
     closed = excitation.reference_deg is not None
@@ -152,14 +152,18 @@ def record(specimen: Specimen, faults: Mapping[str, Mapping[str, float]], excita
             **{name: logged[:, i] for i, name in enumerate(CHANNELS)}}
 
 
+def stamped(f: Planted, readings: Array, time: Array) -> Array:
+    """Readings at the times of the logger, a copy; its clock may be early and drift."""
+    if not (f.early_s or f.skew_ppm):
+        return readings[: len(time)].copy()
+    when = time + f.early_s - f.skew_ppm * 1e-6 * time
+    stamps = np.arange(len(readings), dtype=np.float64) * PERIOD_S
+    return np.stack([np.interp(when, stamps, channel) for channel in readings.T], axis=1)
+
+
 def _logged(specimen: Specimen, f: Planted, readings: Array, jitter: Array, time: Array) -> Array:
     """Readings (SI, running on past the end) as the logger writes them: shifted clock, sensor errors, noise, steps."""
-    shown = readings[: len(time)]
-    if f.early_s or f.skew_ppm:
-        when = time + f.early_s - f.skew_ppm * 1e-6 * time
-        stamps = np.arange(len(readings), dtype=np.float64) * PERIOD_S
-        shown = np.stack([np.interp(when, stamps, channel) for channel in readings.T], axis=1)
-    shown = shown.copy()
+    shown = stamped(f, readings, time)
     for column, share in ((1, 1.0), (2, 0.9)):
         shown[:, column] += share * f.pressure_zero_pa + f.pressure_gain * shown[:, column]
     steps = np.array([np.radians(specimen.angle_step), *2 * (specimen.pressure_step,), *2 * (specimen.force_step,)])

@@ -120,6 +120,7 @@ def _naming(singles: list[Marked]) -> dict[str, Rate]:
             "exact_first": _rate(seen, lambda m: m.names and m.exact_first),
             "family_first_of_ranking": _rate(seen, lambda m: m.families[:1] == [m.family]),
             "port": _rate(seen, lambda m: m.port_right),
+            "port_exact": _rate(seen, lambda m: m.port_exact),
             "ambiguous_holds": _rate((m for m in seen if m.verdict == "ambiguous"), lambda m: m.exact_first),
             "wrong_abstention": _rate(seen, lambda m: m.abstains),
             "missed": _rate(seen, lambda m: not m.alarms)}
@@ -219,13 +220,15 @@ def _risk(rows: Array) -> float:
     return float((np.cumsum(wrong) / np.arange(1, len(wrong) + 1)).mean())
 
 
-#: condition -> its value in a case, and the edges between which cases are put together
+#: condition -> its value in a case (None where its rig has no such condition), and the edges between which cases are
+#: put together
 DIMENSIONS: dict[str, tuple[Callable[[Marked], Any], tuple[float, ...]]] = {
     "visibility": (lambda m: m.visibility, (VISIBLE, 1.3, PLAIN)),
     "background": (lambda m: m.conditions["background"], (0.005, 0.01, 0.02)),
     "channels": (lambda m: m.conditions["channels"], ()),
     "loop": (lambda m: m.conditions["loop"], ()),
-    "inertia_kg_m2": (lambda m: m.conditions["inertia_kg_m2"], ()),
+    "inertia_kg_m2": (lambda m: m.conditions.get("inertia_kg_m2"), ()),
+    "payload_kg": (lambda m: m.conditions.get("payload_kg"), ()),
     "noise": (lambda m: m.conditions["noise"], ()),
 }
 
@@ -238,14 +241,16 @@ def _between(value: Any, edges: tuple[float, ...]) -> str:
 
 
 def _strata(marked: list[Marked]) -> dict[str, dict[str, dict[str, Rate]]]:
-    """The main rates by condition. detected: single faults, visible or not, for which there is any alarm."""
+    """The main rates by condition, of those that the cases have. detected: single faults, visible or not, for which
+    there is any alarm."""
     out: dict[str, dict[str, dict[str, Rate]]] = {}
     for dimension, (value, edges) in DIMENSIONS.items():
         bins: dict[str, list[Marked]] = {}
-        for m in sorted((m for m in marked if m.truth or dimension != "visibility"), key=value):
+        told = (m for m in marked if (m.truth or dimension != "visibility") and value(m) is not None)
+        for m in sorted(told, key=value):
             bins.setdefault(_between(value(m), edges), []).append(m)
         out[dimension] = {name: _main_rates(cases) for name, cases in bins.items()}
-    return out
+    return {dimension: bins for dimension, bins in out.items() if bins}
 
 
 def _main_rates(cases: list[Marked]) -> dict[str, Rate]:

@@ -26,7 +26,6 @@ from pamid.diagnosis.verdict import diagnosis_json
 from pamid.effect import Effect
 from pamid.errors import PamidError
 from pamid.evidence import Evidence, gather
-from pamid.excitation import aprbs
 from pamid.greybox import fit_model
 from pamid.jobs import run_in_processes
 from pamid.library import effects, rig_named
@@ -34,30 +33,28 @@ from pamid.metrics import shrinkage_interval
 from pamid.recording import TIME, Recording, read_recording, write_recording
 from pamid.run import read_json, write_json
 from pamid.trial.cases import Case, cases_sha256, draw_cases
-from pamid.trial.plant import CONTROLLER, PERIOD_S, Excitation, Specimen, draw_specimen, record
+from pamid.trial.machines import ONE_DOF, Machine, Record, machine_named
+from pamid.trial.plant import PERIOD_S
 from pamid.trial.score import score
 
 Array = NDArray[np.float64]
 CASE_SCHEMA, LABELS_SCHEMA = "pamid.trial-case/1", "pamid.trial-labels/1"
-RIG = "one-dof"
-KNOWN = {"supply_pressure_kpa": 600.0, "initial_pressure_kpa": 550.0}
-WITHHELD_COLUMNS = {"all": (), "no-forces": ("force_",), "angle": ("force_", "pressure_")}
 
 
-def run_trial(folder: Path, part: str, count: int, seed: int, *, only: str = "", jobs: int = 1,
+def run_trial(folder: Path, part: str, count: int, seed: int, *, rig: str = ONE_DOF, only: str = "", jobs: int = 1,
               done: Callable[[int, int], None] | None = None) -> dict[str, Any]:
     """Draw, run and score the cases (only: of this stratum); writes labels.json, cases/ and trial.json, returns it.
 
     A case whose result is in the folder already is not run again.
     """
-    cases = [c for c in draw_cases(part, count, seed) if only in ("", c.stratum)]
+    cases = [c for c in draw_cases(part, count, seed, rig) if only in ("", c.stratum)]
     labels = [c.label() for c in cases]
     digest = cases_sha256(cases)
     (folder / "cases").mkdir(parents=True, exist_ok=True)
-    write_json(folder / "labels.json", {"schema": LABELS_SCHEMA, "part": part, "seed": seed, "cases_sha256": digest,
-                                        "cases": labels})
+    write_json(folder / "labels.json", {"schema": LABELS_SCHEMA, "rig": rig, "part": part, "seed": seed,
+                                        "cases_sha256": digest, "cases": labels})
     results = run_cases(cases, folder, jobs=jobs, done=done)
-    found = {**score(labels, results, part=part, seed=seed).as_json(), "cases_sha256": digest,
+    found = {**score(labels, results, part=part, seed=seed).as_json(), "rig": rig, "cases_sha256": digest,
              "failures": {str(r["case"]): r["failed"]["message"] for r in results if r["failed"]}}
     write_json(folder / "trial.json", found)
     return found
@@ -112,7 +109,7 @@ def examine(case: Case, place: Path) -> dict[str, Any]:
     recorded = _written(case, bench.run(case.planted), place / "recording.csv")
     catalogue = {k: v for k, v in effects().items() if k not in case.removed}
     begun = time.process_time()
-    d, told = diagnosed(gather(rig_named(RIG), [recorded], []), catalogue)
+    d, told = diagnosed(gather(rig_named(case.rig), [recorded], []), catalogue)
     seconds = time.process_time() - begun
     seen = _visibility(d, _written(case, bench.run({}), place / "twin.csv")) if case.planted else None
     each = [_visibility(d, _written(case, bench.run({k: v}), place / "twin.csv"))
@@ -137,37 +134,34 @@ class Bench:
     """The machine of one case. seeds: excitation and noise of its recording, and those of the fresh one."""
 
     case: Case
-    specimen: Specimen
+    machine: Machine
+    record: Record
     seeds: tuple[int, ...]
 
     @classmethod
     def of(cls, case: Case) -> Bench:
-        random = np.random.default_rng(case.seed)
+        random, machine = np.random.default_rng(case.seed), machine_named(case.rig)
         seeds = tuple(int(s) for s in random.integers(2**31, size=4))
-        return cls(case, draw_specimen(random, case.conditions.background), seeds)
+        return cls(case, machine, machine.build(random, case.conditions), seeds)
 
     def run(self, faults: dict[str, dict[str, float]], *, fresh: bool = False) -> dict[str, Array]:
-        """Columns of a recording. Open loop: the command that the machine without a fault would have used."""
+        """Columns of a recording. Open loop: the commands that the machine without a fault would have used."""
         c = self.case.conditions
         first, noise = self.seeds[2:] if fresh else self.seeds[:2]
-        signal = Excitation(reference_deg=aprbs(c.seconds, PERIOD_S, c.amplitude_deg, c.hold_s, seed=first))
+        signal = self.machine.reference(c, first)
         if c.loop == "open":
-            signal = Excitation(command=self._columns({}, signal, noise)["command"])
-        return self._columns(faults, signal, noise)
-
-    def _columns(self, faults: dict[str, dict[str, float]], signal: Excitation, noise: int) -> dict[str, Array]:
-        c = self.case.conditions
-        return record(self.specimen, faults, signal, inertia_kg_m2=c.inertia_kg_m2, noise=c.noise, seed=noise)
+            signal = self.machine.commands(self.record({}, signal, noise))
+        return self.record(faults, signal, noise)
 
 
 def _written(case: Case, columns: dict[str, Array], path: Path) -> Recording:
     """The recording as a user has it: written to a file with the channels of the case, and read back."""
-    c = case.conditions
-    hidden = WITHHELD_COLUMNS[c.channels]
-    meta: dict[str, Any] = {"recording": {"rig": RIG, "loop": c.loop, "sampling_period_s": PERIOD_S},
-                            "known": {"inertia_kg_m2": c.inertia_kg_m2, **KNOWN}}
+    c, machine = case.conditions, machine_named(case.rig)
+    hidden = machine.withheld_columns[c.channels]
+    meta: dict[str, Any] = {"recording": {"rig": case.rig, "loop": c.loop, "sampling_period_s": PERIOD_S},
+                            "known": machine.known(c)}
     if c.loop == "closed":
-        meta["controller"] = CONTROLLER
+        meta["controller"] = dict(machine.controller)
     write_recording(path, columns[TIME], {k: v for k, v in columns.items()
                                           if k != TIME and not k.startswith(hidden)}, meta)
     return read_recording(path)
