@@ -25,6 +25,9 @@ pamid fit rec.csv --rig one-dof --output fitted
               help="Recording nobody fits. [default: the last 30 % of every recording]")
 @click.option("--effect", "effects", multiple=True,
               help="Effect to fit with: NAME or NAME@PORT, or the path of an effect file (it is run).")
+@click.option("--from", "earlier", type=click.Path(file_okay=False, path_type=Path),
+              help="Run of an earlier fit of the same rig: what it knew becomes the prior of this one, and the data "
+                   "sheet serves only where it knew nothing.")
 @click.option("--bootstrap", type=click.IntRange(0, 1000), default=0, show_default=True,
               help="Intervals from this many refits on resampled windows instead of the Jacobian.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Same inputs and seed, same output.")
@@ -32,38 +35,52 @@ pamid fit rec.csv --rig one-dof --output fitted
 @click.option("--output", type=click.Path(file_okay=False, path_type=Path), required=True, help="Run folder to make.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier run in that folder.")
 def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path, ...], effects: tuple[str, ...],
-            bootstrap: int, seed: int, jobs: int, output: Path, overwrite: bool) -> frame.Result:
+            earlier: Path | None, bootstrap: int, seed: int, jobs: int, output: Path, overwrite: bool) -> frame.Result:
     """Fit the parameters of a rig to recordings and judge the model on what was held out.
 
     Writes fit.json and residual.csv into a run folder. Every parameter gets an interval and a word: settled, weak
-    (the prior still speaks) or silent (the recordings say nothing about it).
+    (the prior still speaks) or silent (the recordings say nothing about it). Parameters that are known only in
+    combination are named with it.
+
+    Tests can be fitted in stages, each on its own recordings: the first with its --output, the next --from that run.
     """
+    from pamid.errors import UsageError
     from pamid.greybox import fit_json, fit_model, residual_csv
+    from pamid.posterior import FIT_FILE, read_posterior
     from pamid.run import Run, write_atomically, write_json
     from pamid.virtual import attach_specs
 
     evidence = evidence_from(rig, recordings, held_out)
     attached = tuple(a for a, _ in attach_specs(evidence.rig, effects))
+    if earlier and earlier.resolve() == output.resolve():
+        raise UsageError(f"{output} cannot be both --from and --output.", "Give every stage a run folder of its own.")
+    before = read_posterior(earlier) if earlier else None
     inputs = [f for p in (*recordings, *held_out) for f in with_sidecar(p)]
+    inputs += [earlier / FIT_FILE] if earlier else []
     run = Run.create(output, command=sys.argv, seed=seed, inputs=inputs, overwrite=overwrite,
-                     options={"rig": rig or evidence.rig.name, "effects": list(effects), "bootstrap": bootstrap})
+                     options={"rig": rig or evidence.rig.name, "effects": list(effects), "bootstrap": bootstrap,
+                              **({"from": str(earlier)} if earlier else {})})
     with Progress("fit") as progress:
         model = fit_model(evidence, attached, seed=seed, draws=bootstrap, jobs=jobs,
-                          told=lambda text: progress.update(0, text))
+                          told=lambda text: progress.update(0, text), earlier=before)
     found = fit_json(model, seed)
-    write_json(run.path("fit.json"), found)
+    write_json(run.path(FIT_FILE), found)
     write_atomically(run.path("residual.csv"), residual_csv(model))
     run.finish()
     return frame.Result(found, fit_text(found, output), 0 if found["converged"] else 5)
 
 
 def fit_text(found: dict[str, Any], output: Path) -> str:
-    """Parameters and held-out errors as a table."""
+    """Parameters, what is known only in combination, and held-out errors as a table."""
+    from pamid.combinations import tied_text
+
     lines = [f"{'parameter':34s} {'value':>12s} {'low':>12s} {'high':>12s}  word"]
     for name, p in found["parameters"].items():
         edge = f", at its {p['at_bound']} bound" if p["at_bound"] else ""
         strain = f", {p['strain']:.1f} prior sd from its data sheet" if p["strain"] > 3.0 else ""
         lines.append(f"{name:34s} {p['value']:12.5g} {p['low']:12.5g} {p['high']:12.5g}  {p['word']}{edge}{strain}")
+    lines += tied_text(found)
+    lines += [f"From {found['from']['path']}: {remark}" for remark in found.get("from", {}).get("remarks", ())]
     lines.append("")
     lines.append(f"{'held-out mean absolute error':34s} {'data sheet':>12s} {'refitted':>12s} {'noise floor':>12s}")
     lines += [f"{c:34s} {m['data_sheet']:12.4g} {m['refitted']:12.4g} {m['noise_floor']:12.4g}"

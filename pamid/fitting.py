@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +19,7 @@ from pamid.assembly import Assembly
 from pamid.binding import Bound
 from pamid.engine.blocks import eliminate
 from pamid.engine.program import Stepping
+from pamid.prior import Prior, terms_of_sheet
 from pamid.simulation import choose_stepping
 from pamid.weights import Weights, residual_weights
 from pamid.windows import PULL, Runner, Track, Window, cut, estimate_start, noise_level
@@ -31,13 +33,29 @@ CALM = 0.02  # squared step of the parameters in their posterior: two in a row b
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is fitted to what. free: places of the fitted parameters; importance: a factor per window (bootstrap)."""
+    """What is fitted to what. free: places of the fitted parameters; importance: a factor per window, sheet: another
+    draw of the data sheet in prior spreads (bootstrap); prior: what an earlier fit has told of them beside it."""
 
     assembly: Assembly
     tracks: tuple[Track, ...]
     free: tuple[int, ...]
     window_s: float = WINDOW_S
     importance: Array | None = None
+    sheet: Array | None = None
+    prior: Prior | None = None
+
+    @property
+    def scale(self) -> Scale:
+        """The free parameters in prior spreads around the data sheet."""
+        a, free = self.assembly, list(self.free)
+        return Scale([a.parameters[i] for i in free], a.values()[free])
+
+    def start(self) -> Array:
+        """Where a fit begins (SI): at the data sheet, or at what an earlier fit knew."""
+        p = self.assembly.values()
+        if self.prior is not None:
+            p[list(self.free)] = self.scale.outside(self.prior.at)
+        return p
 
     @property
     def window(self) -> int:
@@ -51,7 +69,8 @@ class Problem:
 
 @dataclass(frozen=True)
 class Fit:
-    """Result of a fit. p: all parameters (SI); covariance of the free ones in prior spreads (see `Scale`)."""
+    """Result of a fit. p: all parameters (SI); covariance of the free ones in prior spreads (see `Scale`); held: half
+    the gradient of the cost by them where a bound holds the fit, else 0."""
 
     problem: Problem
     p: Array
@@ -65,6 +84,7 @@ class Fit:
     stepping: Stepping
     pulls: tuple[Array, ...] = ()  # per track: information of the joints between windows, per rig state
     residuals: tuple[Array, ...] = field(repr=False, default=())   # per track: samples x channels, model - measured
+    held: Array = field(repr=False, default_factory=lambda: np.zeros(0))
 
 
 class Scale:
@@ -139,7 +159,7 @@ def _evaluate(problem: Problem, scale: Scale, s: Array, p: Array, starts: tuple[
     values = p.copy()
     values[list(problem.free)] = scale.outside(s)
     slope, root = scale.slope(values[list(problem.free)]), weights.root
-    cost, H, g = float(s @ s), np.eye(k), s.copy()
+    cost, H, g = (problem.prior.terms if problem.prior else terms_of_sheet)(s, problem.sheet)
     blocks: list[tuple[Array, Array, Array, Array]] = []
     residuals: list[Array] = []
     fine, at = True, 0
@@ -212,17 +232,22 @@ def _eliminated(block: tuple[Array, Array, Array, Array], damping: float) -> tup
     return X, x, np.einsum("wnk,wnl->kl", B, X), np.einsum("wnk,wn->k", B, x)
 
 
-def _step(normal: _Normal, s: Array, scale: Scale, damping: float) -> tuple[Array, list[Array], Array]:
-    """Damped Gauss-Newton step in (scaled parameters, window starts) within the bounds; reduced Hessian."""
-    k = len(s)
+def _reduced(normal: _Normal, s: Array, scale: Scale, damping: float) -> tuple[Array, Array, Array, list[Any]]:
+    """Hessian and gradient of the scaled parameters alone, which of them a bound holds, and the starts' parts."""
     H, g = normal.H.copy(), normal.g.copy()
     parts = [_eliminated(block, damping) for block in normal.blocks]
     for _, _, inner, right in parts:
         H -= inner
         g -= right
     held = ((s <= scale.low + 1e-12) & (g > 0)) | ((s >= scale.high - 1e-12) & (g < 0))
-    ds = np.zeros(k)
-    free = ~held
+    return H, g, held, parts
+
+
+def _step(normal: _Normal, s: Array, scale: Scale, damping: float) -> tuple[Array, list[Array], Array]:
+    """Damped Gauss-Newton step in (scaled parameters, window starts) within the bounds; reduced Hessian."""
+    H, g, held, parts = _reduced(normal, s, scale, damping)
+    ds = np.zeros(len(s))
+    free = np.logical_not(held)
     if free.any():
         A = H[np.ix_(free, free)]
         A = A + damping * np.diag(np.maximum(A.diagonal(), 1e-12))
@@ -235,20 +260,19 @@ def fit(problem: Problem, *, p: Array | None = None, starts: tuple[Array, ...] |
         weights: Weights | None = None, iterations: int = 40, tolerance: float = 1e-4,
         stepping: Stepping | None = None, pulls: tuple[Array, ...] = (), progress: Progress | None = None,
         probe: bool = False) -> Fit:
-    """Levenberg-Marquardt from p (default: the data sheet) with fixed weights (default: the sensor noise).
+    """Levenberg-Marquardt from p (default: `Problem.start`) with fixed weights (default: the sensor noise).
 
-    The priors' means are the data-sheet values, whatever p is. Not converging is an outcome: `converged`, `why`.
+    The priors are the problem's, whatever p is. Not converging is an outcome: `converged`, `why`.
     probe: only the cost and the parameters matter; the last step is then not differentiated and has no covariance.
     """
     a = problem.assembly
-    centre = a.values()
-    p = centre.copy() if p is None else p.copy()
+    p = problem.start() if p is None else p.copy()
     free = list(problem.free)
     step = stepping or careful_stepping(problem, p)
     if weights is None:
         sigma = noise_level(np.concatenate([t.y for t in problem.tracks]))
         weights = Weights(sigma, np.ones_like(sigma))
-    scale = Scale([a.parameters[i] for i in free], centre[free])
+    scale = problem.scale
     s = np.clip(scale.inside(p[free]), scale.low, scale.high)
     starts = starts if starts is not None else initial_starts(problem, p, weights, step)
     known_pulls = bool(pulls)
@@ -265,7 +289,7 @@ def fit(problem: Problem, *, p: Array | None = None, starts: tuple[Array, ...] |
     damping, count, calm, why, converged = 1e-3, 0, 0, "iterations used up", False
     for count in range(1, iterations + 1):
         ds, dx, H = _step(now, s, scale, damping)
-        new_s = s + ds
+        new_s = np.clip(problem.prior.moved(s, ds), scale.low, scale.high) if problem.prior else s + ds
         new_starts = tuple(x + d for x, d in zip(starts, dx, strict=True))
         trial = _evaluate(problem, scale, new_s, p, new_starts, weights, pulls, step,
                           not (probe and count == iterations))
@@ -286,10 +310,10 @@ def fit(problem: Problem, *, p: Array | None = None, starts: tuple[Array, ...] |
     p[free] = scale.outside(s)
     if probe:
         return Fit(problem, p, starts, weights, now.cost, np.eye(len(free)), count, converged, why, step, pulls)
-    _, _, H = _step(now, s, scale, 0.0)
+    H, g, held, _ = _reduced(now, s, scale, 0.0)
     covariance: Array = np.linalg.pinv(H, hermitian=True).astype(np.float64, copy=False)
     return Fit(problem, p, starts, weights, now.cost, covariance, count, converged, why, step,
-               pulls, tuple(now.residuals))
+               pulls, tuple(now.residuals), np.where(held, g, 0.0))
 
 
 def _off(problem: Problem, weights: Weights) -> float:
@@ -314,9 +338,9 @@ def fit_robustly(problem: Problem, *, progress: Progress | None = None, rounds: 
     """Fit with weights that follow the residuals: from the data sheet's misfit down to what the model leaves."""
     noise = noise_level(np.concatenate([t.y for t in problem.tracks]))
     fitted = fit(problem, iterations=1, weights=Weights(noise, np.ones_like(noise)), stepping=stepping)
-    start = problem.assembly.values()
-    fitted = fit(problem, p=start, weights=_first_weights(problem, noise, fitted), progress=progress, tolerance=1e-2,
-                 iterations=15, stepping=fitted.stepping)
+    weights = (residual_weights(fitted.residuals, noise, problem.window) if fitted.residuals
+               else Weights(noise, np.full_like(noise, 30.0)))
+    fitted = fit(problem, weights=weights, progress=progress, tolerance=1e-2, iterations=15, stepping=fitted.stepping)
     for _ in range(rounds - 1):
         if not fitted.residuals:
             break
@@ -324,10 +348,3 @@ def fit_robustly(problem: Problem, *, progress: Progress | None = None, rounds: 
         fitted = fit(problem, p=fitted.p, starts=fitted.starts, weights=weights,
                      stepping=fitted.stepping, progress=progress, tolerance=1e-3)
     return fitted
-
-
-def _first_weights(problem: Problem, noise: Array, probe: Fit) -> Weights:
-    """Weights from the data-sheet model's own misfit."""
-    if not probe.residuals:
-        return Weights(noise, np.full_like(noise, 30.0))
-    return residual_weights(probe.residuals, noise, problem.window)

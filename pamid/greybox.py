@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 from pamid.assembly import Assembly
 from pamid.attaching import Attachment
 from pamid.binding import Sizes
+from pamid.combinations import combinations_json
 from pamid.engine.program import Stepping
 from pamid.evidence import Evidence, Span
 from pamid.expressions import symbol
 from pamid.fitting import Fit, Problem, fit_robustly, free_parameters
 from pamid.intervals import background_pull, bootstrap, estimates
+from pamid.posterior import Posterior, from_json, posterior_json
 from pamid.recording import Recording
 from pamid.residuals import Replay, channel_mae, noise_floor, replay
 from pamid.rig import Loop
@@ -42,6 +44,7 @@ class GreyBox:
     data_sheet: tuple[Replay, ...]
     floor: tuple[Replay, ...]
     draws: Array | None = None
+    earlier: Posterior | None = None
 
 
 def model_with(evidence: Evidence, attached: tuple[Attachment, ...], sizes: Sizes) -> Assembly:
@@ -50,14 +53,22 @@ def model_with(evidence: Evidence, attached: tuple[Attachment, ...], sizes: Size
 
 
 def fit_model(evidence: Evidence, attached: tuple[Attachment, ...] = (), *, seed: int = 0, draws: int = 0,
-              jobs: int = 1, told: Callable[[str], None] = lambda text: None) -> GreyBox:
-    """Fit the rig (with effects) to the evidence; integration refined until doubled sub-steps change nothing."""
+              jobs: int = 1, told: Callable[[str], None] = lambda text: None,
+              earlier: Posterior | None = None) -> GreyBox:
+    """Fit the rig (with effects) to the evidence; integration refined until doubled sub-steps change nothing.
+
+    earlier: what another fit has left known of the same rig; it takes the place of the data sheet's prior.
+    """
+    if earlier is not None:
+        earlier.require_new(evidence)
     plain = Assembly(evidence.rig)
     sizes = port_sizes(plain, [(t.u, Runner(plain, t, Stepping()).parameters(plain.values()), t.period_s)
                                for t in evidence.tracks(plain)])
     assembly = model_with(evidence, attached, sizes)
     tracks, held = evidence.tracks(assembly), evidence.tracks(assembly, held_out=True)
     problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
+    if earlier is not None:
+        problem = replace(problem, prior=earlier.prior(problem))
     told("fitting")
     fitted = fit_robustly(problem, progress=lambda i, cost: told(f"fitting, step {i}, cost {cost:.5g}"))
     replays, change = rechecked(assembly, fitted, held, evidence.noise)
@@ -72,7 +83,7 @@ def fit_model(evidence: Evidence, attached: tuple[Attachment, ...] = (), *, seed
                   for i, r in enumerate(replays))
     sheet = tuple(replay(assembly, assembly.values(), t, fitted.stepping, evidence.noise) for t in held)
     return GreyBox(evidence, assembly, fitted, change, replays, sheet, floor,
-                   bootstrap(fitted, draws, seed=seed, jobs=jobs) if draws else None)
+                   bootstrap(fitted, draws, seed=seed, jobs=jobs) if draws else None, earlier)
 
 
 def rechecked(assembly: Assembly, fitted: Fit, held: tuple[Track, ...],
@@ -112,6 +123,9 @@ def fit_json(g: GreyBox, seed: int) -> dict[str, Any]:
         "background": {k: {"pull": v} for k, v in background_pull(g.fit).items()},
         "mae": {c: {k: as_column(c, v[i]) for k, v in figures.items()} for i, c in enumerate(e.channels)},
         "closed_loop": closed_loop_figures(g),
+        **combinations_json(g.fit, g.draws),
+        "posterior": posterior_json(g.fit),
+        **({} if g.earlier is None else {"from": from_json(g.earlier, g.earlier.remarks(g.fit.problem))}),
     }
 
 
@@ -205,8 +219,9 @@ def residual_table(g: GreyBox, cause: tuple[Replay, ...] = ()) -> tuple[list[str
     header += inputs + [q.reference for q in loops]
     for q in loops:
         stem, unit = split_column(q.reading)
-        header += [with_unit(f"{stem}_loop", unit), with_unit("velocity_loop", f"{unit}/s"),
-                   with_unit("acceleration_loop", f"{unit}/s2"), f"{q.command}_loop"]
+        of = "" if len(loops) == 1 else f"{stem}_"
+        header += [with_unit(f"{stem}_loop", unit), with_unit(f"{of}velocity_loop", f"{unit}/s"),
+                   with_unit(f"{of}acceleration_loop", f"{unit}/s2"), f"{q.command}_loop"]
     for i, (part, s) in enumerate(spans):
         r = s.recording
         n = s.stop - s.start

@@ -34,9 +34,13 @@ class Estimate:
         return f"{self.bound.owner}:{self.bound.name}" if self.bound.owner else self.bound.name
 
 
+def word_for(share: float) -> str:
+    """What a posterior of this share of the prior's standard deviation means."""
+    return "settled" if share < SETTLED else "weak" if share < SILENT else "silent"
+
+
 def scale_of(fitted: Fit) -> Scale:
-    a, free = fitted.problem.assembly, list(fitted.problem.free)
-    return Scale([a.parameters[i] for i in free], a.values()[free])
+    return fitted.problem.scale
 
 
 def estimates(fitted: Fit, draws: Array | None = None) -> list[Estimate]:
@@ -53,7 +57,7 @@ def estimates(fitted: Fit, draws: Array | None = None) -> list[Estimate]:
     out = []
     for k, i in enumerate(free):
         b = a.parameters[i]
-        word = "settled" if deviation[k] < SETTLED else "weak" if deviation[k] < SILENT else "silent"
+        word = word_for(float(deviation[k]))
         edge = 1e-6 * max(1.0, abs(float(scale.high[k] - scale.low[k])) if np.isfinite(scale.high[k]) else 1.0)
         at = "low" if s[k] <= scale.low[k] + edge else "high" if s[k] >= scale.high[k] - edge else None
         out.append(Estimate(b, float(fitted.p[i] / b.factor), float(low[k] / b.factor), float(high[k] / b.factor),
@@ -62,20 +66,22 @@ def estimates(fitted: Fit, draws: Array | None = None) -> list[Estimate]:
 
 
 def bootstrap(fitted: Fit, count: int, *, seed: int = 0, jobs: int = 1) -> Array:
-    """Refits with windows drawn with replacement; draws x free parameters in prior spreads."""
+    """Refits with windows drawn with replacement, and with what was known before drawn anew: the data sheet and what an
+    earlier fit told (a parameter of which the recordings say nothing keeps the width of its prior). Draws x free
+    parameters in prior spreads."""
     problem, scale = fitted.problem, scale_of(fitted)
     windows = sum(len(problem.windows(t)) for t in problem.tracks)
-    random = np.random.default_rng(seed)
-    counts = [np.bincount(random.integers(0, windows, windows), minlength=windows).astype(float)
-              for _ in range(count)]
 
-    def one(importance: Array) -> Array:
-        again: Problem = replace(problem, importance=importance)
+    def one(number: int) -> Array:
+        random = np.random.default_rng([seed, number])
+        importance = np.bincount(random.integers(0, windows, windows), minlength=windows).astype(float)
+        again: Problem = replace(problem, importance=importance, sheet=random.standard_normal(len(problem.free)),
+                                 prior=problem.prior and problem.prior.drawn(random))
         done = fit(again, p=fitted.p, starts=fitted.starts, weights=fitted.weights, stepping=fitted.stepping,
                    iterations=8, tolerance=1e-2)
         return scale.inside(done.p[list(problem.free)])
 
-    return np.array(run_jobs(one, counts, jobs=jobs))
+    return np.array(run_jobs(one, range(count), jobs=jobs))
 
 
 def background_pull(fitted: Fit) -> dict[str, float]:

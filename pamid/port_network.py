@@ -38,6 +38,7 @@ from pamid.leftover import FIT_FILE, MODELS, RESIDUAL_FILE, Leftover, derived
 from pamid.library import effects, rig_named
 from pamid.networks.store import TrainedNetwork
 from pamid.networks.training import Training
+from pamid.posterior import read_posterior
 from pamid.recording import read_recording
 from pamid.residual_network import Correction, Course, held_out_mae, train_correction, train_network, write_network
 from pamid.residuals import Replay, channel_mae, replay
@@ -114,7 +115,8 @@ class Origin:
 
     def model(self, told: Callable[[str], None] = lambda text: None) -> GreyBox:
         """The model, fitted again; DataError where it is not the run's any more."""
-        found = fit_model(self.evidence, self.attached, seed=int(self.fit["seed"]), told=told)
+        earlier = read_posterior(Path(self.fit["from"]["path"])) if "from" in self.fit else None
+        found = fit_model(self.evidence, self.attached, seed=int(self.fit["seed"]), told=told, earlier=earlier)
         for c, now in zip(self.evidence.channels, channel_mae(list(found.held_out)), strict=True):
             now, before = from_si(now, split_column(c)[1]), self.fit["mae"][c]["refitted"]
             if not np.isclose(now, before, rtol=AGAIN):

@@ -112,6 +112,11 @@ class Rig:
         """State (SI) in which a recording begins, where it differs from the states' own start; p holds numbers."""
         return {}
 
+    def combinations(self, p: Any) -> dict[str, Number]:
+        """What the equations see of parameters that they only hold together, such as mass times distance: name with
+        its unit -> value (SI) from the parameters p (SI), numbers or symbols; nothing by default."""
+        return {}
+
     def pose(self, y: Mapping[str, Array], p: Any) -> dict[str, Array]:
         """What to draw of the rig: polylines in metres, name -> (samples, points, 2); nothing by default.
 

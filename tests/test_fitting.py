@@ -159,6 +159,15 @@ def test_bootstrap_is_reproducible_and_of_the_jacobians_order() -> None:
     assert all(e.low <= e.high for e in told) and [e.name for e in told] == [e.name for e in estimates(done)]
 
 
+def test_a_parameter_without_data_keeps_the_width_of_its_prior_in_the_bootstrap() -> None:
+    """Windows drawn anew never move it: what is drawn anew is the data sheet."""
+    alone = fit_robustly(problem_of(JOINT, recorded(1, columns=("command", "angle_deg"))))
+    silent = [k for k, e in enumerate(estimates(alone)) if e.word == "silent"]
+    assert silent
+    spread = bootstrap(alone, 40, seed=2).std(axis=0)[silent]
+    assert 0.4 < spread.min() and spread.max() < 1.6, spread
+
+
 def test_the_angle_alone_is_enough_to_fit_and_says_less() -> None:
     alone = fit_robustly(problem_of(JOINT, recorded(1, columns=("command", "angle_deg"))))
     assert alone.residuals and alone.residuals[0].shape[1] == 1 and np.isfinite(alone.cost)

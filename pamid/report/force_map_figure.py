@@ -35,7 +35,8 @@ def force_map_picture(contraction: Array, pressure_kpa: Array, force_n: Array, s
     steps: contractions of the curves; levels: their pressures, kPa. Colour is pressure, everywhere the same.
     """
     colours = colormaps["viridis_r"].resampled(256)
-    shades = Normalize(levels.min() - (1.0 - LIGHTEST) / LIGHTEST * np.ptp(levels), levels.max())
+    low, high = float(pressure_kpa.min()), float(pressure_kpa.max())
+    shades = Normalize(low - (1.0 - LIGHTEST) / LIGHTEST * (high - low), high)
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots(2, len(sides), sharex=True, sharey="row", squeeze=False, height_ratios=(2.0, 1.0))
@@ -51,7 +52,7 @@ def force_map_picture(contraction: Array, pressure_kpa: Array, force_n: Array, s
             below.set_xlabel("contraction [-]")
         axes[0, 0].set_ylabel("force [N]")
         axes[1, 0].set_ylabel("held-out error [N]")
-        bar = figure.colorbar(ScalarMappable(shades, colours), ax=axes, boundaries=np.linspace(*_ends(levels), 256),
+        bar = figure.colorbar(ScalarMappable(shades, colours), ax=axes, boundaries=np.linspace(low, high, 256),
                               aspect=40 if narrow else 30, pad=0.02)
         bar.set_label("gauge pressure [kPa]")
         bar.set_ticks([float(level) for level in levels], labels=[f"{level:.0f}" for level in levels])
@@ -59,6 +60,3 @@ def force_map_picture(contraction: Array, pressure_kpa: Array, force_n: Array, s
 
     return render(Drawing("force-map", title, draw, 4.6, 4.2))
 
-
-def _ends(levels: Array) -> tuple[float, float]:
-    return float(levels.min()), float(levels.max())

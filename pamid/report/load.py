@@ -43,6 +43,14 @@ class Parameter:
 
 
 @dataclass(frozen=True)
+class Together:
+    """Parameters that are known only in combination, and the combinations that are: as fitted ones, without source."""
+
+    parameters: tuple[str, ...]
+    known: tuple[Parameter, ...]
+
+
+@dataclass(frozen=True)
 class LoopError:
     """MAE of the model in its own control loop; `band`: its change by 0.1 % of the conductances. Channel's unit."""
 
@@ -80,6 +88,7 @@ class Fit:
     implicit: bool
     recheck: float | None
     parameters: tuple[Parameter, ...]
+    together: tuple[Together, ...]
     background: tuple[tuple[str, float], ...]
     mae: dict[str, dict[str, float]]
     closed_loop: tuple[LoopError, ...]
@@ -192,6 +201,7 @@ def _read_step(node: Node) -> Step:
 
 def _read_fit(node: Node) -> Fit:
     stepping = node.child("stepping") or Node(node.file, "stepping", {})
+    combinations = {name: _read_parameter(name, one) for name, one in node.children("combinations").items()}
     return Fit(
         rig=node.text("rig"),
         effects=node.texts("effects"),
@@ -204,6 +214,9 @@ def _read_fit(node: Node) -> Fit:
         implicit=stepping.flag("implicit", False),
         recheck=stepping.maybe("recheck"),
         parameters=tuple(_read_parameter(name, one) for name, one in node.children("parameters").items()),
+        together=tuple(Together(one.texts("parameters"), tuple(combinations[name] for name in one.texts("known")
+                                                               if name in combinations))
+                       for one in node.listed("tied")),
         background=tuple((name, one.number("pull")) for name, one in node.children("background").items()),
         mae={name: one.numbers() for name, one in node.children("mae").items()},
         closed_loop=tuple(

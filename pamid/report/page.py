@@ -27,6 +27,7 @@ from pamid.report.tables import (
     recordings_table,
     sensors_table,
     steps_table,
+    together_table,
     transfer_table,
 )
 
@@ -202,7 +203,9 @@ def _parameters(run: RunData) -> Html:
         return Html("")
     note = ("Strain is the distance from the prior in prior standard deviations. Settled: the data fix it; weak: "
             "partly the prior; silent: the data say nothing about it.")  # fmt: skip
+    together = run.fit.together if run.fit is not None else ()
     return joined([tag("h3", "Parameters"), parameter_table(parameters, with_cause), paragraphs([note], "note"),
+                   *([tag("h4", "Known only in combination"), together_table(together)] if together else []),
                    paragraphs([_stepping(run.fit)] if run.fit is not None else [], "note")])  # fmt: skip
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pamid.report import words
 from pamid.report.budget import MODELS, ChannelErrors
 from pamid.report.diagnosed import Diagnosis, Estimate, Transfer, Where
-from pamid.report.load import Fit, LoopError, Parameter, RunData, Step
+from pamid.report.load import Fit, LoopError, Parameter, RunData, Step, Together
 from pamid.report.markup import Html, Part, tag
 from pamid.report.sentences import sensor_words, split_words
 from pamid.report.words import channel_unit, channel_words, count, effect_words, number, percent, percent_span
@@ -112,6 +112,17 @@ def parameter_table(parameters: tuple[Parameter, ...], with_cause: dict[str, Est
         strain: Part = tag("strong", told) if strained else told
         body.append([*row, strain, _remark(one, strained)])
     return table(heads, body, range(2, 6 + beside))
+
+
+def together_table(groups: tuple[Together, ...]) -> Html:
+    """Combinations that are known where their parameters are not."""
+    body: list[list[Part]] = []
+    for group in groups:
+        for one in group.known:
+            body.append([tag("code", words.clean(one.name)), words.unit_words(one.unit) or words.DASH,
+                         number(one.value, 5), f"{number(one.low, 5)} to {number(one.high, 5)}", number(one.prior),
+                         words.clean(", ".join(group.parameters))])  # fmt: skip
+    return table(["combination", "unit", "value", words.INTERVAL, "prior", "ties together"], body, range(2, 5))
 
 
 def parameters_of(run: RunData) -> tuple[tuple[Parameter, ...], dict[str, Estimate]]:
