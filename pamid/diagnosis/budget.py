@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 
 POINTS = 120           # per window: the network sees the replay thinned to this
 ITERATIONS = 30
+NOTHING_LEFT = 1.05    # floors of error below which a network is not asked
 NO_GAP = 0.10          # a structural gap below this share of the floor is none
 
 
@@ -59,20 +60,21 @@ def gap_budget(evidence: Evidence, *, seed: int, jobs: int, told: Callable[[str]
     told("black box on what is left")
     training = [replay(model.assembly, model.fit.p, t, model.fit.stepping, evidence.noise)
                 for t in evidence.tracks(model.assembly)]
-    return Budget(model, baseline, _losses(model.data_sheet), _losses(model.floor),
-                  black_box(training, list(baseline.replays), seed))
+    floor = _losses(model.floor)
+    return Budget(model, baseline, _losses(model.data_sheet), floor,
+                  black_box(training, list(baseline.replays), seed, floor.mean(axis=0)))
 
 
 def _losses(replays: tuple[Replay, ...]) -> Array:
     return np.concatenate([r.losses(1) for r in replays])
 
 
-def black_box(training: list[Replay], held_out: list[Replay], seed: int) -> Array:
+def black_box(training: list[Replay], held_out: list[Replay], seed: int, floor: Array) -> Array:
     """Mean absolute error per held-out window and channel after an Elman network has been put on the residual.
 
     One network per channel, started afresh in every window as the replay is; its inputs are the rig's inputs and the
     model's outputs with their rates. Trained on the windows the parameters were fitted on. Where it does harm on what
-    was held out, the error without it stands.
+    was held out, or where next to nothing is left above the floor (per channel), the error without it stands.
     """
     from pamid.networks.elman import Elman
     from pamid.networks.training import train
@@ -84,18 +86,21 @@ def black_box(training: list[Replay], held_out: list[Replay], seed: int) -> Arra
     use = spread > 1e-9 * (np.abs(centre) + 1e-12)
     result = np.empty((len(rows_out), training[0].model.shape[1]))
     for c in range(result.shape[1]):
+        without = np.array([np.abs(y[scored, c]).mean() for _, y, scored in rows_out])
+        result[:, c] = without
+        if without.mean() < NOTHING_LEFT * floor[c]:
+            continue
         target = [y[:, c] for _, y, _ in rows_in]
         scale = np.concatenate(target).std() + 1e-300
         inputs = [((x - centre) / (2.0 * spread + 1e-300))[:, use] for x, _, _ in rows_in]
         network = Elman(int(use.sum()), 8)
         done = train(network, inputs, [t / (2.0 * scale) for t in target], iterations=ITERATIONS, seed=seed)
-        without = np.array([np.abs(y[scored, c]).mean() for _, y, scored in rows_out])
-        for i, (x, y, scored) in enumerate(rows_out):
-            guess = network.simulate(done.weights, ((x - centre) / (2.0 * spread + 1e-300))[:, use])
-            left = y[:, c] - 2.0 * scale * guess
-            result[i, c] = min(np.abs(left[scored]).mean(), 1e300)
-        if result[:, c].mean() > without.mean():
-            result[:, c] = without
+        guesses = [network.simulate(done.weights, ((x - centre) / (2.0 * spread + 1e-300))[:, use])
+                   for x, _, _ in rows_out]
+        left = np.array([min(np.abs((y[:, c] - 2.0 * scale * g)[scored]).mean(), 1e300)
+                         for g, (_, y, scored) in zip(guesses, rows_out, strict=True)])
+        if left.mean() < without.mean():
+            result[:, c] = left
     return result
 
 

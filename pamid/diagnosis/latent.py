@@ -21,6 +21,10 @@ from pamid.rig import Rig
 
 ALIKE = 0.98                # ports with this share of another one's evidence: these recordings do not tell them apart
 PLAYERS = 2                 # ports whose joint evidence is computed
+CROWDED = 20                # ports from which on only outstanding ones are looked at closely
+OUTSTANDING = 0.15          # of the largest evidence with the parameters held
+
+Run = Callable[[Callable[[str], Any], list[str]], list[Any]]
 
 
 @dataclass(frozen=True)
@@ -58,21 +62,19 @@ class Located:
         return self.classes[0][0]
 
 
-def locate(evidence: Evidence, base: Contender, run: Callable[[Callable[[str], Any], list[str]], list[Any]],
-           ports: list[str] | None = None) -> Located:
+def locate(evidence: Evidence, base: Contender, run: Run, ports: list[str] | None = None) -> Located:
     """Evidence for a latent value at every port, and Shapley values of the classes of ports.
 
     run(work, items) does the jobs. With `ports` only these are tried, and nothing is shared out. Joint evidence is
     computed for the leading classes only.
     """
     plain = Smoother(evidence, base, ())
-    nothing = plain.best[0]
     names = ports or list(evidence.rig.ports)
     smoothers = {name: Smoother(evidence, base, (name,)) for name in names}
     twins = {name: next(k for k in names if smoothers[k].assembly.program is smoothers[name].assembly.program)
              for name in names}     # a value enters the equations there as it does here
     own = [name for name in names if twins[name] == name]
-    found_at = dict(zip(own, run(lambda name: _gained(smoothers[name], nothing), own), strict=True))
+    found_at = _found_at(plain, smoothers, own, run)
     gains = {name: found_at[twins[name]] for name in names}
     classes: dict[str, list[str]] = {}
     for name in sorted(names, key=lambda k: -gains[k]):
@@ -85,15 +87,27 @@ def locate(evidence: Evidence, base: Contender, run: Callable[[Callable[[str], A
     value: dict[frozenset[str], float] = {frozenset(): 0.0} | {frozenset((k,)): gains[k] for k in players}
     for size in range(2, len(players) + 1):
         for members in combinations(players, size):
-            joint = _gained(Smoother(evidence, base, members), nothing)
+            joint = _gained(Smoother(evidence, base, members).best, plain.best)
             value[frozenset(members)] = max([joint, *(value[frozenset(members) - {m}] for m in members)])
     return Located(gains, found, shapley(players, value), smoothers)
 
 
-def _gained(smoother: Smoother, nothing: float) -> float:
+def _found_at(plain: Smoother, smoothers: dict[str, Smoother], names: list[str], run: Run) -> dict[str, float]:
+    """Evidence gained at each of these ports. Of many only those that stand out with the parameters held are looked at
+    with the parameters moving."""
+    rough: dict[str, float] = {}
+    if len(names) > CROWDED:
+        rough = dict(zip(names, run(lambda name: _gained(smoothers[name].rough, plain.rough), names), strict=True))
+    most = max(rough.values(), default=0.0)
+    near = [name for name in names if not rough or rough[name] >= OUTSTANDING * most]
+    full = dict(zip(near, run(lambda name: _gained(smoothers[name].best, plain.best), near), strict=True))
+    share = max(full.values()) / most if most > 0.0 else 0.0
+    return {name: full.get(name, share * rough.get(name, 0.0)) for name in names}
+
+
+def _gained(found: tuple[float, float, float], nothing: tuple[float, float, float]) -> float:
     """Log evidence beyond that without a latent value; 0 where neither path can be followed."""
-    here = smoother.best[0]
-    return max(here - nothing, 0.0) if np.isfinite(here) and np.isfinite(nothing) else 0.0
+    return max(found[0] - nothing[0], 0.0) if np.isfinite(found[0]) and np.isfinite(nothing[0]) else 0.0
 
 
 def shapley(players: list[str], value: dict[frozenset[str], float]) -> dict[str, float]:

@@ -28,6 +28,7 @@ SLIGHT = 0.1           # of the typical size
 FIRST_STEPS, STEPS = 2, 4   # from each of the starting points; from the best of them
 MOST = 8               # candidates refitted, beside the best of every further family
 LEAST = 6              # candidates refitted in any case
+CROWDED = 60           # candidates from which on they are screened with the background held
 FEW = 24                # with no more candidates than these all are: the runners-up belong into the answer
 
 
@@ -65,7 +66,8 @@ class Ground:
 
     spans: where that part begins and ends, starts: states at its windows, per track; p: parameters from which the
     baseline does best there, its own or the data sheet's (a gap can drive a fit into a corner that no effect leads out
-    of); cost: the baseline's, after as many steps as a candidate is given.
+    of); cost: the baseline's, after as many steps as a candidate is given; held: is the background kept as it was
+    fitted? Among many candidates it is, which makes a step several times as cheap.
     """
 
     baseline: Contender
@@ -73,9 +75,10 @@ class Ground:
     starts: tuple[Array, ...]
     p: Array
     cost: float
+    held: bool
 
     @classmethod
-    def of(cls, baseline: Contender) -> Ground:
+    def of(cls, baseline: Contender, candidates: int = 0) -> Ground:
         problem, base = baseline.fit.problem, baseline.fit
         share = (LATER_S if baseline.attached else SCREEN_S) / sum(len(t) * t.period_s for t in problem.tracks)
         spans, starts = [], []
@@ -85,16 +88,23 @@ class Ground:
             first, last = _worst_run(problem, track, windows, losses, max(3, round(share * len(windows))))
             spans.append((windows[first].start, windows[last].stop))
             starts.append(x[first : last + 1])
-        short = replace(problem, tracks=tuple(t.part(*s) for t, s in zip(problem.tracks, spans, strict=True)))
+        held = candidates > CROWDED
+        short = replace(problem, tracks=tuple(t.part(*s) for t, s in zip(problem.tracks, spans, strict=True)),
+                        free=_free(problem.assembly, problem.free, held))
         sheet = problem.assembly.values()
         costs = [fit(short, p=p, starts=tuple(starts), weights=base.weights, pulls=base.pulls, stepping=base.stepping,
                      iterations=FIRST_STEPS + STEPS, probe=True).cost for p in (base.p, sheet)]
         p = base.p if costs[0] <= 1.05 * costs[1] else sheet
-        return cls(baseline, tuple(spans), tuple(starts), p, min(costs))
+        return cls(baseline, tuple(spans), tuple(starts), p, min(costs), held)
 
     def problem(self, evidence: Evidence, assembly: Assembly) -> Problem:
         tracks = tuple(t.part(*s) for t, s in zip(evidence.tracks(assembly), self.spans, strict=True))
-        return Problem(assembly, tracks, free_parameters(assembly, tracks))
+        return Problem(assembly, tracks, _free(assembly, free_parameters(assembly, tracks), self.held))
+
+
+def _free(assembly: Assembly, places: tuple[int, ...], held: bool) -> tuple[int, ...]:
+    """Of these parameters those that a screening moves."""
+    return tuple(i for i in places if not held or not assembly.parameters[i].owner.startswith("background"))
 
 
 def _worst_run(problem: Problem, track: Track, windows: list[Window], losses: Array, few: int) -> tuple[int, int]:

@@ -64,7 +64,7 @@ def run_round(search: Search, base: Contender, candidates: list[Attachment],
     Returns the models, what failed and why, and the family of the screen's own first choice.
     """
     evidence, told = search.evidence, search.told
-    ground = Ground.of(base)
+    ground = Ground.of(base, len(search.candidates))
 
     def screened(a: Attachment) -> Screened:
         return screen(evidence, ground, a, search.budget.sizes, search.clues)

@@ -132,16 +132,20 @@ class Smoother:
         return Path(runner, slices, opens, start_path(runner, self.parameters(self.s), r, slices, opens))
 
     @cached_property
-    def best(self) -> tuple[float, float, float]:
-        """(log evidence, size, time constant): the most likely size and time constant of a coarse grid."""
+    def rough(self) -> tuple[float, float, float]:
+        """(log evidence, size, time constant) as `best`, but with the parameters held: several times as fast."""
         if not self.ports:
-            self.evidence_at(1.0, 1.0, ROUNDS, moving=False)
-            return self.evidence_at(1.0, 1.0, ROUNDS), 1.0, 1.0
+            return self.evidence_at(1.0, 1.0, ROUNDS, moving=False), 1.0, 1.0
         size = max((self.evidence_at(s, TIMES_S[0], trusted=1.0, moving=False), s) for s in SIZES)[1]
         self.evidence_at(size, TIMES_S[0], ROUNDS, moving=False)
-        _, size, time_s = max((self.evidence_at(s, t, moving=False), s, t) for s, t in _near(size))
-        self.evidence_at(size, time_s, ROUNDS)
-        return max((self.evidence_at(s, t), s, t) for s, t in _near(size))
+        return max((self.evidence_at(s, t, moving=False), s, t) for s, t in _near(size))
+
+    @cached_property
+    def best(self) -> tuple[float, float, float]:
+        """(log evidence, size, time constant): the most likely size and time constant of a coarse grid."""
+        _, size, time_s = self.rough
+        found = self.evidence_at(size, time_s, ROUNDS)
+        return max((self.evidence_at(s, t), s, t) for s, t in _near(size)) if self.ports else (found, size, time_s)
 
     def evidence_at(self, size: float, time_s: float, rounds: int = 0, trusted: float = TRUSTED,
                     moving: bool = True) -> float:

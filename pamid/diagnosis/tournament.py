@@ -15,13 +15,12 @@ from pamid.diagnosis.further import Extended, Newcomer, extended
 from pamid.diagnosis.judgement import Grounds, Judged, at_the_floor, judge, probabilities, weigh
 from pamid.diagnosis.latent import Located, locate
 from pamid.diagnosis.look_alikes import look_alike_classes
-from pamid.diagnosis.screen import MOST
+from pamid.diagnosis.screen import CROWDED, MOST
 from pamid.diagnosis.search import Search, Told, ranked, run_round, tied_with_first
 from pamid.effect import Effect
 from pamid.evidence import Evidence, selection_part
 
-CROWDED = 60        # candidates from which on only those are screened
-REACH = 0.3         # ... that act at a port with this share of the largest latent evidence
+REACH = 0.3         # of the largest latent evidence: of many candidates those at ports with less are not screened
 
 
 @dataclass(frozen=True, eq=False)

@@ -135,7 +135,7 @@ class TwoLink(Rig):
     background = {**{f"muscle_{i}": pair.force_map(f"force_map_{i}") for i in MUSCLES},
                   **{f"valve_{i}": pair.flow_tolerance(f"flow_{i}") for i in MUSCLES}}
     loops = tuple(Loop(f"command_{j}", f"reference_{j}_deg", f"angle_{j}_deg") for j in JOINTS)
-    controller = {"kp_per_deg": 0.10, "kd_s_per_deg": 0.006, "derivative_filter_s": 0.006, "command_limit": 1.0}
+    controller = {"kp_per_deg": 0.05, "kd_s_per_deg": 0.003, "derivative_filter_s": 0.006, "command_limit": 1.0}
     noise = {**dict.fromkeys(("angle_1_deg", "angle_2_deg"), 0.05), **{f"contraction_{i}": 2e-4 for i in MUSCLES},
              **{f"pressure_{i}_kpa": 1.0 for i in MUSCLES}, **{f"force_{i}_n": 3.0 for i in MUSCLES}}
     excited = {"reference_1_deg": 20.0, "reference_2_deg": 30.0, "command_1": 0.8, "command_2": 0.8}
@@ -206,8 +206,8 @@ class TwoLink(Rig):
     def accelerations(self, x: Any, p: Any, port: Any, torque_1: Expr, torque_2: Expr) -> tuple[Expr, Expr]:
         """q'' of both joints under these torques, rad/s2.
 
-        A port `arm` carries the torque that accelerates its joint with the other one free, and the inertia felt there;
-        what an effect changes of it is a torque at that joint, so that the other joint feels it, too.
+        A port `arm` carries what accelerates the inertia about its joint. Where an effect lets a share of it swing,
+        that share of the coupling swings along: on the average over it the other joint feels what it felt before.
         """
         own = self._inertia(p)
         lever, g = own.moment_2 * p.link_1_length, GRAVITY_M_S2 * sin(p.plane)
@@ -219,11 +219,10 @@ class TwoLink(Rig):
               - own.moment_1 * g * sin(x.angle_1) - outer)
         n2 = torque_2 - swing * x.velocity_1 * x.velocity_1 - outer
         det = m11 * m22 - m12 * m12
-        free_1, felt_1 = n1 - m12 / m22 * n2, det / m22
-        free_2, felt_2 = n2 - m12 / m11 * n1, det / m11
-        n1 = n1 + (port("arm_1", free_1, position=x.angle_1, velocity=x.velocity_1, inertia=felt_1) - free_1)
-        n2 = n2 + (port("arm_2", free_2, position=x.angle_2, velocity=x.velocity_2, inertia=felt_2) - free_2)
-        return ((m22 * n1 - m12 * n2) / det * (1.0 - p.clamped_1), (m11 * n2 - m12 * n1) / det * (1.0 - p.clamped_2))
+        a1, a2 = (m22 * n1 - m12 * n2) / det, (m11 * n2 - m12 * n1) / det
+        a1 = port("arm_1", m11 * a1, position=x.angle_1, velocity=x.velocity_1, inertia=m11) / m11
+        a2 = port("arm_2", m22 * a2, position=x.angle_2, velocity=x.velocity_2, inertia=m22) / m22
+        return a1 * (1.0 - p.clamped_1), a2 * (1.0 - p.clamped_2)
 
     # ---- the rig -------------------------------------------------------------------------------------------------
 
