@@ -9,7 +9,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "check": ("check:command", "Say what is wrong with a recording, rig or effect, before any fitting."),
     "fit": ("fit:command", "Fit the parameters of a rig to recordings, with intervals."),
     "train-residual": ("train_residual:command", "Train a network on what a fitted model leaves over."),
-    "force-law": ("force_law:command", "Train a muscle's force law on a measured map, judged beside the analytic ones."),
+    "force-law": ("force_law:command", "Train a muscle's force law on a measured map, beside the analytic ones."),
     "diagnose": ("diagnose:command", "Find where the gap lies, which effect causes it, how far it shrinks."),
     "reproduce-paper": ("reproduce_paper:command", "The first paper's results table on a calibrated twin of its rig."),
     "trial": ("trial:command", "The blind trial of the diagnosis: drawn cases with hidden labels, scored."),

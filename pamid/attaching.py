@@ -42,8 +42,8 @@ def fits(effect: type[Effect], port: Port) -> bool:
 
 
 def attachments(rig: Rig, effects: Iterable[type[Effect]]) -> list[Attachment]:
-    """Every way in which effects can be attached to the rig: at every port by itself and, with one set of parameters, at
-    ports that are kin. A special case stays away where its general form fits."""
+    """Every way in which effects can be attached to the rig: at every port by itself and, with one set of parameters,
+    at ports that are kin. A special case stays away where its general form fits."""
     known = list(effects)
     found: list[Attachment] = []
     for effect in known:

@@ -16,8 +16,8 @@ NEWTON = 4     # steps from one set of coordinates back to the other
 
 
 def terms_of_sheet(s: Array, drawn: Array | None = None) -> tuple[float, Array, Array]:
-    """Cost, information and half the cost's gradient of the data sheet at scaled parameters s (k,); drawn: where another
-    draw of it would lie (k,)."""
+    """Cost, information and half the cost's gradient of the data sheet at scaled parameters s (k,); drawn: where
+    another draw of it would lie (k,)."""
     away = s.copy() if drawn is None else s - drawn
     return float(away @ away), np.eye(len(s)), away
 

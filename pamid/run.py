@@ -27,7 +27,8 @@ from pamid.errors import FileError, PamidError
 
 RUN_SCHEMA = "pamid.run/1"
 RUN_FILES = ("run.json", "fit.json", "residual.csv", "network.json", "network.npz", "trace.csv", "diagnosis.json",
-             "missing.csv", "next-experiment.csv", "next-experiment.toml", "report.html", "checkpoint.npz")  # fmt: skip
+             "missing.csv", "next-experiment.csv", "next-experiment.toml", "report.html", "checkpoint.npz",
+             "force-law.json", "rig.py")  # fmt: skip
 FIGURES = "figures"
 _PACKAGES = ("pamid", "numpy", "scipy", "pandas", "numba", "llvmlite", "torch", "pysindy", "matplotlib", "sympy")
 

@@ -78,7 +78,8 @@ def test_help_of_a_command_is_light_and_ends_with_an_example(name: str) -> None:
 
 @pytest.mark.slow
 def test_examples_run_one_after_the_other(tmp_path: Path) -> None:
-    """In the order of the table, in one folder: what one example writes, the next may read."""
+    """In the order of the table, in one folder: what one example writes, the next may read; data/ lies in it."""
+    (tmp_path / "data").symlink_to(Path(__file__).resolve().parent.parent / "data")
     for name in PRESENT:
         found = subprocess.run([sys.executable, "-m", "pamid_cli", name, "--help"], capture_output=True, text=True)
         for line in found.stdout.rpartition("\nExample:\n")[2].splitlines():

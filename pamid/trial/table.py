@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -70,7 +70,7 @@ TITLES = {"family_first": "family first", "exact_first": "exact first", "detecte
           "false_alarm": "false alarm"}
 
 
-def rows_of(found: dict[str, Any]) -> tuple[Row, ...]:
+def rows_of(found: Mapping[str, Any]) -> tuple[Row, ...]:
     """The rows of the trial of this rig; a trial.json without one is of the joint."""
     return ROWS_OF[found.get("rig", ONE_DOF)]
 
