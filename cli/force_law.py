@@ -20,7 +20,7 @@ pamid check law/rig.py
 @frame.command("force-law", example=EXAMPLE)
 @click.argument("map_file", metavar="MAP", type=click.Path(path_type=Path))
 @click.option("--output", type=click.Path(file_okay=False, path_type=Path), required=True, help="Run folder to make.")
-@click.option("--sets", type=click.IntRange(2, 10), default=2, show_default=True,
+@click.option("--sets", type=click.IntRange(2, 10), default=3, show_default=True,
               help="Membership sets on contraction and on pressure.")
 @click.option("--rig", type=click.Choice(["one-dof", "two-link"]), default="one-dof", show_default=True,
               help="Rig whose muscles get the law.")
