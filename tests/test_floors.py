@@ -38,8 +38,8 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("port_network",),
     ("trial",),
     ("report", "export"),
-    ("twin",),
-    ("demo", "paper", "force_law_run"),
+    ("twin", "arm_twin"),
+    ("demo", "paper", "force_law_run", "arm_paper"),
     ("cli",),
 )
 

@@ -19,6 +19,7 @@ Array = NDArray[np.float64]
 
 POINTS = 120           # per window: the network sees the replay thinned to this
 ITERATIONS = 30
+INPUTS = 12            # of the network, at most
 NOTHING_LEFT = 1.05    # floors of error below which a network is not asked
 NO_GAP = 0.10          # a structural gap below this share of the floor is none
 
@@ -73,8 +74,9 @@ def black_box(training: list[Replay], held_out: list[Replay], seed: int, floor: 
     """Mean absolute error per held-out window and channel after an Elman network has been put on the residual.
 
     One network per channel, started afresh in every window as the replay is; its inputs are the rig's inputs and the
-    model's outputs with their rates. Trained on the windows the parameters were fitted on. Where it does harm on what
-    was held out, or where next to nothing is left above the floor (per channel), the error without it stands.
+    model's outputs with their rates, of many their leading principal components. Trained on the windows the parameters
+    were fitted on. Where it does harm on what was held out, or where next to nothing is left above the floor (per
+    channel), the error without it stands.
     """
     from pamid.networks.elman import Elman
     from pamid.networks.training import train
@@ -84,6 +86,9 @@ def black_box(training: list[Replay], held_out: list[Replay], seed: int, floor: 
     stacked = np.concatenate([x for x, _, _ in rows_in])
     centre, spread = stacked.mean(axis=0), stacked.std(axis=0)
     use = spread > 1e-9 * (np.abs(centre) + 1e-12)
+    turn = np.diag(0.5 / (spread + 1e-300))[:, use]
+    if turn.shape[1] > INPUTS:
+        turn = turn @ np.linalg.svd((stacked - centre) @ turn, full_matrices=False)[2][:INPUTS].T
     result = np.empty((len(rows_out), training[0].model.shape[1]))
     for c in range(result.shape[1]):
         without = np.array([np.abs(y[scored, c]).mean() for _, y, scored in rows_out])
@@ -92,11 +97,10 @@ def black_box(training: list[Replay], held_out: list[Replay], seed: int, floor: 
             continue
         target = [y[:, c] for _, y, _ in rows_in]
         scale = np.concatenate(target).std() + 1e-300
-        inputs = [((x - centre) / (2.0 * spread + 1e-300))[:, use] for x, _, _ in rows_in]
-        network = Elman(int(use.sum()), 8)
+        inputs = [(x - centre) @ turn for x, _, _ in rows_in]
+        network = Elman(turn.shape[1], 8)
         done = train(network, inputs, [t / (2.0 * scale) for t in target], iterations=ITERATIONS, seed=seed)
-        guesses = [network.simulate(done.weights, ((x - centre) / (2.0 * spread + 1e-300))[:, use])
-                   for x, _, _ in rows_out]
+        guesses = [network.simulate(done.weights, (x - centre) @ turn) for x, _, _ in rows_out]
         left = np.array([min(np.abs((y[:, c] - 2.0 * scale * g)[scored]).mean(), 1e300)
                          for g, (_, y, scored) in zip(guesses, rows_out, strict=True)])
         if left.mean() < without.mean():

@@ -70,7 +70,7 @@ def run_round(search: Search, base: Contender, candidates: list[Attachment],
         return screen(evidence, ground, a, search.budget.sizes, search.clues)
 
     found = search.run(screened, candidates, lambda i, n: told(f"screening {i}/{n}: {candidates[i - 1].label}"))
-    promising = sent_on({a.label: search.family(a) for a in candidates}, found, most)
+    promising = sent_on({a.label: search.family(a) for a in candidates}, found, most, ground.held)
 
     def fitted(s: Screened) -> Contender:
         assert s.assembly is not None

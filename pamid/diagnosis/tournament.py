@@ -87,11 +87,13 @@ def diagnose(evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: in
 
 
 def within_reach(candidates: list[Attachment], located: Located) -> list[Attachment]:
-    """The candidates to screen: all of few; on a rig with many like ports those that act where something is missing."""
+    """The candidates to screen: all of few; on a rig with many like ports those that act where something is missing, and
+    enough of them."""
     if len(candidates) <= CROWDED:
         return candidates
-    enough = REACH * located.most
-    return [a for a in candidates if max(located.gains[port] for port in a.ports) >= enough]
+    there = [max(located.gains[port] for port in a.ports) for a in candidates]
+    enough = min(REACH * located.most, sorted(there)[-CROWDED // 2])
+    return [a for a, gain in zip(candidates, there, strict=True) if gain >= enough]
 
 
 def _with_best(ranking: tuple[Contender, ...], wins: list[float],

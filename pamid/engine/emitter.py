@@ -90,8 +90,9 @@ def function_text(name: str, roots: list[Expr], index: Callable[[str, str], int]
 def hoist(groups: list[list[Expr]]) -> tuple[list[list[Expr]], list[Expr]]:
     """Replace what depends on parameters only by symbols of the space "derived"; returns these expressions too."""
     every = [root for group in groups for root in group]
+    nodes = walk(every)
     fixed: dict[Expr, bool] = {}
-    for node in walk(every):
+    for node in nodes:
         fixed[node] = node.value[0] == "parameter" if node.op == "symbol" else all(fixed[a] for a in node.args)
     top: dict[Expr, Expr] = {}
 
@@ -99,7 +100,7 @@ def hoist(groups: list[list[Expr]]) -> tuple[list[list[Expr]], list[Expr]]:
         if node.args and fixed[node] and node not in top:
             top[node] = symbol("derived", str(len(top)))
 
-    for node in walk(every):
+    for node in nodes:
         if not fixed[node]:
             for argument in node.args:
                 take(argument)

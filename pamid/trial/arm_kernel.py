@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 from pamid.trial.kernel import (
     ANGLE,
     ATMOSPHERE,
-    CONTRACTION,
     ELEMENTS,
     HANGING,
     JOINT_STATES,
@@ -47,6 +46,7 @@ from pamid.trial.kernel import (
     smoothed,
     sticking,
     supply_after,
+    winding,
 )
 
 Array = NDArray[np.float64]
@@ -122,12 +122,13 @@ def advance_arm(x: Array, a: Any, f: Any, torque: Array, h: float) -> None:
 
 @njit
 def read(y: Array, x: Array, s: Array, m: Any, f: Any, h: float) -> None:
-    """Filters of all readings, in their order, one step on."""
+    """Filters of all readings, in their order, one step on. Contractions are read where the chains leave the wheel."""
     for j in range(2):
+        wound = winding(x[j], m[j], f[JOINT + j])[0]
         smoothed(y[j], x[j, ANGLE], m[j].filter_lag + f[JOINT + j].angle_lag_s, h)
         for i in range(2):
             k = 2 * j + i
-            smoothed(y[2 + k], s[j, i, CONTRACTION], m[j].filter_lag, h)
+            smoothed(y[2 + k], m[j].contraction_0 + (1 - 2 * i) * wound, m[j].filter_lag, h)
             smoothed(y[6 + k], s[j, i, PRESSURE] - ATMOSPHERE, m[j].filter_lag + f[k].pressure_lag_s, h)
             smoothed(y[10 + k], s[j, i, PULL], m[j].filter_lag, h)
 

@@ -236,12 +236,18 @@ def advance_pull(i: int, s: Array, z: Array, m: Any, f: Any, waves: Array, at: f
 
 
 @njit(cache=True)
+def winding(x: Array, m: Any, f: Any) -> tuple[float, float]:
+    """What a joint's wheel has wound off one chain and on to the other, over the length of a muscle, and its lever (m)."""
+    turn = f.wheel_waves * x[ANGLE] + f.wheel_rad
+    wound = m.radius * (x[ANGLE] + f.wheel / f.wheel_waves * (np.sin(turn) - np.sin(f.wheel_rad))) / m.length
+    return wound, m.radius * (1.0 + f.wheel * np.cos(turn))
+
+
+@njit(cache=True)
 def pair_torque(x: Array, s: Array, z: Array, m: Any, f: Any, f_1: Any, f_2: Any, waves: Array, worn: float,
                 h: float) -> float:
     """Torque (N m) of both muscles on the wheel; f, f_1, f_2: what is planted in the joint and in each muscle."""
-    turn = f.wheel_waves * x[ANGLE] + f.wheel_rad
-    wound = m.radius * (x[ANGLE] + f.wheel / f.wheel_waves * (np.sin(turn) - np.sin(f.wheel_rad))) / m.length
-    lever = m.radius * (1.0 + f.wheel * np.cos(turn))
+    wound, lever = winding(x, m, f)
     rate = lever * x[SPEED] / m.length
     advance_pull(0, s, z, m, f_1, waves, m.contraction_0 + wound, rate, worn, h)
     advance_pull(1, s, z, m, f_2, waves, m.contraction_0 - wound, -rate, worn, h)
