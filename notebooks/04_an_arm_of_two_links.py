@@ -13,8 +13,8 @@
 #
 # Two links hang in a vertical plane, four pneumatic muscles turn the joints. The masses come from weighing and CAD and
 # are 15 to 25 % off, as they are for a real arm before anybody has thought of the muscles and chains that ride on it.
-# This story lets the arm swing by itself, asks what a swing can tell and what it cannot, sends pulses to the valves, and
-# then looks for a dry elbow. It is told in commands, as a shell would take them.
+# This story lets the arm swing by itself, asks what a swing can tell and what it cannot, and sends pulses to the valves.
+# It is told in commands, as a shell would take them.
 
 # %%
 import json
@@ -62,7 +62,8 @@ pamid("fit swing.csv --held-out other_swing.csv --rig two-link --output swung")
 swung = json.loads(Path("swung/fit.json").read_text())
 for channel in ("angle_1_deg", "angle_2_deg"):
     mae = swung["mae"][channel]
-    print(f"{channel}: {mae['data_sheet']:.2f} data sheet, {mae['refitted']:.4f} refitted, {mae['noise_floor']:.4f} floor")
+    print(f"{channel}: {mae['data_sheet']:.2f} data sheet, {mae['refitted']:.4f} refitted, "
+          f"{mae['noise_floor']:.4f} noise floor")
     assert mae["refitted"] < 1.05 * mae["noise_floor"]
 assert {"link_1_mass_kg", "link_2_mass_kg"} <= {name for tie in swung["tied"] for name in tie["parameters"]}
 

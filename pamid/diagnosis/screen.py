@@ -150,8 +150,8 @@ def _probed(ground: Ground, problem: Problem, p: Array, starts: tuple[Array, ...
 
 
 def sent_on(rig_family: dict[str, str], screened: list[Screened], most: int, crowded: bool = False) -> list[Screened]:
-    """The most promising ones, all of few: up to `most` by gain, where these are many those that gain at least a tenth of
-    the first and six in any case; and the best of every further family that gains a fifth of the first."""
+    """The most promising ones, all of few: up to `most` by gain, where these are many those that gain at least a tenth
+    of the first and six in any case; and the best of every further family that gains a fifth of the first."""
     usable = sorted((s for s in screened if s.assembly is not None and np.isfinite(s.gain)),
                     key=lambda s: (-s.gain, s.attachment.label))
     if not usable or (most >= MOST and len(usable) <= FEW and not crowded):

@@ -87,8 +87,8 @@ def diagnose(evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: in
 
 
 def within_reach(candidates: list[Attachment], located: Located) -> list[Attachment]:
-    """The candidates to screen: all of few; on a rig with many like ports those that act where something is missing, and
-    enough of them."""
+    """The candidates to screen: all of few; on a rig with many like ports those that act where something is missing,
+    and enough of them."""
     if len(candidates) <= CROWDED:
         return candidates
     there = [max(located.gains[port] for port in a.ports) for a in candidates]

@@ -81,7 +81,8 @@ def read_trial(path: Path) -> Trial | None:
     for key in ("failed", "unseen"):
         if key not in parts["rates"]:
             Node(path, "rates", {}).refuse(key, "a rate")
-    scored = tuple(_scored(row, parts[row.section][row.key], node) for row in rows_of(node.content) if row.key in parts[row.section])
+    scored = tuple(_scored(row, parts[row.section][row.key], node) for row in rows_of(node.content)
+                   if row.key in parts[row.section])
     strata = {name: {key: _rates(bin_) for key, bin_ in one.nested().items()}
               for name, one in node.children("strata").items()}  # fmt: skip
     failures = node.child("failures")

@@ -12,9 +12,9 @@ Equations
     contraction  chi_11 = chi0 + r_1 q1/L0, chi_21 = chi0 + (r_2 q2 + r_w q1)/L0, the second muscles mirrored
     muscles, valves and air as in `pamid.rigs.antagonists`
 
-Contractions are measured where the chains leave the wheels: those of the muscles themselves, but for what a chain
-stretches. For tests without actuation: `vents_open` (muscles limp, open to the room), `attached` = 0 (chains taken off),
-`clamped_1`, `clamped_2`.
+Contractions are measured where the chains leave the wheels: those of the muscles, but for what a chain stretches. For
+tests without actuation: `vents_open` (muscles limp, open to the room), `attached` = 0 (chains taken off), `clamped_1`,
+`clamped_2`.
 """
 
 from __future__ import annotations

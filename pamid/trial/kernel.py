@@ -237,7 +237,7 @@ def advance_pull(i: int, s: Array, z: Array, m: Any, f: Any, waves: Array, at: f
 
 @njit(cache=True)
 def winding(x: Array, m: Any, f: Any) -> tuple[float, float]:
-    """What a joint's wheel has wound off one chain and on to the other, over the length of a muscle, and its lever (m)."""
+    """What a joint's wheel has wound from one chain to the other, over the length of a muscle, and its lever (m)."""
     turn = f.wheel_waves * x[ANGLE] + f.wheel_rad
     wound = m.radius * (x[ANGLE] + f.wheel / f.wheel_waves * (np.sin(turn) - np.sin(f.wheel_rad))) / m.length
     return wound, m.radius * (1.0 + f.wheel * np.cos(turn))
