@@ -25,7 +25,7 @@ lint: $(STAMP)
 	$(BIN)/mypy pamid cli
 
 bench: $(STAMP)
-	for script in benchmarks/engine.py benchmarks/elman_pass.py; do OMP_NUM_THREADS=1 $(BIN)/python $$script || exit 1; done
+	for script in benchmarks/engine.py benchmarks/arm.py benchmarks/elman_pass.py; do OMP_NUM_THREADS=1 $(BIN)/python $$script || exit 1; done
 
 # every effect of the catalogue planted and asked for: ten minutes and more
 planted: $(STAMP)

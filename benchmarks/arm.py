@@ -1,0 +1,97 @@
+"""The two-link arm: a free run and one with sensitivities, beside MuJoCo on the links alone.
+
+    python benchmarks/arm.py
+
+66667 samples of 3 ms under random commands at both joints, as a fit would step them. CPU seconds, medians of 9. MuJoCo
+steps a double pendulum of the same links by RK4, once per sample and without muscles, valves or air; its loop over the
+samples runs in Python, so a loop that does nothing is taken off. The last lines say how far the two are apart on
+accelerations, relative to the largest of the two joints, at 1000 random states.
+"""
+
+from __future__ import annotations
+
+import os
+
+os.environ["OMP_NUM_THREADS"] = "1"
+os.environ["OPENBLAS_NUM_THREADS"] = "1"
+
+import statistics
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from pamid.assembly import Assembly
+from pamid.library import rig_named
+from pamid.simulation import choose_stepping
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+SAMPLES, PERIOD_S, ROUNDS = 66667, 0.003, 9
+WANTED_S = 0.15
+
+
+def seconds(work: Callable[[], object]) -> float:
+    """Median CPU seconds of a piece of work, the first time left out."""
+    work()
+    taken = []
+    for _ in range(ROUNDS):
+        begun = time.process_time()
+        work()
+        taken.append(time.process_time() - begun)
+    return statistics.median(taken)
+
+
+def main() -> None:
+    """Print all figures."""
+    rig = rig_named("two-link")
+    a = Assembly(rig, outputs=tuple(c for c in rig.outputs if not c.startswith("force")))
+    p, random = a.values(), np.random.default_rng(0)
+    u = np.zeros((SAMPLES, 4))
+    for joint in (0, 1):
+        u[:, joint] = np.repeat(random.uniform(-0.5, 0.5, SAMPLES // 300 + 1), 300)[:SAMPLES]
+    step = choose_stepping(a, u, p, PERIOD_S, a.start(p))
+    chosen = np.full(len(p), -1, np.int64)
+    chosen[np.flatnonzero([b.fitted for b in a.parameters])[:9]] = np.arange(9)
+
+    def run(columns: int = 0) -> None:
+        memory = a.program.memory(a.start(p), columns, stepping=step, period_s=PERIOD_S)
+        _, _, bad = a.program.run(memory, u, p, period_s=PERIOD_S, stepping=step, columns=chosen if columns else None)
+        assert bad < 0, "the arm became unstable"
+
+    free, nine = seconds(run), seconds(lambda: run(9))
+    print(f"free run of {SAMPLES} samples, {step.substeps} step(s) each: {1e3 * free:.1f} ms "
+          f"({'within' if free <= WANTED_S else 'MISSES'} the {1e3 * WANTED_S:.0f} ms wanted)")
+    print(f"with 9 exact sensitivities: {1e3 * nine:.1f} ms ({nine / free:.1f} times)")
+    beside_mujoco(free)
+
+
+def beside_mujoco(free: float) -> None:
+    """The links alone, by MuJoCo."""
+    try:
+        import mujoco
+        from test_two_link import arm, furthest_acceleration, judge
+    except ImportError as error:
+        print(f"MuJoCo: left out ({error})")
+        return
+    a = arm()
+    model, data = judge(a, a.values(), step=PERIOD_S)
+
+    def stepped() -> None:
+        mujoco.mj_resetData(model, data)
+        for _ in range(SAMPLES):
+            mujoco.mj_step(model, data)
+
+    def idle() -> None:
+        for _ in range(SAMPLES):
+            mujoco.mj_version()
+
+    peer = seconds(stepped) - seconds(idle)
+    print(f"MuJoCo, links only, RK4, one step per sample: {1e3 * peer:.1f} ms ({peer / free:.1f} times the whole arm)")
+    print(f"accelerations apart by {furthest_acceleration():.1e} at most")
+
+
+if __name__ == "__main__":
+    main()
