@@ -11,7 +11,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "train-residual": ("train_residual:command", "Train a network on what a fitted model leaves over."),
     "force-law": ("force_law:command", "Train a muscle's force law on a measured map, beside the analytic ones."),
     "diagnose": ("diagnose:command", "Find where the gap lies, which effect causes it, how far it shrinks."),
-    "reproduce-paper": ("reproduce_paper:command", "The first paper's results table on a calibrated twin of its rig."),
+    "reproduce-paper": ("reproduce_paper:command", "The results of the two papers, on calibrated virtual rigs."),
     "trial": ("trial:command", "The blind trial of the diagnosis: drawn cases with hidden labels, scored."),
     "report": ("report:command", "Turn a run into tables, figures and one HTML page."),
     "animate": ("animate:command", "Show how a run's rig moved, measured over simulated, as a GIF."),

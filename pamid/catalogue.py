@@ -59,7 +59,7 @@ def _port(rig: Rig, name: str, fit: list[Attachment]) -> dict[str, Any]:
     port = rig.ports[name]
     return {"name": name, "kind": port.kind, "unit": port.unit, "places": list(port.places),
             "group": rig.group_of(name), "signals": {s: port.unit_of(s) for s in port.signals},
-            "effects": sorted(a.effect.name for a in fit if name in a.ports)}
+            "effects": sorted({a.effect.name for a in fit if name in a.ports})}
 
 
 def _background(rig: Rig) -> list[dict[str, Any]]:

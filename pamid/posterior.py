@@ -102,9 +102,9 @@ class Posterior:
 
     def require_new(self, evidence: Evidence) -> None:
         """FileError for another rig; DataError where a recording would count twice or is no longer unseen."""
-        if evidence.rig.name != self.rig:
+        if self.rig not in [getattr(kind, "name", "") for kind in type(evidence.rig).__mro__]:
             raise FileError(f"{self.path} is a fit of the rig {self.rig!r}, not of {evidence.rig.name!r}.",
-                            "A fit can begin from one of the same rig only.")
+                            "A fit can begin from one of the same rig, or of the rig that it derives from.")
         for what, spans in (("its evidence would count twice", evidence.fit), ("it is not unseen", evidence.held_out)):
             for span in spans:
                 if span.recording.sha256 in self.fitted:

@@ -123,13 +123,13 @@ def _times(name: str, n: float) -> str:
 def declared(assembly: Assembly) -> dict[str, Measure]:
     """The rig's own combinations by name, in the unit of the name."""
     own = [(b.key, i) for i, b in enumerate(assembly.parameters) if not b.owner]
-    declaring: Callable[[Names], dict[str, Any]] = getattr(assembly.rig, "combinations", lambda p: {})
 
     def read(p: Array) -> dict[str, Any]:
-        return declaring(Names({key: float(p[i]) for key, i in own}, "parameter"))
+        return assembly.rig.combinations(Names({key: float(p[i]) for key, i in own}, "parameter"))
 
     def measure(name: str) -> Measure:
-        return lambda p: as_column(name, float(read(p)[name]))
+        shown = as_column(name, 1.0)
+        return lambda p: shown * float(read(p)[name])
 
     return {name: measure(name) for name in read(assembly.values())}
 

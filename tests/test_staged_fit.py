@@ -232,6 +232,16 @@ def test_evidence_does_not_count_twice(first: tuple[Path, GreyBox], tmp_path: Pa
         fit_model(gather(rig_named("one-dof"), [record(tmp_path / "j.csv", 6.0)], []), earlier=posterior)
 
 
+def test_a_rig_that_derives_from_the_earlier_one_goes_on_from_it(first: tuple[Path, GreyBox], tmp_path: Path) -> None:
+    """The same machine with a better law of something: what `pamid force-law` writes."""
+    class Measured(Declared):
+        name = "pendulum-measured"
+
+    other = swing(tmp_path / "b.csv", torque=True, seed=1)
+    g = fit_model(gather(Measured(), [other], []), earlier=read_posterior(kept(tmp_path / "run", first[1])))
+    assert g.fit.converged and g.fit.covariance.trace() < first[1].fit.covariance.trace()
+
+
 def test_the_command_takes_a_run(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for name, seed in (("a", 1), ("b", 2)):
         record(tmp_path / f"{name}.csv", 6.0, seed=seed)
