@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable
 
 from pamid.equations import Expr, clip, exp, where
+from pamid.errors import FileError, nearest
 
 Law = Callable[[Expr, Expr], Expr]
 
@@ -68,3 +69,10 @@ LAWS: dict[str, Law] = {
     "braid-and-rubber": braid_and_rubber,
     "three-element": three_element,
 }
+
+
+def law_named(name: str) -> Law:
+    """A law of LAWS. FileError for an unknown name."""
+    if name not in LAWS:
+        raise FileError(f"unknown force law {name!r}", nearest(name, list(LAWS)) or f"laws: {', '.join(LAWS)}")
+    return LAWS[name]

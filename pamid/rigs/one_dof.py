@@ -16,12 +16,11 @@ from numpy.typing import NDArray
 
 from pamid.effect import State
 from pamid.equations import Expr, Number
-from pamid.errors import FileError, nearest
 from pamid.parameter import Parameter
 from pamid.rig import Loop, Port, Rig, chain_of_links
 from pamid.rigs import antagonists as pair
 from pamid.rigs.antagonists import Muscle, pressure_rate, pull_of, valves_of
-from pamid.rigs.muscle import LAWS, Law
+from pamid.rigs.muscle import LAWS, law_named
 from pamid.rigs.pneumatics import ATMOSPHERE_PA
 
 Array = NDArray[np.float64]
@@ -73,9 +72,7 @@ class OneDof(Rig):
     variants = tuple(LAWS)
 
     def __init__(self, law: str = "exponential") -> None:
-        if law not in LAWS:
-            raise FileError(f"unknown force law {law!r}", nearest(law, list(LAWS)) or f"laws: {', '.join(LAWS)}")
-        self.static_force: Law = LAWS[law]  # a rig file may put another here, such as networks.force_law
+        self.static_force = law_named(law)  # a rig file may put another here, such as networks.force_law
 
     def start(self, p: Any) -> dict[str, float]:
         """Both muscles at p0, the arm at rest in the middle."""
