@@ -89,7 +89,7 @@ def _joint(output: Path, overwrite: bool, *, iterations: int | None, starts: int
            jobs: int, quick: bool, resume: bool) -> frame.Result:
     from dataclasses import asdict
 
-    from pamid.paper import Plan, reproduce
+    from pamid.papers.joint import Plan, reproduce
     from pamid.run import Run
 
     plan = Plan(seconds or (QUICK_S if quick else Plan.seconds),
@@ -165,7 +165,7 @@ _TITLES = {"gravity": "Gravity tests", "pulses": "Valve pulses"}
 def _arm(output: Path, overwrite: bool, seed: int, quick: bool) -> frame.Result:
     from dataclasses import asdict
 
-    from pamid.arm_paper import Plan, reproduce_arm
+    from pamid.papers.arm import Plan, reproduce_arm
     from pamid.run import Run
 
     plan = Plan.quickly(seed) if quick else Plan(seed=seed)

@@ -15,11 +15,11 @@ import pytest
 from pamid_cli import frame
 from pamid_cli.reproduce_paper import arm_text
 
-from pamid.arm_paper import AT_THE_FLOOR, FITTED, MAP_FILE, target_json
-from pamid.arm_twin import GRAVITY, PULSES, VARIABLES, WITH_PAYLOAD, ArmTwin, sessions, shown_mae
 from pamid.force_map import read_map
 from pamid.library import rig_named
 from pamid.metrics import mae
+from pamid.papers.arm import AT_THE_FLOOR, FITTED, MAP_FILE, target_json
+from pamid.papers.arm_twin import GRAVITY, PULSES, VARIABLES, WITH_PAYLOAD, ArmTwin, sessions, shown_mae
 from pamid.recording import read_recording
 from pamid.rigs.two_link import MUSCLES
 from pamid.run import read_json

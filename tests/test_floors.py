@@ -38,8 +38,8 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("port_network",),
     ("trial",),
     ("report", "export"),
-    ("twin", "arm_twin"),
-    ("demo", "paper", "force_law_run", "arm_paper"),
+    ("force_law_run",),
+    ("demo", "papers"),
     ("cli",),
 )
 

@@ -12,15 +12,13 @@ import pytest
 from pamid_cli import frame
 from pamid_cli.reproduce_paper import table_text
 
-from pamid import paper
 from pamid.assembly import Assembly
 from pamid.excitation import aprbs
 from pamid.library import effects, rig_named
 from pamid.metrics import mae
 from pamid.networks.elman import Elman
-from pamid.recording import read_recording
-from pamid.run import read_json
-from pamid.twin import (
+from pamid.papers import joint as paper
+from pamid.papers.joint_twin import (
     AMPLITUDE_DEG,
     HOLD_S,
     INERTIAS,
@@ -32,6 +30,8 @@ from pamid.twin import (
     excitation,
     step_reference,
 )
+from pamid.recording import read_recording
+from pamid.run import read_json
 from pamid.virtual import attach_specs
 
 SMALL = ("reproduce-paper", "--quick", "--seconds", "12", "--iterations", "4", "--starts", "2", "--jobs", "1", "--json")

@@ -15,7 +15,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.arm_twin import (
+from pamid.assembly import Assembly
+from pamid.errors import ConvergenceError
+from pamid.evidence import Evidence
+from pamid.force_law_run import write_law
+from pamid.force_map import judge, read_map
+from pamid.greybox import GreyBox, fit_json, fit_model
+from pamid.library import rig_named
+from pamid.networks.force_law import force_law
+from pamid.papers.arm_twin import (
     GRAVITY,
     PULSES,
     RIG,
@@ -29,14 +37,6 @@ from pamid.arm_twin import (
     shown_mae,
     unit_of,
 )
-from pamid.assembly import Assembly
-from pamid.errors import ConvergenceError
-from pamid.evidence import Evidence
-from pamid.force_law_run import write_law
-from pamid.force_map import judge, read_map
-from pamid.greybox import GreyBox, fit_json, fit_model
-from pamid.library import rig_named
-from pamid.networks.force_law import force_law
 from pamid.posterior import FIT_FILE, Posterior, read_posterior
 from pamid.quantities import declared
 from pamid.recording import Recording

@@ -1,4 +1,4 @@
-"""The results table of the first paper on a twin of its rig (twin.py): what `pamid reproduce-paper` does.
+"""The results table of the first paper on a twin of its rig (joint_twin.py): what `pamid reproduce-paper` does.
 
 Source of the published figures: Hosovsky, Mizakova, Pitel, improved modeling of a pneumatic muscle actuator.
 """
@@ -27,11 +27,7 @@ from pamid.leftover import Leftover, Stretch, derived
 from pamid.library import effects, rig_named
 from pamid.metrics import mae
 from pamid.networks.store import save_network, trace_csv
-from pamid.recording import Recording, read_recording, write_recording
-from pamid.report.paper_figure import steps_picture
-from pamid.residual_network import CHECKPOINT_FILE, STARTUP_S, TRACE_FILE, Correction, train_correction
-from pamid.run import Run, write_atomically, write_json
-from pamid.twin import (
+from pamid.papers.joint_twin import (
     AMPLITUDE_DEG,
     ANGLE,
     HOLD_S,
@@ -46,6 +42,10 @@ from pamid.twin import (
     clock,
     step_reference,
 )
+from pamid.recording import Recording, read_recording, write_recording
+from pamid.report.paper_figure import steps_picture
+from pamid.residual_network import CHECKPOINT_FILE, STARTUP_S, TRACE_FILE, Correction, train_correction
+from pamid.run import Run, write_atomically, write_json
 
 Array = NDArray[np.float64]
 Told = Callable[[str], None]
