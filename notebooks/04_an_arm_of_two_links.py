@@ -13,8 +13,8 @@
 #
 # Two links hang in a vertical plane, four pneumatic muscles turn the joints. The masses come from weighing and CAD and
 # are 15 to 25 % off, as they are for a real arm before anybody has thought of the muscles and chains that ride on it.
-# This story lets the arm swing by itself, asks what a swing can tell and what it cannot, and sends pulses to the valves.
-# It is told in commands, as a shell would take them.
+# This story lets the arm swing by itself, asks what a swing can tell and what it cannot, and sends pulses to the
+# valves. It is told in commands, as a shell would take them.
 
 # %%
 import json

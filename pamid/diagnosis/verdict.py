@@ -174,5 +174,6 @@ def sentence(d: Diagnosis, unknown: dict[str, Any] | None) -> str:
         names = " or ".join(dict.fromkeys(c.attached[-1].label for c in d.tied))
         return f"The gap shrinks by {share:.0f} %, but these recordings cannot tell {names} apart."
     names = " and ".join(a.label for a in d.cause.attached)
+    place = "" if "@" in names else f" at the {d.cause.group}"
     verb = "explains" if len(d.cause.attached) == 1 else "explain"
-    return f"{names} at the {d.cause.group} {verb} the gap: the held-out error shrinks by {share:.0f} %."
+    return f"{names}{place} {verb} the gap: the held-out error shrinks by {share:.0f} %."
