@@ -42,7 +42,19 @@ def rig_names() -> list[str]:
 
 
 def cases() -> list[Case]:
-    return [Case(name, a) for name in rig_names() for a in attachments(rig_of(name), effects().values())]
+    """Every effect at every port of every rig; of ports that are kin at one of them, another one for the next effect,
+    and at all together."""
+    found: list[Case] = []
+    for name in rig_names():
+        alike: dict[tuple[str, str], list[Attachment]] = {}
+        for a in attachments(rig_of(name), effects().values()):
+            kin = rig_of(name).ports[a.ports[0]].kin
+            if kin and len(a.ports) == 1:
+                alike.setdefault((a.effect.name, kin), []).append(a)
+            else:
+                found.append(Case(name, a))
+        found += [Case(name, same[k % len(same)]) for k, same in enumerate(alike.values())]
+    return found
 
 
 def _steps(rng: np.random.Generator, n: int, shortest: int, longest: int, size: float) -> Array:
