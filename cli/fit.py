@@ -46,8 +46,8 @@ def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path,
     """
     from pamid.errors import UsageError
     from pamid.greybox import fit_json, fit_model, residual_csv
-    from pamid.posterior import FIT_FILE, read_posterior
-    from pamid.run import Run, write_atomically, write_json
+    from pamid.posterior import read_posterior
+    from pamid.run import FIT_FILE, RESIDUAL_FILE, Run, write_atomically, write_json
     from pamid.virtual import attach_specs
 
     evidence = evidence_from(rig, recordings, held_out)
@@ -65,7 +65,7 @@ def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path,
                           told=lambda text: progress.update(0, text), earlier=before)
     found = fit_json(model, seed)
     write_json(run.path(FIT_FILE), found)
-    write_atomically(run.path("residual.csv"), residual_csv(model))
+    write_atomically(run.path(RESIDUAL_FILE), residual_csv(model))
     run.finish()
     return frame.Result(found, fit_text(found, output), 0 if found["converged"] else 5)
 

@@ -65,9 +65,9 @@ def command(run: Path, network: str, hidden: int | None, sets: int | None, itera
     what it has reached; --resume with the same options goes on from there as if nothing had happened.
     """
     from pamid.errors import PamidError
-    from pamid.leftover import FIT_FILE, RESIDUAL_FILE, read_leftover
+    from pamid.leftover import read_leftover
     from pamid.residual_network import CHECKPOINT_FILE, Course, Wanted, train_correction, write_correction
-    from pamid.run import Run
+    from pamid.run import FIT_FILE, RESIDUAL_FILE, Run
 
     wanted = Wanted(network, hidden, sets)
     folder = Run.open(run)

@@ -90,9 +90,9 @@ class Assembly:
     def index_of(self, name: str) -> int:
         """Place of a parameter given as outside name, `label:outside_name` or key."""
         for i, b in enumerate(self.parameters):
-            if name in (b.key, b.name if not b.owner else f"{b.owner}:{b.name}"):
+            if name in (b.key, b.full_name):
                 return i
-        names = [b.name if not b.owner else f"{b.owner}:{b.name}" for b in self.parameters]
+        names = [b.full_name for b in self.parameters]
         raise FileError(f"rig {self.rig.name!r} has no parameter {name!r}",
                         nearest(name, names) or f"parameters: {', '.join(names)}")
 

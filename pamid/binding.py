@@ -17,7 +17,7 @@ class Bound:
     """A parameter in its place: key in the equations, name outside, SI numbers."""
 
     key: str
-    owner: str           # "" the rig, "background", or an attachment's label
+    owner: str           # "" the rig, background.<term>, or an attachment's label
     name: str
     unit: str
     factor: float        # SI = factor x outside
@@ -30,6 +30,16 @@ class Bound:
     fitted: bool
     tries: tuple[float, ...]
     source: str
+
+    @property
+    def full_name(self) -> str:
+        """Its name outside, led by whom it belongs to where that is not the rig."""
+        return f"{self.owner}:{self.name}" if self.owner else self.name
+
+    @property
+    def nuisance(self) -> bool:
+        """Does it belong to a tolerance-sized term of the background?"""
+        return self.owner.startswith("background.")
 
 
 def _size(port: Port, name: str, what: str, sizes: Sizes) -> float:

@@ -118,7 +118,7 @@ def fit_json(g: GreyBox, seed: int) -> dict[str, Any]:
         "parameters": {x.name: {"value": x.value, "low": x.low, "high": x.high, "prior": x.prior,
                                 "unit": x.bound.unit, "word": x.word, "at_bound": x.at_bound, "strain": x.strain,
                                 "source": x.bound.source}
-                       for x in estimates(g.fit, g.draws) if not x.bound.owner.startswith("background")},
+                       for x in estimates(g.fit, g.draws) if not x.bound.nuisance},
         "intervals": "block bootstrap" if g.draws is not None else "Jacobian",
         "background": {k: {"pull": v} for k, v in background_pull(g.fit).items()},
         "mae": {c: {k: as_column(c, v[i]) for k, v in figures.items()} for i, c in enumerate(e.channels)},

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.binding import Bound
-from pamid.fitting import Fit, Problem, Scale, fit
+from pamid.fitting import Fit, Problem, fit
 from pamid.jobs import run_jobs
 
 Array = NDArray[np.float64]
@@ -31,7 +31,7 @@ class Estimate:
 
     @property
     def name(self) -> str:
-        return f"{self.bound.owner}:{self.bound.name}" if self.bound.owner else self.bound.name
+        return self.bound.full_name
 
 
 def word_for(share: float) -> str:
@@ -39,13 +39,9 @@ def word_for(share: float) -> str:
     return "settled" if share < SETTLED else "weak" if share < SILENT else "silent"
 
 
-def scale_of(fitted: Fit) -> Scale:
-    return fitted.problem.scale
-
-
 def estimates(fitted: Fit, draws: Array | None = None) -> list[Estimate]:
     """One per free parameter. draws (bootstrap draws x free, scaled) replace the Jacobian's intervals."""
-    a, free, scale = fitted.problem.assembly, list(fitted.problem.free), scale_of(fitted)
+    a, free, scale = fitted.problem.assembly, list(fitted.problem.free), fitted.problem.scale
     s = scale.inside(fitted.p[free])
     deviation = np.sqrt(np.maximum(fitted.covariance.diagonal(), 0.0))
     low_s, high_s = s - NORMAL_95 * deviation, s + NORMAL_95 * deviation
@@ -69,7 +65,7 @@ def bootstrap(fitted: Fit, count: int, *, seed: int = 0, jobs: int = 1) -> Array
     """Refits with windows drawn with replacement, and with what was known before drawn anew: the data sheet and what an
     earlier fit told (a parameter of which the recordings say nothing keeps the width of its prior). Draws x free
     parameters in prior spreads."""
-    problem, scale = fitted.problem, scale_of(fitted)
+    problem, scale = fitted.problem, fitted.problem.scale
     windows = sum(len(problem.windows(t)) for t in problem.tracks)
 
     def one(number: int) -> Array:
@@ -89,7 +85,7 @@ def background_pull(fitted: Fit) -> dict[str, float]:
     a = fitted.problem.assembly
     pulls: dict[str, float] = {}
     for i, b in enumerate(a.parameters):
-        if b.owner.startswith("background."):
+        if b.nuisance:
             name = b.owner.removeprefix("background.")
             pulls[name] = max(pulls.get(name, 0.0), float(abs(fitted.p[i] - b.value) / b.spread))
     return pulls

@@ -17,12 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.errors import DataError, FileError, UsageError, nearest
-from pamid.run import read_json
+from pamid.run import FIT_FILE, RESIDUAL_FILE, read_json
 from pamid.units import split_column, with_unit
 
 Array = NDArray[np.float64]
 
-FIT_FILE, RESIDUAL_FILE = "fit.json", "residual.csv"
 KEYS = ("time_s", "recording", "part", "window")
 MODELS = {"loop": "the refitted model in its own control loop", "replay": "the refitted model on recorded commands"}
 _REMEDY = "Run `pamid fit` or `pamid diagnose` again."

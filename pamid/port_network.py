@@ -34,7 +34,7 @@ from pamid.errors import ConvergenceError, DataError, FileError, UsageError, nea
 from pamid.evidence import Evidence, gather
 from pamid.expressions import symbol
 from pamid.greybox import GreyBox, fit_model
-from pamid.leftover import FIT_FILE, MODELS, RESIDUAL_FILE, Leftover, derived
+from pamid.leftover import MODELS, Leftover, derived
 from pamid.library import effects, rig_named
 from pamid.networks.store import TrainedNetwork
 from pamid.networks.training import Training
@@ -43,7 +43,7 @@ from pamid.recording import read_recording
 from pamid.residual_network import Correction, Course, held_out_mae, train_correction, train_network, write_network
 from pamid.residuals import Replay, channel_mae, replay
 from pamid.rig import Rig
-from pamid.run import Run, read_json, sha256_of
+from pamid.run import FIT_FILE, RESIDUAL_FILE, Run, read_json, sha256_of
 from pamid.units import NONE, display_unit, from_si, split_column, to_si, with_unit
 
 Array = NDArray[np.float64]
@@ -267,7 +267,7 @@ def train_at_port(leftover: Leftover, model: GreyBox, entry: Entry, told: Callab
 def named_values(model: GreyBox, p: Array) -> dict[str, float]:
     """Parameters that were fitted, by the name that `Assembly.values` takes, in the name's unit."""
     bounds = [(i, model.assembly.parameters[i]) for i in model.fit.problem.free]
-    return {f"{b.owner}:{b.name}" if b.owner else b.name: float(p[i] / b.factor) for i, b in bounds}
+    return {b.full_name: float(p[i] / b.factor) for i, b in bounds}
 
 
 def _at_output(leftover: Leftover, **course: Unpack[Course]) -> Correction | None:

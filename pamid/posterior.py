@@ -19,10 +19,9 @@ from pamid.evidence import Evidence
 from pamid.fitting import Fit, Problem
 from pamid.prior import Prior
 from pamid.quantities import agreed, straight
-from pamid.run import Run, read_json, sha256_of
+from pamid.run import FIT_FILE, Run, read_json, sha256_of
 
 Array = NDArray[np.float64]
-FIT_FILE = "fit.json"
 REMEDY = "Fit it anew with `pamid fit`."
 OWN_TIME = ":drift"      # background terms counted from a recording's own beginning
 

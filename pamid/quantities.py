@@ -51,9 +51,9 @@ class Space:
         self.places = list(problem.free)
         self.scale = problem.scale
         self.bounds = [bounds[i] for i in self.places]
-        self.names = [f"{b.owner}:{b.name}" if b.owner else b.name for b in self.bounds]
+        self.names = [b.full_name for b in self.bounds]
         self.covariance, self.p = covariance, p
-        self.own = [k for k, b in enumerate(self.bounds) if not b.owner.startswith("background")]
+        self.own = [k for k, b in enumerate(self.bounds) if not b.nuisance]
         self.s = self.scale.inside(p[self.places])
 
     def at(self, s: Array) -> Array:
@@ -174,9 +174,8 @@ def straight(problem: Problem, p: Array, covariance: Array) -> Coordinates:
 
 def own_of(space: Space, assembly: Assembly) -> list[Quantity]:
     """The rig's combinations that hold a free parameter."""
-    units = {name: split_column(name)[1] for name in declared(assembly)}
-    found = [space.quantity(name, "" if units[name] == NONE else units[name], of)
-             for name, of in declared(assembly).items()]
+    told = [(name, split_column(name)[1], of) for name, of in declared(assembly).items()]
+    found = [space.quantity(name, "" if unit == NONE else unit, of) for name, unit, of in told]
     return [q for q in found if q.slope.any()]
 
 

@@ -26,7 +26,8 @@ import numpy as np
 from pamid.errors import FileError, PamidError
 
 RUN_SCHEMA = "pamid.run/1"
-RUN_FILES = ("run.json", "fit.json", "residual.csv", "network.json", "network.npz", "trace.csv", "diagnosis.json",
+FIT_FILE, RESIDUAL_FILE = "fit.json", "residual.csv"
+RUN_FILES = ("run.json", FIT_FILE, RESIDUAL_FILE, "network.json", "network.npz", "trace.csv", "diagnosis.json",
              "missing.csv", "next-experiment.csv", "next-experiment.toml", "report.html", "checkpoint.npz",
              "force-law.json", "rig.py")  # fmt: skip
 FIGURES = "figures"

@@ -19,7 +19,7 @@ from pamid.engine.program import Stepping
 from pamid.evidence import gather
 from pamid.fitting import Fit, Problem, fit, fit_robustly, free_parameters
 from pamid.greybox import COARSE, GreyBox, fit_json, fit_model
-from pamid.intervals import Estimate, bootstrap, estimates, scale_of
+from pamid.intervals import Estimate, bootstrap, estimates
 from pamid.library import rig_named
 from pamid.parameter import Parameter
 from pamid.recording import Recording, read_recording, write_recording
@@ -96,7 +96,7 @@ def test_refitting_from_elsewhere_finds_the_same_optimum() -> None:
                                 "tolerance": 1e-6}
     one, other = fit(problem, p=done.p, **settings), fit(problem, p=moved, **settings)
     assert one.converged and other.converged
-    scale, free = scale_of(done), list(problem.free)
+    scale, free = done.problem.scale, list(problem.free)
     apart = np.abs(scale.inside(one.p[free]) - scale.inside(other.p[free])) / np.sqrt(one.covariance.diagonal())
     assert apart.max() < 0.1
     assert other.cost == pytest.approx(one.cost, rel=1e-4)
@@ -112,7 +112,7 @@ def test_an_exact_model_converges_quickly(seed: int) -> None:
 def dense(fitted: Fit) -> Array:
     """Covariance of the free parameters from one dense Jacobian over parameters and all window starts."""
     problem, (track,) = fitted.problem, fitted.problem.tracks
-    free, scale, root = list(problem.free), scale_of(fitted), fitted.weights.root
+    free, scale, root = list(problem.free), fitted.problem.scale, fitted.weights.root
     windows: list[Window] = problem.windows(track)
     (starts,), (pulls,) = fitted.starts, fitted.pulls
     k, (w, n) = len(free), starts.shape
@@ -184,7 +184,7 @@ def test_doubled_substeps_change_nothing() -> None:
     assert 0.0 < g.recheck <= COARSE
     fine = fit(g.fit.problem, p=g.fit.p, starts=g.fit.starts, weights=g.fit.weights, stepping=g.fit.stepping.doubled(),
                iterations=10)
-    scale, free = scale_of(g.fit), list(g.fit.problem.free)
+    scale, free = g.fit.problem.scale, list(g.fit.problem.free)
     moved = np.abs(scale.inside(fine.p[free]) - scale.inside(g.fit.p[free])) / np.sqrt(g.fit.covariance.diagonal())
     assert moved.max() < 1.0
 

@@ -89,6 +89,7 @@ def black_box(training: list[Replay], held_out: list[Replay], seed: int, floor: 
     turn = np.diag(0.5 / (spread + 1e-300))[:, use]
     if turn.shape[1] > INPUTS:
         turn = turn @ np.linalg.svd((stacked - centre) @ turn, full_matrices=False)[2][:INPUTS].T
+    inputs, unseen = ([(x - centre) @ turn for x, _, _ in rows] for rows in (rows_in, rows_out))
     result = np.empty((len(rows_out), training[0].model.shape[1]))
     for c in range(result.shape[1]):
         without = np.array([np.abs(y[scored, c]).mean() for _, y, scored in rows_out])
@@ -97,10 +98,9 @@ def black_box(training: list[Replay], held_out: list[Replay], seed: int, floor: 
             continue
         target = [y[:, c] for _, y, _ in rows_in]
         scale = np.concatenate(target).std() + 1e-300
-        inputs = [(x - centre) @ turn for x, _, _ in rows_in]
         network = Elman(turn.shape[1], 8)
         done = train(network, inputs, [t / (2.0 * scale) for t in target], iterations=ITERATIONS, seed=seed)
-        guesses = [network.simulate(done.weights, (x - centre) @ turn) for x, _, _ in rows_out]
+        guesses = [network.simulate(done.weights, x) for x in unseen]
         left = np.array([min(np.abs((y[:, c] - 2.0 * scale * g)[scored]).mean(), 1e300)
                          for g, (_, y, scored) in zip(guesses, rows_out, strict=True)])
         if left.mean() < without.mean():

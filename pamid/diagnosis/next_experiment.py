@@ -246,7 +246,7 @@ class _View:
         """The new recordings alone; the background stays as it was fitted."""
         bounds, f = self.model.assembly.parameters, self.model.fit
         return Problem(self.model.assembly, self.tracks,
-                       tuple(i for i in f.problem.free if not bounds[i].owner.startswith("background")))
+                       tuple(i for i in f.problem.free if not bounds[i].nuisance))
 
     def misfit(self, left: tuple[Array, ...]) -> Array:
         """RMS per channel of residuals (samples x channels), in noise standard deviations."""

@@ -104,7 +104,7 @@ class Ground:
 
 def _free(assembly: Assembly, places: tuple[int, ...], held: bool) -> tuple[int, ...]:
     """Of these parameters those that a screening moves."""
-    return tuple(i for i in places if not held or not assembly.parameters[i].owner.startswith("background"))
+    return tuple(i for i in places if not held or not assembly.parameters[i].nuisance)
 
 
 def _worst_run(problem: Problem, track: Track, windows: list[Window], losses: Array, few: int) -> tuple[int, int]:

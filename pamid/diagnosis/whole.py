@@ -13,7 +13,7 @@ from pamid.effect import Effect
 from pamid.evidence import Evidence
 from pamid.greybox import fit_json, residual_csv
 from pamid.recording import write_recording
-from pamid.run import Run, write_atomically, write_json
+from pamid.run import FIT_FILE, RESIDUAL_FILE, Run, write_atomically, write_json
 
 
 def diagnose_into(run: Run, evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: int = 0, jobs: int = 1,
@@ -29,8 +29,8 @@ def diagnose_into(run: Run, evidence: Evidence, catalogue: dict[str, type[Effect
     told("looking for the next experiment")
     proposal = next_experiment(found)
     result = diagnosis_json(found, unknown, seed, proposal)
-    write_json(run.path("fit.json"), fit_json(found.budget.model, seed))
-    write_atomically(run.path("residual.csv"),
+    write_json(run.path(FIT_FILE), fit_json(found.budget.model, seed))
+    write_atomically(run.path(RESIDUAL_FILE),
                      residual_csv(found.budget.model, found.cause.replays if found.cause else ()))
     if missing is not None:
         write_atomically(run.path("missing.csv"), missing_csv(missing))

@@ -37,14 +37,14 @@ from pamid.papers.arm_twin import (
     shown_mae,
     unit_of,
 )
-from pamid.posterior import FIT_FILE, Posterior, read_posterior
+from pamid.posterior import Posterior, read_posterior
 from pamid.quantities import declared
 from pamid.recording import Recording
 from pamid.report.arm_paper_figure import Panel, arm_picture
 from pamid.residuals import Replay
 from pamid.rigs.muscle import Law
 from pamid.rigs.two_link import MUSCLES, TwoLink
-from pamid.run import Run, write_atomically, write_json
+from pamid.run import FIT_FILE, Run, write_atomically, write_json
 from pamid.simulation import free_run, output_table
 from pamid.windows import Runner, track_of
 
