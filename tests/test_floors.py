@@ -17,8 +17,8 @@ ROOT = Path(__file__).resolve().parent.parent
 FLOORS: tuple[tuple[str, ...], ...] = (
     ("errors",),
     ("units", "metrics", "expressions"),
-    ("run", "parameter", "jobs", "equations"),
-    ("recording_checks", "recording", "excitation"),
+    ("run", "parameter", "jobs", "results", "cluster", "equations", "settings"),
+    ("recording_checks", "recording", "excitation", "signals", "excitation_files"),
     ("effect", "rig", "background"),
     ("effects", "rigs"),
     ("library", "attaching", "binding"),
@@ -30,12 +30,14 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("fitting", "residuals"),
     ("intervals", "quantities"),
     ("evidence", "conformance", "catalogue", "virtual", "experiments", "combinations"),
-    ("posterior",),
+    ("posterior", "quality"),
+    ("ingest",),
     ("inspection", "greybox"),
     ("networks",),
     ("leftover", "residual_network", "force_map"),
     ("diagnosis",),
     ("port_network",),
+    ("identified",),
     ("trial",),
     ("report", "export"),
     ("force_law_run",),
@@ -50,10 +52,21 @@ HOMES: dict[str, tuple[str, ...]] = {
     "torch": ("pamid/networks/",),
     "pysindy": ("pamid/diagnosis/",),
     "matplotlib": ("pamid/report/",),
-    "pandas": ("pamid/recording.py", "pamid/ingest.py"),
+    "pandas": ("pamid/recording.py", "pamid/ingest/"),
+    "pint": ("pamid/ingest/",),
+    "pydantic": ("pamid/ingest/", "pamid/settings.py"),
+    "h5py": ("pamid/ingest/",),
+    "nptdms": ("pamid/ingest/",),
+    "asammdf": ("pamid/ingest/",),
+    "rosbags": ("pamid/ingest/",),
+    "pyarrow": ("pamid/ingest/",),
+    "matio": ("pamid/ingest/",),
+    "onnx": ("pamid/export/",),
+    "distributed": ("pamid/cluster.py",),
     "click": ("cli/",),
 }
-HEAVY = ("numba", "llvmlite", "torch", "pysindy", "matplotlib", "pandas", "scipy", "sympy", "sklearn", "numpy", "pamid")
+HEAVY = ("numba", "llvmlite", "torch", "pysindy", "matplotlib", "pandas", "scipy", "sympy", "sklearn", "numpy", "pamid",
+         "pint", "pydantic", "h5py", "nptdms", "asammdf", "rosbags", "pyarrow", "matio", "onnx", "distributed")
 
 FILES = sorted(path for folder in ("pamid", "cli") for path in (ROOT / folder).rglob("*.py"))
 

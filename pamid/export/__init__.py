@@ -1,0 +1,1 @@
+"""Identified models out: C, FMU, ONNX, MATLAB."""
