@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from . import frame
+from . import frame, names
 
 EXAMPLE = """
 pamid effects
@@ -13,7 +13,7 @@ pamid effects coulomb-friction --rig one-dof
 
 
 @frame.command("effects", example=EXAMPLE)
-@click.argument("name", required=False)
+@click.argument("name", required=False, type=names.EFFECT)
 @click.option("--rig", "rigs", multiple=True, help="Rig (name or file) to look for fitting ports. [default: all rigs]")
 def command(name: str | None, rigs: tuple[str, ...]) -> frame.Result:
     """List the effects by family and kind of port, or explain one: NAME, or the path of an effect file.

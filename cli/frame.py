@@ -13,16 +13,18 @@ import json
 import os
 import sys
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NoReturn
 
 import click
 
+from . import names, settings
 from .table import COMMANDS
 
 INTERRUPTED = 130
-_EPILOG = "Exit codes: 0 done, 2 usage, 3 a file is wrong, 4 the data cannot answer, 5 not converged, 6 partly done."
+_EPILOG = ("Options may also stand in pamid.toml or the environment (see `pamid config`). "
+           "Exit codes: 0 done, 2 usage, 3 a file is wrong, 4 the data cannot answer, 5 not converged, 6 partly done.")
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,9 @@ def command(name: str, *, example: str, **settings: Any) -> Callable[[Callable[.
         made = click.command(name, cls=_Command, **settings)(function)
         assert isinstance(made, _Command)
         made.example = example.strip()
+        for param in made.params:
+            if param.type is click.STRING:
+                param.type = names.OPTIONS.get(str(param.name), param.type)
         made.params += [
             click.Option(["--json"], is_flag=True, expose_value=False, help="Print exactly one JSON object."),
             click.Option(["--debug"], is_flag=True, expose_value=False, help="Show the traceback of an error."),
@@ -69,10 +74,13 @@ def run(arguments: Sequence[str]) -> int:
     stray = io.StringIO()  # in JSON mode nothing but the object may reach stdout
     try:
         with contextlib.redirect_stdout(stray) if as_json else contextlib.nullcontext():
-            result = _GROUP.main(list(arguments), prog_name="pamid", standalone_mode=False)
+            result = _GROUP.main(list(arguments), prog_name="pamid", standalone_mode=False,
+                                 auto_envvar_prefix=settings.ENVIRONMENT)
     except BaseException as error:
         if isinstance(error, BrokenPipeError):
             return _hang_up()
+        if isinstance(error, SystemExit) and not error.code:
+            return 0  # click has answered a shell that asked for completions
         if debug and not isinstance(error, click.ClickException | click.Abort):
             traceback.print_exc()
         return _print_error(error, as_json)
@@ -99,9 +107,55 @@ class _Command(click.Command):
 
     example = ""
 
+    def make_context(
+        self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
+    ) -> click.Context:
+        extra.setdefault("default_map", settings.defaults_for(self))
+        return super().make_context(info_name, args, parent, **extra)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        _SAID[:] = settings.said_elsewhere(ctx)
+        return super().invoke(ctx)
+
     def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         super().format_help(ctx, formatter)
         formatter.write("\nExample:\n" + "".join(f"  {line}\n" for line in self.example.splitlines()))
+
+
+_SAID: list[str] = []  # options of the command being run that were given elsewhere than on its line
+
+
+def command_line() -> list[str]:
+    """The words of the command being run, those options included that pamid.toml or the environment gave: what a run
+    notes of itself repeats it anywhere."""
+    return [*sys.argv, *_SAID]
+
+
+def every_command() -> Iterator[click.Command]:
+    """All commands there are; loads their modules."""
+    for name in COMMANDS:
+        found = _GROUP.get_command(click.Context(_GROUP), name)
+        assert found is not None
+        yield found
+
+
+def require_command(name: str) -> None:
+    """UsageError, with the nearest name, for what is no command."""
+    if name not in COMMANDS:
+        raise click.UsageError(f"There is no command {name!r}. {_suggest(name, COMMANDS)}".rstrip())
+
+
+def blank_context(name: str) -> click.Context:
+    """A command as it stands before any word is said: its options at their settings."""
+    parent = click.Context(_GROUP, info_name="pamid", auto_envvar_prefix=settings.ENVIRONMENT)
+    found = _GROUP.get_command(parent, name)
+    assert found is not None
+    return found.make_context(name, [], parent, resilient_parsing=True)
+
+
+def group() -> click.Group:
+    """All of pamid as one click command."""
+    return _GROUP
 
 
 class _LazyGroup(click.Group):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from . import frame
+from . import frame, names
 
 EXAMPLE = """
 pamid rigs
@@ -13,7 +13,7 @@ pamid rigs one-dof
 
 
 @frame.command("rigs", example=EXAMPLE)
-@click.argument("name", required=False)
+@click.argument("name", required=False, type=names.RIG)
 def command(name: str | None) -> frame.Result:
     """List the rigs, or explain one: NAME, NAME:VARIANT, or the path of a rig file.
 

@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parent.parent
 FLOORS: tuple[tuple[str, ...], ...] = (
     ("errors",),
     ("units", "metrics", "expressions"),
-    ("run", "parameter", "jobs", "results", "cluster", "equations", "settings"),
+    ("run", "parameter", "jobs", "results", "cluster", "equations"),
     ("recording_checks", "recording", "excitation", "signals", "excitation_files"),
     ("effect", "rig", "background"),
     ("effects", "rigs"),
@@ -54,7 +54,7 @@ HOMES: dict[str, tuple[str, ...]] = {
     "matplotlib": ("pamid/report/",),
     "pandas": ("pamid/recording.py", "pamid/ingest/"),
     "pint": ("pamid/ingest/",),
-    "pydantic": ("pamid/ingest/", "pamid/settings.py"),
+    "pydantic": ("pamid/ingest/",),
     "h5py": ("pamid/ingest/",),
     "nptdms": ("pamid/ingest/",),
     "asammdf": ("pamid/ingest/",),

@@ -1,0 +1,36 @@
+"""`pamid completion`: what a shell needs to complete commands, options, rigs and effects."""
+
+from __future__ import annotations
+
+import click
+
+from . import frame
+
+EXAMPLE = """
+pamid completion bash
+"""
+_WHERE = {
+    "bash": ("eval \"$(pamid completion bash)\"", "~/.bashrc"),
+    "zsh": ("eval \"$(pamid completion zsh)\"", "~/.zshrc"),
+    "fish": ("pamid completion fish | source", "~/.config/fish/config.fish"),
+}
+
+
+@frame.command("completion", example=EXAMPLE)
+@click.argument("shell", type=click.Choice(list(_WHERE)))
+def command(shell: str) -> frame.Result:
+    """Print the completion script of a shell. To have it always:
+
+    \b
+        bash    eval "$(pamid completion bash)"        in ~/.bashrc
+        zsh     eval "$(pamid completion zsh)"         in ~/.zshrc
+        fish    pamid completion fish | source         in ~/.config/fish/config.fish
+    """
+    from click.shell_completion import get_completion_class
+
+    made = get_completion_class(shell)
+    assert made is not None
+    script = made(frame.group(), {}, "pamid", "_PAMID_COMPLETE").source()
+    line, place = _WHERE[shell]
+    return frame.Result({"schema": "pamid.completion/1", "shell": shell, "script": script, "line": line,
+                         "place": place}, script)

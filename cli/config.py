@@ -1,0 +1,67 @@
+"""`pamid config`: the value of every option, and where it comes from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from . import frame, settings
+from .table import COMMANDS
+
+EXAMPLE = """
+pamid config diagnose
+"""
+
+
+@frame.command("config", example=EXAMPLE)
+@click.argument("commands", nargs=-1, metavar="[COMMAND]...")
+def command(commands: tuple[str, ...]) -> frame.Result:
+    """Show the options of all commands, or of these, with their values and where each value comes from.
+
+    The command line goes first, then the environment (PAMID_DIAGNOSE_JOBS=4), then the nearest pamid.toml, in this
+    folder or above it, then the default. A pamid.toml holds a table per command, and [defaults] for all that have the
+    option:
+
+    \b
+        [defaults]
+        jobs = 4
+        [diagnose]
+        without = ["clock-skew"]
+    """
+    path = settings.settings_file()
+    if path is not None:
+        settings.read_settings(path)  # every mistake in it, not only those that concern the commands asked for
+    for name in commands:
+        frame.require_command(name)
+    shown = {name: _values(name) for name in commands or COMMANDS}
+    found = {"schema": "pamid.config/1", "file": None if path is None else str(path), "commands": shown}
+    return frame.Result(found, _text(shown, path, bool(commands)))
+
+
+def _values(name: str) -> dict[str, dict[str, Any]]:
+    context = frame.blank_context(name)
+    return {option: {"value": _plain(context.params.get(str(made.name))), "origin": settings.origin_of(context, made)}
+            for option, made in settings.options_of(context.command).items()}
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, tuple | list):
+        return [_plain(one) for one in value]
+    return str(value) if isinstance(value, Path) else value
+
+
+def _text(shown: dict[str, dict[str, dict[str, Any]]], path: Path | None, all_of_them: bool) -> str:
+    lines = [f"Settings: {path}" if path else f"There is no {settings.FILE} here or above."]
+    for name, options in shown.items():
+        told = {k: v for k, v in options.items() if all_of_them or v["origin"] not in ("default", "required")}
+        if not told:
+            continue
+        lines += ["", f"[{name}]"]
+        for option, about in told.items():
+            value = "-" if about["value"] in (None, []) else about["value"]
+            lines.append(f"{option:22s} {value!s:24s} {about['origin']}")
+    if not all_of_them and len(lines) == 1:
+        lines.append("Every option has its default; `pamid config COMMAND` lists them.")
+    return "\n".join(lines)

@@ -1,0 +1,39 @@
+"""Names of rigs and effects as values of options: a name or the path of a file, completed by the shell."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import click
+from click.shell_completion import CompletionItem
+
+
+class Catalogued(click.ParamType):
+    """A text; shells complete the names of one folder of the package, `rigs` or `effects`, and Python files."""
+
+    name = "text"
+
+    def __init__(self, folder: str) -> None:
+        self.folder = folder
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        found = [CompletionItem(name) for name in self._names() if name.startswith(incomplete)]
+        return found or [CompletionItem(incomplete, type="file")]
+
+    def _names(self) -> list[str]:
+        """By their files, so that nothing is loaded while somebody types; parts that rigs share are left out."""
+        spec = importlib.util.find_spec("pamid")
+        places = list(spec.submodule_search_locations or []) if spec else []
+        files = [file for place in places for file in sorted((Path(place) / self.folder).glob("*.py"))]
+        return [file.stem.replace("_", "-") for file in files if _is_entry(file, self.folder)]
+
+
+def _is_entry(file: Path, folder: str) -> bool:
+    return not file.stem.startswith("_") and (folder == "effects" or "(Rig)" in file.read_text(encoding="utf-8"))
+
+
+RIG = Catalogued("rigs")
+EFFECT = Catalogued("effects")
+#: options that take such a name wherever they occur
+OPTIONS = {"rig": RIG, "rigs": RIG, "effects": EFFECT, "without": EFFECT}

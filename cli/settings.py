@@ -1,0 +1,151 @@
+"""Settings from `pamid.toml`: options that a project wants otherwise than pamid's defaults.
+
+The nearest `pamid.toml`, in the working folder or above it, holds a table per command and `[defaults]` for every
+command that has the option. What is said on the command line goes first, then the environment (PAMID_DIAGNOSE_JOBS),
+then this file, then the default; `pamid config` shows where every value comes from.
+"""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import click
+from click.core import ParameterSource
+
+from .table import COMMANDS
+
+FILE = "pamid.toml"
+SHARED = "defaults"
+ENVIRONMENT = "PAMID"
+_OURS = ("json", "debug", "help")
+
+
+class SettingsError(click.ClickException):
+    """Something in pamid.toml is wrong; `hint` says how to mend it."""
+
+    def __init__(self, message: str, hint: str = "") -> None:
+        super().__init__(f"{message} {hint}".rstrip())
+
+
+def settings_file(folder: Path | None = None) -> Path | None:
+    """The pamid.toml that holds for a folder (default: the working folder), or None."""
+    here = (folder or Path.cwd()).resolve()
+    return next((place / FILE for place in (here, *here.parents) if (place / FILE).is_file()), None)
+
+
+def read_settings(path: Path) -> dict[str, dict[str, Any]]:
+    """Tables of the file, by command. SettingsError for what is no TOML or names no command."""
+    return _read(path, path.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=4)
+def _read(path: Path, _stamp: int) -> dict[str, dict[str, Any]]:
+    try:
+        tables = tomllib.loads(path.read_bytes().decode("utf-8"))
+    except OSError as error:
+        raise SettingsError(f"{path} cannot be read: {error.strerror}.") from error
+    except UnicodeDecodeError:
+        raise SettingsError(f"{path} is not UTF-8 text.") from None
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise SettingsError(f"{path} is not TOML: {error}.") from None
+    for name, table in tables.items():
+        if name not in (SHARED, *COMMANDS):
+            raise SettingsError(f"{path}: [{name}] is no command.", _nearest(name, (SHARED, *COMMANDS)))
+        if not isinstance(table, dict):
+            raise SettingsError(f"{path}: {name} stands outside a table.", f"Write it below [{SHARED}] or a command.")
+    return tables
+
+
+def defaults_for(command: click.Command) -> dict[str, Any]:
+    """Values of pamid.toml for the options of this command, by parameter, checked; {} where there is no file."""
+    path = settings_file()
+    if path is None:
+        return {}
+    tables, options = read_settings(path), options_of(command)
+    _require_known(path, tables.get(SHARED, {}))
+    own = tables.get(str(command.name), {})
+    chosen: dict[str, Any] = {}
+    for table, entries in ((SHARED, tables.get(SHARED, {})), (command.name, own)):
+        for key, value in entries.items():
+            if key in options:
+                chosen[str(options[key].name)] = _checked(f"{path}: [{table}] {key}", command, options[key], value)
+            elif table != SHARED:
+                raise SettingsError(f"{path}: [{table}] {key}: no such option.", _nearest(key, options))
+    return chosen
+
+
+def options_of(command: click.Command) -> dict[str, click.Option]:
+    """Options by the name they have in pamid.toml: `--held-out` is held-out."""
+    found = {}
+    for option in command.params:
+        if isinstance(option, click.Option) and option.name not in _OURS:
+            found[max(option.opts, key=len).lstrip("-")] = option
+    return found
+
+
+def said_elsewhere(context: click.Context) -> list[str]:
+    """Words that would give, on the command line, what came from the environment or pamid.toml."""
+    words: list[str] = []
+    for name, option in options_of(context.command).items():
+        if context.get_parameter_source(str(option.name)) in (ParameterSource.ENVIRONMENT, ParameterSource.DEFAULT_MAP):
+            words += _words(name, option, context.params.get(str(option.name)))
+    return words
+
+
+def origin_of(context: click.Context, option: click.Option) -> str:
+    """Where the value of an option comes from, in words."""
+    source = context.get_parameter_source(str(option.name))
+    if source is ParameterSource.ENVIRONMENT:
+        return f"environment, {context.auto_envvar_prefix}_{str(option.name).upper()}"
+    if source is ParameterSource.DEFAULT_MAP:
+        path = settings_file()
+        own = read_settings(path).get(str(context.command.name), {}) if path else {}
+        name = max(option.opts, key=len).lstrip("-")
+        return f"{path} [{context.command.name if name in own else SHARED}]"
+    return "required" if option.required else "default"
+
+
+def _words(name: str, option: click.Option, value: Any) -> list[str]:
+    if option.is_flag:
+        return [f"--{name}"] if value else []
+    values = value if option.multiple else [value]
+    return [word for one in values
+            for word in (f"--{name}", *map(str, one if isinstance(one, tuple | list) else (one,)))]
+
+
+def _require_known(path: Path, shared: Mapping[str, Any]) -> None:
+    """What [defaults] names has to be an option of some command."""
+    if not shared:
+        return
+    from .frame import every_command
+
+    known = {name for command in every_command() for name in options_of(command)}
+    for key in shared:
+        if key not in known:
+            raise SettingsError(f"{path}: [{SHARED}] {key}: no command has this option.", _nearest(key, known))
+
+
+def _checked(place: str, command: click.Command, option: click.Option, value: Any) -> Any:
+    if isinstance(value, dict):
+        raise SettingsError(f"{place}: a table, where a value is wanted.")
+    if option.multiple and not isinstance(value, list):
+        value = [value]
+    if option.is_flag and not isinstance(value, bool):
+        raise SettingsError(f"{place}: {value!r} is neither true nor false.")
+    if not option.multiple and isinstance(value, list) and option.nargs == 1:
+        raise SettingsError(f"{place}: a list, where one value is wanted.")
+    try:
+        option.type_cast_value(click.Context(command), value)
+    except click.BadParameter as error:
+        raise SettingsError(f"{place}: {error.message}") from None
+    return value
+
+
+def _nearest(name: str, names: Sequence[str] | Mapping[str, Any] | set[str]) -> str:
+    close = difflib.get_close_matches(name, list(names), n=1)
+    return f"Did you mean {close[0]!r}?" if close else f"There are: {', '.join(sorted(names))}."
