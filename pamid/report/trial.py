@@ -10,7 +10,8 @@ from typing import Any
 from pamid.report import words
 from pamid.report.reading import Node, read_object
 from pamid.report.words import effect_words, percent
-from pamid.trial.table import TITLES, Row, cells, rows_of
+from pamid.trial.machines import ONE_DOF
+from pamid.trial.table import ROWS_OF, TITLES, Row, cells, rows_of
 
 
 @dataclass(frozen=True)
@@ -77,10 +78,13 @@ def read_trial(path: Path) -> Trial | None:
     node.text("part")
     node.number("seed")
     node.number("cases")
+    if node.content.get("rig", ONE_DOF) not in tuple(ROWS_OF):
+        node.refuse("rig", " or ".join(map(repr, ROWS_OF)))
     parts = {name: node.children(name) for name in ("rates", "figures", "baselines")}
     for key in ("failed", "unseen"):
         if key not in parts["rates"]:
             Node(path, "rates", {}).refuse(key, "a rate")
+        _share(parts["rates"][key])
     scored = tuple(_scored(row, parts[row.section][row.key], node) for row in rows_of(node.content)
                    if row.key in parts[row.section])
     strata = {name: {key: _rates(bin_) for key, bin_ in one.nested().items()}
@@ -98,7 +102,13 @@ def read_trial(path: Path) -> Trial | None:
 
 
 def _scored(row: Row, node: Node, whole: Node) -> Scored:
-    found = [node.maybe(key) for key in ("value" if row.section == "figures" else "share", "low", "high")]
+    keys = ("value" if row.section == "figures" else "share", "low", "high")
+    for key in keys:
+        if key not in node.content:
+            node.refuse(key, "a number or null")
+    found = [node.maybe(key) for key in keys]
+    if found[0] is not None and found[1] is not None:
+        node.number("high")
     value, low, high = (None if one is None else row.factor * one for one in found)
     node.number("of")
     return Scored(row, cells(dict(whole.content), row), value, low, high)
@@ -109,6 +119,8 @@ def _rates(node: Node) -> dict[str, Share]:
 
 
 def _share(node: Node) -> Share:
+    if node.number("of") > 0:
+        node.number("share")
     return Share(node.maybe("share"), node.number("low"), node.number("high"), node.number("hits"), node.number("of"))
 
 
