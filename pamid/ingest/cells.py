@@ -1,0 +1,182 @@
+"""Cells of a text log: which are numbers, dates or words, and columns of them as numbers."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+
+from pamid.errors import FileError
+from pamid.ingest.gathering import Gathering
+from pamid.metrics import FloatArray
+
+_NUMBER = re.compile(r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?$")
+_TIME = r"(?P<hour>\d{1,3}):(?P<minute>\d{2})(?::(?P<second>\d{2})(?:[.,:](?P<fraction>\d+))?)?\s?(?P<half>[aApP][mM])?"
+_DATE = (r"(?:(?P<year>\d{4})(?P<mark>[-/.])(?P<month>\d{1,2})[-/.](?P<day>\d{1,2})"
+         r"|(?P<one>\d{1,2})(?P<other_mark>[-/.])(?P<two>\d{1,2})[-/.](?P<late_year>\d{4}|\d{2}))")
+_ZONE = r"\s?(?P<zone>Z|UTC|[+-]\d{2}:?\d{2})?"
+_MOMENT = re.compile(rf"^(?:{_DATE}(?:[T\s]\s*{_TIME}{_ZONE})?|{_TIME.replace('?P<', '?P<only_')})$")
+_THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:(?:[ \u00a0\u202f'’]\d{3})+(?:[.,]\d+)?|(?:,\d{3})+\.\d+|(?:\.\d{3})+,\d+"
+                        r"|(?:,\d{3}){2,}|(?:\.\d{3}){2,})$")  # fmt: skip
+#: could be 1.234 or 1234
+_UNCLEAR = {mark: re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}$") for mark in ".,"}
+
+MISSING = ("nan", "NaN", "NAN", "-nan", "+nan", "NA", "N/A", "n/a", "#N/A", "null", "NULL", "None", "none", "-", "--",
+           "---", "1.#QNAN", "-1.#QNAN", "1.#IND", "-1.#IND", "1,#QNAN", "-1,#QNAN", "1,#IND", "-1,#IND")  # fmt: skip
+_WORDS_OF_NUMBERS = frozenset(("inf", "-inf", "+inf", "infinity", "-infinity", "true", "false"))
+_FOLDED_MISSING = frozenset(word.lower() for word in MISSING)
+#: a column of text with fewer numbers than this is a column of words
+SHARE_OF_NUMBERS = 0.5
+
+
+def classify(cell: str) -> str:
+    """n number, e empty, d date or time of day, k number with separated thousands, t text."""
+    cell = cell.strip()
+    if not cell or cell.lower() in _FOLDED_MISSING:
+        return "e"
+    if _NUMBER.match(cell) or cell.lower() in _WORDS_OF_NUMBERS:
+        return "n"
+    if _MOMENT.match(cell):
+        return "d"
+    return "k" if _THOUSANDS.match(cell) else "t"
+
+
+def decimal_mark(cells: list[str], place: str) -> str:
+    """Which of . and , these cells of numbers use; the one that is used more if both are. FileError if every one of
+    the commas may as well part thousands."""
+    commas = [cell for cell in cells if "," in cell]
+    points = sum("." in cell for cell in cells)
+    if not commas or points > len(commas):
+        return "."
+    if all(_UNCLEAR[","].match(cell) for cell in commas):
+        raise _unclear(place, commas[0])
+    return ","
+
+
+def add_column(gathering: Gathering, name: str, series: Any, unit: str, decimal: str, place: str) -> None:
+    """Enter one column of a table that pandas has read with this decimal mark. FileError, beginning with `place`, where
+    its cells can be read in two ways."""
+    if series.dtype.kind in "biuf":
+        if series.isna().all():
+            gathering.leave_out(name, "empty")
+        else:
+            gathering.add(name, series.to_numpy(), unit=unit)
+        return
+    text = series.astype("string").str.strip()
+    there = text[text.notna()]
+    if len(there) and classify(str(there.iloc[0])) == "d":
+        seconds = _moments(gathering, name, text, f"{place}, column {name!r}")
+        gathering.add(name, seconds, unit="s")
+        return
+    numbers = _numbers(gathering, name, text, decimal, f"{place}, column {name!r}")
+    if numbers is None:
+        gathering.leave_out(name, "text")
+    else:
+        gathering.add(name, numbers, unit=unit)
+
+
+def _numbers(gathering: Gathering, name: str, text: Any, decimal: str, place: str) -> FloatArray | None:
+    """A column in which pandas found words; None if it is mostly words. Words among numbers become NaN, and are
+    said."""
+    kinds = text.map(classify, na_action="ignore").fillna("e")
+    thousands = text[kinds == "k"]
+    if len(thousands):
+        raise FileError(f"{place}: {thousands.iloc[0]!r} has its thousands separated.",
+                        "Write the numbers without separators between thousands.", code="thousands")  # fmt: skip
+    there = text[kinds == "n"]
+    if len(there) < SHARE_OF_NUMBERS * max(1, int(text.notna().sum())):
+        return None
+    marks = {mark: there[there.str.contains(mark, regex=False)] for mark in ".,"}
+    other_mark = "." if decimal == "," else ","
+    other = marks[other_mark]
+    if len(other) and all(_UNCLEAR[other_mark].match(cell) for cell in other.unique()):
+        raise _unclear(place, other.iloc[0])
+    if len(marks["."]) and len(marks[","]):
+        raise FileError(f"{place}: both {marks['.'].iloc[0]!r} and {marks[','].iloc[0]!r} stand in it.",
+                        "Use one decimal mark in a column.", code="decimal-mark")  # fmt: skip
+    if len(other):
+        gathering.note(f"{name}: decimal {'comma' if decimal == '.' else 'point'}, unlike the others")
+    words = text[(kinds == "t") | (kinds == "d")]
+    if len(words):
+        gathering.note(f"{name}: {len(words)} cells are no numbers and become empty, the first is {words.iloc[0]!r} "
+                       f"in data row {int(words.index[0]) + 1}")  # fmt: skip
+    clean = text.where(kinds == "n").str.replace(",", ".").str.lower().replace({"true": "1", "false": "0"})
+    return _floats(clean)
+
+
+def _moments(gathering: Gathering, name: str, text: Any, place: str) -> FloatArray:
+    """Dates, times of day or both as s since the first; NaN where there are none. Time goes on past midnight."""
+    parts = text.str.extract(_MOMENT)
+    lost = text.notna() & parts.isna().all(axis=1)
+    if lost.any():
+        gathering.note(f"{name}: {int(lost.sum())} cells are no times and become empty, the first is "
+                       f"{text[lost].iloc[0]!r}")  # fmt: skip
+
+    def part(*names: str, missing: float = 0.0) -> FloatArray:
+        column = parts[names[0]]
+        for other in names[1:]:
+            column = column.fillna(parts[other])
+        numbers = _floats(column)
+        return np.where(np.isnan(numbers), missing, numbers)
+
+    days = _days(parts, part, place)
+    hours = part("hour", "only_hour")
+    half = parts["half"].fillna(parts["only_half"]).str.lower()
+    hours = np.where(half.notna(), hours % 12, hours) + np.where((half == "pm").fillna(False), 12.0, 0.0)
+    digits = parts["fraction"].fillna(parts["only_fraction"])
+    fractions = np.nan_to_num(_floats("0." + digits))
+    seconds = hours * 3600 + part("minute", "only_minute") * 60 + part("second", "only_second") - _zones(parts["zone"])
+    if np.isnan(days).all():
+        days = np.zeros(len(text))
+        nights = np.cumsum(np.diff(seconds, prepend=seconds[:1]) < -43200.0)
+        if nights[-1]:
+            gathering.note(f"{name}: {int(nights[-1])} midnights are counted on")
+        days += nights
+    valid = np.flatnonzero(parts.notna().any(axis=1).to_numpy())
+    first = valid[0]
+    gathering.note(f"{name}: dates or times, in s since {text.iloc[first]}")
+    result = (days - days[first]) * 86400.0 + (seconds - seconds[first]) + (fractions - fractions[first])
+    return np.where(parts.notna().any(axis=1).to_numpy(), result, np.nan)
+
+
+def _days(parts: Any, part: Any, place: str) -> FloatArray:
+    """Days since 1970; NaN where there is no date. FileError if it cannot be told which number is the month."""
+    nan = float("nan")
+    one, two = part("one", missing=nan), part("two", missing=nan)
+    month_first = False
+    if not np.isnan(one).all() and not (parts["other_mark"] == ".").any():
+        month_first = bool(np.nanmax(two) > 12)
+        changes = np.nanmin(one) != np.nanmax(one) or np.nanmin(two) != np.nanmax(two)
+        if not month_first and np.nanmax(one) <= 12 and changes:
+            raise FileError(f"{place}: it cannot be told which number of the dates is the month.",
+                            "Write dates as 2024-12-31.", code="date-order")  # fmt: skip
+    month, day = (one, two) if month_first else (two, one)
+    year = part("late_year", missing=nan)
+    year = np.where(year < 100, year + 2000, year)
+    year, month, day = (np.where(np.isnan(early), late, early) for early, late in
+                        ((part("year", missing=nan), year), (part("month", missing=nan), month),
+                         (part("day", missing=nan), day)))  # fmt: skip
+    there = ~np.isnan(year)
+    months = np.where(there, (year - 1970) * 12 + month - 1, 0).astype(np.int64).astype("datetime64[M]")
+    days = months.astype("datetime64[D]").astype(np.int64) + np.where(there, day, 1) - 1
+    return np.where(there, days, np.nan)
+
+
+def _zones(zones: Any) -> FloatArray:
+    """Seconds by which the clock of a zone is ahead of UTC; 0 where none is written."""
+    seconds = {zone: 0.0 for zone in zones.dropna().unique()}
+    for zone in seconds:
+        if zone[0] in "+-":
+            seconds[zone] = (int(zone[1:3]) * 3600 + int(zone[-2:]) * 60) * (-1.0 if zone[0] == "-" else 1.0)
+    return np.nan_to_num(_floats(zones.map(seconds)))
+
+
+def _floats(cells: Any) -> FloatArray:
+    """A column of texts of numbers; NaN where there is none."""
+    return np.asarray(cells.astype(object).fillna("nan").to_numpy().astype(np.float64))
+
+
+def _unclear(place: str, cell: str) -> FileError:
+    return FileError(f"{place}: {cell!r} may be a decimal number or have its thousands separated.",
+                     "Write the numbers with more or fewer than three decimals.", code="thousands")  # fmt: skip

@@ -1,0 +1,39 @@
+"""What a reader of raw logs hands on: channels, each with its unit and, where the log has them, its own stamps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from pamid.errors import FileError, nearest
+from pamid.metrics import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Channel:
+    """One signal as the log has it. values (n,) float64, NaN where the log has none; stamps (n,) s of its own, or None
+    where it shares the log's rows; unit as the log writes it, "" if it says none."""
+
+    name: str  # groups joined by "/"
+    values: FloatArray
+    stamps: FloatArray | None = None
+    unit: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Log:
+    """What a reader found. details: what it decided, in words (encoding, delimiter, header lines, which stamps)."""
+
+    path: Path
+    kind: str  # "csv", "mat", "tdms", "mdf", "ros", "parquet", "hdf5", ...
+    channels: tuple[Channel, ...]
+    details: tuple[str, ...] = ()
+
+    def channel(self, name: str) -> Channel:
+        """The channel `name`; FileError with the nearest name if there is none."""
+        for channel in self.channels:
+            if channel.name == name:
+                return channel
+        names = [channel.name for channel in self.channels]
+        hint = nearest(name, names) or "Its channels are: " + ", ".join(names) + "."
+        raise FileError(f"{self.path}: there is no channel {name!r}.", hint, code="missing-channel")

@@ -1,0 +1,231 @@
+"""How a text log is written: its delimiter, decimal mark, names, units and the line its numbers begin at."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from pamid.errors import FileError
+from pamid.ingest.cells import classify, decimal_mark
+
+#: in the order in which they are believed where two read the same; blank stands for any run of blanks
+DELIMITERS = {";": "semicolon", "\t": "tab", "|": "bar", ",": "comma", " ": "blanks"}
+#: lines that are looked at
+SAMPLE = 1000
+#: rows of numbers, one after the other, that are a beginning
+RUN = 3
+#: where fewer of the rows that hold a number hold nothing but numbers, there are columns of text
+SHARE_OF_ROWS = 0.9
+COMMENT = "#%"
+
+_ATOM = (r"(?:[numµμkMGhd]?(?:s|m|g|V|A|N|Nm|Pa|W|Hz|J|l|L|bar|mol|rad|Ohm|Ω|deg)|°C?|˚|º|K|C|F|deg[CF]?|degrees?|grad"
+         r"|psi|rpm|min|h|sec|seconds?|volts?|amps?|inch|in|lbf|rev|turns|%|1|-|U/min|hPa|mmHg|atm|bar[ag]|kgf)"
+         r"(?:\^?-?[0-9²³]+)?")  # fmt: skip
+_UNIT = re.compile(rf"{_ATOM}(?:(?:\s?[*/·⋅.]\s?| ){_ATOM})*$", re.IGNORECASE)
+#: longer cells of a header are no units
+LONGEST_UNIT = 40
+_BRACKETED = re.compile(r"\s*[\[(<{]\s*(?P<unit>[^\[\](){}<>]*?)\s*[\])>}]$")
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """names, units: one a column. first: index of the first line of numbers. notes: what was decided, in words."""
+
+    delimiter: str
+    decimal: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    first: int
+    notes: tuple[str, ...]
+
+    @property
+    def width(self) -> int:
+        return len(self.names)
+
+
+@dataclass(frozen=True)
+class _Guess:
+    """The lines cut at one delimiter."""
+
+    delimiter: str
+    rows: list[list[str]]  # cells; [] for a blank line
+    kinds: list[str]  # one letter a cell, see cells.classify
+    first: int
+    width: int
+    count: int  # rows of numbers
+
+    @property
+    def above(self) -> int | None:
+        """Index of the last line with text above the numbers."""
+        return next((index for index in range(self.first - 1, -1, -1) if any(self.rows[index])), None)
+
+    @property
+    def header_fits(self) -> bool:
+        return self.above is not None and _fits(self.rows[self.above], self.width)
+
+
+def find_dialect(path: Path, lines: Sequence[str]) -> Dialect:
+    """The dialect in which most of the first lines are rows of numbers. FileError if none is, if they can be read in
+    two ways, or if the names do not fit the numbers."""
+    guesses = [guess for guess in (_cut(lines[:SAMPLE], delimiter) for delimiter in DELIMITERS) if guess]
+    if not guesses:
+        raise FileError(f"{path}: there are no rows of numbers in its first {min(SAMPLE, len(lines))} lines.",
+                        "A log has rows of numbers below a row of names.", code="no-numbers")  # fmt: skip
+    best = max(guesses, key=lambda guess: (guess.count, guess.header_fits, guess.width))
+    _refuse_thousands(path, best)
+    cells = [cell.strip() for row, kinds in _block(best) for cell, kind in zip(row, kinds, strict=True) if kind == "n"]
+    if best.delimiter == "," and best.width > 1:
+        _refuse_two_commas(path, best, cells)
+    decimal = decimal_mark(cells, str(path))
+    _refuse_short_row(path, best)
+    names, units, notes = _names(path, best)
+    word = DELIMITERS[best.delimiter] if best.width > 1 else "none, one column"
+    decided = f"delimiter: {word}; decimal {'comma' if decimal == ',' else 'point'}"
+    return Dialect(best.delimiter, decimal, tuple(names), tuple(units), best.first, (decided, *notes))
+
+
+def cut_line(line: str, delimiter: str) -> list[str]:
+    """The cells of a line, quotes taken off; [] for a blank line."""
+    if not line.strip():
+        return []
+    if delimiter == " ":
+        line = line.strip().replace("\t", " ")
+    row = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])
+    return [cell.strip() for cell in row]
+
+
+def split_unit(name: str) -> tuple[str, str]:
+    """A name and the unit in brackets behind it: "p [bar]" -> ("p", "bar"); "p (1)" stays as it is."""
+    match = _BRACKETED.search(name) if len(name) <= 5 * LONGEST_UNIT else None
+    if match and match.start() and looks_like_unit(match["unit"]) and match["unit"] not in ("1", "-"):
+        return name[: match.start()], match["unit"]
+    return name, ""
+
+
+def looks_like_unit(text: str) -> bool:
+    """True for kPa, [ms], m/s^2, °, -, % ..."""
+    if len(text) > LONGEST_UNIT:
+        return False
+    match = _BRACKETED.fullmatch(text)
+    return bool(_UNIT.match(match["unit"] or "-" if match else text))
+
+
+def _cut(lines: Sequence[str], delimiter: str) -> _Guess | None:
+    rows = [cut_line(line.lstrip(COMMENT), delimiter) for line in lines]
+    kinds = ["t" * len(row) if line.startswith(tuple(COMMENT)) else "".join(classify(cell) for cell in row)
+             for line, row in zip(lines, rows, strict=True)]  # fmt: skip
+    strict = _run(kinds, lambda kind: "t" not in kind and any(letter in kind for letter in "ndk"))
+    loose = _run(kinds, lambda kind: len(kind) > 1 and any(letter in kind for letter in "nd"))
+    if loose and (strict is None or (strict[1] == loose[1] and strict[2] < SHARE_OF_ROWS * loose[2])):
+        return _Guess(delimiter, rows, kinds, *loose)  # columns of text stand among the numbers
+    return _Guess(delimiter, rows, kinds, *strict) if strict else None
+
+
+def _run(kinds: list[str], is_data: Callable[[str], bool]) -> tuple[int, int, int] | None:
+    """(first, width, count) of the rows of the commonest width for which `is_data`, beginning where RUN of them follow
+    each other; None if they nowhere do."""
+    there = [index for index, kind in enumerate(kinds) if kind]
+    data = {index for index in there if is_data(kinds[index])}
+    widths = Counter(len(kinds[index]) for index in data)
+    for width, count in widths.most_common():
+        rows = [index in data and len(kinds[index]) == width for index in there]
+        for position in range(len(there)):
+            ahead = rows[position : position + RUN]
+            if all(ahead) and (len(ahead) == RUN or position == 0 or not rows[position - 1]):
+                return there[_climb(position, rows, [kinds[index] for index in there], width)], width, count
+    return None
+
+
+def _climb(position: int, rows: list[bool], kinds: list[str], width: int) -> int:
+    """The beginning, seen from `position`: a row of numbers with one odd word in it does not begin a table."""
+    while position >= 2 and rows[position - 2] and len(kinds[position - 1]) == width and "n" in kinds[position - 1]:
+        position -= 2
+        while position and rows[position - 1]:
+            position -= 1
+    return position
+
+
+def _block(guess: _Guess) -> list[tuple[list[str], str]]:
+    pairs = zip(guess.rows[guess.first :], guess.kinds[guess.first :], strict=True)
+    return [(row, kinds) for row, kinds in pairs if len(row) == guess.width]
+
+
+def _refuse_thousands(path: Path, guess: _Guess) -> None:
+    for row, kinds in _block(guess):
+        if "k" in kinds:
+            raise FileError(f"{path}: {row[kinds.index('k')]!r} has its thousands separated.",
+                            "Write the numbers without separators between thousands.", code="thousands")  # fmt: skip
+
+
+def _refuse_two_commas(path: Path, guess: _Guess, cells: list[str]) -> None:
+    """A comma between cells and in numbers cannot be told apart, unless the names count the cells."""
+    if guess.header_fits or any("." in cell or "," in cell for cell in cells):
+        return
+    line = ",".join(guess.rows[guess.first])
+    raise FileError(f"{path}, line {guess.first + 1}: in {line!r} it cannot be told which commas are decimal marks and "
+                    "which part the numbers.", "Write decimal points, or part the numbers with semicolons; a row of "
+                    "names, one for each number, would settle it too.", code="two-commas")  # fmt: skip
+
+
+def _refuse_short_row(path: Path, guess: _Guess) -> None:
+    """Numbers of another width right above the beginning, and rows of the right width above them: no names."""
+    above = guess.above
+    if above and "t" not in guess.kinds[above] and len(guess.kinds[above - 1]) == guess.width and (
+            "n" in guess.kinds[above - 1]):  # fmt: skip
+        raise FileError(f"{path}, line {above + 1}: {len(guess.rows[above])} cells, the others have {guess.width}.",
+                        "The log may be damaged there; mend or cut the line.", code="ragged")  # fmt: skip
+
+
+def _fits(row: list[str], width: int) -> bool:
+    """True if these are names of `width` columns; empty ones at the end may be missing or too many."""
+    full = len("".join(cell[:1] or " " for cell in row).rstrip())
+    return full == width or (full < width <= len(row)) or (full == width - 1 and width > 2)
+
+
+def _names(path: Path, guess: _Guess) -> tuple[list[str], list[str], list[str]]:
+    """Names, units and what there is to say of them."""
+    numbered = [f"column_{column + 1}" for column in range(guess.width)]
+    none = [""] * guess.width
+    above = guess.above
+    if above is None or (guess.width > 1 and len([cell for cell in guess.rows[above] if cell]) == 1):
+        return numbered, none, [f"no row of names above line {guess.first + 1}: the columns are column_1 to "
+                                f"column_{guess.width}"]  # fmt: skip
+    if not guess.header_fits:
+        row = guess.rows[above]
+        raise FileError(f"{path}: line {above + 1} has {len(row)} names ({', '.join(row[:8])}), the numbers from line "
+                        f"{guess.first + 1} on have {guess.width} columns.", "Give every column one name.",
+                        code="header")  # fmt: skip
+    row = _padded(guess.rows[above], guess.width)
+    units, notes = none, [f"names: line {above + 1}"]
+    higher = next((index for index in range(above - 1, -1, -1) if any(guess.rows[index])), None)
+    if higher is not None and _is_unit_row(row) and _fits(guess.rows[higher], guess.width):
+        units = [_bare(cell) for cell in row]
+        row = _padded(guess.rows[higher], guess.width)
+        notes = [f"names: line {higher + 1}; units: line {above + 1}"]
+        above = higher
+    pairs = [split_unit(name) for name in row]
+    if len({name for name, _ in pairs}) < len(set(row)):  # names that differ by their unit only
+        pairs = [(name, unit) for name, (_, unit) in zip(row, pairs, strict=True)]
+    names = [name or numbered[column] for column, (name, _) in enumerate(pairs)]
+    if above:
+        notes.append(f"{above} lines above the names are left out")
+    return names, [unit or own for unit, (_, own) in zip(units, pairs, strict=True)], notes
+
+
+def _padded(row: list[str], width: int) -> list[str]:
+    return (row + [""] * width)[:width]
+
+
+def _is_unit_row(row: list[str]) -> bool:
+    written = [cell for cell in row if cell]
+    return bool(written) and all(looks_like_unit(cell) for cell in written)
+
+
+def _bare(cell: str) -> str:
+    match = _BRACKETED.fullmatch(cell)
+    unit = match["unit"] if match else cell
+    return "" if unit == "-" else unit

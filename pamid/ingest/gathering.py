@@ -1,0 +1,123 @@
+"""Channels as a reader meets them: numbers become float64, times seconds, and what is neither is named as left out."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.errors import FileError
+from pamid.ingest.channels import Channel, Log
+from pamid.metrics import FloatArray
+
+#: whole numbers above it have no exact float64
+EXACT = 2**53
+#: an array with more columns than this is no group of signals (an image, a Jacobian)
+MAX_COLUMNS = 64
+#: a file of a few bytes can declare more values than a machine can hold
+MAX_VALUES = 200_000_000
+
+
+class Gathering:
+    """Collects what one file holds; `log` closes it."""
+
+    def __init__(self) -> None:
+        self.channels: list[Channel] = []
+        self.notes: list[str] = []
+        self.left_out: dict[str, list[str]] = {}
+
+    def add(self, name: str, values: Any, stamps: FloatArray | None = None, unit: str = "") -> None:
+        """Enter an array of numbers, truth values, dates or durations. (n,) is one channel; (n, m) or (m, n), n samples
+        along the longer axis (the one of the stamps), becomes name/1 ... name/m; anything else is left out by name."""
+        array = np.asarray(values)
+        if array.ndim > 1:
+            array = array.squeeze()
+        if array.ndim == 2 and array.shape[0] != (max(array.shape) if stamps is None else stamps.size):
+            array = array.T
+        if array.ndim == 2 and 1 < array.shape[1] <= MAX_COLUMNS:
+            self.note(f"{name}: {array.shape[1]} columns, {name}/1 to {name}/{array.shape[1]}")
+            for column in range(array.shape[1]):
+                self.add(f"{name}/{column + 1}", array[:, column], stamps, unit)
+            return
+        if array.ndim != 1:
+            self.leave_out(name, "one number" if array.size == 1 else f"of shape {array.shape}")
+            return
+        if array.size < 2:
+            self.leave_out(name, "fewer than two values")
+            return
+        if stamps is not None and stamps.size != array.size:
+            self.leave_out(name, "its values and its stamps differ in number")
+            return
+        found = as_numbers(array)
+        if found is None:
+            self.leave_out(name, "not numbers")
+            return
+        numbers, seconds, note = found
+        if note:
+            self.note(f"{name}: {note}")
+        self.channels.append(Channel(name, numbers, stamps, "s" if seconds else unit))
+
+    def fits(self, name: str, size: int) -> bool:
+        """False, and left out, if an array of this size is nothing to be read into memory."""
+        if size > MAX_VALUES:
+            self.leave_out(name, f"more than {MAX_VALUES:.0e} values")
+        return size <= MAX_VALUES
+
+    def note(self, text: str) -> None:
+        """Say something once."""
+        if text not in self.notes:
+            self.notes.append(text)
+
+    def leave_out(self, name: str, why: str) -> None:
+        """Say that `name` is in the file and not in the log."""
+        names = self.left_out.setdefault(why, [])
+        if name not in names:
+            names.append(name)
+
+    def log(self, path: Path, kind: str) -> Log:
+        """What was gathered, every name once. FileError if there is no channel."""
+        left = [f"left out, {why}: {', '.join(names)}" for why, names in self.left_out.items()]
+        if not self.channels:
+            found = "; ".join([*left, *self.notes]) or "it is empty"
+            raise FileError(f"{path}: there are no signals in it ({found}).", code="no-signals")
+        return Log(path, kind, tuple(_unique(self.channels)), (*self.notes, *left))
+
+
+def as_numbers(array: NDArray[Any]) -> tuple[FloatArray, bool, str] | None:
+    """(n,) values as float64; whether they are seconds now; what there is to say. None if they are not numbers.
+
+    Dates count in s from the first one, durations are in s. Whole numbers that float64 cannot hold (counters of ns)
+    count from the first one too, so that their differences stay exact."""
+    if array.dtype.kind == "M":
+        ticks = array.astype("datetime64[ns]")
+        missing = np.isnat(ticks)
+        if missing.all():
+            return None
+        first = ticks[~missing][0]
+        seconds = (ticks - first).astype(np.int64) / 1e9
+        return np.where(missing, np.nan, seconds), True, f"dates, in s since {np.datetime_as_string(first)}"
+    if array.dtype.kind == "m":
+        spans = array.astype("timedelta64[ns]")
+        return np.where(np.isnat(spans), np.nan, spans.astype(np.int64) / 1e9), True, ""
+    if array.dtype.kind not in "biuf":
+        return None
+    if array.dtype.kind in "iu" and (int(array.max()) > EXACT or int(array.min()) < -EXACT):
+        first = int(array[0])
+        numbers = np.array([int(value) - first for value in array.tolist()], dtype=np.float64)
+        return numbers, False, f"whole numbers beyond float64, counted from the first, {first}"
+    return np.ascontiguousarray(array, dtype=np.float64), False, ""
+
+
+def _unique(channels: list[Channel]) -> list[Channel]:
+    """The same channels; one whose name was there before is called "name (2)"."""
+    seen: Counter[str] = Counter()
+    result = []
+    for channel in channels:
+        seen[channel.name] += 1
+        again = seen[channel.name]
+        result.append(channel if again == 1 else replace(channel, name=f"{channel.name} ({again})"))
+    return result
