@@ -6,6 +6,7 @@ from __future__ import annotations
 COMMANDS: dict[str, tuple[str, str]] = {
     "generate-aprbs": ("generate_aprbs:command", "Make an excitation that covers amplitude and frequency."),
     "simulate": ("simulate:command", "Run a virtual rig with any effects and sensor noise."),
+    "ingest": ("ingest:command", "Turn raw logs into recordings: columns, units, an even time base."),
     "check": ("check:command", "Say what is wrong with a recording, rig or effect, before any fitting."),
     "fit": ("fit:command", "Fit the parameters of a rig to recordings, with intervals."),
     "train-residual": ("train_residual:command", "Train a network on what a fitted model leaves over."),
@@ -14,6 +15,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "reproduce-paper": ("reproduce_paper:command", "The results of the two papers, on calibrated virtual rigs."),
     "trial": ("trial:command", "The blind trial of the diagnosis: drawn cases with hidden labels, scored."),
     "report": ("report:command", "Turn a run into tables, figures and one HTML page."),
+    "export": ("export:command", "Write an identified model as FMU, C, ONNX or MATLAB function."),
     "animate": ("animate:command", "Show how a run's rig moved, measured over simulated, as a GIF."),
     "effects": ("effects:command", "List the catalogue of effects, or explain one."),
     "rigs": ("rigs:command", "List the rigs, or explain one."),

@@ -1,0 +1,4 @@
+static double greatest(double a, double b)
+{
+    return a > b ? a : b;
+}

@@ -1,0 +1,236 @@
+"""A step as a functional mock-up unit, FMI 2.0 or 3.0, for co-simulation: C99 sources, and a binary for this machine.
+
+What happens between two communication points is told in assets/fmu.h.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import platform
+import re
+import shutil
+import subprocess
+import tempfile
+import zipfile
+from dataclasses import dataclass
+from pathlib import Path
+from string import Template
+from xml.etree import ElementTree
+
+from pamid.export.c_source import asset, header, model_name, source
+from pamid.export.step import Step
+from pamid.units import unit
+
+_HEADERS = {2: ("fmi2FunctionTypes.h", "fmi2Functions.h", "fmi2TypesPlatform.h"),
+            3: ("fmi3FunctionTypes.h", "fmi3Functions.h", "fmi3PlatformTypes.h")}
+_FLAGS = ("-shared", "-fPIC", "-std=c99", "-O2", "-Wall", "-Wextra")
+_ENDINGS = {"linux": "so", "darwin": "dylib", "windows": "dll"}
+_DIMENSIONS = ("kg", "m", "s", "A", "K", "rad")
+
+
+@dataclass(frozen=True)
+class Fmu:
+    """The file, and the folder of its binary or why it has none."""
+
+    data: bytes
+    binary: str
+    why: str
+
+
+def make_fmu(step: Step, version: int, *, compiler: str | None = None) -> Fmu:
+    """An FMU of FMI 2 or 3; compiler: a C compiler to use (default: the first of cc, gcc, clang; "": none)."""
+    sources = _sources(step, version)
+    found = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), "") if compiler is None else compiler
+    folder, ending = _place(version)
+    why = "no C compiler (cc, gcc or clang) was found" if not found else ""
+    why = why or ("" if folder else f"FMI {version}.0 has no name for binaries of this machine")
+    binary = b""
+    if not why:
+        binary, why = _compiled(sources, version, found)
+    described = _description_2(step, sources) if version == 2 else _description_3(step, sources)
+    content = {"modelDescription.xml": _xml(described)}
+    content |= {f"sources/{name}": text.encode() for name, text in sources.items()}
+    if version == 3:
+        content["sources/buildDescription.xml"] = _xml(_build_description(step, sources))
+    if binary:
+        content[f"binaries/{folder}/{model_name(step)}.{ending}"] = binary
+    return Fmu(_zipped(content), folder if binary else "", why)
+
+
+def _zipped(content: dict[str, bytes]) -> bytes:
+    """The same content gives the same bytes."""
+    whole = io.BytesIO()
+    with zipfile.ZipFile(whole, "w", zipfile.ZIP_DEFLATED) as file:
+        for name, data in content.items():
+            entry = zipfile.ZipInfo(name)
+            entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
+            file.writestr(entry, data)
+    return whole.getvalue()
+
+
+# ---- sources and binary ------------------------------------------------------------------------------------------
+
+
+def _sources(step: Step, version: int) -> dict[str, str]:
+    name, model = model_name(step), {f"{model_name(step)}.h": header(step), f"{model_name(step)}.c": source(step)}
+    token = hashlib.sha256("".join([str(version), *model.values()]).encode()).hexdigest()[:32]
+    shared = Template(asset("fmu.h")).substitute(
+        model=name, MODEL=name.upper(), token=token, starts=", ".join(repr(v.start) for v in step.inputs) or "0.0",
+        parameter="c->m.p[k - NU - NY]" if step.parameters else "c->u[NU]")
+    shim = asset(f"fmi{version}.c")
+    return {**model, "fmu.h": shared, f"fmi{version}.c": shim + not_offered(version, shim)}
+
+
+def not_offered(version: int, shim: str) -> str:
+    """Definitions of all functions of the standard that the shim leaves out: they return an error."""
+    lines = []
+    types = re.sub(r"/\*.*?\*/", "", asset(f"fmi{version}FunctionTypes.h"), flags=re.DOTALL)
+    for kind, name, arguments in re.findall(r"typedef\s+(\w+)\s+(fmi\d\w+)TYPE\s*\(([^;]*)\);", types):
+        if not re.search(rf"\b{name}\(", shim):
+            listed = " ".join(arguments.split())
+            words = [re.findall(r"\w+", a)[-1] for a in listed.split(",")]
+            failed = f"fmi{version}Error" if kind.endswith("Status") else "NULL"
+            lines += ["", f"{kind} {name}({listed})", "{", *(f"    (void){w};" for w in words), f"    return {failed};",
+                      "}"]
+    return "\n".join([*lines, ""])
+
+
+def _place(version: int) -> tuple[str, str]:
+    """Folder and ending of a binary for this machine; no folder where the standard knows none."""
+    system, machine = platform.system().lower(), platform.machine().lower()
+    machine = {"amd64": "x86_64", "arm64": "aarch64", "i386": "x86", "i686": "x86"}.get(machine, machine)
+    ending = _ENDINGS.get(system, "so")
+    if version == 3:
+        return f"{machine}-{system}", ending
+    bits = {"x86_64": "64", "x86": "32"}.get(machine)
+    short = {"linux": "linux", "darwin": "darwin", "windows": "win"}.get(system)
+    return (f"{short}{bits}" if bits and short else "", ending)
+
+
+def _compiled(sources: dict[str, str], version: int, compiler: str) -> tuple[bytes, str]:
+    """The binary, or why there is none."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        for file, text in {**sources, **{h: asset(h) for h in _HEADERS[version]}}.items():
+            (folder / file).write_text(text, encoding="utf-8")
+        line = [compiler, *_FLAGS, *(file for file in sources if file.endswith(".c")), "-lm", "-o", "model.bin"]
+        try:
+            done = subprocess.run(line, cwd=folder, capture_output=True, text=True, timeout=300)
+        except (OSError, subprocess.TimeoutExpired) as error:
+            return b"", f"{compiler} could not be run: {error}"
+        if done.returncode:
+            return b"", f"{compiler} failed: {(done.stderr.strip().splitlines() or ['it says nothing'])[0]}"
+        return (folder / "model.bin").read_bytes(), ""
+
+
+# ---- descriptions ------------------------------------------------------------------------------------------------
+
+
+def _xml(root: ElementTree.Element) -> bytes:
+    ElementTree.indent(root)
+    return b'<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, "utf-8") + b"\n"
+
+
+def _root(step: Step, sources: dict[str, str], version: int, **more: str) -> ElementTree.Element:
+    from importlib.metadata import version as version_of
+
+    token = re.findall(r'TOKEN "(\w+)"', sources["fmu.h"])[0]
+    named = {2: "guid", 3: "instantiationToken"}[version]
+    return ElementTree.Element("fmiModelDescription", {
+        "fmiVersion": f"{version}.0", "modelName": step.name, named: token,
+        "description": f"Identified model of {step.name}, one step per {step.period_s!r} s",
+        "generationTool": f"pamid {version_of('pamid')}", "variableNamingConvention": "flat", **more})
+
+
+def _units(root: ElementTree.Element, step: Step) -> None:
+    symbols = dict.fromkeys(v.unit for v in (*step.inputs, *step.outputs, *step.parameters) if v.unit)
+    symbols |= {"s": None}
+    listed = ElementTree.SubElement(root, "UnitDefinitions")
+    for symbol in symbols:
+        kind = unit(symbol)
+        base = {d: str(e) for d, e in zip(_DIMENSIONS, kind.dimension, strict=True) if e}
+        base |= {"factor": repr(kind.factor)} if kind.factor != 1.0 else {}
+        base |= {"offset": repr(kind.offset)} if kind.offset else {}
+        ElementTree.SubElement(ElementTree.SubElement(listed, "Unit", name=symbol), "BaseUnit", base)
+
+
+def _variables(step: Step) -> list[tuple[dict[str, str], dict[str, str]]]:
+    """Of every variable, in the order of value references: what it is, and its unit and start."""
+    kinds = {"input": step.inputs, "output": step.outputs, "parameter": step.parameters}
+    found: list[tuple[dict[str, str], dict[str, str]]] = []
+    for causality, variables in kinds.items():
+        for v in variables:
+            about = {"name": v.name, "valueReference": str(len(found)), **({"description": v.about} if v.about else {}),
+                     "causality": causality, "variability": "continuous"}
+            if causality == "parameter":
+                about["variability"] = "fixed" if v.fixed else "tunable"
+            if causality != "input":
+                about["initial"] = "calculated" if causality == "output" else "exact"
+            start = {} if causality == "output" else {"start": repr(v.start)}
+            found.append((about, {**({"unit": v.unit} if v.unit else {}), **start}))
+    return found
+
+
+def _offers(step: Step, state: str) -> dict[str, str]:
+    return {"modelIdentifier": model_name(step), "canHandleVariableCommunicationStepSize": "true",
+            f"canGetAndSet{state}": "true", f"canSerialize{state}": "true"}
+
+
+def _description_2(step: Step, sources: dict[str, str]) -> ElementTree.Element:
+    root = _root(step, sources, 2, numberOfEventIndicators="0")
+    offers = {**_offers(step, "FMUstate"), "canNotUseMemoryManagementFunctions": "true"}
+    files = ElementTree.SubElement(ElementTree.SubElement(root, "CoSimulation", offers), "SourceFiles")
+    for name in sources:
+        if name.endswith(".c"):
+            ElementTree.SubElement(files, "File", name=name)
+    _units(root, step)
+    ElementTree.SubElement(root, "DefaultExperiment", startTime="0.0", stepSize=repr(step.period_s))
+    listed = ElementTree.SubElement(root, "ModelVariables")
+    for about, value in _variables(step):
+        ElementTree.SubElement(ElementTree.SubElement(listed, "ScalarVariable", about), "Real", value)
+    structure = ElementTree.SubElement(root, "ModelStructure")
+    outputs = ElementTree.SubElement(structure, "Outputs")
+    unknown = ElementTree.SubElement(structure, "InitialUnknowns")
+    for index, needs in _structure(step):
+        ElementTree.SubElement(outputs, "Unknown", index=str(index + 1),
+                               dependencies=" ".join(str(i + 1) for i in needs))
+        ElementTree.SubElement(unknown, "Unknown", index=str(index + 1))
+    return root
+
+
+def _description_3(step: Step, sources: dict[str, str]) -> ElementTree.Element:
+    root = _root(step, sources, 3)
+    ElementTree.SubElement(root, "CoSimulation", {**_offers(step, "FMUState"),
+                                                  "fixedInternalStepSize": repr(step.period_s)})
+    _units(root, step)
+    ElementTree.SubElement(root, "DefaultExperiment", startTime="0.0", stepSize=repr(step.period_s))
+    listed = ElementTree.SubElement(root, "ModelVariables")
+    every = _variables(step)
+    for about, value in every:
+        ElementTree.SubElement(listed, "Float64", {**about, **value})
+    clock = "time" if all(about["name"] != "time" for about, _ in every) else "time (independent)"
+    ElementTree.SubElement(listed, "Float64", {"name": clock, "valueReference": str(len(every)), "unit": "s",
+                                               "causality": "independent", "variability": "continuous"})
+    structure = ElementTree.SubElement(root, "ModelStructure")
+    for index, needs in _structure(step):
+        ElementTree.SubElement(structure, "Output", valueReference=str(index), dependencies=" ".join(map(str, needs)))
+    for index, _ in _structure(step):
+        ElementTree.SubElement(structure, "InitialUnknown", valueReference=str(index))
+    return root
+
+
+def _structure(step: Step) -> list[tuple[int, list[int]]]:
+    """Place of every output, and of the inputs it depends on directly."""
+    places = {v.name: i for i, v in enumerate(step.inputs)}
+    return [(len(step.inputs) + i, [places[name] for name in needs]) for i, needs in enumerate(step.feedthrough())]
+
+
+def _build_description(step: Step, sources: dict[str, str]) -> ElementTree.Element:
+    root = ElementTree.Element("fmiBuildDescription", fmiVersion="3.0")
+    build = ElementTree.SubElement(root, "BuildConfiguration", modelIdentifier=model_name(step))
+    listed = ElementTree.SubElement(build, "SourceFileSet", language="C99")
+    for name in sources:
+        if name.endswith(".c"):
+            ElementTree.SubElement(listed, "SourceFile", name=name)
+    return root

@@ -1,0 +1,170 @@
+"""Expressions as lines of a program: every shared part once, under a name, in C or in MATLAB."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+
+from pamid.expressions import Expr, symbols, walk
+
+Symbol = tuple[str, str]
+
+_INFIX = {"add": ("+", 2), "sub": ("-", 2), "mul": ("*", 3), "div": ("/", 3), "lt": ("<", 1), "le": ("<=", 1)}
+_COMPARE = ("lt", "le")
+_ATOM = 5
+_LONGEST = 90   # characters of a part that is written where it is used, not under a name of its own
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How a language writes what differs. assign, truth (of a comparison as a number), choice: format strings."""
+
+    assign: str
+    truth: str
+    unequal: str
+    choice: str
+    choice_level: int
+    calls: dict[str, str]
+
+
+_CALLS = {name: name for name in ("sqrt", "exp", "log", "tanh", "sin", "cos", "floor", "pow")}
+C = Dialect("const double {} = {};", "{} ? 1.0 : 0.0", "!=", "{} ? {} : {}", 0,
+            {**_CALLS, "abs": "fabs", "min": "least", "max": "greatest"})
+MATLAB = Dialect("{} = {};", "double({})", "~=", "choose({}, {}, {})", _ATOM,
+                 {**_CALLS, "abs": "abs", "min": "least", "max": "greatest", "pow": "power"})
+
+
+#: words of the two languages and of the exported programs that no name may be
+_RESERVED = frozenset(re.findall(r"\w+", """
+    auto break case char const continue default do double else enum extern float for goto if inline int long register
+    restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
+    function end elseif otherwise parfor persistent global try catch classdef spmd
+    m s u x y p d f h n J time fresh begin past next model least greatest choose delayed state cells lines heads
+    sqrt exp log tanh sin cos floor pow power abs fabs double zeros ones pi i j e eps inf nan size length mod
+"""))
+
+
+def identifier(name: str, taken: Iterable[str] = ()) -> str:
+    """`name` as a word of C and MATLAB that is not among `taken`: "dead-time:delay_s" -> "dead_time_delay_s"."""
+    word = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")[:50] or "v"
+    word = f"v{word}" if word[0].isdigit() else word
+    used = {*_RESERVED, *taken}
+    found, n = word, 2
+    while found in used or re.fullmatch(r"k\d+", found):   # k12 is the name of a part
+        found, n = f"{word}_{n}", n + 1
+    return found
+
+
+def identifiers(names: Iterable[str]) -> list[str]:
+    """A word of its own for each of the names."""
+    found: list[str] = []
+    for name in names:
+        found.append(identifier(name, found))
+    return found
+
+
+@dataclass
+class Statements:
+    """The lines that compute some expressions.
+
+    roots: all that will be asked for; words: the name of every symbol.
+    """
+
+    dialect: Dialect
+    roots: list[Expr]
+    words: dict[Symbol, str]
+    lines: list[str] = field(default_factory=list)
+    _parts: dict[Expr, tuple[str, int]] = field(default_factory=dict)   # text and how tightly it binds
+    _truths: dict[Expr, str] = field(default_factory=dict)
+    _uses: Counter[Expr] = field(init=False)
+    _names: dict[Expr, str] = field(default_factory=dict)
+    _count: int = 0
+
+    def __post_init__(self) -> None:
+        self._uses = Counter(a for node in walk(self.roots) for a in node.args)
+        self._uses.update(self.roots)
+
+    def value(self, root: Expr) -> str:
+        """Text of an expression; what it needs is added to the lines."""
+        for node in walk([root]):
+            if node not in self._parts:
+                self._parts[node] = self._part(node)
+        return self._parts[root][0]
+
+    def name(self, root: Expr, name: str) -> None:
+        """Give an expression's value a name."""
+        self._names.setdefault(root, name)
+        text = self.value(root)
+        if text != name:
+            self.lines.append(self.dialect.assign.format(name, text))
+
+    def _part(self, node: Expr) -> tuple[str, int]:
+        if node.op == "const":
+            return repr(node.value), (_ATOM if node.value >= 0.0 else 2)
+        if node.op == "symbol":
+            return self.words[node.value], _ATOM
+        text, level = self._written(node)
+        if node not in self._names and self._uses[node] == 1 and len(text) <= _LONGEST:
+            return text, level
+        if node not in self._names:
+            self._names[node] = f"k{self._count}"
+            self._count += 1
+        name = self._names[node]
+        self.lines.append(self.dialect.assign.format(name, text))
+        self._truths[node] = f"{name} {self.dialect.unequal} 0.0"
+        return name, _ATOM
+
+    def _written(self, node: Expr) -> tuple[str, int]:
+        if node.op in _INFIX:
+            sign, level = _INFIX[node.op]
+            text = f"{self._at(node.args[0], level)} {sign} {self._at(node.args[1], level + 1)}"
+            if level > 1:
+                return text, level
+            self._truths[node] = text
+            return self.dialect.truth.format(text), self.dialect.choice_level
+        if node.op == "neg":
+            return f"-{self._at(node.args[0], _ATOM)}", 2
+        if node.op == "where":
+            condition, a, b = node.args
+            truth = self._truths.get(condition) or f"{self._at(condition, 2)} {self.dialect.unequal} 0.0"
+            return self.dialect.choice.format(truth, self._at(a, 1), self._at(b, 1)), self.dialect.choice_level
+        arguments = ", ".join(self._at(a, 0) for a in node.args)
+        return f"{self.dialect.calls[node.op]}({arguments})", _ATOM
+
+    def _at(self, node: Expr, level: int) -> str:
+        """Text of an argument, in parentheses where it binds less tightly than its place asks."""
+        text, own = self._parts[node]
+        return text if own >= level else f"({text})"
+
+
+class Writer:
+    """Bodies of functions in which every symbol that is used is a local.
+
+    places: where each symbol's value is found; a tick or what is derived from the parameters is used from there.
+    """
+
+    def __init__(self, dialect: Dialect, places: dict[Symbol, str]) -> None:
+        self.dialect, self.places = dialect, places
+        named = [s for s in places if s[0] not in ("tick", "derived")]
+        own = identifiers(f"past_{name}" if space == "past" else name for space, name in named)
+        self.words = {**places, **dict(zip(named, own, strict=True))}
+
+    def lines(self, roots: list[Expr], write: Callable[[Statements], None], made: Iterable[Symbol] = ()) -> list[str]:
+        """The locals, and what `write` adds; made: symbols that these lines define themselves."""
+        used = symbols(roots) - set(made)
+        own = [self.dialect.assign.format(self.words[s], place) for s, place in self.places.items()
+               if s in used and self.words[s] != place]
+        work = Statements(self.dialect, roots, self.words, own)
+        write(work)
+        return work.lines
+
+    def values(self, *targets: tuple[str, Expr]) -> list[str]:
+        """Lines that put values where they belong."""
+        def write(work: Statements) -> None:
+            for target, value in targets:
+                text = work.value(value)
+                work.lines.append(f"{target} = {text};")
+
+        return self.lines([value for _, value in targets], write)

@@ -1,0 +1,204 @@
+"""An identified model flattened to what one sample does, in the units of its columns: the ground of every export.
+
+One sample, as `pamid.engine.driver.sweep` does it, with the inputs held:
+    substeps times
+        the cells, in order, from the state, the inputs and their own past; a delay line takes in its value and hands
+        out the one `seconds` ago, linear between steps
+        first time only: the outputs
+        the states by one Runge-Kutta step of order 4, or one SDIRK2 step with damped Newton where `implicit`
+Symbols of the expressions: state, cell (after its update), past (before it), input and parameter (in the units of
+their names), derived (what follows from the parameters alone) and the ticks time (s since the start), fresh (1 at the
+first substep) and begin (1 at the very first).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from math import ceil, isclose, nan
+
+from pamid.binding import Bound
+from pamid.engine.emitter import hoist, with_partials
+from pamid.engine.lowering import Lowered, cell_update, tick
+from pamid.errors import PamidError, UsageError
+from pamid.expressions import ONE, ZERO, Expr, add, const, div, expression, mul, sub, substitute, symbol, symbols
+from pamid.identified import BESIDE, Identified
+from pamid.tracing import Names
+from pamid.units import NONE, as_column, quantity_of, split_column, unit
+
+
+@dataclass(frozen=True)
+class Variable:
+    """An input, output or parameter as the outside sees it.
+
+    unit    symbol, "" for none
+    start   in that unit; of an output NaN: it follows from the rest
+    fixed   a parameter that acts on the start only
+    """
+
+    name: str
+    unit: str
+    start: float
+    about: str = ""
+    fixed: bool = False
+
+
+@dataclass(frozen=True)
+class Update:
+    """What a cell becomes; a delay line (line >= 0) takes `value` in and gives the cell the value `seconds` ago."""
+
+    name: str
+    value: Expr
+    line: int = -1
+    seconds: Expr = ZERO
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """See the module. slopes: (row, column, d rate / d state), where implicit; lines: values each delay line keeps."""
+
+    name: str
+    period_s: float
+    substeps: int
+    implicit: bool
+    inputs: tuple[Variable, ...]
+    outputs: tuple[Variable, ...]
+    parameters: tuple[Variable, ...]
+    states: tuple[str, ...]
+    start: tuple[Expr, ...]
+    derived: tuple[Expr, ...]
+    updates: tuple[Update, ...]
+    rates: tuple[Expr, ...]
+    readings: tuple[Expr, ...]
+    slopes: tuple[tuple[int, int, Expr], ...]
+    lines: tuple[int, ...]
+
+    @property
+    def step_s(self) -> float:
+        return self.period_s / self.substeps
+
+    def feedthrough(self) -> tuple[tuple[str, ...], ...]:
+        """For every output the inputs that it depends on at the same instant."""
+        behind: dict[str, set[str]] = {}
+
+        def reached(roots: list[Expr]) -> set[str]:
+            found = symbols(roots)
+            through = (behind[name] for space, name in found if space == "cell")
+            return {name for space, name in found if space == "input"}.union(*through)
+
+        for update in self.updates:
+            behind[update.name] = reached([update.value, update.seconds])
+        needs = [reached([reading]) for reading in self.readings]
+        return tuple(tuple(v.name for v in self.inputs if v.name in need) for need in needs)
+
+
+@dataclass(frozen=True)
+class _Owned:
+    """A parameter of the model, or of the uncorrected one beside it: its symbol, its name outside."""
+
+    key: str
+    name: str
+    bound: Bound
+    value: float
+
+    @property
+    def surface(self) -> Expr:
+        """Its SI value, of the value outside."""
+        return mul(symbol("parameter", self.name), self.bound.factor)
+
+    def variable(self, running: set[str]) -> Variable:
+        b = self.bound
+        return Variable(self.name, b.unit, self.value / b.factor, b.source, fixed=self.name not in running)
+
+
+def step_of(model: Identified) -> Step:
+    """Flatten a model; UsageError where its network needs the control loop."""
+    if model.network is not None and model.network.in_loop:
+        raise UsageError("This network corrects the model in its own control loop, not on given commands.",
+                         "Leave it out with --which refitted.")
+    stepping, lowered, owned = model.stepping, model.lowered, _owned(model)
+    h = model.period_s / stepping.substeps
+    outside = {symbol("parameter", o.key): o.surface for o in owned}
+    settled = {tick("step"): const(h), tick("period"): const(model.period_s), tick("join"): ZERO, **outside}
+    if stepping.substeps == 1:
+        settled[tick("fresh")] = ONE
+    settled |= {symbol("input", name): _si(symbol("input", name), split_column(name)[1]) for name in model.inputs}
+    readings = [_shown(value, split_column(name)[1])
+                for name, value in zip(model.outputs, lowered.outputs, strict=True)]
+    slopes = _slopes(lowered) if stepping.implicit else []
+    groups = [[cell.update if cell.buffer_s else cell_update(cell) for cell in lowered.cells],
+              [ZERO if cell.seconds is None else cell.seconds for cell in lowered.cells],
+              list(lowered.rates), readings, [value for _, _, value in slopes]]
+    (values, seconds, rates, readings, partials), derived = hoist([substitute(g, settled) for g in groups])
+    lines = {cell.name: ceil(cell.buffer_s / h) + 3 for cell in lowered.cells if cell.buffer_s}
+    start = substitute(_start(model, owned), outside)
+    running = _parameters([*derived, *values, *seconds, *rates, *readings, *partials])
+    needed = running | _parameters(start)
+    return Step(
+        model.name, model.period_s, stepping.substeps, stepping.implicit,
+        tuple(_column(name, as_column(name, model.assembly.rig.optional.get(name, 0.0))) for name in model.inputs),
+        tuple(_column(name, nan) for name in model.outputs),
+        tuple(o.variable(running) for o in owned if o.name in needed),
+        lowered.states, tuple(start), tuple(derived),
+        tuple(Update(cell.name, value, list(lines).index(cell.name) if cell.name in lines else -1, wait)
+              for cell, value, wait in zip(lowered.cells, values, seconds, strict=True)),
+        tuple(rates), tuple(readings),
+        tuple((row, column, v) for (row, column, _), v in zip(slopes, partials, strict=True)), tuple(lines.values()))
+
+
+def _owned(model: Identified) -> list[_Owned]:
+    parts = {"": (model.assembly, model.values), **({BESIDE: model.beside} if model.beside else {})}
+    return [_Owned(prefix + b.key, prefix + b.full_name, b, float(value)) for prefix, (assembly, values) in
+            parts.items() for b, value in zip(assembly.parameters, values, strict=True)]
+
+
+def _parameters(roots: Iterable[Expr]) -> set[str]:
+    return {name for space, name in symbols(roots) if space == "parameter"}
+
+
+def _si(value: Expr, shown: str) -> Expr:
+    kind = unit(shown)
+    return add(mul(value, kind.factor), kind.offset)
+
+
+def _shown(value: Expr, shown: str) -> Expr:
+    kind = unit(shown)
+    return div(sub(value, kind.offset), kind.factor)
+
+
+def _column(name: str, start: float) -> Variable:
+    shown = split_column(name)[1]
+    return Variable(name, "", start) if shown == NONE else Variable(name, shown, start, quantity_of(shown))
+
+
+def _slopes(lowered: Lowered) -> list[tuple[int, int, Expr]]:
+    """Non-zero d rate / d state."""
+    places = {name: i for i, name in enumerate(lowered.states)}
+    beyond = len(places)
+
+    def column(space: str, name: str) -> int:
+        return places[name] if space == "state" else beyond
+
+    values, pointer, columns = with_partials(list(lowered.rates), column, frozenset())
+    first = len(lowered.rates)
+    return [(row, columns[e], values[first + e]) for row in range(first)
+            for e in range(pointer[row], pointer[row + 1]) if columns[e] < beyond]
+
+
+def _start(model: Identified, owned: list[_Owned]) -> list[Expr]:
+    """The initial state as it follows from the parameters (SI); where it does not, as the number that it is."""
+    rig, formulas = model.assembly.rig, dict[str, Expr]()
+    for prefix in ("", BESIDE):
+        own = {b.key: symbol("parameter", prefix + b.key) for b in model.assembly.parameters if not b.owner}
+        try:
+            told = rig.start(Names(own, "parameter"))
+            formulas |= {prefix + s.name: expression(told.get(s.name, s.start)) for s in rig.states}
+        except (PamidError, ArithmeticError, TypeError, ValueError):
+            pass    # start() may do with its numbers what cannot be done with symbols
+    numbers = {symbol("parameter", o.key): const(o.value) for o in owned}
+    found = []
+    for name, value in zip(model.lowered.states, model.start.tolist(), strict=True):
+        formula = formulas.get(name, const(value))
+        (check,) = substitute([formula], numbers)
+        found.append(formula if isclose(float(check), value, rel_tol=1e-12) else const(value))
+    return found
