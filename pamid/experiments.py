@@ -7,6 +7,7 @@ Minutes are the time at the rig, with repetitions and pressures to be set; the s
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -16,19 +17,31 @@ from numpy.typing import NDArray
 from pamid.errors import UsageError, nearest
 from pamid.excitation import aprbs
 from pamid.rig import Rig
+from pamid.signals import (
+    APART,
+    GAP_S,
+    LOOPS_S,
+    PULSES_S,
+    amplitude_sweep,
+    odd_multisine,
+    pulses,
+    slow_reversals,
+    speed_runs,
+    through,
+    torque_loops,
+    valve_pulses,
+)
 
 Array = NDArray[np.float64]
 
-FASTEST_HZ = 15.0        # of the multisine, and at most a tenth of the sampling rate
 OTHER_INERTIA = 6.4      # the two rods of the first paper
 PAYLOAD, OTHER_PAYLOAD_KG = "payload_kg", 0.5
+TORQUE_NM = 8.0          # highest of the torque loops
 PASS_S = 15.0            # what a bench of another pace stretches
 MOST_SAMPLES = 10_000
-APART = 0.5 * (3.0 - 5.0**0.5)  # golden section: parts of a pass at which shapes of several columns begin never meet
 
-VENTED = "vents_open"
+VENTED, PRESSURE, EXTERNAL = "vents_open", "initial_pressure_kpa", "external_"
 RELEASE_S, RELEASE_DEG = 20.0, (30.0, 40.0)
-PULSES_S, GAP_S = (0.03, 0.06, 0.12, 0.25, 0.5), 1.5
 PULSED_S = 2.0 * GAP_S * len(PULSES_S)
 
 
@@ -124,57 +137,6 @@ def menu(bench: Bench) -> list[Experiment]:
     return [e for e in MENU if e.fits(bench)]
 
 
-# ---- shapes ------------------------------------------------------------------------------------------------------
-
-
-def through(t: Array, *knots: tuple[float, float]) -> Array:
-    """Straight lines through (seconds from the knot before, value), from 0 at 0; the last value stays."""
-    times = np.cumsum([0.0, *(wait for wait, _ in knots)])
-    return np.interp(t, times, [0.0, *(value for _, value in knots)])
-
-
-def odd_multisine(t: Array, seed: int = 11) -> Array:
-    """Odd harmonics with random phases, one period in half the length, highest value 0.75."""
-    n = len(t) // 2
-    top = min(FASTEST_HZ, 0.1 / (t[1] - t[0])) * n * (t[1] - t[0])
-    lines = np.unique(2 * (np.geomspace(1.0, max(top, 3.0), 40).astype(int) // 2) + 1)
-    phases = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, lines.size)
-    wave = np.sin(2.0 * np.pi * np.outer(np.arange(len(t)), lines) / n + phases).sum(axis=1)
-    return np.asarray(0.75 * wave / np.abs(wave).max())
-
-
-def slow_reversals(t: Array) -> Array:
-    """Triangles nested in one another, with stops."""
-    return through(t, (1.5, 1.0), (0.5, 1.0), (3.0, -1.0), (0.5, -1.0), (2.0, 0.5), (1.5, -0.5), (0.5, -0.5),
-                   (1.5, 0.25), (1.0, -0.25), (0.5, -0.25), (0.5, 0.0))
-
-
-def speed_runs(t: Array) -> Array:
-    """There and back at 4, 0.8, 0.4 and 0.08 of the half range per second."""
-    fast, middle = [(0.25, 1.0), (0.5, -1.0), (0.25, 0.0), (0.5, 0.0)], [(1.25, 1.0), (2.5, -1.0), (1.25, 0.0)]
-    return through(t, *fast, *middle, (1.0, 0.4), (1.0, 0.0), (2.5, 0.2), (2.5, 0.0))
-
-
-def amplitude_sweep(t: Array) -> Array:
-    """Three swings of 1 s each at 5, 10, 25, 50 and 100 % of the half range."""
-    height = np.array([0.05, 0.1, 0.25, 0.5, 1.0])[np.minimum((t / 3.0).astype(int), 4)]
-    return np.asarray(height * np.sin(2.0 * np.pi * t))
-
-
-def _pulses(t: Array, every: float, pulses: list[tuple[float, float]]) -> Array:
-    """(length s, height) after one another, one every so many seconds."""
-    out = np.zeros(len(t))
-    for k, (length, height) in enumerate(pulses):
-        begin = every * (k + 0.25)
-        out[(t >= begin) & (t < begin + length)] = height
-    return out
-
-
-def valve_pulses(t: Array) -> Array:
-    """There and back for 30 to 500 ms each, one every 1.5 s, over 15 s."""
-    return _pulses(t, GAP_S, [(length, height) for length in PULSES_S for height in (1.0, -1.0)])
-
-
 # ---- what a rig can be excited by --------------------------------------------------------------------------------
 
 
@@ -188,6 +150,46 @@ def excitable(rig: Rig, loop: str) -> tuple[str, ...]:
         raise UsageError(f"rig {rig.name!r} has no loop and needs no input.",
                          f"Name one with --column: {', '.join(rig.inputs) or 'it has none'}.")
     return needed
+
+
+def bounds_of(rig: Rig, column: str) -> tuple[float, float]:
+    """Between these a rig lets a column be sent, in its unit: a command of a loop within the controller's limit, a
+    reference within the range declared for the angle that a recording begins with; infinite where nothing is said."""
+    sheet = {p.outside_name: p for p in rig.parameters}
+    for q in rig.loops:
+        if column == q.command:
+            limit = rig.controller.get("command_limit", math.inf)
+            return -limit, limit
+        begins = sheet.get(f"initial_{q.reading}")
+        if column == q.reference and begins is not None:
+            return begins.low, begins.high
+    return -math.inf, math.inf
+
+
+def torque_columns(rig: Rig) -> dict[str, float]:
+    """Columns for a torque or force from outside, with the usual highest value. UsageError where there are none."""
+    if found := {name: TORQUE_NM for name in rig.inputs if name.startswith(EXTERNAL)}:
+        return found
+    raise UsageError(f"rig {rig.name!r} has no input {EXTERNAL}<torque or force>, so no torque loops.",
+                     f"Its inputs: {', '.join(rig.inputs) or 'none'}.")
+
+
+def held_pressure(rig: Rig, pressure_kpa: float) -> dict[str, float]:
+    """[known] of a recording with the valves shut at this gauge pressure; UsageError outside of range and supply."""
+    sheet = {p.outside_name: p for p in rig.parameters}
+    if PRESSURE not in sheet:
+        raise UsageError(f"rig {rig.name!r} has no parameter {PRESSURE!r} to hold.")
+    held, supply = sheet[PRESSURE], sheet.get("supply_pressure_kpa")
+    high = min(held.high, math.inf if supply is None else supply.value)
+    if not held.low <= pressure_kpa <= high:
+        raise UsageError(f"{PRESSURE} = {pressure_kpa:g} lies outside {held.low:g} .. {high:g}.")
+    return {PRESSURE: pressure_kpa}
+
+
+def at_rest(rig: Rig, samples: int) -> dict[str, Array]:
+    """The commands of a rig's loops at 0; without loops the inputs that it needs."""
+    names = [q.command for q in rig.loops] or [c for c in rig.inputs if c not in rig.optional]
+    return {name: np.zeros(samples) for name in names if not name.startswith(EXTERNAL)}
 
 
 def muscle_pulses(rig: Rig, muscles: Sequence[str], level: float, period_s: float) -> dict[str, Array]:
@@ -229,7 +231,7 @@ def gravity_test(rig: Rig, release: Sequence[float], clamped: Sequence[str] = ()
                          "swings where a joint turns in a horizontal plane.", f"Rigs that have one: {able}.")
     if len(release) != len(begins):
         raise UsageError(f"{len(release)} angles to release rig {rig.name!r} from; it has {len(begins)} joints.")
-    known = {VENTED: 1.0, "initial_pressure_kpa": 0.0, **dict(zip(begins, release, strict=True)),
+    known = {VENTED: 1.0, PRESSURE: 0.0, **dict(zip(begins, release, strict=True)),
              **{f"clamped_{joint}": 1.0 for joint in clamped},
              **({} if payload_kg is None else {PAYLOAD: payload_kg})}
     sheet = {p.outside_name: p for p in rig.parameters}
@@ -254,9 +256,8 @@ def nothing_sent(rig: Rig, samples: int) -> dict[str, Array]:
 
 
 def _torque_loops(b: Bench) -> Columns:
-    t = b.clock(14.0)
-    small, large = [(1.0, 3.0), (2.0, -3.0), (1.0, 0.0)], [(2.0, 8.0), (1.0, 4.0), (1.0, 8.0), (4.0, -8.0), (2.0, 0.0)]
-    return b.open_loop(np.zeros(len(t)), through(t, *small, *large))
+    t = b.clock(LOOPS_S)
+    return b.open_loop(np.zeros(len(t)), TORQUE_NM * torque_loops(t))
 
 
 def _quick_release(b: Bench) -> Columns:
@@ -267,7 +268,7 @@ def _quick_release(b: Bench) -> Columns:
 
 
 def _pressure_hold(b: Bench) -> Columns:
-    wave = _pulses(b.clock(20.0), 10.0, [(0.3, 0.5), (0.3, -1.0)])
+    wave = pulses(b.clock(20.0), 10.0, [(0.3, 0.5), (0.3, -1.0)])
     return dict.fromkeys(b.command, wave)  # every muscle's own pressure is watched: all at once
 
 
@@ -294,8 +295,7 @@ def _sheet(b: Bench, name: str) -> float | None:
 
 
 def _two_pressures(b: Bench) -> Settings:
-    name = "initial_pressure_kpa"
-    return () if _sheet(b, name) is None else ({name: 200.0}, {name: 500.0})
+    return () if _sheet(b, PRESSURE) is None else ({PRESSURE: 200.0}, {PRESSURE: 500.0})
 
 
 def _another_inertia(b: Bench) -> Settings:

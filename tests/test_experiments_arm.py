@@ -75,9 +75,9 @@ def test_the_contract_s_call_is_what_it_was(folder: Path) -> None:
                       "1.6", "--seed", "1", "--output", str(path)]) == 0
     np.testing.assert_allclose(read_recording(path).columns["reference_deg"], aprbs(200.0, PERIOD, 40.0, seed=1),
                                rtol=1e-8)
-    assert list(noted(path)) == ["schema", "generator", "file", "sha256", "rig", "loop", "column", "unit", "range",
-                                 "hold_s", "levels", "rate_limit_per_s", "seed", "sampling_period_s", "samples",
-                                 "coverage"]
+    assert list(noted(path)) == ["schema", "generator", "file", "sha256", "rig", "signal", "loop", "column", "unit",
+                                 "range", "hold_s", "levels", "rate_limit_per_s", "seed", "sampling_period_s",
+                                 "samples", "coverage"]
 
 
 @pytest.mark.parametrize(("more", "words"), [

@@ -1,0 +1,159 @@
+"""The picture of an excitation: what is sent, which amplitudes, frequencies and changes it covers, and which not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import FixedLocator, NullLocator
+from numpy.typing import NDArray
+
+from pamid.excitation import BINS, CELLS, Changes, Coverage, spectrum
+from pamid.report.style import Drawing, Picture, colour, grid, label, render
+from pamid.units import NONE
+
+Array = NDArray[np.float64]
+
+MANY = 60           # changes that can be told apart in one panel
+MOST_TICKS = 5
+DEEPEST_DB = -60.0
+DASHED = (0, (4, 2))
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """A column to draw: samples (n,) while it is excited, what they cover, the band asked for and the rate limit."""
+
+    column: str
+    unit: str
+    period_s: float
+    samples: Array
+    covers: Coverage
+    band_hz: tuple[float, float] | None = None
+    rate_limit: float | None = None
+
+    @property
+    def axis(self) -> str:
+        return label(self.column) if self.unit == NONE else f"{label(self.column)} [{label(self.unit)}]"
+
+    @property
+    def reach(self) -> str:
+        """Where its power lies; what is slower than a spectrum of such a length tells apart counts as covered."""
+        low, high = self.covers.band_20db_hz
+        lowest = spectrum(self.samples, self.period_s)[0][0]
+        return f"up to {high:.2g} Hz" if low <= lowest else f"{low:.2g} to {high:.2g} Hz"
+
+
+def richness_picture(shown: Sequence[Shown]) -> Picture:
+    """Per column the signal, its amplitudes, its spectrum and its changes by size and pace; the title says what the
+    column that covers least covers, and what it cannot show."""
+    def draw(figure: Figure, narrow: bool) -> None:
+        parts = figure.subfigures(len(shown), 1, squeeze=False)[:, 0]
+        for part, one in zip(parts, shown, strict=True):
+            layout = [["signal"], ["levels"], ["power"], ["changes"]] if narrow else [
+                ["signal"] * 3, ["levels", "power", "changes"]]
+            axes = part.subplot_mosaic(layout, height_ratios=[1.0] * 4 if narrow else [1.0, 1.25])
+            _signal(axes["signal"], one)
+            _levels(axes["levels"], one)
+            _power(axes["power"], one)
+            _changes(axes["changes"], one)
+
+    return render(Drawing("richness", finding(shown), draw, 4.6 * len(shown), 8.6 * len(shown)))
+
+
+def finding(shown: Sequence[Shown]) -> str:
+    """What the column that covers least covers, and the first thing that it cannot show."""
+    poorest = max(shown, key=lambda one: len(one.covers.blind_spots()))
+    least = "" if len(shown) == 1 else "Least covered: "
+    return (f"{least}{poorest.column} visits {poorest.covers.visited:.0%} of its range, with power {poorest.reach}. "
+            f"{poorest.covers.blind_spots()[0]}")
+
+
+def _signal(axes: Axes, one: Shown) -> None:
+    """The signal as it is held, or so much of its beginning that its changes can be told apart."""
+    changes, count = one.covers.changes, len(one.samples)
+    if changes is not None and changes.pace_hz.size > 2 * MANY:
+        count = round(float(np.sum(0.5 / changes.pace_hz[:MANY])) / one.period_s)
+    axes.plot(one.period_s * np.arange(count), one.samples[:count], color=colour("refitted"), linewidth=0.9,
+              drawstyle="steps-post")
+    axes.set_xlim(0.0, count * one.period_s)
+    axes.set_ylabel(one.axis)
+    whole = len(one.samples)
+    part = f", first {count * one.period_s:.3g} of {whole * one.period_s:.3g} s" if count < whole else ""
+    axes.set_title(f"what is sent{part}", loc="left")
+    axes.set_xlabel("time [s]")
+    grid(axes, "y")
+
+
+def _levels(axes: Axes, one: Shown) -> None:
+    edges = np.linspace(one.covers.low, one.covers.high, BINS + 1)
+    axes.bar(edges[:-1], 100.0 * np.array(one.covers.histogram), np.diff(edges), align="edge",
+             color=colour("refitted"), edgecolor=colour("paper"), linewidth=0.5)
+    axes.axhline(100.0 / BINS, color=colour("with_cause"), linewidth=1.0, linestyle=DASHED)
+    axes.set_title(f"{one.covers.visited:.0%} visited", loc="left")
+    axes.set_title("even", loc="right", fontsize=8.0, color=colour("with_cause"))
+    axes.set_xlabel(one.axis)
+    axes.set_ylabel("share of time [%]")
+
+
+def _power(axes: Axes, one: Shown) -> None:
+    frequency, power = spectrum(one.samples, one.period_s)
+    axes.axvspan(*one.covers.band_20db_hz, color=colour("faint"), linewidth=0.0)
+    axes.semilogx(frequency, 10.0 * np.log10(np.maximum(power / power.max(), 1e-12)), color=colour("refitted"),
+                  linewidth=1.0)
+    for edge in one.band_hz or ():
+        axes.axvline(edge, color=colour("with_cause"), linewidth=1.0, linestyle=DASHED)
+    axes.set_ylim(DEEPEST_DB, 3.0)
+    _frequencies(axes, float(frequency[0]), float(frequency[-1]))
+    axes.set_title(one.reach, loc="left")
+    if one.band_hz:
+        axes.set_title("band asked", loc="right", fontsize=8.0, color=colour("with_cause"))
+    axes.set_xlabel("frequency [Hz]")
+    axes.set_ylabel("power [dB]")
+    grid(axes, "y")
+
+
+def _changes(axes: Axes, one: Shown) -> None:
+    changes = one.covers.changes
+    axes.set_xlabel("pace 1/(2 time) [Hz]")
+    axes.set_ylabel("size of change [% of range]")
+    if changes is None:
+        axes.set_title("fewer than two changes", loc="left")
+        return
+    slowest = 0.9 * float(min(changes.pace_hz.min(), changes.edges_hz[0]))
+    fastest = 1.1 * float(max(changes.pace_hz.max(), changes.edges_hz[-1]))
+    _cells(axes, changes, np.array([slowest, *changes.edges_hz[1:-1], fastest]))
+    axes.scatter(changes.pace_hz, 100.0 * changes.size, s=7.0 if changes.size.size > MANY else 18.0,
+                 color=colour("refitted"), alpha=0.45, linewidths=0.0, zorder=3, clip_on=False)
+    axes.set_xscale("log")
+    axes.set_ylim(0.0, 104.0)
+    _frequencies(axes, slowest, fastest)
+    axes.set_title(f"{np.count_nonzero(changes.share)} of {CELLS**2} kinds", loc="left")
+    if one.rate_limit is not None:  # no change is larger than the rate limit lets it grow in its time
+        pace = np.geomspace(slowest, fastest, 100)
+        axes.plot(pace, 50.0 * one.rate_limit / pace / (one.covers.high - one.covers.low), color=colour("with_cause"),
+                  linewidth=1.0, linestyle=DASHED)
+        axes.set_title("rate limit", loc="right", fontsize=8.0, color=colour("with_cause"))
+
+
+def _cells(axes: Axes, changes: Changes, edges: Array) -> None:
+    """Kinds of changes that occur lie on grey."""
+    for (row, column), share in np.ndenumerate(changes.share):
+        axes.fill_between(edges[column : column + 2], 100.0 * row / CELLS, 100.0 * (row + 1) / CELLS, linewidth=0.6,
+                          edgecolor=colour("line"), facecolor=colour("faint") if share > 0.0 else colour("paper"))
+
+
+def _frequencies(axes: Axes, low: float, high: float) -> None:
+    """Up to five plain numbers along a logarithmic axis."""
+    axes.set_xlim(low, high)
+    for digits in ((1.0, 2.0, 5.0), (1.0, 3.0), (1.0,)):
+        ticks = np.outer(10.0 ** np.arange(-6.0, 7.0), digits).ravel()
+        ticks = ticks[(ticks >= low) & (ticks <= high)]
+        if ticks.size <= MOST_TICKS:
+            break
+    axes.xaxis.set_major_locator(FixedLocator(ticks.tolist()))
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
