@@ -9,7 +9,7 @@ import click
 from . import frame
 
 EXAMPLE = """
-pamid check rec.csv --rig one-dof
+pamid check rec.csv --rig one-dof --figure card.png
 """
 WRONG = 3
 
@@ -17,15 +17,34 @@ WRONG = 3
 @frame.command("check", example=EXAMPLE)
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--rig", help="Rig (name or file) the recording is meant for. [default: the one its TOML names]")
-def command(file: Path, rig: str | None) -> frame.Result:
+@click.option("--figure", type=click.Path(dir_okay=False, path_type=Path),
+              help="PNG to draw: every channel of a recording, with the places of each finding.")
+@click.option("--force", is_flag=True, help="Replace the figure if it exists.")
+def command(file: Path, rig: str | None, figure: Path | None, force: bool) -> frame.Result:
     """Say what is in FILE and everything that is wrong with it: a recording, a rig file or an effect file.
 
-    A recording (.csv): sampling, range, rest and constancy of every column, and what the rig misses. A rig (.py): its
-    equations build, every port is used, nothing blows up over the bounds, sensitivities are exact, which effects fit.
-    An effect (.py): its data sheet is complete, its null is exact, and it behaves wherever it fits. Exit code 3 if
-    anything is wrong.
+    A recording (.csv): sampling, range, rest, noise and step of every column; what is clipped, frozen, lost, bridged,
+    spiked, coarse or hardly excited; with a rig, columns exchanged, of the opposite sign, in another unit or late. A
+    rig (.py): its equations build, every port is used, nothing blows up over the bounds, sensitivities are exact, which
+    effects fit. An effect (.py): its data sheet is complete, its null is exact, and it behaves wherever it fits. Exit
+    code 3 if anything is wrong; notes leave it at 0.
     """
+    from pamid.errors import FileError, UsageError
     from pamid.inspection import inspect, inspection_text
 
-    said = inspect(file, rig)
-    return frame.Result(said, inspection_text(said), 0 if said["ok"] else WRONG)
+    if figure is not None and figure.exists() and not force:
+        raise FileError(f"{figure} exists already.", "Choose another --figure, or --force to replace it.",
+                        code="exists")
+    found = inspect(file, rig)
+    said, text = found.said, inspection_text(found.said)
+    if figure is not None:
+        if found.recording is None and said["kind"] != "recording":
+            raise UsageError("--figure draws recordings.", "Leave it out for a rig or an effect file.")
+        if found.recording is not None:
+            from pamid.report.quality_figure import card_png
+            from pamid.run import write_atomically
+
+            figure.parent.mkdir(parents=True, exist_ok=True)
+            write_atomically(figure, card_png(found.recording, found.issues, said["quality"]["channels"]))
+            said, text = {**said, "figure": str(figure)}, f"{text}\nfigure: {figure}"
+    return frame.Result(said, text, 0 if said["ok"] else WRONG)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from pamid import library
 from pamid.conformance import Finding, effect_findings, rig_findings
 from pamid.effect import Effect
 from pamid.errors import DataError, FileError, PamidError, nearest
+from pamid.quality import Issue, channel_figures, examine
 from pamid.recording import MIN_SAMPLES, FloatArray, Recording, match_column, read_recording
 from pamid.recording_checks import check_header, check_stamps, explain_cells, read_header, sidecar_of
 from pamid.rig import Rig, check_rig
@@ -21,7 +23,16 @@ SCHEMA = "pamid.check/1"
 STILL = 0.02        # of a column's range: what moves less is at rest
 
 
-def inspect(path: Path, rig: str | None = None) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Inspection:
+    """said: what is printed and given to scripts; recording and issues: of a recording that could be read."""
+
+    said: dict[str, Any]
+    recording: Recording | None = None
+    issues: tuple[Issue, ...] = ()
+
+
+def inspect(path: Path, rig: str | None = None) -> Inspection:
     """Check a recording (.csv) or a Python file with rigs and effects (.py): {"schema", "kind", "ok", "findings"...}.
 
     `rig` is the rig a recording is meant for (default: the one its TOML names). FileError for a file of another kind
@@ -30,8 +41,15 @@ def inspect(path: Path, rig: str | None = None) -> dict[str, Any]:
     if not path.is_file():
         siblings = [p.name for p in path.parent.glob("*")] if path.parent.is_dir() else []
         raise FileError(f"{path} does not exist.", nearest(path.name, siblings), code="missing")
+    recording: Recording | None = None
+    issues: tuple[Issue, ...] = ()
     if path.suffix == ".csv":
-        about, found = _recording(path, rig)
+        try:
+            recording = read_recording(path)
+        except (FileError, DataError) as error:
+            about, found = {"kind": "recording"}, _every_problem(path, error)
+        else:
+            about, found, issues = _recording(recording, rig)
     elif path.suffix == ".py":
         about, found = _python(path)
     else:
@@ -41,46 +59,47 @@ def inspect(path: Path, rig: str | None = None) -> dict[str, Any]:
     said: dict[str, Any] = {"schema": SCHEMA, "file": str(path), **about, "ok": not wrong}
     if wrong:
         said |= {"code": "file", "message": f"{path}: {wrong[0].detail}", "hint": "Every problem is in `findings`."}
-    return {**said, "findings": [{"check": f.check, "ok": f.ok, "advice": f.advice, "detail": f.detail}
-                                 for f in found]}
+    listed = [{"check": f.check, "ok": f.ok, "advice": f.advice, "detail": f.detail} for f in found]
+    return Inspection({**said, "findings": listed}, recording, issues)
 
 
 # ---- recordings --------------------------------------------------------------------------------------------------
 
 
-def _recording(path: Path, rig_name: str | None) -> tuple[dict[str, Any], list[Finding]]:
-    try:
-        recording = read_recording(path)
-    except (FileError, DataError) as error:
-        return {"kind": "recording"}, _every_problem(path, error)
+def _recording(recording: Recording, rig_name: str | None) -> tuple[dict[str, Any], list[Finding], tuple[Issue, ...]]:
     found = [Finding("file", True, "uniform stamps, finite numbers, no row missing")]
     found += [Finding("warning", False, w, advice=True) for w in recording.warnings]
-    columns = {name: _column(recording, name) for name in recording.columns}
-    found += [Finding("constant", False, f"{name} is constant ({about['low']:g}) throughout", advice=True)
-              for name, about in columns.items() if about["constant"]]
     name = rig_name or recording.rig
-    found += _against_rig(recording, rig_name) if name else []
+    rig, against = _against_rig(recording, rig_name) if name else (None, [])
+    issues = examine(recording, rig)
+    found += against + [Finding(i.kind, False, i.text, advice=i.severity == "advice") for i in issues]
+    if not issues:
+        found.append(Finding("quality", True, "nothing clipped, frozen, lost, exchanged, late or in another unit"))
     period = recording.sampling_period_s
     about = {"kind": "recording", "samples": len(recording), "duration_s": len(recording) * period,
              "sampling_period_s": period, "loop": recording.loop, "rig": name, "known": recording.known,
-             "controller": recording.controller, "columns": columns}
-    return about, found
+             "controller": recording.controller, "columns": {name: _column(recording, name) for name in
+                                                             recording.columns},
+             "quality": {"channels": channel_figures(recording, rig), "issues": [asdict(issue) for issue in issues]}}
+    return about, found, issues
 
 
 def _column(recording: Recording, name: str) -> dict[str, Any]:
     """Range, level and length of the rest at the start, and how much of the time the column stands still."""
     values = recording.columns[name]
-    low, high = float(values.min()), float(values.max())
-    moved = np.abs(values - values[0]) > STILL * (high - low)
+    size = float(np.abs(values).max()) or 1.0  # scaled to it, since nobody says that numbers are small
+    scaled = values / size
+    low, high = float(scaled.min()), float(scaled.max())
+    moved = np.abs(scaled - scaled[0]) > STILL * (high - low)
     first = int(np.argmax(moved)) if moved.any() else len(values)
-    steps = int(np.unique(values).size)
-    return {"unit": split_column(name)[1], "low": low, "high": high, "mean": float(values.mean()),
-            "rest_value": float(np.median(values[:first])) if first else float(values[0]),
-            "rest_s": first * recording.sampling_period_s, "distinct_values": steps, "constant": high == low}
+    return {"unit": split_column(name)[1], "low": float(values.min()), "high": float(values.max()),
+            "mean": size * float(scaled.mean()), "rest_value": size * float(np.median(scaled[: max(first, 1)])),
+            "rest_s": first * recording.sampling_period_s, "distinct_values": int(np.unique(values).size),
+            "constant": high == low}
 
 
-def _against_rig(recording: Recording, rig_name: str | None) -> list[Finding]:
-    """Which of the rig's columns are there, and which columns the rig does not know.
+def _against_rig(recording: Recording, rig_name: str | None) -> tuple[Rig | None, list[Finding]]:
+    """The rig, which of its columns are there, and which columns it does not know.
 
     A rig file is run only where the user names it; one that a recording's TOML names is told, not run.
     """
@@ -88,7 +107,7 @@ def _against_rig(recording: Recording, rig_name: str | None) -> list[Finding]:
         rig = library.rig_named(rig_name or library.rig_of([recording]))
         wanted = {c: match_column(recording.columns, c) for c in (*rig.inputs, *rig.outputs)}
     except PamidError as error:
-        return [Finding("rig", False, f"{error}. {error.hint}".replace("..", "."))]
+        return None, [Finding("rig", False, f"{error}. {error.hint}".replace("..", "."))]
     references = [loop.reference for loop in rig.loops]
     strange = [c for c in recording.columns if c not in wanted.values() and c not in references]
     missing = [c for c in rig.inputs if wanted[c] is None and c not in rig.optional]
@@ -110,7 +129,7 @@ def _against_rig(recording: Recording, rig_name: str | None) -> list[Finding]:
     told = [*sent, *(wanted[c] for c in seen)] if set(rig.inputs) <= set(rig.optional) else sent
     if sent and all(np.ptp(recording.columns[str(c)]) == 0.0 for c in told):
         found.append(Finding("excitation", False, "no input ever changes: nothing can be learnt from this recording"))
-    return found or [Finding("rig", True, f"every column of rig {rig.name!r} is there")]
+    return rig, found or [Finding("rig", True, f"every column of rig {rig.name!r} is there")]
 
 
 def _every_problem(path: Path, first: PamidError) -> list[Finding]:
@@ -211,7 +230,8 @@ def inspection_text(said: dict[str, Any]) -> str:
         lines.append(f"{said['file']}: {said['samples']} samples, {said['duration_s']:g} s at "
                      f"{said['sampling_period_s']:g} s{loop}")
         lines += [f"  {name:<22} {c['low']:>11.5g} .. {c['high']:<11.5g} {'' if c['unit'] == NONE else c['unit']:<4} "
-                  f"rest {c['rest_value']:.5g} for {c['rest_s']:.3g} s" for name, c in said["columns"].items()]
+                  f"rest {c['rest_value']:.5g} for {c['rest_s']:.3g} s{_texture(said['quality']['channels'][name])}"
+                  for name, c in said["columns"].items()]
     else:
         lines.append(f"{said['file']}:")
     for title, chosen in (("wrong  ", lambda f: not f["ok"] and not f["advice"]),
@@ -224,5 +244,12 @@ def inspection_text(said: dict[str, Any]) -> str:
     lines += [f"ok     {check}: {details[0] if len(details) == 1 else f'at {len(details)} places'}"
               for check, details in fine.items()]
     wrong = sum(not f["ok"] and not f["advice"] for f in said["findings"])
-    lines.append("nothing is wrong" if said["ok"] else f"{wrong} {'problem' if wrong == 1 else 'problems'}")
+    notes = sum(not f["ok"] and f["advice"] for f in said["findings"])
+    counted = f"{notes} {'note' if notes == 1 else 'notes'}; " if notes else ""
+    lines.append(counted + ("nothing is wrong" if said["ok"] else f"{wrong} {'problem' if wrong == 1 else 'problems'}"))
     return "\n".join(lines)
+
+
+def _texture(channel: dict[str, float]) -> str:
+    """Noise and step of a column, where they show."""
+    return "".join(f", {what} {channel[what]:.2g}" for what in ("noise", "step") if channel[what] > 0.0)

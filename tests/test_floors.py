@@ -30,7 +30,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("fitting", "residuals"),
     ("intervals", "quantities"),
     ("evidence", "conformance", "catalogue", "virtual", "experiments", "combinations"),
-    ("posterior", "quality"),
+    ("posterior", "quality", "quality_signals", "quality_rig"),
     ("ingest",),
     ("inspection", "greybox"),
     ("networks",),
