@@ -46,6 +46,7 @@ def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path,
     """
     from pamid.errors import UsageError
     from pamid.greybox import fit_json, fit_model, residual_csv
+    from pamid.library import code_files, rig_of
     from pamid.posterior import read_posterior
     from pamid.run import FIT_FILE, RESIDUAL_FILE, Run, write_atomically, write_json
     from pamid.virtual import attach_specs
@@ -56,10 +57,10 @@ def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path,
         raise UsageError(f"{output} cannot be both --from and --output.", "Give every stage a run folder of its own.")
     before = read_posterior(earlier) if earlier else None
     inputs = [f for p in (*recordings, *held_out) for f in with_sidecar(p)]
-    inputs += [earlier / FIT_FILE] if earlier else []
+    inputs += [*code_files(rig, effects), *([earlier / FIT_FILE] if earlier else [])]
     run = Run.create(output, command=sys.argv, seed=seed, inputs=inputs, overwrite=overwrite,
-                     options={"rig": rig or evidence.rig.name, "effects": list(effects), "bootstrap": bootstrap,
-                              **({"from": str(earlier)} if earlier else {})})
+                     options={"rig": rig or rig_of(evidence.recordings), "effects": list(effects),
+                              "bootstrap": bootstrap, **({"from": str(earlier)} if earlier else {})})
     with Progress("fit") as progress:
         model = fit_model(evidence, attached, seed=seed, draws=bootstrap, jobs=jobs,
                           told=lambda text: progress.update(0, text), earlier=before)

@@ -98,10 +98,14 @@ class Assembly:
 
     def start(self, p: Array) -> Array:
         """Initial state of a recording at parameters p, states of effects included (zero)."""
+        begin = self.begin(p)
+        return np.array([begin.get(name, 0.0) for name in self.program.states])
+
+    def begin(self, p: Array) -> dict[str, float]:
+        """The rig's own states at the beginning of a recording, by name (SI)."""
         own = {b.key: float(p[i]) for i, b in enumerate(self.parameters) if not b.owner}
         given = self.rig.start(Names(own, "parameter"))
-        begin = {s.name: given.get(s.name, s.start) for s in self.rig.states}
-        return np.array([begin.get(name, 0.0) for name in self.program.states])
+        return {s.name: given.get(s.name, s.start) for s in self.rig.states}
 
     # ---- equations -----------------------------------------------------------------------------------------------
 

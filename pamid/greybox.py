@@ -19,6 +19,7 @@ from pamid.expressions import symbol
 from pamid.fitting import Fit, Problem, fit_robustly, free_parameters
 from pamid.intervals import background_pull, bootstrap, estimates
 from pamid.posterior import Posterior, from_json, posterior_json
+from pamid.quantities import agreed
 from pamid.recording import Recording
 from pamid.residuals import Replay, channel_mae, noise_floor, replay
 from pamid.rig import Loop
@@ -109,7 +110,8 @@ def fit_json(g: GreyBox, seed: int) -> dict[str, Any]:
         "schema": "pamid.fit/1", "rig": e.rig.name, "effects": [a.label for a in g.assembly.attachments],
         "seed": seed,
         "recordings": [{"name": r.name, "path": str(r.path), "sha256": r.sha256, "role": _role(e, r),
-                        "samples": len(r), "period_s": r.sampling_period_s, "loop": r.loop} for r in e.recordings],
+                        "samples": len(r), "period_s": r.sampling_period_s, "loop": r.loop,
+                        "controller": r.controller} for r in e.recordings],
         "channels": list(e.channels), "converged": g.fit.converged, "why": g.fit.why,
         "iterations": g.fit.iterations,
         "stepping": {"substeps": g.fit.stepping.substeps, "implicit": g.fit.stepping.implicit,
@@ -125,8 +127,16 @@ def fit_json(g: GreyBox, seed: int) -> dict[str, Any]:
         "closed_loop": closed_loop_figures(g),
         **combinations_json(g.fit, g.draws),
         "posterior": posterior_json(g.fit),
+        "model": model_json(g.assembly, g.fit),
         **({} if g.earlier is None else {"from": from_json(g.earlier, g.earlier.remarks(g.fit.problem))}),
     }
+
+
+def model_json(a: Assembly, fitted: Fit) -> dict[str, Any]:
+    """What rebuilds a fitted model to the last bit: its effects, every parameter (SI) by key, and its steps."""
+    return {"effects": [one.label for one in a.attachments],
+            "stepping": {"substeps": fitted.stepping.substeps, "implicit": fitted.stepping.implicit},
+            "values": {b.key: float(v) for b, v in zip(a.parameters, agreed(fitted), strict=True)}}
 
 
 def _role(e: Evidence, recording: Recording) -> str:
@@ -218,10 +228,7 @@ def residual_table(g: GreyBox, cause: tuple[Replay, ...] = ()) -> tuple[list[str
     loops = [q for q in e.rig.loops if all(r.loop == "closed" and r.has(q.reference) for r in e.recordings)]
     header += inputs + [q.reference for q in loops]
     for q in loops:
-        stem, unit = split_column(q.reading)
-        of = "" if len(loops) == 1 else f"{stem}_"
-        header += [with_unit(f"{stem}_loop", unit), with_unit(f"{of}velocity_loop", f"{unit}/s"),
-                   with_unit(f"{of}acceleration_loop", f"{unit}/s2"), f"{q.command}_loop"]
+        header += loop_names(q, len(loops) > 1)
     for i, (part, s) in enumerate(spans):
         r = s.recording
         n = s.stop - s.start
@@ -254,10 +261,23 @@ def _loop_columns(g: GreyBox, span: Span, loops: list[Loop]) -> list[Array]:
         if found is None:
             out += [np.zeros(n)] * 4
             continue
-        angle = found[q.reading]
-        velocity = np.gradient(angle, period)
-        out += [c[span.start : span.stop] for c in (angle, velocity, np.gradient(velocity, period), found[q.command])]
+        out += [c[span.start : span.stop] for c in loop_motion(found[q.reading], found[q.command], period)]
     return out
+
+
+def loop_names(q: Loop, several: bool) -> list[str]:
+    """Columns of a model in its own loop: reading, its velocity and acceleration, command; of several loops each
+    leads with its reading's name."""
+    stem, unit = split_column(q.reading)
+    of = f"{stem}_" if several else ""
+    return [with_unit(f"{stem}_loop", unit), with_unit(f"{of}velocity_loop", f"{unit}/s"),
+            with_unit(f"{of}acceleration_loop", f"{unit}/s2"), f"{q.command}_loop"]
+
+
+def loop_motion(reading: Array, command: Array, period_s: float) -> list[Array]:
+    """The values of these columns over a run, derivatives by central differences."""
+    velocity = np.gradient(reading, period_s)
+    return [reading, velocity, np.gradient(velocity, period_s), command]
 
 
 def residual_csv(g: GreyBox, cause: tuple[Replay, ...] = ()) -> bytes:

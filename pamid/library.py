@@ -10,6 +10,7 @@ import importlib
 import importlib.util
 import pkgutil
 import sys
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from types import ModuleType
@@ -19,6 +20,7 @@ from pamid.effect import Effect, require_sound
 from pamid.errors import FileError, PamidError, nearest
 from pamid.recording import Recording
 from pamid.rig import Rig, check_rig
+from pamid.run import sha256_of
 
 
 def _classes(module: ModuleType, base: type) -> list[type]:
@@ -107,6 +109,49 @@ def rig_named(name: str) -> Rig:
     return known[base](variant)  # type: ignore[call-arg]
 
 
+def rig_again(noted: str, named: str | None, sha256: Mapping[str, str]) -> Rig:
+    """The rig that a run notes; its file only where the caller names it, too, and it is the same as then.
+
+    sha256: of the run's inputs, by path.
+    """
+    if not _is_path(noted):
+        return rig_named(named or noted)
+    if named is None:
+        raise FileError(f"The run was made with the rig file {noted!r}.",
+                        f"A rig file is code, run only when you name it yourself: add --rig {noted}", code="rig")
+    _require_same(Path(named), noted, sha256)
+    return rig_named(named)
+
+
+def effects_again(noted: tuple[str, ...], named: tuple[str, ...], sha256: Mapping[str, str]) -> dict[str, type[Effect]]:
+    """The catalogue, widened by the effect files that a run notes, each named again and the same as then."""
+    files = {Path(name).name: name for name in named}
+    for path in filter(_is_path, (_file_of(spec) for spec in noted)):
+        if Path(path).name not in files:
+            raise FileError(f"The run was made with the effect file {path!r}.",
+                            f"An effect file is code, run only when you name it yourself: add --effect {path}",
+                            code="effect")
+        _require_same(Path(files[Path(path).name]), path, sha256)
+    return effects_with(named)[0]
+
+
+def code_files(rig: str | None, specs: Sequence[str]) -> list[Path]:
+    """The rig and effect files among what was asked for."""
+    return [Path(name) for name in (rig or "", *(_file_of(spec) for spec in specs)) if _is_path(name)]
+
+
+def _file_of(spec: str) -> str:
+    """The path before an effect's @port and :parameters."""
+    head, sep, _ = spec.partition(".py")
+    return head + sep
+
+
+def _require_same(path: Path, noted: str, sha256: Mapping[str, str]) -> None:
+    if noted in sha256 and sha256_of(path) != sha256[noted]:
+        raise FileError(f"{path} is not the {noted} that the run was made with: its SHA-256 differs.",
+                        "Put the old one back, or make the run again.", code="changed")
+
+
 def rig_of(recordings: list[Recording]) -> str:
     """The rig that the recordings' TOML files name, "one-dof" where they name none.
 
@@ -127,15 +172,15 @@ def effects_with(specs: tuple[str, ...]) -> tuple[dict[str, type[Effect]], list[
     """The catalogue, widened by the effect files among `specs`; and the specs as names."""
     known, names = effects(), []
     for spec in specs:
-        head, sep, tail = spec.partition(".py")
-        if sep and _is_path(head + sep):
-            found = _classes(load_file(Path(head + sep)), Effect)
+        path = _file_of(spec)
+        if _is_path(path):
+            found = _classes(load_file(Path(path)), Effect)
             if not found:
-                raise FileError(f"{head + sep} holds no effect", "an effect is a class that derives from pamid.Effect")
+                raise FileError(f"{path} holds no effect", "an effect is a class that derives from pamid.Effect")
             for cls in found:
-                require_sound(cls, head + sep)  # type: ignore[arg-type]
+                require_sound(cls, path)  # type: ignore[arg-type]
                 known[cls.name] = cls  # type: ignore[attr-defined]
-            names.append(found[0].name + tail)  # type: ignore[attr-defined]
+            names.append(found[0].name + spec.removeprefix(path))  # type: ignore[attr-defined]
         else:
             names.append(spec)
     return known, names

@@ -35,7 +35,7 @@ from pamid.evidence import Evidence, gather
 from pamid.expressions import symbol
 from pamid.greybox import GreyBox, fit_model
 from pamid.leftover import MODELS, Leftover, derived
-from pamid.library import effects, rig_named
+from pamid.library import effects, rig_again
 from pamid.networks.store import TrainedNetwork
 from pamid.networks.training import Training
 from pamid.posterior import read_posterior
@@ -141,10 +141,7 @@ def origin_of(folder: Path, rig: str | None = None) -> Origin:
         for one in (path, str(Path(path).with_suffix(".toml"))):
             if one in known:
                 _require_unchanged(one, known[one], folder)
-    if rig is None and (name.endswith(".py") or "/" in name):
-        raise FileError(f"{folder} was fitted with the rig file {name!r}",
-                        f"a rig file is code, run only when you name it yourself: add --rig {name}")
-    made = rig_named(rig or name)
+    made = rig_again(name, rig, known)
     recordings = {path: read_recording(Path(path)) for path in roles}
     evidence = gather(made, [r for path, r in recordings.items() if roles[path] != "held-out"],
                       [r for path, r in recordings.items() if roles[path] == "held-out"])
@@ -207,6 +204,13 @@ class _Added(Effect):
         return value + symbol("input", ADDED)
 
 
+def entered(a: Assembly, entry: Entry) -> Assembly:
+    """The assembly with a further input ADDED (SI), that is added at an entry."""
+    rig = copy.copy(a.rig)
+    vars(rig).update(inputs={**rig.inputs, ADDED: ""}, optional={**rig.optional, ADDED: 0.0})
+    return replace(a, rig=rig, attachments=(*a.attachments, entry.attachment(_Added())))
+
+
 @dataclass(frozen=True)
 class Corrected:
     """A model with a further input that is added at an entry. p: its parameters (SI)."""
@@ -217,10 +221,7 @@ class Corrected:
 
     @cached_property
     def assembly(self) -> Assembly:
-        a = self.model.assembly
-        rig = copy.copy(a.rig)
-        vars(rig).update(inputs={**rig.inputs, ADDED: ""}, optional={**rig.optional, ADDED: 0.0})
-        return replace(a, rig=rig, attachments=(*a.attachments, self.entry.attachment(_Added())))
+        return entered(self.model.assembly, self.entry)
 
     def replayed(self, values: Array) -> list[Replay]:
         """Replays of all fitted and held-out tracks with these values (SI; rows of residual.csv) added."""

@@ -110,9 +110,10 @@ def read_recording(path: str | Path) -> Recording:
 
 
 def write_recording(
-    path: str | Path, time: ArrayLike, columns: Mapping[str, ArrayLike], meta: Mapping[str, Any] | None = None
+    path: str | Path, time: ArrayLike, columns: Mapping[str, ArrayLike], meta: Mapping[str, Any] | None = None, *,
+    digits: int = SIGNIFICANT_DIGITS,
 ) -> None:
-    """Write a recording: CSV with 9 significant digits, and the tables of `meta` as TOML beside it. Both atomic.
+    """Write a recording: CSV with so many significant digits, the tables of `meta` as TOML beside it. Both atomic.
 
     time in s; columns by full name, all of the length of time and finite; meta e.g. {"recording": {"loop": "open"},
     "known": {...}}. Without meta no TOML is written and one that exists is left alone.
@@ -125,7 +126,7 @@ def write_recording(
         if array.shape != arrays[0].shape or array.ndim != 1 or not np.isfinite(array).all():
             what = "not finite" if array.shape == arrays[0].shape else f"of shape {array.shape}"
             raise FileError(f"{target}: column {name!r} is {what}; {arrays[0].size} finite values are needed.")
-    row = ",".join([f"%.{TIME_DIGITS}g", *[f"%.{SIGNIFICANT_DIGITS}g"] * len(columns)]) + "\n"
+    row = ",".join([f"%.{TIME_DIGITS}g", *[f"%.{digits}g"] * len(columns)]) + "\n"
     cells = np.stack(arrays, axis=1).ravel().tolist()
     text = ",".join(names) + "\n" + (row * arrays[0].size) % tuple(cells)
     if meta:

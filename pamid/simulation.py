@@ -22,10 +22,11 @@ STEADY = 1.8        # |eigenvalue| x step up to which the explicit step is used:
 MOST_SUBSTEPS = 4   # beyond, the implicit step is cheaper
 
 
-def input_table(assembly: Assembly, recording: Recording) -> Array:
-    """The assembly's inputs (samples x inputs, SI) from a recording; missing optional ones at their default."""
+def input_table(assembly: Assembly, recording: Recording, names: tuple[str, ...] | None = None) -> Array:
+    """The assembly's inputs (samples x inputs, SI), or those named, from a recording; missing optional ones at their
+    default."""
     columns = []
-    for name in assembly.traced.inputs:
+    for name in assembly.traced.inputs if names is None else names:
         if recording.has(name):
             columns.append(recording.si(name))
         elif name in assembly.rig.optional:
@@ -102,14 +103,8 @@ def virtual_recording(assembly: Assembly, excitation: Recording, p: Array, *, no
     Integrated with `fineness` times the steps that a fit would take.
     """
     rig, period = assembly.rig, excitation.sampling_period_s
-    n = len(excitation)
-    random = np.random.default_rng(seed)
-    jitter = {name: noise * rig.noise.get(name, 0.0) * random.standard_normal(n) for name in rig.outputs}
-    u = input_table(assembly, excitation)
-    for i, name in enumerate(assembly.traced.inputs):
-        if name.startswith("noise_"):
-            reading = name.removeprefix("noise_")
-            u[:, i] = to_si(jitter[reading], split_column(reading)[1])
+    jitter = sensor_noise(assembly, len(excitation), noise, seed)
+    u = noisy_inputs(input_table(assembly, excitation), assembly.traced.inputs, jitter)
     commands = [loop.command for loop in rig.loops] if assembly.controller else []
     extra = {c: symbol("cell", c) for c in commands}
     step = choose_stepping(assembly, u, p, period, assembly.start(p))
@@ -125,6 +120,21 @@ def virtual_recording(assembly: Assembly, excitation: Recording, p: Array, *, no
         clean = from_si(Y[:, i], split_column(name)[1])
         columns[name] = clean if name in commands else clean + jitter[name]
     return columns
+
+
+def sensor_noise(assembly: Assembly, samples: int, noise: float, seed: int) -> dict[str, Array]:
+    """White noise on every output, in the column's unit, with the rig's standard deviations times `noise`."""
+    rig, random = assembly.rig, np.random.default_rng(seed)
+    return {name: noise * rig.noise.get(name, 0.0) * random.standard_normal(samples) for name in rig.outputs}
+
+
+def noisy_inputs(u: Array, names: tuple[str, ...], jitter: dict[str, Array]) -> Array:
+    """u with the noise that a controller in the model sees, in place."""
+    for i, name in enumerate(names):
+        if name.startswith("noise_"):
+            reading = name.removeprefix("noise_")
+            u[:, i] = to_si(jitter[reading], split_column(reading)[1])
+    return u
 
 
 def port_sizes(assembly: Assembly, runs: list[tuple[Array, Array, float]]) -> Sizes:

@@ -11,7 +11,7 @@ from pamid.effect import Effect, Signals
 from pamid.engine.lowering import Cell, tick
 from pamid.equations import EquationError, Expr, clip, expression
 from pamid.errors import FileError, PamidError, nearest
-from pamid.expressions import symbol
+from pamid.expressions import substitute, symbol, symbols
 from pamid.rig import Loop, Rig
 from pamid.units import to_si
 
@@ -193,3 +193,36 @@ class _Tracer:
 def trace(rig: Rig, effects_at: EffectsAt, controller: dict[str, float]) -> Traced:
     """The rig's equations with the effects in place. FileError, naming rig, port or effect, for whatever is wrong."""
     return _Tracer(rig, effects_at, controller).run()
+
+
+# ---- several models as one ---------------------------------------------------------------------------------------
+
+
+def signals_of(traced: Traced) -> dict[str, Expr]:
+    """Inputs and outputs of a model by name (SI); a command that its controller makes is a cell."""
+    return {**{c.name: c.here for c in traced.cells}, **{name: symbol("input", name) for name in traced.inputs},
+            **traced.outputs}
+
+
+def beside(own: Traced, other: Traced, prefix: str) -> Traced:
+    """A model's equations, its states and parameters under names of their own, driven by what drives another one."""
+    driven, roots = signals_of(other), [*own.rates.values(), *own.outputs.values()]
+    new = {symbol(space, name): driven[name] if space == "input" else symbol(space, prefix + name)
+           for space, name in symbols(roots) if space != "tick"}
+    told = iter(substitute(roots, new))
+    rates = {prefix + name: next(told) for name in own.rates}
+    outputs = {name: next(told) for name in own.outputs}
+    made = tuple(c for c in other.cells if c.name in own.inputs)
+    return Traced(rates, outputs, made, other.inputs, ())
+
+
+def fed(own: Traced, before: Traced, name: str, value: Expr, cells: tuple[Cell, ...]) -> Traced:
+    """Both models as one that puts out what the first does, with this value in the place of one of its inputs."""
+    put = {symbol("input", name): value}
+    rates = dict(zip(own.rates, substitute(own.rates.values(), put), strict=True))
+    outputs = dict(zip(own.outputs, substitute(own.outputs.values(), put), strict=True))
+    made = []
+    for c in own.cells:
+        update, start = substitute([c.update, c.start], put)
+        made.append(Cell(c.name, update, start, c.sampled))
+    return Traced({**rates, **before.rates}, outputs, (*made, *cells), tuple(i for i in own.inputs if i != name), ())

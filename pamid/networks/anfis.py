@@ -28,7 +28,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, log_expit
 
-from pamid.equations import ZERO, Expr, exp
+from pamid.engine.lowering import Cell
+from pamid.equations import ZERO, Expr, clip, exp
 from pamid.errors import DataError, nearest
 from pamid.networks.bayes import Evidence
 from pamid.networks.network import Network, Records
@@ -135,7 +136,7 @@ class Anfis(Network):
 
     def simulate(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
         """Output y (N,) for inputs (N, m); each sample by itself."""
-        sets, consequents, u = self.membership(weights), self._consequents(weights), self.table(inputs)
+        sets, consequents, u = self.membership(weights), self.consequents(weights), self.table(inputs)
         y = np.empty(len(u))
         with np.errstate(all="ignore"):  # wild trial weights may overflow: the caller judges the outcome
             for start in range(0, len(u), CHUNK):
@@ -157,7 +158,7 @@ class Anfis(Network):
 
     def expression(self, weights: ArrayLike, inputs: Sequence[Expr]) -> Expr:
         """The output as an equation of the inputs, to be held within [-1, 1]: no sum of memberships vanishes there."""
-        sets, rows = self.membership(weights), iter(self._consequents(weights).tolist())
+        sets, rows = self.membership(weights), iter(self.consequents(weights).tolist())
         members: list[list[Expr]] = []
         for k, x in enumerate(inputs):
             squares = [((x - c) * (1.0 / w)) ** 2 for c, w in zip(sets.centre[k], sets.width[k], strict=True)]
@@ -176,9 +177,13 @@ class Anfis(Network):
 
         return fired(0, ()) / reduce(lambda a, b: a * b, (sum(m, start=ZERO) for m in members))
 
+    def equations(self, weights: ArrayLike, inputs: Sequence[Expr], name: str) -> tuple[Expr, tuple[Cell, ...]]:
+        """Nothing is remembered."""
+        return self.expression(weights, [clip(x, -1.0, 1.0) for x in inputs]), ()
+
     def sweep(self, weights: ArrayLike, inputs: ArrayLike) -> Iterator[Rows]:
         """(first sample, y (n,), dy/dw (n, n_weights)) chunk by chunk, exact."""
-        sets, consequents, u = self.membership(weights), self._consequents(weights), self.table(inputs)
+        sets, consequents, u = self.membership(weights), self.consequents(weights), self.table(inputs)
         for start in range(0, len(u), CHUNK):
             x = np.ascontiguousarray(u[start : start + CHUNK].T)
             n = x.shape[1]
@@ -231,10 +236,15 @@ class Anfis(Network):
             away = (x[k] - self._grid[:, None]) / self.spacing
             np.multiply(firing, away[self._rule_sets[:, k]], out=rows[:, k + 1])
 
+    def planes(self, consequents: Array) -> tuple[Array, Array]:
+        """Every rule's own linear function of the inputs: slopes (rules, m) and constants (rules,), from its
+        consequents (rules, m + 1)."""
+        slopes = consequents[:, 1:] / self.spacing
+        return slopes, consequents[:, 0] - np.sum(slopes * self._grid[self._rule_sets], axis=1)
+
     def _rule_outputs(self, consequents: Array, x: Array) -> Array:
         """Every rule's own linear function (rules, n) of x (m, n)."""
-        slopes = consequents[:, 1:] / self.spacing
-        constant = consequents[:, 0] - np.sum(slopes * self._grid[self._rule_sets], axis=1)
+        slopes, constant = self.planes(consequents)
         return slopes @ x + constant[:, None]
 
     @property
@@ -250,7 +260,8 @@ class Anfis(Network):
         """The set of every input that each rule asks for (rules, m)."""
         return np.array(list(product(range(self.sets), repeat=self.inputs)))
 
-    def _consequents(self, weights: ArrayLike) -> Array:
+    def consequents(self, weights: ArrayLike) -> Array:
+        """(rules, m + 1) as the module says."""
         return self.flat(weights)[self.linear].reshape(self.rules, self.inputs + 1)
 
     def table(self, inputs: ArrayLike) -> Array:

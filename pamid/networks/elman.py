@@ -14,17 +14,20 @@ Computation 1(2)). A static derivative, which takes x(k) as a given input, point
 trains to a larger error.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pamid.engine.lowering import Cell
 from pamid.engine.recurrence import LANES, run_adjoint, run_bend, run_sensitivities, run_states
+from pamid.equations import Expr, tanh
 from pamid.errors import DataError
+from pamid.expressions import symbol
 from pamid.networks.modes import find_modes
-from pamid.networks.network import Network, Records
+from pamid.networks.network import Network, Records, weighted
 from pamid.networks.sums import Rows, aligned
 
 Array = NDArray[np.float64]
@@ -147,6 +150,17 @@ class Elman(Network):
         """Output y (N,) for inputs (N, m) from a zero state."""
         with np.errstate(all="ignore"):
             return np.asarray(self.features(weights, inputs) @ np.asarray(weights, dtype=np.float64)[self.linear])
+
+    def equations(self, weights: ArrayLike, inputs: Sequence[Expr], name: str) -> tuple[Expr, tuple[Cell, ...]]:
+        """Every unit's state is a cell."""
+        layers = self.layers(weights)
+        names = [f"{name}_unit_{i}" for i in range(self.hidden)]
+        driven = weighted(layers.input, inputs, layers.bias)
+        moved = weighted(layers.context, [symbol("past", n) for n in names], driven)
+        cells = tuple(Cell(n, tanh(after), tanh(first), sampled=True)
+                      for n, after, first in zip(names, moved, driven, strict=True))
+        (output,) = weighted(layers.output[None], [c.here for c in cells], [layers.output_bias])
+        return output, cells
 
     def curvature(self, weights: ArrayLike, step: ArrayLike, inputs: ArrayLike, washout: int = 0) -> Array:
         """J' times the second derivative of the output along a change of the weights, exact: forward, then backward in

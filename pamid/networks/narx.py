@@ -15,7 +15,7 @@ Derivatives are exact: they go through the fed-back outputs back to the record's
 (Narendra and Parthasarathy 1991, IEEE TNN 2(2)).
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
@@ -23,8 +23,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pamid.engine.feedback import run_output_sensitivities, run_outputs
+from pamid.engine.lowering import Cell
+from pamid.equations import ZERO, Expr, tanh
 from pamid.errors import DataError
-from pamid.networks.network import Network
+from pamid.expressions import symbol
+from pamid.networks.network import Network, weighted
 from pamid.networks.sums import Rows
 
 Array = NDArray[np.float64]
@@ -123,6 +126,20 @@ class Narx(Network):
         run_outputs(layers.feedback, layers.output, layers.output_bias, drive, self.stride, y)
         return y[self._reach :]
 
+    def equations(self, weights: ArrayLike, inputs: Sequence[Expr], name: str) -> tuple[Expr, tuple[Cell, ...]]:
+        """A chain of cells holds each input's and the output's past samples."""
+        layers = self.layers(weights)
+        seen = [f"{name}_input_{i}" for i in range(self.inputs)]
+        taps = [u if lag == 0 else symbol("cell", f"{n}_{lag * self.stride}")
+                for lag in range(self.input_lags + 1) for n, u in zip(seen, inputs, strict=True)]
+        back = [symbol("cell", f"{name}_output_{lag * self.stride}") for lag in range(1, self.output_lags + 1)]
+        driven = weighted(layers.feedback, back, weighted(layers.taps, taps, layers.bias))
+        (output,) = weighted(layers.output[None], [tanh(d) for d in driven], [layers.output_bias])
+        cells = _chain(f"{name}_output", output, before=ZERO, length=self._reach)
+        for n, u in zip(seen, inputs, strict=True):
+            cells += _chain(n, u, before=u, length=self.input_lags * self.stride)
+        return symbol("cell", f"{name}_output_0"), tuple(cells)
+
     def sweep(self, weights: ArrayLike, inputs: ArrayLike) -> Iterator[Rows]:
         """Yield (first sample, y, dy/dw) chunk by chunk; the arrays are overwritten by the next chunk but one."""
         layers, u, reach = self.layers(weights), self.table(inputs), self._reach
@@ -146,3 +163,11 @@ class Narx(Network):
         """Inputs (stop - start, (n + 1) m) that samples start .. stop - 1 see: u(k), u(k-s), ..., u(k-ns)."""
         k = np.arange(start, stop)
         return np.hstack([u[np.maximum(k - lag * self.stride, 0)] for lag in range(self.input_lags + 1)])
+
+
+def _chain(name: str, value: Expr, *, before: Expr, length: int) -> list[Cell]:
+    """Cells name_0 .. name_length with the value 0 .. length samples ago; `before` stands for what lies before the
+    first sample."""
+    first = Cell(f"{name}_0", value, value, sampled=True)
+    return [first, *(Cell(f"{name}_{k}", symbol("past", f"{name}_{k - 1}"), before, sampled=True)
+                     for k in range(1, length + 1))]

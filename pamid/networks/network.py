@@ -6,12 +6,14 @@ target are scaled into [-1, 1]. Choose weights whose natural value is zero: regu
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pamid.engine.lowering import Cell
+from pamid.equations import Expr, expression
 from pamid.errors import DataError
 from pamid.networks.sums import Rows, summed
 
@@ -19,6 +21,12 @@ Array = NDArray[np.float64]
 
 ASIDE = 0.1    # of a step: where its second derivative is probed
 Records = Sequence[tuple[Array, Array]]
+
+
+def weighted(weights: Array, values: Sequence[Expr], added: Iterable[Expr | float]) -> list[Expr]:
+    """weights (rows, columns) @ values + added, as equations."""
+    return [sum((w * v for w, v in zip(row, values, strict=True)), start=expression(first))
+            for row, first in zip(weights.tolist(), added, strict=True)]
 
 
 class Network(ABC):
@@ -51,6 +59,11 @@ class Network(ABC):
     @abstractmethod
     def simulate(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
         """Output (N,)."""
+
+    def equations(self, weights: ArrayLike, inputs: Sequence[Expr], name: str) -> tuple[Expr, tuple[Cell, ...]]:
+        """The output as an equation of the inputs (scaled), and the cells, led by `name`, in which it remembers: sample
+        by sample the same as `simulate`. DataError where a kind of network has none."""
+        raise DataError(f"A network of kind {self.kind!r} has no equations, so that it cannot run beside a model.")
 
     def features(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
         """What the weights `linear` multiply (N, number of these)."""

@@ -1,0 +1,198 @@
+"""ONNX graphs node by node: names, constants, subgraphs, and equations as nodes. Everything is float64.
+
+A number is a tensor of shape (1,), so that numbers split from a vector need no reshaping and can be joined to one.
+Subgraphs see the names around them; constants lie in the outermost graph, each once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pamid.expressions import Expr, walk
+
+Array = NDArray[np.float64]
+Symbol = tuple[str, str]
+Shape = tuple[int | str, ...]
+
+OPSET, IR = 18, 9
+_OPS = {"add": "Add", "sub": "Sub", "mul": "Mul", "div": "Div", "pow": "Pow", "min": "Min", "max": "Max",
+        "sqrt": "Sqrt", "exp": "Exp", "log": "Log", "tanh": "Tanh", "sin": "Sin", "cos": "Cos", "abs": "Abs",
+        "floor": "Floor", "neg": "Neg"}  # fmt: skip
+_COMPARE = {"lt": "Less", "le": "LessOrEqual"}
+
+
+@dataclass
+class Graph:
+    """Nodes under construction; `inside` begins a subgraph."""
+
+    nodes: list[Any] = field(default_factory=list)
+    constants: dict[tuple[Any, ...], Any] = field(default_factory=dict)
+    count: list[int] = field(default_factory=lambda: [0])
+
+    def inside(self) -> Graph:
+        return Graph([], self.constants, self.count)
+
+    def fresh(self, stem: str) -> str:
+        self.count[0] += 1
+        return f"{stem}_{self.count[0]}"
+
+    def add(self, op: str, *inputs: str, **attributes: Any) -> str:
+        """A node with one output; its name."""
+        (output,) = self.several(op, 1, *inputs, **attributes)
+        return output
+
+    def several(self, op: str, outputs: int, *inputs: str, **attributes: Any) -> list[str]:
+        """A node with several outputs; their names."""
+        from onnx import helper
+
+        names = [self.fresh(op.lower()) for _ in range(outputs)]
+        self.nodes.append(helper.make_node(op, list(inputs), names, **attributes))
+        return names
+
+    def named(self, name: str, value: str) -> str:
+        """The value under this name."""
+        from onnx import helper
+
+        self.nodes.append(helper.make_node("Identity", [value], [name]))
+        return name
+
+    def array(self, values: ArrayLike, dtype: Any = np.float64) -> str:
+        """A constant tensor."""
+        from onnx import numpy_helper
+
+        content = np.array(values, dtype, order="C")
+        key = (content.tobytes(), content.shape, content.dtype.str)
+        if key not in self.constants:
+            self.constants[key] = numpy_helper.from_array(content, self.fresh("constant"))
+        return str(self.constants[key].name)
+
+    def number(self, value: float) -> str:
+        return self.array([value])
+
+    def index(self, *values: int) -> str:
+        return self.array(values, np.int64)
+
+    # ---- vectors -------------------------------------------------------------------------------------------------
+
+    def joined(self, parts: Iterable[str]) -> str:
+        """Numbers and vectors as one vector."""
+        names = list(parts)
+        return names[0] if len(names) == 1 else self.add("Concat", *names, axis=0)
+
+    def parts(self, vector: str, sizes: Iterable[int]) -> list[str]:
+        """A vector cut into vectors of these sizes, in order; none of them empty."""
+        lengths = list(sizes)
+        if len(lengths) == 1:
+            return [vector]
+        return self.several("Split", len(lengths), vector, self.index(*lengths), axis=0) if lengths else []
+
+    def numbers(self, vector: str, count: int) -> list[str]:
+        return self.parts(vector, [1] * count)
+
+    def choose(self, condition: str, yes: str, no: str) -> str:
+        return self.add("Where", condition, yes, no)
+
+
+def graph_of(body: Graph, name: str, inputs: Mapping[str, Shape], outputs: Mapping[str, Shape],
+             types: Mapping[str, int] | None = None, *, outermost: bool = False) -> Any:
+    """A finished GraphProto with the shapes of its inputs and outputs, double where `types` does not say otherwise. The
+    outermost one holds the constants that are used."""
+    from onnx import TensorProto, helper
+
+    kinds = types or {}
+
+    def infos(shapes: Mapping[str, Shape]) -> list[Any]:
+        return [helper.make_tensor_value_info(n, kinds.get(n, TensorProto.DOUBLE), s) for n, s in shapes.items()]
+
+    used = _used(body.nodes) if outermost else set()
+    return helper.make_graph(body.nodes, name, infos(inputs), infos(outputs),
+                             initializer=[c for c in body.constants.values() if c.name in used])
+
+
+def _used(nodes: Iterable[Any]) -> set[str]:
+    """Every name that nodes and their subgraphs take in."""
+    found: set[str] = set()
+    for node in nodes:
+        found.update(node.input)
+        for attribute in node.attribute:
+            found |= _used(attribute.g.node) | {o.name for o in attribute.g.output}
+    return found
+
+
+def model_bytes(graph: Any, about: Mapping[str, str]) -> bytes:
+    """The whole model, checked, with `about` as its metadata."""
+    from importlib.metadata import version
+
+    from onnx import checker, helper
+
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=IR,
+                              producer_name="pamid", producer_version=version("pamid"))
+    helper.set_model_props(model, dict(about))
+    checker.check_model(model, full_check=True)
+    return bytes(model.SerializeToString(deterministic=True))
+
+
+class Values:
+    """Equations as nodes of a graph, every shared part once.
+
+    symbols: the tensor of every symbol; around: values whose parts may be used where no changed symbol is below them.
+    """
+
+    def __init__(self, graph: Graph, symbols: Mapping[Symbol, str], around: Values | None = None) -> None:
+        self.graph, self.symbols, self.around = graph, dict(symbols), around
+        self._own: dict[Expr, str] = {}
+        self._truths: dict[Expr, str] = {}
+        self._changed: dict[Expr, bool] = {}
+
+    def know(self, symbol: Symbol, tensor: str) -> None:
+        """A symbol that nothing was asked of yet."""
+        self.symbols[symbol] = tensor
+
+    def __call__(self, root: Expr) -> str:
+        """The tensor of an expression."""
+        for node in walk([root]):
+            if node not in self._own and node.op not in _COMPARE and self._is_own(node):
+                self._own[node] = self._made(node)
+        return self._at(root)
+
+    def _is_own(self, node: Expr) -> bool:
+        """Does it belong here, and not to the values around?"""
+        if self.around is None:
+            return True
+        if node not in self._changed:
+            self._changed[node] = (node.value in self.symbols if node.op == "symbol"
+                                   else any(self._is_own(a) for a in node.args))
+        return self._changed[node]
+
+    def _at(self, node: Expr) -> str:
+        if self.around is not None and not self._is_own(node):
+            return self.around(node)
+        if node not in self._own:       # a comparison that is counted with
+            self._own[node] = self.graph.add("Cast", self._truth(node), to=11)   # double
+        return self._own[node]
+
+    def _made(self, node: Expr) -> str:
+        if node.op == "const":
+            return self.graph.number(node.value)
+        if node.op == "symbol":
+            return self.symbols[node.value]
+        if node.op == "where":
+            return self.graph.choose(self._truth(node.args[0]), self._at(node.args[1]), self._at(node.args[2]))
+        return self.graph.add(_OPS[node.op], *(self._at(a) for a in node.args))
+
+    def _truth(self, node: Expr) -> str:
+        """A comparison, or any number but 0, as true or false."""
+        if self.around is not None and not self._is_own(node):
+            return self.around._truth(node)
+        if node not in self._truths:
+            if node.op in _COMPARE:
+                self._truths[node] = self.graph.add(_COMPARE[node.op], *(self(a) for a in node.args))
+            else:
+                equal = self.graph.add("Equal", self(node), self.graph.number(0.0))
+                self._truths[node] = self.graph.add("Not", equal)
+        return self._truths[node]

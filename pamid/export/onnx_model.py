@@ -1,0 +1,126 @@
+"""An identified model, or a network by itself, as ONNX in float64: one sample, and a whole run as a Scan over it.
+
+    <stem>-cell.onnx   inputs (nu,), state (n,) -> outputs (ny,), next_state (n,)
+    <stem>.onnx        inputs (T, nu), state (n,) -> outputs (T, ny), last_state (n,)
+
+Inputs and outputs are in the units of their columns and in the order that the metadata tell; there is the state of the
+beginning, too ("start"). A run may be cut anywhere: the last state of one part is the first of the next.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.errors import FileError
+from pamid.export.onnx_graph import Graph, graph_of, model_bytes
+from pamid.export.onnx_network import memory_size, network_nodes
+from pamid.export.onnx_step import Sampled
+from pamid.export.step import step_of
+from pamid.identified import Identified
+from pamid.networks.store import TrainedNetwork
+from pamid.run import write_atomically
+from pamid.units import NONE, split_column
+
+Array = NDArray[np.float64]
+#: a graph, its inputs (nu,) and state (n,) -> outputs (ny,) and next state (n,)
+Nodes = Callable[[Graph, str, str], tuple[str, str]]
+
+SCHEMA = "pamid.onnx/1"
+
+
+def write_onnx(model: Identified, path: Path) -> tuple[Path, Path]:
+    """Write a model's run to `path` and its cell beside it, each whole or not at all; both paths. UsageError where its
+    network needs the control loop; FileError where onnx is not installed."""
+    _require_onnx()
+    return _written(onnx_bytes(model), path)
+
+
+def write_network_onnx(trained: TrainedNetwork, path: Path) -> tuple[Path, Path]:
+    """The same for a network by itself, from its inputs to its correction, both in their own units."""
+    _require_onnx()
+    return _written(network_onnx_bytes(trained), path)
+
+
+def onnx_bytes(model: Identified) -> tuple[bytes, bytes]:
+    """A model's run and cell."""
+    sample = Sampled(step_of(model), model.network.trained if model.network is not None else None)
+    s = sample.step
+    about = {"rig": model.name, "effects": [a.label for a in model.effects], "dt_s": s.period_s,
+             "network": "" if sample.network is None else sample.network.network.kind,
+             "inputs": [{"name": v.name, "unit": v.unit} for v in s.inputs],
+             "outputs": [{"name": v.name, "unit": v.unit} for v in s.outputs],
+             "state": sample.sizes, "states": list(s.states), "fit_sha256": model.sha256}
+    return _run_and_cell(model.name, sample.nodes, sample.start, about)
+
+
+def network_onnx_bytes(trained: TrainedNetwork) -> tuple[bytes, bytes]:
+    """A network's run and cell."""
+    network = trained.network
+    memory = memory_size(network)
+    low, high = (np.array(ends) for ends in (trained.input_scaling.low, trained.input_scaling.high))
+    (bottom,), (top,) = trained.output_scaling.low, trained.output_scaling.high
+
+    def nodes(g: Graph, inputs: str, state: str) -> tuple[str, str]:
+        before, samples = g.parts(state, [memory, 1]) if memory else ("", state)
+        scaled = g.add("Div", g.add("Mul", g.number(2.0), g.add("Sub", inputs, g.array(low))), g.array(high - low))
+        given = g.add("Sub", scaled, g.number(1.0))
+        first = g.add("Equal", samples, g.number(0.0))
+        value, after = network_nodes(g, network, trained.weights, given, before, first)
+        share = g.add("Mul", g.number(0.5), g.add("Add", value, g.number(1.0)))
+        output = g.add("Add", g.number(bottom), g.add("Mul", share, g.number(top - bottom)))
+        counted = g.add("Add", samples, g.number(1.0))
+        return output, g.joined([after, counted] if memory else [counted])
+
+    about = {"network": network.kind, "dt_s": trained.period_s, "inputs": [_column(n) for n in trained.input_names],
+             "outputs": [_column(trained.output_name)],
+             "state": {**({"memory": memory} if memory else {}), "samples": 1}}
+    return _run_and_cell(network.kind, nodes, np.zeros(memory + 1), about)
+
+
+def _run_and_cell(name: str, nodes: Nodes, start: Array, about: Mapping[str, Any]) -> tuple[bytes, bytes]:
+    nu, n, ny = len(about["inputs"]), len(start), len(about["outputs"])
+    told = {"schema": SCHEMA, **about, "start": start.tolist()}
+    words = {key: value if isinstance(value, str) else json.dumps(value) for key, value in told.items()}
+
+    single = Graph()
+    for output, value in zip(("outputs", "next_state"), nodes(single, "inputs", "state"), strict=True):
+        single.named(output, value)
+    cell = graph_of(single, name, {"inputs": (nu,), "state": (n,)}, {"outputs": (ny,), "next_state": (n,)},
+                    outermost=True)
+
+    whole = Graph()
+    inside = whole.inside()
+    outputs, following = nodes(inside, "sample", "before")
+    once = graph_of(inside, "sample", {"before": (n,), "sample": (nu,)}, {following: (n,), outputs: (ny,)})
+    last, every = whole.several("Scan", 2, "state", "inputs", body=once, num_scan_inputs=1)
+    whole.named("last_state", last)
+    whole.named("outputs", every)
+    run = graph_of(whole, name, {"inputs": ("samples", nu), "state": (n,)},
+                   {"outputs": ("samples", ny), "last_state": (n,)}, outermost=True)
+    return model_bytes(run, words), model_bytes(cell, words)
+
+
+def _column(name: str) -> dict[str, str]:
+    unit = split_column(name)[1]
+    return {"name": name, "unit": "" if unit == NONE else unit}
+
+
+def _written(contents: tuple[bytes, bytes], path: Path) -> tuple[Path, Path]:
+    cell = path.with_name(f"{path.stem}-cell.onnx")
+    for target, content in zip((path, cell), contents, strict=True):
+        write_atomically(target, content)
+    return path, cell
+
+
+def _require_onnx() -> None:
+    try:
+        import onnx  # noqa: F401
+    except ImportError:
+        raise FileError("ONNX files are written with the package onnx, which is not installed.",
+                        "pip install 'pamid[onnx]'", code="missing-extra") from None
