@@ -1,0 +1,179 @@
+"""What was done to a log, and writing it down: recordings, their TOML and <stem>.ingest.json, all of them or none."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pamid.errors import FileError
+from pamid.ingest.clocks import Clock
+from pamid.ingest.conversion import Conversion, Made, Track
+from pamid.ingest.mapping import Mapping
+from pamid.metrics import FloatArray
+from pamid.recording import write_recording
+from pamid.run import sha256_of, write_json
+
+SCHEMA = "pamid.ingest/1"
+AT_LIMIT = 3         # samples in a row at the highest or lowest value of a channel: it may be clipped there
+
+
+def outputs_for(conversions: Sequence[Conversion], output: Path, as_folder: bool) -> list[list[Path]]:
+    """The CSV files to write for each log: `output` itself for one recording, else numbered; a folder takes the logs'
+    own names. FileError if two would be the same file."""
+    counts = [len(conversion.recordings) for conversion in conversions]
+    if as_folder:
+        stems = [output / conversion.log.path.stem for conversion in conversions]
+        paths = [_numbered(stem, count) for stem, count in zip(stems, counts, strict=True)]
+    else:
+        every = _numbered(output.with_suffix(""), sum(counts))
+        paths = [every[sum(counts[:i]) : sum(counts[: i + 1])] for i in range(len(counts))]
+    named = [path for part in paths for path in part]
+    for path in named:
+        if named.count(path) > 1:
+            raise FileError(f"{path} would be written for two logs of the same name.",
+                            "Give one --output file, or ingest them into two folders.", code="exists")  # fmt: skip
+    return paths
+
+
+def write_conversions(conversions: Sequence[Conversion], outputs: Sequence[Sequence[Path]], mapping_file: Path,
+                      overwrite: bool) -> list[dict[str, Any]]:  # fmt: skip
+    """Write every recording with its TOML and account, or nothing; the accounts.
+
+    FileError if a file is there already (and not `overwrite`), or would replace a log or the mapping.
+    """
+    targets = [path.with_suffix(suffix) for part in outputs for path in part for suffix in (".csv", ".toml",
+                                                                                            ".ingest.json")]
+    sources = {mapping_file.resolve(), *(conversion.log.path.resolve() for conversion in conversions)}
+    for target in targets:
+        if target.resolve() in sources:
+            raise FileError(f"{target} is read here: it would be lost.", "Choose another --output.", code="exists")
+        if target.exists() and not overwrite:
+            raise FileError(f"{target} exists already.", "Choose another --output, or --overwrite to replace it.",
+                            code="exists")  # fmt: skip
+    told: list[dict[str, Any]] = []
+    folder = targets[0].parent
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        stage = Path(tempfile.mkdtemp(prefix=".ingest-", dir=folder))
+    except OSError as error:
+        raise FileError(f"{folder} cannot be written to: {error.strerror}.", code="write") from error
+    try:
+        for conversion, part in zip(conversions, outputs, strict=True):
+            shared = _of_log(conversion, mapping_file)
+            for made, path in zip(conversion.recordings, part, strict=True):
+                write_recording(stage / path.name, made.time, made.columns, _tables(conversion))
+                told.append({**shared, "recording": _of_recording(made, path, conversion)})
+                write_json((stage / path.name).with_suffix(".ingest.json"), told[-1])
+        _move(stage, folder, [target.name for target in targets])
+    finally:
+        shutil.rmtree(stage, ignore_errors=True)
+    return told
+
+
+def _move(stage: Path, folder: Path, names: Sequence[str]) -> None:
+    """Move finished files to their place; on a failure those that were new there are taken away again."""
+    new = []
+    try:
+        for name in names:
+            if not (folder / name).exists():
+                new.append(folder / name)
+            os.replace(stage / name, folder / name)
+    except BaseException as error:
+        for path in new:
+            with contextlib.suppress(OSError):
+                path.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise FileError(f"{folder} cannot be written to: {error.strerror}.", code="write") from error
+        raise
+
+
+def _numbered(stem: Path, count: int) -> list[Path]:
+    if count == 1:
+        return [stem.with_name(stem.name + ".csv")]
+    return [stem.with_name(f"{stem.name}-{number}.csv") for number in range(1, count + 1)]
+
+
+def _tables(conversion: Conversion) -> dict[str, Any]:
+    """The tables of a recording's TOML."""
+    mapping = conversion.mapping
+    about = {"rig": mapping.rig, "loop": mapping.loop, "sampling_period_s": conversion.period}
+    tables = {"recording": {key: value for key, value in about.items() if value is not None},
+              "known": mapping.known, "controller": mapping.controller}  # fmt: skip
+    return {title: table for title, table in tables.items() if table}
+
+
+def _of_log(conversion: Conversion, mapping_file: Path) -> dict[str, Any]:
+    log, lead = conversion.log, conversion.lead
+    return {
+        "schema": SCHEMA,
+        "source": {"path": str(log.path), "sha256": sha256_of(log.path), "kind": log.kind,
+                   "details": list(log.details)},
+        "mapping": {"path": str(mapping_file), "sha256": sha256_of(mapping_file), **plain(conversion.mapping)},
+        "clock_ppm": 1e6 * (conversion.stretch - 1.0),
+        "clocks": [{**_of_clock(clock), "leads": clock is lead} for clock in conversion.clocks],
+        "signals": {column: _of_track(track, conversion) for column, track in conversion.tracks.items()},
+        "notes": list(conversion.notes),
+    }  # fmt: skip
+
+
+def plain(mapping: Mapping) -> dict[str, Any]:
+    """A mapping as plain tables, without what it leaves out."""
+    return mapping.model_dump(exclude_none=True)
+
+
+def _of_clock(clock: Clock) -> dict[str, Any]:
+    repairs = [*clock.rows.repairs, *clock.base.repairs]
+    about: dict[str, Any] = {"name": clock.name, "rows": int(clock.rows.stamps.size), "state": "events",
+                             "cure": clock.cure, "why": "each value holds until the next"}  # fmt: skip
+    if clock.found is not None:
+        about |= {"state": clock.found.state, "why": clock.found.why, "numbers": clock.found.numbers,
+                  "signals": [{"signal": w.signal, "coefficient": w.coefficient, "error": w.error,
+                               "roughness_ratio": w.ratio} for w in clock.found.witnesses]}  # fmt: skip
+    return {**about, "repairs": [{"what": r.what, "count": r.count, "detail": r.detail} for r in repairs]}
+
+
+def _of_track(track: Track, conversion: Conversion) -> dict[str, Any]:
+    signal, values = track.course.signal, track.course.values
+    empty = ~np.isfinite(values)
+    there = values[~empty]
+    about: dict[str, Any] = {
+        "source": signal.source, "clock": track.clock.name, "interpolation": "hold" if signal.hold else "smooth",
+        "empty_cells": int(empty.sum()), "longest_empty_run": _longest(empty), "at_limit": at_limit(there),
+        "filtered": bool(track.coarser(conversion.period * conversion.stretch)),
+    }  # fmt: skip
+    if signal.unit is not None:
+        about["unit"] = signal.unit.text
+    if signal.absolute:
+        about["atmosphere_taken_off_kpa"] = conversion.mapping.atmosphere.pressure_kpa
+    return about
+
+
+def _of_recording(made: Made, path: Path, conversion: Conversion) -> dict[str, Any]:
+    return {"path": str(path), "samples": int(made.time.size), "sampling_period_s": conversion.period,
+            "duration_s": float(made.time.size * conversion.period), "columns": list(made.columns),
+            "begins_s": made.begins_s, "first_row": made.first_row}  # fmt: skip
+
+
+def at_limit(values: FloatArray) -> int:
+    """How many samples stand in runs of three and more at the highest or lowest value, where values vary at all."""
+    if values.size < AT_LIMIT or np.ptp(values) == 0.0:
+        return 0
+    return sum(int(length) for edge in (values.min(), values.max())
+               for length in _runs(values == edge) if length >= AT_LIMIT)  # fmt: skip
+
+
+def _longest(mask: np.ndarray[Any, np.dtype[np.bool_]]) -> int:
+    return int(_runs(mask).max(initial=0))
+
+
+def _runs(mask: np.ndarray[Any, np.dtype[np.bool_]]) -> np.ndarray[Any, np.dtype[np.int64]]:
+    """Lengths of the runs of True."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return np.asarray(edges[1::2] - edges[::2], dtype=np.int64)

@@ -1,0 +1,283 @@
+"""A first mapping for a log, with a comment on everything that was guessed, for the user to look through.
+
+What only the user can know stays open ("?"): a unit that the log does not say, gauge or absolute pressure.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from pamid.errors import PamidError
+from pamid.ingest.channels import Channel, Log
+from pamid.ingest.conversion import round_period
+from pamid.ingest.mapping import OPEN
+from pamid.ingest.quantities import PRESSURE, is_readable, read_unit
+from pamid.ingest.stamps import usable_rows
+from pamid.ingest.time_base import GAP_PERIODS, Diagnosis, diagnose
+from pamid.ingest.words import meanings, number
+from pamid.metrics import FloatArray
+from pamid.rig import Rig
+from pamid.units import NONE, quantity_of, split_column, unit
+
+ONE = 1.05           # what is sent stays within -1 to 1, or is in per cent
+USUAL = 30.0         # times the rig's period: a unit of the stamps within that is believed
+_TIME_UNITS = ("s", "ms", "us", "ns", "min")
+_RAW = (unit("V").dimension, unit("A").dimension)  # a sensor's signal that nobody has scaled
+_RISING = 0.98       # share of steps up: then a channel may be the time
+
+
+@dataclass(frozen=True)
+class Guess:
+    """The text of a mapping, the keys that are left open, and how many channels were taken of how many."""
+
+    text: str
+    open: tuple[str, ...]
+    mapped: int
+    channels: int
+
+
+@dataclass(frozen=True, eq=False)
+class TimeGuess:
+    """The channel with the stamps (None: channels have their own, or there is none), its unit ("?": unknown), the
+    stamps in s, and what was found out about them."""
+
+    source: Channel | None
+    unit: str
+    stamps: FloatArray | None
+    reason: str = ""
+    found: Diagnosis | None = None
+    trouble: str = ""
+
+
+def guess_mapping(log: Log, rig_name: str, rig: Rig, pressures: str | None = None) -> Guess:
+    """A mapping of a log for a rig. pressures: "gauge" or "absolute" for all of them, None leaves them open."""
+    time = _time(log, rig)
+    rest = [channel for channel in log.channels if channel is not time.source]
+    chosen = _assign(rest, rig)
+    time = _diagnosed(time, log, [chosen[c] for c in rig.outputs if c in chosen] or rest)
+    lines, left = _head(log, rig_name, rig, chosen), list[str]()
+    period = _period(time, rig)
+    lines += _time_lines(time, period)
+    if time.unit == OPEN:
+        left.append("time.unit")
+    for column, channel in chosen.items():
+        lines += _signal_lines(column, channel, rig, pressures, left, time)
+    lines += _tail(rig, chosen, rest)
+    return Guess("\n".join(lines) + "\n", tuple(left), len(chosen), len(rest))
+
+
+# ---- which channel is what -----------------------------------------------------------------------------------------
+
+
+def _assign(channels: Sequence[Channel], rig: Rig) -> dict[str, Channel]:
+    """Column of the rig -> channel, best fits first, in the rig's order."""
+    columns = list(dict.fromkeys([*(loop.reference for loop in rig.loops), *rig.inputs, *rig.outputs]))
+    scores = [(-_score(channel, column), i, j) for i, channel in enumerate(channels)
+              for j, column in enumerate(columns) if _score(channel, column) > 0]  # fmt: skip
+    taken: dict[int, int] = {}
+    for _, i, j in sorted(scores):
+        if i not in taken and j not in taken.values():
+            taken[i] = j
+    by_column = {columns[j]: channels[i] for i, j in taken.items()}
+    return {column: by_column[column] for column in columns if column in by_column}
+
+
+def _score(channel: Channel, column: str) -> int:
+    """How well a channel fits a column of the rig; 0 not at all."""
+    name, (stem, symbol) = channel.name.rpartition("/")[2], split_column(column)
+    if name == column or split_column(name)[0] == stem:
+        return 100
+    target = next((kind for kind in ("reference", "command", *sorted(meanings(stem))) if kind in meanings(stem)), stem)
+    found, known = meanings(name), read_unit(channel.unit) if is_readable(channel.unit) and channel.unit else None
+    fits = known is not None and known.dimension == unit(symbol).dimension
+    score = 0
+    if target in found:
+        score = 60 if known is None or fits else (20 if known.dimension in _RAW else 0)
+    elif not found and fits and symbol != NONE:
+        score = 20  # nothing but its unit speaks for it
+    wanted, given = number(stem), number(name)
+    if not score or (wanted and given and wanted != given):
+        return 0
+    return score + (10 if wanted == given else 0)
+
+
+# ---- the time ------------------------------------------------------------------------------------------------------
+
+
+def _time(log: Log, rig: Rig) -> TimeGuess:
+    rows = [channel for channel in log.channels if channel.stamps is None]
+    rising = [channel for channel in rows if _rises(channel.values)]
+    if not rising:
+        return TimeGuess(None, "s", None)
+    source = next((c for c in rising if "time" in meanings(c.name.rpartition("/")[2])), rising[0])
+    reason = "as the log says"
+    if source.unit and is_readable(source.unit) and read_unit(source.unit).dimension == unit("s").dimension:
+        told = source.unit
+    else:
+        step = float(np.median(np.diff(source.values[np.isfinite(source.values)])))
+        ratios = {name: step * read_unit(name).factor / rig.period_s for name in _TIME_UNITS}
+        likely = [name for name, ratio in ratios.items() if 1.0 / USUAL < ratio < USUAL]
+        suffix = split_column(source.name)[1]
+        named = unit(suffix).dimension == unit("s").dimension
+        told = suffix if named else (likely[0] if likely else OPEN)
+        reason = "by the channel's name" if named else "by the spacing"
+    factor = read_unit(told).factor if told != OPEN else 1.0
+    return TimeGuess(source, told, (source.values - source.values[0]) * factor, reason)
+
+
+def _rises(values: FloatArray) -> bool:
+    steps = np.diff(values[np.isfinite(values)])
+    return bool(steps.size > 10 and np.mean(steps >= 0.0) > _RISING and (steps > 0.0).any())
+
+
+def _diagnosed(time: TimeGuess, log: Log, measured: Sequence[Channel]) -> TimeGuess:
+    """What the stamps look like, judged by the channels that seem to be measured."""
+    stamps, moving = time.stamps, [c for c in measured if c.stamps is None]
+    if stamps is None:
+        own = next((c for c in measured if c.stamps is not None), None)
+        if own is None or own.stamps is None:
+            return time
+        stamps, moving = own.stamps, [c for c in measured if c.stamps is not None and
+                                      np.array_equal(c.stamps, own.stamps, equal_nan=True)]  # fmt: skip
+    try:
+        rows = usable_rows(stamps, [c.values for c in moving], "the stamps")
+        found = diagnose(rows, {c.name: c.values[rows.keep] for c in moving})
+    except PamidError as error:
+        return replace(time, stamps=stamps, trouble=str(error))
+    return replace(time, stamps=stamps, found=found, trouble="; ".join(r.detail for r in rows.repairs))
+
+
+def _period(time: TimeGuess, rig: Rig) -> float | None:
+    if time.found is None or time.unit == OPEN:
+        return rig.period_s if time.stamps is None else None
+    near = abs(time.found.period / rig.period_s - 1.0) < 1e-3
+    return rig.period_s if near else round_period(time.found.period)
+
+
+# ---- the text ------------------------------------------------------------------------------------------------------
+
+
+def _head(log: Log, rig_name: str, rig: Rig, chosen: dict[str, Channel]) -> list[str]:
+    lines = [f"# First mapping of {_text(log.path.name)} ({log.kind}), guessed: look it through."]
+    lines += [f"#   {' '.join(detail.split())}" for detail in log.details]
+    lines += [f"rig = {_text(rig_name)}"]
+    if any(loop.reference in chosen and loop.command in chosen for loop in rig.loops):
+        lines.append('loop = "closed"              # a controller produced the command? otherwise "open"')
+    else:
+        lines.append('# loop = "open"              # "closed" if a controller produced the command')
+    return [*lines, ""]
+
+
+def _time_lines(time: TimeGuess, period: float | None) -> list[str]:
+    lines = ["[time]"]
+    if time.source is not None:
+        said = "" if time.unit in (time.source.unit, OPEN) else f"  # {time.reason}"
+        lines += [f"source = {_text(time.source.name)}", f"unit = {_text(time.unit)}{said}"]
+    elif time.stamps is not None:
+        lines.append("# channels have stamps of their own")
+    else:
+        lines.append("# no channel looks like a clock: rows are taken to be evenly spaced, by period_s")
+    if period is not None:
+        lines.append(f"period_s = {period!r}  # of the recording to write")
+        lines.append(f"max_gap_s = {float(f'{GAP_PERIODS * period:.6g}')!r}  # longer gaps split the recording")
+    if time.trouble:
+        lines.append(f"# {' '.join(time.trouble.split())}")
+    if time.found is not None:
+        lines.append(f"# {time.found.why}")
+    cure = time.found.cure if time.found is not None else None
+    if time.found is not None and time.found.state == "undecided":
+        lines += ["# late-stamps: a device samples evenly, a host writes the time when a sample arrives",
+                  "# jittered-sampling: samples are taken when their stamps say, as in a loop on a PC"]
+    told = cure if cure not in (None, "none") else "ask"
+    return [*lines, f'repair = "{told}"  # "ask" | "late-stamps" | "jittered-sampling" | "none"', ""]
+
+
+def _signal_lines(column: str, channel: Channel, rig: Rig, pressures: str | None, left: list[str],
+                  time: TimeGuess) -> list[str]:  # fmt: skip
+    symbol = split_column(column)[1]
+    told, remark = _unit(column, channel)
+    lines = [f"[signals.{column}]  # {_about(channel, time)}", f"source = {_text(channel.name)}"]
+    if told == OPEN:
+        left.append(f"signals.{column}.unit")
+    lines.append(f"unit = {_text(told)}" + (f"  # {remark}" if remark else ""))
+    if unit(symbol).dimension == PRESSURE and not (told != OPEN and read_unit(told).pressure):
+        lines.append(f"# gauge (0 is the air around) or absolute? {_pressure_hint(channel, told)}")
+        if pressures is None:
+            left.append(f"signals.{column}.pressure")
+        lines.append(f'pressure = "{pressures or OPEN}"')
+    return [*lines, ""]
+
+
+def _unit(column: str, channel: Channel) -> tuple[str, str]:
+    """(unit of the source or "?", remark)."""
+    symbol, logged = split_column(column)[1], channel.unit.strip()
+    if logged and is_readable(logged) and read_unit(logged).dimension == unit(symbol).dimension:
+        return logged, ""
+    if logged:
+        return OPEN, (f"the log says {_text(logged)}, the column is a {quantity_of(symbol)}; or scale = "
+                      f"{symbol} per {_text(logged)}")  # fmt: skip
+    suffix = split_column(channel.name.rpartition("/")[2])[1]
+    if suffix != NONE and unit(suffix).dimension == unit(symbol).dimension:
+        return suffix, "by the channel's name"
+    if symbol == NONE:
+        values = channel.values[np.isfinite(channel.values)]
+        if values.size and np.abs(values).max() <= ONE:
+            return NONE, "within -1 to 1"
+        return OPEN, '"1", or "percent"?'
+    return OPEN, f"the log does not say it; a {quantity_of(symbol)}"
+
+
+def _about(channel: Channel, time: TimeGuess) -> str:
+    """Range, empty cells and rate of a channel."""
+    values = channel.values[np.isfinite(channel.values)]
+    if not values.size:
+        return "empty"
+    said = f"{values.min():.4g} to {values.max():.4g}" + (f" {channel.unit}" if channel.unit else "")
+    if values.size < channel.values.size:
+        said += f", {1.0 - values.size / channel.values.size:.2%} of the cells empty"
+    stamps = channel.stamps if channel.stamps is not None else (time.stamps if time.unit != OPEN else None)
+    if stamps is not None and stamps.size > 1 and stamps[-1] > stamps[0]:
+        said += f", {(values.size - 1) / (stamps[-1] - stamps[0]):.4g} Hz"
+    return " ".join(said.split())
+
+
+def _pressure_hint(channel: Channel, told: str) -> str:
+    """What the values suggest; it is said, never used."""
+    values = channel.values[np.isfinite(channel.values)]
+    if told == OPEN or not values.size:
+        return "A gauge sensor reads 0 with the air off, an absolute one about 101 kPa."
+    low = float(values.min()) * read_unit(told).factor / 1e3
+    seen = f"The lowest value is {low:.0f} kPa: "
+    if low < -2.0:
+        return seen + "no absolute pressure is below 0."
+    if low < 15.0:
+        return seen + "a gauge sensor reads about 0 with the air off."
+    if 90.0 < low < 115.0:
+        return seen + "an absolute sensor reads about 101 kPa with the air off."
+    return seen + "it does not tell."
+
+
+def _tail(rig: Rig, chosen: dict[str, Channel], rest: Sequence[Channel]) -> list[str]:
+    lines = []
+    missing = [column for column in rig.outputs if column not in chosen]
+    if missing:
+        lines.append(f"# nothing found for: {', '.join(missing)}")
+    left = [channel for channel in rest if all(channel is not other for other in chosen.values())]
+    if left:
+        lines.append("# channels that are not mapped:")
+        lines += [f"#   {_text(channel.name)}: {_about(channel, TimeGuess(None, OPEN, None))}" for channel in left]
+    lines += ["# [atmosphere]                # taken off absolute pressures", "# pressure_kpa = 101.325",
+              "# [known]                     # parameters of the rig known for these recordings"]
+    if rig.controller:
+        lines += ["# [controller]                # for loop = \"closed\"",
+                  *(f"# {key} = {value!r}" for key, value in rig.controller.items())]  # fmt: skip
+    return lines
+
+
+def _text(value: str) -> str:
+    """A TOML string."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -1,0 +1,307 @@
+"""The mapping from a raw log's channels to a recording's columns: one TOML file, checked key by key.
+
+Every error names the file and the path of the key ("map.toml: signals.pressure_1_kpa.pressure is ..."), what is
+allowed there and the nearest name.
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationError
+
+from pamid.errors import FileError, PamidError, nearest
+from pamid.ingest.quantities import (
+    PRESSURE,
+    STANDARD_ATMOSPHERE_KPA,
+    SourceUnit,
+    is_readable,
+    read_unit,
+    require_same_quantity,
+)
+from pamid.recording import TIME, match_column
+from pamid.rig import Rig
+from pamid.units import NONE, is_unit, split_column, unit
+
+OPEN = "?"  # what a guessed mapping writes where only the user can answer
+Interpolation = Literal["hold", "smooth"]
+Repair = Literal["ask", "late-stamps", "jittered-sampling", "none"]
+_COLUMN = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+
+class TimeMap(_Table):
+    """source: channel with the stamps; unit of it; period_s of the recording to write; repair of the time base;
+    longer gaps than max_gap_s split the recording."""
+
+    source: str | None = None
+    unit: str | None = None
+    period_s: PositiveFloat | None = None
+    repair: Repair = "ask"
+    max_gap_s: PositiveFloat | None = None
+
+
+class SignalMap(_Table):
+    """One column: made = sign * (source in the column's unit, or scale * source) + offset (column's unit)."""
+
+    source: str
+    unit: str | None = None
+    scale: float | None = None
+    pressure: Literal["gauge", "absolute"] | None = None
+    sign: Literal[1, -1] = 1
+    offset: float = 0.0
+    interpolation: Interpolation | None = None
+
+
+class Atmosphere(_Table):
+    """What absolute pressures lose to become gauge pressures."""
+
+    pressure_kpa: PositiveFloat = STANDARD_ATMOSPHERE_KPA
+
+
+class Mapping(_Table):
+    """A whole mapping; known and controller go to the recording's TOML as they are."""
+
+    rig: str | None = None
+    loop: Literal["open", "closed"] | None = None
+    time: TimeMap = TimeMap()
+    signals: dict[str, SignalMap] = Field(min_length=1)
+    atmosphere: Atmosphere = Atmosphere()
+    known: dict[str, float] = {}
+    controller: dict[str, float] = {}
+
+
+@dataclass(frozen=True)
+class Signal:
+    """One column to make, settled: which channel, its unit (None: `scale` says the size), gauge or absolute.
+
+    hold           True for what is held until the next value: commands and references
+    events         True if the mapping itself says so: a hold over any length then is no gap
+    """
+
+    column: str
+    source: str
+    symbol: str
+    unit: SourceUnit | None
+    scale: float
+    absolute: bool
+    sign: int
+    offset: float
+    hold: bool
+    events: bool
+
+
+def load_mapping(path: Path, pressures: str | None = None) -> Mapping:
+    """Read and check a mapping; FileError with the line (TOML) or the path of the key.
+
+    pressures: "gauge" or "absolute" for every pressure of which the mapping does not say it; FileError if it says the
+    opposite of one.
+    """
+    try:
+        tables = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+    except tomllib.TOMLDecodeError as error:
+        hint = "Text stands in quotes, numbers have a decimal point." if "value" in str(error) else ""
+        raise FileError(f"{path}: not TOML: {error}.", hint, code="toml") from None
+    except UnicodeDecodeError as error:
+        raise FileError(f"{path} is not UTF-8 text (byte {error.start}).", code="encoding") from None
+    except FileNotFoundError:
+        siblings = [item.name for item in path.parent.glob("*.toml")] if path.parent.is_dir() else []
+        hint = nearest(path.name, siblings) or "`pamid ingest --guess LOG --output map.toml` writes a first one."
+        raise FileError(f"{path} does not exist.", hint, code="missing") from None
+    except (OSError, RecursionError, ValueError) as error:  # ValueError: a number of thousands of digits
+        raise FileError(f"{path} cannot be read: {error}.") from None
+    if pressures is not None:
+        _answer(tables.get("signals"), pressures, str(path))
+    return mapping_of(tables, str(path))
+
+
+def _answer(signals: Any, pressures: str, where: str) -> None:
+    """Enter the answer for every pressure that is still open."""
+    for column, table in signals.items() if isinstance(signals, dict) else ():
+        if not isinstance(table, dict) or unit(split_column(column)[1]).dimension != PRESSURE:
+            continue
+        said = table.get("pressure", OPEN)
+        if said not in (OPEN, pressures):
+            raise FileError(f"{where}: signals.{column}.pressure is {_shown(said)}, but --pressures says "
+                            f'"{pressures}".', "Leave one of the two out.", code="mapping")  # fmt: skip
+        if said == OPEN and not _says_itself(table.get("unit")):
+            table["pressure"] = pressures
+
+
+def _says_itself(text: Any) -> bool:
+    return isinstance(text, str) and is_readable(text) and bool(read_unit(text).pressure)
+
+
+def mapping_of(tables: dict[str, Any], where: str) -> Mapping:
+    """The mapping that TOML tables hold; `where` names them in errors."""
+    try:
+        found = Mapping.model_validate(tables)
+    except ValidationError as error:
+        raise _explain(error, where) from None
+    for column in found.signals:
+        _check_column(column, where)
+    for title, table in (("known", found.known), ("controller", found.controller)):
+        for key in table:
+            if not _COLUMN.fullmatch(key):
+                raise FileError(f"{where}: {title} has the key {key!r}.", "Names are letters, digits and _.",
+                                code="mapping")  # fmt: skip
+    return found
+
+
+def settle(mapping: Mapping, rig: Rig | None, units: dict[str, str], where: str) -> tuple[Signal, ...]:
+    """What each signal becomes, once the channels' own units (channel -> unit, "" where the log says none) are known.
+
+    FileError where a unit is missing, unknown or of another quantity, where a pressure is not said to be gauge or
+    absolute, and where a column of the rig is named in a unit that pamid does not have.
+    """
+    held = set(_held(rig)) if rig else set()
+    made = []
+    for column, one in mapping.signals.items():
+        if rig is not None:
+            for wanted in (*rig.inputs, *rig.outputs, *(loop.reference for loop in rig.loops)):
+                _known_unit(column, wanted, where)
+        hold = column in held or (rig is None and split_column(column)[0].split("_")[0] in ("command", "reference"))
+        hold = hold if one.interpolation is None else one.interpolation == "hold"
+        made.append(_settle_one(column, one, hold, units.get(one.source, ""), where))
+    return tuple(made)
+
+
+def unknown_to(rig: Rig, columns: Iterable[str]) -> list[str]:
+    """A sentence for every column that the rig does not know; they are kept."""
+    wanted = [*rig.inputs, *rig.outputs, *(loop.reference for loop in rig.loops)]
+    known = {split_column(name)[0] for name in wanted}
+    return [f"rig {rig.name!r} does not know the column {name!r}; it is kept. {nearest(name, wanted)}".rstrip()
+            for name in columns if split_column(name)[0] not in known]
+
+
+def _settle_one(column: str, one: SignalMap, hold: bool, logged: str, where: str) -> Signal:
+    place, symbol = f"{where}: signals.{column}", split_column(column)[1]
+    pressure = unit(symbol).dimension == PRESSURE
+    source = None
+    if one.scale is None:
+        text = one.unit if one.unit is not None else logged
+        if one.unit is None and not logged and symbol != NONE:
+            hint = "The log does not say it either. For example " + _EXAMPLES.get(unit(symbol).quantity, '"1"') + "."
+            raise FileError(f"{place}.unit is missing.", hint, code="mapping")
+        source = _read(text, symbol, place)
+    elif one.scale == 0.0:
+        raise FileError(f"{place}.scale is 0: nothing of the source would be left.", code="mapping")
+    said = source.pressure if source is not None else ""
+    if not pressure and one.pressure is not None:
+        raise FileError(f"{place}.pressure is {one.pressure!r}, but {column!r} is no pressure.", "Leave the key out.",
+                        code="mapping")  # fmt: skip
+    if source is not None and said and one.pressure not in (None, said):
+        raise FileError(f"{place}.pressure is {one.pressure!r}, but the unit {source.text!r} says {said}.",
+                        "Correct one of the two.", code="mapping")  # fmt: skip
+    if pressure and not (said or one.pressure):
+        raise FileError(f"{place}.pressure is missing; allowed: \"gauge\", \"absolute\".", _GAUGE, code="pressure")
+    return Signal(column, one.source, symbol, source, one.scale if one.scale is not None else 1.0,
+                  (one.pressure or said) == "absolute", one.sign, one.offset, hold,
+                  one.interpolation == "hold")  # fmt: skip
+
+
+_GAUGE = ("A log does not show it by itself: a gauge sensor reads 0 with the air off, an absolute one about 1 bar "
+          "(101 kPa, 14.7 psi).")  # fmt: skip
+_EXAMPLES = {"pressure": '"bar", "kPa", "psi"', "angle": '"deg", "rad", "rev"', "force": '"N", "lbf"',
+             "torque": '"N m"', "time": '"s", "ms"'}  # fmt: skip
+
+
+def _read(text: str, symbol: str, place: str) -> SourceUnit:
+    if text == OPEN:
+        hint = "For example " + _EXAMPLES.get(unit(symbol).quantity, '"1", "percent"') + "."
+        raise FileError(f'{place}.unit is "?": say in which unit the log holds it.', hint, code="unit")
+    try:
+        found = read_unit(text)
+        require_same_quantity(found, symbol)
+    except FileError as error:
+        raise FileError(f"{place}.unit is {text!r}: {error.message}", error.hint, code="unit") from None
+    return found
+
+
+def _held(rig: Rig) -> list[str]:
+    """References and what is sent: every input that a recording must have, or that a controller produces."""
+    loops = [name for loop in rig.loops for name in (loop.reference, loop.command)]
+    return [*loops, *(name for name in rig.inputs if name not in rig.optional)]
+
+
+def _known_unit(column: str, wanted: str, where: str) -> None:
+    try:
+        match_column(column, wanted)
+    except PamidError as error:
+        raise FileError(f"{where}: signals: {error.message}", "Name the column with such an ending; the source may be "
+                        "in any unit.", code="unit") from None  # fmt: skip
+
+
+def _check_column(column: str, where: str) -> None:
+    if column == TIME:
+        raise FileError(f"{where}: signals.time_s: the time is not a signal.", "Name its channel in [time] source.",
+                        code="mapping")  # fmt: skip
+    if not _COLUMN.fullmatch(column):
+        raise FileError(f"{where}: signals has the name {column!r}.", "A column is named with letters, digits and _, "
+                        "and ends in its unit: angle_deg, pressure_1_kpa, command.", code="mapping")  # fmt: skip
+    tail = column.rpartition("_")[2]
+    if split_column(column)[1] == NONE and len(tail) > 2 and tail != column and not is_unit(tail):
+        _refuse_foreign(column, tail, where)
+
+
+def _refuse_foreign(column: str, tail: str, where: str) -> None:
+    """A name that ends in a unit which pamid's columns do not have: the made column would lose its meaning."""
+    try:
+        found = read_unit(tail)
+    except FileError:
+        return
+    if any(found.dimension):
+        raise FileError(f"{where}: signals.{column}: {tail!r} is no unit of pamid's columns.",
+                        "Name the made column in another, such as _kpa, _deg, _n, _nm; the source stays as it is.",
+                        code="unit")  # fmt: skip
+
+
+def _explain(error: ValidationError, where: str) -> FileError:
+    """The first problem that pydantic found, as one sentence with the path of the key."""
+    first = error.errors(include_url=False)[0]
+    path, kind = [str(part) for part in first["loc"]], first["type"]
+    place, given = ".".join(path), first["input"]
+    if kind == "extra_forbidden":
+        keys = list(_fields(path[:-1]))
+        hint = nearest(path[-1], keys) or "Keys here are: " + ", ".join(keys) + "."
+        return FileError(f"{where}: {place} is not a key of a mapping.", hint, code="mapping")
+    if kind == "missing":
+        hint = "Name the channel of the log." if path[-1] == "source" else "A signal is [signals.NAME] with a source."
+        return FileError(f"{where}: {place} is missing.", hint, code="mapping")
+    shown = _shown(given)
+    if kind == "literal_error":
+        allowed = _allowed(first["ctx"]["expected"])
+        hint = _GAUGE if path[-1] == "pressure" else nearest(str(given), [word.strip('"') for word in allowed])
+        return FileError(f"{where}: {place} is {shown}; allowed: {', '.join(allowed)}.", hint, code="mapping")
+    wanted = {"float_type": "a number", "finite_number": "a finite number", "greater_than": "a number above 0",
+              "string_type": "text in quotes", "too_short": "at least one [signals.NAME]"}  # fmt: skip
+    need = wanted.get(kind, "a table" if "type" in kind else first["msg"])
+    return FileError(f"{where}: {place} is {shown}; {need} is needed.", code="mapping")
+
+
+def _fields(path: list[str]) -> Iterable[str]:
+    """The keys that may stand in the table at `path`."""
+    models: dict[str, type[_Table]] = {"time": TimeMap, "atmosphere": Atmosphere, "signals": SignalMap}
+    return (models[path[0]] if path else Mapping).model_fields
+
+
+def _allowed(expected: str) -> list[str]:
+    return [word.replace("'", '"') for word in re.findall(r"'[^']*'|-?\d+", expected)]
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, str):
+        return f'"{value}"'
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, dict | list):
+        return "a table" if isinstance(value, dict) else "a list"
+    return f"{value}" if len(f"{value}") < 40 else "a number of " + f"{len(str(value))} digits"

@@ -1,0 +1,205 @@
+"""Units of raw logs, read by pint and brought to the units of pamid's columns.
+
+The registry is pamid's own: an angle is a dimension, so that rad/s and 1/s are never taken for each other; gauge and
+absolute pressure are told apart by a mark ("barg", "kPa(a)", "psia"); a word that means one thing in one laboratory
+and another in the next is refused with advice.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import re
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from pamid.errors import FileError, nearest
+from pamid.metrics import FloatArray
+from pamid.units import NONE, Dimension, from_si, quantity_of, suffixes_for, unit
+
+STANDARD_ATMOSPHERE_KPA = 101.325
+PRESSURE = unit("Pa").dimension
+_BASES = ("kilogram", "meter", "second", "ampere", "kelvin", "radian")
+
+_DEFINITIONS = """
+mega- = 1e6 = M-
+kilo- = 1e3 = k-
+hecto- = 1e2 = h-
+deci- = 1e-1 = d-
+centi- = 1e-2 = c-
+milli- = 1e-3 = m-
+micro- = 1e-6 = u-
+nano- = 1e-9 = n-
+gram = [mass] = g
+meter = [length] = m = metre
+second = [time] = s = sec
+ampere = [current] = A = amp
+kelvin = [temperature] = K
+radian = [angle] = rad
+one = 1
+percent = 0.01 = pct
+permille = 0.001
+minute = 60 * second = min
+hour = 3600 * second = h = hr
+hertz = 1 / second = Hz
+degree = 0.017453292519943295 * radian = deg
+gon = 0.015707963267948967 * radian
+revolution = 6.283185307179586 * radian = rev = turn
+rpm = revolution / minute = RPM
+degree_Celsius = kelvin; offset: 273.15 = degC = celsius
+fahrenheit_step = 5 / 9 * kelvin
+degree_Fahrenheit = 5 / 9 * kelvin; offset: 255.3722222222222 = degF = fahrenheit
+liter = 0.001 * meter**3 = l = L = litre
+inch = 0.0254 * meter
+foot = 0.3048 * meter = ft
+pound = 453.59237 * gram = lb = lbs
+newton = kilogram * meter / second**2 = N
+kilopond = 9.80665 * newton = kp = kgf
+pound_force = 4.4482216152605 * newton = lbf
+pascal = newton / meter**2 = Pa
+bar = 100000 * pascal
+atmosphere = 101325 * pascal = atm
+torr = 133.32236842105263 * pascal = Torr = mmHg
+psi = 6894.757293168361 * pascal
+at = 98066.5 * pascal
+joule = newton * meter = J
+watt = joule / second = W
+volt = watt / ampere = V
+ohm = volt / ampere
+"""
+
+#: words that name no quantity by themselves, with what to do
+_ADVICE = {
+    **dict.fromkeys(("count", "counts", "cnt", "cnts", "tick", "ticks", "inc", "incs", "increments", "lsb", "digits",
+                     "digit", "raw", "bits", "adc", "pulses"),
+                    "Counts have no size of their own: give scale, the made unit per count; for an encoder with 4-fold "
+                    "evaluation that is 360 / (4 * lines) degrees."),
+    "grad": "It means degrees in some languages and 1/400 turn in others: write deg or gon.",
+    "in": "Write inch.", "''": "Write inch.",
+    "c": "Write degC.", "f": "Write degF.",
+}  # fmt: skip
+_PLAIN = (("°C", "degC"), ("℃", "degC"), ("°F", "degF"), ("°", "deg"), ("µ", "u"), ("μ", "u"), ("Ω", "ohm"), ("²", "2"),
+          ("³", "3"), ("⁻", "-"), ("¹", "1"), ("·", "*"), ("⋅", "*"), ("×", "*"), ("%", "percent"),
+          ("U/min", "rpm"), ("^", "**"))  # fmt: skip
+_MARK = re.compile(r"(?P<unit>.*?[a-z2])[ _]?\(?(?:(?P<gauge>g|gauge|rel\.?|ü)|(?P<absolute>a|abs\.?|absolute?))\)?",
+                   re.IGNORECASE)  # fmt: skip
+_GRAMMAR = re.compile(r"(?:[A-Za-z_]+|1)(?:\*\*-?[1-9])?")
+
+
+@dataclass(frozen=True)
+class SourceUnit:
+    """A unit as a log writes it: SI value = value * factor + offset; `pressure` is "gauge" or "absolute" where the unit
+    says so itself, otherwise ""."""
+
+    text: str
+    factor: float
+    offset: float
+    dimension: Dimension  # exponents of kg, m, s, A, K, rad
+    pressure: str = ""
+
+
+@lru_cache(maxsize=256)
+def read_unit(text: str) -> SourceUnit:
+    """The unit written as `text`: "bar", "°C", "N·m", "kPa(a)", "U/min", "m/s^2"; "" and "1" mean none.
+
+    FileError (code "unit") if it cannot be read, with advice where the word is a usual one.
+    """
+    bare = text.strip().strip("[]").strip()
+    if bare.casefold() in _ADVICE:
+        raise FileError(f"{bare!r} cannot be taken as a unit.", _ADVICE[bare.casefold()], code="unit")
+    match = _MARK.fullmatch(bare)
+    if match is not None:  # first, for "bar(g)" is no bar times gram
+        with contextlib.suppress(FileError):
+            marked = _measured(text, match["unit"].strip(), "gauge" if match["gauge"] else "absolute")
+            if marked.dimension == PRESSURE:
+                return marked
+    return _measured(text, bare, "")
+
+
+def is_readable(text: str) -> bool:
+    """True if `text` is a unit that `read_unit` takes."""
+    try:
+        read_unit(text)
+    except FileError:
+        return False
+    return True
+
+
+def in_unit(values: FloatArray, source: SourceUnit, symbol: str, atmosphere_pa: float = 0.0) -> FloatArray:
+    """`values` in the source's unit as values in pamid's unit `symbol`; atmosphere_pa (Pa) is taken off.
+
+    FileError (code "unit") if the two measure different things.
+    """
+    require_same_quantity(source, symbol)
+    target = unit(symbol)
+    if source.factor == target.factor and source.offset == target.offset and not atmosphere_pa:
+        return values
+    return np.asarray(from_si(values * source.factor + (source.offset - atmosphere_pa), symbol), dtype=np.float64)
+
+
+def require_same_quantity(source: SourceUnit, symbol: str) -> None:
+    """FileError (code "unit") if values in the source's unit cannot be values in pamid's unit `symbol`."""
+    if source.dimension == unit(symbol).dimension:
+        return
+    if source.dimension == unit("1/s").dimension and unit(symbol).dimension == unit("rad/s").dimension:
+        hint = "For turns per minute write rpm, for turns per second rev/s."
+    elif source.text.strip() in ("", NONE):
+        hint = f"Say the unit of the source; a {quantity_of(symbol)} may be in " + ", ".join(suffixes_for(symbol)) + "."
+    else:
+        hint = "If it is a sensor's raw signal, give scale (made unit per unit of the source) and offset instead."
+    raise FileError(f"{source.text!r} does not measure what {symbol!r} measures ({quantity_of(symbol)}).", hint,
+                    code="unit")  # fmt: skip
+
+
+def _measured(text: str, bare: str, pressure: str) -> SourceUnit:
+    """Factor, offset and dimension by pint; only words, one-digit exponents, `*`, `/` and parentheses reach it."""
+    import pint
+
+    registry, plain = _registry(), _normal(bare)
+    words = [word for word in re.split(r"[\s*/()]+", plain.replace("**", "^")) if word]
+    if not all(_GRAMMAR.fullmatch(word.replace("^", "**")) for word in words):
+        raise FileError(f"{text!r} is not a unit.", "For example bar, kPa, deg, rad/s, N*m, 1/min.", code="unit")
+    try:
+        dimension = registry.Quantity(1.0, plain).dimensionality
+        powers = tuple(int(dimension.get(base, 0)) for base in
+                       ("[mass]", "[length]", "[time]", "[current]", "[temperature]", "[angle]"))  # fmt: skip
+        si = "*".join(f"{base}**{power}" for base, power in zip(_BASES, powers, strict=True) if power)
+        zero, one = (float(registry.Quantity(value, plain).to(si).magnitude) for value in (0.0, 1.0))
+    except pint.UndefinedUnitError as error:
+        names = error.unit_names
+        wrong = names if isinstance(names, str) else next(iter(names))
+        hint = nearest(wrong, _names()) or "For example bar, kPa, deg, rad/s, N*m, percent."
+        raise FileError(f"{text!r} is not a unit pamid knows: {wrong!r} is unknown.", hint, code="unit") from None
+    except Exception:  # a foreign parser fails in many ways on text that is no unit
+        raise FileError(f"{text!r} is not a unit.", "For example bar, kPa, deg, rad/s, N*m, 1/min.",
+                        code="unit") from None  # fmt: skip
+    return SourceUnit(text, one - zero, zero, powers, pressure)
+
+
+def _normal(text: str) -> str:
+    """What people write, in pint's grammar: "Nm" is N*m, "m/s2" is m/s**2, a degree in a product is a difference."""
+    for written, meant in _PLAIN:
+        text = text.replace(written, meant)
+    text = re.sub(r"\b(k|m|c)?N([cm]?m)\b", r"\1N*\2", text)
+    text = re.sub(r"([A-Za-z])(-?[1-9])\b", r"\1**\2", text)
+    if re.search(r"[\s*/]", text):
+        text = re.sub(r"\bdeg([CF])\b", lambda m: "kelvin" if m[1] == "C" else "fahrenheit_step", text)
+    return text or "one"
+
+
+@lru_cache(maxsize=1)
+def _registry() -> Any:
+    import pint
+
+    registry: Any = pint.UnitRegistry(None)
+    registry.load_definitions(_DEFINITIONS.strip().splitlines())
+    return registry
+
+
+def _names() -> list[str]:
+    """The words of the definitions, for suggestions."""
+    told = [name.strip() for line in _DEFINITIONS.strip().splitlines() for name in line.split(";")[0].split("=")]
+    return ["kPa", "MPa", "hPa", "mbar", "ms", "us", "mm", "cm", "kg", "mrad", "kN", "mV", "mA",
+            *(name for name in told if re.fullmatch(r"[A-Za-z_]+", name))]

@@ -1,0 +1,240 @@
+"""The stamps of a log made usable: repeats, steps of the clock, dropped samples, gaps. Nothing is judged here; what
+was found is counted, and `pamid.ingest.time_base` decides what it means."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.errors import DataError, FileError
+from pamid.metrics import FloatArray
+from pamid.recording import MIN_SAMPLES
+
+IntArray = NDArray[np.int64]
+
+AGES = 1e12          # s: no clock counts so far
+FASTEST = 1e-8       # s: no two samples of a rig are so close
+OUT_OF_ORDER = 5     # rows: a stamp that comes back later than this is a step of the clock, not a row out of order
+MANY_STEPS = 20      # steps back in one log: then the channel is no clock
+BLOCKS = 0.02        # share of differing rows with one stamp above which stamps are blocks or ticks, not errors
+WINDOW = 100         # rows ahead that are looked at to tell a dropped sample from a late stamp
+FOLLOW = 0.02        # share of a deviation by which the even clock follows it, per row
+LAST = 5             # rows at the end in which a late stamp cannot be told from a missing sample
+LACKING = 0.7        # of a period: so much less time for rows around a step back tells that the clock was set back
+DROPPED = 0.7        # of a period: the level of the stamps rises by this where a sample is missing
+
+
+@dataclass(frozen=True)
+class Repair:
+    """One kind of thing that was mended: a stable word, how often, and a sentence."""
+
+    what: str
+    count: int
+    detail: str
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The rows that stay, in the order of their stamps.
+
+    keep      rows of the log, (n,)
+    stamps    s, (n,), not falling; a clock that was set back runs on
+    starts    where pieces begin: 0, and wherever the clock was set back
+    blocks    several differing samples share a stamp: buffers, or a clock that ticks slower than the sampling
+    """
+
+    keep: IntArray
+    stamps: FloatArray
+    starts: tuple[int, ...]
+    blocks: bool
+    repairs: tuple[Repair, ...]
+
+    def pieces(self) -> list[slice]:
+        """The rows between two settings of the clock."""
+        ends = (*self.starts[1:], self.stamps.size)
+        return [slice(start, end) for start, end in zip(self.starts, ends, strict=True)]
+
+
+def usable_rows(stamps: FloatArray, signals: Sequence[FloatArray], place: str, *, tolerant: bool = False) -> Rows:
+    """Order and thin the rows of a log. stamps s, (n,); signals (n,) each, to tell a row written twice from another
+    sample with the same stamp; `place` names the channel in errors; tolerant: rows that share a stamp are samples.
+
+    FileError where the channel is no clock or a stamp stands at differing rows; DataError where too few rows have one.
+    """
+    finite = np.flatnonzero(np.abs(stamps) < AGES)
+    repairs = []
+    if finite.size < stamps.size:
+        lost = stamps.size - finite.size
+        repairs.append(Repair("rows-without-stamp", lost, f"{lost} rows without a stamp were left out"))
+    if finite.size < MIN_SAMPLES:
+        raise DataError(f"{place}: {finite.size} rows have a stamp, at least {MIN_SAMPLES} are needed.",
+                        code="too-short")  # fmt: skip
+    keep, starts, moved = _in_order(finite, stamps, place)
+    if moved:
+        repairs.append(Repair("rows-out-of-order", moved, f"{moved} rows were written out of order and put back"))
+    if len(starts) > 1:
+        back = stamps[keep[list(starts[1:])]] - stamps[keep[np.array(starts[1:]) - 1]]
+        told = ", ".join(f"{step:.4g} s" for step in back[:3])
+        stamps = _running_on(stamps, keep, starts)
+        repairs.append(Repair("clock-set-back", len(back), f"the clock was set back {len(back)} times ({told}): the "
+                              "recording is split there"))  # fmt: skip
+    twice = np.flatnonzero(np.diff(stamps[keep]) == 0.0)
+    if not twice.size:
+        return Rows(keep, stamps[keep], tuple(starts), False, tuple(repairs))
+    same = np.ones(twice.size, dtype=bool)
+    for values in signals:
+        before, after = values[keep[twice]], values[keep[twice + 1]]
+        same &= (before == after) | (np.isnan(before) & np.isnan(after))
+    differing = int(twice.size - same.sum())
+    if tolerant and differing or differing > BLOCKS * keep.size:
+        return Rows(keep, stamps[keep], tuple(starts), True, tuple(repairs))
+    if differing:
+        row = int(keep[twice[~same][0] + 1])
+        hint = ("If they are two samples, say so with --time-base late-stamps; if one is wrong, take it out of the "
+                "log.")  # fmt: skip
+        raise FileError(f"{place}: the stamp {stamps[row]:.9g} s stands at data rows {row} and {row + 1} with differing"
+                        f" values ({differing} such).", hint, code="stamps-repeated")  # fmt: skip
+    repairs.append(Repair("rows-repeated", twice.size, f"{twice.size} rows stood there twice and were dropped"))
+    stay = np.ones(keep.size, dtype=bool)
+    stay[twice + 1] = False
+    if stay.sum() < MIN_SAMPLES:
+        raise DataError(f"{place}: {stay.sum()} rows have a stamp of their own, at least {MIN_SAMPLES} are needed.",
+                        code="too-short")  # fmt: skip
+    moved_starts = tuple(int(stay[:start].sum()) for start in starts)
+    return Rows(keep[stay], stamps[keep[stay]], moved_starts, False, tuple(repairs))
+
+
+def rough_period(rows: Rows) -> float:
+    """The sampling period (s) that most of the log shows, right to a few per mille; gaps and late stamps do not move
+    it. DataError if the stamps tell none."""
+    steps = np.concatenate([np.diff(rows.stamps[piece]) for piece in rows.pieces()])
+    middle = float(np.median(steps)) if steps.size else 0.0
+    single = steps[steps < 1.7 * middle]
+    if rows.blocks or middle <= 0.0 or abs(float(single.mean()) - middle) > 0.002 * middle \
+            or np.mean(np.abs(single - middle) <= 0.05 * middle) <= 0.5:
+        middle = _period_by_stretches(rows)
+    if not FASTEST < middle < AGES / 1e3 or steps.sum() > AGES * middle:
+        raise DataError(f"The stamps tell no sampling period: most rows are {middle:.3g} s apart.",
+                        "Is it the channel with the time, and in the right unit?", code="time-base")  # fmt: skip
+    return middle
+
+
+def _period_by_stretches(rows: Rows) -> float:
+    """The period (s) over many rows, for steps that vary."""
+    longest = max(rows.pieces(), key=lambda piece: piece.stop - piece.start)
+    stamps = rows.stamps[longest]
+    runs = np.diff(np.flatnonzero(np.diff(stamps) > 0.0), prepend=-1)
+    lag = min(max(50, 20 * int(runs.max(initial=1))), max(stamps.size // 2, 1))
+    found = float(np.median(stamps[lag:] - stamps[:-lag])) / lag
+    return found if rows.blocks or found <= FASTEST else _sharpest(stamps, found)
+
+
+def count_samples(stamps: FloatArray, period: float) -> IntArray:
+    """Which sample of an even clock each row is, (n,), from 0: one more per row, and more where samples are missing.
+
+    A late stamp is caught up by later rows; behind a missing sample all rows stay late by whole periods. So the lowest
+    of the stamps ahead is held against the even clock, which follows slowly for the error of the period (s).
+    """
+    from scipy.ndimage import minimum_filter1d
+
+    n = stamps.size
+    runs = np.diff(np.flatnonzero(np.diff(stamps) > 0.0), prepend=-1)
+    window = min(max(WINDOW, 4 * int(np.median(runs)) if runs.size else 1), n)
+    residual = stamps / period - np.arange(n)
+    ahead = minimum_filter1d(residual, window, mode="nearest", origin=-(window // 2))
+    # the last rows have nothing behind them that could catch up: where stamps are late at times, they may be late too
+    end = n - LAST if float(np.quantile(residual - ahead, 0.995)) > 0.3 else n
+    missing = np.zeros(n, dtype=np.int64)
+    level, base, steps = ahead.tolist(), float(ahead[0]), np.diff(residual, prepend=residual[0])
+    for i in range(1, end):
+        above = level[i] - base
+        if above >= DROPPED:
+            lost = int(above + 1.0 - DROPPED)
+            missing[i if steps[i] >= DROPPED else i + int(np.argmax(steps[i : i + 10]))] += lost
+            base += lost
+        else:
+            base += FOLLOW * above if above > 0.0 else above
+    return np.asarray(np.arange(n) + np.cumsum(missing), dtype=np.int64)
+
+
+def fit_clock(stamps: FloatArray, samples: IntArray, pieces: Sequence[slice]) -> tuple[float, FloatArray]:
+    """(period in s, start of each piece in s) of the even clock through the middle of the stamps, by least squares
+    without the latest twentieth of them. Of rows that share a stamp only the last counts: it waited least."""
+    use = last = np.append(np.diff(stamps) != 0.0, True)
+    period, begins = 0.0, np.zeros(len(pieces))
+    for _ in range(3):
+        above = below = 0.0
+        for piece in pieces:
+            k, t = samples[piece][use[piece]].astype(float), stamps[piece][use[piece]]
+            if k.size:
+                above += float((k - k.mean()) @ (t - t.mean()))
+                below += float((k - k.mean()) @ (k - k.mean()))
+        if above <= 0.0:
+            raise DataError("The stamps follow no even clock: nowhere do rows come one after the other.",
+                            "Is it the channel with the time, and in the right unit?", code="time-base")  # fmt: skip
+        period = above / below
+        begins = np.array([float(np.median(stamps[p] - period * samples[p])) for p in pieces])
+        late = np.concatenate([stamps[p] - period * samples[p] - b for p, b in zip(pieces, begins, strict=True)])
+        use = last & (late <= np.quantile(late[last], 0.95))
+    return period, begins
+
+
+def _sharpest(stamps: FloatArray, period: float) -> float:
+    """The period (s) within 4 % of `period` at which the stamps' phases agree best, over stretches of 256 rows: samples
+    that are missing do not move a phase."""
+    stretch = 256
+    count = min(stamps.size // stretch, 40)
+    if count == 0:
+        return period
+    begins = np.linspace(0, stamps.size - stretch, count).astype(int)
+    blocks = stamps[begins[:, None] + np.arange(stretch)]
+    blocks = blocks - blocks[:, :1]
+    trial = period * (1.0 + np.arange(-0.04, 0.04, 0.25 / stretch))
+    power = np.array([float(np.mean(np.abs(np.exp(2j * np.pi / one * blocks).mean(axis=1)) ** 2)) for one in trial])
+    best = int(np.argmax(power))
+    return float(trial[best]) if power[best] > 3.0 * np.median(power) else period
+
+
+def _in_order(rows: IntArray, stamps: FloatArray, place: str) -> tuple[IntArray, list[int], int]:
+    """(rows in order of their stamps, where the clock was set back, how many rows were out of order)."""
+    times = stamps[rows]
+    starts, moved, begin = [0], 0, 0
+    usual = float(np.median(np.diff(times)))
+    while True:
+        tail = times[begin:]
+        behind = tail < np.maximum.accumulate(tail)
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], behind, [False]]).astype(np.int8))).reshape(-1, 2)
+        steps = (first for first, last in edges.tolist() if _is_step(tail, first, last, usual))
+        end = begin + next(steps, tail.size)
+        order = np.argsort(times[begin:end], kind="stable")
+        moved += int(np.count_nonzero(np.diff(times[begin:end]) < 0.0))
+        rows[begin:end], times[begin:end] = rows[begin:end][order], times[begin:end][order]
+        if end == times.size:
+            return rows, starts, moved
+        starts.append(end)
+        begin = end
+        if len(starts) > MANY_STEPS:
+            raise FileError(f"{place}: the stamps run to and fro ({len(starts)} times and more).",
+                            "It seems to be no clock: name the channel with the time in [time] source.",
+                            code="stamps-unsorted")  # fmt: skip
+
+
+def _running_on(stamps: FloatArray, keep: IntArray, starts: Sequence[int]) -> FloatArray:
+    """The stamps with every piece behind the one before it: how far the clock was set back is not known."""
+    shifted, pause = stamps.copy(), 10.0 * float(np.median(np.diff(stamps[keep])))
+    for start, end in zip(starts[1:], [*starts[2:], keep.size], strict=True):
+        rows = keep[start:end]
+        shifted[rows] += shifted[keep[start - 1]] + pause - stamps[rows[0]]
+    return shifted
+
+
+def _is_step(times: FloatArray, first: int, last: int, usual: float) -> bool:
+    """Whether rows first to last, whose stamps fall behind, tell a clock that was set back, not rows out of order:
+    then the rows around them take less time than so many samples of the usual period (s) do."""
+    if last - first > OUT_OF_ORDER:
+        return True
+    around = np.sort(times[max(first - 2 * OUT_OF_ORDER, 0) : last + 2 * OUT_OF_ORDER])
+    return bool((around.size - 1) * usual - (around[-1] - around[0]) > LACKING * usual)
