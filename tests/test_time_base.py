@@ -169,6 +169,19 @@ def test_rows_out_of_order_are_put_back_and_a_clock_set_back_splits() -> None:
         assert (np.diff(base.instants) > 0.0).all()
 
 
+def test_stamps_so_late_that_they_overtake_each_other_leave_the_rows_in_their_order() -> None:
+    """Each row is stamped by itself, as where messages arrive over a network: the clock was never set back."""
+    y, stamps = motion(K * T), K * T + np.random.default_rng(2).exponential(0.8e-3, N)
+    assert np.count_nonzero(np.diff(stamps) < 0.0) > 50
+    rows = usable_rows(stamps, [y], "x")
+    assert rows.starts == (0,) and (rows.keep == K).all() and (np.diff(rows.stamps) > 0.0).all()
+    assert [r.what for r in rows.repairs] == ["stamps-out-of-order"]
+    found = diagnose(rows, {"y": y})
+    assert found.cure == "late-stamps"
+    base = time_base(rows, found, "late-stamps", None)
+    assert np.abs(base.instants - base.instants[0] - K * T).max() < 0.02 * T
+
+
 def test_a_channel_that_is_no_clock_is_refused() -> None:
     y = motion(K * T)
     with pytest.raises(FileError, match="to and fro"):

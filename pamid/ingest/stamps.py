@@ -23,7 +23,8 @@ BLOCKS = 0.02        # share of differing rows with one stamp above which stamps
 WINDOW = 100         # rows ahead that are looked at to tell a dropped sample from a late stamp
 FOLLOW = 0.02        # share of a deviation by which the even clock follows it, per row
 LAST = 5             # rows at the end in which a late stamp cannot be told from a missing sample
-LACKING = 0.7        # of a period: so much less time for rows around a step back tells that the clock was set back
+NEAR = 20            # rows before and behind a step back that tell whether the clock was set back
+LACKING = 0.7        # of a period: they lie so much earlier behind it then
 DROPPED = 0.7        # of a period: the level of the stamps rises by this where a sample is missing
 
 
@@ -72,8 +73,13 @@ def usable_rows(stamps: FloatArray, signals: Sequence[FloatArray], place: str, *
     if finite.size < MIN_SAMPLES:
         raise DataError(f"{place}: {finite.size} rows have a stamp, at least {MIN_SAMPLES} are needed.",
                         code="too-short")  # fmt: skip
+    written = finite.copy()
     keep, starts, moved = _in_order(finite, stamps, place)
-    if moved:
+    if moved and _runs_smoothly(written, keep, signals):
+        keep, stamps = written, _caught_up(stamps, written, starts)
+        repairs.append(Repair("stamps-out-of-order", moved, f"{moved} stamps fall behind the one before; the signals run"
+                              " smoothly in the order of the rows, so it is the stamps that are late"))  # fmt: skip
+    elif moved:
         repairs.append(Repair("rows-out-of-order", moved, f"{moved} rows were written out of order and put back"))
     if len(starts) > 1:
         back = stamps[keep[list(starts[1:])]] - stamps[keep[np.array(starts[1:]) - 1]]
@@ -232,9 +238,34 @@ def _running_on(stamps: FloatArray, keep: IntArray, starts: Sequence[int]) -> Fl
 
 
 def _is_step(times: FloatArray, first: int, last: int, usual: float) -> bool:
-    """Whether rows first to last, whose stamps fall behind, tell a clock that was set back, not rows out of order:
-    then the rows around them take less time than so many samples of the usual period (s) do."""
+    """Whether rows first to last, whose stamps fall behind, tell a clock that was set back, not rows out of order or
+    late stamps: then all that follow lie earlier, on an even clock of the usual period (s), than all before."""
     if last - first > OUT_OF_ORDER:
         return True
-    around = np.sort(times[max(first - 2 * OUT_OF_ORDER, 0) : last + 2 * OUT_OF_ORDER])
-    return bool((around.size - 1) * usual - (around[-1] - around[0]) > LACKING * usual)
+    begin = max(first - NEAR, 0)
+    level = times[begin : first + NEAR] - usual * np.arange(begin, min(first + NEAR, times.size))
+    before, after = (float(np.quantile(part, 0.2)) for part in (level[: first - begin], level[first - begin :]))
+    return before - after > LACKING * usual
+
+
+def _runs_smoothly(written: IntArray, sorted_rows: IntArray, signals: Sequence[FloatArray]) -> bool:
+    """Whether the signals bend less in the order in which the rows were written than in that of their stamps."""
+    places = np.flatnonzero(written != sorted_rows)
+    near = np.unique(np.clip(places[:, None] + np.arange(-1, 2), 1, written.size - 2))
+    votes = [0.0]
+    for values in signals:
+        bends = [np.abs(values[rows[near - 1]] - 2.0 * values[rows[near]] + values[rows[near + 1]])
+                 for rows in (written, sorted_rows)]  # fmt: skip
+        as_written, as_sorted = (float(np.nansum(bend)) for bend in bends)
+        if as_written + as_sorted > 0.0:
+            votes.append((as_sorted - as_written) / (as_sorted + as_written))
+    return sum(votes) > 0.0
+
+
+def _caught_up(stamps: FloatArray, rows: IntArray, starts: Sequence[int]) -> FloatArray:
+    """Stamps that rise, at least by a thousandth of a period: no sample was taken after any stamp of those behind."""
+    made, least = stamps.copy(), 1e-3 * float(np.median(np.diff(stamps[rows])))
+    for start, end in zip(starts, [*starts[1:], rows.size], strict=True):
+        piece, rise = rows[start:end], least * np.arange(end - start)
+        made[piece] = np.minimum.accumulate((stamps[piece] - rise)[::-1])[::-1] + rise
+    return made
