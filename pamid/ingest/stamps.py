@@ -77,8 +77,8 @@ def usable_rows(stamps: FloatArray, signals: Sequence[FloatArray], place: str, *
     keep, starts, moved = _in_order(finite, stamps, place)
     if moved and _runs_smoothly(written, keep, signals):
         keep, stamps = written, _caught_up(stamps, written, starts)
-        repairs.append(Repair("stamps-out-of-order", moved, f"{moved} stamps fall behind the one before; the signals run"
-                              " smoothly in the order of the rows, so it is the stamps that are late"))  # fmt: skip
+        repairs.append(Repair("stamps-out-of-order", moved, f"{moved} stamps fall behind the one before; the signals "
+                              "run smoothly in the order of the rows, so it is the stamps that are late"))  # fmt: skip
     elif moved:
         repairs.append(Repair("rows-out-of-order", moved, f"{moved} rows were written out of order and put back"))
     if len(starts) > 1:
