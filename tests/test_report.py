@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import hashlib
+import html
 import json
 import re
 import shutil
@@ -21,8 +24,9 @@ from pamid.errors import FileError
 from pamid.report import words
 from pamid.report.budget import errors_of, headline, worst_window
 from pamid.report.load import load_run
-from pamid.report.page import page_html
+from pamid.report.page import page_html, page_script
 from pamid.report.player import player_script
+from pamid.report.traces import traces_scripts
 from pamid.report.writing import drawings_of, write_report
 
 VERDICTS = ("explained", "ambiguous", "unknown-effect", "no-structural-gap")
@@ -43,7 +47,7 @@ class Outline(HTMLParser):
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.handle_startendtag(tag, attrs)
-        if tag not in ("meta", "br", "hr"):
+        if tag not in ("meta", "br", "hr", "img"):
             self._open.append(tag)
 
     def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
@@ -99,15 +103,28 @@ def test_three_answers_come_before_the_evidence(reported: tuple[str, Path, Outli
     assert ("with cause" in text) == (verdict in ("explained", "ambiguous"))
 
 
-def test_nothing_is_loaded_and_only_the_player_runs(reported: tuple[str, Path, Outline]) -> None:
+def scripts_of(page: str) -> list[str]:
+    """What runs on a page: all of it allowed by the policy in its head, all else that scripts hold is base64 text."""
+    found = re.findall(r"<script([^>]*)>(.*?)</script>", page, re.DOTALL)
+    blocks = [text for about, text in found if ' type="text/plain"' in about]
+    assert all(re.fullmatch(r"[A-Za-z0-9+/=]*", text) for text in blocks)
+    running = [text for about, text in found if not about]
+    assert len(running) + len(blocks) == len(found) == page.count("<script")
+    policy = html.unescape(re.search(r'Content-Security-Policy" content="([^"]*)"', page)[1])  # type: ignore[index]
+    allowed = policy.partition("; script-src ")[2].split("; ")[0].split()
+    hashes = [base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() for text in running]
+    assert allowed == [f"'sha256-{one}'" for one in hashes]
+    return running
+
+
+def test_nothing_is_loaded_and_only_our_scripts_run(reported: tuple[str, Path, Outline]) -> None:
     _, folder, page = reported
-    assert page.elements.count("script") == 1
     assert not {"link", "iframe", "object", "embed", "base", "form", "img", "a"} & set(page.elements)
     for name, value in page.attributes:
         assert not name.startswith("on")
         assert name.startswith("xmlns") or "//" not in value, (name, value)
     source = (folder / "report.html").read_text(encoding="utf-8")
-    assert f"<script>{player_script()}</script>" in source
+    assert scripts_of(source) == [page_script(), player_script(), *traces_scripts()]
     assert all(target.startswith("#") for target in re.findall(r"url\(([^)]*)\)", source))
     assert "@import" not in source
 
@@ -214,10 +231,12 @@ def test_text_of_files_never_becomes_markup(verdict: str, tmp_path: Path) -> Non
     found["how_far"][f"load{HOSTILE}"] = found["how_far"]["angle_deg"]
     folder = make_run(tmp_path / "RUN", verdict, **parts)
     page = outline_of(write_report(folder).page)
-    assert not {"script", "img"} & set(page.elements)
+    source = (folder / "report.html").read_text(encoding="utf-8")
+    assert scripts_of(source) == [page_script(), *traces_scripts()]
+    assert "img" not in page.elements
     assert not any(name.startswith("on") for name, _ in page.attributes)
     assert "<script>alert('x')</script>" in page.text
-    assert "\u202e" not in (folder / "report.html").read_text(encoding="utf-8")
+    assert "\u202e" not in source
 
 
 def test_same_inputs_give_the_same_bytes(tmp_path: Path) -> None:

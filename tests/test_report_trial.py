@@ -13,9 +13,10 @@ import pytest
 from matplotlib.figure import Figure
 from pamid_cli.frame import run as run_command
 from synthetic_run import make_trial, share_json, trial_json
-from test_report import flat, outline_of
+from test_report import flat, outline_of, scripts_of
 
 from pamid.errors import FileError
+from pamid.report.page import page_script
 from pamid.report.trial import Trial, read_trial
 from pamid.report.trial_figures import (
     confusion_drawing,
@@ -57,7 +58,8 @@ def test_one_page_with_four_figures(folder: Path) -> None:
                  "1.1 to 1.3 67 % (20/30) 60 % (18/30) 93 % (28/30) 5 % (1/20)", "inertia [kg m²]",
                  "Case 17: the joint ran into its stop <b>hard</b>", "cd" * 32, "pamid trial --output TRIAL"):
         assert told in text, told
-    assert not {"script", "link", "img", "a", "b"} & set(page.elements)
+    assert not {"link", "img", "a", "b"} & set(page.elements)
+    assert scripts_of((folder / "report.html").read_text(encoding="utf-8")) == [page_script()]
 
 
 def test_every_row_of_the_table_is_judged_by_its_own_direction(trial: Trial) -> None:

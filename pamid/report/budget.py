@@ -127,7 +127,7 @@ def worst_window(residual: Residual, channel: str) -> Window | None:
     rows = np.flatnonzero(scored)
     if rows.size == 0:
         return None
-    best = max(_stretches(residual, rows), key=lambda one: _mae(measured[one], refitted[one]))
+    best = max(stretches(residual, rows), key=lambda one: _mae(measured[one], refitted[one]))
     time = residual.columns["time_s"]
     traces = {kind: residual.of(channel, kind) for kind in ("data_sheet", "refitted", "network", "cause")}
     mae = {kind: _mae(measured[best], trace[best]) for kind, trace in traces.items() if trace is not None}
@@ -135,7 +135,7 @@ def worst_window(residual: Residual, channel: str) -> Window | None:
                   float(time[best.stop - 1]), held_out, {k: v for k, v in mae.items() if np.isfinite(v)})  # fmt: skip
 
 
-def _stretches(residual: Residual, rows: NDArray[np.intp]) -> list[slice]:
+def stretches(residual: Residual, rows: NDArray[np.intp]) -> list[slice]:
     """Runs of successive rows with one recording and window, as slices."""
     recording, window = residual.columns["recording"], residual.columns["window"]
     apart = (np.diff(rows) > 1) | (np.diff(recording[rows]) != 0) | (np.diff(window[rows]) != 0)

@@ -18,8 +18,8 @@ from pamid.report.reading import FloatArray
 from pamid.report.sentences import (
     budget_title,
     candidate_order,
-    causes_words,
     missing_title,
+    model_words,
     over_channels,
     ports_title,
     ranking_title,
@@ -179,7 +179,7 @@ def budget_drawing(rows: tuple[ChannelErrors, ...], diagnosis: Diagnosis | None)
     if not rows:
         return None
     fields = [name for name in MODELS if any(name in row.known() for row in rows)]
-    names = [_model_name(field, diagnosis) for field in fields]
+    names = [label(model_words(field, diagnosis), 30) for field in fields]
     columns = min(3, len(rows))
     deep = -(-len(rows) // columns)
 
@@ -213,7 +213,7 @@ def window_drawing(
         below.axhline(0.0, color=colour("ink"), linewidth=0.8)
         for kind, trace in traces.items():
             role, width, dashes = LINES[kind]
-            name = _model_name(role, diagnosis)
+            name = label(model_words(role, diagnosis), 30)
             above.plot(*_thinned(time, trace), color=colour(role), linewidth=width, linestyle=dashes, label=name)
             if window.mae.get(kind, 0.0) <= _HUGE * window.mae["refitted"]:  # else nothing else could be read
                 below.plot(*_thinned(time, measured - trace), color=colour(role), linewidth=width, linestyle=dashes)
@@ -279,12 +279,6 @@ def _budget(axes: Axes, row: ChannelErrors, fields: list[str]) -> None:
     axes.set_xlim(0.0, 1.32 * max(known.values()) or 1.0)
     axes.locator_params(axis="x", nbins=4)
     axes.set_xlabel(words.axis_label(f"{label(words.channel_words(row.channel), 22)} MAE", label(unit_text)))
-
-
-def _model_name(field: str, diagnosis: Diagnosis | None) -> str:
-    if field == "with_cause" and diagnosis is not None and diagnosis.verdict == "explained":
-        return label(f"with {causes_words(diagnosis)}", 30) if len(diagnosis.causes) == 1 else "with the causes"
-    return MODELS[field]
 
 
 def _rows(axes: Axes, names: list[str], longest: int = 34) -> None:

@@ -12,6 +12,8 @@ from pamid.report.reading import REMEDY, FloatArray, Node, read_columns, read_ob
 from pamid.run import Run
 from pamid.units import split_column
 
+KEYS = ("time_s", "recording", "part", "window")  # columns of residual.csv that are no signal
+
 
 @dataclass(frozen=True)
 class Step:
@@ -23,6 +25,7 @@ class Step:
     ended: str
     outcome: str
     versions: tuple[tuple[str, str], ...]
+    platform: str
     inputs: tuple[tuple[str, str], ...]  # path, sha256
 
 
@@ -119,7 +122,7 @@ class Residual:
     columns: dict[str, FloatArray]
 
     def of(self, channel: str, kind: str) -> FloatArray | None:
-        """A model's trace of a channel; kind: "data_sheet", "refitted", "cause", "network" or "loop"."""
+        """A model's trace of a channel; kind: "data_sheet", "refitted", "cause", "network", "loop", "loop_network"."""
         stem = split_column(channel)[0]
         return self.columns.get(f"{stem}_{kind}{channel[len(stem):]}")
 
@@ -158,7 +161,7 @@ def load_run(folder: Path) -> RunData:
         raise FileError(f"{folder} holds no result yet: neither fit.json nor diagnosis.json.", hint, code="no-result")
     network, residual = read_object(folder / "network.json"), read_columns(folder / "residual.csv")
     if residual is not None:
-        _require(folder / "residual.csv", residual, ("time_s", "recording", "part", "window"))
+        _require(folder / "residual.csv", residual, KEYS)
     trace = read_columns(folder / "trace.csv")
     if trace is not None:
         _require(folder / "trace.csv", trace, ("iteration", "mse"))
@@ -167,7 +170,7 @@ def load_run(folder: Path) -> RunData:
         _require(folder / "missing.csv", {split_column(name)[0]: x for name, x in missing.items()}, ("missing",))
     trained = None if network is None else _read_network(network)
     if residual is not None and trained is not None and trained.in_loop:  # its trace belongs to another comparison
-        residual = {name: values for name, values in residual.items() if "_network" not in name}
+        residual = {name.replace("_network", "_loop_network"): values for name, values in residual.items()}
     return RunData(
         steps=read_steps(folder / "run.json"),
         fit=None if fit is None else _read_fit(fit),
@@ -195,6 +198,7 @@ def _read_step(node: Node) -> Step:
         ended=node.text("ended", ""),
         outcome=node.text("outcome", ""),
         versions=() if versions is None else tuple((name, versions.text(name)) for name in versions.content),
+        platform=node.text("platform", ""),
         inputs=tuple((one.text("path"), one.text("sha256")) for one in node.listed("inputs")),
     )
 

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 _CODE = re.compile(r"`([^`]+)`")
 _FORBIDDEN = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
 _KEPT = re.compile(r"\b(held-out|Bouc-Wen)\b")
-_VOID = ("meta", "br", "hr")
+_VOID = ("meta", "br", "hr", "img")
 
 
 class Html(str):

@@ -11,6 +11,7 @@ from importlib import resources
 from pamid.report import words
 from pamid.report.answers import Answer, how_far_answer, next_answer, where_answer, which_answer
 from pamid.report.budget import ChannelErrors, disagreements
+from pamid.report.equation import equations_html, model_equations_html
 from pamid.report.load import Fit, RunData
 from pamid.report.markup import Html, Part, joined, paragraphs, prose, tag
 from pamid.report.player import player_html, player_script
@@ -29,32 +30,47 @@ from pamid.report.tables import (
     steps_table,
     together_table,
     transfer_table,
+    versions_words,
 )
+from pamid.report.traces import Traces, traces_of, traces_scripts, traces_style
 
 MARK = "<!doctype html>\n<!-- pamid.report/1 -->\n"
-_POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
+#: drawings carry their styles themselves, hence the attributes; style elements and scripts are allowed by their hashes
+_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; style-src-attr 'unsafe-inline'"
 
 
 def page_html(run: RunData, rows: tuple[ChannelErrors, ...], pictures: dict[str, Picture]) -> str:
     """The whole page of a run as text."""
     verdict = verdict_sentence(run, rows)
-    rig, player = words.clean(run.rig), player_html(run)
+    rig, player, traces = words.clean(run.rig), player_html(run), traces_of(run, rows)
     main = tag(
         "main",
         tag("header", tag("p", _subtitle(run), class_="rig"), tag("h1", prose(verdict)), _warnings(run)),
-        _answer("Where", where_answer(run), pictures, ("ports", "regimes"), ("timeline",)),
-        _answer("Which", which_answer(run), pictures, *_which_pictures(run)),
-        _answer("How far", how_far_answer(run, rows), pictures, ("budget",), ("window",), player),
-        _answer("Next experiment", next_answer(run), pictures),
+        answers_html(run, rows, pictures, traces, player),
+        traces.section,
         _evidence(run, rows, pictures),
     )
-    return document(f"{rig}: {verdict}" if rig else verdict, main, player_script() if player else "")
+    scripts = (*((player_script(),) if player else ()), *(traces_scripts() if traces.section else ()))
+    return document(f"{rig}: {verdict}" if rig else verdict, main, scripts, traces_style() if traces.section else "")
 
 
-def document(title: str, main: Html, script: str = "") -> str:
-    """A page with this title and content, that loads nothing and runs nothing but this script of ours."""
-    allowed = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
-    policy = f"{_POLICY}; script-src 'sha256-{allowed}'" if script else _POLICY
+def answers_html(run: RunData, rows: tuple[ChannelErrors, ...], pictures: dict[str, Picture],
+                 traces: Traces | None = None, player: Part = "") -> Html:
+    """The three answers and the next experiment, with buttons that lead to places in the traces."""
+    where, far = ("", "") if traces is None else (traces.buttons("where"), traces.buttons("how far"))
+    return joined([
+        _answer("Where", where_answer(run), pictures, ("ports", "regimes"), ("timeline",), where),
+        _answer("Which", which_answer(run), pictures, *_which_pictures(run), equations_html(run)),
+        _answer("How far", how_far_answer(run, rows), pictures, ("budget",), ("window",), [far, player]),
+        _answer("Next experiment", next_answer(run), pictures),
+    ])
+
+
+def document(title: str, main: Html, scripts: tuple[str, ...] = (), style: str = "") -> str:
+    """A page with this title and content, that loads nothing and runs nothing but what every page runs and these
+    scripts of ours; style: rules that they need."""
+    every, sheet = (page_script(), *scripts), f"{_style_sheet()}{style}"
+    policy = f"{_POLICY}; style-src-elem {_hash(sheet)}; script-src {' '.join(map(_hash, every))}"
     head = tag(
         "head",
         tag("meta", charset="utf-8"),
@@ -62,19 +78,32 @@ def document(title: str, main: Html, script: str = "") -> str:
         tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
         tag("meta", name="color-scheme", content="light dark"),
         tag("title", title),
-        tag("style", Html(_style_sheet())),
+        tag("style", Html(sheet)),
     )
-    body = tag("body", main, tag("script", Html(script)) if script else "")
+    body = tag("body", main, [tag("script", Html(script)) for script in every])
     return MARK + tag("html", head, body, lang="en") + "\n"
 
 
+def _hash(text: str) -> str:
+    return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+
+
+def page_script() -> str:
+    """What runs on every page: its colours by choice, tables that can be copied."""
+    return _asset("page.js")
+
+
+def _asset(name: str) -> str:
+    return resources.files("pamid.report").joinpath(f"assets/{name}").read_text(encoding="utf-8")
+
+
 def _style_sheet() -> str:
-    sheet = resources.files("pamid.report").joinpath("assets/page.css").read_text(encoding="utf-8")
-    light = "".join(f"--{role.replace('_', '-')}:{pair[0]};" for role, pair in COLOURS.items())
-    dark = "".join(f"--{role.replace('_', '-')}:{pair[1]};" for role, pair in COLOURS.items())
+    """Light and dark as the system asks, unless the reader has chosen; prints are light."""
+    light, dark = ("".join(f"--{role.replace('_', '-')}:{pair[k]};" for role, pair in COLOURS.items()) for k in (0, 1))
     font = "--font:system-ui,-apple-system,'Segoe UI',Roboto,'Helvetica Neue',Arial,'DejaVu Sans',sans-serif;"
-    return f":root{{color-scheme:light dark;{font}{light}}}\n@media screen and (prefers-color-scheme:dark){{" \
-           f":root{{{dark}}}}}\n{sheet}"  # fmt: skip
+    return (f":root{{color-scheme:light dark;{font}{light}}}\n:root[data-colours=light]{{color-scheme:light}}\n"
+            f"@media screen{{:root[data-colours=dark]{{color-scheme:dark;{dark}}}}}\n@media screen and "
+            f"(prefers-color-scheme:dark){{:root:not([data-colours=light]){{{dark}}}}}\n{_asset('page.css')}")
 
 
 def _subtitle(run: RunData) -> str:
@@ -103,12 +132,12 @@ def _which_pictures(run: RunData) -> tuple[tuple[str, ...], tuple[str, ...]]:
 
 
 def _answer(question: str, answer: Answer, pictures: dict[str, Picture], above: tuple[str, ...] = (),
-            below: tuple[str, ...] = (), player: Part = "") -> Html:
-    """Lead sentence, pictures, list, sentences, further pictures, the movement."""
+            below: tuple[str, ...] = (), more: Part = "") -> Html:
+    """Lead sentence, pictures, list, sentences, further pictures, what else belongs to it."""
     heading = tag("h2", tag("span", question, class_="question"), prose(answer.lead))
     first, last = ([figure_html(pictures[name]) for name in names if name in pictures] for names in (above, below))
     points = tag("ul", [tag("li", prose(point)) for point in answer.points]) if answer.points else ""
-    return tag("section", heading, first, points, paragraphs(answer.details), last, player, class_="answer")
+    return tag("section", heading, first, points, paragraphs(answer.details), last, more, class_="answer")
 
 
 def figure_html(picture: Picture) -> Html:
@@ -205,6 +234,7 @@ def _parameters(run: RunData) -> Html:
             "partly the prior; silent: the data say nothing about it.")  # fmt: skip
     together = run.fit.together if run.fit is not None else ()
     return joined([tag("h3", "Parameters"), parameter_table(parameters, with_cause), paragraphs([note], "note"),
+                   model_equations_html(run),
                    *([tag("h4", "Known only in combination"), together_table(together)] if together else []),
                    paragraphs([_stepping(run.fit)] if run.fit is not None else [], "note")])  # fmt: skip
 
@@ -249,11 +279,9 @@ def _network(run: RunData, pictures: dict[str, Picture]) -> Html:
 
 
 def _provenance(run: RunData) -> Html:
-    versions = dict(pair for step in run.steps for pair in step.versions)
-    listed = ", ".join(f"{words.clean(name)} {words.clean(version)}" for name, version in versions.items())
     parts: list[Part] = [tag("h3", "Provenance"), tag("div", steps_table(run.steps), class_="steps")]
     if run.fit is not None and run.fit.recordings:
         parts.append(recordings_table(run.fit))
     if any(step.inputs for step in run.steps):
         parts.append(inputs_table(run.steps))
-    return joined([*parts, paragraphs([f"Versions: {listed}."] if listed else [], "note")])
+    return joined([*parts, paragraphs([versions_words(run.steps)], "note")])

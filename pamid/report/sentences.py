@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from pamid.report import words
-from pamid.report.budget import ChannelErrors, Window, headline
+from pamid.report.budget import MODELS, ChannelErrors, Window, headline
 from pamid.report.diagnosed import Candidate, Diagnosis, Pull, Regime, Sensor, Where
 from pamid.report.load import Network, RunData
 from pamid.report.reading import FloatArray
@@ -18,6 +18,13 @@ def causes_words(diagnosis: Diagnosis) -> str:
     """ "Coulomb friction", "Coulomb friction and dead time"; for an ambiguous verdict joined by "or". """
     last = "or" if diagnosis.verdict == "ambiguous" else "and"
     return words.join((effect_words(cause.effect) for cause in diagnosis.causes), last)
+
+
+def model_words(field: str, diagnosis: Diagnosis | None) -> str:
+    """What a field of ChannelErrors is called in a legend: "refitted", "with Coulomb friction", "with the causes"."""
+    if field == "with_cause" and diagnosis is not None and diagnosis.verdict == "explained":
+        return f"with {causes_words(diagnosis)}" if len(diagnosis.causes) == 1 else "with the causes"
+    return MODELS[field]
 
 
 def candidate_order(diagnosis: Diagnosis) -> list[Candidate]:

@@ -79,6 +79,7 @@ _NAMED_GROUP = re.compile(r'<g id="[A-Za-z]+[A-Za-z0-9_.]*">')
 _FONT = re.compile(r"'DejaVu Sans'(, [^;\"]*)?")
 _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 _METADATA = re.compile(r"<metadata>.*?</metadata>", re.DOTALL)
+_SHEET = re.compile(r"<style[^>]*>.*?</style>", re.DOTALL)  # what page.css says for all drawings
 _SIZE = re.compile(r'<svg [^>]*viewBox="([^"]*)"[^>]*>')
 
 
@@ -145,7 +146,8 @@ def legend_above(axes: Axes, columns: int) -> None:
 
 
 @contextmanager
-def _settings(salt: str) -> Iterator[None]:
+def settings(salt: str) -> Iterator[None]:
+    """Everything drawn inside looks the same whatever the user's matplotlibrc says; salt: of the names in an SVG."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()  # a matplotlibrc of the user's must not change the report
         matplotlib.rcParams.update({**SETTINGS, "svg.hashsalt": salt})
@@ -153,7 +155,7 @@ def _settings(salt: str) -> Iterator[None]:
 
 
 def _svg(drawing: Drawing, *, narrow: bool) -> str:
-    with _settings(f"{drawing.name}-{'narrow' if narrow else 'wide'}"):
+    with settings(f"{drawing.name}-{'narrow' if narrow else 'wide'}"):
         size = (NARROW_IN, drawing.narrow_height) if narrow else (WIDE_IN, drawing.height)
         figure = Figure(figsize=size, layout="constrained")
         FigureCanvasSVG(figure)
@@ -165,7 +167,7 @@ def _svg(drawing: Drawing, *, narrow: bool) -> str:
 
 
 def _png(drawing: Drawing) -> bytes:
-    with _settings(drawing.name):
+    with settings(drawing.name):
         lines = textwrap.wrap(label(drawing.title, 400), 88)
         figure = Figure(figsize=(WIDE_IN, drawing.height + 0.2 + 0.19 * len(lines)), layout="constrained")
         FigureCanvasAgg(figure)
@@ -177,8 +179,8 @@ def _png(drawing: Drawing) -> bytes:
 
 
 def _for_page(svg: str) -> str:
-    """Without comments, metadata and repeated ids; colours and font taken from the page."""
-    svg = _METADATA.sub("", _COMMENT.sub("", svg))
+    """Without comments, metadata, rules and repeated ids; colours and font taken from the page."""
+    svg = _SHEET.sub("", _METADATA.sub("", _COMMENT.sub("", svg)))
     svg = _NAMED_GROUP.sub("<g>", svg)
     svg = _STYLE_ATTRIBUTE.sub(lambda style: _page_style(style.group()), svg)
     svg = _SIZE.sub(r'<svg viewBox="\1" xmlns:xlink="http://www.w3.org/1999/xlink" aria-hidden="true">', svg, count=1)

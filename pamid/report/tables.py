@@ -177,6 +177,14 @@ def steps_table(steps: tuple[Step, ...]) -> Html:
     return table(heads, body, (1,))
 
 
+def versions_words(steps: tuple[Step, ...]) -> str:
+    """What the commands ran on; of several versions the latest."""
+    versions = dict(pair for step in steps for pair in step.versions)
+    listed = ", ".join(f"{words.clean(name)} {words.clean(version)}" for name, version in versions.items())
+    places = words.join(dict.fromkeys(words.clean(step.platform) for step in steps if step.platform))
+    return f"Versions: {listed}{f'; on {places}' if places else ''}." if listed else ""
+
+
 def _moment(stamp: str) -> str:
     """ "2024-05-01T10:00:00+00:00" -> "2024-05-01 10:00:00 UTC". """
     return words.clean(stamp).replace("T", " ").replace("+00:00", " UTC")

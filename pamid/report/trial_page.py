@@ -7,7 +7,7 @@ from pamid.report.load import Step
 from pamid.report.markup import Html, Part, joined, paragraphs, prose, tag
 from pamid.report.page import document, figure_html
 from pamid.report.style import Picture
-from pamid.report.tables import inputs_table, steps_table, table
+from pamid.report.tables import inputs_table, steps_table, table, versions_words
 from pamid.report.trial import Trial, reached_words
 from pamid.report.words import effect_words
 from pamid.trial.table import HEAD, TITLES, strata, summary
@@ -86,4 +86,4 @@ def _provenance(trial: Trial, steps: tuple[Step, ...]) -> Html:
     told += [f"sha256 of the cases and their labels: `{words.clean(trial.digest)}`."] if trial.digest else []
     parts: list[Part] = [tag("h2", "Provenance"), tag("div", steps_table(steps), class_="steps")]
     parts += [inputs_table(steps)] if any(step.inputs for step in steps) else []
-    return tag("section", parts, paragraphs(told, "note"))
+    return tag("section", parts, paragraphs([*told, versions_words(steps)], "note"))

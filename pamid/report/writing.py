@@ -1,9 +1,10 @@
-"""`write_report`: from the folder of a run or a trial to its page and figures."""
+"""`write_report`: from the folder of a run, a trial or a reproduced paper to its page, figures and PDF."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 from pamid.errors import FileError
@@ -17,8 +18,12 @@ from pamid.report.figures import (
     regimes_drawing,
     window_drawing,
 )
-from pamid.report.load import RunData, load_run, read_steps
+from pamid.report.load import RunData, Step, load_run, read_steps
 from pamid.report.page import MARK, page_html
+from pamid.report.papers import Paper, paper_drawings, read_paper
+from pamid.report.papers_page import paper_html
+from pamid.report.pdf import pdf_of
+from pamid.report.sheets import CREATOR
 from pamid.report.style import Drawing, Picture, render
 from pamid.report.trial import read_trial
 from pamid.report.trial_figures import trial_drawings
@@ -33,11 +38,12 @@ TRIAL = "trial.json"
 
 @dataclass(frozen=True)
 class Report:
-    """What was written; `errors` are the rows of the MAE table."""
+    """What was written; `errors` are the rows of the MAE table, `pdf` is there where it was asked for."""
 
     page: Path
     figures: tuple[Path, ...]
     errors: tuple[ChannelErrors, ...]
+    pdf: Path | None = None
 
     @property
     def mae(self) -> dict[str, dict[str, float]]:
@@ -45,38 +51,68 @@ class Report:
         return {row.channel: row.known() for row in self.errors}
 
 
-def write_report(run_folder: Path, output: Path | None = None) -> Report:
-    """Read a run or a trial, write `report.html` (or `output`) and RUN/figures/*.png; same run, same bytes.
+@dataclass(frozen=True)
+class Content:
+    """What a folder has to say: rows of the MAE table, drawings, and the page once these are pictures."""
 
-    FileError if the folder is no run, holds no result, a file of it is damaged, or `output` exists and is no report.
+    errors: tuple[ChannelErrors, ...]
+    drawings: list[Drawing]
+    html_of: Callable[[dict[str, Picture]], str]
+    stills: list[Drawing] = field(default_factory=list)  # pictures of the run's own, for the PDF
+
+
+def write_report(run_folder: Path, output: Path | None = None, pdf: Path | None = None) -> Report:
+    """Read a run, a trial or a reproduced paper, write `report.html` (or `output`) and RUN/figures/*.png; the same
+    folder gives the same bytes. pdf: a file for the same on paper.
+
+    FileError if the folder is no run, holds no result, a file of it is damaged, or `output` or `pdf` exists and is no
+    report.
     """
     page = run_folder / "report.html" if output is None else output
-    trial = read_trial(run_folder / TRIAL)
-    if trial is not None:
-        Run.open(run_folder)
-        steps = read_steps(run_folder / "run.json")
-        return _written(run_folder, page, (), trial_drawings(trial), lambda found: trial_html(trial, steps, found))
-    run = load_run(run_folder)
-    rows = errors_of(run)
-    return _written(run_folder, page, rows, drawings_of(run, rows), lambda found: page_html(run, rows, found))
-
-
-def _written(run_folder: Path, page: Path, rows: tuple[ChannelErrors, ...], drawings: list[Drawing],
-             html_of: Callable[[dict[str, Picture]], str]) -> Report:
-    """Everything is drawn before anything is written."""
-    _require_own(page)
-    pictures = {drawing.name: render(drawing) for drawing in drawings}
-    html = html_of(pictures)
+    content = content_of(run_folder)
+    _require_own(page, lambda found: found.startswith(MARK.encode()))
+    if pdf is not None:
+        _require_own(pdf, lambda found: found.startswith(b"%PDF") and f"/Creator ({CREATOR})".encode() in found)
+    pictures = {drawing.name: render(drawing) for drawing in content.drawings}
+    html = content.html_of(pictures)  # everything is drawn before anything is written
+    paper = pdf_of(html, [*content.drawings, *content.stills]) if pdf is not None else b""
     folder = run_folder / FIGURES
-    _make(folder)
-    _make(page.parent)
+    for needed in (folder, page.parent, *([pdf.parent] if pdf is not None else [])):
+        _make(needed)
     for name in FIGURE_NAMES:
         if name in pictures:
             write_atomically(folder / f"{name}.png", pictures[name].png)
         else:
             (folder / f"{name}.png").unlink(missing_ok=True)
     write_atomically(page, html.encode("utf-8", errors="replace"))
-    return Report(page, tuple(folder / f"{name}.png" for name in FIGURE_NAMES if name in pictures), rows)
+    if pdf is not None:
+        write_atomically(pdf, paper)
+    return Report(page, tuple(folder / f"{name}.png" for name in FIGURE_NAMES if name in pictures), content.errors, pdf)
+
+
+def content_of(run_folder: Path) -> Content:
+    """What the folder holds, read and checked; FileError as above."""
+    trial = read_trial(run_folder / TRIAL)
+    paper = read_paper(run_folder)
+    if trial is not None or paper is not None:
+        Run.open(run_folder)
+        steps = read_steps(run_folder / "run.json")
+        if trial is not None:
+            return Content((), trial_drawings(trial), partial(trial_html, trial, steps))
+        assert paper is not None
+        return _paper_content(run_folder, paper, steps)
+    run = load_run(run_folder)
+    rows = errors_of(run)
+    return Content(rows, drawings_of(run, rows), partial(page_html, run, rows))
+
+
+def _paper_content(run_folder: Path, paper: Paper, steps: tuple[Step, ...]) -> Content:
+    """The paper's own pictures stay as they are; those of the diagnosis of its record are drawn, where there is one."""
+    if not (run_folder / "diagnosis.json").exists():
+        return Content((), [], partial(paper_html, paper, steps, None, ()), paper_drawings(paper))
+    run = load_run(run_folder)
+    rows = errors_of(run)
+    return Content(rows, drawings_of(run, rows), partial(paper_html, paper, steps, run, rows), paper_drawings(paper))
 
 
 def drawings_of(run: RunData, rows: tuple[ChannelErrors, ...]) -> list[Drawing]:
@@ -107,17 +143,17 @@ def _windows(run: RunData, channel: str) -> list[Drawing]:
     return found
 
 
-def _require_own(page: Path) -> None:
-    """A page that pamid made is replaced without asking; anything else is somebody's file."""
+def _require_own(page: Path, is_own: Callable[[bytes], bool]) -> None:
+    """What pamid made is replaced without asking; anything else is somebody's file."""
     if not page.exists():
         return
     try:
         with open(page, "rb") as file:
-            own = file.read(len(MARK)) == MARK.encode()
+            own = is_own(file.read())
     except OSError as error:
-        raise FileError(f"{page} cannot be replaced: {error.strerror}.", "Choose another --output.") from error
+        raise FileError(f"{page} cannot be replaced: {error.strerror}.", "Choose another name.") from error
     if not own:
-        raise FileError(f"{page} exists and is not a report.", "Choose another --output.", code="exists")
+        raise FileError(f"{page} exists and is not a report.", "Choose another name.", code="exists")
 
 
 def _make(folder: Path) -> None:

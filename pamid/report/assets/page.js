@@ -1,0 +1,64 @@
+"use strict";
+// What the page itself offers: its colours by choice, and tables that can be taken along.
+(() => {
+  const root = document.documentElement, MODES = ["", "light", "dark"];
+  const make = (name, settings) => Object.assign(document.createElement(name), settings);
+  root.classList.add("js");
+
+  // ---- colours: the system's, or the reader's choice, kept where the browser allows it --------------------------------
+  const store = (act) => { try { return act(localStorage); } catch { return null; } };
+  const toggle = make("button", {type: "button", className: "colours"});
+  function paint(mode) {
+    if (mode) root.dataset.colours = mode;
+    else delete root.dataset.colours;
+    toggle.textContent = {"": "◐ system", light: "☀ light", dark: "☾ dark"}[mode];
+    toggle.setAttribute("aria-label", `colours: ${mode || "as the system"}; change`);
+    document.dispatchEvent(new Event("pamid-colours"));
+  }
+  toggle.addEventListener("click", () => {
+    const next = MODES[(MODES.indexOf(root.dataset.colours ?? "") + 1) % MODES.length];
+    store((kept) => kept.setItem("pamid-colours", next));
+    paint(next);
+  });
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => paint(root.dataset.colours ?? ""));
+  document.querySelector("header")?.prepend(toggle);
+  const kept = store((one) => one.getItem("pamid-colours"));
+  paint(MODES.includes(kept) ? kept : "");
+
+  // ---- tables as text --------------------------------------------------------------------------------------------
+  const SUPERSCRIPTS = "⁰¹²³⁴⁵⁶⁷⁸⁹";
+  const power = (text) => [...text].map((one) => one === "⁻" ? "-" : SUPERSCRIPTS.indexOf(one)).join("");
+  /** A cell as a spreadsheet reads it: plain spaces and signs, powers of ten as an exponent. */
+  const plain = (text) => text.replace(/[\s\u00a0]+/g, " ").trim().replaceAll("−", "-").replace(/^–$/, "")
+    .replace(/ × 10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)/g, (_, digits) => `e${power(digits)}`);
+  const grid = (table) => [...table.rows].map((row) => [...row.cells].map((cell) =>
+    plain([...cell.childNodes].map((node) => node.textContent).join(" "))));
+  const FORMS = {
+    TSV: (rows) => rows.map((row) => row.join("\t")).join("\n"),
+    Markdown: ([head, ...rows]) => {
+      const line = (cells) => `| ${cells.map((cell) => cell.replaceAll("|", "\\|")).join(" | ")} |`;
+      return [line(head), line(head.map(() => "---")), ...rows.map(line)].join("\n");
+    },
+  };
+  async function copy(table, form, button) {
+    const text = FORMS[form](grid(table)) + "\n";
+    let told = "copied";
+    try { await navigator.clipboard.writeText(text); } catch {
+      getSelection().selectAllChildren(table);
+      told = "selected: press Ctrl+C";
+    }
+    button.textContent = told;
+    setTimeout(() => { button.textContent = form; }, 1500);
+  }
+  for (const table of document.querySelectorAll(".scroll > table")) {
+    const bar = make("div", {className: "copy"});
+    bar.append("copy as ");
+    for (const form of Object.keys(FORMS)) {
+      const button = make("button", {type: "button", textContent: form});
+      button.addEventListener("click", () => copy(table, form, button));
+      bar.append(button, " ");
+    }
+    table.parentElement.before(bar);
+  }
+  window.pamidTable = (table, form) => FORMS[form](grid(table));
+})();

@@ -1,0 +1,207 @@
+"""The equation of a cause as it acts at its port, set from the very code that was fitted: once in names, once with the
+values found. For an effect that no catalogue holds, the formula that describes it.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pamid import equations
+from pamid.attaching import attach
+from pamid.binding import bind
+from pamid.effect import Effect
+from pamid.errors import PamidError
+from pamid.expressions import Expr, expression, substitute, symbol, text
+from pamid.library import effects, rig_named, rigs
+from pamid.report import words
+from pamid.report.diagnosed import Cause, Estimate, Unknown
+from pamid.report.formula import FormulaError, formula_html
+from pamid.report.load import RunData
+from pamid.report.markup import Html, joined, paragraphs, prose, tag
+from pamid.report.mathml import Typeset, fraction, math_html, name, number_html, operator
+from pamid.report.words import channel_unit, effect_words, port_words
+from pamid.rig import Port
+from pamid.units import quantity_of, split_column
+
+#: kind of port -> the letter and the name of what passes through it
+LETTERS = {"command": ("u", "command"), "flow": ("q", "flow"), "rate": ("r", "rate of change"),
+           "actuator-force": ("F", "force"), "motion": ("F", "force"), "transmission": ("F", "force"),
+           "reading": ("y", "reading")}  # fmt: skip
+_TORQUE = ("M", "torque")
+_CALLED = {"law": "the rig's own force at this position and pressure",
+           "fill": "the flow through the fill valve at this supply pressure"}  # fmt: skip
+_LONGEST = 700  # letters of plain text: above it the catalogue's own words are the better reading
+
+
+class _At:
+    """Signals as names; what a rig offers as a function becomes a call of that name."""
+
+    def __init__(self, offered: frozenset[str]) -> None:
+        self._offered = offered
+
+    def offers(self, signal: str) -> bool:
+        return signal in self._offered
+
+    def __getattr__(self, signal: str) -> Any:
+        if signal.startswith("__"):
+            raise AttributeError(signal)
+        if signal == "place":
+            return ""
+        if signal in _CALLED:
+            return lambda *arguments: Expr(signal, tuple(map(expression, arguments)))
+        return symbol("signal", signal)
+
+
+class _Symbols:
+    """Any attribute as a symbol of one space."""
+
+    def __init__(self, space: str) -> None:
+        self._space = space
+
+    def __getattr__(self, key: str) -> Expr:
+        if key.startswith("__"):
+            raise AttributeError(key)
+        return symbol(self._space, key)
+
+
+@dataclass(frozen=True)
+class Acting:
+    """An effect at a port: what it makes of the value (letter, what that is), the rates of its states; names:
+    parameter -> its name outside."""
+
+    effect: Effect
+    letter: str
+    what: str
+    value: Expr
+    rates: Mapping[str, Expr]
+    names: Mapping[str, str]
+
+
+
+def acting(rig: str, label: str) -> Acting | None:
+    """The effect of this label on a rig of the catalogue; None for rigs and effects from users' files, which are code
+    that a report does not run."""
+    if rig.partition(":")[0] not in rigs():
+        return None
+    try:
+        of = rig_named(rig)
+        where = attach(of, label, effects())
+        port = of.ports[where.ports[0]]
+        return _acting(where.effect, port, where.ports[0])
+    except PamidError:
+        return None
+
+
+def _acting(effect: Effect, port: Port, port_name: str) -> Acting:
+    at = _At(frozenset(port.signals) | {"time", "period"})
+    letter, what = _TORQUE if quantity_of(port.unit) == "torque" else LETTERS[port.kind]
+    found = effect.act(symbol("value", letter), at, _Symbols("parameter"), _Symbols("state"))
+    value, rates = found if isinstance(found, tuple) else (found, {})
+    names = {p.name: bind(p, "", port, port_name, {}).name for p in effect.parameters}
+    return Acting(effect, letter, what, expression(value), {k: expression(v) for k, v in rates.items()}, names)
+
+
+def equations_html(run: RunData) -> Html:
+    """The equations of the causes, or the formula of the missing term; "" where there is neither."""
+    diagnosis = run.diagnosis
+    if diagnosis is None:
+        return Html("")
+    if diagnosis.unknown is not None and diagnosis.unknown.formula:
+        return _unknown_html(diagnosis.unknown)
+    return joined(_cause_html(run.rig, one) for one in diagnosis.causes)
+
+
+def model_equations_html(run: RunData) -> Html:
+    """The equations of the effects that the fitted model already had."""
+    if run.fit is None:
+        return Html("")
+    found = []
+    for label in run.fit.effects:
+        own = {one.name.removeprefix(f"{label}:"): Estimate(one.value, one.low, one.high)
+               for one in run.fit.parameters if one.name.startswith(f"{label}:")}  # fmt: skip
+        found.append(_cause_html(run.rig, Cause(label, "", "", own, None)))
+    return joined(found)
+
+
+def _unknown_html(unknown: Unknown) -> Html:
+    try:
+        math = formula_html(words.clean(unknown.formula))
+    except FormulaError:
+        return Html("")  # the sentence above has it as text
+    at = f" at the {port_words(unknown.port)} port" if unknown.port else ""
+    return tag("figure", tag("figcaption", prose(f"The term that is missing{at}, as it is described best")),
+               tag("div", math, class_="scroll"), class_="equation")  # fmt: skip
+
+
+def _cause_html(rig: str, cause: Cause) -> Html:
+    found = acting(rig, cause.effect)
+    if found is None:
+        return Html("")
+    spoken = _spoken(found, {})
+    title = tag("figcaption", prose(_title(cause)))
+    if len(spoken) > _LONGEST:
+        return tag("figure", title, tag("pre", found.effect.story().get("Equation", "")), class_="equation")
+    plain, filled = Typeset(_shown(found, {})), Typeset(_shown(found, cause.parameters))
+    drawn = [math_html(_rows(found, plain), spoken)]
+    if cause.parameters:
+        drawn.append(math_html(_rows(found, filled), _spoken(found, cause.parameters)))
+    return tag("figure", title, tag("div", drawn, class_="scroll"), paragraphs(_legend(found, plain), "note"),
+               class_="equation")  # fmt: skip
+
+
+def _title(cause: Cause) -> str:
+    at = f" at the {port_words(cause.port)} port" if cause.port and "@" not in cause.effect else ""
+    found = ", and with the values found" if cause.parameters else ""
+    return f"The equation of {effect_words(cause.effect)}{at}{found}"
+
+
+def _rows(found: Acting, typeset: Typeset) -> list[list[Html]]:
+    after = tag("mrow", name(found.letter), operator("′", lspace="0", rspace="0"))
+    rows = [[after, tag("mrow", operator("="), typeset(found.value))]]
+    for state, rate in found.rates.items():
+        left = fraction(tag("mrow", tag("mi", "d"), name(state)), tag("mrow", tag("mi", "d"), name("t")))
+        rows.append([left, tag("mrow", operator("="), typeset(rate))])
+    return rows
+
+
+def _spoken(found: Acting, values: Mapping[str, Estimate]) -> str:
+    """The same in plain text."""
+    told = {key: words.with_unit_text(values[outside].value, channel_unit(outside)) if outside in values else
+            split_column(outside)[0] for key, outside in found.names.items()}  # fmt: skip
+    named = {symbol("parameter", key): symbol("told", name) for key, name in told.items()}
+    value, *rates = substitute([found.value, *found.rates.values()], named)
+    return "; ".join([f"{found.letter}′ = {text(value)}",
+                      *(f"d {state}/dt = {text(rate)}" for state, rate in zip(found.rates, rates, strict=True))])
+
+
+def _shown(found: Acting, values: Mapping[str, Estimate]) -> Any:
+    """How symbols are shown: parameters by the names of the tables, or as their values."""
+
+    def shown(space: str, key: str) -> Html:
+        if space != "parameter":
+            return name(key)
+        outside = found.names[key]
+        if outside in values:
+            return number_html(values[outside].value, channel_unit(outside))
+        return name(split_column(outside)[0])
+
+    return shown
+
+
+def _legend(found: Acting, typeset: Typeset) -> Iterator[str]:
+    """What the letters and the functions mean."""
+    letter = found.letter
+    yield f"{letter}: the {found.what} without the effect, {letter}′ with it. Plain numbers are in SI units."
+    told = [f"{function}: {_meaning(function)}" for function in typeset.functions if _meaning(function)]
+    if told:
+        yield "; ".join(told) + "."
+
+
+def _meaning(function: str) -> str:
+    if function in _CALLED:
+        return _CALLED[function]
+    of = getattr(equations, {"sgn": "sign", "step": "smooth_step"}.get(function, function), None)
+    return (inspect.getdoc(of) or "").partition("\n")[0].rstrip(".").replace("+-", "±") if of is not None else ""

@@ -1,0 +1,136 @@
+"""The formula of an unknown effect, which diagnosis.json holds as text, as MathML.
+
+    formula  = [name [unit] =] sum          term   = factor ("*" factor | "/" factor | factor)*
+    sum      = ["+" | "-"] term (("+" | "-") term)*      factor = atom ["^" number]
+    atom     = number | number unit | name | name "(" sum ")" | "(" sum ")" | "|" sum "|"
+"""
+
+from __future__ import annotations
+
+import re
+
+from pamid.report.markup import Html, Part, tag
+from pamid.report.mathml import fenced, fraction, math_html, name, number_html, operator, power_html
+from pamid.report.words import unit_words
+
+_NUMBER = r"\d+\.?\d*(?:e[+-]?\d+)?"
+_TOKEN = re.compile(rf"\s*(?:(?P<size>\({_NUMBER} [^()\d+|^][^()|^]*\))|(?P<number>{_NUMBER})|(?P<name>[A-Za-z]\w*)|"
+                    r"(?P<unit>\[[^\]]*\])|(?P<sign>[-+*/^()|=]))")  # fmt: skip
+_DEEPEST = 20
+
+
+class FormulaError(ValueError):
+    """The text is no formula."""
+
+
+def formula_html(text: str) -> Html:
+    """The formula set; FormulaError where it is none."""
+    return _Reader(text).formula()
+
+
+class _Reader:
+    def __init__(self, text: str) -> None:
+        self._text, self._depth, self._bars, self._at = text, 0, 0, 0
+        self._tokens: list[tuple[str, str]] = []
+        place = 0
+        while place < len(text.rstrip()):
+            found = _TOKEN.match(text, place)
+            if found is None:
+                raise FormulaError(f"unexpected {text[place:place + 10]!r}")
+            self._tokens.append((str(found.lastgroup), str(found[str(found.lastgroup)])))
+            place = found.end()
+
+    def formula(self) -> Html:
+        row: list[Html] = []
+        if [kind for kind, _ in self._tokens[:2]] == ["name", "unit"] and self._tokens[2:3] == [("sign", "=")]:
+            unit = unit_words(self._tokens[1][1][1:-1])
+            row.append(tag("mrow", name(self._tokens[0][1]), tag("mtext", f" [{unit or '-'}]")))
+            row.append(operator("="))
+            self._at = 3
+        row.append(self._sum())
+        if self._at != len(self._tokens):
+            raise FormulaError(f"unexpected {self._tokens[self._at][1]!r}")
+        return math_html([row], self._text)
+
+    def _peek(self) -> tuple[str, str]:
+        return self._tokens[self._at] if self._at < len(self._tokens) else ("end", "")
+
+    def _take(self, *signs: str) -> str:
+        """The next token if it is one of these signs, else ""."""
+        kind, text = self._peek()
+        if kind != "sign" or text not in signs:
+            return ""
+        self._at += 1
+        return text
+
+    def _sum(self) -> Html:
+        self._depth += 1
+        if self._depth > _DEEPEST:
+            raise FormulaError("nested too deeply")
+        parts: list[Part] = []
+        sign = self._take("+", "-")
+        while True:
+            if sign == "-" or (sign and parts):
+                parts.append(operator("−" if sign == "-" else "+", form="infix" if parts else "prefix"))
+            parts.append(self._term())
+            sign = self._take("+", "-")
+            if not sign:
+                break
+        self._depth -= 1
+        return tag("mrow", parts)
+
+    def _term(self) -> Html:
+        found = self._factor()
+        while True:
+            if self._take("/"):
+                found = fraction(found, self._factor())
+            elif self._take("*") or self._begins():
+                found = tag("mrow", found, operator("⋅"), self._factor())
+            else:
+                return found
+
+    def _begins(self) -> bool:
+        """Can what comes next begin another factor, with no sign between?"""
+        kind, text = self._peek()
+        return kind in ("number", "name", "size") or text == "(" or (text == "|" and not self._bars)
+
+    def _factor(self) -> Html:
+        base = self._atom()
+        if self._take("^"):
+            kind, text = self._peek()
+            if kind != "number":
+                raise FormulaError("an exponent is a number")
+            self._at += 1
+            return power_html(base, tag("mn", text))
+        return base
+
+    def _atom(self) -> Html:
+        kind, text = self._peek()
+        self._at += 1
+        if kind == "number":
+            return number_html(float(text), digits=4)
+        if kind == "size":
+            number, _, unit = text[1:-1].partition(" ")
+            return number_html(float(number), unit_words(unit), digits=4)
+        if kind == "name":
+            return tag("mrow", name(text), self._bracketed()) if self._take("(") else name(text)
+        if text == "(":
+            return self._bracketed()
+        if text == "|":
+            self._bars += 1
+            inside = self._sum()
+            self._bars -= 1
+            return self._closed("|", inside)
+        raise FormulaError(f"unexpected {text!r}" if text else "it breaks off")
+
+    def _bracketed(self) -> Html:
+        bars, self._bars = self._bars, 0
+        inside = self._sum()
+        self._bars = bars
+        return self._closed("(", inside)
+
+    def _closed(self, begin: str, inside: Html) -> Html:
+        close = ")" if begin == "(" else "|"
+        if not self._take(close):
+            raise FormulaError(f"{close!r} is missing")
+        return fenced(begin, inside, close=close)

@@ -1,0 +1,206 @@
+"""Expressions as MathML, which browsers set by themselves: fractions, roots, powers, cases; names stay words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from pamid.equations import sign, smooth_step, stop
+from pamid.expressions import Expr, const
+from pamid.report import words
+from pamid.report.markup import Html, Part, tag
+
+#: how a symbol (space, name) is shown
+Shown = Callable[[str, str], Html]
+
+_SUM, _PRODUCT, _ATOM = 1, 2, 3          # what binds how tightly
+_RELATIONS = {"lt": "<", "le": "≤"}
+_PLAIN = {"log": "ln"}
+_CIRCLE = {m * math.pi**k: (m, k) for m, k in ((0.5, 1), (1.0, 1), (2.0, 1), (4.0, 1), (4.0, 2))}  # written with pi
+_GUARD = 1e-12                           # what a bristle's reach is kept above
+
+
+def math_html(rows: list[list[Html]], spoken: str) -> Html:
+    """Equations below each other, aligned at the second cell; spoken: the same in plain text."""
+    table = tag("mtable", [tag("mtr", [tag("mtd", cell) for cell in row]) for row in rows])
+    return tag("math", table, display="block", alttext=spoken)
+
+
+def name(text: str) -> Html:
+    """A quantity by its name; a single letter is slanted."""
+    return tag("mi", words.clean(text).replace("_", " ").replace(" ", words.SPACE))
+
+
+def operator(text: str, **attributes: str) -> Html:
+    return tag("mo", text, **attributes)
+
+
+def number_html(value: float, unit_text: str = "", digits: int = 3) -> Html:
+    """A number with its unit; powers of ten set as such."""
+    head, _, power = words.short(abs(value), digits).partition(f"{words.SPACE}×{words.SPACE}10")
+    parts: list[Part] = [operator("−", form="prefix")] if value < 0.0 else []
+    parts.append(tag("mn", head))
+    if power:
+        exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
+        parts += [operator("×"), tag("msup", tag("mn", "10"), _whole(exponent))]
+    if unit_text:
+        parts += [tag("mspace", width="0.2em"), tag("mtext", unit_text.replace(" ", words.SPACE))]
+    return tag("mrow", parts) if len(parts) > 1 else tag("mn", head)
+
+
+def fraction(above: Html, below: Html) -> Html:
+    return tag("mfrac", above, below)
+
+
+def power_html(base: Html, exponent: Html) -> Html:
+    return tag("msup", base, exponent)
+
+
+def call(function: str, *arguments: Html) -> Html:
+    """f(a, b)."""
+    return tag("mrow", tag("mi", function), fenced("(", *arguments, close=")"))
+
+
+def fenced(begin: str, *parts: Html, close: str) -> Html:
+    """Parts between brackets, separated by commas."""
+    inside: list[Part] = []
+    for part in parts:
+        inside += [operator(",", separator="true"), part] if inside else [part]
+    return tag("mrow", operator(begin, fence="true", form="prefix"), tag("mrow", inside),
+               operator(close, fence="true", form="postfix"))
+
+
+def _whole(number: int) -> Html:
+    return tag("mrow", operator("−", form="prefix"), tag("mn", str(-number))) if number < 0 else tag("mn", str(number))
+
+
+class Typeset:
+    """Sets expressions; `shown` says how each symbol looks. functions: those that were used, to be explained."""
+
+    def __init__(self, shown: Shown) -> None:
+        self._shown, self.functions = shown, dict[str, None]()
+
+    def __call__(self, node: Expr) -> Html:
+        return self._set(node)[0]
+
+    def _set(self, node: Expr) -> tuple[Html, int]:
+        word = _word(node)
+        if word is not None:
+            return self._called(*word), _ATOM
+        if node.op == "const":
+            return _constant(node.value), _ATOM if node.value >= 0.0 else _SUM
+        if node.op == "symbol":
+            return self._shown(*node.value), _ATOM
+        if node.op in ("add", "sub", "neg"):
+            return self._sum(node), _SUM
+        if node.op in ("mul", "div"):
+            return self._product(node)
+        return self._function(node), _ATOM
+
+    def _called(self, function: str, arguments: tuple[Expr, ...]) -> Html:
+        self.functions[function] = None
+        return call(function, *map(self, arguments))
+
+    def _sum(self, node: Expr) -> Html:
+        parts: list[Part] = []
+        for minus, term in _terms(node, False):
+            minus, inner = (minus, term) if not _negative(term) else (not minus, const(-term.value))
+            body, level = self._set(inner)
+            body = fenced("(", body, close=")") if level == _SUM else body
+            parts += [operator("−" if minus else "+", form="infix" if parts else "prefix")] if minus or parts else []
+            parts.append(body)
+        return tag("mrow", parts)
+
+    def _product(self, node: Expr) -> tuple[Html, int]:
+        above, below = _factors(node)
+        factor = math.prod(one.value for one in above if one.op == "const")
+        rest = [one for one in above if one.op != "const"]
+        minus, factor = factor < 0.0, abs(factor)
+        if not below and abs(factor) < 1.0 and factor != 0.0 and (1.0 / factor).is_integer() and factor > 1e-3:
+            below, factor = [const(1.0 / factor)], 1.0
+        found = self._factors(([const(factor)] if factor != 1.0 or not rest else []) + rest)
+        found = fraction(found, self._factors(below)) if below else found
+        return (tag("mrow", operator("−", form="prefix"), found), _SUM) if minus else (found, _PRODUCT)
+
+    def _factors(self, factors: list[Expr]) -> Html:
+        """Factors side by side, equal ones as powers."""
+        parts: list[Part] = []
+        for one in dict.fromkeys(factors):
+            body, level = self._set(one)
+            many = factors.count(one)
+            if level == _SUM and len(factors) > 1:
+                body = fenced("(", body, close=")")
+            body = power_html(body, tag("mn", str(many))) if many > 1 else body
+            parts += [operator("⋅"), body] if parts else [body]
+        return tag("mrow", parts) if len(parts) > 1 else Html(str(parts[0]))
+
+    def _function(self, node: Expr) -> Html:
+        args = [self(one) for one in node.args]
+        if node.op == "sqrt":
+            return tag("msqrt", args[0])
+        if node.op == "exp":
+            return power_html(tag("mi", "e"), args[0])
+        if node.op == "abs":
+            return fenced("|", args[0], close="|")
+        if node.op == "floor":
+            return fenced("⌊", args[0], close="⌋")
+        if node.op == "pow":
+            base = args[0] if self._set(node.args[0])[1] == _ATOM else fenced("(", args[0], close=")")
+            return power_html(base, args[1])
+        if node.op in _RELATIONS:
+            return tag("mrow", args[0], operator(_RELATIONS[node.op]), args[1])
+        if node.op == "where":
+            rows = [(args[1], tag("mrow", tag("mtext", f"if{words.SPACE}"), args[0])),
+                    (args[2], tag("mtext", "otherwise"))]
+            cases = tag("mtable", [tag("mtr", [tag("mtd", cell) for cell in row]) for row in rows], class_="cases")
+            return tag("mrow", operator("{", fence="true", form="prefix"), cases)
+        return self._called(_PLAIN.get(node.op, node.op), node.args)
+
+
+def _word(node: Expr) -> tuple[str, tuple[Expr, ...]] | None:
+    """A word of the vocabulary that was spelt out in simpler ones; the same expression is the same object."""
+    if node.op == "sub" and node.args[1].op == "play" and stop(*node.args[1].args) is node:
+        return "stop", node.args[1].args
+    if node.op == "where" and node.args[0].op == "lt" and sign(node.args[0].args[1]) is node:
+        return "sgn", node.args[0].args[1:]
+    if node.op == "bristle" and node.args[1].op == "max" and node.args[1].args[1] is const(_GUARD):
+        return "bristle", (node.args[0], node.args[1].args[0])
+    if node.op == "min" and node.args[0].op == "max":
+        return "clip", (*node.args[0].args, node.args[1])
+    if node.op == "mul" and node.args[0].op == "mul" and node.args[0].args[0].op == "min":
+        inner = node.args[0].args[0].args[0]
+        if inner.op == "max" and smooth_step(inner.args[0]) is node:
+            return "step", inner.args[:1]
+    return None
+
+
+def _constant(value: float) -> Html:
+    for size, (many, exponent) in _CIRCLE.items():
+        if math.isclose(value, size, rel_tol=1e-12):
+            pi = tag("mi", "π") if exponent == 1 else power_html(tag("mi", "π"), tag("mn", str(exponent)))
+            return pi if many == 1.0 else tag("mrow", tag("mn", f"{many:g}"), pi)
+    return number_html(value, digits=4)
+
+
+def _negative(node: Expr) -> bool:
+    return node.op == "const" and node.value < 0.0
+
+
+def _terms(node: Expr, minus: bool) -> list[tuple[bool, Expr]]:
+    """A sum taken apart: (is it subtracted, term); what there is a word for stays whole."""
+    if node.op == "neg":
+        return _terms(node.args[0], not minus)
+    if node.op not in ("add", "sub") or _word(node) is not None:
+        return [(minus, node)]
+    return _terms(node.args[0], minus) + _terms(node.args[1], minus != (node.op == "sub"))
+
+
+def _factors(node: Expr) -> tuple[list[Expr], list[Expr]]:
+    """A product taken apart: factors above and below the line; what there is a word for stays whole."""
+    if node.op == "div":
+        (above, under), (below, over) = map(_factors, node.args)
+        return above + over, under + below
+    if node.op == "mul" and _word(node) is None:
+        (above, under), (below, over) = map(_factors, node.args)
+        return above + below, under + over
+    return [node], []
