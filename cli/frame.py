@@ -142,7 +142,7 @@ def every_command() -> Iterator[click.Command]:
 def require_command(name: str) -> None:
     """UsageError, with the nearest name, for what is no command."""
     if name not in COMMANDS:
-        raise click.UsageError(f"There is no command {name!r}. {_suggest(name, COMMANDS)}".rstrip())
+        raise click.UsageError(f"There is no command {name!r}. {suggest(name, COMMANDS)}".rstrip())
 
 
 def blank_context(name: str) -> click.Context:
@@ -176,7 +176,7 @@ class _LazyGroup(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         if args and not args[0].startswith("-") and args[0] not in COMMANDS:
-            ctx.fail(f"There is no command {args[0]!r}. {_suggest(args[0], COMMANDS)}")
+            ctx.fail(f"There is no command {args[0]!r}. {suggest(args[0], COMMANDS)}")
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -261,7 +261,8 @@ def _flags(arguments: Sequence[str]) -> set[str]:
     return set(words[: words.index("--")] if "--" in words else words)
 
 
-def _suggest(name: str, names: Sequence[str] | dict[str, Any]) -> str:
+def suggest(name: str, names: Sequence[str] | dict[str, Any]) -> str:
+    """A sentence that proposes the nearest of the names, or nothing."""
     close = difflib.get_close_matches(name, list(names), n=1)
     return f"Did you mean {close[0]!r}?" if close else ""
 

@@ -19,6 +19,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "animate": ("animate:command", "Show how a run's rig moved, measured over simulated, as a GIF."),
     "effects": ("effects:command", "List the catalogue of effects, or explain one."),
     "rigs": ("rigs:command", "List the rigs, or explain one."),
+    "schema": ("schema:command", "List or print the JSON schemas of results and files."),
     "config": ("config:command", "Show the value of every option, and where it comes from."),
     "completion": ("completion:command", "Print what your shell needs to complete pamid's commands."),
     "demo": ("demo:command", "Everything above on a virtual rig, in about a minute."),

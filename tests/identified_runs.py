@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -53,4 +54,4 @@ def put_network(folder: Path, trained: TrainedNetwork, **about: Any) -> None:
     """The network in a run; about: what train-residual adds to network.json."""
     save_network(folder, trained)
     told = {"enters": "output", "model": "replay", "mae": {}, "notes": [], **about}
-    write_json(folder / "network.json", read_json(folder / "network.json") | told)
+    (folder / "network.json").write_text(json.dumps(read_json(folder / "network.json") | told), encoding="utf-8")

@@ -318,7 +318,7 @@ def test_a_crafted_archive_runs_nothing(run: Copy, tmp_path: Path) -> None:
     (folder / "network.npz").write_bytes(buffer.getvalue())
     about = read_json(folder / "network.json")
     about["weights"]["sha256"] = sha256_of(folder / "network.npz")
-    write_json(folder / "network.json", about)
+    (folder / "network.json").write_text(json.dumps(about), encoding="utf-8")
     with pytest.raises(FileError, match=r"network\.npz"):
         load_identified(folder)
     assert not sprung.exists()

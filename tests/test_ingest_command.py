@@ -379,3 +379,20 @@ def test_an_unknown_column_is_kept_and_a_text_cell_is_told(here: Path, capsys: p
                                    ["--guess", "a.csv", "--mapping", "m.toml"]])
 def test_wrong_usage(words: list[str], here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert ran(capsys, *words)[0] == 2
+
+
+def test_a_guess_lets_samples_share_a_stamp_where_the_signals_prove_it_late(tmp_path: Path) -> None:
+    """The log of a PC that was busy for a moment: two samples carry the same time."""
+    log = tmp_path / "log.csv"
+    t = 0.003 * np.arange(6000)
+    stamps = np.maximum.accumulate(1000.0 * t + np.random.default_rng(3).exponential(0.6, t.size)).round(3)
+    assert 0 < np.count_nonzero(np.diff(stamps) == 0.0) < 60
+    y = 20.0 * np.sin(2 * np.pi * 0.7 * t) + 0.01 * np.random.default_rng(4).standard_normal(t.size)
+    rows = "".join(f"{a:.3f},{b:.4f}\n" for a, b in zip(stamps, y, strict=True))
+    log.write_text("t [ms],angle [deg]\n" + rows)
+    assert frame.run(["ingest", "--guess", str(log), "--rig", "one-dof", "--output", str(tmp_path / "map.toml")]) == 0
+    assert 'repair = "late-stamps"' in (tmp_path / "map.toml").read_text()
+    words = ["ingest", str(log), "--mapping", str(tmp_path / "map.toml"), "--output", str(tmp_path / "rec.csv")]
+    assert frame.run(words) == 0
+    kept = read_recording(tmp_path / "rec.csv")
+    np.testing.assert_allclose(kept.columns["angle_deg"], y.round(4), atol=1e-9)

@@ -355,6 +355,8 @@ def everything_parses(folder: Path) -> None:
                 read_json(path)
             elif path.suffix == ".npz":
                 load_arrays(path)
+            elif path.suffix == ".jsonl":
+                assert all(isinstance(json.loads(line), dict) for line in path.read_text().splitlines())
             else:
                 assert path.suffix == ".csv" and np.isfinite(np.loadtxt(path, delimiter=",", skiprows=1)).all()
 

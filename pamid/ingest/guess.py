@@ -11,12 +11,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pamid.errors import PamidError
+from pamid.errors import FileError, PamidError
 from pamid.ingest.channels import Channel, Log
 from pamid.ingest.conversion import round_period
 from pamid.ingest.mapping import OPEN
 from pamid.ingest.quantities import PRESSURE, is_readable, read_unit
-from pamid.ingest.stamps import usable_rows
+from pamid.ingest.stamps import Rows, usable_rows
 from pamid.ingest.time_base import GAP_PERIODS, Diagnosis, diagnose
 from pamid.ingest.words import meanings, number
 from pamid.metrics import FloatArray
@@ -144,11 +144,26 @@ def _diagnosed(time: TimeGuess, log: Log, measured: Sequence[Channel]) -> TimeGu
         stamps, moving = own.stamps, [c for c in measured if c.stamps is not None and
                                       np.array_equal(c.stamps, own.stamps, equal_nan=True)]  # fmt: skip
     try:
-        rows = usable_rows(stamps, [c.values for c in moving], "the stamps")
-        found = diagnose(rows, {c.name: c.values[rows.keep] for c in moving})
+        rows, found = _judged(stamps, moving)
     except PamidError as error:
         return replace(time, stamps=stamps, trouble=str(error))
     return replace(time, stamps=stamps, found=found, trouble="; ".join(r.detail for r in rows.repairs))
+
+
+def _judged(stamps: FloatArray, moving: Sequence[Channel]) -> tuple[Rows, Diagnosis]:
+    """The usable rows and what their stamps look like. Several samples at one stamp are let pass where the signals
+    prove the stamps late."""
+    signals = [c.values for c in moving]
+    try:
+        rows = usable_rows(stamps, signals, "the stamps")
+        return rows, diagnose(rows, {c.name: c.values[rows.keep] for c in moving})
+    except FileError as error:
+        if error.code == "stamps-repeated":
+            rows = usable_rows(stamps, signals, "the stamps", tolerant=True)
+            found = diagnose(rows, {c.name: c.values[rows.keep] for c in moving})
+            if found.cure == "late-stamps":
+                return rows, found
+        raise
 
 
 def _period(time: TimeGuess, rig: Rig) -> float | None:

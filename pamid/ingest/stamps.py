@@ -95,8 +95,11 @@ def usable_rows(stamps: FloatArray, signals: Sequence[FloatArray], place: str, *
         before, after = values[keep[twice]], values[keep[twice + 1]]
         same &= (before == after) | (np.isnan(before) & np.isnan(after))
     differing = int(twice.size - same.sum())
-    if tolerant and differing or differing > BLOCKS * keep.size:
+    if differing > BLOCKS * keep.size:
         return Rows(keep, stamps[keep], tuple(starts), True, tuple(repairs))
+    if differing and tolerant:
+        repairs.append(Repair("stamps-shared", differing, f"{differing} rows share the stamp of the one before"))
+        return Rows(keep, _caught_up(stamps, keep, starts)[keep], tuple(starts), False, tuple(repairs))
     if differing:
         row = int(keep[twice[~same][0] + 1])
         hint = ("If they are two samples, say so with --time-base late-stamps; if one is wrong, take it out of the "

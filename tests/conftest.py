@@ -1,0 +1,46 @@
+"""Whatever any test makes pamid print or write as JSON is held against the schema that is shipped for it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pamid_cli.frame as frame
+import pytest
+from jsonschema import Draft202012Validator
+from pamid_cli.schema import schemas
+
+import pamid.run as run
+
+VALIDATORS = {f"pamid.{name}/1": Draft202012Validator(schema) for name, schema in schemas().items()}
+#: of tests only, and the list of schemas itself
+UNDESCRIBED = ("pamid.test/1", "pamid.schemas/1", "pamid.calibration/1")
+
+
+def require_valid(text: str) -> None:
+    """The object fits the schema it names; an object without one belongs to no schema."""
+    said = json.loads(text)
+    name = said.get("schema") if isinstance(said, dict) else None
+    if not isinstance(name, str) or name in UNDESCRIBED:
+        return
+    assert name in VALIDATORS, f"no schema is shipped for {name}"
+    errors = sorted(VALIDATORS[name].iter_errors(said), key=lambda error: list(map(str, error.path)))
+    told = [f"{name}: {'.'.join(map(str, one.path))}: {one.message[:200]}" for one in errors[:5]]
+    assert not told, "\n".join(told)
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _every_object_is_as_described() -> Iterator[None]:
+    def watched(made: Callable[..., str]) -> Callable[..., str]:
+        def text(*arguments: Any) -> str:
+            found = made(*arguments)
+            require_valid(found)
+            return found
+
+        return text
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(frame, "_json", watched(frame._json))
+        patch.setattr(run, "json_text", watched(run.json_text))
+        yield
