@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from . import frame
+from .options import parse_known
 from .progress import Progress
 
 if TYPE_CHECKING:
@@ -32,13 +33,16 @@ CURES = ("ask", "late-stamps", "jittered-sampling", "none")
               help="What all pressures of the log are; where neither this nor the mapping says, it is asked.")
 @click.option("--time-base", "repair", type=click.Choice(CURES),
               help="How to mend uneven stamps, over the mapping's time.repair.")
+@click.option("--known", multiple=True, metavar="NAME=VALUE",
+              help="Parameter of the rig known for these recordings, as inertia_kg_m2=0.0896; over the mapping's.")
 @click.option("--kind", help="Format of the logs, where their name and content do not tell.")
 @click.option("--output", type=click.Path(path_type=Path),
               help="CSV file; several recordings are numbered. Or a folder. With --guess the TOML file "
               "[default: printed].")
 @click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
 def command(logs: tuple[Path, ...], mapping: Path | None, guess: bool, rig: str | None, pressures: str | None,
-            repair: str | None, kind: str | None, output: Path | None, overwrite: bool) -> frame.Result:  # fmt: skip
+            repair: str | None, known: tuple[str, ...], kind: str | None, output: Path | None,
+            overwrite: bool) -> frame.Result:  # fmt: skip
     """Turn raw LOGS into recordings: units, signs, gauge pressures, an even time base.
 
     First `--guess` writes a mapping to look through. With it, each log becomes a CSV with a TOML beside it and an
@@ -50,15 +54,15 @@ def command(logs: tuple[Path, ...], mapping: Path | None, guess: bool, rig: str 
     if guess:
         if mapping is not None or len(logs) != 1:
             raise UsageError("--guess takes one LOG and no --mapping.")
-        return _guess(logs[0], rig or "one-dof", pressures, kind, output, overwrite)
+        return _guess(logs[0], rig or "one-dof", pressures, parse_known(known), kind, output, overwrite)
     if mapping is None or output is None:
         missing = "--mapping" if mapping is None else "--output"
         raise UsageError(f"{missing} is missing.", "`pamid ingest --guess LOG --output map.toml` writes a mapping.")
-    return _ingest(logs, mapping, rig, pressures, repair, kind, output, overwrite)
+    return _ingest(logs, mapping, rig, pressures, repair, parse_known(known), kind, output, overwrite)
 
 
-def _guess(log: Path, rig: str, pressures: str | None, kind: str | None, output: Path | None,
-           overwrite: bool) -> frame.Result:  # fmt: skip
+def _guess(log: Path, rig: str, pressures: str | None, known: dict[str, float], kind: str | None,
+           output: Path | None, overwrite: bool) -> frame.Result:  # fmt: skip
     from pamid.errors import FileError
     from pamid.ingest.guess import guess_mapping
     from pamid.ingest.reading import read_log
@@ -68,7 +72,7 @@ def _guess(log: Path, rig: str, pressures: str | None, kind: str | None, output:
     if output is not None and output.exists() and not overwrite:
         raise FileError(f"{output} exists already.", "Choose another --output, or --overwrite to replace it.",
                         code="exists")  # fmt: skip
-    found = guess_mapping(read_log(log, kind), rig, rig_named(rig), pressures)
+    found = guess_mapping(read_log(log, kind), rig, rig_named(rig), pressures, known)
     said = {"schema": "pamid.mapping/1", "log": str(log), "output": str(output) if output else None,
             "toml": found.text, "open": list(found.open)}  # fmt: skip
     if output is None:
@@ -81,7 +85,7 @@ def _guess(log: Path, rig: str, pressures: str | None, kind: str | None, output:
 
 
 def _ingest(logs: tuple[Path, ...], mapping: Path, rig_name: str | None, pressures: str | None, repair: str | None,
-            kind: str | None, output: Path, overwrite: bool) -> frame.Result:  # fmt: skip
+            known: dict[str, float], kind: str | None, output: Path, overwrite: bool) -> frame.Result:  # fmt: skip
     from pamid.errors import FileError
     from pamid.ingest.account import outputs_for, write_conversions
     from pamid.ingest.conversion import convert
@@ -90,7 +94,7 @@ def _ingest(logs: tuple[Path, ...], mapping: Path, rig_name: str | None, pressur
 
     told = load_mapping(mapping, pressures)
     rig = _rig(rig_name or told.rig, bool(rig_name), mapping)
-    told = told.model_copy(update={"rig": rig_name or told.rig})
+    told = told.model_copy(update={"rig": rig_name or told.rig, "known": {**told.known, **known}})
     made = []
     with Progress("reading logs", len(logs)) as progress:
         for number, log in enumerate(logs):

@@ -6,7 +6,7 @@ What only the user can know stays open ("?"): a unit that the log does not say, 
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -53,8 +53,10 @@ class TimeGuess:
     trouble: str = ""
 
 
-def guess_mapping(log: Log, rig_name: str, rig: Rig, pressures: str | None = None) -> Guess:
-    """A mapping of a log for a rig. pressures: "gauge" or "absolute" for all of them, None leaves them open."""
+def guess_mapping(log: Log, rig_name: str, rig: Rig, pressures: str | None = None,
+                  known: Mapping[str, float] | None = None) -> Guess:
+    """A mapping of a log for a rig. pressures: "gauge" or "absolute" for all of them, None leaves them open; known:
+    what is known of the rig in these recordings."""
     time = _time(log, rig)
     rest = [channel for channel in log.channels if channel is not time.source]
     chosen = _assign(rest, rig)
@@ -66,7 +68,7 @@ def guess_mapping(log: Log, rig_name: str, rig: Rig, pressures: str | None = Non
         left.append("time.unit")
     for column, channel in chosen.items():
         lines += _signal_lines(column, channel, rig, pressures, left, time)
-    lines += _tail(rig, chosen, rest)
+    lines += _tail(rig, chosen, rest, known or {})
     return Guess("\n".join(lines) + "\n", tuple(left), len(chosen), len(rest))
 
 
@@ -276,7 +278,7 @@ def _pressure_hint(channel: Channel, told: str) -> str:
     return seen + "it does not tell."
 
 
-def _tail(rig: Rig, chosen: dict[str, Channel], rest: Sequence[Channel]) -> list[str]:
+def _tail(rig: Rig, chosen: dict[str, Channel], rest: Sequence[Channel], known: Mapping[str, float]) -> list[str]:
     lines = []
     missing = [column for column in rig.outputs if column not in chosen]
     if missing:
@@ -286,7 +288,8 @@ def _tail(rig: Rig, chosen: dict[str, Channel], rest: Sequence[Channel]) -> list
         lines.append("# channels that are not mapped:")
         lines += [f"#   {_text(channel.name)}: {_about(channel, TimeGuess(None, OPEN, None))}" for channel in left]
     lines += ["# [atmosphere]                # taken off absolute pressures", "# pressure_kpa = 101.325",
-              "# [known]                     # parameters of the rig known for these recordings"]
+              f"{'' if known else '# '}[known]  # parameters of the rig known for these recordings",
+              *(f"{key} = {value!r}" for key, value in known.items())]  # fmt: skip
     if rig.controller:
         lines += ["# [controller]                # for loop = \"closed\"",
                   *(f"# {key} = {value!r}" for key, value in rig.controller.items())]  # fmt: skip
