@@ -12,9 +12,9 @@
 # # Bring your own logs
 #
 # A bench writes what it likes: semicolons and decimal commas, a preamble, German names, pressures in bar above vacuum,
-# and a clock that the PC reads when it gets round to it. `data/example/bench_log.csv` is such a log, of a joint that has
-# something its data sheet does not know. Five commands lead from it to the answer; no Python is needed, this story only
-# calls them.
+# and a clock that the PC reads when it gets round to it. `data/example/bench_log.csv` is such a log, of a joint with
+# something that its data sheet does not know. Five commands lead from it to the answer; no Python is needed, this story
+# only calls them.
 
 # %%
 import json
@@ -58,8 +58,8 @@ print(guessed["toml"])
 # %% [markdown]
 # ## 2. The recording
 #
-# Look the mapping through, correct it, keep it: it serves for every log of this bench. With it a log becomes a recording
-# and an account of all that was done to it.
+# Look the mapping through, correct it, keep it: it serves for every log of this bench. With it a log becomes a
+# recording and an account of all that was done to it.
 
 # %%
 account = pamid("ingest", LOG, "--mapping", "map.toml", "--output", "bench.csv")["recordings"][0]

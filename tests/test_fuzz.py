@@ -17,8 +17,11 @@ import pytest
 from fuzzing import answer, as_json, broken_bytes, broken_json, leftovers
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from identified_runs import SEEN, fitted_run, put_network, random_network
 from synthetic_run import make_run, make_trial
 from virtual_joint import record
+
+from pamid.networks.elman import Elman
 
 FUZZ = settings(max_examples=int(os.environ.get("PAMID_FUZZ", "12")), deadline=None, derandomize=True,
                 suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow,
@@ -40,6 +43,94 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return make_run(tmp_path_factory.mktemp("whole") / "run")
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run that was really fitted, with a network behind it: what `simulate --model` and `export` read."""
+    place = tmp_path_factory.mktemp("fitted")
+    folder = place / "run"
+    fitted_run(folder, record(place / "rec.csv", 6.0).path)
+    put_network(folder, random_network(Elman(len(SEEN), 2), SEEN, "angle_deg", 1.0))
+    return folder
+
+
+@FUZZ
+@given(data=st.data())
+def test_a_model(data: st.DataObject, fitted: Path, good: Path, tmp_path: Path,
+                 capsys: pytest.CaptureFixture[str]) -> None:
+    """fit.json and network.json of a model that is to be simulated and exported."""
+    folder = _copied(fitted, tmp_path)
+    name = data.draw(st.sampled_from(["run", "fit", "network"])) + ".json"
+    content = json.loads((folder / name).read_text())
+    (folder / name).write_text(as_json(data.draw(broken_json(content))))
+    shutil.rmtree(tmp_path / "out", ignore_errors=True)
+    (tmp_path / "out").mkdir()
+    answer(capsys, "simulate", "--model", folder, "--excitation", good, "--noise", "none", "--output",
+           tmp_path / "out" / "x.csv")
+    form = data.draw(st.sampled_from(["c", "matlab", "onnx"]))
+    said = answer(capsys, "export", folder, "--to", form, "--output", tmp_path / "out" / "model")
+    if said["schema"] == "pamid.error/1":
+        assert not list((tmp_path / "out").glob("model*")), "half an export was left behind"
+    assert not leftovers(tmp_path)
+
+
+LOG = "t [ms];Winkel [°];p1 [bar];u\r\n" + "".join(
+    f"{3 * k},{k % 7};{np.sin(k / 20):.3f};{1 + np.cos(k / 30):.4f};{(k // 40) % 3 - 1}\r\n".replace(".", ",")
+    for k in range(200))
+MAPPING = """rig = "one-dof"
+loop = "open"
+[time]
+source = "t"
+unit = "ms"
+period_s = 0.003
+max_gap_s = 0.05
+repair = "late-stamps"
+[signals.angle_deg]
+source = "Winkel"
+unit = "deg"
+sign = -1
+[signals.pressure_1_kpa]
+source = "p1"
+unit = "bar"
+pressure = "absolute"
+[signals.command]
+source = "u"
+unit = "1"
+[atmosphere]
+pressure_kpa = 100.0
+[known]
+inertia_kg_m2 = 0.0896
+"""
+
+
+@FUZZ
+@given(data=st.data())
+def test_raw_logs(data: st.DataObject, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "log.csv").write_bytes(data.draw(broken_bytes(LOG.encode("cp1252"))))
+    (tmp_path / "map.toml").write_text(MAPPING)
+    answer(capsys, "ingest", "--guess", tmp_path / "log.csv")
+    _ingested(tmp_path, capsys)
+
+
+@FUZZ
+@given(data=st.data())
+def test_mappings(data: st.DataObject, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "log.csv").write_bytes(LOG.encode("cp1252"))
+    (tmp_path / "map.toml").write_bytes(data.draw(broken_bytes(MAPPING.encode())))
+    _ingested(tmp_path, capsys)
+
+
+def _ingested(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """All outputs or none; what was written can be checked."""
+    shutil.rmtree(place / "out", ignore_errors=True)
+    (place / "out").mkdir()
+    said = answer(capsys, "ingest", place / "log.csv", "--mapping", place / "map.toml", "--output", place / "out/r.csv")
+    made = sorted((place / "out").rglob("*"))
+    assert bool(made) == (said["schema"] == "pamid.ingest/1"), made
+    for path in made:
+        if path.suffix == ".csv":
+            answer(capsys, "check", path)
 
 
 @FUZZ
