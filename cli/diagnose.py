@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from . import frame
+from .job import carried_through, cluster_option, crew_of, failed_text
 from .options import evidence_from, with_sidecar
 from .progress import Progress
 
@@ -32,26 +33,42 @@ pamid diagnose rec.csv --rig one-dof --output run --jobs 2
 @click.option("--seed", type=int, default=0, show_default=True, help="Same inputs and seed, same output.")
 @click.option("--jobs", type=click.IntRange(1, 256), default=2, show_default=True, help="Processes to use.")
 @click.option("--output", type=click.Path(file_okay=False, path_type=Path), required=True, help="Run folder to make.")
+@cluster_option
+@click.option("--resume", is_flag=True, help="Go on with the same diagnosis where it was interrupted.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier run in that folder.")
 def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path, ...], effects: tuple[Path, ...],
-            without: tuple[str, ...], seed: int, jobs: int, output: Path, overwrite: bool) -> frame.Result:
+            without: tuple[str, ...], seed: int, jobs: int, output: Path, cluster: str | None, resume: bool,
+            overwrite: bool) -> frame.Result:
     """Say where a model departs from its recordings, which effect of the catalogue causes it, and how far the gap
     shrinks once that effect is added, on recordings that neither the parameters nor the choice have seen.
+
+    Interrupted or killed, it keeps every finished job in the run folder (jobs/, removed when all is done); the same
+    command with --resume repeats none of them. Where single jobs fail the rest is written, and the exit code is 6.
     """
     from pamid.diagnosis.whole import diagnose_into
-    from pamid.run import Run
+    from pamid.errors import UsageError
+    from pamid.library import code_files, rig_of
+    from pamid.run import JOBS, Run, read_json
 
+    if resume and overwrite:
+        raise UsageError("--resume goes on with the earlier run, --overwrite replaces it.", "Give one of them.")
     evidence = evidence_from(rig, recordings, held_out)
     catalogue = _catalogue(effects, without)
     inputs = [f for p in (*recordings, *held_out) for f in with_sidecar(p)]
-    run = Run.create(output, command=sys.argv, seed=seed, inputs=inputs, overwrite=overwrite,
-                     options={"rig": rig or evidence.rig.name, "effects": [str(e) for e in effects],
-                              "without": list(without)})
-    with Progress("diagnose") as progress:
-        found = diagnose_into(run, evidence, catalogue, seed=seed, jobs=jobs,
-                              told=lambda text: progress.update(0, text))
-    run.finish()
-    return frame.Result(found, diagnosis_text(found, output))
+    inputs += code_files(rig, [str(e) for e in effects])
+    with crew_of(jobs, cluster, kept=output / JOBS) as crew:
+        run = Run.create(output, command=sys.argv, seed=seed, inputs=inputs, overwrite=overwrite, resume=resume,
+                         options={"rig": rig or rig_of(evidence.recordings), "effects": [str(e) for e in effects],
+                                  "without": list(without)})
+        if run.record["outcome"] == "done":     # resumed, and nothing is left to do
+            found = read_json(run.path("diagnosis.json"))
+            return frame.Result(found, diagnosis_text(found, output))
+        with carried_through(run, crew), Progress("diagnose") as progress:
+            found = diagnose_into(run, evidence, catalogue, seed=seed, told=lambda text: progress.update(0, text),
+                                  crew=crew)
+    if crew.store and not crew.failed:
+        crew.store.clear()
+    return frame.Result(found, diagnosis_text(found, output), 6 if crew.failed else 0)
 
 
 def _catalogue(files: tuple[Path, ...], without: tuple[str, ...]) -> dict[str, type[Effect]]:
@@ -96,5 +113,6 @@ def diagnosis_text(found: dict[str, Any], output: Path) -> str:
     if n:
         lines.append(f"Measure next: {n['name']}, {n['minutes']:.2g} min on the rig, separates "
                      f"{' and '.join(n['separates'])}; ready to run: {output / n['excitation']}")
+    lines += failed_text(found)
     lines.append(f"Next: pamid report {output}")
     return "\n".join(lines)

@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from . import frame
+from .job import carried_through, cluster_option, crew_of, failed_text
 from .options import evidence_from, with_sidecar
 from .progress import Progress
 
@@ -31,11 +32,15 @@ pamid fit rec.csv --rig one-dof --output fitted
 @click.option("--bootstrap", type=click.IntRange(0, 1000), default=0, show_default=True,
               help="Intervals from this many refits on resampled windows instead of the Jacobian.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Same inputs and seed, same output.")
-@click.option("--jobs", type=click.IntRange(1, 256), default=1, show_default=True, help="Threads for the bootstrap.")
+@click.option("--jobs", type=click.IntRange(1, 256), default=1, show_default=True, help="Processes for the bootstrap.")
 @click.option("--output", type=click.Path(file_okay=False, path_type=Path), required=True, help="Run folder to make.")
+@cluster_option
+@click.option("--resume", is_flag=True, help="Go on with the same fit where it was interrupted: draws of the bootstrap "
+              "that are finished stay.")
 @click.option("--overwrite", is_flag=True, help="Replace an earlier run in that folder.")
 def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path, ...], effects: tuple[str, ...],
-            earlier: Path | None, bootstrap: int, seed: int, jobs: int, output: Path, overwrite: bool) -> frame.Result:
+            earlier: Path | None, bootstrap: int, seed: int, jobs: int, output: Path, cluster: str | None,
+            resume: bool, overwrite: bool) -> frame.Result:
     """Fit the parameters of a rig to recordings and judge the model on what was held out.
 
     Writes fit.json and residual.csv into a run folder. Every parameter gets an interval and a word: settled, weak
@@ -48,9 +53,11 @@ def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path,
     from pamid.greybox import fit_json, fit_model, residual_csv
     from pamid.library import code_files, rig_of
     from pamid.posterior import read_posterior
-    from pamid.run import FIT_FILE, RESIDUAL_FILE, Run, write_atomically, write_json
+    from pamid.run import FIT_FILE, JOBS, RESIDUAL_FILE, Run, read_json, write_atomically, write_json
     from pamid.virtual import attach_specs
 
+    if resume and overwrite:
+        raise UsageError("--resume goes on with the earlier run, --overwrite replaces it.", "Give one of them.")
     evidence = evidence_from(rig, recordings, held_out)
     attached = tuple(a for a, _ in attach_specs(evidence.rig, effects))
     if earlier and earlier.resolve() == output.resolve():
@@ -58,17 +65,22 @@ def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path,
     before = read_posterior(earlier) if earlier else None
     inputs = [f for p in (*recordings, *held_out) for f in with_sidecar(p)]
     inputs += [*code_files(rig, effects), *([earlier / FIT_FILE] if earlier else [])]
-    run = Run.create(output, command=sys.argv, seed=seed, inputs=inputs, overwrite=overwrite,
-                     options={"rig": rig or rig_of(evidence.recordings), "effects": list(effects),
-                              "bootstrap": bootstrap, **({"from": str(earlier)} if earlier else {})})
-    with Progress("fit") as progress:
-        model = fit_model(evidence, attached, seed=seed, draws=bootstrap, jobs=jobs,
-                          told=lambda text: progress.update(0, text), earlier=before)
-    found = fit_json(model, seed)
-    write_json(run.path(FIT_FILE), found)
-    write_atomically(run.path(RESIDUAL_FILE), residual_csv(model))
-    run.finish()
-    return frame.Result(found, fit_text(found, output), 0 if found["converged"] else 5)
+    with crew_of(jobs, cluster, kept=output / JOBS) as crew:
+        run = Run.create(output, command=sys.argv, seed=seed, inputs=inputs, overwrite=overwrite, resume=resume,
+                         options={"rig": rig or rig_of(evidence.recordings), "effects": list(effects),
+                                  "bootstrap": bootstrap, **({"from": str(earlier)} if earlier else {})})
+        if run.record["outcome"] == "done":     # resumed, and nothing is left to do
+            found = read_json(run.path(FIT_FILE))
+            return frame.Result(found, fit_text(found, output), 0 if found["converged"] else 5)
+        with carried_through(run, crew), Progress("fit") as progress:
+            model = fit_model(evidence, attached, seed=seed, draws=bootstrap, earlier=before, crew=crew,
+                              told=lambda text: progress.update(0, text))
+            found = fit_json(model, seed) | {"failed_jobs": [vars(f) for f in crew.failed]}
+            write_json(run.path(FIT_FILE), found)
+            write_atomically(run.path(RESIDUAL_FILE), residual_csv(model))
+    if crew.store and not crew.failed:
+        crew.store.clear()
+    return frame.Result(found, fit_text(found, output), 5 if not found["converged"] else 6 if crew.failed else 0)
 
 
 def fit_text(found: dict[str, Any], output: Path) -> str:
@@ -88,5 +100,6 @@ def fit_text(found: dict[str, Any], output: Path) -> str:
               for c, m in found["mae"].items()]
     if not found["converged"]:
         lines.append(f"Not converged: {found['why']}.")
+    lines += failed_text(found)
     lines.append(f"Next: pamid train-residual {output}   or   pamid report {output}")
     return "\n".join(lines)

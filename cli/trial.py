@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import sys
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from . import frame
+from .job import cluster_option, crew_of, failed_text
 from .progress import Progress
 
 if TYPE_CHECKING:
+    from pamid.jobs import Crew
     from pamid.run import Run
 
 EXAMPLE = """
@@ -20,8 +23,7 @@ pamid trial --output trial --cases 4 --part calibration --jobs 2
 
 
 @frame.command("trial", example=EXAMPLE)
-@click.option("--output", type=click.Path(file_okay=False, path_type=Path), required=True,
-              help="Folder of the trial; one that was begun goes on.")
+@click.option("--output", type=click.Path(file_okay=False, path_type=Path), required=True, help="Folder of the trial.")
 @click.option("--rig", type=click.Choice(["one-dof", "two-link"]), default="one-dof", show_default=True,
               help="The machine to try it on: one joint, or an arm of two links.")
 @click.option("--cases", type=click.IntRange(1, 100_000), default=200, show_default=True, help="Cases to draw.")
@@ -29,21 +31,33 @@ pamid trial --output trial --cases 4 --part calibration --jobs 2
               help="Thresholds may be set on calibration cases, never on test cases.")
 @click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Same seed, same cases.")
 @click.option("--jobs", type=click.IntRange(1, 256), default=2, show_default=True, help="Processes to use.")
+@cluster_option
+@click.option("--index", metavar="I/COUNT", help="Work through share I of COUNT of the cases, and score nothing.")
+@click.option("--resume", is_flag=True, help="Go on with the trial in the folder: cases that are finished stay.")
 @click.option("--only", type=click.Choice(["single", "double", "no-gap", "withheld", "nameless"]), default=None,
               help="Of the cases drawn only this stratum.")
 @click.option("--calibrate", type=click.Path(dir_okay=False, path_type=Path), default=None,
               help="Write what the finished calibration cases of the one-dof teach (pamid/diagnosis/calibration.json) "
                    "to this file.")
-def command(output: Path, rig: str, cases: int, part: str, seed: int, jobs: int, only: str | None,
-            calibrate: Path | None) -> frame.Result:
+def command(output: Path, rig: str, cases: int, part: str, seed: int, jobs: int, cluster: str | None,
+            index: str | None, resume: bool, only: str | None, calibrate: Path | None) -> frame.Result:
     """Try the diagnosis on a virtual machine built on other equations than its own: one effect, two, none, one taken
     out of the catalogue, one that never was in it. It sees recordings only; the scorer alone opens the labels.
 
     On the arm a fault also has a place: one of two joints, one of four muscles, or all of them. What the diagnosis
     says of probabilities was learned on the one-dof.
 
-    Writes labels.json, a result per case and trial.json. The same command on the same folder goes on where it was
-    interrupted; after a change of pamid itself take a new folder.
+    Writes labels.json, a result per case and trial.json. With --resume the same command on the same folder goes on
+    where it was interrupted, or draws more cases; after a change of pamid itself take a new folder.
+
+    Many machines without a Dask cluster: let a batch system call it with --index, then score once without:
+
+    \b
+      sbatch --array=1-20 --wrap 'pamid trial --output trial --jobs 1 --index $SLURM_ARRAY_TASK_ID/20'
+      pamid trial --output trial --resume
+
+    The folder has to be one that all of them see. A share that failed is sent again, or left to the last command,
+    which works through whatever is missing.
     """
     from pamid.errors import UsageError
     from pamid.run import write_json
@@ -56,33 +70,92 @@ def command(output: Path, rig: str, cases: int, part: str, seed: int, jobs: int,
     if calibrate is not None and rig != "one-dof":
         raise UsageError(f"--calibrate: the judgement is taught by the one-dof, not by {rig}", "leave out --rig")
     fixed = {"part": part, "seed": seed} if rig == "one-dof" else {"rig": rig, "part": part, "seed": seed}
-    run = _begun(output, fixed, {"cases": cases, "only": only})
-    try:
-        with Progress("trial") as progress:
-            found = run_trial(output, part, cases, seed, rig=rig, only=only or "", jobs=jobs,
-                              done=lambda i, n: progress.update(i, f"{i} of {n} cases"))
-    except BaseException as error:
-        run.finish("interrupted" if isinstance(error, KeyboardInterrupt) else "failed")
-        raise
+    options = {"cases": cases, "only": only}
+    with crew_of(jobs, cluster) as crew:
+        if index is not None:
+            return _share(output, fixed, options, _share_of(index), crew)
+        run = _begun(output, fixed, options, resume)
+        try:
+            with Progress("trial") as progress:
+                found = run_trial(output, part, cases, seed, crew, rig=rig, only=only or "",
+                                  done=lambda i, n: progress.update(i, f"{i} of {n} cases"))
+        except BaseException as error:
+            run.finish("interrupted" if isinstance(error, KeyboardInterrupt) else "failed")
+            raise
     if calibrate is not None:
         write_json(calibrate, calibrated_from(output))
-    failed = bool(found["failures"])
+    failed = bool(found["failed_jobs"])
     run.finish("partial" if failed else "done")
     return frame.Result(found, trial_text(found), 6 if failed else 0)
 
 
-def _begun(output: Path, fixed: dict[str, Any], options: dict[str, Any]) -> Run:
+def _share_of(index: str) -> tuple[int, int]:
+    from pamid.errors import UsageError
+
+    first, slash, count = index.partition("/")
+    if not (slash and first.isdecimal() and count.isdecimal() and 1 <= int(first) <= int(count)):
+        raise UsageError(f"--index {index!r} is no share", "Give --index I/COUNT, I from 1 to COUNT: --index 3/20.")
+    return int(first), int(count)
+
+
+def _share(output: Path, fixed: dict[str, Any], options: dict[str, Any], share: tuple[int, int],
+           crew: Crew) -> frame.Result:
+    """Work through every COUNT-th case from the I-th on; labels and score are left to the command without --index."""
+    from pamid.trial.work import chosen, failed_jobs, run_cases
+
+    _joined(output, fixed, options)
+    number, count = share
+    whole = chosen(fixed["part"], options["cases"], fixed["seed"], rig=fixed.get("rig", "one-dof"),
+                   only=options["only"] or "")
+    cases = whole[number - 1 :: count]
+    with Progress("trial", len(cases)) as progress:
+        results = run_cases(cases, output, crew, done=lambda i, n: progress.update(i, "cases"))
+    failed = failed_jobs(results)
+    found = {"schema": "pamid.trial-share/1", "index": number, "of": count, "cases": [c.number for c in cases],
+             "failed_jobs": failed}
+    text = [f"{len(cases)} of {len(whole)} cases (share {number} of {count}).", *failed_text(found),
+            f"When all shares are finished: pamid trial --output {output} --resume ... (without --index)"]
+    return frame.Result(found, "\n".join(text), 6 if failed else 0)
+
+
+def _begun(output: Path, fixed: dict[str, Any], options: dict[str, Any], resume: bool) -> Run:
     """The trial's folder, new or gone on with; FileError if it holds another trial or no trial at all."""
     from pamid.errors import FileError
     from pamid.run import Run
 
     if not (output / "run.json").is_file():
         return Run.create(output, command=sys.argv, seed=fixed["seed"], options={"trial": fixed, **options})
-    run = Run.open(output)
+    run = _same(Run.open(output), fixed)
+    if not resume:
+        raise FileError(f"{output} is taken: it already holds this trial, or a part of it.",
+                        "Go on with it by --resume, or give --output another folder.", code="run-folder")
+    run.begin_step(command=sys.argv, seed=fixed["seed"], options=options)
+    return run
+
+
+def _joined(output: Path, fixed: dict[str, Any], options: dict[str, Any]) -> Run:
+    """The trial's folder for one of several that begin it at the same time."""
+    from pamid.errors import FileError
+    from pamid.run import Run
+
+    for _ in range(50):
+        if (output / "run.json").is_file():
+            break
+        try:
+            run = Run.create(output, command=sys.argv, seed=fixed["seed"], options={"trial": fixed, **options})
+            run.finish("shared")
+            return run
+        except FileError:   # another one may be about to write run.json
+            time.sleep(0.1)
+    return _same(Run.open(output), fixed)
+
+
+def _same(run: Run, fixed: dict[str, Any]) -> Run:
+    from pamid.errors import FileError
+
     held = run.record["options"].get("trial")
     if held != fixed:
         what = "no trial" if held is None else (
             f"the trial of {held.get('rig', 'one-dof')}, part {held['part']}, seed {held['seed']}")
-        raise FileError(f"{output} is taken: it holds {what}", "give --output another folder", code="run-folder")
-    run.begin_step(command=sys.argv, seed=fixed["seed"], options=options)
+        raise FileError(f"{run.folder} is taken: it holds {what}", "give --output another folder", code="run-folder")
     return run

@@ -18,6 +18,7 @@ from pamid.evidence import Evidence, Span
 from pamid.expressions import symbol
 from pamid.fitting import Fit, Problem, fit_robustly, free_parameters
 from pamid.intervals import background_pull, bootstrap, estimates
+from pamid.jobs import Crew
 from pamid.posterior import Posterior, from_json, posterior_json
 from pamid.quantities import agreed
 from pamid.recording import Recording
@@ -55,10 +56,11 @@ def model_with(evidence: Evidence, attached: tuple[Attachment, ...], sizes: Size
 
 def fit_model(evidence: Evidence, attached: tuple[Attachment, ...] = (), *, seed: int = 0, draws: int = 0,
               jobs: int = 1, told: Callable[[str], None] = lambda text: None,
-              earlier: Posterior | None = None) -> GreyBox:
+              earlier: Posterior | None = None, crew: Crew | None = None) -> GreyBox:
     """Fit the rig (with effects) to the evidence; integration refined until doubled sub-steps change nothing.
 
-    earlier: what another fit has left known of the same rig; it takes the place of the data sheet's prior.
+    earlier: what another fit has left known of the same rig; it takes the place of the data sheet's prior. draws: of
+    the bootstrap; crew: who does them (default: `jobs` processes of this machine).
     """
     if earlier is not None:
         earlier.require_new(evidence)
@@ -84,7 +86,7 @@ def fit_model(evidence: Evidence, attached: tuple[Attachment, ...] = (), *, seed
                   for i, r in enumerate(replays))
     sheet = tuple(replay(assembly, assembly.values(), t, fitted.stepping, evidence.noise) for t in held)
     return GreyBox(evidence, assembly, fitted, change, replays, sheet, floor,
-                   bootstrap(fitted, draws, seed=seed, jobs=jobs) if draws else None, earlier)
+                   bootstrap(fitted, draws, seed=seed, jobs=jobs, crew=crew) if draws else None, earlier)
 
 
 def rechecked(assembly: Assembly, fitted: Fit, held: tuple[Track, ...],

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 
 from pamid.binding import Bound
 from pamid.fitting import Fit, Problem, fit
-from pamid.jobs import run_jobs
+from pamid.jobs import Crew, Failed, Work
+from pamid.results import Plain
 
 Array = NDArray[np.float64]
 NORMAL_95 = 1.959964
@@ -61,23 +62,34 @@ def estimates(fitted: Fit, draws: Array | None = None) -> list[Estimate]:
     return out
 
 
-def bootstrap(fitted: Fit, count: int, *, seed: int = 0, jobs: int = 1) -> Array:
+def bootstrap(fitted: Fit, count: int, *, seed: int = 0, jobs: int = 1, crew: Crew | None = None) -> Array:
     """Refits with windows drawn with replacement, and with what was known before drawn anew: the data sheet and what an
     earlier fit told (a parameter of which the recordings say nothing keeps the width of its prior). Draws x free
-    parameters in prior spreads."""
-    problem, scale = fitted.problem, fitted.problem.scale
-    windows = sum(len(problem.windows(t)) for t in problem.tracks)
+    parameters in prior spreads; one that fails is missing. crew: who does the refits (default: `jobs` processes)."""
+    found = (crew or Crew(jobs)).run(_Drawing(fitted, seed), range(count))
+    return np.array([draw for draw in found if not isinstance(draw, Failed)])
 
-    def one(number: int) -> Array:
-        random = np.random.default_rng([seed, number])
+
+@dataclass(frozen=True, eq=False)
+class _Drawing(Work[int, Array]):
+    """A refit to one drawing; items are their numbers."""
+
+    what = "bootstrap draw"
+    fitted: Fit
+    seed: int
+
+    def __call__(self, item: int) -> Plain:
+        f, problem, random = self.fitted, self.fitted.problem, np.random.default_rng([self.seed, item])
+        windows = sum(len(problem.windows(t)) for t in problem.tracks)
         importance = np.bincount(random.integers(0, windows, windows), minlength=windows).astype(float)
         again: Problem = replace(problem, importance=importance, sheet=random.standard_normal(len(problem.free)),
                                  prior=problem.prior and problem.prior.drawn(random))
-        done = fit(again, p=fitted.p, starts=fitted.starts, weights=fitted.weights, stepping=fitted.stepping,
-                   iterations=8, tolerance=1e-2)
-        return scale.inside(done.p[list(problem.free)])
+        done = fit(again, p=f.p, starts=f.starts, weights=f.weights, stepping=f.stepping, iterations=8, tolerance=1e-2)
+        return {"scaled": problem.scale.inside(done.p[list(problem.free)])}
 
-    return np.array(run_jobs(one, range(count), jobs=jobs))
+    def restored(self, item: int, found: Plain) -> Array:
+        scaled: Array = found["scaled"]
+        return scaled
 
 
 def background_pull(fitted: Fit) -> dict[str, float]:

@@ -31,6 +31,7 @@ RUN_FILES = ("run.json", FIT_FILE, RESIDUAL_FILE, "network.json", "network.npz",
              "missing.csv", "next-experiment.csv", "next-experiment.toml", "report.html", "checkpoint.npz",
              "force-law.json", "rig.py")  # fmt: skip
 FIGURES = "figures"
+JOBS, JOURNAL = "jobs", "journal.jsonl"      # results of single jobs while a run goes on (pamid.results)
 _PACKAGES = ("pamid", "numpy", "scipy", "pandas", "numba", "llvmlite", "torch", "pysindy", "matplotlib", "sympy")
 
 
@@ -50,13 +51,18 @@ class Run:
         inputs: Sequence[str | Path] = (),
         options: Mapping[str, Any] | None = None,
         overwrite: bool = False,
+        resume: bool | None = None,
     ) -> Run:
         """Claim `folder` and write its `run.json`; FileError if it is taken.
 
         `overwrite` replaces an existing run (its own files only); a folder that holds anything else is never touched.
+        `resume` comes back to the run of the same seed, inputs and options that the folder holds, if it holds one
+        (None: this command cannot); unless that has come to its end, it counts as begun again.
         """
         path = Path(folder)
-        _require_free(path, overwrite)
+        if resume and (path / "run.json").is_file():
+            return cls.open(path)._resumed(command, seed, _hashes(inputs), dict(options or {}))
+        _require_free(path, overwrite, resumable=resume is not None)
         record = {
             "schema": RUN_SCHEMA,
             "command": _command_line(command),
@@ -91,6 +97,22 @@ class Run:
         if schema != RUN_SCHEMA:
             raise FileError(f"{path / 'run.json'}: schema is {schema!r}, expected {RUN_SCHEMA!r}.", code="not-a-run")
         return run
+
+    def _resumed(self, command: str | Sequence[str], seed: int | None, inputs: list[dict[str, str]],
+                 options: dict[str, Any]) -> Run:
+        record, asked = self.record, {"seed": seed, "inputs": inputs, "options": options}
+        other = [what for what, value in asked.items() if record.get(what) != json.loads(json_text(value))]
+        if other:
+            hint = "Repeat the command as it was, give --output another folder, or --overwrite to replace that run."
+            raise FileError(f"{self.folder} holds another run: what differs is its {' and '.join(other)}.", hint,
+                            code="run-folder")
+        if record["outcome"] != "done":
+            again = {"command": _command_line(command), "versions": _versions(), "begun": _now()}
+            write_json(self.folder / "run.json", {**record, "resumed": [*record.get("resumed", []), again],
+                                                  "ended": None, "outcome": None})
+            _sweep(self.folder)
+            _sweep(self.folder / JOBS)
+        return self
 
     @property
     def record(self) -> dict[str, Any]:
@@ -128,11 +150,12 @@ class Run:
         write_json(self.folder / "run.json", {**record, "steps": [*record.get("steps", []), step]})
         _sweep(self.folder)
 
-    def finish(self, outcome: str = "done") -> None:
-        """Close the run, or its latest step if one was begun, with a word for how it ended."""
+    def finish(self, outcome: str = "done", **more: Any) -> None:
+        """Close the latest step, if one was begun, else the run, with a word for how it ended; more: entries to add."""
         record = self.record
-        part = record["steps"][-1] if record.get("steps") else record
-        part["ended"], part["outcome"] = _now(), outcome
+        open_steps = [step for step in record.get("steps", []) if step["ended"] is None]
+        part = open_steps[-1] if open_steps else record
+        part.update(more, ended=_now(), outcome=outcome)
         write_json(self.folder / "run.json", record)
 
 
@@ -233,7 +256,7 @@ def _key(key: Any, where: str) -> str:
     raise PamidError(f"{where} has the key {key!r}; keys of JSON are text.", code="json")
 
 
-def _require_free(path: Path, overwrite: bool) -> None:
+def _require_free(path: Path, overwrite: bool, resumable: bool) -> None:
     if path.exists() and not path.is_dir():
         raise FileError(f"{path} is a file, not a folder.", "Give --output another name.", code="run-folder")
     if not path.exists() or not any(path.iterdir()):
@@ -242,8 +265,11 @@ def _require_free(path: Path, overwrite: bool) -> None:
         hint = "Give --output a new or empty folder."
         raise FileError(f"{path} is taken: it holds files that are not a run.", hint, code="run-folder")
     if not overwrite:
+        unfinished = resumable and Run.open(path).record["outcome"] != "done"
         hint = "Give --output another folder, or --overwrite to replace that run."
-        raise FileError(f"{path} is taken: it already holds a run.", hint, code="run-folder")
+        hint = f"Go on with it by --resume. {hint}" if unfinished else hint
+        raise FileError(f"{path} is taken: it already holds {'an unfinished' if unfinished else 'a'} run.", hint,
+                        code="run-folder")
 
 
 def _remove_old(path: Path) -> None:
@@ -252,6 +278,15 @@ def _remove_old(path: Path) -> None:
     old += [item for item in (path / FIGURES).glob("*") if item.suffix in (".svg", ".png", ".pdf", ".gif")]
     for item in old:
         item.unlink(missing_ok=True)
+    remove_jobs(path / JOBS)
+
+
+def remove_jobs(folder: Path) -> None:
+    """Remove the results of single jobs, and their folder unless it holds anything else."""
+    for item in (*folder.glob("*.npz"), *folder.glob(".*.tmp"), folder / JOURNAL):
+        item.unlink(missing_ok=True)
+    with contextlib.suppress(OSError):
+        folder.rmdir()
 
 
 def _sweep(folder: Path) -> None:

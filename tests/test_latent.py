@@ -14,6 +14,7 @@ from pamid.diagnosis.smoother import Smoother
 from pamid.engine.blocks import eliminate
 from pamid.evidence import Evidence, gather
 from pamid.greybox import fit_model
+from pamid.jobs import Crew
 from pamid.library import rig_named
 
 SENSORS = ("reference_deg", "command", "angle_deg", "pressure_1_kpa", "pressure_2_kpa")
@@ -46,7 +47,7 @@ def located(folder: Path, effect: str) -> tuple[Contender, Located]:
     evidence = gather(rig_named("one-dof"), [recording], [])
     model = fit_model(evidence)
     base = contender_from(model.assembly, model.fit, model.held_out)
-    return base, locate(evidence, base, lambda work, items: [work(i) for i in items])
+    return base, locate(evidence, base, Crew())
 
 
 @pytest.mark.parametrize(("effect", "port", "among"), [("coulomb-friction", "joint", 1), ("leak", "pressure", 2),

@@ -6,11 +6,12 @@ import pytest
 
 from pamid.assembly import Assembly
 from pamid.attaching import attach, attachments
-from pamid.diagnosis.latent import CROWDED, OUTSTANDING, Located, _found_at
+from pamid.diagnosis.latent import CROWDED, OUTSTANDING, Located, _found_at, _Smoothing
 from pamid.diagnosis.screen import _free
 from pamid.diagnosis.tournament import within_reach
 from pamid.errors import FileError
 from pamid.fitting import free_parameters
+from pamid.jobs import Crew
 from pamid.library import effects, rig_named
 
 ARM = rig_named("two-link")
@@ -62,7 +63,9 @@ def test_many_ports_are_looked_at_roughly_first(count: int) -> None:
     plain = Smoothed(0.0, 0.0, [])
     smoothers = {f"p{k}": Smoothed(100.0 if k < 2 else 0.5 * OUTSTANDING * 100.0, 80.0 - k, looked)
                  for k in range(count)}
-    found = _found_at(plain, smoothers, list(smoothers), lambda work, items: [work(i) for i in items])  # type: ignore[arg-type]
+    held = {(): plain} | {(name,): smoother for name, smoother in smoothers.items()}
+    work = _Smoothing(None, None, True, held)  # type: ignore[arg-type]
+    found = _found_at(work, list(smoothers), Crew(), {})
     assert list(found) == list(smoothers) and found["p0"] == 80.0
     assert len(looked) == (count if count <= CROWDED else 2)
     if count > CROWDED:  # the rest keep their share of the largest

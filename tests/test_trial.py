@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
-import multiprocessing
-import os
-import time
 from dataclasses import asdict, replace
 from itertools import combinations
 from pathlib import Path
@@ -16,9 +12,9 @@ import pytest
 from pamid_cli import frame
 
 from pamid.effect import Effect
-from pamid.errors import DataError, PartialError, UsageError
+from pamid.errors import DataError, UsageError
 from pamid.evidence import Evidence
-from pamid.jobs import run_in_processes
+from pamid.jobs import Crew
 from pamid.library import effects
 from pamid.metrics import wilson_interval
 from pamid.run import read_json
@@ -27,6 +23,7 @@ from pamid.trial.cases import NAMELESS, STRATA, Case, cases_sha256, draw_cases
 from pamid.trial.faults import FAULTS
 from pamid.trial.score import Score, score
 from pamid.trial.table import trial_markdown, trial_text
+from pamid.trial.work import Examining
 
 CONDITIONS = {"inertia_kg_m2": 0.014, "loop": "closed", "channels": "all", "noise": 1.0, "background": 0.015,
               "seconds": 40.0, "amplitude_deg": 35.0, "hold_s": [0.4, 1.6]}
@@ -43,7 +40,7 @@ def label(number: int, stratum: str, *truth: dict[str, Any], **conditions: Any) 
 def answer(number: int, verdict: str, *ranking: str, causes: tuple[str, ...] = (), port: str = "", p: float = 1.0,
            visibility: float | None = 3.0, alike: tuple[tuple[str, ...], ...] = (), tied: tuple[str, ...] = (),
            shrinkage: tuple[float, float, float, float] | None = None, seconds: float = 10.0) -> dict[str, Any]:
-    """A result as work.run_case writes it. shrinkage: predicted, low, high, achieved."""
+    """A result as work.Examining gives it. shrinkage: predicted, low, high, achieved."""
     def row(effect: str, probability: float) -> dict[str, Any]:
         family, at = KNOWN[effect]
         return {"effect": effect, "family": family, "port": at, "probability": probability}
@@ -291,10 +288,9 @@ def test_the_label_is_in_nothing_the_tool_is_given(stratum: str, loop: str, chan
         raise DataError("seen enough")
 
     monkeypatch.setattr(work, "diagnosed", diagnosed)
-    (tmp_path / "cases").mkdir()
     case = example(stratum, loop=loop, channels=channels)
-    assert work.run_case(case, tmp_path)["failed"]["message"] == "seen enough"
-    work.run_case(replace(case, planted={}, removed=(), stratum="no-gap", number=0), tmp_path)
+    assert Examining()(case)["failed"]["message"] == "seen enough"
+    Examining()(replace(case, planted={}, removed=(), stratum="no-gap", number=0))
     (told, catalogue), (without, whole) = shown
     assert told == without, "but for what was measured, nothing depends on the label"
     assert catalogue == [name for name in whole if name not in case.removed] and whole == list(effects())
@@ -331,8 +327,10 @@ def test_a_finished_case_is_not_run_again(tmp_path: Path, examined: list[int],
                                           capsys: pytest.CaptureFixture[str]) -> None:
     assert trial(tmp_path / "run", 3) == 0
     assert "family named first" in capsys.readouterr().out
-    assert trial(tmp_path / "run", 5, "--json") == 0
-    assert examined == [0, 1, 2, 3, 4]
+    assert trial(tmp_path / "run", 5, "--json") == 3
+    assert "--resume" in json.loads(capsys.readouterr().out)["hint"]
+    assert trial(tmp_path / "run", 5, "--resume", "--json") == 0
+    assert sorted(examined) == [0, 1, 2, 3, 4] and len(examined) == 5
     found = json.loads(capsys.readouterr().out)
     assert found == read_json(tmp_path / "run" / "trial.json") and found["schema"] == "pamid.trial/1"
     assert found["cases"] == 5 and found["cases_sha256"] == cases_sha256(draw_cases("test", 5, 0))
@@ -340,7 +338,7 @@ def test_a_finished_case_is_not_run_again(tmp_path: Path, examined: list[int],
     assert [c["number"] for c in labels["cases"]] == [0, 1, 2, 3, 4]
     kept = read_json(tmp_path / "run" / "cases" / "0001.json")
     (tmp_path / "run" / "cases" / "0001.json").write_text(json.dumps({**kept, "sha256": "of another case"}))
-    assert trial(tmp_path / "run", 5) == 0
+    assert trial(tmp_path / "run", 5, "--resume") == 0
     assert examined[5:] == [1]
     capsys.readouterr()
     assert trial(tmp_path / "run", 5, "--seed", "1", "--json") == 3
@@ -349,7 +347,7 @@ def test_a_finished_case_is_not_run_again(tmp_path: Path, examined: list[int],
 
 def test_only_one_stratum(tmp_path: Path, examined: list[int]) -> None:
     assert trial(tmp_path / "run", 40, "--only", "nameless") == 0
-    assert examined == [c.number for c in draw_cases("test", 40, 0) if c.stratum == "nameless"]
+    assert sorted(examined) == [c.number for c in draw_cases("test", 40, 0) if c.stratum == "nameless"]
 
 
 @pytest.mark.parametrize("error", [DataError("too short"), ZeroDivisionError("oops")])
@@ -364,10 +362,12 @@ def test_a_failed_case_costs_only_itself(error: Exception, tmp_path: Path, exami
 
     monkeypatch.setattr(work, "examine", examine)
     assert trial(tmp_path / "run", 3) == 6
-    assert f"{error}" in capsys.readouterr().out and examined == [0, 2]
+    assert f"{error}" in capsys.readouterr().out and sorted(examined) == [0, 2]
+    told = read_json(tmp_path / "run" / "trial.json")["failed_jobs"]
+    assert [f["job"] for f in told] == ["case 1"] and f"{error}" in told[0]["why"]
     monkeypatch.setattr(work, "examine", fine)
-    assert trial(tmp_path / "run", 3) == 0
-    assert examined == [0, 2, 1], "what failed is tried again"
+    assert trial(tmp_path / "run", 3, "--resume") == 0
+    assert examined[2:] == [1], "what failed is tried again"
 
 
 def test_what_was_finished_before_an_interrupt_is_kept(tmp_path: Path, examined: list[int],
@@ -375,17 +375,37 @@ def test_what_was_finished_before_an_interrupt_is_kept(tmp_path: Path, examined:
     fine = work.examine
 
     def examine(case: Case, place: Path) -> dict[str, Any]:
-        if case.number == 2:
+        if len(examined) == 2:
             raise KeyboardInterrupt
         return fine(case, place)
 
     monkeypatch.setattr(work, "examine", examine)
     assert trial(tmp_path / "run", 4) == 130
-    assert sorted(p.name for p in (tmp_path / "run" / "cases").iterdir()) == ["0000.json", "0001.json"]
+    assert sorted(p.name for p in (tmp_path / "run" / "cases").iterdir()) == sorted(f"{n:04d}.json" for n in examined)
     assert read_json(tmp_path / "run" / "run.json")["outcome"] == "interrupted"
     monkeypatch.setattr(work, "examine", fine)
-    assert trial(tmp_path / "run", 4) == 0
-    assert examined == [0, 1, 2, 3]
+    assert trial(tmp_path / "run", 4, "--resume") == 0
+    assert len(examined) == 4 and sorted(examined) == [0, 1, 2, 3]
+
+
+def test_shares_of_a_trial_are_gathered_and_scored_once(tmp_path: Path, examined: list[int],
+                                                        capsys: pytest.CaptureFixture[str]) -> None:
+    """What an array of batch jobs does: each its share into one folder, the last call the rest and the score."""
+    folder = tmp_path / "run"
+    assert trial(folder, 7, "--index", "2/3") == 0
+    capsys.readouterr()
+    assert trial(folder, 7, "--index", "1/3", "--json") == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["schema"] == "pamid.trial-share/1" and told["cases"] == [0, 3, 6] and told["failed_jobs"] == []
+    assert sorted(examined) == [0, 1, 3, 4, 6] and not (folder / "trial.json").exists()
+    assert trial(folder, 7, "--index", "1/3", "--seed", "1") == 3, "another trial's share"
+    for wrong in ("0/3", "4/3", "3", "a/b", "-1/2"):
+        assert trial(folder, 7, f"--index={wrong}") == 2
+    assert trial(folder, 7) == 3 and trial(folder, 7, "--resume") == 0
+    assert sorted(examined) == list(range(7)) and len(examined) == 7
+    whole = tmp_path / "whole"
+    assert trial(whole, 7) == 0
+    assert (folder / "trial.json").read_bytes() == (whole / "trial.json").read_bytes()
 
 
 def test_a_case_from_end_to_end(tmp_path: Path) -> None:
@@ -394,8 +414,7 @@ def test_a_case_from_end_to_end(tmp_path: Path) -> None:
     case = replace(example("single", loop="closed", channels="no-forces", noise=1.0, background=0.01,
                            amplitude_deg=35.0, inertia_kg_m2=0.014),
                    planted={"dead-time": {"delay_s": 0.03}}, removed=tuple(n for n in effects() if n not in few))
-    (tmp_path / "cases").mkdir()
-    found = work.run_case(case, tmp_path)
+    (found,) = work.run_cases([case], tmp_path, Crew())
     assert found["failed"] is None and found == work.finished(case, tmp_path)
     assert work.finished(replace(case, seed=1), tmp_path) is None
     assert found["visibility"] > 1.5 and found["seconds"] > 0.0
@@ -407,27 +426,3 @@ def test_a_case_from_end_to_end(tmp_path: Path) -> None:
     assert [held[k] for k in ("predicted", "low", "high")] == [first[k] for k in ("shrinkage", "low", "high")]
     each = [c["achieved"] for c in held["channels"].values()]
     assert 0.5 < min(each) <= held["achieved"] <= max(each) < 1.0
-
-
-# ---- processes ---------------------------------------------------------------------------------------------------
-
-
-def test_processes_give_results_in_order() -> None:
-    seen: list[tuple[int, int]] = []
-    assert run_in_processes(abs, [-3, 2, -1], jobs=2, done=lambda i, n: seen.append((i, n))) == [3, 2, 1]
-    assert seen == [(1, 3), (2, 3), (3, 3)]
-    with pytest.raises(ValueError):
-        run_in_processes(math.sqrt, [4.0, -1.0], jobs=2)
-    with pytest.raises(PartialError, match="killed"):
-        run_in_processes(os._exit, [1, 1], jobs=2)
-
-
-def test_an_interrupt_ends_the_processes() -> None:
-    def interrupt(finished: int, total: int) -> None:
-        raise KeyboardInterrupt
-
-    before, begun = {c.pid for c in multiprocessing.active_children()}, time.monotonic()
-    with pytest.raises(KeyboardInterrupt):
-        run_in_processes(time.sleep, [0.0, 60.0, 60.0], jobs=2, done=interrupt)
-    assert time.monotonic() - begun < 20.0
-    assert {c.pid for c in multiprocessing.active_children()} <= before

@@ -19,6 +19,7 @@ from pamid.effect import Effect
 from pamid.errors import DataError, UsageError
 from pamid.evidence import Evidence
 from pamid.excitation import aprbs
+from pamid.jobs import Crew
 from pamid.library import effects, rig_named
 from pamid.run import read_json
 from pamid.trial import arm, arm_faults, arm_kernel, work
@@ -409,7 +410,7 @@ def example(planted: dict[str, dict[str, float]], **conditions: Any) -> Case:
 @pytest.mark.parametrize(("channels", "loop", "there"), [
     ("all", "closed", ("contraction_", "pressure_", "force_")), ("no-forces", "open", ("contraction_", "pressure_")),
     ("angles-and-pressures", "closed", ("pressure_",))])
-def test_the_tool_sees_a_recording_and_a_catalogue(channels: str, loop: str, there: tuple[str, ...], tmp_path: Path,
+def test_the_tool_sees_a_recording_and_a_catalogue(channels: str, loop: str, there: tuple[str, ...],
                                                    monkeypatch: pytest.MonkeyPatch) -> None:
     shown: list[Evidence] = []
 
@@ -418,9 +419,8 @@ def test_the_tool_sees_a_recording_and_a_catalogue(channels: str, loop: str, the
         raise DataError("seen enough")
 
     monkeypatch.setattr(work, "diagnosed", diagnosed)
-    (tmp_path / "cases").mkdir()
     case = example({"leak@pressure_21": {"leak": 0.01}}, channels=channels, loop=loop)
-    assert work.run_case(case, tmp_path)["failed"]["message"] == "seen enough"
+    assert work.Examining()(case)["failed"]["message"] == "seen enough"
     (recording,) = shown[0].recordings
     expected = [c for c in CHANNELS if c.startswith(("angle_", *there))]
     asked = ["reference_1_deg", "reference_2_deg"] if loop == "closed" else []
@@ -479,8 +479,7 @@ def test_a_case_of_the_arm_from_end_to_end(tmp_path: Path) -> None:
     few = {"dead-time", "coulomb-friction"}
     case = replace(example({"dead-time@command_2": {"delay_s": 0.03}}),
                    removed=tuple(n for n in effects() if n not in few))
-    (tmp_path / "cases").mkdir()
-    found = work.run_case(case, tmp_path)
+    (found,) = work.run_cases([case], tmp_path, Crew())
     assert found["failed"] is None and found["visibility"] > 1.5
     marked = score([case.label()], [found])
     assert marked.rates["exact_first"].share == marked.rates["port_exact"].share == 1.0

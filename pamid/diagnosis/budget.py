@@ -4,16 +4,19 @@ without physics would get on the same windows."""
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.binding import Sizes
 from pamid.diagnosis.contest import Contender, contender_from
+from pamid.diagnosis.kept import grey_box_of, grey_box_plain
 from pamid.evidence import Evidence
 from pamid.greybox import GreyBox, fit_model
+from pamid.jobs import Crew, Work
 from pamid.residuals import Replay, replay
+from pamid.results import Plain
 
 Array = NDArray[np.float64]
 
@@ -54,16 +57,45 @@ class Budget:
         return (absolutes / self.floor.mean(axis=0)).sum(axis=1)
 
 
-def gap_budget(evidence: Evidence, *, seed: int, jobs: int, told: Callable[[str], None]) -> Budget:
+def gap_budget(evidence: Evidence, *, seed: int, crew: Crew, told: Callable[[str], None]) -> Budget:
     """Fit the baseline (parameters and background), replay it, and set the floor and the ceiling beside it."""
-    model = fit_model(evidence, seed=seed, jobs=jobs, told=told)
-    baseline = contender_from(model.assembly, model.fit, model.held_out)
+    model = crew.one(_Baseline(evidence, told), seed)
     told("black box on what is left")
-    training = [replay(model.assembly, model.fit.p, t, model.fit.stepping, evidence.noise)
-                for t in evidence.tracks(model.assembly)]
-    floor = _losses(model.floor)
-    return Budget(model, baseline, _losses(model.data_sheet), floor,
-                  black_box(training, list(baseline.replays), seed, floor.mean(axis=0)))
+    return Budget(model, contender_from(model.assembly, model.fit, model.held_out), _losses(model.data_sheet),
+                  _losses(model.floor), crew.one(_BlackBox(model), seed))
+
+
+@dataclass(frozen=True, eq=False)
+class _Baseline(Work[int, GreyBox]):
+    """Items are seeds."""
+
+    what = "fitting"
+    evidence: Evidence
+    told: Callable[[str], None] = field(compare=False)
+
+    def __call__(self, item: int) -> Plain:
+        return grey_box_plain(fit_model(self.evidence, seed=item, told=self.told))
+
+    def restored(self, item: int, found: Plain) -> GreyBox:
+        return grey_box_of(self.evidence, found)
+
+
+@dataclass(frozen=True, eq=False)
+class _BlackBox(Work[int, Array]):
+    """Items are seeds."""
+
+    what = "black box"
+    model: GreyBox
+
+    def __call__(self, item: int) -> Plain:
+        m = self.model
+        training = [replay(m.assembly, m.fit.p, t, m.fit.stepping, m.evidence.noise)
+                    for t in m.evidence.tracks(m.assembly)]
+        return {"left": black_box(training, list(m.held_out), item, _losses(m.floor).mean(axis=0))}
+
+    def restored(self, item: int, found: Plain) -> Array:
+        left: Array = found["left"]
+        return left
 
 
 def _losses(replays: tuple[Replay, ...]) -> Array:

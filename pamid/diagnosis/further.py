@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pamid.attaching import Attachment
-from pamid.diagnosis.contest import Contender, refit, replayed, transferred
+from pamid.diagnosis.contest import Contender, transferred
 from pamid.diagnosis.judgement import WORTH, calibration, decades, in_errors, within
 from pamid.diagnosis.latent import Located, locate
-from pamid.diagnosis.search import Search, run_round, settled
+from pamid.diagnosis.search import Refitting, Search, Start, run_round, settled
 from pamid.greybox import model_with
 
 MOST_CAUSES = 3
@@ -70,10 +70,10 @@ def extended(search: Search, ranking: tuple[Contender, ...], located: Located) -
     A further effect is looked for where something is still missing. After each one the earlier ones are left out in
     turn: an effect that the newcomer has made needless goes.
     """
-    best, weighed = settled(search.evidence, ranking[0]), list[Newcomer]()
+    best, weighed = settled(search, ranking[0]), list[Newcomer]()
     while True:
         search.told(f"looking where something is missing beside {best.label}")
-        after = locate(search.evidence, best, search.run, [k[0] for k in located.classes])
+        after = locate(search.evidence, best, search.crew, [k[0] for k in located.classes])
         helped = search.budget.shrinkage(best.absolutes, search.chosen) > WORTH
         little = max(min(LITTLE * located.most, ENOUGH * best.samples), PLAIN * best.samples)
         if len(best.attached) == MOST_CAUSES or after.most < little or not helped:
@@ -84,7 +84,7 @@ def extended(search: Search, ranking: tuple[Contender, ...], located: Located) -
         weighed.append(_weighed(search, best, more, located, after))
         if not weighed[-1].taken:
             break
-        best = settled(search.evidence, _swapped(search, ranking, _without_needless(search, more[0])))
+        best = settled(search, _swapped(search, ranking, _without_needless(search, more[0])))
     return Extended(best, after, tuple(weighed))
 
 
@@ -138,7 +138,7 @@ def _swapped(search: Search, ranking: tuple[Contender, ...], best: Contender) ->
 
 def _refitted(search: Search, attached: tuple[Attachment, ...], *found: Contender) -> Contender:
     """A model with these effects, refitted from what these others have found, the last of them first."""
-    evidence = search.evidence
-    assembly = model_with(evidence, attached, search.budget.sizes)
+    assembly = model_with(search.evidence, attached, search.budget.sizes)
     p = transferred(assembly, *((c.assembly, c.fit.p) for c in found))
-    return replayed(evidence, assembly, refit(evidence, assembly, search.budget.baseline.fit, p=p))
+    work = Refitting(search.evidence, search.budget.baseline.fit, search.budget.sizes)
+    return search.crew.one(work, Start(attached, p))

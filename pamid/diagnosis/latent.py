@@ -6,17 +6,18 @@ itself.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 from math import factorial
-from typing import Any
 
 import numpy as np
 
 from pamid.diagnosis.contest import Contender
 from pamid.diagnosis.smoother import Smoother
+from pamid.errors import PamidError
 from pamid.evidence import Evidence
+from pamid.jobs import Crew, Failed, Work
+from pamid.results import Plain
 from pamid.rig import Rig
 
 ALIKE = 0.98                # ports with this share of another one's evidence: these recordings do not tell them apart
@@ -24,7 +25,8 @@ PLAYERS = 2                 # ports whose joint evidence is computed
 CROWDED = 20                # ports from which on only outstanding ones are looked at closely
 OUTSTANDING = 0.15          # of the largest evidence with the parameters held
 
-Run = Callable[[Callable[[str], Any], list[str]], list[Any]]
+Ports = tuple[str, ...]
+Found = tuple[float, float, float]      # log evidence, size, time constant
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class Located:
     gains: dict[str, float]
     classes: tuple[tuple[str, ...], ...]
     worth: dict[str, float]
-    smoothers: dict[str, Smoother]
+    smoothers: dict[str, Smoother] = field(compare=False, repr=False)
 
     def shares(self, rig: Rig, named: str = "") -> dict[str, float]:
         """Every port group's share of the whole: the groups of a class divide its worth unless one is named."""
@@ -62,19 +64,46 @@ class Located:
         return self.classes[0][0]
 
 
-def locate(evidence: Evidence, base: Contender, run: Run, ports: list[str] | None = None) -> Located:
+@dataclass(frozen=True, eq=False)
+class _Smoothing(Work[Ports, Found]):
+    """The log evidence for latent values at ports (none: of the model as it is) with their most likely size and time
+    constant; moving: do the parameters?"""
+
+    what = "looking for what is missing at"
+    evidence: Evidence
+    base: Contender
+    moving: bool
+    smoothers: dict[Ports, Smoother] = field(default_factory=dict, compare=False, repr=False)
+
+    def smoother(self, ports: Ports) -> Smoother:
+        return self.smoothers.setdefault(ports, Smoother(self.evidence, self.base, ports))
+
+    def __call__(self, item: Ports) -> Plain:
+        smoother = self.smoother(item)
+        return {"found": smoother.best if self.moving else smoother.rough}
+
+    def restored(self, item: Ports, found: Plain) -> Found:
+        evidence, size, time_s = found["found"]
+        return evidence, size, time_s
+
+    def name(self, item: Ports) -> str:
+        return " and ".join(item) or "no port"
+
+
+def locate(evidence: Evidence, base: Contender, crew: Crew, ports: list[str] | None = None) -> Located:
     """Evidence for a latent value at every port, and Shapley values of the classes of ports.
 
-    run(work, items) does the jobs. With `ports` only these are tried, and nothing is shared out. Joint evidence is
-    computed for the leading classes only.
+    With `ports` only these are tried, and nothing is shared out. Joint evidence is computed for the leading classes
+    only.
     """
-    plain = Smoother(evidence, base, ())
+    work = _Smoothing(evidence, base, True)
     names = ports or list(evidence.rig.ports)
-    smoothers = {name: Smoother(evidence, base, (name,)) for name in names}
+    smoothers = {name: work.smoother((name,)) for name in names}
     twins = {name: next(k for k in names if smoothers[k].assembly.program is smoothers[name].assembly.program)
              for name in names}     # a value enters the equations there as it does here
     own = [name for name in names if twins[name] == name]
-    found_at = _found_at(plain, smoothers, own, run)
+    known: dict[Ports, Found] = {}
+    found_at = _found_at(work, own, crew, known)
     gains = {name: found_at[twins[name]] for name in names}
     classes: dict[str, list[str]] = {}
     for name in sorted(names, key=lambda k: -gains[k]):
@@ -86,28 +115,40 @@ def locate(evidence: Evidence, base: Contender, run: Run, ports: list[str] | Non
     players = [leader for leader in classes if gains[leader] > 0.0][:PLAYERS]
     value: dict[frozenset[str], float] = {frozenset(): 0.0} | {frozenset((k,)): gains[k] for k in players}
     for size in range(2, len(players) + 1):
-        for members in combinations(players, size):
-            joint = _gained(Smoother(evidence, base, members).best, plain.best)
+        together = list(combinations(players, size))
+        for members, joint in zip(together, _gains(work, together, crew, known), strict=True):
             value[frozenset(members)] = max([joint, *(value[frozenset(members) - {m}] for m in members)])
     return Located(gains, found, shapley(players, value), smoothers)
 
 
-def _found_at(plain: Smoother, smoothers: dict[str, Smoother], names: list[str], run: Run) -> dict[str, float]:
+def _found_at(work: _Smoothing, names: list[str], crew: Crew, known: dict[Ports, Found]) -> dict[str, float]:
     """Evidence gained at each of these ports. Of many only those that stand out with the parameters held are looked at
     with the parameters moving."""
     rough: dict[str, float] = {}
     if len(names) > CROWDED:
-        rough = dict(zip(names, run(lambda name: _gained(smoothers[name].rough, plain.rough), names), strict=True))
+        held = replace(work, moving=False)
+        rough = dict(zip(names, _gains(held, [(name,) for name in names], crew, {}), strict=True))
     most = max(rough.values(), default=0.0)
     near = [name for name in names if not rough or rough[name] >= OUTSTANDING * most]
-    full = dict(zip(near, run(lambda name: _gained(smoothers[name].best, plain.best), near), strict=True))
+    full = dict(zip(near, _gains(work, [(name,) for name in near], crew, known), strict=True))
     share = max(full.values()) / most if most > 0.0 else 0.0
     return {name: full.get(name, share * rough.get(name, 0.0)) for name in names}
 
 
-def _gained(found: tuple[float, float, float], nothing: tuple[float, float, float]) -> float:
-    """Log evidence beyond that without a latent value; 0 where neither path can be followed."""
-    return max(found[0] - nothing[0], 0.0) if np.isfinite(found[0]) and np.isfinite(nothing[0]) else 0.0
+def _gains(work: _Smoothing, items: list[Ports], crew: Crew, known: dict[Ports, Found]) -> list[float]:
+    """Log evidence beyond that without a latent value; 0 where neither path can be followed, or the job failed.
+
+    known: what was found without one, if it was.
+    """
+    wanted = items if () in known else [(), *items]
+    results = crew.run(work, wanted)
+    found = dict(zip(wanted, results, strict=True))
+    nothing = known[()] if () in known else found[()]
+    if isinstance(nothing, Failed):
+        raise PamidError(f"{nothing.job} failed: {nothing.why}", code="jobs")
+    known[()] = nothing
+    return [max(f[0] - nothing[0], 0.0) if not isinstance(f, Failed) and np.isfinite([f[0], nothing[0]]).all() else 0.0
+            for f in (found[ports] for ports in items)]
 
 
 def shapley(players: list[str], value: dict[frozenset[str], float]) -> dict[str, float]:

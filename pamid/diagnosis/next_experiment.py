@@ -24,7 +24,9 @@ from pamid.errors import DataError
 from pamid.evidence import Evidence
 from pamid.experiments import MOST_SAMPLES, PASS_S, Bench, Experiment, menu
 from pamid.fitting import Problem, fit, initial_starts
+from pamid.jobs import Work
 from pamid.recording import Recording
+from pamid.results import Plain
 from pamid.simulation import choose_stepping, known_values, virtual_recording
 from pamid.weights import Weights, residual_weights
 from pamid.windows import Runner, Track, track_of
@@ -97,6 +99,24 @@ def next_experiment(d: Diagnosis) -> Proposal | None:
             return _proposal(d, way, e, pairs, apart) if apart.any() else None
         race[k] = (nearer, ever_nearer, way, e)
     return None
+
+
+@dataclass(frozen=True, eq=False)
+class Proposing(Work[Diagnosis, Proposal | None]):
+    """The next experiment after a diagnosis."""
+
+    what = "looking for the next experiment"
+
+    def __call__(self, item: Diagnosis) -> Plain:
+        found = next_experiment(item)
+        return {} if found is None else vars(found)
+
+    def restored(self, item: Diagnosis, found: Plain) -> Proposal | None:
+        return Proposal(**{**found, "separates": tuple(found["separates"]), "settings": tuple(found["settings"])}
+                        ) if found else None
+
+    def name(self, item: Diagnosis) -> str:
+        return ""
 
 
 def in_question(d: Diagnosis) -> list[tuple[Contender, Contender]]:

@@ -3,22 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.attaching import Attachment
+from pamid.binding import Sizes
 from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.clues import Clues
 from pamid.diagnosis.contest import Contender, bootstrap_losses, refit, replayed, transferred
 from pamid.diagnosis.judgement import WORTH
+from pamid.diagnosis.kept import contender_of, contender_plain
 from pamid.diagnosis.screen import Ground, Screened, screen, sent_on
 from pamid.evidence import Evidence
-from pamid.fitting import fit
-from pamid.greybox import COARSE, rechecked
-from pamid.jobs import portable, run_forked, run_jobs
+from pamid.fitting import Fit, fit
+from pamid.greybox import COARSE, model_with, rechecked
+from pamid.jobs import Crew, Failed, Work
+from pamid.results import Plain
 
 Array = NDArray[np.float64]
 Told = Callable[[str], None]
@@ -37,15 +39,8 @@ class Search:
     candidates: list[Attachment]
     clues: Clues
     seed: int
-    jobs: int
+    crew: Crew
     told: Told
-
-    def run(self, work: Callable[[Any], Any], items: list[Any],
-            done: Callable[[int, int], None] | None = None) -> list[Any]:
-        """Independent jobs on the cores: in processes, as threads where the rig or an effect cannot be sent to one."""
-        effects = [a.effect for a in self.candidates]
-        share = run_forked if self.jobs > 1 and portable(self.evidence.rig, effects) else run_jobs
-        return share(work, items, jobs=self.jobs, done=done)
 
     def family(self, a: Attachment) -> str:
         return a.family(self.evidence.rig)
@@ -57,32 +52,85 @@ class Search:
         return bootstrap_losses(contenders, self.chosen, self.seed)
 
 
+@dataclass(frozen=True, eq=False)
+class _Screening(Work[Attachment, Screened]):
+    """A candidate on top of a model."""
+
+    what = "screening"
+    evidence: Evidence
+    ground: Ground
+    sizes: Sizes
+    clues: Clues
+
+    def __call__(self, item: Attachment) -> Plain:
+        s = screen(self.evidence, self.ground, item, self.sizes, self.clues)
+        return {"first": s.first, "gain": s.gain, "why": s.why, "fits": s.assembly is not None}
+
+    def restored(self, item: Attachment, found: Plain) -> Screened:
+        attached = (*self.ground.baseline.attached, item)
+        return Screened(item, model_with(self.evidence, attached, self.sizes) if found["fits"] else None,
+                        found["first"], found["gain"], found["why"])
+
+    def name(self, item: Attachment) -> str:
+        return item.label
+
+
+@dataclass(frozen=True, eq=False)
+class Start:
+    """A model to refit. p: where from (SI; default: the data sheet); first: further starting values (SI) by key."""
+
+    attached: tuple[Attachment, ...]
+    p: Array | None = None
+    first: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Refitting(Work[Start, Contender]):
+    """A model refitted after a fit of another one, and replayed on what was held out."""
+
+    what = "refitting"
+    evidence: Evidence
+    after: Fit
+    sizes: Sizes
+
+    def __call__(self, item: Start) -> Plain:
+        assembly = model_with(self.evidence, item.attached, self.sizes)
+        done = refit(self.evidence, assembly, self.after, p=item.p, first=item.first)
+        return contender_plain(replayed(self.evidence, assembly, done))
+
+    def restored(self, item: Start, found: Plain) -> Contender:
+        return contender_of(self.evidence, model_with(self.evidence, item.attached, self.sizes), found)
+
+    def name(self, item: Start) -> str:
+        return " + ".join(a.label for a in item.attached)
+
+
 def run_round(search: Search, base: Contender, candidates: list[Attachment],
               most: int) -> tuple[list[Contender], list[tuple[str, str]], str]:
     """Screen all candidates on top of `base`, refit the promising ones, replay them on what was held out.
 
     Returns the models, what failed and why, and the family of the screen's own first choice.
     """
-    evidence, told = search.evidence, search.told
+    evidence, sizes, run = search.evidence, search.budget.sizes, search.crew.run
     ground = Ground.of(base, len(search.candidates))
-
-    def screened(a: Attachment) -> Screened:
-        return screen(evidence, ground, a, search.budget.sizes, search.clues)
-
-    found = search.run(screened, candidates, lambda i, n: told(f"screening {i}/{n}: {candidates[i - 1].label}"))
+    tried = run(_Screening(evidence, ground, sizes, search.clues), candidates, search.told)
+    found = [Screened(a, None, {}, -np.inf, s.why) if isinstance(s, Failed) else s
+             for a, s in zip(candidates, tried, strict=True)]
     promising = sent_on({a.label: search.family(a) for a in candidates}, found, most, ground.held)
-
-    def fitted(s: Screened) -> Contender:
-        assert s.assembly is not None
-        p = transferred(s.assembly, (base.assembly, base.fit.p)) if base.attached else None
-        done = refit(evidence, s.assembly, base.fit, p=p, first=s.first)
-        return replayed(evidence, s.assembly, done)
-
-    contenders = search.run(fitted, promising,
-                            lambda i, n: told(f"refitting {i}/{n}: {promising[i - 1].attachment.label}"))
+    starts = [_start(s, base) for s in promising]
+    refitted = run(Refitting(evidence, base.fit, sizes), starts, search.told)
+    contenders = [c for c in refitted if not isinstance(c, Failed)]
     failed = [(s.attachment.label, s.why) for s in found if s.assembly is None or not np.isfinite(s.gain)]
+    failed += [(s.attached[-1].label, c.why) for s, c in zip(starts, refitted, strict=True) if isinstance(c, Failed)]
     failed += [(c.attached[-1].label, "became unstable on held-out recordings") for c in contenders if not c.finite]
     return [c for c in contenders if c.finite], failed, search.family(promising[0].attachment) if promising else ""
+
+
+def _start(s: Screened, base: Contender) -> Start:
+    """Where a screened candidate is refitted from: what the model below it has found, or the data sheet."""
+    assert s.assembly is not None
+    p = transferred(s.assembly, (base.assembly, base.fit.p)) if base.attached else None
+    return Start(s.assembly.attachments, p, s.first)
 
 
 def ranked(search: Search, contenders: list[Contender]) -> tuple[tuple[Contender, ...], list[float]]:
@@ -145,14 +193,32 @@ def tied_with_first(search: Search, ranking: tuple[Contender, ...], classes: lis
     return tuple(out)
 
 
-def settled(evidence: Evidence, best: Contender) -> Contender:
+def settled(search: Search, best: Contender) -> Contender:
     """The winner with integration steps that doubling no longer changes, refitted where they had to be finer."""
-    for _ in range(3):
-        tracks = evidence.tracks(best.assembly, held_out=True)
-        if rechecked(best.assembly, best.fit, tracks, evidence.noise)[1] <= COARSE:
-            break
-        f = best.fit
-        finer = fit(f.problem, p=f.p, starts=f.starts, weights=f.weights, pulls=f.pulls,
-                    stepping=f.stepping.doubled(), iterations=15, tolerance=2e-2)
-        best = replayed(evidence, best.assembly, finer)
-    return best
+    return search.crew.one(_Settling(search.evidence), best)
+
+
+@dataclass(frozen=True, eq=False)
+class _Settling(Work[Contender, Contender]):
+    """A model with finer steps, where it needs them."""
+
+    what = "settling"
+    evidence: Evidence
+
+    def __call__(self, item: Contender) -> Plain:
+        best = item
+        for _ in range(3):
+            tracks = self.evidence.tracks(best.assembly, held_out=True)
+            if rechecked(best.assembly, best.fit, tracks, self.evidence.noise)[1] <= COARSE:
+                break
+            f = best.fit
+            finer = fit(f.problem, p=f.p, starts=f.starts, weights=f.weights, pulls=f.pulls,
+                        stepping=f.stepping.doubled(), iterations=15, tolerance=2e-2)
+            best = replayed(self.evidence, best.assembly, finer)
+        return {} if best is item else contender_plain(best)
+
+    def restored(self, item: Contender, found: Plain) -> Contender:
+        return contender_of(self.evidence, item.assembly, found) if found else item
+
+    def name(self, item: Contender) -> str:
+        return item.label

@@ -19,6 +19,7 @@ from pamid.diagnosis.screen import CROWDED, MOST
 from pamid.diagnosis.search import Search, Told, ranked, run_round, tied_with_first
 from pamid.effect import Effect
 from pamid.evidence import Evidence, selection_part
+from pamid.jobs import Crew
 
 REACH = 0.3         # of the largest latent evidence: of many candidates those at ports with less are not screened
 
@@ -60,17 +61,19 @@ class Diagnosis:
 
 
 def diagnose(evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: int = 0, jobs: int = 1,
-             told: Told = lambda text: None) -> Diagnosis:
-    """Find where the gap lies, which effect causes it and how far it shrinks. told: what is going on, in words."""
-    budget = gap_budget(evidence, seed=seed, jobs=jobs, told=told)
+             told: Told = lambda text: None, crew: Crew | None = None) -> Diagnosis:
+    """Find where the gap lies, which effect causes it and how far it shrinks. told: what is going on, in words; crew:
+    who does the jobs (default: `jobs` processes of this machine)."""
+    crew = crew or Crew(jobs)
+    budget = gap_budget(evidence, seed=seed, crew=crew, told=told)
     base = budget.baseline
     chosen = selection_part(list(base.replays))
     if at_the_floor(budget, seed):
         return Diagnosis(evidence, budget, chosen, "no-structural-gap")
     search = Search(evidence, budget, chosen, attachments(evidence.rig, catalogue.values()),
-                     gather_clues(evidence, base), seed, jobs, told)
+                     gather_clues(evidence, base), seed, crew, told)
     told("looking where something is missing")
-    located = locate(evidence, base, search.run)
+    located = locate(evidence, base, crew)
     contenders, failed, screened = run_round(search, base, within_reach(search.candidates, located), MOST)
     ranking, wins = ranked(search, contenders)
     classes = look_alike_classes(evidence, base, list(ranking[:8]))

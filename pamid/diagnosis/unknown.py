@@ -7,16 +7,20 @@ formula is a description, never the verdict.
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.diagnosis.contest import Contender
 from pamid.diagnosis.smoother import ROUNDS, Smoother, size_at
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.engine.program import Program
 from pamid.equations import Expr
+from pamid.evidence import Evidence
+from pamid.jobs import Crew, Failed, Work
+from pamid.results import Plain
 from pamid.units import NONE, display_unit, from_si, with_unit
 from pamid.windows import Runner, Window
 
@@ -53,14 +57,34 @@ def describe_unknown(d: Diagnosis, *, seed: int = 0) -> dict[str, Any] | None:
     return described(d, find_missing(d, seed=seed))
 
 
-def find_missing(d: Diagnosis, *, seed: int = 0) -> Missing | None:
+def find_missing(d: Diagnosis, *, seed: int = 0, crew: Crew | None = None) -> Missing | None:
     """The missing term where the recordings most want it; of ports that they cannot tell apart, where it comes closest
     to a function of what that port offers. None where nothing is missing, or no function of these signals fits."""
     if d.located is None or d.located.most <= 0.0:
         return None
-    found = [m for m in (_missing_at(d.located.smoothers[name], seed) for name in d.located.classes[0])
-             if m is not None]
+    names = list(d.located.classes[0])
+    work = _Describing(d.evidence, d.located.smoothers[names[0]].base, seed, d.located.smoothers)
+    found = [m for m in (crew or Crew()).run(work, names) if m is not None and not isinstance(m, Failed)]
     return max(found, key=lambda m: m.fit, default=None)
+
+
+@dataclass(frozen=True, eq=False)
+class _Describing(Work[str, Missing | None]):
+    """What is missing at a port, and a formula for it."""
+
+    what = "describing what is missing at"
+    evidence: Evidence
+    base: Contender
+    seed: int
+    smoothers: dict[str, Smoother] = field(default_factory=dict, compare=False, repr=False)
+
+    def __call__(self, item: str) -> Plain:
+        smoother = self.smoothers.get(item) or Smoother(self.evidence, self.base, (item,))
+        found = _missing_at(smoother, self.seed)
+        return {} if found is None else vars(found)
+
+    def restored(self, item: str, found: Plain) -> Missing | None:
+        return Missing(**found) if found else None
 
 
 def described(d: Diagnosis, best: Missing | None) -> dict[str, Any] | None:

@@ -5,31 +5,34 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from pamid.diagnosis.next_experiment import FILE, next_experiment
-from pamid.diagnosis.tournament import diagnose
+from pamid.diagnosis.next_experiment import FILE, Proposing
+from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.diagnosis.unknown import described, find_missing, missing_csv
 from pamid.diagnosis.verdict import diagnosis_json
 from pamid.effect import Effect
 from pamid.evidence import Evidence
-from pamid.greybox import fit_json, residual_csv
+from pamid.greybox import fit_json, model_json, residual_csv
+from pamid.jobs import Crew
 from pamid.recording import write_recording
 from pamid.run import FIT_FILE, RESIDUAL_FILE, Run, write_atomically, write_json
 
 
 def diagnose_into(run: Run, evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: int = 0, jobs: int = 1,
-                  told: Callable[[str], None] = lambda text: None) -> dict[str, Any]:
+                  told: Callable[[str], None] = lambda text: None, crew: Crew | None = None) -> dict[str, Any]:
     """Diagnose and write fit.json, residual.csv, missing.csv (the points of an unknown effect), next-experiment.csv
-    (with its TOML, where there is something left to measure) and diagnosis.json; returns the last."""
-    found = diagnose(evidence, catalogue, seed=seed, jobs=jobs, told=told)
+    (with its TOML, where there is something left to measure) and diagnosis.json; returns the last. crew: who does the
+    jobs (default: `jobs` processes of this machine); those that failed are named in `failed_jobs`."""
+    crew = crew or Crew(jobs)
+    found = diagnose(evidence, catalogue, seed=seed, told=told, crew=crew)
     unknown, missing = None, None
     if found.verdict == "unknown-effect":
         told("describing the missing term")
-        missing = find_missing(found, seed=seed)
+        missing = find_missing(found, seed=seed, crew=crew)
         unknown = described(found, missing)
     told("looking for the next experiment")
-    proposal = next_experiment(found)
-    result = diagnosis_json(found, unknown, seed, proposal)
-    write_json(run.path(FIT_FILE), fit_json(found.budget.model, seed))
+    proposal = crew.one(Proposing(), found)
+    result = diagnosis_json(found, unknown, seed, proposal) | {"failed_jobs": [vars(f) for f in crew.failed]}
+    write_json(run.path(FIT_FILE), models_json(found, seed))
     write_atomically(run.path(RESIDUAL_FILE),
                      residual_csv(found.budget.model, found.cause.replays if found.cause else ()))
     if missing is not None:
@@ -38,3 +41,9 @@ def diagnose_into(run: Run, evidence: Evidence, catalogue: dict[str, type[Effect
         write_recording(run.path(FILE), proposal.time, proposal.columns, proposal.meta)
     write_json(run.path("diagnosis.json"), result)
     return result
+
+
+def models_json(d: Diagnosis, seed: int) -> dict[str, Any]:
+    """fit.json of the refitted model and, where there is a cause, the model that has it."""
+    cause = {"cause": model_json(d.cause.assembly, d.cause.fit)} if d.cause else {}
+    return fit_json(d.budget.model, seed) | cause

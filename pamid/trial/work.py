@@ -11,7 +11,6 @@ import time
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -27,10 +26,11 @@ from pamid.effect import Effect
 from pamid.errors import PamidError
 from pamid.evidence import Evidence, gather
 from pamid.greybox import fit_model
-from pamid.jobs import run_in_processes
+from pamid.jobs import Crew, Failed, Work
 from pamid.library import effects, rig_named
 from pamid.metrics import shrinkage_interval
 from pamid.recording import TIME, Recording, read_recording, write_recording
+from pamid.results import Plain
 from pamid.run import read_json, write_json
 from pamid.trial.cases import Case, cases_sha256, draw_cases
 from pamid.trial.machines import ONE_DOF, Machine, Record, machine_named
@@ -38,41 +38,59 @@ from pamid.trial.plant import PERIOD_S
 from pamid.trial.score import score
 
 Array = NDArray[np.float64]
+COSTS = {"no-gap": 0.2, "double": 2.0}       # of a diagnosis, against one with a single fault, about
+Done = Callable[[int, int], None]
 CASE_SCHEMA, LABELS_SCHEMA = "pamid.trial-case/1", "pamid.trial-labels/1"
 
 
-def run_trial(folder: Path, part: str, count: int, seed: int, *, rig: str = ONE_DOF, only: str = "", jobs: int = 1,
-              done: Callable[[int, int], None] | None = None) -> dict[str, Any]:
+def run_trial(folder: Path, part: str, count: int, seed: int, crew: Crew, *, rig: str = ONE_DOF, only: str = "",
+              done: Done = lambda finished, total: None) -> dict[str, Any]:
     """Draw, run and score the cases (only: of this stratum); writes labels.json, cases/ and trial.json, returns it.
 
     A case whose result is in the folder already is not run again.
     """
-    cases = [c for c in draw_cases(part, count, seed, rig) if only in ("", c.stratum)]
+    cases = chosen(part, count, seed, rig=rig, only=only)
     labels = [c.label() for c in cases]
     digest = cases_sha256(cases)
-    (folder / "cases").mkdir(parents=True, exist_ok=True)
     write_json(folder / "labels.json", {"schema": LABELS_SCHEMA, "rig": rig, "part": part, "seed": seed,
                                         "cases_sha256": digest, "cases": labels})
-    results = run_cases(cases, folder, jobs=jobs, done=done)
+    results = run_cases(cases, folder, crew, done=done)
     found = {**score(labels, results, part=part, seed=seed).as_json(), "rig": rig, "cases_sha256": digest,
-             "failures": {str(r["case"]): r["failed"]["message"] for r in results if r["failed"]}}
+             "failures": {str(r["case"]): r["failed"]["message"] for r in results if r["failed"]},
+             "failed_jobs": failed_jobs(results)}
     write_json(folder / "trial.json", found)
     return found
 
 
-def run_cases(cases: Sequence[Case], folder: Path, *, jobs: int = 1,
-              done: Callable[[int, int], None] | None = None) -> list[dict[str, Any]]:
-    """Results in the order of the cases; done(finished, total) counts those found finished, too."""
-    kept = {c.number: r for c in cases if (r := finished(c, folder)) is not None}
-    todo = [c for c in cases if c.number not in kept]
+def chosen(part: str, count: int, seed: int, *, rig: str = ONE_DOF, only: str = "") -> list[Case]:
+    """The cases of a trial, or those of them that are of one stratum."""
+    return [c for c in draw_cases(part, count, seed, rig) if only in ("", c.stratum)]
 
-    def told(i: int, n: int) -> None:
-        if done is not None:
-            done(len(kept) + i, len(cases))
 
-    new = run_in_processes(partial(run_case, folder=folder), todo, jobs=jobs, done=told)
-    made = {**kept, **{r["case"]: r for r in new}}
+def run_cases(cases: Sequence[Case], folder: Path, crew: Crew, *,
+              done: Done = lambda finished, total: None) -> list[dict[str, Any]]:
+    """Results in the order of the cases, each written as it comes; done(finished, total) counts those that were there
+    already, too. A case whose process is killed again and again is one that failed."""
+    (folder / "cases").mkdir(parents=True, exist_ok=True)
+    made = {c.number: r for c in cases if (r := finished(c, folder)) is not None}
+    todo = [c for c in cases if c.number not in made]
+    if crew.hands is None and crew.jobs > 1 and len(todo) > 1:
+        Bench.of(todo[0]).run({})   # compiles the machine: the processes inherit it
+    for i, result in crew.finished(Examining(), todo):
+        c = todo[i]
+        if isinstance(result, Failed):
+            result = _result(c, failed=PamidError(result.why, code="killed").as_dict())
+        write_json(_path(c, folder), result)
+        made[c.number] = result
+        done(len(made), len(cases))
     return [made[c.number] for c in cases]
+
+
+def failed_jobs(results: Sequence[dict[str, Any]]) -> list[dict[str, str]]:
+    """Which cases failed, or jobs of their diagnosis, and why."""
+    found = [{"job": f"case {r['case']}", "why": r["failed"]["message"]} for r in results if r["failed"]]
+    return found + [{"job": f"case {r['case']}, {f['job']}", "why": f["why"]} for r in results if not r["failed"]
+                    for f in r["diagnosis"].get("failed_jobs", ())]
 
 
 def finished(case: Case, folder: Path) -> dict[str, Any] | None:
@@ -82,20 +100,35 @@ def finished(case: Case, folder: Path) -> dict[str, Any] | None:
     return kept if kept.get("sha256") == case.sha256 and not kept["failed"] else None
 
 
-def run_case(case: Case, folder: Path) -> dict[str, Any]:
-    """Work one case through and write its result; an error is a result, too, and does not end the trial."""
-    found = {"schema": CASE_SCHEMA, "case": case.number, "sha256": case.sha256, "failed": None}
-    try:
-        with tempfile.TemporaryDirectory() as place:
-            found |= examine(case, Path(place))
-    except PamidError as error:
-        found["failed"] = error.as_dict()
-    except Exception as error:  # the tool's own fault: it counts against it, and must not cost the other cases
-        at = traceback.extract_tb(error.__traceback__)[-1]
-        what = f"{type(error).__name__}: {error} ({Path(at.filename).name}, line {at.lineno})"
-        found["failed"] = PamidError(what, code="unexpected").as_dict()
-    write_json(_path(case, folder), found)
-    return found
+@dataclass(frozen=True)
+class Examining(Work[Case, dict[str, Any]]):
+    """A case worked through; an error is a result, too."""
+
+    what = "case"
+
+    def __call__(self, item: Case) -> Plain:
+        try:
+            with tempfile.TemporaryDirectory() as place:
+                return _result(item, **examine(item, Path(place)))
+        except PamidError as error:
+            return _result(item, failed=error.as_dict())
+        except Exception as error:  # the tool's own fault: it counts against it, and must not cost the other cases
+            at = traceback.extract_tb(error.__traceback__)[-1]
+            what = f"{type(error).__name__}: {error} ({Path(at.filename).name}, line {at.lineno})"
+            return _result(item, failed=PamidError(what, code="unexpected").as_dict())
+
+    def restored(self, item: Case, found: Plain) -> dict[str, Any]:
+        return found
+
+    def name(self, item: Case) -> str:
+        return str(item.number)
+
+    def cost(self, item: Case) -> float:
+        return item.conditions.seconds * COSTS.get(item.stratum, 1.0)
+
+
+def _result(case: Case, *, failed: dict[str, str] | None = None, **found: Any) -> dict[str, Any]:
+    return {"schema": CASE_SCHEMA, "case": case.number, "sha256": case.sha256, "failed": failed, **found}
 
 
 def _path(case: Case, folder: Path) -> Path:
@@ -124,9 +157,10 @@ def examine(case: Case, place: Path) -> dict[str, Any]:
 
 def diagnosed(evidence: Evidence, catalogue: dict[str, type[Effect]]) -> tuple[Diagnosis, dict[str, Any]]:
     """The tool under trial: it is given this and nothing else."""
-    d = diagnose(evidence, catalogue)
+    crew = Crew()
+    d = diagnose(evidence, catalogue, crew=crew)
     unknown = describe_unknown(d) if d.verdict == "unknown-effect" else None
-    return d, diagnosis_json(d, unknown, 0)
+    return d, diagnosis_json(d, unknown, 0) | {"failed_jobs": [vars(f) for f in crew.failed]}
 
 
 @dataclass(frozen=True)

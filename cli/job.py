@@ -1,0 +1,49 @@
+"""What commands share that do many independent jobs: who does them."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from pamid.jobs import Crew
+    from pamid.run import Run
+
+cluster_option = click.option("--cluster", metavar="tcp://HOST:8786", help="Hand the jobs to the Dask cluster of this "
+                              "scheduler instead; results are the same. (pip install 'pamid[cluster]')")
+
+
+@contextlib.contextmanager
+def crew_of(jobs: int, cluster: str | None, *, kept: Path | None = None) -> Iterator[Crew]:
+    """Who does the jobs: processes of this machine, or a cluster; kept: the folder of their results."""
+    from pamid.jobs import Crew
+    from pamid.results import Store
+
+    store = Store(kept) if kept else None
+    if cluster is None:
+        yield Crew(jobs, store)
+        return
+    from pamid.cluster import cluster as connected
+
+    with connected(cluster) as hands:
+        yield Crew(jobs, store, hands)
+
+
+@contextlib.contextmanager
+def carried_through(run: Run, crew: Crew) -> Iterator[None]:
+    """Close the run with a word for how it ended, and how many jobs it took."""
+    try:
+        yield
+    except BaseException as error:
+        run.finish("interrupted" if isinstance(error, KeyboardInterrupt) else "failed", jobs=crew.counts)
+        raise
+    run.finish("partial" if crew.failed else "done", jobs=crew.counts)
+
+
+def failed_text(found: dict[str, Any]) -> list[str]:
+    """A line per job that failed."""
+    return [f"Failed    {f['job']}: {f['why']}" for f in found.get("failed_jobs", ())]
