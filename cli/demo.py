@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +31,7 @@ def command(output: Path, seed: int, jobs: int, duration: float, overwrite: bool
     from pamid.demo import run_demo
     from pamid.run import Run
 
-    run = Run.create(output, command=sys.argv, seed=seed, overwrite=overwrite,
+    run = Run.create(output, command=frame.command_line(), seed=seed, overwrite=overwrite,
                      options={"jobs": jobs, "duration_s": duration})
     with Progress("demo") as progress:
         found = run_demo(run, seed=seed, jobs=jobs, duration_s=duration, told=lambda text: progress.update(0, text))

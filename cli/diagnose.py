@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -57,7 +56,8 @@ def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path,
     inputs = [f for p in (*recordings, *held_out) for f in with_sidecar(p)]
     inputs += code_files(rig, [str(e) for e in effects])
     with crew_of(jobs, cluster, kept=output / JOBS) as crew:
-        run = Run.create(output, command=sys.argv, seed=seed, inputs=inputs, overwrite=overwrite, resume=resume,
+        run = Run.create(output, command=frame.command_line(), seed=seed, inputs=inputs,
+                         overwrite=overwrite, resume=resume,
                          options={"rig": rig or rig_of(evidence.recordings), "effects": [str(e) for e in effects],
                                   "without": list(without)})
         if run.record["outcome"] == "done":     # resumed, and nothing is left to do

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -66,7 +65,8 @@ def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path,
     inputs = [f for p in (*recordings, *held_out) for f in with_sidecar(p)]
     inputs += [*code_files(rig, effects), *([earlier / FIT_FILE] if earlier else [])]
     with crew_of(jobs, cluster, kept=output / JOBS) as crew:
-        run = Run.create(output, command=sys.argv, seed=seed, inputs=inputs, overwrite=overwrite, resume=resume,
+        run = Run.create(output, command=frame.command_line(), seed=seed, inputs=inputs,
+                         overwrite=overwrite, resume=resume,
                          options={"rig": rig or rig_of(evidence.recordings), "effects": list(effects),
                                   "bootstrap": bootstrap, **({"from": str(earlier)} if earlier else {})})
         if run.record["outcome"] == "done":     # resumed, and nothing is left to do

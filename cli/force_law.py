@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +50,7 @@ def command(map_file: Path, output: Path, sets: int, rig: str, seed: int, every:
     points = read_map(map_file)
     for name in points.unused:
         click.echo(f"Warning: {map_file}: the column {name!r} is not used.", err=True)
-    run = Run.create(output, command=sys.argv, seed=seed, inputs=[map_file], overwrite=overwrite,
+    run = Run.create(output, command=frame.command_line(), seed=seed, inputs=[map_file], overwrite=overwrite,
                      options={"sets": sets, "rig": rig, "held_out": every, "strict": strict})
     try:
         with Progress("force-law") as progress:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -96,9 +95,9 @@ def _joint(output: Path, overwrite: bool, *, iterations: int | None, starts: int
                 iterations or (QUICK_ITERATIONS if quick else Plan.iterations), starts, seed, jobs, quick)
     if resume:
         run = Run.open(output)
-        run.begin_step(command=sys.argv, seed=seed, options=asdict(plan))
+        run.begin_step(command=frame.command_line(), seed=seed, options=asdict(plan))
     else:
-        run = Run.create(output, command=sys.argv, seed=seed, options=asdict(plan), overwrite=overwrite)
+        run = Run.create(output, command=frame.command_line(), seed=seed, options=asdict(plan), overwrite=overwrite)
     found = _carried_out(run, reproduce, plan, resume=resume)
     return frame.Result(found, table_text(found))
 
@@ -169,7 +168,8 @@ def _arm(output: Path, overwrite: bool, seed: int, quick: bool) -> frame.Result:
     from pamid.run import Run
 
     plan = Plan.quickly(seed) if quick else Plan(seed=seed)
-    run = Run.create(output, command=sys.argv, seed=seed, options={"paper": "arm", **asdict(plan)}, overwrite=overwrite)
+    run = Run.create(output, command=frame.command_line(), seed=seed, overwrite=overwrite,
+                     options={"paper": "arm", **asdict(plan)})
     found = _carried_out(run, reproduce_arm, plan)
     return frame.Result(found, arm_text(found), 0 if all(f["converged"] for f in found["fits"].values()) else 5)
 

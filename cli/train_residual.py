@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -74,7 +73,7 @@ def command(run: Path, network: str, hidden: int | None, sets: int | None, itera
     names = tuple(word.strip() for word in (inputs or "").split(",") if word.strip())
     port = _port_of(run, at, rig)
     leftover = read_leftover(run, channel, names, replay=port is not None)
-    folder.begin_step(command=sys.argv, seed=seed, inputs=[run / FIT_FILE, run / RESIDUAL_FILE],
+    folder.begin_step(command=frame.command_line(), seed=seed, inputs=[run / FIT_FILE, run / RESIDUAL_FILE],
                       options={"network": network, "hidden": hidden, "sets": sets, "iterations": iterations,
                                "starts": starts, "evidence": evidence, "at": at, "resume": resume,
                                "channel": leftover.channel, "inputs": list(leftover.inputs)})

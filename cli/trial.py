@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -124,12 +123,12 @@ def _begun(output: Path, fixed: dict[str, Any], options: dict[str, Any], resume:
     from pamid.run import Run
 
     if not (output / "run.json").is_file():
-        return Run.create(output, command=sys.argv, seed=fixed["seed"], options={"trial": fixed, **options})
+        return Run.create(output, command=frame.command_line(), seed=fixed["seed"], options={"trial": fixed, **options})
     run = _same(Run.open(output), fixed)
     if not resume:
         raise FileError(f"{output} is taken: it already holds this trial, or a part of it.",
                         "Go on with it by --resume, or give --output another folder.", code="run-folder")
-    run.begin_step(command=sys.argv, seed=fixed["seed"], options=options)
+    run.begin_step(command=frame.command_line(), seed=fixed["seed"], options=options)
     return run
 
 
@@ -142,7 +141,8 @@ def _joined(output: Path, fixed: dict[str, Any], options: dict[str, Any]) -> Run
         if (output / "run.json").is_file():
             break
         try:
-            run = Run.create(output, command=sys.argv, seed=fixed["seed"], options={"trial": fixed, **options})
+            run = Run.create(output, command=frame.command_line(), seed=fixed["seed"],
+                             options={"trial": fixed, **options})
             run.finish("shared")
             return run
         except FileError:   # another one may be about to write run.json

@@ -14,6 +14,8 @@ import pytest
 from pamid_cli import frame
 from pamid_cli.table import COMMANDS
 
+EXAMPLE_MAP = Path(__file__).resolve().parent.parent / "data" / "example" / "muscle_map.csv"
+
 
 def config(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, Any]:
     assert frame.run(["config", *words, "--json"]) == 0
@@ -68,6 +70,16 @@ def test_a_command_takes_them_and_notes_them(project: Path, capsys: pytest.Captu
     project.unlink()
     assert frame.run(["generate-aprbs", "--duration", "4", "--amplitude", "5", "--seed", "2", "--output", "b.csv"]) == 0
     assert Path("a.csv").read_bytes() == Path("b.csv").read_bytes()
+
+
+def test_a_run_notes_what_it_was_given_elsewhere(project: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The command line in run.json makes the same run where there is no pamid.toml."""
+    project.write_text('[force-law]\nseed = 4\n')
+    words = ["force-law", str(EXAMPLE_MAP), "--output", "law", "--sets", "2"]
+    monkeypatch.setattr(sys, "argv", ["pamid", *words])
+    assert frame.run(words) in (0, 5)
+    noted = json.loads(Path("law/run.json").read_text())["command"]
+    assert noted == ["pamid", *words, "--seed", "4"]
 
 
 @pytest.mark.parametrize(("text", "said"), [
