@@ -16,7 +16,6 @@ import marshal
 import math
 import os
 import sys
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from functools import cached_property, lru_cache, partial
@@ -28,6 +27,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.arrays import load_arrays
+from pamid.errors import FileError
 from pamid.run import JOURNAL, remove_jobs, write_atomically
 
 Plain = dict[str, Any]     # of str, bool, int, float, None, arrays of numbers, and lists and such dicts of these
@@ -47,14 +48,10 @@ class Store:
 
     def get(self, key: str) -> Plain | None:
         """The result of this key; None if there is none, or none that can be trusted."""
-        with contextlib.suppress(OSError, ValueError, KeyError, TypeError, EOFError, RecursionError,
-                                 zipfile.BadZipFile):
-            content = (self.folder / f"{key}.npz").read_bytes()
-            if not content.startswith(b"PK"):   # a bare pickle or .npy would take another branch of numpy.load
-                return None
-            with np.load(io.BytesIO(content), allow_pickle=False) as held:
-                about = json.loads(held[_ABOUT].tobytes())
-                found: Plain = _joined(about["result"], [held[f"a{i}"] for i in range(about["arrays"])])
+        with contextlib.suppress(FileError, ValueError, KeyError, TypeError, RecursionError):
+            held = load_arrays(self.folder / f"{key}.npz")
+            about = json.loads(held[_ABOUT].tobytes())
+            found: Plain = _joined(about["result"], [held[f"a{i}"] for i in range(about["arrays"])])
             if about["key"] == key and about["sha256"] == digest(found):
                 return found
         return None

@@ -120,6 +120,9 @@ class Run:
         record = read_json(self.folder / "run.json")
         if not isinstance(record, dict):
             raise FileError(f"{self.folder / 'run.json'} must hold one JSON object.", code="not-a-run")
+        steps = record.get("steps", [])
+        if not (isinstance(steps, list) and all(isinstance(step, dict) for step in steps)):
+            raise FileError(f"{self.folder / 'run.json'}: steps must be a list of objects.", code="not-a-run")
         return record
 
     @property

@@ -27,7 +27,8 @@ FUZZ = settings(max_examples=int(os.environ.get("PAMID_FUZZ", "12")), deadline=N
                 suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow,
                                        HealthCheck.data_too_large])  # fmt: skip
 #: absurd numbers may well draw a warning from a plot; only faults are looked for
-pytestmark = pytest.mark.filterwarnings("ignore::UserWarning", "ignore::RuntimeWarning")
+pytestmark = [pytest.mark.filterwarnings("ignore::UserWarning", "ignore::RuntimeWarning"),
+              pytest.mark.usefixtures("unchecked")]
 KEEP = ("report.html", "figures")
 
 

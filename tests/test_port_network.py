@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -175,8 +176,8 @@ def _edited(folder: Path, change: Callable[[dict[str, Any], dict[str, Any]], Non
     """Change fit.json and run.json."""
     fit, record = read_json(folder / "fit.json"), read_json(folder / "run.json")
     change(fit, record)
-    write_json(folder / "fit.json", fit)
-    write_json(folder / "run.json", record)
+    for name, content in (("fit", fit), ("run", record)):
+        (folder / f"{name}.json").write_text(json.dumps(content), encoding="utf-8")
 
 
 @pytest.mark.parametrize(("change", "code", "words"), [

@@ -19,6 +19,7 @@ from pamid_cli import frame
 from pamid_cli.train_residual import EXAMPLE
 from train_command import said, train
 
+from pamid.arrays import load_arrays
 from pamid.demo import Withheld, write_demo_recording
 from pamid.errors import UsageError
 from pamid.evidence import gather
@@ -26,7 +27,6 @@ from pamid.greybox import fit_json, fit_model, residual_csv
 from pamid.leftover import read_columns, read_leftover
 from pamid.library import rig_named
 from pamid.networks.anfis import Anfis
-from pamid.networks.checkpoints import load_arrays
 from pamid.networks.store import load_network
 from pamid.recording import read_recording
 from pamid.residual_network import Wanted, with_columns

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from pamid.arrays import load_arrays
 from pamid.errors import FileError, PamidError
 from pamid.ingest.channels import Channel, Log
 
@@ -69,8 +70,7 @@ def _fetch(path: Path, folder: Path) -> Log:
     answer = json.loads((folder / "answer.json").read_text(encoding="utf-8"))
     if "message" in answer:
         raise FileError(answer["message"].replace(str(path.absolute()), str(path)), answer["hint"], code=answer["code"])
-    with np.load(folder / "channels.npz", allow_pickle=False) as stored:
-        arrays = {name: stored[name] for name in stored.files}
+    arrays = load_arrays(folder / "channels.npz")
     channels = tuple(Channel(name, arrays[f"values_{index}"], arrays[stamps] if stamps else None, unit)
                      for index, (name, unit, stamps) in enumerate(answer["channels"]))  # fmt: skip
     return Log(path, answer["kind"], channels, tuple(answer["details"]))

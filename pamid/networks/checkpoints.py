@@ -1,7 +1,6 @@
 """Where a training stands, and that on disk: enough to go on exactly as if nobody had stopped it."""
 
 import io
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -9,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.arrays import load_arrays
 from pamid.errors import FileError
 from pamid.networks.bayes import Evidence
 from pamid.run import write_atomically
@@ -96,24 +96,3 @@ def load_checkpoint(path: Path, problem: str, n_weights: int) -> Checkpoint:
         rows = tuple(Step._make((int(r[0]), *r[1:-1], int(r[-1]))) for r in steps.tolist())
         attempts.append(Attempt(int(start), weights, mu, Evidence(gamma, alpha, beta), rows, str(why), bool(converged)))
     return Checkpoint(problem, tuple(attempts))
-
-
-def load_arrays(path: Path, data: bytes | None = None) -> dict[str, NDArray]:
-    """Every array of an npz file, refusing pickled objects; FileError says what is wrong with the file.
-
-    `data` are the file's bytes where the caller has read them already (to check a hash on the very same bytes).
-    """
-    try:
-        content = path.read_bytes() if data is None else data
-    except OSError as error:
-        raise FileError(f"{path} cannot be read: {error.strerror}.", "Check the path.") from None
-    if not content.startswith(b"PK"):  # a bare pickle or .npy would take another branch of numpy.load
-        raise FileError(f"{path} is not an npz file.", "Give the file that pamid wrote.")
-    try:
-        with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
-            return {name: arrays[name] for name in arrays.files}
-    except (ValueError, OSError, EOFError, KeyError, zipfile.BadZipFile) as error:
-        raise FileError(
-            f"{path} is not a plain npz file ({error}).",
-            "Pickled objects are never loaded; make the file anew.",
-        ) from None

@@ -20,8 +20,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pamid.arrays import load_arrays
 from pamid.errors import DataError, FileError, PamidError, nearest
-from pamid.networks.checkpoints import load_arrays
 from pamid.networks.network import Network
 from pamid.networks.scaling import Scaling, check_finite, scaling_of
 from pamid.networks.training import Training, train
