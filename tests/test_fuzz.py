@@ -23,7 +23,7 @@ from virtual_joint import record
 
 from pamid.networks.elman import Elman
 
-FUZZ = settings(max_examples=int(os.environ.get("PAMID_FUZZ", "12")), deadline=None, derandomize=True,
+FUZZ = settings(max_examples=int(os.environ.get("PAMID_FUZZ", "8")), deadline=None, derandomize=True,
                 suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow,
                                        HealthCheck.data_too_large])  # fmt: skip
 #: absurd numbers may well draw a warning from a plot; only faults are looked for
