@@ -96,10 +96,11 @@ def rechecked(assembly: Assembly, fitted: Fit, held: tuple[Track, ...],
     once = tuple(replay(assembly, fitted.p, t, fitted.stepping, noise) for t in held)
     twice = [replay(assembly, fitted.p, t, fitted.stepping.doubled(), noise) for t in held]
     change = []
-    for a, b in zip(once, twice, strict=True):
-        left = np.sqrt((a.residual[a.scored] ** 2).mean(axis=0))
-        moved = np.sqrt(((a.model - b.model)[a.scored] ** 2).mean(axis=0))
-        change.append((moved / np.maximum(noise, 0.25 * left)).max())
+    with np.errstate(over="ignore", invalid="ignore"):  # a model that runs away: the change is no number, not small
+        for a, b in zip(once, twice, strict=True):
+            left = np.sqrt((a.residual[a.scored] ** 2).mean(axis=0))
+            moved = np.sqrt(((a.model - b.model)[a.scored] ** 2).mean(axis=0))
+            change.append((moved / np.maximum(noise, 0.25 * left)).max())
     return once, float(max(change))
 
 
