@@ -263,7 +263,7 @@ def _delays(e: Evidence, recording: Recording, rig: Rig) -> list[Issue]:
         columns, delay = _recorded(names, recording), lag * period
         many = "answers" if len(columns) == 1 else "answer"
         hint = ("A load heavier than the data sheet's answers late, too: state it below [known]. A dead time or a lag "
-                "is for `pamid diagnose` to find; if two clocks differ, shift the channel in the raw log." if lag > 0 else
+                "is for `pamid diagnose` to find; if clocks differ, shift the channel in the raw log." if lag > 0 else
                 "No rig answers before it is asked: shift the channel, or the command, in the raw log.")
         found.append(Issue("delay", columns, "advice", f"{_listed(columns)} {many} {abs(1e3 * delay):.3g} ms "
                            f"{'after' if lag > 0 else 'before'} the data sheet's model of rig {rig.name!r}", hint, (),
