@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from . import frame
-from .job import carried_through, cluster_option, crew_of, failed_text
+from .job import carried_through, cluster_option, crew_of, failed_text, require_one_of
 from .options import evidence_from, with_sidecar
 from .progress import Progress
 
@@ -45,12 +45,10 @@ def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path,
     command with --resume repeats none of them. Where single jobs fail the rest is written, and the exit code is 6.
     """
     from pamid.diagnosis.whole import diagnose_into
-    from pamid.errors import UsageError
     from pamid.library import code_files, rig_of
     from pamid.run import JOBS, Run, read_json
 
-    if resume and overwrite:
-        raise UsageError("--resume goes on with the earlier run, --overwrite replaces it.", "Give one of them.")
+    require_one_of(resume, overwrite)
     evidence = evidence_from(rig, recordings, held_out)
     catalogue = _catalogue(effects, without)
     inputs = [f for p in (*recordings, *held_out) for f in with_sidecar(p)]
@@ -66,8 +64,6 @@ def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path,
         with carried_through(run, crew), Progress("diagnose") as progress:
             found = diagnose_into(run, evidence, catalogue, seed=seed, told=lambda text: progress.update(0, text),
                                   crew=crew)
-    if crew.store and not crew.failed:
-        crew.store.clear()
     return frame.Result(found, diagnosis_text(found, output), 6 if crew.failed else 0)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from . import frame
-from .job import carried_through, cluster_option, crew_of, failed_text
+from .job import carried_through, cluster_option, crew_of, failed_text, require_one_of
 from .options import evidence_from, with_sidecar
 from .progress import Progress
 
@@ -55,8 +55,7 @@ def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path,
     from pamid.run import FIT_FILE, JOBS, RESIDUAL_FILE, Run, read_json, write_atomically, write_json
     from pamid.virtual import attach_specs
 
-    if resume and overwrite:
-        raise UsageError("--resume goes on with the earlier run, --overwrite replaces it.", "Give one of them.")
+    require_one_of(resume, overwrite)
     evidence = evidence_from(rig, recordings, held_out)
     attached = tuple(a for a, _ in attach_specs(evidence.rig, effects))
     if earlier and earlier.resolve() == output.resolve():
@@ -75,11 +74,9 @@ def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path,
         with carried_through(run, crew), Progress("fit") as progress:
             model = fit_model(evidence, attached, seed=seed, draws=bootstrap, earlier=before, crew=crew,
                               told=lambda text: progress.update(0, text))
-            found = fit_json(model, seed) | {"failed_jobs": [vars(f) for f in crew.failed]}
+            found = fit_json(model, seed) | {"failed_jobs": crew.failed_jobs}
             write_json(run.path(FIT_FILE), found)
             write_atomically(run.path(RESIDUAL_FILE), residual_csv(model))
-    if crew.store and not crew.failed:
-        crew.store.clear()
     return frame.Result(found, fit_text(found, output), 5 if not found["converged"] else 6 if crew.failed else 0)
 
 

@@ -6,7 +6,6 @@ Nothing heavy is imported here, so that `pamid --help` answers at once.
 from __future__ import annotations
 
 import contextlib
-import difflib
 import importlib
 import io
 import json
@@ -142,7 +141,7 @@ def every_command() -> Iterator[click.Command]:
 def require_command(name: str) -> None:
     """UsageError, with the nearest name, for what is no command."""
     if name not in COMMANDS:
-        raise click.UsageError(f"There is no command {name!r}. {suggest(name, COMMANDS)}".rstrip())
+        raise click.UsageError(f"There is no command {name!r}. {names.suggest(name, COMMANDS)}".rstrip())
 
 
 def blank_context(name: str) -> click.Context:
@@ -176,7 +175,7 @@ class _LazyGroup(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         if args and not args[0].startswith("-") and args[0] not in COMMANDS:
-            ctx.fail(f"There is no command {args[0]!r}. {suggest(args[0], COMMANDS)}")
+            ctx.fail(f"There is no command {args[0]!r}. {names.suggest(args[0], COMMANDS)}")
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -259,12 +258,6 @@ def _flags(arguments: Sequence[str]) -> set[str]:
     """Words before a bare `--`; parsing may fail before click has seen them, so they are looked for by hand."""
     words = list(arguments)
     return set(words[: words.index("--")] if "--" in words else words)
-
-
-def suggest(name: str, names: Sequence[str] | dict[str, Any]) -> str:
-    """A sentence that proposes the nearest of the names, or nothing."""
-    close = difflib.get_close_matches(name, list(names), n=1)
-    return f"Did you mean {close[0]!r}?" if close else ""
 
 
 def _hang_up() -> int:

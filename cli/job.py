@@ -35,13 +35,23 @@ def crew_of(jobs: int, cluster: str | None, *, kept: Path | None = None) -> Iter
 
 @contextlib.contextmanager
 def carried_through(run: Run, crew: Crew) -> Iterator[None]:
-    """Close the run with a word for how it ended, and how many jobs it took."""
+    """Close the run with a word for how it ended, and how many jobs it took; their results go once all are done."""
     try:
         yield
     except BaseException as error:
         run.finish("interrupted" if isinstance(error, KeyboardInterrupt) else "failed", jobs=crew.counts)
         raise
     run.finish("partial" if crew.failed else "done", jobs=crew.counts)
+    if crew.store and not crew.failed:
+        crew.store.clear()
+
+
+def require_one_of(resume: bool, overwrite: bool) -> None:
+    """UsageError where both are asked for."""
+    from pamid.errors import UsageError
+
+    if resume and overwrite:
+        raise UsageError("--resume goes on with the earlier run, --overwrite replaces it.", "Give one of them.")
 
 
 def failed_text(found: dict[str, Any]) -> list[str]:

@@ -1,8 +1,10 @@
-"""Names of rigs and effects as values of options: a name or the path of a file, completed by the shell."""
+"""Names: of rigs and effects as values of options, completed by the shell; and the nearest one to a wrong one."""
 
 from __future__ import annotations
 
+import difflib
 import importlib.util
+from collections.abc import Iterable
 from pathlib import Path
 
 import click
@@ -37,3 +39,9 @@ RIG = Catalogued("rigs")
 EFFECT = Catalogued("effects")
 #: options that take such a name wherever they occur
 OPTIONS = {"rig": RIG, "rigs": RIG, "effects": EFFECT, "without": EFFECT}
+
+
+def suggest(name: str, names: Iterable[str]) -> str:
+    """A sentence that proposes the nearest of the names, or nothing."""
+    close = difflib.get_close_matches(name, list(names), n=1)
+    return f"Did you mean {close[0]!r}?" if close else ""

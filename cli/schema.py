@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from . import frame
+from . import frame, names
 
 EXAMPLE = """
 pamid schema diagnosis
@@ -31,7 +31,7 @@ def command(name: str | None) -> frame.Result:
                             "\n".join(f"{key:{width}s}  {title}" for key, title in titles.items()))
     stem = name.removeprefix("pamid.").removesuffix("/1")
     if stem not in found:
-        raise click.UsageError(f"There is no schema {name!r}. {frame.suggest(stem, list(found))}".rstrip())
+        raise click.UsageError(f"There is no schema {name!r}. {names.suggest(stem, found)}".rstrip())
     one = found[stem]
     return frame.Result({"schema": "pamid.schemas/1", "schemas": {stem: one}}, json.dumps(one, indent=1))
 

@@ -7,7 +7,6 @@ then this file, then the default; `pamid config` shows where every value comes f
 
 from __future__ import annotations
 
-import difflib
 import tomllib
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
@@ -17,6 +16,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
+from .names import suggest
 from .table import COMMANDS
 
 FILE = "pamid.toml"
@@ -147,5 +147,4 @@ def _checked(place: str, command: click.Command, option: click.Option, value: An
 
 
 def _nearest(name: str, names: Sequence[str] | Mapping[str, Any] | set[str]) -> str:
-    close = difflib.get_close_matches(name, list(names), n=1)
-    return f"Did you mean {close[0]!r}?" if close else f"There are: {', '.join(sorted(names))}."
+    return suggest(name, names) or f"There are: {', '.join(sorted(names))}."

@@ -88,6 +88,11 @@ class Crew:
     failed: list[Failed] = field(default_factory=list)
 
     @property
+    def failed_jobs(self) -> list[dict[str, str]]:
+        """The jobs that failed, as results tell them."""
+        return [vars(f) for f in self.failed]
+
+    @property
     def counts(self) -> dict[str, int]:
         """How many jobs were worked out, found in the store, and failed."""
         return {"worked": self.worked, "kept": self.kept, "failed": len(self.failed)}
@@ -165,8 +170,13 @@ def carried_out(work: Work[T, Any], item: T) -> Plain | Failed:
     except PamidError as error:
         return Failed(work.label(item), str(error))
     except Exception as error:  # the tool's own fault, or an effect file's: it must not cost the other jobs
-        at = traceback.extract_tb(error.__traceback__)[-1]
-        return Failed(work.label(item), f"{type(error).__name__}: {error} ({Path(at.filename).name}, line {at.lineno})")
+        return Failed(work.label(item), fault_text(error))
+
+
+def fault_text(error: Exception) -> str:
+    """An error nobody expected in one line: what, and where it was raised."""
+    at = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{type(error).__name__}: {error} ({Path(at.filename).name}, line {at.lineno})"
 
 
 def one_by_one(work: Work[T, Any], items: Sequence[T]) -> Iterator[tuple[int, Plain | Failed]]:

@@ -119,3 +119,9 @@ def _difference(measured: ArrayLike, model: ArrayLike) -> FloatArray:
     if one.size == 0 or (other.ndim > 0 and one.shape != other.shape):
         raise DataError(f"Errors need arrays of one shape, not {one.shape} and {other.shape}.", code="shape")
     return one - other
+
+
+def runs_of(mask: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """First samples, and samples behind the last, of the stretches where the mask (n,) holds."""
+    edges = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
+    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from pamid.errors import DataError
 from pamid.excitation import coverage
+from pamid.metrics import runs_of
 from pamid.quality_signals import (
     CHANCE,
     PLUGGED,
@@ -29,7 +30,6 @@ from pamid.quality_signals import (
     level_of,
     measurable,
     repeat_chance,
-    runs_of,
     sampled_slowly,
     share_words,
     shows_only_noise,

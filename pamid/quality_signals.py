@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.metrics import runs_of
 from pamid.recording import SIGNIFICANT_DIGITS
 from pamid.units import NONE, split_column
 from pamid.windows import noise_level
@@ -143,12 +144,6 @@ def _is_white(values: FloatArray) -> bool:
 
 
 # ---- stretches ---------------------------------------------------------------------------------------------------
-
-
-def runs_of(mask: Mask) -> tuple[Places, Places]:
-    """First samples, and samples behind the last, of the stretches where the mask holds."""
-    edges = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
-    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
 
 
 def windows_of(time: FloatArray, starts: Places, stops: Places) -> tuple[tuple[float, float], ...]:

@@ -31,7 +31,7 @@ def diagnose_into(run: Run, evidence: Evidence, catalogue: dict[str, type[Effect
         unknown = described(found, missing)
     told("looking for the next experiment")
     proposal = crew.one(Proposing(), found)
-    result = diagnosis_json(found, unknown, seed, proposal) | {"failed_jobs": [vars(f) for f in crew.failed]}
+    result = diagnosis_json(found, unknown, seed, proposal) | {"failed_jobs": crew.failed_jobs}
     write_json(run.path(FIT_FILE), models_json(found, seed))
     write_atomically(run.path(RESIDUAL_FILE),
                      residual_csv(found.budget.model, found.cause.replays if found.cause else ()))

@@ -11,12 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pamid.errors import FileError
 from pamid.ingest.clocks import Clock
 from pamid.ingest.conversion import Conversion, Made, Track
 from pamid.ingest.mapping import Mapping
-from pamid.metrics import FloatArray
+from pamid.metrics import FloatArray, runs_of
 from pamid.recording import write_recording
 from pamid.run import sha256_of, write_json
 
@@ -166,14 +167,14 @@ def at_limit(values: FloatArray) -> int:
     if values.size < AT_LIMIT or np.ptp(values) == 0.0:
         return 0
     return sum(int(length) for edge in (values.min(), values.max())
-               for length in _runs(values == edge) if length >= AT_LIMIT)  # fmt: skip
+               for length in _lengths(values == edge) if length >= AT_LIMIT)  # fmt: skip
 
 
-def _longest(mask: np.ndarray[Any, np.dtype[np.bool_]]) -> int:
-    return int(_runs(mask).max(initial=0))
+def _longest(mask: NDArray[np.bool_]) -> int:
+    return int(_lengths(mask).max(initial=0))
 
 
-def _runs(mask: np.ndarray[Any, np.dtype[np.bool_]]) -> np.ndarray[Any, np.dtype[np.int64]]:
-    """Lengths of the runs of True."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    return np.asarray(edges[1::2] - edges[::2], dtype=np.int64)
+def _lengths(mask: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Lengths of the stretches where the mask holds."""
+    starts, stops = runs_of(mask)
+    return stops - starts

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.errors import DataError, FileError
-from pamid.metrics import FloatArray
+from pamid.metrics import FloatArray, runs_of
 from pamid.recording import MIN_SAMPLES
 
 IntArray = NDArray[np.int64]
@@ -215,8 +215,8 @@ def _in_order(rows: IntArray, stamps: FloatArray, place: str) -> tuple[IntArray,
     while True:
         tail = times[begin:]
         behind = tail < np.maximum.accumulate(tail)
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], behind, [False]]).astype(np.int8))).reshape(-1, 2)
-        steps = (first for first, last in edges.tolist() if _is_step(tail, first, last, usual))
+        steps = (int(first) for first, last in zip(*runs_of(behind), strict=True)
+                 if _is_step(tail, int(first), int(last), usual))  # fmt: skip
         end = begin + next(steps, tail.size)
         order = np.argsort(times[begin:end], kind="stable")
         moved += int(np.count_nonzero(np.diff(times[begin:end]) < 0.0))

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.metrics import runs_of
 from pamid.report import words
 from pamid.report.diagnosed import Regime
 from pamid.report.load import Residual, RunData
@@ -129,5 +130,4 @@ def _signal(residual: Residual, name: str, rows: NDArray[np.int64]) -> FloatArra
 
 def _bands(time: FloatArray, inside: NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
     """Times between which the mask holds."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], inside, [False]]).astype(np.int8)))
-    return tuple((float(time[a]), float(time[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True))
+    return tuple((float(time[a]), float(time[b - 1])) for a, b in zip(*runs_of(inside), strict=True))

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import tempfile
 import time
-import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,7 +25,7 @@ from pamid.effect import Effect
 from pamid.errors import PamidError
 from pamid.evidence import Evidence, gather
 from pamid.greybox import fit_model
-from pamid.jobs import Crew, Failed, Work
+from pamid.jobs import Crew, Failed, Work, fault_text
 from pamid.library import effects, rig_named
 from pamid.metrics import shrinkage_interval
 from pamid.recording import TIME, Recording, read_recording, write_recording
@@ -113,9 +112,7 @@ class Examining(Work[Case, dict[str, Any]]):
         except PamidError as error:
             return _result(item, failed=error.as_dict())
         except Exception as error:  # the tool's own fault: it counts against it, and must not cost the other cases
-            at = traceback.extract_tb(error.__traceback__)[-1]
-            what = f"{type(error).__name__}: {error} ({Path(at.filename).name}, line {at.lineno})"
-            return _result(item, failed=PamidError(what, code="unexpected").as_dict())
+            return _result(item, failed=PamidError(fault_text(error), code="unexpected").as_dict())
 
     def restored(self, item: Case, found: Plain) -> dict[str, Any]:
         return found
@@ -160,7 +157,7 @@ def diagnosed(evidence: Evidence, catalogue: dict[str, type[Effect]]) -> tuple[D
     crew = Crew()
     d = diagnose(evidence, catalogue, crew=crew)
     unknown = describe_unknown(d) if d.verdict == "unknown-effect" else None
-    return d, diagnosis_json(d, unknown, 0) | {"failed_jobs": [vars(f) for f in crew.failed]}
+    return d, diagnosis_json(d, unknown, 0) | {"failed_jobs": crew.failed_jobs}
 
 
 @dataclass(frozen=True)
