@@ -23,7 +23,7 @@ CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shuti
 _SETTINGS = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run", "--hide-scrollbars",
              "--disable-background-networking", "--disable-component-update", "--disable-sync",
              "--disable-dev-shm-usage", "--remote-debugging-pipe", "--force-color-profile=srgb")  # fmt: skip
-_PATIENCE_S = 60.0
+_PATIENCE_S = 300.0    # before a test that would never end is given up; nothing is judged by it
 #: the browser reads its commands from file 3 and answers into file 4
 _LAUNCH = ("import fcntl, os, sys; pipes = [fcntl.fcntl(int(one), fcntl.F_DUPFD, 10) for one in sys.argv[1:3]]; "
            "[os.dup2(one, k) for k, one in enumerate(pipes, start=3)]; os.execvp(sys.argv[3], sys.argv[3:])")
@@ -54,12 +54,19 @@ class Page:
         assert "exceptionDetails" not in told, told["exceptionDetails"]
         return told["result"].get("value")
 
-    def wait(self, expression: str, seconds: float = 20.0) -> None:
+    def wait(self, expression: str, seconds: float = _PATIENCE_S) -> None:
         """Until the expression holds; AssertionError when it never does."""
         end = time.monotonic() + seconds
         while not self.evaluate(expression):
             assert time.monotonic() < end, f"never became true: {expression}; the page said {self.complaints}"
             time.sleep(0.02)
+
+    def settle(self) -> None:
+        """Until nothing scrolls or changes its height any more."""
+        self.evaluate("new Promise(done => { let last = '', same = 0; const look = () => {"
+                      "const now = [scrollX, scrollY, document.documentElement.scrollHeight].join();"
+                      "same = now === last ? same + 1 : 0; last = now; same > 5 ? done() : setTimeout(look, 30); };"
+                      "look(); })")
 
     def mouse(self, kind: str, x: float, y: float, **more: Any) -> None:
         """kind: mouseMoved, mousePressed, mouseReleased, mouseWheel; x, y in the viewport, CSS pixels."""

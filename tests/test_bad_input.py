@@ -305,10 +305,8 @@ def test_kill_in_the_middle_leaves_nothing_half_written(good: Path, tmp_path: Pa
     process = subprocess.Popen(
         [sys.executable, "-m", "pamid_cli", "fit", str(good), "--bootstrap", "1000", "--output", str(output)],
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env={**os.environ, "OMP_NUM_THREADS": "1"})
-    deadline = time.monotonic() + 60.0
-    while not (output / "run.json").is_file() and time.monotonic() < deadline and process.poll() is None:
+    while not (output / "run.json").is_file() and process.poll() is None:
         time.sleep(0.02)
-    time.sleep(0.3)
     assert process.poll() is None, "it ended before it could be killed"
     process.kill()
     assert process.wait() == -signal.SIGKILL

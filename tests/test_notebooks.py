@@ -1,10 +1,9 @@
-"""Every story in notebooks/ runs as a plain script, quickly, and leaves nothing behind."""
+"""Every story in notebooks/ runs as a plain script and leaves nothing behind."""
 
 from __future__ import annotations
 
 import os
 import re
-import resource
 import subprocess
 import sys
 from pathlib import Path
@@ -13,7 +12,6 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 STORIES = sorted((ROOT / "notebooks").glob("*.py"))
-MOST_CPU_S = 40.0
 
 
 def files_of_the_repository() -> set[Path]:
@@ -31,14 +29,11 @@ def test_story_runs(story: Path, tmp_path: Path) -> None:
     own = tmp_path / "tmp"
     own.mkdir()
     before = files_of_the_repository()
-    begun = resource.getrusage(resource.RUSAGE_CHILDREN)
     settings = {**os.environ, "TMPDIR": str(own), "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     done = subprocess.run([sys.executable, "-W", "error", str(story)], cwd=tmp_path, env=settings, capture_output=True,
-                          text=True, timeout=600)
-    ended = resource.getrusage(resource.RUSAGE_CHILDREN)
+                          text=True)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-4000:]
     assert done.stdout.strip()
-    assert ended.ru_utime + ended.ru_stime - begun.ru_utime - begun.ru_stime < MOST_CPU_S
     assert sorted(tmp_path.rglob("*")) == [own], "something was left behind"
     assert files_of_the_repository() == before, "something was written into the repository"
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -341,13 +340,12 @@ def test_the_title_states_what_was_found(spoilt: Path) -> None:
     assert joined([(1.0, 1.0), (1.05, 2.0), (5.0, 6.0)], 0.2) == [(pytest.approx(0.9), 2.0), (5.0, 6.0)]
 
 
-def test_two_hundred_seconds_are_checked_at_once(make: Make) -> None:
+def test_two_hundred_seconds_are_clean_and_their_card_is_small(make: Make) -> None:
     from pamid.report.quality_figure import card_png
 
     long = make("long", "one-dof", {"reference_deg": reference(200.0)}, known={"inertia_kg_m2": 0.09})
     assert len(long) == 66667
     rig = library.rig_named("one-dof")
-    begun = time.process_time()
     issues = examine(long, rig)
-    assert time.process_time() - begun < 3.0 and issues == ()
+    assert issues == ()
     assert len(card_png(long, issues, channel_figures(long, rig))) < 400_000

@@ -1,5 +1,5 @@
 """The page in a browser: it loads offline without a complaint, its plots zoom together and show the numbers of
-residual.csv; colours, phone, print, no scripts, tables that can be copied; its size, and the time until it is ready."""
+residual.csv; colours, phone, print, no scripts, tables that can be copied; its size."""
 
 from __future__ import annotations
 
@@ -122,13 +122,14 @@ def test_a_drag_zooms_every_plot_and_a_double_click_resets(tab: Page) -> None:
 def test_the_wheel_zooms_where_a_plot_has_the_focus_and_scrolls_elsewhere(tab: Page) -> None:
     left, top, width = tab.evaluate(OVER.format(0))
     tab.evaluate("document.activeElement.blur()")
-    before = tab.evaluate("pamid.view")
+    before, height = tab.evaluate("pamid.view"), tab.evaluate("scrollY")
     tab.mouse("mouseMoved", left + 0.5 * width, top + 60)
     tab.mouse("mouseWheel", left + 0.5 * width, top + 60, deltaX=0, deltaY=-120)
-    tab.evaluate("new Promise(done => setTimeout(done, 300))")
+    tab.wait(f"scrollY !== {height}")
+    tab.settle()
     assert tab.evaluate("pamid.view") == before
     tab.evaluate("document.getElementById('samples').scrollIntoView({behavior: 'instant'})")
-    tab.evaluate("new Promise(done => setTimeout(done, 300))")
+    tab.settle()
     left, top, width = tab.evaluate(OVER.format(0))
     tab.evaluate("pamid.panels[0].canvas.focus()")
     tab.mouse("mouseWheel", left + 0.5 * width, top + 60, deltaX=0, deltaY=-250)
@@ -214,7 +215,7 @@ def test_several_recordings_and_blank_cells(tmp_path: Path, chromium: Browser) -
     assert tab.complaints == []
 
 
-# ---- size and time -----------------------------------------------------------------------------------------------
+# ---- size ----------------------------------------------------------------------------------------------------------
 
 
 def long_residual() -> dict[str, Any]:
@@ -228,22 +229,16 @@ def long_residual() -> dict[str, Any]:
             "angle_refitted_deg": 20.0 * shape + 0.5 * gap, "angle_cause_deg": 20.0 * shape + 0.1 * gap}  # fmt: skip
 
 
-def test_four_long_traces_are_small_and_ready_soon(tmp_path: Path, chromium: Browser) -> None:
+def test_four_long_traces_are_small_and_complete(tmp_path: Path, chromium: Browser) -> None:
     folder = make_run(tmp_path / "RUN", without=("residual.csv",))
     columns = long_residual()
     np.savetxt(folder / "residual.csv", np.stack(list(columns.values()), axis=1), delimiter=",", fmt="%.9g",
                header=",".join(columns), comments="")  # fmt: skip
     found = write_report(folder).page  # with its pictures
     assert found.stat().st_size < 1_000_000
-    times = []
-    for _ in range(3):  # the first may share the machine with somebody
-        tab = chromium.page()
-        tab.open(found)
-        times.append(tab.evaluate("pamidReady"))
-        assert tab.complaints == []
-        if times[-1] < 1000.0:
-            break
-    assert min(times) < 1000.0, times
+    tab = chromium.page()
+    tab.open(found)
+    assert tab.complaints == [] and tab.evaluate("pamidReady") > 0.0  # how soon: benchmarks/waiting.py
     assert tab.evaluate("pamid.panels[0].chart.data.map(one => one.length)") == [LONG] * 5
 
 
@@ -294,7 +289,7 @@ def test_fingers_enlarge_and_move(page: Path, chromium: Browser) -> None:
     tab.call("Emulation.setTouchEmulationEnabled", enabled=True, maxTouchPoints=5)
     tab.open(page)
     tab.evaluate("document.getElementById('samples').scrollIntoView({behavior: 'instant'})")
-    tab.evaluate("new Promise(done => setTimeout(done, 200))")
+    tab.settle()
     left, top, width = tab.evaluate(OVER.format(0))
 
     def touch(kind: str, *shares: float) -> None:

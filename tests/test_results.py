@@ -212,22 +212,26 @@ def test_a_process_that_is_killed_costs_no_other_job_anything(tmp_path: Path) ->
     assert {c.pid for c in multiprocessing.active_children()} <= before
 
 
-def test_an_interrupt_ends_the_processes() -> None:
+def test_an_interrupt_ends_the_processes(tmp_path: Path) -> None:
     def interrupt(text: str) -> None:
         raise KeyboardInterrupt
 
-    before, begun = {c.pid for c in multiprocessing.active_children()}, time.monotonic()
+    before, awake = {c.pid for c in multiprocessing.active_children()}, tmp_path / "slept to the end"
     with pytest.raises(KeyboardInterrupt):
-        Crew(2).run(_Sleeping(), [0.0, 60.0, 60.0], interrupt)
-    assert time.monotonic() - begun < 20.0
+        Crew(2).run(_Sleeping(awake), [0.0, 300.0, 300.0], interrupt)
+    assert not awake.exists()
     assert {c.pid for c in multiprocessing.active_children()} <= before
 
 
+@dataclass(frozen=True)
 class _Sleeping(Work[float, None]):
+    awake: Path
     what = "sleeping"
 
     def __call__(self, item: float) -> dict[str, Any]:
         time.sleep(item)
+        if item:
+            self.awake.touch()
         return {}
 
     def restored(self, item: float, found: dict[str, Any]) -> None:
