@@ -1,15 +1,19 @@
-# make demo   sets up .venv and runs the whole pipeline on a virtual rig
+# make demo     sets up .venv and runs the whole pipeline on a virtual rig
+# make test     sets up .venv, then lint, types and tests
+# make slow     the tests that take long
+# make fuzz     100 000 damaged inputs (hours)
+# make faults   kills and failing writes at every moment (long)
 # make planted  plants every effect in turn (long)
-# make test   sets up .venv, then lint, types and tests
 
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 TORCH := $(shell grep '^torch==' constraints.txt)
-PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest
+# one process per core; a file's tests stay together, because they share what they set up
+PYTEST := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --dist loadfile
 
-.PHONY: demo test slow lint bench planted clean
+.PHONY: demo test slow lint bench fuzz faults planted clean
 
 demo: $(STAMP)
 	$(BIN)/pamid demo --output demo-run --overwrite
@@ -18,14 +22,20 @@ test: lint
 	$(PYTEST)
 
 slow: $(STAMP)
-	$(PYTEST) -m "slow or not slow"
+	$(PYTEST) -m slow
 
 lint: $(STAMP)
 	$(BIN)/ruff check .
 	$(BIN)/mypy pamid cli
 
 bench: $(STAMP)
-	for script in benchmarks/engine.py benchmarks/arm.py benchmarks/elman_pass.py; do OMP_NUM_THREADS=1 $(BIN)/python $$script || exit 1; done
+	for script in benchmarks/waiting.py benchmarks/engine.py benchmarks/arm.py benchmarks/elman_pass.py; do OMP_NUM_THREADS=1 $(BIN)/python $$script || exit 1; done
+
+fuzz: $(STAMP)
+	$(BIN)/python benchmarks/fuzz.py
+
+faults: $(STAMP)
+	$(BIN)/python benchmarks/faults.py
 
 # every effect of the catalogue planted and asked for: ten minutes and more
 planted: $(STAMP)
