@@ -90,7 +90,7 @@ def test_a_clamped_joint_is_not_scored() -> None:
 # ---- a quick run -------------------------------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="module", params=[pytest.param(None, marks=pytest.mark.slow)], ids=["quick"])
 def quick(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]]:
     folder, said = tmp_path_factory.mktemp("paper") / "arm", io.StringIO()
     with contextlib.redirect_stdout(said):

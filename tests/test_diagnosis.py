@@ -97,6 +97,7 @@ def test_same_bytes_under_another_name(tmp_path: Path) -> None:
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
 
 
+@pytest.mark.slow
 def test_order_and_splitting_do_not_change_the_verdict(rubbing: tuple[Path, Recording, dict[str, Any]],
                                                        tmp_path: Path) -> None:
     """Two recordings in either order: the same bytes; the whole one in two parts: the same answer."""
@@ -136,6 +137,7 @@ def test_abstains_without_the_right_effect(rubbing: tuple[Path, Recording, dict[
     assert found["unknown"]["formula"]
 
 
+@pytest.mark.slow
 def test_angle_alone_still_gets_an_answer(tmp_path: Path) -> None:
     recording = record(tmp_path / "rec.csv", 24.0, seed=6, effects=("dead-time:delay_s=0.03",),
                        columns=("reference_deg", "command", "angle_deg"))

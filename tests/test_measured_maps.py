@@ -36,6 +36,7 @@ def bladder_named(found: dict[str, Any]) -> None:
     assert found["causes"][0]["parameters"]["reach"]["low"] > 0.0
 
 
+@pytest.mark.slow
 def test_six_lengths_of_a_10_mm_muscle(maps: ModuleType) -> None:
     """24 held-out runs, six specimens taken for one; the plan's figures are 33.1 N and 19.4 N."""
     outcome, _ = maps.run_case("pooled")

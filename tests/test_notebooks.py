@@ -12,6 +12,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 STORIES = sorted((ROOT / "notebooks").glob("*.py"))
+#: the first is quick; the others take half a minute and more each
+RUNS = [pytest.param(story, id=story.stem, marks=pytest.mark.slow if k else ()) for k, story in enumerate(STORIES)]
 
 
 def files_of_the_repository() -> set[Path]:
@@ -24,7 +26,7 @@ def test_there_are_stories() -> None:
     assert len(STORIES) >= 3
 
 
-@pytest.mark.parametrize("story", STORIES, ids=lambda p: p.stem)
+@pytest.mark.parametrize("story", RUNS)
 def test_story_runs(story: Path, tmp_path: Path) -> None:
     own = tmp_path / "tmp"
     own.mkdir()

@@ -99,6 +99,7 @@ def test_another_load_leaves_spring_and_inboard_inertia() -> None:
     assert paper.carried(assembly, light, 0.014, 0.006)[assembly.keys["two-mass:share"]] == 0.0
 
 
+@pytest.mark.slow
 def test_a_quick_run(few_effects: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "paper"
     assert frame.run([*SMALL, "--output", str(folder)]) == 0

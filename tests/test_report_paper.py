@@ -93,6 +93,7 @@ def test_a_heading_never_stands_alone_at_the_foot() -> None:
     assert "A finding" in told_on(sheets, number)
 
 
+@pytest.mark.slow
 def test_the_pdf_is_the_same_every_time(tmp_path: Path) -> None:
     folder = make_trial(tmp_path / "TRIAL")
     first = write_report(folder, pdf=tmp_path / "one.pdf")
