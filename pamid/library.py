@@ -78,7 +78,6 @@ def _run(path: Path, source: bytes) -> ModuleType:
     spec = importlib.util.spec_from_file_location(name, path, loader=loader)
     assert spec is not None
     module = importlib.util.module_from_spec(spec)
-    module.__cached__ = None
     sys.modules[name] = module
     try:
         exec(loader.source_to_code(source, str(path)), module.__dict__)

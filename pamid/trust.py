@@ -30,7 +30,7 @@ def why_shared(path: Path) -> str:
     try:
         for place in dict.fromkeys((path.absolute(), path.resolve())):
             for near in (place, place.parent):
-                if owner_is_other(found := near.lstat()):
+                if _is_anothers(found := near.lstat()):
                     return f"{near} belongs to another user ({found.st_uid})"
             for depth, one in enumerate(_chain(place)):
                 found = one.lstat()
@@ -56,8 +56,12 @@ def within_home(path: Path) -> bool:
     return home != Path(home.anchor) and path.resolve().is_relative_to(home)
 
 
-def owner_is_other(found: os.stat_result) -> bool:
-    """Somebody else than the user or root."""
+def is_shared(found: os.stat_result) -> bool:
+    """Of a file or folder by itself: does it belong to somebody else than the user or root, or may others write it?"""
+    return hasattr(os, "geteuid") and (_is_anothers(found) or others_may_write(found))
+
+
+def _is_anothers(found: os.stat_result) -> bool:
     return found.st_uid not in (0, os.geteuid())
 
 
