@@ -22,7 +22,8 @@ def command(commands: tuple[str, ...]) -> frame.Result:
 
     The command line goes first, then the environment (PAMID_DIAGNOSE_JOBS=4), then the nearest pamid.toml, in this
     folder or above it, then the default. A pamid.toml holds a table per command, and [defaults] for all that have the
-    option:
+    option. One that others may have written, or of a folder above and outside your home, is ignored; files to run, a
+    cluster and leave to replace files are taken only from one that is yours and in your home:
 
     \b
         [defaults]
@@ -36,8 +37,14 @@ def command(commands: tuple[str, ...]) -> frame.Result:
     for name in commands:
         frame.require_command(name)
     shown = {name: _values(name) for name in commands or COMMANDS}
-    found = {"schema": "pamid.config/1", "file": None if path is None else str(path), "commands": shown}
-    return frame.Result(found, _text(shown, path, bool(commands)))
+    ignored = {str(file): why for file, why in settings.ignored_files().items()}
+    limited = settings.why_harmless_only(path) if path is not None else ""
+    found = {"schema": "pamid.config/1", "file": None if path is None else str(path), "commands": shown,
+             "ignored": ignored, "harmless_only": limited}
+    lines = [f"Ignored: {file}: {why}." for file, why in ignored.items()]
+    if limited:
+        lines.append(f"No rig or effect file, cluster, force or overwrite is taken from it: {limited}.")
+    return frame.Result(found, _text(shown, path, bool(commands), lines))
 
 
 def _values(name: str) -> dict[str, dict[str, Any]]:
@@ -52,8 +59,9 @@ def _plain(value: Any) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
-def _text(shown: dict[str, dict[str, dict[str, Any]]], path: Path | None, all_of_them: bool) -> str:
-    lines = [f"Settings: {path}" if path else f"There is no {settings.FILE} here or above."]
+def _text(shown: dict[str, dict[str, dict[str, Any]]], path: Path | None, all_of_them: bool,
+          about_files: list[str]) -> str:
+    lines = [f"Settings: {path}" if path else f"There is no {settings.FILE} here or above.", *about_files]
     for name, options in shown.items():
         told = {k: v for k, v in options.items() if all_of_them or v["origin"] not in ("default", "required")}
         if not told:
@@ -62,6 +70,6 @@ def _text(shown: dict[str, dict[str, dict[str, Any]]], path: Path | None, all_of
         for option, about in told.items():
             value = "-" if about["value"] in (None, []) else about["value"]
             lines.append(f"{option:22s} {value!s:24s} {about['origin']}")
-    if not all_of_them and len(lines) == 1:
+    if not all_of_them and len(lines) == 1 + len(about_files):
         lines.append("Every option has its default; `pamid config COMMAND` lists them.")
     return "\n".join(lines)

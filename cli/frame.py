@@ -109,7 +109,10 @@ class _Command(click.Command):
     def make_context(
         self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
     ) -> click.Context:
-        extra.setdefault("default_map", settings.defaults_for(self))
+        if not extra.get("resilient_parsing"):  # a shell that completes a word asks for no values
+            for sentence in settings.not_taken(self):
+                click.echo(f"Warning: {sentence}", err=True)
+            extra.setdefault("default_map", settings.defaults_for(self))
         return super().make_context(info_name, args, parent, **extra)
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -149,7 +152,7 @@ def blank_context(name: str) -> click.Context:
     parent = click.Context(_GROUP, info_name="pamid", auto_envvar_prefix=settings.ENVIRONMENT)
     found = _GROUP.get_command(parent, name)
     assert found is not None
-    return found.make_context(name, [], parent, resilient_parsing=True)
+    return found.make_context(name, [], parent, resilient_parsing=True, default_map=settings.defaults_for(found))
 
 
 def group() -> click.Group:

@@ -114,14 +114,15 @@ def _ingest(logs: tuple[Path, ...], mapping: Path, rig_name: str | None, pressur
 
 def _rig(name: str | None, named_here: bool, mapping: Path) -> Rig | None:
     from pamid.errors import FileError
-    from pamid.library import rig_named
+    from pamid.library import catalogue_rig, rig_named
+    from pamid.trust import is_code
 
-    if name is None:
-        return None
-    if not named_here and (name.endswith(".py") or "/" in name):
+    if name is None or named_here:
+        return rig_named(name) if name is not None else None
+    if is_code(name):
         raise FileError(f"{mapping} names the rig file {name!r}.",
                         f"A rig file is code, run only when you name it yourself: add --rig {name}.")  # fmt: skip
-    return rig_named(name)
+    return catalogue_rig(name)
 
 
 def _text(made: list[Conversion], accounts: list[dict[str, Any]]) -> str:

@@ -46,12 +46,12 @@ def noise_factor(text: str) -> float:
 def evidence_from(rig_name: str | None, recordings: tuple[Path, ...], held_out: tuple[Path, ...]) -> Evidence:
     """Read the recordings and divide them for a rig (default: the one of the catalogue that they name)."""
     from pamid.evidence import gather
-    from pamid.library import rig_named, rig_of
+    from pamid.library import catalogue_rig, rig_named, rig_of
     from pamid.recording import read_recording
 
     rig = rig_named(rig_name) if rig_name else None
     read = [read_recording(p) for p in (*recordings, *held_out)]
-    rig = rig or rig_named(rig_of(read))
+    rig = rig or catalogue_rig(rig_of(read))
     for recording in read:
         for warning in (*recording.warnings, *unknown_columns(rig, recording)):
             click.echo(f"Warning: {recording.path}: {warning}", err=True)

@@ -3,12 +3,23 @@
 The nearest `pamid.toml`, in the working folder or above it, holds a table per command and `[defaults]` for every
 command that has the option. What is said on the command line goes first, then the environment (PAMID_DIAGNOSE_JOBS),
 then this file, then the default; `pamid config` shows where every value comes from.
+
+Nobody but the user decides what pamid does, so a file is not believed because it lies there:
+
+- One that somebody else may have written is as if it were not there: it or its folder belongs to another user than
+  this one or root, or others may write it, its folder or a folder above (a group of the user alone does not count; a
+  sticky folder such as /tmp is no place for one, its private subfolders are).
+- Outside the user's home only the working folder's own file counts, none of a folder above.
+- What runs code (the path of a rig or effect file), an address (`cluster`) and leave to replace files (`force`,
+  `overwrite`) are taken only from a file that the user owns, in the user's home.
+
+What is not taken is said in a sentence on stderr. The command line and the environment always count.
 """
 
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -16,13 +27,14 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from .names import suggest
+from .names import OPTIONS, suggest
 from .table import COMMANDS
 
 FILE = "pamid.toml"
 SHARED = "defaults"
 ENVIRONMENT = "PAMID"
 _OURS = ("json", "debug", "help")
+_RISKY = ("cluster", "force", "overwrite")      # with paths of code; see above
 
 
 class SettingsError(click.ClickException):
@@ -34,8 +46,43 @@ class SettingsError(click.ClickException):
 
 def settings_file(folder: Path | None = None) -> Path | None:
     """The pamid.toml that holds for a folder (default: the working folder), or None."""
+    return next((path for path, why in _found(folder) if not why), None)
+
+
+def ignored_files(folder: Path | None = None) -> dict[Path, str]:
+    """Those that would hold for the folder if they were to be believed, and why they are not."""
+    found = {}
+    for path, why in _found(folder):
+        if not why:
+            break
+        found[path] = why
+    return found
+
+
+def _found(folder: Path | None) -> Iterator[tuple[Path, str]]:
+    """Every pamid.toml here and above, the nearest first, and why it is ignored ("" if it is not)."""
     here = (folder or Path.cwd()).resolve()
-    return next((place / FILE for place in (here, *here.parents) if (place / FILE).is_file()), None)
+    for place in (here, *here.parents):
+        path = place / FILE
+        if path.is_file():
+            yield path, _why_ignored(path, place == here)
+
+
+def _why_ignored(path: Path, nearest: bool) -> str:
+    from pamid.trust import why_shared, within_home
+
+    if not nearest and not within_home(path):
+        return "it lies above the working folder and outside your home"
+    return why_shared(path)
+
+
+def why_harmless_only(path: Path) -> str:
+    """Why code, addresses and leave to replace files are not taken from this file; "" where they are."""
+    from pamid.trust import is_own, within_home
+
+    if not within_home(path):
+        return "the file lies outside your home"
+    return "" if is_own(path) else "the file is not yours"
 
 
 def read_settings(path: Path) -> dict[str, dict[str, Any]]:
@@ -73,10 +120,36 @@ def defaults_for(command: click.Command) -> dict[str, Any]:
     for table, entries in ((SHARED, tables.get(SHARED, {})), (command.name, own)):
         for key, value in entries.items():
             if key in options:
-                chosen[str(options[key].name)] = _checked(f"{path}: [{table}] {key}", command, options[key], value)
+                checked = _checked(f"{path}: [{table}] {key}", command, options[key], value)
+                if not (is_risky(options[key], checked) and why_harmless_only(path)):
+                    chosen[str(options[key].name)] = checked
             elif table != SHARED:
                 raise SettingsError(f"{path}: [{table}] {key}: no such option.", _nearest(key, options))
     return chosen
+
+
+def not_taken(command: click.Command) -> list[str]:
+    """A sentence for every settings file that is ignored, and for every entry of this command that is not taken."""
+    told = [f"{path} is ignored: {why}." for path, why in ignored_files().items()]
+    path = settings_file()
+    why = why_harmless_only(path) if path else ""
+    if path is None or not why:
+        return told
+    tables, options = read_settings(path), options_of(command)
+    return told + [f"{path}: [{table}] {key} is not taken, because {why}: say --{key} yourself."
+                   for table in (SHARED, str(command.name)) for key, value in tables.get(table, {}).items()
+                   if key in options and is_risky(options[key], value)]
+
+
+def is_risky(option: click.Option, value: Any) -> bool:
+    """Would this value run a file, send work to an address, or replace files?"""
+    if option.name in _RISKY:
+        return bool(value)
+    if option.name not in OPTIONS:
+        return False
+    from pamid.trust import is_code
+
+    return any(is_code(str(one)) for one in (value if isinstance(value, list) else [value]))
 
 
 def options_of(command: click.Command) -> dict[str, click.Option]:

@@ -17,7 +17,7 @@ from pamid.diagnosis.whole import diagnose_into
 from pamid.evidence import gather
 from pamid.excitation import aprbs
 from pamid.leftover import read_leftover
-from pamid.library import effects, rig_named
+from pamid.library import catalogue_rig, effects
 from pamid.recording import read_recording, write_recording
 from pamid.report.writing import write_report
 from pamid.residual_network import CHECKPOINT_FILE, train_correction, write_correction
@@ -68,7 +68,7 @@ def write_demo_recording(folder: Path, withheld: Withheld, *, seed: int, duratio
     time = PERIOD_S * np.arange(reference.size)
     excitation, recording = folder / "excitation.csv", folder / "rec.csv"
     write_recording(excitation, time, {"reference_deg": reference})
-    sheet = {p.outside_name: p.value for p in rig_named(RIG).parameters}
+    sheet = {p.outside_name: p.value for p in catalogue_rig(RIG).parameters}
     hidden = {key: sheet[key] * factor for key, factor in withheld.factors.items()}
     made = virtual_rig(RIG, read_recording(excitation), (withheld.spec,), {}, hidden, 1.0, seed)
     truth: dict[str, Any] = {
@@ -110,7 +110,7 @@ def _diagnosed(run: Run, recording: Path, seed: int, jobs: int, told: Callable[[
     run.begin_step(command=["pamid", "diagnose", str(recording), "--rig", RIG, "--output", str(run.folder), "--seed",
                             str(seed), "--jobs", str(jobs)],
                    seed=seed, inputs=[recording, recording.with_suffix(".toml")])
-    evidence = gather(rig_named(RIG), [read_recording(recording)], [])
+    evidence = gather(catalogue_rig(RIG), [read_recording(recording)], [])
     found = diagnose_into(run, evidence, effects(), seed=seed, jobs=jobs, told=told)
     run.finish()
     return found

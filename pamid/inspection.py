@@ -104,7 +104,7 @@ def _against_rig(recording: Recording, rig_name: str | None) -> tuple[Rig | None
     A rig file is run only where the user names it; one that a recording's TOML names is told, not run.
     """
     try:
-        rig = library.rig_named(rig_name or library.rig_of([recording]))
+        rig = library.rig_named(rig_name) if rig_name else library.catalogue_rig(library.rig_of([recording]))
         wanted = {c: match_column(recording.columns, c) for c in (*rig.inputs, *rig.outputs)}
     except PamidError as error:
         return None, [Finding("rig", False, f"{error}. {error.hint}".replace("..", "."))]

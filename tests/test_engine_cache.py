@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
+import stat
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -13,6 +15,7 @@ import numpy as np
 import pytest
 from compiled import Array, program, run, state
 
+from pamid import trust
 from pamid.engine import machine
 from pamid.engine.program import build_program
 
@@ -128,3 +131,119 @@ def test_two_processes_at_once(tmp_path: Path) -> None:
     assert json.loads(said[0][0]) == json.loads(said[1][0])
     files = list((tmp_path / "models").iterdir())
     assert files and all(f.suffix == ".o" for f in files)       # nothing half-written is left
+
+
+# ---- what others may have written is not loaded ------------------------------------------------------------------
+
+
+def _planted(cache: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[Path, Array, Array]:
+    """A file of the cache with another model's code in it, which vouches for itself; that model's answer, and the
+    right one."""
+    right, wrong = _unseen(0.75), _unseen(0.875)
+    _forget(monkeypatch)
+    names = {}
+    for seed in (0.75, 0.875):
+        build_program.cache_clear()
+        before = set(machine._loaded)
+        _unseen(seed)
+        (names[seed],) = set(machine._loaded) - before
+    file = cache / f"{names[0.75]}.o"
+    file.write_bytes((cache / f"{names[0.875]}.o").read_bytes())
+    _forget(monkeypatch)
+    assert not np.array_equal(right, wrong)
+    return file, wrong, right
+
+
+def _link(path: Path) -> None:
+    path.rename(path.with_name("elsewhere"))
+    path.symlink_to(path.with_name("elsewhere"))
+
+
+def _pipe(path: Path) -> None:
+    path.unlink()
+    os.mkfifo(path)
+
+
+OTHERS: dict[str, Callable[[Path], None]] = {
+    "everybody writes the folder": lambda file: file.parent.chmod(0o777),
+    "as /tmp": lambda file: file.parent.chmod(0o1777),
+    "a group writes the folder": lambda file: file.parent.chmod(0o770),
+    "everybody writes the file": lambda file: file.chmod(0o666),
+    "a group writes the file": lambda file: file.chmod(0o660),
+    "the folder is a link": lambda file: _link(file.parent),
+    "the file is a link": _link,
+    "the file is a pipe": _pipe,
+}
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="files without owners")
+def test_what_others_may_have_written_is_never_loaded(cache: Path, compiled_texts: list[str],
+                                                      monkeypatch: pytest.MonkeyPatch) -> None:
+    """Loading it runs it: an object planted in a folder that a group may write once gave its own answer."""
+    file, wrong, right = _planted(cache, monkeypatch)
+    planted = file.read_bytes()
+    np.testing.assert_array_equal(_unseen(0.75), wrong)      # planted by the user himself: it does what it says
+    monkeypatch.setattr(trust, "_own_group", lambda gid: False)
+    for told, share in OTHERS.items():
+        file.write_bytes(planted)
+        share(file)
+        _forget(monkeypatch)
+        count = len(compiled_texts)
+        np.testing.assert_array_equal(_unseen(0.75), right, err_msg=told)
+        assert len(compiled_texts) == count + 1, told
+        cache.unlink() if cache.is_symlink() else shutil.rmtree(cache)
+        shutil.rmtree(cache.with_name("elsewhere"), ignore_errors=True)
+        cache.mkdir(mode=0o700)
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="files without owners")
+def test_nothing_is_left_where_others_may_write_and_the_own_folder_is_private(
+        cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = os.umask(0)
+    try:
+        _unseen(0.9375)
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE(cache.stat().st_mode) == 0o700
+    assert [stat.S_IMODE(file.stat().st_mode) for file in cache.iterdir()] == [0o600]
+    cache.chmod(0o777)
+    _forget(monkeypatch)
+    _unseen(0.96875)
+    assert len(list(cache.iterdir())) == 1
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="files without owners")
+def test_somebody_elses_folder_is_not_used(cache: Path, compiled_texts: list[str],
+                                           monkeypatch: pytest.MonkeyPatch) -> None:
+    _unseen(0.3125)
+    _forget(monkeypatch)
+    monkeypatch.setattr(trust, "_is_anothers", lambda found: True)
+    _unseen(0.3125)
+    assert len(compiled_texts) == 2
+
+
+CACHE_OF_NUMBA = "import pamid.engine.driver, numba.core.config as c; c.reload_config(); print(c.CACHE_DIR)"
+
+
+def _cache_of_numba(folder: Path, **environment: str) -> str:
+    done = subprocess.run([sys.executable, "-c", CACHE_OF_NUMBA], cwd=folder, capture_output=True, text=True,
+                          check=True, env={**os.environ, **environment})
+    return done.stdout.strip()
+
+
+def test_numba_takes_no_settings_from_the_working_folder(tmp_path: Path) -> None:
+    """The files of its cache are pickles: a folder that says where they lie would run code."""
+    pytest.importorskip("yaml")
+    (tmp_path / ".numba_config.yaml").write_text("cache_dir: ./planted\n")
+    assert "planted" not in _cache_of_numba(tmp_path)
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="files without owners")
+def test_numba_keeps_nothing_where_others_may_write(tmp_path: Path) -> None:
+    (own := tmp_path / "own").mkdir(mode=0o700)
+    assert _cache_of_numba(tmp_path, NUMBA_CACHE_DIR=str(own)) == str(own)
+    (shared := tmp_path / "shared").mkdir()
+    shared.chmod(0o777)
+    for chosen in (shared, shared / "not" / "there"):
+        used = Path(_cache_of_numba(tmp_path, NUMBA_CACHE_DIR=str(chosen), TMPDIR=str(own)))
+        assert used.is_relative_to(own) and not used.exists()       # gone with its process

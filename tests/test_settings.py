@@ -4,17 +4,24 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
+import stat
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import click
 import pytest
-from pamid_cli import frame
+from pamid_cli import frame, settings
 from pamid_cli.table import COMMANDS
 
-EXAMPLE_MAP = Path(__file__).resolve().parent.parent / "data" / "example" / "muscle_map.csv"
+from pamid import trust
+
+EXAMPLES = Path(__file__).resolve().parent.parent / "data" / "example"
+EXAMPLE_MAP, RECORDING = EXAMPLES / "muscle_map.csv", EXAMPLES / "joint.csv"
 
 
 def config(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, Any]:
@@ -34,6 +41,7 @@ def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
 @pytest.fixture
 def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path))
     return tmp_path / "pamid.toml"
 
 
@@ -136,3 +144,135 @@ def test_the_script_of_a_shell(shell: str, capsys: pytest.CaptureFixture[str]) -
 
 def test_no_command_is_without_its_settings(capsys: pytest.CaptureFixture[str]) -> None:
     assert set(config(capsys)["commands"]) == set(COMMANDS)
+
+
+# ---- whose settings are believed ---------------------------------------------------------------------------------
+
+RISKY = ('[check]\nrig = "./rig.py"\n[fit]\nrig = "./rig.py"\ncluster = "tcp://127.0.0.1:1"\noverwrite = true\n'
+         'seed = 3\nheld-out = ["b.csv"]\n')
+RIG = '''open(__file__ + ".ran", "w").close()
+from pamid.rigs.one_dof import *
+'''
+
+
+def values(capsys: pytest.CaptureFixture[str], command: str = "fit") -> dict[str, Any]:
+    return {name: about["value"] for name, about in config(capsys, command)["commands"][command].items()}
+
+
+def test_code_an_address_and_leave_to_replace_come_from_my_own_file_at_home(
+        project: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    project.write_text(RISKY)
+    found = values(capsys)
+    assert (found["rig"], found["cluster"], found["overwrite"]) == ("./rig.py", "tcp://127.0.0.1:1", True)
+    assert config(capsys)["harmless_only"] == "" and config(capsys)["ignored"] == {}
+
+
+def test_outside_my_home_the_working_folder_gives_harmless_options_only(
+        project: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", str(project.parent / "home"))
+    project.write_text(RISKY)
+    (project.parent / "rig.py").write_text(RIG)
+    found = values(capsys)
+    assert (found["rig"], found["cluster"], found["overwrite"]) == (None, None, False)
+    assert found["seed"] == 3 and found["held-out"] == ["b.csv"]        # and the rest counts
+    assert frame.run(["check", str(RECORDING)]) == 0
+    told = capsys.readouterr().err
+    assert f"{project}: [check] rig is not taken, because the file lies outside your home: say --rig" in told
+    assert not (project.parent / "rig.py.ran").exists()
+    assert "outside your home" in config(capsys)["harmless_only"]
+    project.write_text('[fit]\nrig = "two-link"\n')                # a name of the catalogue runs nothing
+    assert values(capsys)["rig"] == "two-link" and not capsys.readouterr().err
+
+
+def test_of_the_folders_above_only_those_of_my_home_count(project: Path, capsys: pytest.CaptureFixture[str],
+                                                           monkeypatch: pytest.MonkeyPatch) -> None:
+    """A pamid.toml in a folder above the working folder once ran a rig file that nobody had named."""
+    project.write_text(RISKY)
+    (project.parent / "rig.py").write_text(RIG)
+    (below := project.parent / "below").mkdir()
+    monkeypatch.chdir(below)
+    assert values(capsys)["seed"] == 3
+    monkeypatch.setenv("HOME", str(below))
+    assert frame.run(["check", str(RECORDING)]) == 0
+    assert f"Warning: {project} is ignored: it lies above the working folder and outside your home." in \
+        capsys.readouterr().err
+    assert values(capsys)["seed"] == 0 and config(capsys)["ignored"][str(project)]
+    assert not (project.parent / "rig.py.ran").exists()
+    (below / "pamid.toml").write_text("[fit]\nseed = 5\n")               # the nearer one goes first
+    capsys.readouterr()
+    assert values(capsys)["seed"] == 5 and not capsys.readouterr().err
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="files without owners")
+@pytest.mark.parametrize(("place", "mode"), [("pamid.toml", 0o666), ("", 0o777), ("", 0o1777), ("..", 0o777),
+                                             ("pamid.toml", 0o622)])
+def test_what_others_may_write_is_ignored(tmp_path: Path, capsys: pytest.CaptureFixture[str], place: str, mode: int,
+                                          monkeypatch: pytest.MonkeyPatch) -> None:
+    (folder := tmp_path / "shared" / "project").mkdir(parents=True)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.chdir(folder)
+    (folder / "pamid.toml").write_text("[fit]\nseed = 5\n")
+    assert values(capsys)["seed"] == 5
+    (folder / place).resolve().chmod(mode)
+    told = config(capsys, "fit")
+    assert told["commands"]["fit"]["seed"]["value"] == 0 and told["file"] is None
+    assert "others may write" in told["ignored"][str(folder / "pamid.toml")]
+    assert frame.run(["config"]) == 0
+    assert f"Ignored: {folder / 'pamid.toml'}: others may write" in capsys.readouterr().out
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="files without owners")
+def test_whose_file_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ownership by what the file system says; another user is played, as tests may not be root."""
+    file = tmp_path / "pamid.toml"
+    file.write_text("")
+    assert trust.why_shared(file) == "" and trust.is_own(file)
+    me = os.geteuid()
+    monkeypatch.setattr(os, "geteuid", lambda: me + 1)      # now it is somebody else's
+    assert not trust.is_own(file)
+    if me:
+        assert "belongs to another user" in trust.why_shared(file)
+    else:                                                   # root's are believed, for harmless options
+        assert trust.why_shared(file) == ""
+
+
+def test_a_group_of_one_is_nobody_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Many systems give every user a group of their own and let it write by default."""
+    import grp
+    import pwd
+
+    def found(mode: int, gid: int) -> os.stat_result:
+        return os.stat_result((stat.S_IFREG | mode, 0, 0, 1, os.geteuid(), gid, 0, 0, 0, 0))
+
+    user = SimpleNamespace(pw_name="ada", pw_gid=4711)
+    groups = {4711: SimpleNamespace(gr_name="ada", gr_mem=[]), 4712: SimpleNamespace(gr_name="lab", gr_mem=["ada"]),
+              4713: SimpleNamespace(gr_name="ada", gr_mem=[])}
+    monkeypatch.setattr(pwd, "getpwuid", lambda uid: user)
+    monkeypatch.setattr(grp, "getgrgid", lambda gid: groups[gid])
+    assert not trust.others_may_write(found(0o664, 4711))
+    assert trust.others_may_write(found(0o664, 4712)) and trust.others_may_write(found(0o664, 4713))
+    groups[4711].gr_mem.append("eve")
+    assert trust.others_may_write(found(0o664, 4711))
+    assert trust.others_may_write(found(0o666, 0)) and not trust.others_may_write(found(0o664, 0))
+
+
+def test_a_link_counts_with_what_it_leads_to(tmp_path: Path, capsys: pytest.CaptureFixture[str],
+                                             monkeypatch: pytest.MonkeyPatch) -> None:
+    (home := tmp_path / "home").mkdir()
+    (shared := tmp_path / "shared").mkdir()
+    shared.chmod(0o777)
+    (shared / "pamid.toml").write_text("[fit]\nseed = 5\n")
+    (home / "pamid.toml").symlink_to(shared / "pamid.toml")
+    monkeypatch.setenv("HOME", str(home))
+    monkeypatch.chdir(home)
+    assert values(capsys)["seed"] == 0
+
+
+def test_every_option_that_runs_a_file_is_known_as_one() -> None:
+    """A new command's --rig or --effect would otherwise be taken from anybody's settings."""
+    running = [(c.name, o) for c in frame.every_command() for o in c.params
+               if isinstance(o, click.Option) and re.search(r"\bit is run\b|\(name or file\)", o.help or "")]
+    assert len(running) > 10
+    assert [(c, o.name) for c, o in running if not settings.is_risky(o, ["./evil.py"])] == []
+    flags = [o for c in frame.every_command() for o in c.params if {"--force", "--overwrite"} & set(o.opts)]
+    assert flags and all(settings.is_risky(o, True) for o in flags if isinstance(o, click.Option))

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from pamid.engine.lu import factor, solve
+from pamid.engine.numba_cache import njit
 
 Array = NDArray[np.float64]
 

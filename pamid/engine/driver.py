@@ -14,10 +14,11 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import njit, types
+from numba import types
 from numba.extending import intrinsic as _intrinsic
 
 from pamid.engine.lu import factor, solve
+from pamid.engine.numba_cache import njit
 
 GAMMA = 1.0 - 1.0 / np.sqrt(2.0)
 BLOWN_UP = 1e15

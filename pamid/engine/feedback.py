@@ -14,7 +14,7 @@ between these, reach r = l s, per unit q + l + 1 weights, p = h (q + l + 1) + h 
 
 import math
 
-from numba import njit
+from pamid.engine.numba_cache import njit
 
 
 @njit(

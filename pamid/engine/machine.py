@@ -3,19 +3,28 @@
 The cache holds object files named by the sha256 of everything that went into them, each led by its own digest: a
 file that is damaged, half-written or from another machine is compiled again, never loaded. Deleting the folder is
 always safe, and two processes may share it (files are replaced whole).
+
+What is loaded runs, and a digest of itself vouches for nothing that somebody else has written: folder and file must be
+no links, belong to the user or root, and be writable by nobody else. Otherwise models are compiled in memory, which
+costs time and nothing else.
 """
 
 from __future__ import annotations
 
 import hashlib
+import logging
 import os
+import stat
 import tempfile
 import threading
 from contextlib import suppress
+from functools import lru_cache
 from pathlib import Path
 
 import llvmlite
 import llvmlite.binding as llvm
+
+from pamid.trust import is_shared
 
 _VERSION = "1"
 _lock = threading.Lock()
@@ -58,17 +67,39 @@ def _compile(ir_text: str) -> bytes:
 
 
 def _read(path: Path) -> bytes | None:
+    """The code in a file of the cache; None where there is none that can be believed."""
     try:
-        data = path.read_bytes()
+        _require_private(path.parent)
+        # what is looked at is what is read, whatever becomes of the name meanwhile; a pipe must not block
+        flags = (getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
+        with os.fdopen(os.open(path, os.O_RDONLY | sum(flags)), "rb") as file:
+            found = os.fstat(file.fileno())
+            if is_shared(found) or not stat.S_ISREG(found.st_mode):
+                return None
+            data = file.read()
     except OSError:
         return None
     return data[32:] if hashlib.sha256(data[32:]).digest() == data[:32] else None
 
 
+def _require_private(folder: Path) -> None:
+    """PermissionError for a folder that others may write, or for a link in its place."""
+    found = folder.lstat()
+    if is_shared(found) or not stat.S_ISDIR(found.st_mode):
+        _say_once(folder)
+        raise PermissionError(f"{folder} is not the user's alone")
+
+
+@lru_cache
+def _say_once(folder: Path) -> None:
+    logging.getLogger("pamid").debug("%s is not the user's alone: models are compiled in memory", folder)
+
+
 def _write(path: Path, code: bytes) -> None:
-    """Best effort: a cache that cannot be written costs time, nothing else."""
+    """Best effort: a cache that cannot be written, or is not the user's alone, costs time, nothing else."""
     with suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        _require_private(path.parent)
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=".new-")
         try:
             with os.fdopen(handle, "wb") as file:

@@ -19,10 +19,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit, types
+from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic as _intrinsic
 
+from pamid.engine.numba_cache import njit
 from pamid.engine.vectors import LANES, WORD, Vectors
 
 ROWS = 5    # results held at once: with their factors they fit into sixteen registers

@@ -21,7 +21,7 @@ from pamid.evidence import Evidence
 from pamid.force_law_run import write_law
 from pamid.force_map import judge, read_map
 from pamid.greybox import GreyBox, fit_json, fit_model
-from pamid.library import rig_named
+from pamid.library import catalogue_rig
 from pamid.networks.force_law import force_law
 from pamid.papers.arm_twin import (
     GRAVITY,
@@ -220,7 +220,7 @@ def _interval(one: dict[str, Any], truth: float | None) -> dict[str, Any]:
 
 def combinations_json(stages: dict[str, Stage], twin: ArmTwin) -> dict[str, Any]:
     """What the rig declares of its inertial data, by stage; holds: does the interval hold the truth?"""
-    plain = Assembly(rig_named(RIG))
+    plain = Assembly(catalogue_rig(RIG))
     truth, told = plain.values(twin.hidden()), {name: s.told["combinations"] for name, s in stages.items()}
     return {name: {"unit": told[GRAVITY][name]["unit"], SHEET: told[GRAVITY][name]["prior"], "truth": of(truth),
                    **{stage: _interval(found[name], of(truth)) for stage, found in told.items()}}

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pamid.evidence import Evidence, gather
 from pamid.experiments import gravity_test, muscle_pulses, nothing_sent
 from pamid.force_map import COLUMNS, ForceMap, pulls
-from pamid.library import rig_named
+from pamid.library import catalogue_rig
 from pamid.recording import Recording, read_recording, write_recording
 from pamid.rig import Rig
 from pamid.rigs.muscle import LAWS
@@ -31,7 +31,7 @@ Pieces = Iterable[tuple[Recording, Array]]     # recordings and what a model lea
 
 RIG = "two-link"
 #: what the paper compares: angles, contractions, pressures
-VARIABLES = tuple(name for name in rig_named(RIG).outputs if not name.startswith("force_"))
+VARIABLES = tuple(name for name in catalogue_rig(RIG).outputs if not name.startswith("force_"))
 GRAVITY, PULSES = "gravity", "pulses"
 WITH_PAYLOAD, PAYLOAD_KG = "gravity-payload", 0.5
 LEVEL, HELD_OUT_LEVEL = 1.0, 0.6
@@ -66,7 +66,7 @@ class ArmTwin:
     def hidden(self) -> dict[str, float]:
         """Parameters that differ from the data sheet, by outside name."""
         shares = asdict(self)
-        return {p.outside_name: p.value * shares[p.outside_name] for p in rig_named(RIG).parameters
+        return {p.outside_name: p.value * shares[p.outside_name] for p in catalogue_rig(RIG).parameters
                 if p.outside_name in shares}
 
     def record(self, session: Session, *, noise: float = 1.0, seed: int = 0) -> dict[str, Any]:
@@ -109,7 +109,7 @@ def sessions(swing_s: float, muscles: tuple[str, ...], period_s: float) -> list[
     Both links free from two releases, link 1 clamped, a known payload on the tip; held out: releases from elsewhere,
     and pulses of another level in the opposite order.
     """
-    rig = rig_named(RIG)
+    rig = catalogue_rig(RIG)
     idle = nothing_sent(rig, round(swing_s / period_s))
 
     def swing(name: str, release: tuple[float, float], *, clamped: tuple[str, ...] = (), payload: float | None = None,

@@ -24,7 +24,7 @@ from pamid.evidence import gather
 from pamid.excitation import aprbs
 from pamid.greybox import GreyBox, fit_model, loop_run
 from pamid.leftover import Leftover, Stretch, derived
-from pamid.library import effects, rig_named
+from pamid.library import catalogue_rig, effects
 from pamid.metrics import mae
 from pamid.networks.store import save_network, trace_csv
 from pamid.papers.joint_twin import (
@@ -209,7 +209,7 @@ def named_rows(records: Records, grey: GreyBox, cause: Contender, seconds: float
 def explain(run: Run, records: Records, plan: Plan, told: Told) -> tuple[list[Row], Diagnosis]:
     """The refitted model and the named causes, from the training record alone; writes diagnosis.json."""
     begun = time.perf_counter()
-    evidence = gather(rig_named(RIG), [records.training], [])
+    evidence = gather(catalogue_rig(RIG), [records.training], [])
     grey = fit_model(evidence, seed=plan.seed, jobs=plan.jobs, told=told)
     rows = [records.row_of(REFITTED, grey, grey.fit.p, time.perf_counter() - begun)]
     begun = time.perf_counter()

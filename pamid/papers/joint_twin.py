@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.leftover import derived
-from pamid.library import rig_named
+from pamid.library import catalogue_rig
 from pamid.metrics import mae
 from pamid.recording import Recording
 from pamid.units import split_column, with_unit
@@ -66,7 +66,7 @@ class Twin:
         """Parameters of the rig that differ from the data sheet, by outside name."""
         shares = {"damping_m2_s": self.damping, "conductance_in_m3_per_s_pa": self.conductance,
                   "conductance_out_m3_per_s_pa": self.conductance}
-        return {p.outside_name: p.value * shares[p.outside_name] for p in rig_named(RIG).parameters
+        return {p.outside_name: p.value * shares[p.outside_name] for p in catalogue_rig(RIG).parameters
                 if p.outside_name in shares}
 
     def record(self, reference: Array, inertia: float, *, noise: float = 1.0, seed: int = 0) -> dict[str, Any]:

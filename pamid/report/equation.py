@@ -15,7 +15,7 @@ from pamid.binding import bind
 from pamid.effect import Effect
 from pamid.errors import PamidError
 from pamid.expressions import Expr, expression, substitute, symbol, text
-from pamid.library import effects, rig_named, rigs
+from pamid.library import catalogue_rig, effects
 from pamid.report import words
 from pamid.report.diagnosed import Cause, Estimate, Unknown
 from pamid.report.formula import FormulaError, formula_html
@@ -84,10 +84,8 @@ class Acting:
 def acting(rig: str, label: str) -> Acting | None:
     """The effect of this label on a rig of the catalogue; None for rigs and effects from users' files, which are code
     that a report does not run."""
-    if rig.partition(":")[0] not in rigs():
-        return None
     try:
-        of = rig_named(rig)
+        of = catalogue_rig(rig)
         where = attach(of, label, effects())
         port = of.ports[where.ports[0]]
         return _acting(where.effect, port, where.ports[0])

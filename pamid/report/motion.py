@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.errors import DataError, FileError, nearest
-from pamid.library import rig_named, rigs
+from pamid.library import catalogue_rig, rig_named, rigs
 from pamid.report import words
 from pamid.report.budget import MODELS, Window, worst_window
 from pamid.report.load import Residual, RunData
@@ -78,7 +78,7 @@ def rig_of_run(run: RunData, named: str | None = None) -> Rig:
     if named is None and run.rig not in rigs():
         raise FileError(f"The run is of the rig {run.rig!r}, which is not in the catalogue.",
                         "A rig file is code, run only when you name it yourself: add --rig FILE.", code="rig")
-    rig = rig_named(named or run.rig)
+    rig = rig_named(named) if named is not None else catalogue_rig(run.rig)
     if rig.name != run.rig:
         raise FileError(f"The run is of the rig {run.rig!r}, {named} is {rig.name!r}.", "Name its own rig.", code="rig")
     if type(rig).pose is Rig.pose:

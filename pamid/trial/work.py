@@ -26,7 +26,7 @@ from pamid.errors import PamidError
 from pamid.evidence import Evidence, gather
 from pamid.greybox import fit_model
 from pamid.jobs import Crew, Failed, Work, fault_text
-from pamid.library import effects, rig_named
+from pamid.library import catalogue_rig, effects
 from pamid.metrics import shrinkage_interval
 from pamid.recording import TIME, Recording, read_recording, write_recording
 from pamid.results import Plain
@@ -139,7 +139,7 @@ def examine(case: Case, place: Path) -> dict[str, Any]:
     recorded = _written(case, bench.run(case.planted), place / "recording.csv")
     catalogue = {k: v for k, v in effects().items() if k not in case.removed}
     begun = time.process_time()
-    d, told = diagnosed(gather(rig_named(case.rig), [recorded], []), catalogue)
+    d, told = diagnosed(gather(catalogue_rig(case.rig), [recorded], []), catalogue)
     seconds = time.process_time() - begun
     seen = _visibility(d, _written(case, bench.run({}), place / "twin.csv")) if case.planted else None
     each = [_visibility(d, _written(case, bench.run({k: v}), place / "twin.csv"))

@@ -1,0 +1,92 @@
+"""What may run, and whose files are believed.
+
+Code is run only where the user says so: by a rig or effect file named on the command line or in the environment, or in
+settings of the user's own (`cli/settings.py`). Everything else that is read is data. Files that pamid itself loads
+machine code from, its compile cache, count only where nobody else can have written them.
+"""
+
+from __future__ import annotations
+
+import os
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+
+
+def is_code(name: str) -> bool:
+    """Does this word name a Python file, rather than a rig or effect of the catalogue?"""
+    return name.endswith(".py") or "/" in name or os.sep in name
+
+
+def why_shared(path: Path) -> str:
+    """Why somebody else may have written this file, or put another in its place; "" where only the user and root can.
+
+    Looked at: who owns the file and its folder, who may write them, and who may write the folders above (a sticky one,
+    as /tmp, protects what lies in its subfolders, yet not what lies in itself). A symbolic link counts with what it
+    leads to. Where files have no owners (Windows) nothing is found.
+    """
+    if not hasattr(os, "geteuid"):
+        return ""
+    try:
+        for place in dict.fromkeys((path.absolute(), path.resolve())):
+            for near in (place, place.parent):
+                if _is_anothers(found := near.lstat()):
+                    return f"{near} belongs to another user ({found.st_uid})"
+            for depth, one in enumerate(_chain(place)):
+                found = one.lstat()
+                sticky = depth > 1 and bool(found.st_mode & stat.S_ISVTX)
+                if others_may_write(found) and not sticky:
+                    return f"others may write {one}"
+    except OSError as error:
+        return f"{error.filename or path} cannot be looked at: {error.strerror}"
+    return ""
+
+
+def is_own(path: Path) -> bool:
+    """Does what the path leads to belong to the user, not merely to root?"""
+    return not hasattr(os, "geteuid") or path.stat().st_uid == os.geteuid()
+
+
+def within_home(path: Path) -> bool:
+    """Does it lie in the user's home folder? A home that is / or not known holds nothing."""
+    try:
+        home = Path.home().resolve()
+    except (RuntimeError, OSError):
+        return False
+    return home != Path(home.anchor) and path.resolve().is_relative_to(home)
+
+
+def is_shared(found: os.stat_result) -> bool:
+    """Of a file or folder by itself: does it belong to somebody else than the user or root, or may others write it?"""
+    return hasattr(os, "geteuid") and (_is_anothers(found) or others_may_write(found))
+
+
+def _is_anothers(found: os.stat_result) -> bool:
+    return found.st_uid not in (0, os.geteuid())
+
+
+def others_may_write(found: os.stat_result) -> bool:
+    """By the mode: everybody, or a group that holds more than the user (or root)."""
+    if stat.S_ISLNK(found.st_mode):     # has no mode of its own
+        return False
+    return bool(found.st_mode & stat.S_IWOTH) or bool(found.st_mode & stat.S_IWGRP) and not _own_group(found.st_gid)
+
+
+def _chain(place: Path) -> Iterator[Path]:
+    """The path itself, its folder, and so on up."""
+    yield place
+    yield from place.parents
+
+
+def _own_group(gid: int) -> bool:
+    """Root's, or the group of one that many systems give to every user, writable by default there."""
+    if gid == 0:
+        return True
+    try:
+        import grp
+        import pwd
+
+        user, group = pwd.getpwuid(os.geteuid()), grp.getgrgid(gid)
+    except (ImportError, KeyError):
+        return False
+    return group.gr_name == user.pw_name and gid == user.pw_gid and set(group.gr_mem) <= {user.pw_name}
