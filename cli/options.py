@@ -72,4 +72,4 @@ def unknown_columns(rig: Rig, recording: Recording) -> list[str]:
 def with_sidecar(path: Path) -> list[Path]:
     """A recording and the TOML beside it, if there is one."""
     toml = path.with_suffix(".toml")
-    return [path, toml] if toml.is_file() else [path]
+    return [path, toml] if toml.exists() else [path]

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from cli import frame
 from pamid.errors import FileError, UsageError
 from pamid.excitation import aprbs
-from pamid.excitation_files import FORMATS, change_points, format_of, write_excitation, write_together
+from pamid.excitation_files import FORMATS, change_points, format_of, write_excitation
+from pamid.files import write_together
 from pamid.recording import read_recording
 
 Array = NDArray[np.float64]

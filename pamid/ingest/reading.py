@@ -11,6 +11,7 @@ from importlib import import_module
 from pathlib import Path
 
 from pamid.errors import FileError, PamidError, nearest
+from pamid.files import LOG, open_data
 from pamid.ingest.apart import read_apart
 from pamid.ingest.channels import Log
 
@@ -123,7 +124,7 @@ def _kind_of(path: Path, wanted: str | None) -> tuple[Kind, str]:
 
 def _head(path: Path) -> bytes:
     try:
-        with path.open("rb") as file:
+        with open_data(path, LOG) as file:
             head = file.read(HEAD)
     except OSError as error:
         raise FileError(f"{path} cannot be read: {error.strerror}.") from error

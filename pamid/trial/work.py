@@ -95,7 +95,7 @@ def failed_jobs(results: Sequence[dict[str, Any]]) -> list[dict[str, str]]:
 def finished(case: Case, folder: Path) -> dict[str, Any] | None:
     """The result in the folder, if it is of this very case and the case did not fail."""
     path = _path(case, folder)
-    kept = read_json(path) if path.is_file() else {}
+    kept = read_json(path) if path.exists() else {}
     return kept if kept.get("sha256") == case.sha256 and not kept["failed"] else None
 
 
