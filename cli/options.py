@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
+from .terminal import aside
 
 if TYPE_CHECKING:
     from pamid.evidence import Evidence
@@ -54,7 +54,7 @@ def evidence_from(rig_name: str | None, recordings: tuple[Path, ...], held_out: 
     rig = rig or rig_named(rig_of(read))
     for recording in read:
         for warning in (*recording.warnings, *unknown_columns(rig, recording)):
-            click.echo(f"Warning: {recording.path}: {warning}", err=True)
+            aside(f"Warning: {recording.path}: {warning}")
     return gather(rig, read[: len(recordings)], read[len(recordings) :])
 
 

@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.errors import FileError, UsageError
+from pamid.errors import FileError, UsageError, quoted
 from pamid.files import make_folder, write_together
 from pamid.recording import recording_files
 from pamid.run import json_bytes
@@ -76,7 +76,7 @@ def format_of(path: Path, chosen: str | None = None) -> str:
         return by_suffix.get(suffix, "csv")
     if suffix in by_suffix and suffix != FORMATS[chosen].suffix:
         raise UsageError(f"--format {chosen} does not go into a {suffix} file.",
-                         f"Write --output {path.with_suffix(FORMATS[chosen].suffix)}.")
+                         f"Write --output {quoted(path.with_suffix(FORMATS[chosen].suffix))}.")
     return chosen
 
 

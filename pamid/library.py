@@ -17,7 +17,7 @@ from types import ModuleType
 from typing import Any
 
 from pamid.effect import Effect, require_sound
-from pamid.errors import FileError, PamidError, nearest
+from pamid.errors import FileError, PamidError, nearest, quoted
 from pamid.recording import Recording
 from pamid.rig import Rig, check_rig
 from pamid.run import sha256_of
@@ -118,7 +118,8 @@ def rig_again(noted: str, named: str | None, sha256: Mapping[str, str]) -> Rig:
         return rig_named(named or noted)
     if named is None:
         raise FileError(f"The run was made with the rig file {noted!r}.",
-                        f"A rig file is code, run only when you name it yourself: add --rig {noted}", code="rig")
+                        f"A rig file is code, run only when you name it yourself: add --rig {quoted(noted)}",
+                        code="rig")
     _require_same(Path(named), noted, sha256)
     return rig_named(named)
 
@@ -129,7 +130,7 @@ def effects_again(noted: tuple[str, ...], named: tuple[str, ...], sha256: Mappin
     for path in filter(_is_path, (_file_of(spec) for spec in noted)):
         if Path(path).name not in files:
             raise FileError(f"The run was made with the effect file {path!r}.",
-                            f"An effect file is code, run only when you name it yourself: add --effect {path}",
+                            f"An effect file is code, run only when you name it yourself: add --effect {quoted(path)}",
                             code="effect")
         _require_same(Path(files[Path(path).name]), path, sha256)
     return effects_with(named)[0]
@@ -163,7 +164,7 @@ def rig_of(recordings: list[Recording]) -> str:
     for name, recording in named.items():
         if _is_path(name):
             raise FileError(f"{recording.path} names the rig file {name!r}",
-                            f"a rig file is code, run only when you name it yourself: add --rig {name}")
+                            f"a rig file is code, run only when you name it yourself: add --rig {quoted(name)}")
         return name
     return "one-dof"
 

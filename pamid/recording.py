@@ -218,8 +218,10 @@ def _toml_value(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        escaped = value.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n").replace("\t", "\\t")
-        return f'"{escaped}"'
+        if not value.isascii() and any("\ud800" <= c <= "\udfff" for c in value):
+            raise FileError(f"{value!r} is no UTF-8 text and cannot be written to TOML.", "Rename it.")
+        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+        return '"' + "".join(f"\\u{ord(c):04x}" if c < " " or c == "\x7f" else c for c in escaped) + '"'
     if isinstance(value, int | np.integer):
         return str(int(value))
     if isinstance(value, float | np.floating):

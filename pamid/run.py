@@ -43,6 +43,7 @@ RUN_FILES = ("run.json", FIT_FILE, RESIDUAL_FILE, "network.json", "network.npz",
              "force-law.json", "rig.py")  # fmt: skip
 FIGURES = "figures"
 JOBS, JOURNAL = "jobs", "journal.jsonl"      # results of single jobs while a run goes on (pamid.results)
+_HALF = re.compile("[\ud800-\udfff]")     # of names that are no UTF-8: no file can hold them as they are
 _JOB = re.compile(r"[0-9a-f]{64}\.npz")
 _PACKAGES = ("pamid", "numpy", "scipy", "pandas", "numba", "llvmlite", "torch", "pysindy", "matplotlib", "sympy")
 
@@ -215,7 +216,8 @@ def json_bytes(obj: Any, name: str) -> bytes:
 
 def json_text(obj: Any, name: str = "") -> str:
     """Strict JSON text, ended by a newline. PamidError naming the key that cannot be written."""
-    return json.dumps(_plain(obj, name or "value"), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    text = json.dumps(_plain(obj, name or "value"), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return _HALF.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
 def read_json(path: str | Path) -> Any:

@@ -279,5 +279,5 @@ def test_a_toml_that_is_left_is_said(tmp_path: Path, capsys: pytest.CaptureFixtu
     path = tmp_path / "sent.csv"
     assert frame.run(["generate-aprbs", "--signal", "torque-loops", "--pressure", "200", "--output", str(path)]) == 0
     capsys.readouterr()
-    assert frame.run(["generate-aprbs", "--duration", "20", "--output", str(path), "--force"]) == 0
+    assert frame.run(["generate-aprbs", "--duration", "20", "--output", str(path), "--overwrite"]) == 0
     assert "sent.toml was there before" in capsys.readouterr().out

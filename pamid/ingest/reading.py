@@ -101,6 +101,9 @@ def _kind_of(path: Path, wanted: str | None) -> tuple[Kind, str]:
         if not (path / "metadata.yaml").is_file():
             raise FileError(f"{path} is a folder.", "Name a log; of the folders only ROS 2 bags with a metadata.yaml "
                             "are logs.")  # fmt: skip
+        for part in sorted(path.rglob("*")):
+            if not part.is_dir():
+                _head(part)
         return KINDS["ros"], ""
     head = _head(path)
     by_content = _by_content(head)
