@@ -25,29 +25,33 @@ pamid animate fitted --output arm.gif
 @click.option("--speed", type=click.FloatRange(0.01, 100.0), default=1.0, show_default=True,
               help="Seconds of the recording per second of the animation.")
 @click.option("--size", type=click.IntRange(160, 1600), default=480, show_default=True, help="Width in pixels.")
-@click.option("--force", is_flag=True, help="Replace the output if it exists.")
+@frame.overwrite_option("Replace the output if it exists.", formerly_force=True)
 def command(run: Path, output: Path | None, rig: str | None, begin: float | None, end: float | None, speed: float,
-            size: int, force: bool) -> frame.Result:
+            size: int, overwrite: bool) -> frame.Result:
     """Show how the rig of the run folder RUN moved and how its models would have: an animated GIF.
 
     Measured dark and thick, the best model over it, the one before it dashed; below, by how much they are off. For any
     rig that has a pose.
     """
     from pamid.errors import FileError
+    from pamid.files import make_folder, write_atomically
     from pamid.report.animation import RATE, gif_of, size_px
     from pamid.report.load import load_run
     from pamid.report.motion import motion_of, rig_of_run
-    from pamid.run import FIGURES, write_atomically
+    from pamid.run import FIGURES, Run
 
-    target = run / FIGURES / "motion.gif" if output is None else output
-    if output is not None and output.exists() and not force:
-        raise FileError(f"{output} exists already.", "Choose another --output, or --force to replace it.",
+    if output is not None and output.exists() and not overwrite:
+        raise FileError(f"{output} exists already.", "Choose another --output, or --overwrite to replace it.",
                         code="exists")
     found = load_run(run)
     motion = motion_of(found, rig_of_run(found, rig), speed / RATE, begin, end)
     with Progress("animate", motion.time.size) as progress:
         gif = gif_of(motion, size, lambda done, of: progress.update(done, "frames"))
-    target.parent.mkdir(parents=True, exist_ok=True)
+    if output is None:
+        target = Run.open(run).path(f"{FIGURES}/motion.gif")
+    else:
+        target = output
+        make_folder(target.parent)
     write_atomically(target, gif)
     width, height = size_px(gif)
     told = {"schema": "pamid.animate/1", "output": str(target), "rig": found.rig, "recording": motion.recording,

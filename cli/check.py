@@ -19,8 +19,8 @@ WRONG = 3
 @click.option("--rig", help="Rig (name or file) the recording is meant for. [default: the one its TOML names]")
 @click.option("--figure", type=click.Path(dir_okay=False, path_type=Path),
               help="PNG to draw: every channel of a recording, with the places of each finding.")
-@click.option("--force", is_flag=True, help="Replace the figure if it exists.")
-def command(file: Path, rig: str | None, figure: Path | None, force: bool) -> frame.Result:
+@frame.overwrite_option("Replace the figure if it exists.", formerly_force=True)
+def command(file: Path, rig: str | None, figure: Path | None, overwrite: bool) -> frame.Result:
     """Say what is in FILE and everything that is wrong with it: a recording, a rig file or an effect file.
 
     A recording (.csv): sampling, range, rest, noise and step of every column; what is clipped, frozen, lost, bridged,
@@ -32,8 +32,8 @@ def command(file: Path, rig: str | None, figure: Path | None, force: bool) -> fr
     from pamid.errors import FileError, UsageError
     from pamid.inspection import inspect, inspection_text
 
-    if figure is not None and figure.exists() and not force:
-        raise FileError(f"{figure} exists already.", "Choose another --figure, or --force to replace it.",
+    if figure is not None and figure.exists() and not overwrite:
+        raise FileError(f"{figure} exists already.", "Choose another --figure, or --overwrite to replace it.",
                         code="exists")
     found = inspect(file, rig)
     said, text = found.said, inspection_text(found.said)
@@ -41,10 +41,10 @@ def command(file: Path, rig: str | None, figure: Path | None, force: bool) -> fr
         if found.recording is None and said["kind"] != "recording":
             raise UsageError("--figure draws recordings.", "Leave it out for a rig or an effect file.")
         if found.recording is not None:
+            from pamid.files import make_folder, write_atomically
             from pamid.report.quality_figure import card_png
-            from pamid.run import write_atomically
 
-            figure.parent.mkdir(parents=True, exist_ok=True)
+            make_folder(figure.parent)
             write_atomically(figure, card_png(found.recording, found.issues, said["quality"]["channels"]))
             said, text = {**said, "figure": str(figure)}, f"{text}\nfigure: {figure}"
     return frame.Result(said, text, 0 if said["ok"] else WRONG)

@@ -50,7 +50,7 @@ def command(commands: tuple[str, ...]) -> frame.Result:
 def _values(name: str) -> dict[str, dict[str, Any]]:
     context = frame.blank_context(name)
     return {option: {"value": _plain(context.params.get(str(made.name))), "origin": settings.origin_of(context, made)}
-            for option, made in settings.options_of(context.command).items()}
+            for option, made in settings.options_of(context.command).items() if not made.hidden}
 
 
 def _plain(value: Any) -> Any:

@@ -9,6 +9,7 @@ import click
 
 from . import frame
 from .progress import Progress
+from .terminal import quoted
 
 EXAMPLE = """
 pamid demo --output demo-run --seed 1
@@ -23,7 +24,7 @@ pamid demo --output demo-run --seed 1
 @click.option("--jobs", type=click.IntRange(1, 256), default=2, show_default=True, help="Threads to use.")
 @click.option("--duration", type=click.FloatRange(15.0, 3600.0), default=60.0, show_default=True,
               help="Length of the recording in s.")
-@click.option("--overwrite", is_flag=True, help="Replace an earlier run in that folder.")
+@frame.overwrite_option("Replace an earlier run in that folder.")
 def command(output: Path, seed: int, jobs: int, duration: float, overwrite: bool) -> frame.Result:
     """Build a virtual joint with an effect that is withheld and parameters that are off, record it, diagnose it,
     train a network on what is left over, write the report page, and compare what was named with what was withheld.
@@ -63,5 +64,5 @@ def demo_text(found: dict[str, Any], output: Path) -> str:
         lines.append(f"A network instead, on the model in its own loop: {channel} {errors['refitted']:.4g} -> "
                      f"{errors['with_network']:.4g}")
     lines += ["", f"Page: {found['page']}",
-              f"Next: pamid effects {truth['effect']}   or   pamid diagnose {output / 'rec.csv'} --output RUN"]
+              f"Next: pamid effects {truth['effect']}   or   pamid diagnose {quoted(output / 'rec.csv')} --output RUN"]
     return "\n".join(lines)

@@ -11,6 +11,7 @@ from . import frame
 from .job import carried_through, cluster_option, crew_of, failed_text, require_one_of
 from .options import evidence_from, with_sidecar
 from .progress import Progress
+from .terminal import quoted
 
 if TYPE_CHECKING:
     from pamid.effect import Effect
@@ -34,7 +35,7 @@ pamid diagnose rec.csv --rig one-dof --output run --jobs 2
 @click.option("--output", type=click.Path(file_okay=False, path_type=Path), required=True, help="Run folder to make.")
 @cluster_option
 @click.option("--resume", is_flag=True, help="Go on with the same diagnosis where it was interrupted.")
-@click.option("--overwrite", is_flag=True, help="Replace an earlier run in that folder.")
+@frame.overwrite_option("Replace an earlier run in that folder.")
 def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path, ...], effects: tuple[Path, ...],
             without: tuple[str, ...], seed: int, jobs: int, output: Path, cluster: str | None, resume: bool,
             overwrite: bool) -> frame.Result:
@@ -110,5 +111,5 @@ def diagnosis_text(found: dict[str, Any], output: Path) -> str:
         lines.append(f"Measure next: {n['name']}, {n['minutes']:.2g} min on the rig, separates "
                      f"{' and '.join(n['separates'])}; ready to run: {output / n['excitation']}")
     lines += failed_text(found)
-    lines.append(f"Next: pamid report {output}")
+    lines.append(f"Next: pamid report {quoted(output)}")
     return "\n".join(lines)

@@ -8,6 +8,7 @@ import click
 
 from . import frame
 from .options import parse_known
+from .terminal import aside
 
 FORMS = ("fmu", "fmu2", "fmu3", "c", "onnx", "matlab")
 EXAMPLE = """
@@ -27,9 +28,9 @@ pamid export run --to fmu --output joint.fmu
 @click.option("--known", multiple=True, metavar="NAME=VALUE", help="Parameter that is known to be otherwise there.")
 @click.option("--rig", help="The rig file that the run was made with (it is run).")
 @click.option("--effect", "effects", multiple=True, help="An effect file that the run was made with (it is run).")
-@click.option("--force", is_flag=True, help="Replace what exists.")
+@frame.overwrite_option("Replace what exists.", formerly_force=True)
 def command(run: Path, form: str, output: Path | None, which: str, known: tuple[str, ...], rig: str | None,
-            effects: tuple[str, ...], force: bool) -> frame.Result:
+            effects: tuple[str, ...], overwrite: bool) -> frame.Result:
     """Write the model that RUN found (rig, effects and a network, if there is one) for use in another tool.
 
     Every form gives, sample by sample, what `pamid simulate --model RUN --noise none` gives. Inputs and outputs are
@@ -39,10 +40,10 @@ def command(run: Path, form: str, output: Path | None, which: str, known: tuple[
     from pamid.identified import load_identified
 
     model = load_identified(run, which=which, rig=rig, effects=effects).knowing(parse_known(known))
-    made = export_model(model, form, output, force=force)
+    made = export_model(model, form, output, overwrite=overwrite)
     step, network = made.step, model.network
     for note in made.notes:
-        click.echo(f"Warning: {made.files[0]}: {note}.", err=True)
+        aside(f"Warning: {made.files[0]}: {note}.")
     effects = tuple(a.label for a in model.effects)
     inputs, outputs = [v.name for v in step.inputs], [v.name for v in step.outputs]
     found = {"schema": "pamid.export/1", "to": form, "files": [str(f) for f in made.files], "binary": made.binary,

@@ -11,6 +11,7 @@ from . import frame
 from .job import carried_through, cluster_option, crew_of, failed_text, require_one_of
 from .options import evidence_from, with_sidecar
 from .progress import Progress
+from .terminal import quoted
 
 EXAMPLE = """
 pamid fit rec.csv --rig one-dof --output fitted
@@ -36,7 +37,7 @@ pamid fit rec.csv --rig one-dof --output fitted
 @cluster_option
 @click.option("--resume", is_flag=True, help="Go on with the same fit where it was interrupted: draws of the bootstrap "
               "that are finished stay.")
-@click.option("--overwrite", is_flag=True, help="Replace an earlier run in that folder.")
+@frame.overwrite_option("Replace an earlier run in that folder.")
 def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path, ...], effects: tuple[str, ...],
             earlier: Path | None, bootstrap: int, seed: int, jobs: int, output: Path, cluster: str | None,
             resume: bool, overwrite: bool) -> frame.Result:
@@ -98,5 +99,5 @@ def fit_text(found: dict[str, Any], output: Path) -> str:
     if not found["converged"]:
         lines.append(f"Not converged: {found['why']}.")
     lines += failed_text(found)
-    lines.append(f"Next: pamid train-residual {output}   or   pamid report {output}")
+    lines.append(f"Next: pamid train-residual {quoted(output)}   or   pamid report {quoted(output)}")
     return "\n".join(lines)

@@ -9,6 +9,7 @@ import click
 
 from . import frame
 from .progress import Progress
+from .terminal import aside, quoted
 
 EXAMPLE = """
 pamid force-law data/example/muscle_map.csv --output law
@@ -28,7 +29,7 @@ pamid check law/rig.py
               help="One point in K is held out, in all K ways.")
 @click.option("--strict/--no-strict", default=True, show_default=True,
               help="Refuse a law whose force somewhere falls with pressure or grows with contraction.")
-@click.option("--overwrite", is_flag=True, help="Replace an earlier run in that folder.")
+@frame.overwrite_option("Replace an earlier run in that folder.")
 def command(map_file: Path, output: Path, sets: int, rig: str, seed: int, every: int, strict: bool,
             overwrite: bool) -> frame.Result:
     """Train an ANFIS on MAP, the measured force map of a muscle, compare it with the analytic force laws on points that
@@ -49,7 +50,7 @@ def command(map_file: Path, output: Path, sets: int, rig: str, seed: int, every:
 
     points = read_map(map_file)
     for name in points.unused:
-        click.echo(f"Warning: {map_file}: the column {name!r} is not used.", err=True)
+        aside(f"Warning: {map_file}: the column {name!r} is not used.")
     run = Run.create(output, command=frame.command_line(), seed=seed, inputs=[map_file], overwrite=overwrite,
                      options={"sets": sets, "rig": rig, "held_out": every, "strict": strict})
     try:
@@ -86,4 +87,5 @@ def law_text(about: dict[str, Any], output: Path) -> str:
         cells = ["-" if v is None else f"{v:.3f}" if k == 3 else f"{v:.1f}" for k, v in enumerate(values)]
         lines.append(f"{name:18s}" + "".join(f"{cell:>{wide}s}" for cell, wide in zip(cells, widths, strict=True)))
     return "\n".join([*lines, "", f"{about['finding']}.", *about["advice"], about["monotone"]["words"],
-                      f"Next: pamid check {rig}; then --rig {rig} in simulate, fit or diagnose, which run that file."])
+                      f"Next: pamid check {quoted(rig)}; then --rig {quoted(rig)} in simulate, fit or diagnose, which "
+                      "run that file."])

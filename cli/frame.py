@@ -6,10 +6,12 @@ Nothing heavy is imported here, so that `pamid --help` answers at once.
 from __future__ import annotations
 
 import contextlib
+import errno
 import importlib
 import io
 import json
 import os
+import signal
 import sys
 import traceback
 from collections.abc import Callable, Iterator, Sequence
@@ -20,8 +22,10 @@ import click
 
 from . import names, settings
 from .table import COMMANDS
+from .terminal import aside, hang_up, printable, printable_json, say
 
 INTERRUPTED = 130
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 _EPILOG = ("Options may also stand in pamid.toml or the environment (see `pamid config`). "
            "Exit codes: 0 done, 2 usage, 3 a file is wrong, 4 the data cannot answer, 5 not converged, 6 partly done.")
 
@@ -63,7 +67,30 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run `pamid` with these arguments (default: those of the process) and exit."""
     for library in ("OPENBLAS", "OMP", "MKL"):  # small matrices: the cores are shared out over jobs instead
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
-    sys.exit(run(sys.argv[1:] if arguments is None else arguments))
+    _keep_streams_apart()
+    signal.signal(signal.SIGTERM, _end)
+    code = run(sys.argv[1:] if arguments is None else arguments)
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except OSError:
+        hang_up()
+    sys.exit(code)
+
+
+def _end(*_: object) -> None:
+    """Whoever asks the process to end gets what Ctrl-C gets: what is finished is kept. Asking again changes nothing."""
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    raise KeyboardInterrupt
+
+
+def _keep_streams_apart() -> None:
+    """Where a stream is closed, the next file opened would take its number, and be written to by what prints there."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -76,29 +103,35 @@ def run(arguments: Sequence[str]) -> int:
             result = _GROUP.main(list(arguments), prog_name="pamid", standalone_mode=False,
                                  auto_envvar_prefix=settings.ENVIRONMENT)
     except BaseException as error:
-        if isinstance(error, BrokenPipeError):
-            return _hang_up()
         if isinstance(error, SystemExit) and not error.code:
             return 0  # click has answered a shell that asked for completions
-        if debug and not isinstance(error, click.ClickException | click.Abort):
-            traceback.print_exc()
-        return _print_error(error, as_json)
+        return _print_error(error, as_json, debug)
     try:
         if stray.getvalue() and isinstance(result, Result):
-            sys.stderr.write(stray.getvalue())
+            aside(stray.getvalue().rstrip("\n"))
         if not isinstance(result, Result):  # --help and --version print by themselves
             result = Result({"schema": "pamid.text/1", "text": stray.getvalue()}, "", result or 0)
-        text = _json(result.json) if as_json else result.text.rstrip("\n")
+        text = printable_json(_json(result.json)) if as_json else printable(result.text.rstrip("\n"))
         if text:
-            click.echo(text)
-            sys.stdout.flush()
-    except BrokenPipeError:
-        return _hang_up()
+            say(text)
+    except OSError as error:
+        return _unheard(error)
     except Exception as error:
-        if debug:
-            traceback.print_exc()
-        return _print_error(error, as_json)
+        return _print_error(error, as_json, debug)
     return result.exit_code
+
+
+_OLD = "force"
+
+
+def overwrite_option(text: str, *, formerly_force: bool = False) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """`--overwrite`, with this help; formerly_force: commands that once called it --force still hear that word."""
+
+    def add(function: Callable[..., Any]) -> Callable[..., Any]:
+        old = click.option(f"--{_OLD}", _OLD, is_flag=True, hidden=True) if formerly_force else lambda f: f
+        return old(click.option("--overwrite", is_flag=True, help=text)(function))
+
+    return add
 
 
 class _Command(click.Command):
@@ -116,6 +149,8 @@ class _Command(click.Command):
         return super().make_context(info_name, args, parent, **extra)
 
     def invoke(self, ctx: click.Context) -> Any:
+        if ctx.params.pop(_OLD, False):
+            ctx.params["overwrite"] = True
         _SAID[:] = settings.said_elsewhere(ctx)
         return super().invoke(ctx)
 
@@ -203,22 +238,39 @@ def _GROUP() -> None:
     """Find out where a grey-box model departs from its rig, which effect causes it, and how far the gap shrinks."""
 
 
-def _print_error(error: BaseException, as_json: bool) -> int:
+def _print_error(error: BaseException, as_json: bool, debug: bool = False) -> int:
+    if isinstance(error, BrokenPipeError):
+        return _unheard(error)
+    if debug and not isinstance(error, click.ClickException | click.Abort):
+        aside(traceback.format_exc())
     told, code = _explain(error)
     if as_json:
-        with contextlib.suppress(BrokenPipeError):
-            click.echo(_json(told))
-        return code
+        try:
+            say(printable_json(_json(told)))
+            return code
+        except OSError as closed:
+            _unheard(closed)    # then at least on stderr
     if isinstance(error, click.exceptions.NoArgsIsHelpError):
-        click.echo(error.format_message(), err=True)
+        aside(error.format_message())
         return code
     label = "pamid: " if code == INTERRUPTED else "pamid: error: "
-    coloured = sys.stderr.isatty() and not os.environ.get("NO_COLOR")
-    click.echo(click.style(label, fg="red", bold=True) if coloured else label, nl=False, err=True)
-    click.echo(told["message"], err=True)
+    coloured = sys.stderr is not None and sys.stderr.isatty() and not os.environ.get("NO_COLOR")
+    with contextlib.suppress(OSError):
+        click.echo(click.style(label, fg="red", bold=True) if coloured else label, nl=False, err=True)
+    aside(told["message"])
     if told["hint"]:
-        click.echo(f"  {told['hint']}", err=True)
+        aside(f"  {told['hint']}")
     return code
+
+
+def _unheard(error: OSError) -> int:
+    """The result could not be printed: exit code 3; but that the reader of a pipe has left (`pamid effects | head`) is
+    its right, and no error."""
+    hang_up()
+    if isinstance(error, BrokenPipeError):
+        return 0
+    aside(f"pamid: error: the result could not be printed: {error.strerror or error}.")
+    return 3
 
 
 def _explain(error: BaseException) -> tuple[dict[str, str], int]:
@@ -240,6 +292,9 @@ def _explain(error: BaseException) -> tuple[dict[str, str], int]:
     if isinstance(error, SystemExit):
         code = error.code if isinstance(error.code, int) else 1
         return _error("exit", f"left with {error.code!r}", ""), code
+    if isinstance(error, OSError) and error.errno in _NO_ROOM:
+        place = f"{error.filename}: " if error.filename else ""
+        return _error("disk-full", f"{place}{error.strerror}.", "Free some space and run it again."), 3
     detail = " ".join(str(error).split())
     hint = "This is a fault of pamid, or of a rig or effect file. Run it again with --debug for the traceback."
     return _error("unexpected", f"{type(error).__name__}: {detail}".rstrip(": "), hint), 1
@@ -261,10 +316,3 @@ def _flags(arguments: Sequence[str]) -> set[str]:
     """Words before a bare `--`; parsing may fail before click has seen them, so they are looked for by hand."""
     words = list(arguments)
     return set(words[: words.index("--")] if "--" in words else words)
-
-
-def _hang_up() -> int:
-    """The reader of a pipe has left (`pamid effects | head`): that is its right, not an error."""
-    with contextlib.suppress(OSError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    return 0

@@ -9,6 +9,7 @@ import click
 
 from . import frame
 from .excite import Made, make, refuse_strangers
+from .terminal import quoted
 
 EXAMPLE = """
 pamid generate-aprbs --rig one-dof --duration 200 --amplitude 40 --hold 0.4 1.6 --seed 1 --output excitation.csv
@@ -56,8 +57,8 @@ FORMATS = ("csv", "mat", "mat-file", "mat-matrix", "st", "h")
               help="File to write: .csv, .mat, .st or .h.")
 @click.option("--format", "form", type=click.Choice(FORMATS), help="What to write in it. [default: by its suffix]")
 @click.option("--figure", type=click.Path(dir_okay=False, path_type=Path), help="Picture of what it covers, PNG.")
-@click.option("--force", is_flag=True, help="Replace the output if it exists.")
-def command(output: Path, form: str | None, figure: Path | None, force: bool, **request: Any) -> frame.Result:
+@frame.overwrite_option("Replace the output if it exists.", formerly_force=True)
+def command(output: Path, form: str | None, figure: Path | None, overwrite: bool, **request: Any) -> frame.Result:
     """Make an amplitude-modulated pseudo-random step signal (APRBS) for a rig, or another signal or experiment.
 
     \b
@@ -86,14 +87,16 @@ def command(output: Path, form: str | None, figure: Path | None, force: bool, **
     refuse_strangers(request["experiment"], request["signal"])
     note, sidecar = output.with_suffix(".json"), output.with_suffix(".toml")
     if output in (note, sidecar):
-        raise FileError(f"{output}: an excitation is a CSV file.", f"Write --output {output.with_suffix('.csv')}.")
+        raise FileError(f"{output}: an excitation is a CSV file.",
+                        f"Write --output {quoted(output.with_suffix('.csv'))}.")
     form = format_of(output, form)
     if figure is not None and figure.suffix.lower() != ".png":
-        raise UsageError(f"--figure {figure}: the picture is a PNG.", f"Write --figure {figure.with_suffix('.png')}.")
+        raise UsageError(f"--figure {figure}: the picture is a PNG.",
+                         f"Write --figure {quoted(figure.with_suffix('.png'))}.")
     made = make(request)
     for path in (output, note, *([sidecar] if made.meta else []), *([figure] if figure else [])):
-        if path.exists() and not force:
-            raise FileError(f"{path} exists already.", "Choose another --output, or --force to replace it.",
+        if path.exists() and not overwrite:
+            raise FileError(f"{path} exists already.", "Choose another --output, or --overwrite to replace it.",
                             code="exists")
     return _write(output, form, figure, made, request)
 
@@ -104,10 +107,11 @@ def _write(output: Path, form: str, figure: Path | None, made: Made, request: di
     period, samples = request["period"], made.about["samples"]
     pictures = {}
     if figure is not None:
+        from pamid.files import make_folder
         from pamid.report.excitation_figure import Shown, richness_picture
 
         pictures[figure] = richness_picture([Shown(period_s=period, **column) for column in made.shown]).png
-        figure.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(figure.parent)
     about = write_excitation(output, made.columns, period, {"rig": request["rig"], **made.about}, form=form,
                              meta=made.meta, others=pictures)
     seed = f", seed {request['seed']}" if "seed" in about else ""
@@ -116,5 +120,5 @@ def _write(output: Path, form: str, figure: Path | None, made: Made, request: di
     left = [f"  {sidecar} was there before and is left as it is; what it states holds for this excitation too."]
     said = [first, *made.said, *([f"  Picture: {figure}."] if figure else []),
             *(left if sidecar.exists() and not made.meta else [])]
-    follow = f"pamid simulate --rig {request['rig']} --excitation {output} --output rec.csv"
+    follow = f"pamid simulate --rig {quoted(request['rig'])} --excitation {quoted(output)} --output rec.csv"
     return frame.Result(about, "\n".join([*said, f"Next: {follow if form == 'csv' else FORMATS[form].heed}"]))

@@ -10,6 +10,7 @@ import click
 from . import frame
 from .options import parse_known
 from .progress import Progress
+from .terminal import aside, quoted
 
 if TYPE_CHECKING:
     from pamid.ingest.conversion import Conversion
@@ -39,7 +40,7 @@ CURES = ("ask", "late-stamps", "jittered-sampling", "none")
 @click.option("--output", type=click.Path(path_type=Path),
               help="CSV file; several recordings are numbered. Or a folder. With --guess the TOML file "
               "[default: printed].")
-@click.option("--overwrite", is_flag=True, help="Replace outputs that exist.")
+@frame.overwrite_option("Replace outputs that exist.")
 def command(logs: tuple[Path, ...], mapping: Path | None, guess: bool, rig: str | None, pressures: str | None,
             repair: str | None, known: tuple[str, ...], kind: str | None, output: Path | None,
             overwrite: bool) -> frame.Result:  # fmt: skip
@@ -80,7 +81,8 @@ def _guess(log: Path, rig: str, pressures: str | None, known: dict[str, float], 
     write_atomically(output, found.text.encode())
     to_answer = "".join(f"\n  to be answered: {key}" for key in found.open)
     text = (f"{output}: {found.mapped} of {found.channels} channels guessed.{to_answer}\n"
-            f"Next: look it through, then pamid ingest {log} --mapping {output} --output recording.csv")  # fmt: skip
+            f"Next: look it through, then pamid ingest {quoted(log)} --mapping {quoted(output)} --output "
+            "recording.csv")  # fmt: skip
     return frame.Result(said, text)
 
 
@@ -107,7 +109,7 @@ def _ingest(logs: tuple[Path, ...], mapping: Path, rig_name: str | None, pressur
     accounts = write_conversions(made, outputs_for(made, output, as_folder), mapping, overwrite)
     warnings = [note for conversion in made for note in conversion.notes]
     for note in dict.fromkeys(warnings):
-        click.echo(f"Warning: {note}", err=True)
+        aside(f"Warning: {note}")
     said = {"schema": "pamid.ingest/1", "recordings": accounts}
     return frame.Result(said, _text(made, accounts))
 
@@ -121,7 +123,8 @@ def _rig(name: str | None, named_here: bool, mapping: Path) -> Rig | None:
         return rig_named(name) if name is not None else None
     if is_code(name):
         raise FileError(f"{mapping} names the rig file {name!r}.",
-                        f"A rig file is code, run only when you name it yourself: add --rig {name}.")  # fmt: skip
+                        "A rig file is code, run only when you name it yourself: "
+                        f"add --rig {quoted(name)}.")  # fmt: skip
     return catalogue_rig(name)
 
 
@@ -141,4 +144,4 @@ def _text(made: list[Conversion], accounts: list[dict[str, Any]]) -> str:
         if abs(conversion.stretch - 1.0) > 1e-6:
             ppm = 1e6 * (conversion.stretch - 1.0)
             lines.append(f"    its clock and {conversion.period:g} s differ by {ppm:.0f} ppm")
-    return "\n".join([*lines, f"Next: pamid check {accounts[0]['recording']['path']}"])
+    return "\n".join([*lines, f"Next: pamid check {quoted(accounts[0]['recording']['path'])}"])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import click
+from .terminal import aside
 
 if TYPE_CHECKING:
     from pamid.evidence import Evidence
@@ -54,7 +54,7 @@ def evidence_from(rig_name: str | None, recordings: tuple[Path, ...], held_out: 
     rig = rig or catalogue_rig(rig_of(read))
     for recording in read:
         for warning in (*recording.warnings, *unknown_columns(rig, recording)):
-            click.echo(f"Warning: {recording.path}: {warning}", err=True)
+            aside(f"Warning: {recording.path}: {warning}")
     return gather(rig, read[: len(recordings)], read[len(recordings) :])
 
 
@@ -72,4 +72,4 @@ def unknown_columns(rig: Rig, recording: Recording) -> list[str]:
 def with_sidecar(path: Path) -> list[Path]:
     """A recording and the TOML beside it, if there is one."""
     toml = path.with_suffix(".toml")
-    return [path, toml] if toml.is_file() else [path]
+    return [path, toml] if toml.exists() else [path]

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import sys
 import time
 from types import TracebackType
 from typing import TextIO
+
+from .terminal import printable
 
 _TERMINAL_S = 0.1
 _LOG_S = 15.0
@@ -19,7 +22,7 @@ class Progress:
         self._label = label
         self._total = total
         self._stream = stream if stream is not None else sys.stderr
-        self._live = self._stream.isatty()
+        self._live = self._stream is not None and self._stream.isatty()
         self._begun = self._told = time.monotonic()
         self._shown = False
 
@@ -30,8 +33,7 @@ class Progress:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         if self._live and self._shown:
-            self._stream.write("\r\x1b[K")
-            self._stream.flush()
+            self._write("\r\x1b[K")
 
     def update(self, done: int, text: str = "") -> None:
         """Say that `done` of the total are finished; `text` is what is going on. The rest is taken to go as fast, and
@@ -43,6 +45,12 @@ class Progress:
         count = f"{done}/{self._total} " if self._total is not None else "" if text else f"{done}"
         spent = now - self._begun
         left = f", at most {spent * (self._total - done) / done:.0f} s left" if self._total and done > 0 else ""
-        line = f"{self._label}: {count}{text}".rstrip()[:_WIDTH] + f" ({spent:.0f} s{left})"
-        self._stream.write(f"\r{line}\x1b[K" if self._live else line + "\n")
-        self._stream.flush()
+        told = printable(f"{self._label}: {count}{text}".rstrip().replace("\n", " "))[:_WIDTH]
+        line = f"{told} ({spent:.0f} s{left})"
+        self._write(f"\r{line}\x1b[K" if self._live else line + "\n")
+
+    def _write(self, text: str) -> None:
+        with contextlib.suppress(OSError):      # a closed or full stderr stops no work
+            if self._stream is not None:
+                self._stream.write(text)
+                self._stream.flush()

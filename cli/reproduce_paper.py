@@ -37,7 +37,7 @@ _JOINT_ONLY = ("iterations", "starts", "seconds", "jobs", "resume")
               show_default=True, help="Run folder to make.")
 @click.option("--quick", is_flag=True, help="Short records and few iterations, to see it work.")
 @click.option("--resume", is_flag=True, help="Go on from where the same command was interrupted. (joint)")
-@click.option("--overwrite", is_flag=True, help="Replace an earlier run in that folder.")
+@frame.overwrite_option("Replace an earlier run in that folder.")
 def command(paper: str, output: Path, overwrite: bool, **request: Any) -> frame.Result:
     """Print the results tables of the papers on twins of their rigs.
 

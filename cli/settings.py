@@ -33,6 +33,7 @@ from .table import COMMANDS
 FILE = "pamid.toml"
 SHARED = "defaults"
 ENVIRONMENT = "PAMID"
+_MOST = 1 << 20     # bytes of a pamid.toml (settings_file has seen that it is a regular file)
 _OURS = ("json", "debug", "help")
 _RISKY = ("cluster", "force", "overwrite")      # with paths of code; see above
 
@@ -93,6 +94,8 @@ def read_settings(path: Path) -> dict[str, dict[str, Any]]:
 @lru_cache(maxsize=4)
 def _read(path: Path, _stamp: int) -> dict[str, dict[str, Any]]:
     try:
+        if path.stat().st_size > _MOST:
+            raise SettingsError(f"{path} is too large: at most {_MOST} bytes are read.")
         tables = tomllib.loads(path.read_bytes().decode("utf-8"))
     except OSError as error:
         raise SettingsError(f"{path} cannot be read: {error.strerror}.") from error

@@ -9,6 +9,7 @@ import click
 
 from . import frame
 from .options import noise_factor, parse_known
+from .terminal import quoted
 
 if TYPE_CHECKING:
     from pamid.recording import Recording
@@ -37,10 +38,10 @@ pamid simulate --model fitted --excitation excitation.csv --noise none --output 
 @click.option("--noise", default="default", show_default=True, help="default | none | FACTOR on the sensor noise.")
 @click.option("--seed", type=int, default=0, show_default=True, help="Same seed, same noise.")
 @click.option("--output", type=click.Path(dir_okay=False, path_type=Path), required=True, help="CSV file to write.")
-@click.option("--force", is_flag=True, help="Replace the output if it exists.")
+@frame.overwrite_option("Replace the output if it exists.", formerly_force=True)
 def command(rig: str | None, model: Path | None, which: str, excitation: Path, effects: tuple[str, ...],
             known: tuple[str, ...], hidden: tuple[str, ...], noise: str, seed: int, output: Path,
-            force: bool) -> frame.Result:
+            overwrite: bool) -> frame.Result:
     """Run a virtual rig on an excitation and write what its sensors would have recorded.
 
     A reference column runs the rig's controller (closed loop), a command column is replayed (open loop); a rig of
@@ -48,12 +49,13 @@ def command(rig: str | None, model: Path | None, which: str, excitation: Path, e
     holds for the rig, and is stated in the recording.
     """
     from pamid.errors import FileError, UsageError
+    from pamid.files import make_folder
     from pamid.library import rig_of
     from pamid.recording import SIGNIFICANT_DIGITS, read_recording, write_recording
     from pamid.virtual import virtual_rig
 
-    if output.exists() and not force:
-        raise FileError(f"{output} exists already.", "Choose another --output, or --force to replace it.",
+    if output.exists() and not overwrite:
+        raise FileError(f"{output} exists already.", "Choose another --output, or --overwrite to replace it.",
                         code="exists")
     source = read_recording(excitation)
     stated, unstated, factor = parse_known(known), parse_known(hidden), noise_factor(noise)
@@ -64,14 +66,14 @@ def command(rig: str | None, model: Path | None, which: str, excitation: Path, e
     else:
         made = _modelled(model, which, rig, effects, source, stated, unstated, factor, seed)
     rig = made.meta["recording"]["rig"]
-    output.parent.mkdir(parents=True, exist_ok=True)
+    make_folder(output.parent)
     write_recording(output, source.time, made.columns, made.meta,
                     digits=SIGNIFICANT_DIGITS if model is None else MODEL_DIGITS)
     found = {"schema": "pamid.simulate/1", "output": str(output), "samples": len(source), "rig": rig,
              "loop": made.meta["recording"]["loop"], "effects": made.effects, "seed": seed}
     told = ", ".join(made.effects) or "no effect"
     text = (f"{output}: {len(source)} samples of {', '.join(made.columns)} ({told}, seed {seed}).\n"
-            f"Next: pamid diagnose {output} --rig {rig} --output run")
+            f"Next: pamid diagnose {quoted(output)} --rig {quoted(rig)} --output run")
     return frame.Result(found, text)
 
 

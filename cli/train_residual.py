@@ -11,6 +11,7 @@ import click
 
 from . import frame
 from .progress import Progress
+from .terminal import aside, quoted
 
 if TYPE_CHECKING:
     from pamid.leftover import Leftover
@@ -97,7 +98,7 @@ def command(run: Path, network: str, hidden: int | None, sets: int | None, itera
         raise
     folder.finish("interrupted" if interrupted else "done")
     if interrupted:
-        click.echo(training_text(about, run), err=True)
+        aside(training_text(about, run))
         raise KeyboardInterrupt
     stuck = not about["training"]["converged"] and about["training"]["iterations"] < iterations
     return frame.Result(about, training_text(about, run), 5 if stuck else 0)
@@ -138,7 +139,7 @@ def training_text(about: dict[str, Any], run: Path) -> str:
     lines += [f"weights   gamma {t['gamma']:.1f} of {n} are used, every one of {t['samples']} samples counted",
               f"          {t['supported_weights']:.1f} of {n} are supported, counting the {t['effective_samples']:.0f} "
               "independent samples they are worth"]
-    return "\n".join([*lines, "", *errors_table(about), f"Next: pamid report {run}"])
+    return "\n".join([*lines, "", *errors_table(about), f"Next: pamid report {quoted(run)}"])
 
 
 def errors_table(about: dict[str, Any]) -> list[str]:

@@ -11,6 +11,7 @@ import click
 from . import frame
 from .job import cluster_option, crew_of, failed_text
 from .progress import Progress
+from .terminal import quoted
 
 if TYPE_CHECKING:
     from pamid.jobs import Crew
@@ -113,7 +114,7 @@ def _share(output: Path, fixed: dict[str, Any], options: dict[str, Any], share: 
     found = {"schema": "pamid.trial-share/1", "index": number, "of": count, "cases": [c.number for c in cases],
              "failed_jobs": failed}
     text = [f"{len(cases)} of {len(whole)} cases (share {number} of {count}).", *failed_text(found),
-            f"When all shares are finished: pamid trial --output {output} --resume ... (without --index)"]
+            f"When all shares are finished: pamid trial --output {quoted(output)} --resume ... (without --index)"]
     return frame.Result(found, "\n".join(text), 6 if failed else 0)
 
 

@@ -40,6 +40,7 @@ MISTUNED = ("damping_m2_s", "scale", "conductance_in_m3_per_s_pa", "conductance_
 OFF_BY = (0.10, 0.20)
 ITERATIONS = 40            # of the network: enough to show what it is worth, not its best
 TRUTH_FILE = "withheld.json"
+EXCITATION_FILE, RECORDING_FILES = "excitation.csv", ("rec.csv", "rec.toml")
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ def write_demo_recording(folder: Path, withheld: Withheld, *, seed: int, duratio
     """excitation.csv, rec.csv (with its TOML) and withheld.json into `folder`; returns the path of rec.csv."""
     reference = aprbs(duration_s, PERIOD_S, AMPLITUDE_DEG, HOLD_S, seed=seed)
     time = PERIOD_S * np.arange(reference.size)
-    excitation, recording = folder / "excitation.csv", folder / "rec.csv"
+    excitation, recording = folder / EXCITATION_FILE, folder / RECORDING_FILES[0]
     write_recording(excitation, time, {"reference_deg": reference})
     sheet = {p.outside_name: p.value for p in catalogue_rig(RIG).parameters}
     hidden = {key: sheet[key] * factor for key, factor in withheld.factors.items()}
@@ -84,6 +85,7 @@ def run_demo(run: Run, *, seed: int, jobs: int, duration_s: float,
              told: Callable[[str], None] = lambda text: None) -> dict[str, Any]:
     """Everything into a fresh run folder: recording, diagnosis, network, report page. Returns pamid.demo/1."""
     told("recording a virtual joint")
+    run.claim(EXCITATION_FILE, TRUTH_FILE, *RECORDING_FILES)
     recording = write_demo_recording(run.folder, draw_withheld(seed), seed=seed, duration_s=duration_s)
     run.finish()
     diagnosis = _diagnosed(run, recording, seed, jobs, told)

@@ -7,6 +7,8 @@ object), and leaves with its exit code. Anything else that escapes is a fault of
 from __future__ import annotations
 
 import difflib
+import os
+import shlex
 from collections.abc import Iterable
 from typing import ClassVar
 
@@ -68,6 +70,18 @@ class PartialError(PamidError):
     """The result is written, but some of the jobs behind it failed."""
 
     default_code, default_exit_code = "partial", 6
+
+
+def quoted(word: str | os.PathLike[str]) -> str:
+    """A path or a name as it stands in a command that is to be copied into a shell: whatever it holds, it is one word,
+    in one line, and no option. What cannot be seen is written out ($'...', as bash, zsh and ksh read it)."""
+    text = os.fspath(word)
+    text = f"./{text}" if text.startswith("-") else text
+    if all(c == " " or c.isprintable() for c in text):
+        return shlex.quote(text)
+    seen = {"'": "\\'", "\\": "\\\\", "\n": "\\n", "\t": "\\t"}
+    return "$'" + "".join(seen.get(c) or (c if c.isprintable() else "".join(f"\\x{b:02x}" for b in os.fsencode(c)))
+                          for c in text) + "'"
 
 
 def _rebuild(kind: type[PamidError], message: str, hint: str, code: str, exit_code: int) -> PamidError:

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import io
 import re
-import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,9 +23,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.errors import FileError, UsageError
-from pamid.recording import write_recording
-from pamid.run import json_text, write_atomically
+from pamid.errors import FileError, UsageError, quoted
+from pamid.files import make_folder, write_together
+from pamid.recording import recording_files
+from pamid.run import json_bytes
 from pamid.units import NONE, split_column
 
 Array = NDArray[np.float64]
@@ -76,7 +76,7 @@ def format_of(path: Path, chosen: str | None = None) -> str:
         return by_suffix.get(suffix, "csv")
     if suffix in by_suffix and suffix != FORMATS[chosen].suffix:
         raise UsageError(f"--format {chosen} does not go into a {suffix} file.",
-                         f"Write --output {path.with_suffix(FORMATS[chosen].suffix)}.")
+                         f"Write --output {quoted(path.with_suffix(FORMATS[chosen].suffix))}.")
     return chosen
 
 
@@ -93,34 +93,16 @@ def write_excitation(path: Path, columns: Mapping[str, Array], period_s: float, 
     generator = f"pamid {version('pamid')} generate-aprbs"
     made = [f"{word} {about[word]}" for word in ("signal", "experiment", "seed") if word in about]
     signals = Signals(columns, period_s, path.stem, ", ".join([generator, *made, HELD]))
-    files = _recording(path, signals, meta)  # first: it refuses what is not finite
+    files = recording_files(path, signals.time, signals.columns, meta)  # first: it refuses what is not finite
     chosen = FORMATS[form]
     if chosen.content is not None:
         files[path] = chosen.content(signals)
         about = {**about, "format": form, "interpolation": f"hold: {chosen.heed}"}
     note = {"schema": SCHEMA, "generator": generator, "file": path.name, "sha256": _sha256(files[path]), **about}
-    files = {**(others or {}), **files, path.with_suffix(".json"): json_text(note, path.stem).encode()}
-    path.parent.mkdir(parents=True, exist_ok=True)
+    files = {**(others or {}), **files, path.with_suffix(".json"): json_bytes(note, path.stem)}
+    make_folder(path.parent)
     write_together(files)
     return note
-
-
-def write_together(files: Mapping[Path, bytes]) -> None:
-    """Write files in this order, all or none: where one fails, those before it become what they were."""
-    before = {path: path.read_bytes() if path.is_file() else None for path in files}
-    done: list[Path] = []
-    try:
-        for path, data in files.items():
-            write_atomically(path, data)
-            done.append(path)
-    except BaseException:
-        for path in done:
-            former = before[path]
-            if former is None:
-                path.unlink(missing_ok=True)
-            else:
-                write_atomically(path, former)
-        raise
 
 
 def change_points(samples: Array) -> NDArray[np.intp]:
@@ -132,15 +114,6 @@ def _sha256(data: bytes) -> str:
     import hashlib
 
     return hashlib.sha256(data).hexdigest()
-
-
-def _recording(path: Path, signals: Signals, meta: Mapping[str, Any] | None) -> dict[Path, bytes]:
-    """The TOML and the CSV as `write_recording` writes them."""
-    with tempfile.TemporaryDirectory() as folder:
-        made = Path(folder) / "excitation.csv"
-        write_recording(made, signals.time, signals.columns, meta)
-        toml = {path.with_suffix(".toml"): made.with_suffix(".toml").read_bytes()} if meta else {}
-        return {**toml, path: made.read_bytes()}
 
 
 # ---- Simulink ----------------------------------------------------------------------------------------------------

@@ -6,14 +6,15 @@ from typing import Any
 
 import numpy as np
 
+from pamid.files import write_together
 from pamid.force_map import COLUMNS, ForceMap, Judged, pulls
 from pamid.library import rigs
 from pamid.metrics import rms
 from pamid.networks.force_law import ForceLaw
-from pamid.networks.store import save_network
+from pamid.networks.store import NETWORK_FILE, WEIGHTS_FILE, network_files
 from pamid.report.force_map_figure import Side, force_map_picture
 from pamid.rigs.muscle import LAWS
-from pamid.run import Run, write_atomically, write_json
+from pamid.run import Run, json_bytes
 
 SCHEMA = "pamid.force-law/1"
 LAW_FILE, RIG_FILE, FIGURE_FILE = "force-law.json", "rig.py", "figures/force-map.png"
@@ -53,10 +54,11 @@ def law_json(found: Judged, rig: str, strict: bool) -> dict[str, Any]:
 def write_law(run: Run, found: Judged, rig: str, strict: bool) -> dict[str, Any]:
     """Network, figures, picture and rig file into the run folder; returns what force-law.json holds."""
     about = law_json(found, rig, strict)
-    save_network(run.folder, found.trained)
-    write_atomically(run.path(FIGURE_FILE), _picture(found))
-    write_atomically(run.path(RIG_FILE), rig_text(rig, strict).encode())
-    write_json(run.path(LAW_FILE), about)
+    content, network = network_files(found.trained)
+    names = (WEIGHTS_FILE, NETWORK_FILE, FIGURE_FILE, RIG_FILE, LAW_FILE)
+    contents = (content, json_bytes(network, NETWORK_FILE), _picture(found), rig_text(rig, strict).encode(),
+                json_bytes(about, LAW_FILE))
+    write_together(dict(zip(run.claim(*names), contents, strict=True)))
     return about
 
 

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from pamid.equations import Expr
 from pamid.errors import DataError, FileError, nearest
 from pamid.expressions import expression, substitute, symbol
+from pamid.files import MAP, read_lines
 from pamid.metrics import rms
 from pamid.networks.anfis import Anfis
 from pamid.networks.force_law import TOLERANCE, ForceLaw, check_force_law
@@ -179,8 +180,7 @@ def _column(path: Path, names: list[str], wanted: str) -> str:
 def _cells(path: Path, names: list[str], used: list[str]) -> Array:
     """(points, len(used)); the slow reader of recordings says which cell is wrong, if one is."""
     try:
-        with open(path, encoding="utf-8-sig", newline="") as file:
-            rows = [row for row in csv.reader(file) if any(cell.strip() for cell in row)][1:]
+        rows = [row for row in csv.reader(read_lines(path, MAP)) if any(cell.strip() for cell in row)][1:]
         table = np.array([[float(row[names.index(name)]) for name in used] for row in rows])
         if not rows or not np.isfinite(table).all() or any(len(row) != len(names) for row in rows):
             raise ValueError

@@ -267,7 +267,7 @@ def load_identified(run_folder: Path, *, which: str = "best", rig: str | None = 
         raise FileError(f"{path} is not a fit's.", REMEDY)
     if "model" not in fit:
         raise FileError(f"{path} does not hold its model.", f"An older version wrote it. {REMEDY}")
-    trained = (run_folder / NETWORK_FILE).is_file()
+    trained = (run_folder / NETWORK_FILE).exists()
     has = {"cause": "cause" in fit, "network": trained, "refitted": True}
     chosen = next(name for name, found in has.items() if found) if which == "best" else which
     if not has[chosen]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ from pamid import library
 from pamid.conformance import Finding, effect_findings, rig_findings
 from pamid.effect import Effect
 from pamid.errors import DataError, FileError, PamidError, nearest
+from pamid.files import read_lines
 from pamid.quality import Issue, channel_figures, examine
 from pamid.recording import MIN_SAMPLES, FloatArray, Recording, match_column, read_recording
 from pamid.recording_checks import check_header, check_stamps, explain_cells, read_header, sidecar_of
@@ -38,7 +40,7 @@ def inspect(path: Path, rig: str | None = None) -> Inspection:
     `rig` is the rig a recording is meant for (default: the one its TOML names). FileError for a file of another kind
     or one that is not there; whatever is wrong inside is listed, not raised.
     """
-    if not path.is_file():
+    if not path.exists():
         siblings = [p.name for p in path.parent.glob("*")] if path.parent.is_dir() else []
         raise FileError(f"{path} does not exist.", nearest(path.name, siblings), code="missing")
     recording: Recording | None = None
@@ -164,7 +166,7 @@ def _every_problem(path: Path, first: PamidError) -> list[Finding]:
 def _time_column(path: Path) -> FloatArray:
     """The stamps that can be read, one per row."""
     stamps = []
-    for row in path.read_text(encoding="utf-8-sig", errors="replace").splitlines()[1:]:
+    for row in itertools.islice(read_lines(path, errors="replace"), 1, None):
         try:
             stamps.append(float(row.split(",", 1)[0]))
         except ValueError:

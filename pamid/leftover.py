@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.errors import DataError, FileError, UsageError, nearest
+from pamid.files import TABLE, read_data
 from pamid.run import FIT_FILE, RESIDUAL_FILE, read_json
 from pamid.units import split_column, with_unit
 
@@ -122,7 +123,7 @@ def read_columns(path: Path) -> dict[str, Array]:
 def split_table(path: Path) -> tuple[list[str], list[str]]:
     """Names and lines of residual.csv; FileError where there is none."""
     try:
-        lines = path.read_bytes().decode("utf-8").split("\n")
+        lines = read_data(path, TABLE).decode("utf-8").split("\n")
     except FileNotFoundError:
         raise FileError(f"{path} does not exist.", _REMEDY, code="missing") from None
     except (OSError, UnicodeDecodeError) as error:

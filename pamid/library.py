@@ -19,7 +19,7 @@ from types import MappingProxyType, ModuleType
 from typing import Any
 
 from pamid.effect import Effect, require_sound
-from pamid.errors import FileError, PamidError, nearest
+from pamid.errors import FileError, PamidError, nearest, quoted
 from pamid.recording import Recording
 from pamid.rig import Rig, check_rig
 from pamid.trust import is_code
@@ -141,7 +141,8 @@ def rig_again(noted: str, named: str | None, sha256: Mapping[str, str]) -> Rig:
     sha256: of the run's inputs, by path.
     """
     if is_code(noted) and not is_code(named or ""):
-        raise FileError(f"The run was made with the rig file {noted!r}.", f"{_CODE} add --rig {noted}", code="rig")
+        raise FileError(f"The run was made with the rig file {noted!r}.", f"{_CODE} add --rig {quoted(noted)}",
+                        code="rig")
     if named is None or not is_code(named):
         return catalogue_rig(named or noted)
     return _rig_in(Path(named), sha256.get(noted, ""))
@@ -153,7 +154,7 @@ def effects_again(noted: tuple[str, ...], named: tuple[str, ...], sha256: Mappin
     wanted: dict[str, str] = {}
     for path in filter(is_code, (_file_of(spec) for spec in noted)):
         if Path(path).name not in files:
-            raise FileError(f"The run was made with the effect file {path!r}.", f"{_CODE} add --effect {path}",
+            raise FileError(f"The run was made with the effect file {path!r}.", f"{_CODE} add --effect {quoted(path)}",
                             code="effect")
         wanted[files[Path(path).name]] = sha256.get(path, "")
     return effects_with(named, wanted)[0]
@@ -180,7 +181,7 @@ def rig_of(recordings: list[Recording]) -> str:
         raise FileError(f"the recordings name different rigs: {', '.join(sorted(named))}", "say which with --rig")
     for name, recording in named.items():
         if is_code(name):
-            raise FileError(f"{recording.path} names the rig file {name!r}", f"{_CODE} add --rig {name}")
+            raise FileError(f"{recording.path} names the rig file {name!r}", f"{_CODE} add --rig {quoted(name)}")
         return name
     return "one-dof"
 

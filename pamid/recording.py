@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pamid.errors import DataError, FileError, nearest
+from pamid.files import TABLE, open_data, sha256_of, write_together
 from pamid.recording_checks import check_header, check_stamps, explain_cells, read_header, sidecar_of
-from pamid.run import sha256_of, write_atomically
 from pamid.units import NONE, compatible, from_si, split_column, suffixes_for, to_si
 
 FloatArray = NDArray[np.float64]
@@ -113,12 +113,19 @@ def write_recording(
     path: str | Path, time: ArrayLike, columns: Mapping[str, ArrayLike], meta: Mapping[str, Any] | None = None, *,
     digits: int = SIGNIFICANT_DIGITS,
 ) -> None:
-    """Write a recording: CSV with so many significant digits, the tables of `meta` as TOML beside it. Both atomic.
+    """Write a recording: CSV with so many significant digits, the tables of `meta` as TOML beside it. Both or none.
 
     time in s; columns by full name, all of the length of time and finite; meta e.g. {"recording": {"loop": "open"},
     "known": {...}}. Without meta no TOML is written and one that exists is left alone.
     """
-    target = Path(path)
+    write_together(recording_files(Path(path), time, columns, meta, digits=digits))
+
+
+def recording_files(
+    target: Path, time: ArrayLike, columns: Mapping[str, ArrayLike], meta: Mapping[str, Any] | None = None, *,
+    digits: int = SIGNIFICANT_DIGITS,
+) -> dict[Path, bytes]:
+    """The files of `write_recording` and what stands in them."""
     names = [TIME, *columns]
     check_header(target, names)
     arrays = [np.asarray(values, dtype=float) for values in (time, *columns.values())]
@@ -129,9 +136,8 @@ def write_recording(
     row = ",".join([f"%.{TIME_DIGITS}g", *[f"%.{digits}g"] * len(columns)]) + "\n"
     cells = np.stack(arrays, axis=1).ravel().tolist()
     text = ",".join(names) + "\n" + (row * arrays[0].size) % tuple(cells)
-    if meta:
-        write_atomically(target.with_suffix(".toml"), toml_text(meta).encode())
-    write_atomically(target, text.encode())
+    side = {target.with_suffix(".toml"): toml_text(meta).encode()} if meta else {}
+    return {**side, target: text.encode()}
 
 
 def match_column(names: str | Iterable[str], wanted: str) -> str | None:
@@ -188,8 +194,9 @@ def _read_cells(path: Path, names: Sequence[str]) -> FloatArray:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", pandas.errors.ParserWarning)  # said where cells would be lost
-            frame = pandas.read_csv(path, header=None, skiprows=1, names=list(range(len(names))), index_col=False,
-                                    dtype=np.float64, encoding="utf-8", skipinitialspace=True)  # fmt: skip
+            with open_data(path, TABLE) as file:
+                frame = pandas.read_csv(file, header=None, skiprows=1, names=list(range(len(names))), index_col=False,
+                                        dtype=np.float64, encoding="utf-8", skipinitialspace=True)  # fmt: skip
     except (ValueError, OSError, pandas.errors.ParserWarning) as error:
         explain_cells(path, names)
         raise FileError(f"{path} cannot be read as comma-separated numbers: {error}.") from error
@@ -211,8 +218,10 @@ def _toml_value(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        escaped = value.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n").replace("\t", "\\t")
-        return f'"{escaped}"'
+        if not value.isascii() and any("\ud800" <= c <= "\udfff" for c in value):
+            raise FileError(f"{value!r} is no UTF-8 text and cannot be written to TOML.", "Rename it.")
+        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+        return '"' + "".join(f"\\u{ord(c):04x}" if c < " " or c == "\x7f" else c for c in escaped) + '"'
     if isinstance(value, int | np.integer):
         return str(int(value))
     if isinstance(value, float | np.floating):

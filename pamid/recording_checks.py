@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.errors import FileError, nearest
+from pamid.files import TOML, read_data, read_lines
 from pamid.units import split_column
 
 UNIFORM_TO = 0.01  # stamps are uniform to 1 %
@@ -50,10 +51,9 @@ def read_header(path: Path) -> list[str]:
         siblings = [item.name for item in path.parent.glob("*.csv")] if path.parent.is_dir() else []
         raise FileError(f"{path} does not exist.", nearest(path.name, siblings), code="missing")
     if path.is_dir():
-        raise FileError(f"{path} is a folder, not a recording.", "Name the CSV file in it.")
+        raise FileError(f"{path} is a folder, not a recording.", "Name the CSV file in it.", code="not-a-file")
     try:
-        with open(path, encoding="utf-8-sig", newline="") as file:
-            row = next(csv.reader(file), None)
+        row = next(csv.reader(read_lines(path)), None)
     except UnicodeDecodeError:
         raise FileError(f"{path} is not UTF-8 text.", "Save it as CSV in UTF-8.", code="encoding") from None
     except csv.Error as error:
@@ -131,7 +131,7 @@ def check_stamps(path: Path, time: NDArray[np.float64]) -> None:
 def sidecar_of(path: Path, names: Sequence[str], time: NDArray[np.float64]) -> Sidecar:
     """Read and check the TOML beside the CSV `path`, if any. FileError with the key or line that is wrong."""
     source = path.with_suffix(".toml")
-    tables = _read_toml(source) if source.is_file() else {}
+    tables = _read_toml(source) if source.exists() else {}
     warnings: list[str] = []
     for title, table in tables.items():
         if title not in _KEYS:
@@ -153,13 +153,12 @@ def sidecar_of(path: Path, names: Sequence[str], time: NDArray[np.float64]) -> S
 
 def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
     """(line in the file, cells) of every row below the header; blank lines are passed over."""
+    reader = csv.reader(read_lines(path))
     try:
-        with open(path, encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(file)
-            next(reader, None)
-            for row in reader:
-                if row and (len(row) > 1 or row[0].strip()):
-                    yield reader.line_num, row
+        next(reader, None)
+        for row in reader:
+            if row and (len(row) > 1 or row[0].strip()):
+                yield reader.line_num, row
     except UnicodeDecodeError as error:
         raise FileError(f"{path} is not UTF-8 text (byte {error.start}).", code="encoding") from None
     except csv.Error as error:
@@ -195,7 +194,7 @@ def _is_number(cell: str) -> bool:
 
 def _read_toml(path: Path) -> dict[str, Any]:
     try:
-        return tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        return tomllib.loads(read_data(path, TOML).decode("utf-8-sig"))
     except tomllib.TOMLDecodeError as error:
         raise FileError(f"{path}: not TOML: {error}.", code="toml") from None
     except UnicodeDecodeError:

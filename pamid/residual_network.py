@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from pamid.errors import ConvergenceError, UsageError, nearest
+from pamid.files import write_together
 from pamid.leftover import MODELS, RESIDUAL_FILE, Leftover, derived, split_table
 from pamid.metrics import mae
 from pamid.networks.anfis import Anfis
@@ -24,9 +25,16 @@ from pamid.networks.batch import engine_on
 from pamid.networks.elman import Elman
 from pamid.networks.narx import Narx
 from pamid.networks.network import Network
-from pamid.networks.store import NETWORK_FILE, TrainedNetwork, save_network, trace_csv, train_on_signals
+from pamid.networks.store import (
+    NETWORK_FILE,
+    WEIGHTS_FILE,
+    TrainedNetwork,
+    network_files,
+    trace_csv,
+    train_on_signals,
+)
 from pamid.networks.training import Progress, Training
-from pamid.run import Run, read_json, write_atomically, write_json
+from pamid.run import Run, json_bytes
 
 Array = NDArray[np.float64]
 
@@ -171,12 +179,12 @@ def write_network(run: Run, trained: TrainedNetwork, training: Training, about: 
                   corrected: dict[str, Array]) -> dict[str, Any]:
     """network.npz, network.json with `about` in it, trace.csv and the corrected channels (rows,) in residual.csv;
     returns network.json."""
-    save_network(run.folder, trained)
-    whole = dict(read_json(run.path(NETWORK_FILE))) | about
-    write_json(run.path(NETWORK_FILE), whole)
-    write_atomically(run.path(TRACE_FILE), trace_csv(training))
-    write_atomically(run.path(RESIDUAL_FILE), with_columns(run.path(RESIDUAL_FILE), {
-        derived(channel, "network"): values for channel, values in corrected.items()}))
+    weights, network, trace, residual = run.claim(WEIGHTS_FILE, NETWORK_FILE, TRACE_FILE, RESIDUAL_FILE)
+    content, described = network_files(trained)
+    whole = described | about
+    write_together({weights: content, network: json_bytes(whole, NETWORK_FILE), trace: trace_csv(training),
+                    residual: with_columns(residual, {derived(channel, "network"): values
+                                                      for channel, values in corrected.items()})})
     return whole
 
 

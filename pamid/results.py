@@ -29,7 +29,8 @@ from numpy.typing import NDArray
 
 from pamid.arrays import load_arrays
 from pamid.errors import FileError
-from pamid.run import JOURNAL, remove_jobs, write_atomically
+from pamid.files import MAP, make_folder, read_data, refuse_write, write_atomically
+from pamid.run import JOURNAL, remove_jobs
 
 Plain = dict[str, Any]     # of str, bool, int, float, None, arrays of numbers, and lists and such dicts of these
 
@@ -58,7 +59,7 @@ class Store:
 
     def put(self, key: str, what: str, result: Plain) -> None:
         """Keep a result that `plain` has made, whole or not at all, and note in the journal that it was worked out."""
-        self.folder.mkdir(parents=True, exist_ok=True)
+        make_folder(self.folder)
         arrays: list[Numbers] = []
         told = _parted(result, arrays)
         about = {"key": key, "what": what, "sha256": digest(result), "arrays": len(arrays), "result": told}
@@ -68,13 +69,16 @@ class Store:
         np.savez(buffer, **named)  # type: ignore[arg-type]
         write_atomically(self.folder / f"{key}.npz", buffer.getvalue())
         line = json.dumps({"key": key, "what": what}) + "\n"
-        with open(self.folder / JOURNAL, "ab", buffering=0) as journal:
-            journal.write(line.encode())        # appended in one piece, also where several processes write
+        try:
+            with open(self.folder / JOURNAL, "ab", buffering=0) as journal:
+                journal.write(line.encode())        # appended in one piece, also where several processes write
+        except OSError as error:
+            refuse_write(self.folder / JOURNAL, error)
 
     def journal(self) -> list[dict[str, str]]:
         """What was worked out into this folder, in order: `key` and `what`."""
         path = self.folder / JOURNAL
-        lines = path.read_text(encoding="utf-8").splitlines() if path.is_file() else []
+        lines = read_data(path, MAP).decode("utf-8").splitlines() if path.is_file() else []
         return [json.loads(line) for line in lines if line.endswith("}")]
 
     def clear(self) -> None:

@@ -8,22 +8,33 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import hashlib
 import json
 import math
 import os
 import platform
-import secrets
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib import metadata
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any, NoReturn
 
 import numpy as np
 
 from pamid.errors import FileError, PamidError
+from pamid.files import (
+    JSON,
+    LEFTOVER,
+    is_inside,
+    make_folder,
+    read_data,
+    refuse_write,
+    remove_file,
+    sha256_of,
+    sweep,
+    write_atomically,
+)
 
 RUN_SCHEMA = "pamid.run/1"
 FIT_FILE, RESIDUAL_FILE = "fit.json", "residual.csv"
@@ -32,6 +43,8 @@ RUN_FILES = ("run.json", FIT_FILE, RESIDUAL_FILE, "network.json", "network.npz",
              "force-law.json", "rig.py")  # fmt: skip
 FIGURES = "figures"
 JOBS, JOURNAL = "jobs", "journal.jsonl"      # results of single jobs while a run goes on (pamid.results)
+_HALF = re.compile("[\ud800-\udfff]")     # of names that are no UTF-8: no file can hold them as they are
+_JOB = re.compile(r"[0-9a-f]{64}\.npz")
 _PACKAGES = ("pamid", "numpy", "scipy", "pandas", "numba", "llvmlite", "torch", "pysindy", "matplotlib", "sympy")
 
 
@@ -55,7 +68,8 @@ class Run:
     ) -> Run:
         """Claim `folder` and write its `run.json`; FileError if it is taken.
 
-        `overwrite` replaces an existing run (its own files only); a folder that holds anything else is never touched.
+        `overwrite` replaces an existing run, but takes away only files that its record lists; a folder that holds no
+        run is never touched.
         `resume` comes back to the run of the same seed, inputs and options that the folder holds, if it holds one
         (None: this command cannot); unless that has come to its end, it counts as begun again.
         """
@@ -63,6 +77,8 @@ class Run:
         if resume and (path / "run.json").is_file():
             return cls.open(path)._resumed(command, seed, _hashes(inputs), dict(options or {}))
         _require_free(path, overwrite, resumable=resume is not None)
+        _require_inside(path, JOBS)
+        old = _written(path)
         record = {
             "schema": RUN_SCHEMA,
             "command": _command_line(command),
@@ -75,14 +91,21 @@ class Run:
             "ended": None,
             "outcome": None,
             "steps": [],
+            "files": [],
         }
         try:
             path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
+            if error.errno in (errno.ENOSPC, errno.EDQUOT):
+                refuse_write(path, error)
             raise FileError(f"{path}: the run folder cannot be made: {error.strerror}.", code="run-folder") from error
-        write_json(path / "run.json", record)
-        # after run.json: if this is cut short, the folder already says that it is unfinished
-        _remove_old(path)
+        write_json(path / "run.json", record | {"files": old})
+        # after run.json: if this is cut short, the folder already says that it is unfinished, and what may be there
+        sweep(path)
+        _remove_listed(path, old)
+        remove_jobs(path / JOBS)
+        if old:
+            write_json(path / "run.json", record)
         return cls(path)
 
     @classmethod
@@ -102,6 +125,7 @@ class Run:
                  options: dict[str, Any]) -> Run:
         record, asked = self.record, {"seed": seed, "inputs": inputs, "options": options}
         other = [what for what, value in asked.items() if record.get(what) != json.loads(json_text(value))]
+        _require_inside(self.folder, JOBS)
         if other:
             hint = "Repeat the command as it was, give --output another folder, or --overwrite to replace that run."
             raise FileError(f"{self.folder} holds another run: what differs is its {' and '.join(other)}.", hint,
@@ -110,8 +134,8 @@ class Run:
             again = {"command": _command_line(command), "versions": _versions(), "begun": _now()}
             write_json(self.folder / "run.json", {**record, "resumed": [*record.get("resumed", []), again],
                                                   "ended": None, "outcome": None})
-            _sweep(self.folder)
-            _sweep(self.folder / JOBS)
+            sweep(self.folder)
+            sweep(self.folder / JOBS)
         return self
 
     @property
@@ -132,10 +156,28 @@ class Run:
         return all(part.get("ended") is not None for part in [record, *record.get("steps", [])])
 
     def path(self, name: str) -> Path:
-        """The path of a file of this run; its parent folder is made."""
-        path = self.folder / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        return path
+        """The path of a file that this run writes; see `claim`."""
+        return self.claim(name)[0]
+
+    def claim(self, *names: str) -> list[Path]:
+        """The paths of files that this run is about to write: run.json lists them from now on, so that --overwrite
+        knows what may go, and their folders are made. FileError where one of these is a link."""
+        paths = [self.folder / name for name in names]
+        for name, path in zip(names, paths, strict=True):
+            _require_inside(self.folder, PurePath(name).parent)
+            make_folder(path.parent)
+        known = _written(self.folder)
+        new = [name for name in dict.fromkeys(names) if name not in known]
+        if new:
+            write_json(self.folder / "run.json", {**self.record, "files": [*known, *new]})
+        return paths
+
+    def remove(self, *names: str) -> None:
+        """Take away files that this run is known to have written."""
+        known = _written(self.folder)
+        if gone := [name for name in names if name in known]:
+            _remove_listed(self.folder, gone)
+            write_json(self.folder / "run.json", {**self.record, "files": [n for n in known if n not in gone]})
 
     def begin_step(
         self,
@@ -151,7 +193,7 @@ class Run:
                 "inputs": _hashes(inputs), "versions": _versions(), "begun": _now(), "ended": None,
                 "outcome": None}  # fmt: skip
         write_json(self.folder / "run.json", {**record, "steps": [*record.get("steps", []), step]})
-        _sweep(self.folder)
+        sweep(self.folder)
 
     def finish(self, outcome: str = "done", **more: Any) -> None:
         """Close the latest step, if one was begun, else the run, with a word for how it ended; more: entries to add."""
@@ -162,40 +204,27 @@ class Run:
         write_json(self.folder / "run.json", record)
 
 
-def write_atomically(path: str | Path, data: bytes) -> None:
-    """Write `data` to `path` whole or not at all; on any failure the old file stays and no temporary file is left."""
-    target = Path(path)
-    # the process number lets a later run tell a leftover of a killed process from a write in progress
-    temporary = target.with_name(f".{target.name}.{os.getpid()}.{secrets.token_hex(4)}.tmp")
-    try:
-        with open(temporary, "xb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(temporary, target)
-    except BaseException as error:
-        with contextlib.suppress(OSError):
-            temporary.unlink()
-        if isinstance(error, OSError):
-            _refuse_write(target, error)
-        raise
-
-
 def write_json(path: str | Path, obj: Any) -> None:
     """Write strict JSON (no NaN, no infinity), atomically. NumPy scalars and arrays become numbers and lists."""
-    write_atomically(path, json_text(obj, Path(path).name).encode())
+    write_atomically(path, json_bytes(obj, Path(path).name))
+
+
+def json_bytes(obj: Any, name: str) -> bytes:
+    """What `write_json` writes into a file of this name."""
+    return json_text(obj, name).encode()
 
 
 def json_text(obj: Any, name: str = "") -> str:
     """Strict JSON text, ended by a newline. PamidError naming the key that cannot be written."""
-    return json.dumps(_plain(obj, name or "value"), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    text = json.dumps(_plain(obj, name or "value"), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return _HALF.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
 def read_json(path: str | Path) -> Any:
     """Read strict JSON; FileError with line and column where it is not."""
     source = Path(path)
     try:
-        text = source.read_bytes().decode("utf-8")
+        text = read_data(source, JSON).decode("utf-8")
         return json.loads(text, parse_constant=_refuse_constant)
     except FileNotFoundError:
         raise FileError(f"{source} does not exist.", code="missing") from None
@@ -210,25 +239,6 @@ def read_json(path: str | Path) -> Any:
         raise FileError(f"{source}: nested too deeply to be one of pamid's files.", code="json") from None
     except ValueError as error:
         raise FileError(f"{source}: {error}", code="json") from None
-
-
-def sha256_of(path: str | Path) -> str:
-    """The sha256 of a file's bytes, in hex; FileError if it cannot be read."""
-    source = Path(path)
-    try:
-        with open(source, "rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
-    except FileNotFoundError:
-        raise FileError(f"{source} does not exist.", code="missing") from None
-    except OSError as error:
-        raise FileError(f"{source} cannot be read: {error.strerror}.") from error
-
-
-def _refuse_write(target: Path, error: OSError) -> NoReturn:
-    if error.errno in (errno.ENOSPC, errno.EDQUOT):
-        hint = "Free some space and run it again; the former content is untouched."
-        raise FileError(f"{target} was not written: the disk is full.", hint, code="disk-full") from error
-    raise FileError(f"{target} cannot be written: {error.strerror or error}.", code="write") from error
 
 
 def _refuse_constant(text: str) -> NoReturn:
@@ -275,39 +285,38 @@ def _require_free(path: Path, overwrite: bool, resumable: bool) -> None:
                         code="run-folder")
 
 
-def _remove_old(path: Path) -> None:
-    _sweep(path)
-    old = [path / name for name in RUN_FILES if name != "run.json"]
-    old += [item for item in (path / FIGURES).glob("*") if item.suffix in (".svg", ".png", ".pdf", ".gif")]
-    for item in old:
-        item.unlink(missing_ok=True)
-    remove_jobs(path / JOBS)
+def _written(folder: Path) -> list[str]:
+    """What the run in a folder has written, by its own record; of one without such a list, the names that runs had."""
+    try:
+        files = Run(folder).record.get("files") if (folder / "run.json").is_file() else []
+    except FileError:
+        files = None
+    if not isinstance(files, list):
+        files = [name for name in RUN_FILES if os.path.lexists(folder / name)]
+    return [name for name in files if isinstance(name, str) and name != "run.json"]
+
+
+def _remove_listed(folder: Path, names: Sequence[str]) -> None:
+    for name in names:
+        if is_inside(folder, PurePath(name).parent):
+            remove_file(folder / name)
 
 
 def remove_jobs(folder: Path) -> None:
-    """Remove the results of single jobs, and their folder unless it holds anything else."""
-    for item in (*folder.glob("*.npz"), *folder.glob(".*.tmp"), folder / JOURNAL):
-        item.unlink(missing_ok=True)
+    """Remove the results of single jobs, and their folder unless it is a link or holds anything else."""
+    if folder.is_symlink():
+        return
+    for item in folder.glob("*"):
+        if _JOB.fullmatch(item.name) or LEFTOVER.fullmatch(item.name) or item.name == JOURNAL:
+            remove_file(item)
     with contextlib.suppress(OSError):
         folder.rmdir()
 
 
-def _sweep(folder: Path) -> None:
-    """Remove what killed processes left half-written; a process still alive may be writing, so its files stay."""
-    for leftover in folder.glob(".*.tmp"):
-        owner = leftover.name.split(".")[-3]
-        if owner.isdigit() and int(owner) != os.getpid() and not _alive(int(owner)):
-            leftover.unlink(missing_ok=True)
-
-
-def _alive(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        return True
-    return True
+def _require_inside(folder: Path, below: str | PurePath) -> None:
+    if not is_inside(folder, PurePath(below)):
+        raise FileError(f"{folder / below} is a link, or leads out of the run folder: nothing is written there.",
+                        "Remove the link, or give another run folder.", code="run-folder")
 
 
 def _command_line(command: str | Sequence[str]) -> list[str]:

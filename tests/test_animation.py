@@ -292,8 +292,8 @@ def test_a_strangers_file_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[
     out.write_bytes(b"mine")
     short = [str(folder), "--from", "30", "--to", "30.2", "--size", "200"]
     assert run_command(["animate", *short, "--output", str(out)]) == 3
-    assert out.read_bytes() == b"mine" and "--force" in capsys.readouterr().err
-    assert run_command(["animate", *short, "--output", str(out), "--force"]) == 0
+    assert out.read_bytes() == b"mine" and "--overwrite" in capsys.readouterr().err
+    assert run_command(["animate", *short, "--output", str(out), "--overwrite"]) == 0
     assert run_command(["animate", *short]) == 0
     assert (folder / "figures" / "motion.gif").read_bytes() == out.read_bytes()
     assert "follows angle 1" in capsys.readouterr().out.replace("\u00a0", " ")

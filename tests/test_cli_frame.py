@@ -222,8 +222,8 @@ def test_generate_aprbs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert list(recording.columns) == ["reference_deg"] and recording.sampling_period_s == 0.003
     first = path.read_bytes()
     assert _generate("--output", str(path)) == 3
-    assert "--force" in capsys.readouterr().err
-    assert _generate("--output", str(path), "--force") == 0 and path.read_bytes() == first
+    assert "--overwrite" in capsys.readouterr().err
+    assert _generate("--output", str(path), "--overwrite") == 0 and path.read_bytes() == first
     assert "evenness" in capsys.readouterr().out
 
 

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from cli import frame
 from pamid.errors import FileError, UsageError
 from pamid.excitation import aprbs
-from pamid.excitation_files import FORMATS, change_points, format_of, write_excitation, write_together
+from pamid.excitation_files import FORMATS, change_points, format_of, write_excitation
+from pamid.files import write_together
 from pamid.recording import read_recording
 
 Array = NDArray[np.float64]
@@ -278,5 +279,5 @@ def test_a_toml_that_is_left_is_said(tmp_path: Path, capsys: pytest.CaptureFixtu
     path = tmp_path / "sent.csv"
     assert frame.run(["generate-aprbs", "--signal", "torque-loops", "--pressure", "200", "--output", str(path)]) == 0
     capsys.readouterr()
-    assert frame.run(["generate-aprbs", "--duration", "20", "--output", str(path), "--force"]) == 0
+    assert frame.run(["generate-aprbs", "--duration", "20", "--output", str(path), "--overwrite"]) == 0
     assert "sent.toml was there before" in capsys.readouterr().out

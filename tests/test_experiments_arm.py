@@ -34,13 +34,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def generate(path: Path, *more: str) -> int:
-    return frame.run(["generate-aprbs", "--rig", "two-link", *more, "--output", str(path), "--force"])
+    return frame.run(["generate-aprbs", "--rig", "two-link", *more, "--output", str(path), "--overwrite"])
 
 
 def simulated(path: Path, *more: str) -> Recording:
     """What the virtual arm records of the excitation at `path`."""
     output = path.with_name(f"{path.stem}-recorded.csv")
-    assert frame.run(["simulate", "--excitation", str(path), *more, "--output", str(output), "--force"]) == 0
+    assert frame.run(["simulate", "--excitation", str(path), *more, "--output", str(output), "--overwrite"]) == 0
     return read_recording(output)
 
 

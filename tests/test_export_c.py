@@ -143,7 +143,7 @@ def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: py
         assert file in told["files"] and (tmp_path / file).is_file()
         assert frame.run(["export", "run", "--to", form]) == 3
         assert "exists already" in capsys.readouterr().err
-        assert frame.run(["export", "run", "--to", form, "--force"]) == 0
+        assert frame.run(["export", "run", "--to", form, "--overwrite"]) == 0
         assert "command, external_torque_nm -> angle_deg" in capsys.readouterr().out
     assert frame.run(["export", "run", "--to", "matlab", "--output", "a/my-joint.m", "--known", "radius_m=0.04"]) == 0
     text = (tmp_path / "a" / "my_joint.m").read_text()

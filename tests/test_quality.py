@@ -324,7 +324,7 @@ def test_the_card_is_drawn_on_request(spoilt: Path, tmp_path: Path, capsys: pyte
     png = card.read_bytes()
     assert png[:8] == b"\x89PNG\r\n\x1a\n" and 10_000 < len(png) < 400_000
     assert run(["check", str(spoilt), "--figure", str(card)]) == 3 and card.read_bytes() == png
-    assert run(["check", str(spoilt), "--figure", str(card), "--force"]) == 0 and card.read_bytes() == png
+    assert run(["check", str(spoilt), "--figure", str(card), "--overwrite"]) == 0 and card.read_bytes() == png
     assert run(["check", CART, "--figure", str(tmp_path / "rig.png")]) == 2 and not (tmp_path / "rig.png").exists()
 
 

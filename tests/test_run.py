@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 
 from pamid.errors import DataError, FileError, PamidError, UsageError, nearest
-from pamid.run import Run, json_text, read_json, sha256_of, write_atomically, write_json
+from pamid.files import sha256_of, write_atomically, write_together
+from pamid.run import Run, json_text, read_json, write_json
 
 
 def _create(folder: Path, **settings: object) -> Run:
@@ -72,10 +73,91 @@ def test_overwriting_removes_old_results_and_nothing_else(tmp_path: Path) -> Non
     run = _create(tmp_path / "run")
     write_json(run.path("diagnosis.json"), {})
     run.path("figures/gap.svg").write_text("old")
-    run.path("recording.csv").write_text("mine")
+    assert run.record["files"] == ["diagnosis.json", "figures/gap.svg"]
+    strangers = ["figures/mine.png", "figures/ranking.svg", "jobs/mine.npz", "jobs/notes.tmp", "recording.csv",
+                 "rig.py"]
+    (run.folder / "jobs").mkdir()
+    for name in strangers:
+        (run.folder / name).write_text("mine")
     _create(tmp_path / "run", overwrite=True, seed=2)
-    names = sorted(item.relative_to(run.folder).as_posix() for item in run.folder.rglob("*") if item.is_file())
-    assert names == ["recording.csv", "run.json"] and run.record["seed"] == 2
+    assert _files(run.folder) == sorted([*strangers, "run.json"]) and run.record["seed"] == 2
+    assert run.record["files"] == []
+
+
+def _files(folder: Path) -> list[str]:
+    return sorted(item.relative_to(folder).as_posix() for item in folder.rglob("*") if not item.is_dir())
+
+
+def test_overwriting_follows_no_link_out_of_the_run(tmp_path: Path) -> None:
+    """Neither through a linked folder, nor by a name of a stranger's run.json that leads elsewhere."""
+    away = tmp_path / "away"
+    away.mkdir()
+    for name in ("gap.png", f"{'a' * 64}.npz", "journal.jsonl", "thesis.tex"):
+        (away / name).write_text("mine")
+    run = _create(tmp_path / "run")
+    (run.folder / "figures").symlink_to(away)
+    (run.folder / "thesis.tex").symlink_to(away / "thesis.tex")
+    names = ["figures/gap.png", "../away/thesis.tex", str(away / "thesis.tex"), "thesis.tex", "", ".", "..", "a\0b", 7,
+             "x" * 5000, "figures/../figures/gap.png"]
+    write_json(run.folder / "run.json", {**run.record, "files": names})
+    _create(run.folder, overwrite=True)
+    assert len(_files(away)) == 4 and {item.read_text() for item in away.iterdir()} == {"mine"}
+    assert (run.folder / "thesis.tex").is_symlink(), "a link is none of pamid's files"
+    with pytest.raises(FileError, match="is a link"):
+        run.path("figures/gap.png")
+    with pytest.raises(FileError, match="leads out"):
+        run.path("../gap.png")
+    (run.folder / "jobs").symlink_to(away)
+    with pytest.raises(FileError, match="jobs is a link"):
+        _create(run.folder, overwrite=True, resume=False)
+    with pytest.raises(FileError, match="jobs is a link"):
+        _create(run.folder, resume=True)
+    assert len(_files(away)) == 4
+
+
+def test_a_run_without_a_list_loses_the_names_that_runs_have(tmp_path: Path) -> None:
+    """Runs of older versions, and those whose run.json is damaged."""
+    for old in ('{"schema": "pamid.run/1"}', '{"schema": "pamid.run/1", "files": "all"}', "{"):
+        folder = tmp_path / f"run{len(old)}"
+        (folder / "figures").mkdir(parents=True)
+        for name in ("diagnosis.json", "report.html", "figures/mine.png", "mine.csv"):
+            (folder / name).write_text("old")
+        (folder / "run.json").write_text(old)
+        _create(folder, overwrite=True)
+        assert _files(folder) == ["figures/mine.png", "mine.csv", "run.json"]
+
+
+def test_a_link_is_replaced_and_what_it_leads_to_stays(tmp_path: Path) -> None:
+    (tmp_path / "target").write_text("mine")
+    (tmp_path / "link").symlink_to(tmp_path / "target")
+    (tmp_path / "device").symlink_to("/dev/null")
+    os.mkfifo(tmp_path / "pipe")
+    write_atomically(tmp_path / "link", b"new")
+    assert (tmp_path / "target").read_text() == "mine" and not (tmp_path / "link").is_symlink()
+    for name, word in (("device", "a device"), ("pipe", "a pipe"), (".", "a folder")):
+        with pytest.raises(FileError, match=f"is {word}"):
+            write_atomically(tmp_path / name, b"new")
+    assert (tmp_path / "device").is_symlink() and len(list(tmp_path.iterdir())) == 4
+
+
+@pytest.mark.parametrize("broken", range(3))
+def test_together_means_all_or_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: int) -> None:
+    names, replace, done = ["a", "b", "c"], os.replace, []
+    for name in names[:2]:
+        (tmp_path / name).write_text("old")
+
+    def failing(source: Path, target: Path) -> None:
+        done.append(target)
+        if len(done) == broken + 1:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", failing)
+    with pytest.raises(FileError, match="disk is full"):
+        write_together({tmp_path / name: b"new" for name in names})
+    assert {item.name: item.read_text() for item in tmp_path.iterdir()} == {"a": "old", "b": "old"}
+    write_together({tmp_path / name: b"new" for name in names})
+    assert {item.name: item.read_text() for item in tmp_path.iterdir()} == dict.fromkeys(names, "new")
 
 
 def test_a_missing_input_claims_nothing(tmp_path: Path) -> None:

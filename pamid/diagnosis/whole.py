@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from pamid.diagnosis.next_experiment import FILE, Proposing
@@ -38,6 +39,7 @@ def diagnose_into(run: Run, evidence: Evidence, catalogue: dict[str, type[Effect
     if missing is not None:
         write_atomically(run.path("missing.csv"), missing_csv(missing))
     if proposal is not None:
+        run.claim(Path(FILE).with_suffix(".toml").name)
         write_recording(run.path(FILE), proposal.time, proposal.columns, proposal.meta)
     write_json(run.path("diagnosis.json"), result)
     return result

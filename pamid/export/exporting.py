@@ -11,8 +11,8 @@ from pamid.export.fmu import make_fmu
 from pamid.export.m_source import m_file
 from pamid.export.statements import identifier
 from pamid.export.step import Step, step_of
+from pamid.files import make_folder, write_atomically, write_together
 from pamid.identified import Identified
-from pamid.run import write_atomically
 
 #: what may be asked for -> ending of its file ("": a folder)
 FORMS = {"fmu": ".fmu", "fmu2": ".fmu", "fmu3": ".fmu", "c": "", "onnx": ".onnx", "matlab": ".m"}
@@ -32,10 +32,10 @@ class Exported:
     notes: tuple[str, ...] = ()
 
 
-def export_model(model: Identified, form: str, path: Path | None = None, *, force: bool = False) -> Exported:
+def export_model(model: Identified, form: str, path: Path | None = None, *, overwrite: bool = False) -> Exported:
     """Write `model` to `path` (default: the model's name with the ending of the form, here).
 
-    FileError where a file exists and `force` is not given.
+    FileError where a file exists and `overwrite` is not given.
     """
     step = step_of(model)
     path = path or Path(f"{model_name(step)}{FORMS[form]}")
@@ -47,11 +47,11 @@ def export_model(model: Identified, form: str, path: Path | None = None, *, forc
     else:
         texts = dict.fromkeys((path, *([path.with_name(f"{path.stem}-cell.onnx")] if form == "onnx" else [])), "")
     taken = [p for p in texts if p.exists()]
-    if taken and not force:
-        raise FileError(f"{taken[0]} exists already.", "Choose another --output, or --force to replace it.",
+    if taken and not overwrite:
+        raise FileError(f"{taken[0]} exists already.", "Choose another --output, or --overwrite to replace it.",
                         code="exists")
     for folder in {p.parent for p in texts}:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
     if form == "onnx":
         from pamid.export.onnx_model import write_onnx  # its package is an extra
 
@@ -60,6 +60,5 @@ def export_model(model: Identified, form: str, path: Path | None = None, *, forc
         made = make_fmu(step, FMI[form])
         write_atomically(path, made.data)
         return Exported(step, (path,), made.binary, (f"{made.why}; {HOW_TO_BUILD}",) if made.why else ())
-    for file, text in texts.items():
-        write_atomically(file, text.encode())
+    write_together({file: text.encode() for file, text in texts.items()})
     return Exported(step, tuple(texts))

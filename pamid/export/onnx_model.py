@@ -22,9 +22,9 @@ from pamid.export.onnx_graph import Graph, graph_of, model_bytes
 from pamid.export.onnx_network import memory_size, network_nodes
 from pamid.export.onnx_step import Sampled
 from pamid.export.step import step_of
+from pamid.files import write_together
 from pamid.identified import Identified
 from pamid.networks.store import TrainedNetwork
-from pamid.run import write_atomically
 from pamid.units import NONE, split_column
 
 Array = NDArray[np.float64]
@@ -113,8 +113,7 @@ def _column(name: str) -> dict[str, str]:
 
 def _written(contents: tuple[bytes, bytes], path: Path) -> tuple[Path, Path]:
     cell = path.with_name(f"{path.stem}-cell.onnx")
-    for target, content in zip((path, cell), contents, strict=True):
-        write_atomically(target, content)
+    write_together(dict(zip((path, cell), contents, strict=True)))
     return path, cell
 
 

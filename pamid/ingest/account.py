@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
 import shutil
 import tempfile
 from collections.abc import Sequence
@@ -14,12 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.errors import FileError
+from pamid.files import make_folder, refuse_write, replace_together, sha256_of
 from pamid.ingest.clocks import Clock
 from pamid.ingest.conversion import Conversion, Made, Track
 from pamid.ingest.mapping import Mapping
 from pamid.metrics import FloatArray, runs_of
 from pamid.recording import write_recording
-from pamid.run import sha256_of, write_json
+from pamid.run import write_json
 
 SCHEMA = "pamid.ingest/1"
 AT_LIMIT = 3         # samples in a row at the highest or lowest value of a channel: it may be clipped there
@@ -60,11 +59,11 @@ def write_conversions(conversions: Sequence[Conversion], outputs: Sequence[Seque
                             code="exists")  # fmt: skip
     told: list[dict[str, Any]] = []
     folder = targets[0].parent
+    make_folder(folder)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         stage = Path(tempfile.mkdtemp(prefix=".ingest-", dir=folder))
     except OSError as error:
-        raise FileError(f"{folder} cannot be written to: {error.strerror}.", code="write") from error
+        refuse_write(folder, error)
     try:
         for conversion, part in zip(conversions, outputs, strict=True):
             shared = _of_log(conversion, mapping_file)
@@ -72,27 +71,12 @@ def write_conversions(conversions: Sequence[Conversion], outputs: Sequence[Seque
                 write_recording(stage / path.name, made.time, made.columns, _tables(conversion))
                 told.append({**shared, "recording": _of_recording(made, path, conversion)})
                 write_json((stage / path.name).with_suffix(".ingest.json"), told[-1])
-        _move(stage, folder, [target.name for target in targets])
+        replace_together({target: stage / target.name for target in targets})
+    except OSError as error:
+        refuse_write(folder, error)
     finally:
         shutil.rmtree(stage, ignore_errors=True)
     return told
-
-
-def _move(stage: Path, folder: Path, names: Sequence[str]) -> None:
-    """Move finished files to their place; on a failure those that were new there are taken away again."""
-    new = []
-    try:
-        for name in names:
-            if not (folder / name).exists():
-                new.append(folder / name)
-            os.replace(stage / name, folder / name)
-    except BaseException as error:
-        for path in new:
-            with contextlib.suppress(OSError):
-                path.unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            raise FileError(f"{folder} cannot be written to: {error.strerror}.", code="write") from error
-        raise
 
 
 def _numbered(stem: Path, count: int) -> list[Path]:

@@ -17,6 +17,7 @@ import numpy as np
 
 from pamid.arrays import load_arrays
 from pamid.errors import FileError, PamidError
+from pamid.files import LOG
 from pamid.ingest.channels import Channel, Log
 
 #: s that a reader may take, and more for each MB of the file
@@ -70,7 +71,7 @@ def _fetch(path: Path, folder: Path) -> Log:
     answer = json.loads((folder / "answer.json").read_text(encoding="utf-8"))
     if "message" in answer:
         raise FileError(answer["message"].replace(str(path.absolute()), str(path)), answer["hint"], code=answer["code"])
-    arrays = load_arrays(folder / "channels.npz")
+    arrays = load_arrays(folder / "channels.npz", most=LOG)
     channels = tuple(Channel(name, arrays[f"values_{index}"], arrays[stamps] if stamps else None, unit)
                      for index, (name, unit, stamps) in enumerate(answer["channels"]))  # fmt: skip
     return Log(path, answer["kind"], channels, tuple(answer["details"]))

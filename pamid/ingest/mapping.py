@@ -16,6 +16,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationError
 
 from pamid.errors import FileError, PamidError, nearest
+from pamid.files import TOML, read_data
 from pamid.ingest.quantities import (
     PRESSURE,
     STANDARD_ATMOSPHERE_KPA,
@@ -106,7 +107,7 @@ def load_mapping(path: Path, pressures: str | None = None) -> Mapping:
     opposite of one.
     """
     try:
-        tables = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        tables = tomllib.loads(read_data(path, TOML).decode("utf-8-sig"))
     except tomllib.TOMLDecodeError as error:
         hint = "Text stands in quotes, numbers have a decimal point." if "value" in str(error) else ""
         raise FileError(f"{path}: not TOML: {error}.", hint, code="toml") from None

@@ -11,6 +11,7 @@ from importlib import import_module
 from pathlib import Path
 
 from pamid.errors import FileError, PamidError, nearest
+from pamid.files import LOG, open_data
 from pamid.ingest.apart import read_apart
 from pamid.ingest.channels import Log
 
@@ -100,6 +101,9 @@ def _kind_of(path: Path, wanted: str | None) -> tuple[Kind, str]:
         if not (path / "metadata.yaml").is_file():
             raise FileError(f"{path} is a folder.", "Name a log; of the folders only ROS 2 bags with a metadata.yaml "
                             "are logs.")  # fmt: skip
+        for part in sorted(path.rglob("*")):
+            if not part.is_dir():
+                _head(part)
         return KINDS["ros"], ""
     head = _head(path)
     by_content = _by_content(head)
@@ -123,7 +127,7 @@ def _kind_of(path: Path, wanted: str | None) -> tuple[Kind, str]:
 
 def _head(path: Path) -> bytes:
     try:
-        with path.open("rb") as file:
+        with open_data(path, LOG) as file:
             head = file.read(HEAD)
     except OSError as error:
         raise FileError(f"{path} cannot be read: {error.strerror}.") from error

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from pamid.errors import FileError
+from pamid.files import TABLE, read_data
 from pamid.ingest.cells import MISSING, add_column
 from pamid.ingest.channels import Log
 from pamid.ingest.dialect import COMMENT, DELIMITERS, RUN, SAMPLE, Dialect, find_dialect
@@ -41,7 +42,7 @@ def read_text(path: Path) -> Log:
 
 def decode(path: Path) -> tuple[str, str]:
     """The text of a file, its lines ended by "\\n", and the encoding it was read with."""
-    data = path.read_bytes()
+    data = read_data(path, TABLE)
     if not data.strip():
         raise FileError(f"{path} is empty.")
     wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))

@@ -22,10 +22,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from pamid.arrays import load_arrays
 from pamid.errors import DataError, FileError, PamidError, nearest
+from pamid.files import WEIGHTS, read_data, write_together
 from pamid.networks.network import Network
 from pamid.networks.scaling import Scaling, check_finite, scaling_of
 from pamid.networks.training import Training, train
-from pamid.run import read_json, write_atomically, write_json
+from pamid.run import json_bytes, read_json
 
 Array = NDArray[np.float64]
 Signals = Mapping[str, ArrayLike]
@@ -122,13 +123,19 @@ def trace_csv(training: Training) -> bytes:
 
 
 def save_network(folder: Path | str, trained: TrainedNetwork) -> None:
-    """Write `network.npz`, then `network.json` that vouches for it, each whole or not at all."""
+    """Write `network.npz` and `network.json` that vouches for it, both or none."""
+    content, about = network_files(trained)
     folder = Path(folder)
+    write_together({folder / WEIGHTS_FILE: content, folder / NETWORK_FILE: json_bytes(about, NETWORK_FILE)})
+
+
+def network_files(trained: TrainedNetwork) -> tuple[bytes, dict[str, Any]]:
+    """What stands in `network.npz` and in `network.json`."""
     buffer = io.BytesIO()
     np.savez(buffer, weights=np.ascontiguousarray(trained.weights, dtype=np.float64))
     content = buffer.getvalue()
     scalings = zip(trained.input_scaling.low, trained.input_scaling.high, strict=True)
-    about = {
+    return content, {
         "schema": NETWORK_SCHEMA,
         "kind": trained.network.kind,
         "sizes": asdict(trained.network),  # type: ignore[call-overload]
@@ -146,8 +153,6 @@ def save_network(folder: Path | str, trained: TrainedNetwork) -> None:
         "training": dict(trained.summary),
         "weights": {"file": WEIGHTS_FILE, "sha256": hashlib.sha256(content).hexdigest()},
     }
-    write_atomically(folder / WEIGHTS_FILE, content)
-    write_json(folder / NETWORK_FILE, about)
 
 
 def load_network(folder: Path | str) -> TrainedNetwork:
@@ -189,7 +194,7 @@ def _class_of(kind: str, path: Path) -> type[Any]:
 
 def _weights(path: Path, sha256: str, n_weights: int) -> Array:
     try:
-        content = path.read_bytes()
+        content = read_data(path, WEIGHTS)
     except OSError as error:
         raise FileError(f"{path} cannot be read: {error.strerror}.", _REMEDY) from None
     if hashlib.sha256(content).hexdigest() != sha256:

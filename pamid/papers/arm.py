@@ -253,7 +253,9 @@ def reproduce_arm(run: Run, plan: Plan, *, told: Told = lambda text: None) -> di
     twin = ArmTwin()
     run.path(TABLE_FILE).unlink(missing_ok=True)     # of an earlier run
     told("recording the twin")
-    records = record_arm(run.folder, twin, sessions(plan.swing_s, plan.muscles, plan.period_s), plan.seed)
+    planned = sessions(plan.swing_s, plan.muscles, plan.period_s)
+    run.claim(*(f"{session.name}{suffix}" for session in planned for suffix in (".csv", ".toml")))
+    records = record_arm(run.folder, twin, planned, plan.seed)
     twin.force_map(run.path(MAP_FILE), [plan.seed, 1])
     stages, law = fit_stages(run, records, plan, told)
     told("free runs")

@@ -26,7 +26,7 @@ from pamid.greybox import GreyBox, fit_model, loop_run
 from pamid.leftover import Leftover, Stretch, derived
 from pamid.library import catalogue_rig, effects
 from pamid.metrics import mae
-from pamid.networks.store import save_network, trace_csv
+from pamid.networks.store import NETWORK_FILE, WEIGHTS_FILE, save_network, trace_csv
 from pamid.papers.joint_twin import (
     AMPLITUDE_DEG,
     ANGLE,
@@ -166,6 +166,7 @@ def train_elman(run: Run, records: Records, plan: Plan, *, resume: bool, told: T
         checkpoint=run.path(CHECKPOINT_FILE), resume=resume,
         progress=lambda step, start: told(f"training, start {start + 1} of {plan.starts}, step {step.iteration} of "
                                           f"{plan.iterations}, MSE {step.mse:.3g}"))
+    run.claim(WEIGHTS_FILE, NETWORK_FILE)
     save_network(run.folder, found.trained)
     write_atomically(run.path(TRACE_FILE), trace_csv(found.training))
     if found.interrupted:
@@ -228,6 +229,7 @@ def reproduce(run: Run, plan: Plan, *, resume: bool = False, told: Told = lambda
     twin = Twin()
     run.path(TABLE_FILE).unlink(missing_ok=True)     # of an earlier run
     told("recording the twin")
+    run.claim(*(f"{Path(file).stem}{suffix}" for file in FILES.values() for suffix in (".csv", ".toml")))
     records = record_twin(run.folder, twin, plan)
     analytic = records.row(ANALYTIC, {case: records.analytic[case][derived(ANGLE, "loop")] for case in records.steps})
     elman, network = train_elman(run, records, plan, resume=resume, told=told)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from pamid.errors import quoted
 from pamid.report import words
 from pamid.report.budget import ChannelErrors, headline
 from pamid.report.diagnosed import Candidate, Diagnosis, NextExperiment, Regime, Unknown, Where
@@ -272,6 +273,6 @@ def _expected(further: NextExperiment) -> str:
 
 
 def _diagnose_command(run: RunData) -> str:
-    paths = [words.clean(one.path or one.name) for one in run.fit.recordings] if run.fit is not None else []
+    paths = [words.clean(quoted(one.path or one.name)) for one in run.fit.recordings] if run.fit is not None else []
     files = " ".join(paths) if paths and len(paths) <= 4 else "REC.csv..."
-    return f"`pamid diagnose {files} --rig {words.clean(run.rig) or 'RIG'} --output RUN`"
+    return f"`pamid diagnose {files} --rig {words.clean(quoted(run.rig)) if run.rig else 'RIG'} --output RUN`"

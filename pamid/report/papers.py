@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from PIL import Image, UnidentifiedImageError
 
 from pamid.errors import FileError
+from pamid.files import PICTURE, read_data
 from pamid.report import words
 from pamid.report.reading import REMEDY, Node, read_object
 from pamid.report.style import WIDE_IN, Drawing
@@ -98,7 +99,7 @@ def _stills(folder: Path, names: Iterable[str]) -> tuple[Still, ...]:
         if not path.exists():
             continue
         try:
-            png = path.read_bytes()
+            png = read_data(path, PICTURE)
             with Image.open(io.BytesIO(png), formats=("PNG",)) as picture:
                 wide, tall = picture.size
         except (OSError, UnidentifiedImageError, Image.DecompressionBombError) as error:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.errors import FileError
+from pamid.files import TABLE, read_data
 from pamid.run import read_json
 
 FloatArray = NDArray[np.float64]
@@ -172,7 +173,7 @@ def read_columns(path: Path) -> dict[str, FloatArray] | None:
     if not path.exists():
         return None
     try:
-        text = path.read_bytes().decode("utf-8").replace("\r\n", "\n")
+        text = read_data(path, TABLE).decode("utf-8").replace("\r\n", "\n")
     except (OSError, UnicodeDecodeError) as error:
         raise FileError(f"{path} cannot be read as text: {error}.", REMEDY, code="damaged") from None
     header, _, body = text.partition("\n")

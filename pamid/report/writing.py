@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from pamid.errors import FileError
+from pamid.files import PAGE, make_folder, read_data, write_together
 from pamid.report.budget import ChannelErrors, errors_of, headline, worst_window
 from pamid.report.evidence import pulls_drawing, pulls_of, timeline_drawing, training_drawing
 from pamid.report.figures import (
@@ -28,7 +29,7 @@ from pamid.report.style import Drawing, Picture, render
 from pamid.report.trial import read_trial
 from pamid.report.trial_figures import trial_drawings
 from pamid.report.trial_page import trial_html
-from pamid.run import FIGURES, Run, write_atomically
+from pamid.run import FIGURES, Run
 
 #: every figure this version can write; older ones of these names are removed when a run no longer has them
 FIGURE_NAMES = ("ports", "regimes", "timeline", "missing", "ranking", "budget", "window", "window-network",
@@ -76,18 +77,17 @@ def write_report(run_folder: Path, output: Path | None = None, pdf: Path | None 
     pictures = {drawing.name: render(drawing) for drawing in content.drawings}
     html = content.html_of(pictures)  # everything is drawn before anything is written
     paper = pdf_of(html, [*content.drawings, *content.stills]) if pdf is not None else b""
-    folder = run_folder / FIGURES
-    for needed in (folder, page.parent, *([pdf.parent] if pdf is not None else [])):
-        _make(needed)
-    for name in FIGURE_NAMES:
-        if name in pictures:
-            write_atomically(folder / f"{name}.png", pictures[name].png)
-        else:
-            (folder / f"{name}.png").unlink(missing_ok=True)
-    write_atomically(page, html.encode("utf-8", errors="replace"))
-    if pdf is not None:
-        write_atomically(pdf, paper)
-    return Report(page, tuple(folder / f"{name}.png" for name in FIGURE_NAMES if name in pictures), content.errors, pdf)
+    own = {f"{FIGURES}/{name}.png": name for name in FIGURE_NAMES}
+    drawn = [file for file, name in own.items() if name in pictures]
+    beside = [one for one in (page, pdf) if one is not None]
+    for one in beside:
+        make_folder(one.parent)
+    run = Run.open(run_folder)
+    run.remove(*(file for file in own if file not in drawn))
+    figures = run.claim(*drawn, *(one.name for one in beside if one.parent == run_folder))[: len(drawn)]
+    files = {path: pictures[own[file]].png for path, file in zip(figures, drawn, strict=True)}
+    write_together({**files, **({pdf: paper} if pdf is not None else {}), page: html.encode(errors="replace")})
+    return Report(page, tuple(figures), content.errors, pdf)
 
 
 def content_of(run_folder: Path) -> Content:
@@ -148,16 +148,8 @@ def _require_own(page: Path, is_own: Callable[[bytes], bool]) -> None:
     if not page.exists():
         return
     try:
-        with open(page, "rb") as file:
-            own = is_own(file.read())
+        own = is_own(read_data(page, PAGE))
     except OSError as error:
         raise FileError(f"{page} cannot be replaced: {error.strerror}.", "Choose another name.") from error
     if not own:
         raise FileError(f"{page} exists and is not a report.", "Choose another name.", code="exists")
-
-
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise FileError(f"{folder} cannot be made: {error.strerror}.", code="write") from error

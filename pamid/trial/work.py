@@ -24,6 +24,7 @@ from pamid.diagnosis.verdict import diagnosis_json
 from pamid.effect import Effect
 from pamid.errors import PamidError
 from pamid.evidence import Evidence, gather
+from pamid.files import make_folder
 from pamid.greybox import fit_model
 from pamid.jobs import Crew, Failed, Work, fault_text
 from pamid.library import catalogue_rig, effects
@@ -70,7 +71,7 @@ def run_cases(cases: Sequence[Case], folder: Path, crew: Crew, *,
               done: Done = lambda finished, total: None) -> list[dict[str, Any]]:
     """Results in the order of the cases, each written as it comes; done(finished, total) counts those that were there
     already, too. A case whose process is killed again and again is one that failed."""
-    (folder / "cases").mkdir(parents=True, exist_ok=True)
+    make_folder(folder / "cases")
     made = {c.number: r for c in cases if (r := finished(c, folder)) is not None}
     todo = [c for c in cases if c.number not in made]
     if crew.hands is None and crew.jobs > 1 and len(todo) > 1:
@@ -95,7 +96,7 @@ def failed_jobs(results: Sequence[dict[str, Any]]) -> list[dict[str, str]]:
 def finished(case: Case, folder: Path) -> dict[str, Any] | None:
     """The result in the folder, if it is of this very case and the case did not fail."""
     path = _path(case, folder)
-    kept = read_json(path) if path.is_file() else {}
+    kept = read_json(path) if path.exists() else {}
     return kept if kept.get("sha256") == case.sha256 and not kept["failed"] else None
 
 
