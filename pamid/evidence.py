@@ -71,12 +71,9 @@ def gather(rig: Rig, recordings: list[Recording], held_out: list[Recording]) -> 
     if not channels:
         raise FileError("the recordings share no measured output",
                         f"rig {rig.name!r} offers {', '.join(rig.outputs)}")
-    needed = [name for name in rig.inputs if name not in rig.optional]
     moving: set[str] = set()
     for r in everything:
-        for name in (*needed, *(channels if needed else ())):
-            require_excited(r, name)
-        moving |= _moving(r, channels)
+        moving |= _moving(r, (*(c for c in rig.inputs if r.has(c)), *channels))
         seconds = len(r) * r.sampling_period_s
         if len(r) < 400:
             raise DataError(f"{r.path}: {len(r)} samples ({seconds:.2f} s) are too few to fit and judge a model",
