@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from . import frame
+from .hints import unused
 from .options import noise_factor, parse_known
 
 if TYPE_CHECKING:
@@ -71,8 +72,16 @@ def command(rig: str | None, model: Path | None, which: str, excitation: Path, e
              "loop": made.meta["recording"]["loop"], "effects": made.effects, "seed": seed}
     told = ", ".join(made.effects) or "no effect"
     text = (f"{output}: {len(source)} samples of {', '.join(made.columns)} ({told}, seed {seed}).\n"
-            f"Next: pamid diagnose {output} --rig {rig} --output run")
+            f"Next: {_follow(output, len(source), rig)}")
     return frame.Result(found, text)
+
+
+def _follow(output: Path, samples: int, rig: str) -> str:
+    from pamid.evidence import FEWEST
+
+    if samples < FEWEST:
+        return f"pamid check {output} --rig {rig}   (a fit needs {FEWEST} samples)"
+    return f"pamid diagnose {output} --rig {rig} --output {unused('run')}"
 
 
 def _modelled(run: Path, which: str, rig: str | None, effects: tuple[str, ...], source: Recording,
