@@ -71,5 +71,5 @@ def _text(shown: dict[str, dict[str, dict[str, Any]]], path: Path | None, all_of
             value = "-" if about["value"] in (None, []) else about["value"]
             lines.append(f"{option:22s} {value!s:24s} {about['origin']}")
     if not all_of_them and len(lines) == 1 + len(about_files):
-        lines.append("Every option has its default; `pamid config COMMAND` lists them.")
+        lines.append("Every option has its default; `pamid config fit` lists those of fit.")
     return "\n".join(lines)

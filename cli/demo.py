@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from . import frame
+from .hints import unused
 from .progress import Progress
 from .terminal import quoted
 
@@ -64,5 +65,6 @@ def demo_text(found: dict[str, Any], output: Path) -> str:
         lines.append(f"A network instead, on the model in its own loop: {channel} {errors['refitted']:.4g} -> "
                      f"{errors['with_network']:.4g}")
     lines += ["", f"Page: {found['page']}",
-              f"Next: pamid effects {truth['effect']}   or   pamid diagnose {quoted(output / 'rec.csv')} --output RUN"]
+              f"Next: pamid effects {truth['effect']}   or   pamid diagnose {quoted(output / 'rec.csv')} "
+              f"--output {unused('run')}"]
     return "\n".join(lines)

@@ -109,7 +109,8 @@ def diagnosis_text(found: dict[str, Any], output: Path) -> str:
     n = found["next_experiment"]
     if n:
         lines.append(f"Measure next: {n['name']}, {n['minutes']:.2g} min on the rig, separates "
-                     f"{' and '.join(n['separates'])}; ready to run: {output / n['excitation']}")
+                     f"{' and '.join(n['separates'])}; ready to run: "
+                     + " and ".join(quoted(output / name) for name in n.get("excitations") or [n["excitation"]]))
     lines += failed_text(found)
     lines.append(f"Next: pamid report {quoted(output)}")
     return "\n".join(lines)

@@ -84,6 +84,7 @@ def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path,
 def fit_text(found: dict[str, Any], output: Path) -> str:
     """Parameters, what is known only in combination, and held-out errors as a table."""
     from pamid.combinations import tied_text
+    from pamid.leftover import one_period
 
     lines = [f"{'parameter':34s} {'value':>12s} {'low':>12s} {'high':>12s}  word"]
     for name, p in found["parameters"].items():
@@ -99,5 +100,6 @@ def fit_text(found: dict[str, Any], output: Path) -> str:
     if not found["converged"]:
         lines.append(f"Not converged: {found['why']}.")
     lines += failed_text(found)
-    lines.append(f"Next: pamid train-residual {quoted(output)}   or   pamid report {quoted(output)}")
+    network = f"pamid train-residual {quoted(output)}   or   " if one_period(r["period_s"] for r in found["recordings"]) else ""
+    lines.append(f"Next: {network}pamid report {quoted(output)}")
     return "\n".join(lines)

@@ -87,5 +87,5 @@ def law_text(about: dict[str, Any], output: Path) -> str:
         cells = ["-" if v is None else f"{v:.3f}" if k == 3 else f"{v:.1f}" for k, v in enumerate(values)]
         lines.append(f"{name:18s}" + "".join(f"{cell:>{wide}s}" for cell, wide in zip(cells, widths, strict=True)))
     return "\n".join([*lines, "", f"{about['finding']}.", *about["advice"], about["monotone"]["words"],
-                      f"Next: pamid check {quoted(rig)}; then --rig {quoted(rig)} in simulate, fit or diagnose, which "
+                      f"Next: pamid check {quoted(rig)}   or   --rig {quoted(rig)} in simulate, fit or diagnose, which "
                       "run that file."])

@@ -9,6 +9,7 @@ import click
 
 from . import frame
 from .excite import Made, make, refuse_strangers
+from .hints import unused, why_not_driven
 from .terminal import quoted
 
 EXAMPLE = """
@@ -120,5 +121,15 @@ def _write(output: Path, form: str, figure: Path | None, made: Made, request: di
     left = [f"  {sidecar} was there before and is left as it is; what it states holds for this excitation too."]
     said = [first, *made.said, *([f"  Picture: {figure}."] if figure else []),
             *(left if sidecar.exists() and not made.meta else [])]
-    follow = f"pamid simulate --rig {quoted(request['rig'])} --excitation {quoted(output)} --output rec.csv"
-    return frame.Result(about, "\n".join([*said, f"Next: {follow if form == 'csv' else FORMATS[form].heed}"]))
+    follow = _simulated(output, made, request["rig"]) if form == "csv" else FORMATS[form].heed
+    return frame.Result(about, "\n".join([*said, f"Next: {follow}"]))
+
+
+def _simulated(output: Path, made: Made, rig: str) -> str:
+    from pamid.library import rig_named
+
+    why = why_not_driven(rig_named(rig), output, made.columns)
+    if why:
+        return f"send it to your rig; to simulate it, name one with --rig that takes it: {why}."
+    return (f"pamid simulate --rig {quoted(rig)} --excitation {quoted(output)} "
+            f"--output {quoted(unused('rec.csv', [output]))}")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from . import frame
+from .hints import unused
 from .options import parse_known
 from .progress import Progress
 from .terminal import aside, quoted
@@ -58,7 +59,9 @@ def command(logs: tuple[Path, ...], mapping: Path | None, guess: bool, rig: str 
         return _guess(logs[0], rig or "one-dof", pressures, parse_known(known), kind, output, overwrite)
     if mapping is None or output is None:
         missing = "--mapping" if mapping is None else "--output"
-        raise UsageError(f"{missing} is missing.", "`pamid ingest --guess LOG --output map.toml` writes a mapping.")
+        hint = f"`pamid ingest --guess {quoted(logs[0])} --output {unused('map.toml')}` writes a mapping."
+        raise UsageError(f"{missing} is missing.", hint if mapping is None else
+                         f"For example --output {unused('recording.csv', logs)}.")
     return _ingest(logs, mapping, rig, pressures, repair, parse_known(known), kind, output, overwrite)
 
 
@@ -81,8 +84,8 @@ def _guess(log: Path, rig: str, pressures: str | None, known: dict[str, float], 
     write_atomically(output, found.text.encode())
     to_answer = "".join(f"\n  to be answered: {key}" for key in found.open)
     text = (f"{output}: {found.mapped} of {found.channels} channels guessed.{to_answer}\n"
-            f"Next: look it through, then pamid ingest {quoted(log)} --mapping {quoted(output)} --output "
-            "recording.csv")  # fmt: skip
+            f"Next: look it through, then pamid ingest {quoted(log)} --mapping {quoted(output)}{_named(rig)}"
+            f"{f' --kind {kind}' if kind else ''} --output {quoted(unused('recording.csv', [log]))}")  # fmt: skip
     return frame.Result(said, text)
 
 
@@ -111,7 +114,7 @@ def _ingest(logs: tuple[Path, ...], mapping: Path, rig_name: str | None, pressur
     for note in dict.fromkeys(warnings):
         aside(f"Warning: {note}")
     said = {"schema": "pamid.ingest/1", "recordings": accounts}
-    return frame.Result(said, _text(made, accounts))
+    return frame.Result(said, _text(made, accounts, _named(rig_name or told.rig or "")))
 
 
 def _rig(name: str | None, named_here: bool, mapping: Path) -> Rig | None:
@@ -128,7 +131,12 @@ def _rig(name: str | None, named_here: bool, mapping: Path) -> Rig | None:
     return catalogue_rig(name)
 
 
-def _text(made: list[Conversion], accounts: list[dict[str, Any]]) -> str:
+def _named(rig: str) -> str:
+    """The option that names a rig's file: one that a mapping or a recording names is not run."""
+    return f" --rig {quoted(rig)}" if rig.endswith(".py") or "/" in rig else ""
+
+
+def _text(made: list[Conversion], accounts: list[dict[str, Any]], rig: str) -> str:
     lines = []
     for account in accounts:
         about = account["recording"]
@@ -144,4 +152,4 @@ def _text(made: list[Conversion], accounts: list[dict[str, Any]]) -> str:
         if abs(conversion.stretch - 1.0) > 1e-6:
             ppm = 1e6 * (conversion.stretch - 1.0)
             lines.append(f"    its clock and {conversion.period:g} s differ by {ppm:.0f} ppm")
-    return "\n".join([*lines, f"Next: pamid check {quoted(accounts[0]['recording']['path'])}"])
+    return "\n".join([*lines, f"Next: pamid check {quoted(accounts[0]['recording']['path'])}{rig}"])

@@ -26,6 +26,6 @@ def command(name: str | None) -> frame.Result:
         rows = [catalogue.rig_row(rig) for rig in library.rigs().values()]
         lines = [f"{row['name']:<20} {row['title']}" for row in rows]
         return frame.Result({"schema": "pamid.rigs/1", "rigs": rows},
-                            "\n".join([*lines, "", "One of them, or a file of yours: pamid rigs NAME"]))
+                            "\n".join([*lines, "", f"One of them, or a file of yours: pamid rigs {rows[0]['name']}"]))
     said = catalogue.rig_story(library.rig_named(name), library.effects().values())
     return frame.Result({"schema": "pamid.rigs/1", "rig": said}, catalogue.rig_text(said))

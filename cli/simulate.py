@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from . import frame
+from .hints import unused
 from .options import noise_factor, parse_known
 from .terminal import quoted
 
@@ -73,8 +74,16 @@ def command(rig: str | None, model: Path | None, which: str, excitation: Path, e
              "loop": made.meta["recording"]["loop"], "effects": made.effects, "seed": seed}
     told = ", ".join(made.effects) or "no effect"
     text = (f"{output}: {len(source)} samples of {', '.join(made.columns)} ({told}, seed {seed}).\n"
-            f"Next: pamid diagnose {quoted(output)} --rig {quoted(rig)} --output run")
+            f"Next: {_follow(output, len(source), rig)}")
     return frame.Result(found, text)
+
+
+def _follow(output: Path, samples: int, rig: str) -> str:
+    from pamid.evidence import FEWEST
+
+    if samples < FEWEST:
+        return f"pamid check {quoted(output)} --rig {quoted(rig)}   (a fit needs {FEWEST} samples)"
+    return f"pamid diagnose {quoted(output)} --rig {quoted(rig)} --output {unused('run')}"
 
 
 def _modelled(run: Path, which: str, rig: str | None, effects: tuple[str, ...], source: Recording,

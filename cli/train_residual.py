@@ -31,7 +31,8 @@ pamid train-residual fitted --at joint --iterations 20
 @frame.command("train-residual", example=EXAMPLE)
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option("--network", default="elman", show_default=True, help="Kind of network: elman, anfis or narx.")
-@click.option("--hidden", type=click.IntRange(1, 200), help="Hidden units of elman or narx. [default: 10]")
+@click.option("--hidden", type=click.IntRange(1, 200), help="Hidden units of elman or narx. [default: 10, or as many "
+              "as the samples decide]")
 @click.option("--sets", type=click.IntRange(2, 20), help="Membership sets on every input of anfis. "
               "[default: the most, up to 5, that make no more than 64 rules]")
 @click.option("--iterations", type=click.IntRange(0), default=1000, show_default=True,

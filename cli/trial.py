@@ -114,8 +114,14 @@ def _share(output: Path, fixed: dict[str, Any], options: dict[str, Any], share: 
     found = {"schema": "pamid.trial-share/1", "index": number, "of": count, "cases": [c.number for c in cases],
              "failed_jobs": failed}
     text = [f"{len(cases)} of {len(whole)} cases (share {number} of {count}).", *failed_text(found),
-            f"When all shares are finished: pamid trial --output {quoted(output)} --resume ... (without --index)"]
+            f"When all shares are finished: {_scoring(output, fixed | options)}"]
     return frame.Result(found, "\n".join(text), 6 if failed else 0)
+
+
+def _scoring(output: Path, options: dict[str, Any]) -> str:
+    """The line that scores what the shares have worked through: the same trial without --index."""
+    asked = [f"--{name} {quoted(str(value))}" for name, value in options.items() if value is not None]
+    return " ".join(["pamid trial", *asked, f"--output {quoted(output)} --resume"])
 
 
 def _begun(output: Path, fixed: dict[str, Any], options: dict[str, Any], resume: bool) -> Run:

@@ -145,7 +145,7 @@ def effects_text(rows: list[dict[str, Any]]) -> str:
         for row in families[family]:
             kinds = ", ".join(k for k, f in row["families"].items() if f == family)
             lines.append(f"  {row['name']:<31} {kinds:<19} {row['title']}"[:WIDTH + 20])
-    return "\n".join([*lines, "", f"{len(rows)} effects. One of them: pamid effects NAME"])
+    return "\n".join([*lines, "", f"{len(rows)} effects. One of them: pamid effects {rows[0]['name']}"])
 
 
 def effect_text(said: dict[str, Any]) -> str:

@@ -29,22 +29,33 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-PATIENCE_S = 15.0       # for a scheduler to answer, and for its first worker
-ALONE_S = 120.0         # without any worker while jobs wait
 LISTEN_S = 5.0
 
 
+@dataclass(frozen=True)
+class Patience:
+    """How long to wait, s: for the scheduler to answer, for its first worker, without any worker while jobs wait."""
+
+    answer_s: float = 15.0
+    first_s: float = 15.0
+    alone_s: float = 120.0
+
+
+USUAL = Patience()
+
+
 @contextlib.contextmanager
-def cluster(address: str, patience_s: float = PATIENCE_S) -> Iterator[Cluster]:
+def cluster(address: str, patience: Patience | None = None) -> Iterator[Cluster]:
     """The cluster whose scheduler listens at an address such as tcp://host:8786.
 
     FileError where distributed is not installed, nobody answers in time, there is no worker, or the workers run another
     pamid than this one.
     """
-    client = _connected(address, patience_s)
+    patience = patience or USUAL
+    client = _connected(address, patience.answer_s)
     try:
-        _require_alike(client, address, patience_s)
-        yield Cluster(client, address)
+        _require_alike(client, address, patience.first_s)
+        yield Cluster(client, address, patience)
     finally:
         client.close(timeout=LISTEN_S)
 
@@ -105,6 +116,7 @@ class Cluster:
 
     client: Client
     address: str
+    patience: Patience = USUAL
     sent: dict[str, Future] = field(default_factory=dict)     # by digest: the parts of works that are there already
 
     def __call__(self, work: Work[T, Any], items: Sequence[T]) -> Iterator[tuple[int, Plain | Failed]]:
@@ -148,8 +160,8 @@ class Cluster:
             except Empty:
                 there = self.client.status == "running" and self.client.scheduler_info(n_workers=-1)["workers"]
                 alone = 0.0 if there else alone + LISTEN_S
-            if alone >= ALONE_S:
-                raise PamidError(f"the scheduler at {self.address} has had no workers for {ALONE_S:.0f} s",
+            if alone >= self.patience.alone_s:
+                raise PamidError(f"the scheduler at {self.address} has had no workers for {alone:.0f} s",
                                  "Start some; what was finished is kept, go on with --resume.", code="cluster")
 
     def _outcome(self, future: Future, label: str) -> Plain | Failed:

@@ -17,6 +17,7 @@ from pamid.simulation import measured_outputs, state_spread
 from pamid.windows import Track, noise_level, track_of
 
 Array = NDArray[np.float64]
+FEWEST = 400           # samples of a recording
 HELD_OUT_SHARE = 0.3
 LEAD_S = 6.0           # before a held-out part, to find the state it begins in
 DEPARTS = 0.01         # of a state's spread: what a model may be off by in a state that nothing measures, per window
@@ -71,16 +72,13 @@ def gather(rig: Rig, recordings: list[Recording], held_out: list[Recording]) -> 
     if not channels:
         raise FileError("the recordings share no measured output",
                         f"rig {rig.name!r} offers {', '.join(rig.outputs)}")
-    needed = [name for name in rig.inputs if name not in rig.optional]
     moving: set[str] = set()
     for r in everything:
-        for name in (*needed, *(channels if needed else ())):
-            require_excited(r, name)
-        moving |= _moving(r, channels)
+        moving |= _moving(r, (*(c for c in rig.inputs if r.has(c)), *channels))
         seconds = len(r) * r.sampling_period_s
-        if len(r) < 400:
+        if len(r) < FEWEST:
             raise DataError(f"{r.path}: {len(r)} samples ({seconds:.2f} s) are too few to fit and judge a model",
-                            "at least 400 samples are needed; 20 s and more are sensible on a 3 ms rig")
+                            f"at least {FEWEST} samples are needed; 20 s and more are sensible on a 3 ms rig")
     channels = tuple(c for c in channels if c in moving)
     if held_out:
         fit = [Span(r, 0, len(r)) for r in recordings]

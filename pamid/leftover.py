@@ -8,7 +8,7 @@ refitted output, one record per window. Inputs never are measured outputs: what 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -148,10 +148,16 @@ def _period(fit: dict[str, Any], columns: dict[str, Array]) -> float:
         used = sorted({known[int(i)] for i in np.unique(columns["recording"])})
     except (KeyError, IndexError, TypeError, ValueError):
         raise FileError(f"{FIT_FILE} does not give the period_s of every recording.", _REMEDY, code="damaged") from None
-    if used[-1] > (1.0 + _PERIODS_AGREE) * used[0]:
+    if not one_period(used):
         raise DataError(f"The recordings are sampled every {used[0]:g} to {used[-1]:g} s; a network needs one period.",
                         "Resample them, or fit them in runs of their own.")
     return used[0]
+
+
+def one_period(periods: Iterable[float]) -> bool:
+    """Are recordings with these sampling periods (s) alike enough for one network?"""
+    every = sorted(periods)
+    return every[-1] <= (1.0 + _PERIODS_AGREE) * every[0]
 
 
 def _spans(columns: dict[str, Array]) -> list[Stretch]:

@@ -39,6 +39,7 @@ from pamid.run import Run, json_bytes
 Array = NDArray[np.float64]
 
 CHECKPOINT_FILE, TRACE_FILE = "checkpoint.npz", "trace.csv"
+HIDDEN = 10                # units of a network whose --hidden is not given: the first paper's
 STARTUP_S = 1.0            # left out of the second pair of errors: the network starts from a zero state
 MOST_RULES, MOST_SETS = 64, 5   # of an ANFIS whose --sets are not given
 TAP_S = 0.03               # between the taps of a NARX network: 10 samples at 3 ms, where this was measured
@@ -65,14 +66,21 @@ class Wanted:
             if getattr(self, name) is not None and self.kind not in owners:
                 raise UsageError(f"--{name} belongs to --network {' or '.join(owners)}, not to {self.kind}.")
 
-    def network(self, inputs: int, period_s: float) -> Network:
-        """The network for this many inputs, sampled every `period_s`."""
-        hidden = 10 if self.hidden is None else self.hidden
-        if self.kind == "elman":
-            return Elman(inputs, hidden)
-        if self.kind == "narx":
+    def network(self, inputs: int, period_s: float, samples: int | None = None) -> Network:
+        """The network for this many inputs, sampled every `period_s`; without --hidden of the paper's 10 units as many
+        as this number of samples decides."""
+        if self.kind == "anfis":
+            return Anfis(inputs, _usual_sets(inputs) if self.sets is None else self.sets)
+
+        def of(hidden: int) -> Network:
+            if self.kind == "elman":
+                return Elman(inputs, hidden)
             return Narx(inputs, hidden, stride=max(1, round(TAP_S / period_s)))
-        return Anfis(inputs, _usual_sets(inputs) if self.sets is None else self.sets)
+
+        if self.hidden is not None:
+            return of(self.hidden)
+        fewer = (of(hidden) for hidden in range(HIDDEN, 0, -1))
+        return next((one for one in fewer if samples is None or one.n_weights <= samples), of(1))
 
 
 def _usual_sets(inputs: int) -> int:
@@ -132,9 +140,10 @@ def train_network(leftover: Leftover, name: str, target: Array,
     An interrupt ends the training with what it has; KeyboardInterrupt only where that is nothing. ConvergenceError
     where the training diverged at its very start; FileError for a checkpoint of another training.
     """
-    network = course.pop("wanted", Wanted()).network(len(leftover.inputs), leftover.period_s)
-    engine = engine_on(course.pop("device", "cpu"), network)
     own = leftover.of_part(0)
+    scored = sum(s.rows.stop - s.rows.start - leftover.washout for s in own)
+    network = course.pop("wanted", Wanted()).network(len(leftover.inputs), leftover.period_s, scored)
+    engine = engine_on(course.pop("device", "cpu"), network)
     with threadpool_limits(limits=1, user_api="blas"):  # the number of threads must not show in the last bits
         trained, training = train_on_signals(
             network, [leftover.signals(s) for s in own], [target[s.rows] for s in own], output_name=name,

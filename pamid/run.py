@@ -38,9 +38,10 @@ from pamid.files import (
 
 RUN_SCHEMA = "pamid.run/1"
 FIT_FILE, RESIDUAL_FILE = "fit.json", "residual.csv"
+NEXT_FILES = ("next-experiment.csv", "next-experiment-2.csv")    # of an experiment that is made in several settings
 RUN_FILES = ("run.json", FIT_FILE, RESIDUAL_FILE, "network.json", "network.npz", "trace.csv", "diagnosis.json",
-             "missing.csv", "next-experiment.csv", "next-experiment.toml", "report.html", "checkpoint.npz",
-             "force-law.json", "rig.py")  # fmt: skip
+             "missing.csv", *NEXT_FILES, *(name.replace(".csv", ".toml") for name in NEXT_FILES), "report.html",
+             "checkpoint.npz", "force-law.json", "rig.py")  # fmt: skip
 FIGURES = "figures"
 JOBS, JOURNAL = "jobs", "journal.jsonl"      # results of single jobs while a run goes on (pamid.results)
 _HALF = re.compile("[\ud800-\udfff]")     # of names that are no UTF-8: no file can hold them as they are

@@ -102,6 +102,7 @@ def diagnosis_json(verdict: str) -> dict[str, Any]:
         "next_experiment": {"name": "torque-loops-two-pressures", "why": "Friction of the joint does not grow with "
                             "pressure.", "separates": ["coulomb-friction", "bouc-wen-hysteresis"],
                             "expected_separation": 4.2, "minutes": 8.0, "excitation": "next-experiment.csv",
+                            "excitations": ["next-experiment.csv", "next-experiment-2.csv"],
                             "settings": [{"initial_pressure_kpa": 200.0}, {"initial_pressure_kpa": 500.0}]},
         "parameters": {"damping_m2_s": {"value": 0.0016, "low": 0.0015, "high": 0.0017, "prior": 0.0015,
                                         "strain": 0.3}},

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from pamid_cli.force_law import law_text
 from pamid_cli.frame import run
 
 from pamid.errors import DataError, FileError
@@ -68,6 +70,12 @@ def test_the_map_shipped_is_what_the_page_makes(tmp_path: Path, monkeypatch: pyt
     exec(compile(block, "data/README.md", "exec"), {})
     kept, again = (np.loadtxt(path, delimiter=",", skiprows=1) for path in (EXAMPLE, tmp_path / EXAMPLE.name))
     np.testing.assert_allclose(again, kept, rtol=0.0, atol=0.11)  # forces end at a tenth
+
+
+def test_the_line_to_go_on_with_runs(made: Path) -> None:
+    line = law_text(about(made), made).splitlines()[-1]
+    check, rest = line.removeprefix("Next: pamid ").split("   or   ")
+    assert run(shlex.split(check)) == 0 and f"--rig {made / 'rig.py'} in simulate, fit or diagnose" in rest
 
 
 def test_the_law_hidden_in_the_example_is_found(made: Path) -> None:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import random
-import time
 from itertools import combinations
 from typing import Any
 
 import pytest
+from counted import calls_of
 from rigs.carts import Carts
 
 from pamid.effect import State
@@ -221,12 +221,6 @@ def test_a_direct_measurement_splits_as_the_same_sensor_in_a_rig_does(port: str)
     assert promised.splits
 
 
-def test_it_takes_a_moment_only() -> None:
-    best = min(_seconds() for _ in range(3))
-    assert best < 0.2
-
-
-def _seconds() -> float:
-    begun = time.perf_counter()
-    isolability(OneDof(), ANGLE)
-    return time.perf_counter() - begun
+def test_it_takes_little_work() -> None:
+    isolability(OneDof(), ANGLE)    # what is kept from the first time on
+    assert calls_of(lambda: isolability(OneDof(), ANGLE)) < 400_000

@@ -12,16 +12,8 @@ import pytest
 from numpy.typing import NDArray
 
 from cli import frame
-from pamid.diagnosis.next_experiment import (
-    FILE,
-    Proposal,
-    bench_of,
-    benches,
-    in_question,
-    next_experiment,
-    proposal_json,
-    separations,
-)
+from pamid.diagnosis.next_experiment import bench_of, benches, in_question, next_experiment, separations
+from pamid.diagnosis.proposal import FILE, Proposal, proposal_json
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.diagnosis.whole import diagnose_into
 from pamid.evidence import gather

@@ -32,7 +32,8 @@ def test_the_page_says_what_was_found(verdict: str, tmp_path: Path) -> None:
         "Error of the refitted model over the noise floor, in the channel where it is largest.", "a later figure 1.50",
         "there is a structural gap at all above 0.99, the catalogue knows its cause 0.93, the first of the ranking",
         "The nearest two of these models are expected to differ by 4.2 noise standard deviations rms; it takes about "
-        "8 min at the rig.", "Its excitation is next-experiment.csv in the run folder",
+        "8 min at the rig.",
+        "Its excitations, one for each run, are next-experiment.csv and next-experiment-2.csv in the run folder",
         "Run 1: initial pressure 200 kPa. Run 2: initial pressure 500 kPa.",
         "one more sensor takes apart Force 1 and force 2 muscle and joint", "These sensors allow 3 independent checks.",
         "Look-alikes Coulomb friction and LuGre friction",
@@ -57,7 +58,7 @@ def test_a_diagnosis_of_an_older_version_makes_a_page(verdict: str, tmp_path: Pa
         del diagnosis[key]
     for key in ("redundancy", "unseen", "sensors"):
         del diagnosis["where"][key]
-    for key in ("expected_separation", "minutes", "excitation", "settings"):
+    for key in ("expected_separation", "minutes", "excitation", "excitations", "settings"):
         del diagnosis["next_experiment"][key]
     for key in ("parity", "memory", "described") if diagnosis["unknown"] else ():
         del diagnosis["unknown"][key]
@@ -65,6 +66,13 @@ def test_a_diagnosis_of_an_older_version_makes_a_page(verdict: str, tmp_path: Pa
     assert "Torque loops two pressures." in text_of(folder)
     run = load_run(folder)
     assert "missing" not in {drawing.name for drawing in drawings_of(run, errors_of(run))}
+
+
+def test_one_file_of_an_older_diagnosis_is_named(tmp_path: Path) -> None:
+    diagnosis = diagnosis_json("explained")
+    del diagnosis["next_experiment"]["excitations"]
+    folder = make_run(tmp_path / "RUN", "explained", diagnosis=diagnosis, without=NO_TRACES)
+    assert "Its excitation is next-experiment.csv in the run folder" in re.sub(r" (?=[,.):;])", "", text_of(folder))
 
 
 def test_nothing_found_is_null_in_places(tmp_path: Path) -> None:

@@ -8,7 +8,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -319,15 +318,36 @@ def test_a_column_goes_to_the_end(tmp_path: Path) -> None:
 # ---- interrupted, killed ------------------------------------------------------------------------------------------
 
 
-@pytest.fixture
-def started(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[bytes]]]:
-    """Start `pamid ...` as a process of its own; none outlives the test."""
-    alive: list[subprocess.Popen[bytes]] = []
+GUARD_S = 900.0     # so that a process which hangs ends the test; no healthy one comes near it on any machine
 
-    def start(*words: str, code: str = "from pamid_cli.frame import main; main()") -> subprocess.Popen[bytes]:
+#: `pamid` that stands still once it has told of its progress so many times, and says so by a byte
+_HELD = """
+import os, signal, sys
+from pamid_cli.frame import main
+from pamid_cli.progress import Progress
+said, left, update = int(sys.argv.pop(1)), [int(sys.argv.pop(1))], Progress.update
+def held(*words):
+    left[0] -= 1
+    if left[0] == 0:
+        os.write(said, b"!")
+        while True:
+            signal.pause()
+    update(*words)
+Progress.update = held
+main()
+"""
+Process = subprocess.Popen[bytes]
+
+
+@pytest.fixture
+def started(tmp_path: Path) -> Iterator[Callable[..., Process]]:
+    """Start `pamid ...` as a process of its own; none outlives the test."""
+    alive: list[Process] = []
+
+    def start(*words: str, code: str, pass_fds: tuple[int, ...] = ()) -> Process:
         environment = {**os.environ, "OMP_NUM_THREADS": "1"}
         process = subprocess.Popen([sys.executable, "-c", code, *words], stdout=subprocess.PIPE,
-                                   stderr=subprocess.PIPE, env=environment)
+                                   stderr=subprocess.PIPE, env=environment, pass_fds=pass_fds)
         alive.append(process)
         return process
 
@@ -338,13 +358,14 @@ def started(tmp_path: Path) -> Iterator[Callable[..., subprocess.Popen[bytes]]]:
         process.communicate()
 
 
-def wait_for(path: Path, process: subprocess.Popen[bytes], then_s: float) -> None:
-    end = time.monotonic() + 60.0
-    while not path.exists():
-        assert process.poll() is None and time.monotonic() < end, f"{path.name} was never written"
-        time.sleep(0.01)
-    time.sleep(then_s)
-    assert process.poll() is None, "it ended before it could be stopped"
+def held(started: Callable[..., Process], *words: str) -> Process:
+    """`pamid ...` as a process of its own that has come to its fourth word of progress, and stands still there."""
+    hears, says = os.pipe()
+    process = started(str(says), "4", *words, code=_HELD, pass_fds=(says,))
+    os.close(says)
+    with open(hears, "rb") as pipe:
+        assert pipe.read(1) == b"!", process.communicate()
+    return process
 
 
 def everything_parses(folder: Path) -> None:
@@ -372,10 +393,9 @@ def resumes_bit_for_bit(folder: Path, other: Path, reached: int) -> None:
 
 def test_interrupted_it_keeps_what_it_reached_and_resumes(run: Copy, started: Any) -> None:
     folder = run()
-    process = started("train-residual", str(folder), "--hidden", "10", "--iterations", "1000000", "--json")
-    wait_for(folder / "checkpoint.npz", process, 0.3)
+    process = held(started, "train-residual", str(folder), "--hidden", "10", "--iterations", "1000000", "--json")
     process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=60)
+    out, err = process.communicate(timeout=GUARD_S)
     assert process.returncode == 130, err.decode()
     assert json.loads(out)["code"] == "interrupted"
     about = read_json(folder / "network.json")
@@ -390,8 +410,7 @@ def test_interrupted_it_keeps_what_it_reached_and_resumes(run: Copy, started: An
 
 def test_killed_in_the_middle_of_a_training(run: Copy, started: Any) -> None:
     folder = run()
-    process = started("train-residual", str(folder), "--hidden", "10", "--iterations", "1000000")
-    wait_for(folder / "checkpoint.npz", process, 0.2)
+    process = held(started, "train-residual", str(folder), "--hidden", "10", "--iterations", "1000000")
     process.kill()
     process.communicate()
     everything_parses(folder)
@@ -420,7 +439,7 @@ def test_killed_while_a_result_is_written(run: Copy, started: Any, name: str) ->
     folder = run()
     before = (folder / "residual.csv").read_bytes()
     process = started(name, "train-residual", str(folder), *QUICK, code=_DIES)
-    process.communicate(timeout=60)
+    process.communicate(timeout=GUARD_S)
     assert process.returncode == -signal.SIGKILL
     everything_parses(folder)
     assert (folder / "residual.csv").read_bytes() == before and steps(folder)[-1]["ended"] is None
@@ -433,8 +452,7 @@ def test_killed_while_a_result_is_written(run: Copy, started: Any, name: str) ->
 def test_killed_in_the_middle_of_a_diagnosis(recording: Path, tmp_path: Path, started: Any,
                                              capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "run"
-    process = started("diagnose", str(recording), "--output", str(folder), "--jobs", "1")
-    wait_for(folder / "run.json", process, 1.0)
+    process = held(started, "diagnose", str(recording), "--output", str(folder), "--jobs", "1")
     process.kill()
     process.communicate()
     everything_parses(folder)

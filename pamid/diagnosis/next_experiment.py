@@ -8,7 +8,7 @@ only bring it nearer, so an experiment whose first figure lies below the best se
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import combinations
 from pathlib import Path
@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.diagnosis.contest import Contender
+from pamid.diagnosis.proposal import FILE, Proposal
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.engine.program import Stepping
 from pamid.errors import DataError
@@ -33,50 +34,12 @@ from pamid.windows import Runner, Track, track_of
 
 Array = NDArray[np.float64]
 
-FILE = "next-experiment.csv"
 MOST_MODELS = 3
 BEYOND = 0.5             # of the recorded span: how far a rig without a loop may leave it
 WAYS = ((1.0, 1), (1.0, 2), (1.0, 4), (0.5, 1), (0.5, 2), (0.25, 1))    # share of the recorded range, times faster
 STRETCH_S = 10.0         # of every old recording that a re-adjustment looks at
 STEPS, CALM = 3, 2e-2    # of a re-adjustment, twice
 VISIBLE = 1.0            # noise standard deviations
-
-
-@dataclass(frozen=True)
-class Proposal:
-    """The experiment to make.
-
-    separates            effects in question
-    expected_separation  smallest rms difference of two of their models on it over all channels, in noise standard
-                         deviations
-    minutes              at the rig
-    columns, meta        the excitation as `write_recording` takes it
-    settings             [known] values of each repetition, where they change
-    """
-
-    name: str
-    why: str
-    separates: tuple[str, ...]
-    expected_separation: float
-    minutes: float
-    columns: dict[str, Array] = field(repr=False)
-    meta: dict[str, Any] = field(repr=False)
-    settings: tuple[dict[str, float], ...] = ()
-
-    @property
-    def time(self) -> Array:
-        """Sampling instants, s."""
-        samples = len(next(iter(self.columns.values())))
-        return float(self.meta["recording"]["sampling_period_s"]) * np.arange(samples, dtype=np.float64)
-
-
-def proposal_json(p: Proposal | None) -> dict[str, Any] | None:
-    """`next_experiment` of diagnosis.json."""
-    if p is None:
-        return None
-    return {"name": p.name, "why": p.why, "separates": list(p.separates),
-            "expected_separation": p.expected_separation, "minutes": p.minutes, "excitation": FILE,
-            "settings": list(p.settings)}
 
 
 def next_experiment(d: Diagnosis) -> Proposal | None:
@@ -318,16 +281,19 @@ def _proposal(d: Diagnosis, bench: Bench, e: Experiment, pairs: list[tuple[Conte
               apart: Array) -> Proposal:
     names = tuple(dict.fromkeys(c.attached[0].label for pair in pairs for c in pair))
     columns, settings = e.signals(bench), tuple(s for s in e.settings(bench) if s)
+    return Proposal(e.name, _why(d, e, settings, apart), names, _rms(apart), e.minutes_on(bench), columns,
+                    sent_with(d.evidence, bench, columns), settings)
+
+
+def sent_with(evidence: Evidence, bench: Bench, columns: dict[str, Array]) -> dict[str, Any]:
+    """What is stated beside columns sent to a bench: loop, period, rig, what is known and the controller's settings."""
     closed = any(q.reference in columns for q in bench.rig.loops)
-    first = _like(d.evidence)
     meta: dict[str, Any] = {"recording": {"loop": "closed" if closed else "open", "sampling_period_s": bench.period_s}}
+    first = _like(evidence)
     if first.rig is not None:
         meta["recording"]["rig"] = first.rig
-    known = {**bench.known, **(settings[0] if settings else {})}
-    meta |= {"known": known} if known else {}
-    meta |= {"controller": _controller(d.evidence)} if closed else {}
-    return Proposal(e.name, _why(d, e, settings, apart), names, _rms(apart), e.minutes_on(bench), columns, meta,
-                    settings)
+    meta |= {"known": bench.known} if bench.known else {}
+    return meta | ({"controller": _controller(evidence)} if closed else {})
 
 
 def _why(d: Diagnosis, e: Experiment, settings: tuple[dict[str, float], ...], apart: Array) -> str:

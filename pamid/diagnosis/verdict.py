@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pamid.diagnosis.contest import Contender
 from pamid.diagnosis.judgement import forecast_interval
 from pamid.diagnosis.localise import frequency_band, regimes, worst_windows
-from pamid.diagnosis.next_experiment import Proposal, proposal_json
+from pamid.diagnosis.proposal import Proposal, proposal_json
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.diagnosis.transfer import transfer
 from pamid.intervals import background_pull, estimates

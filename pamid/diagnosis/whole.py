@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
-from pamid.diagnosis.next_experiment import FILE, Proposing
+from pamid.diagnosis.next_experiment import Proposing
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.diagnosis.unknown import described, find_missing, missing_csv
 from pamid.diagnosis.verdict import diagnosis_json
@@ -14,15 +13,15 @@ from pamid.effect import Effect
 from pamid.evidence import Evidence
 from pamid.greybox import fit_json, model_json, residual_csv
 from pamid.jobs import Crew
-from pamid.recording import write_recording
 from pamid.run import FIT_FILE, RESIDUAL_FILE, Run, write_atomically, write_json
 
 
 def diagnose_into(run: Run, evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: int = 0, jobs: int = 1,
                   told: Callable[[str], None] = lambda text: None, crew: Crew | None = None) -> dict[str, Any]:
     """Diagnose and write fit.json, residual.csv, missing.csv (the points of an unknown effect), next-experiment.csv
-    (with its TOML, where there is something left to measure) and diagnosis.json; returns the last. crew: who does the
-    jobs (default: `jobs` processes of this machine); those that failed are named in `failed_jobs`."""
+    (where there is something left to measure, with its TOML; a further one per further setting) and diagnosis.json;
+    returns the last. crew: who does the jobs (default: `jobs` processes of this machine); those that failed are named
+    in `failed_jobs`."""
     crew = crew or Crew(jobs)
     found = diagnose(evidence, catalogue, seed=seed, told=told, crew=crew)
     unknown, missing = None, None
@@ -39,8 +38,7 @@ def diagnose_into(run: Run, evidence: Evidence, catalogue: dict[str, type[Effect
     if missing is not None:
         write_atomically(run.path("missing.csv"), missing_csv(missing))
     if proposal is not None:
-        run.claim(Path(FILE).with_suffix(".toml").name)
-        write_recording(run.path(FILE), proposal.time, proposal.columns, proposal.meta)
+        proposal.write(run.claim)
     write_json(run.path("diagnosis.json"), result)
     return result
 

@@ -115,7 +115,7 @@ def load_mapping(path: Path, pressures: str | None = None) -> Mapping:
         raise FileError(f"{path} is not UTF-8 text (byte {error.start}).", code="encoding") from None
     except FileNotFoundError:
         siblings = [item.name for item in path.parent.glob("*.toml")] if path.parent.is_dir() else []
-        hint = nearest(path.name, siblings) or "`pamid ingest --guess LOG --output map.toml` writes a first one."
+        hint = nearest(path.name, siblings) or "`pamid ingest --guess` writes a first one of a log."
         raise FileError(f"{path} does not exist.", hint, code="missing") from None
     except (OSError, RecursionError, ValueError) as error:  # ValueError: a number of thousands of digits
         raise FileError(f"{path} cannot be read: {error}.") from None

@@ -254,8 +254,10 @@ def next_answer(run: RunData) -> Answer:
     apart = words.join(map(effect_words, further.separates))
     details = [sentence(words.clean(further.why)), sentence(f"it separates {apart}") if apart else "",
                _expected(further)]  # fmt: skip
-    if further.excitation:
-        details.append(f"Its excitation is `{words.clean(further.excitation)}` in the run folder, ready to be sent.")
+    files = words.join(f"`{words.clean(name)}`" for name in further.excitations)
+    if files:
+        verb = "Its excitation is" if len(further.excitations) == 1 else "Its excitations, one for each run, are"
+        details.append(f"{verb} {files} in the run folder, ready to be sent.")
     runs = [words.join(f"{channel_words(name)} {words.with_unit_text(value, channel_unit(name))}"
                        for name, value in one.items()) for one in further.settings]  # fmt: skip
     points = [sentence(f"run {k}: {one}") for k, one in enumerate(runs, start=1) if one] if len(runs) > 1 else []
@@ -273,6 +275,9 @@ def _expected(further: NextExperiment) -> str:
 
 
 def _diagnose_command(run: RunData) -> str:
-    paths = [words.clean(quoted(one.path or one.name)) for one in run.fit.recordings] if run.fit is not None else []
-    files = " ".join(paths) if paths and len(paths) <= 4 else "REC.csv..."
-    return f"`pamid diagnose {files} --rig {words.clean(quoted(run.rig)) if run.rig else 'RIG'} --output RUN`"
+    if run.fit is None or not run.fit.recordings:
+        return DIAGNOSE_HINT
+    files = [f"{'--held-out ' if one.role == 'held-out' else ''}{words.clean(quoted(one.path or one.name))}"
+             for one in run.fit.recordings]
+    rig = words.clean(quoted(run.named_rig)) if run.named_rig else ""
+    return " ".join(["`pamid diagnose", *files, *([f"--rig {rig}"] if rig else []), "--output diagnosis`"])

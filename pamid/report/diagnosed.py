@@ -102,8 +102,8 @@ class Reach:
 class NextExperiment:
     """What to measure next, and which effects it would tell apart.
 
-    separation: expected rms difference of their models in noise standard deviations; settings: known values of each
-    repetition.
+    separation: expected rms difference of their models in noise standard deviations; excitations: files to be sent;
+    settings: known values of each repetition.
     """
 
     name: str
@@ -111,7 +111,7 @@ class NextExperiment:
     separates: tuple[str, ...]
     separation: float | None
     minutes: float | None
-    excitation: str
+    excitations: tuple[str, ...]
     settings: tuple[dict[str, float], ...]
 
 
@@ -202,7 +202,7 @@ def read_diagnosis(path: Path) -> Diagnosis | None:
 def _read_next(node: Node) -> NextExperiment:
     return NextExperiment(
         node.text("name"), node.text("why", ""), node.texts("separates"), node.maybe("expected_separation"),
-        node.maybe("minutes"), node.text("excitation", ""),
+        node.maybe("minutes"), node.texts("excitations") or tuple(filter(None, [node.text("excitation", "")])),
         tuple(one.numbers() for one in node.listed("settings")))  # fmt: skip
 
 

@@ -27,6 +27,7 @@ class Step:
     versions: tuple[tuple[str, str], ...]
     platform: str
     inputs: tuple[tuple[str, str], ...]  # path, sha256
+    rig: str                             # as it was named, by name or by file; "" where none was
 
 
 @dataclass(frozen=True)
@@ -144,7 +145,13 @@ class RunData:
         """The rig's name, "" if no file says it."""
         if self.fit is not None:
             return self.fit.rig
-        return _option(self.steps[0].command, "--rig")
+        return self.named_rig
+
+    @property
+    def named_rig(self) -> str:
+        """The rig as it was named to the command, by name or by file; else as the fit names it."""
+        first = self.steps[0]
+        return first.rig or _option(first.command, "--rig") or (self.fit.rig if self.fit is not None else "")
 
     def recording_words(self, number: int) -> str:
         """ " in recording NAME" where there are several of them, else ""; `number` as in residual.csv. """
@@ -190,7 +197,7 @@ def read_steps(path: Path) -> tuple[Step, ...]:
 
 
 def _read_step(node: Node) -> Step:
-    versions = node.child("versions")
+    versions, options = node.child("versions"), node.child("options")
     return Step(
         command=node.texts("command"),
         seed=node.maybe("seed"),
@@ -200,6 +207,7 @@ def _read_step(node: Node) -> Step:
         versions=() if versions is None else tuple((name, versions.text(name)) for name in versions.content),
         platform=node.text("platform", ""),
         inputs=tuple((one.text("path"), one.text("sha256")) for one in node.listed("inputs")),
+        rig="" if options is None else options.text("rig", ""),
     )
 
 

@@ -264,7 +264,7 @@ def _background(run: RunData, pictures: dict[str, Picture]) -> Html:
 def _network(run: RunData, pictures: dict[str, Picture]) -> Html:
     head = tag("h3", "Residual network")
     if run.network is None:
-        return joined([head, paragraphs(["No network was trained; `pamid train-residual RUN` adds one."], "note")])
+        return joined([head, paragraphs(["No network was trained; `pamid train-residual` adds one."], "note")])
     one = run.network
     size = f" with {words.count(one.n_weights)} parameters" if one.n_weights is not None else ""
     ended = words.clean(one.why) or "no word of it"

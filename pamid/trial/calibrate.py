@@ -48,7 +48,8 @@ def calibrate(labels: Sequence[dict[str, Any]], results: Sequence[dict[str, Any]
               digest: str) -> dict[str, Any]:
     """calibration.json from the labels and results of a trial's calibration part. DataError for any other part."""
     if any(label["part"] != "calibration" for label in labels):
-        raise DataError("only the calibration part may teach the judgement", "run pamid trial --part calibration")
+        raise DataError("only the calibration part may teach the judgement",
+                        "give the folder of a trial with --part calibration")
     known = {label["number"]: label for label in labels}
     everything = [Marked(known[r["case"]], r) for r in results if not r["failed"]]
     cases = [m for m in everything if m.found.get("grounds") and (m.visible or not m.truth)]

@@ -1,0 +1,44 @@
+"""What the lines to be copied name: outputs that nothing has taken yet, and rigs that can be sent what was made."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from pamid.rig import Rig
+
+MOST_TRIED = 1000
+
+
+def unused(name: str, read: Iterable[Path] = ()) -> str:
+    """`name`, with a number behind it where it is taken: what makes a file or a folder refuses one that is there.
+
+    read: what the same line reads.
+    """
+    first, taken = Path(name), {path.resolve() for path in read}
+    every = (first, *(first.with_stem(f"{first.stem}-{k}") for k in range(2, MOST_TRIED)))
+    return str(next((p for p in every if not p.exists() and p.resolve() not in taken), first))
+
+
+def why_not_driven(rig: Rig, path: Path, columns: Mapping[str, NDArray[Any]]) -> str:
+    """What keeps `pamid simulate` from sending these columns to a rig, "" where nothing does."""
+    import numpy as np
+
+    from pamid.errors import FileError
+    from pamid.recording import Recording
+    from pamid.virtual import in_its_loop
+
+    sent = Recording(path.stem, path, "", np.zeros(0), dict(columns), 1.0)
+    needed = [name for name in rig.inputs if name not in rig.optional and not sent.has(name)]
+    try:
+        closed = in_its_loop(rig, sent)
+    except FileError as error:
+        return str(error)
+    if needed and not closed:
+        return f"rig {rig.name!r} needs {' and '.join(needed)}"
+    known = (*rig.inputs, *(q.reference for q in rig.loops))
+    return "" if any(sent.has(name) for name in known) else f"rig {rig.name!r} knows none of the columns"
