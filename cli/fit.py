@@ -100,6 +100,6 @@ def fit_text(found: dict[str, Any], output: Path) -> str:
     if not found["converged"]:
         lines.append(f"Not converged: {found['why']}.")
     lines += failed_text(found)
-    network = f"pamid train-residual {quoted(output)}   or   " if one_period(r["period_s"] for r in found["recordings"]) else ""
-    lines.append(f"Next: {network}pamid report {quoted(output)}")
+    follow = ["pamid train-residual", "pamid report"][not one_period(r["period_s"] for r in found["recordings"]):]
+    lines.append("Next: " + "   or   ".join(f"{command} {quoted(output)}" for command in follow))
     return "\n".join(lines)

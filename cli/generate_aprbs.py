@@ -106,6 +106,7 @@ def _write(output: Path, form: str, figure: Path | None, made: Made, request: di
     from pamid.excitation_files import FORMATS, write_excitation
 
     period, samples = request["period"], made.about["samples"]
+    follow = _simulated(output, made, request["rig"]) if form == "csv" else FORMATS[form].heed
     pictures = {}
     if figure is not None:
         from pamid.files import make_folder
@@ -121,7 +122,6 @@ def _write(output: Path, form: str, figure: Path | None, made: Made, request: di
     left = [f"  {sidecar} was there before and is left as it is; what it states holds for this excitation too."]
     said = [first, *made.said, *([f"  Picture: {figure}."] if figure else []),
             *(left if sidecar.exists() and not made.meta else [])]
-    follow = _simulated(output, made, request["rig"]) if form == "csv" else FORMATS[form].heed
     return frame.Result(about, "\n".join([*said, f"Next: {follow}"]))
 
 

@@ -26,6 +26,7 @@ from pamid.run import sha256_of
 PRESENT = [name for name, (place, _) in COMMANDS.items()
            if importlib.util.find_spec(f"pamid_cli.{place.partition(':')[0]}")]
 HEAVY = ("pamid", "numpy", "scipy", "pandas", "torch", "numba", "matplotlib", "pysindy", "sympy")
+CART = Path(__file__).resolve().parent.parent / "data" / "rigs" / "cart.py"
 Planted = Callable[[Callable[[], frame.Result]], None]
 
 
@@ -230,9 +231,11 @@ def test_generate_aprbs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> N
 def test_generate_aprbs_open_loop_and_own_column(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert _generate("--loop", "open", "--output", str(tmp_path / "a.csv")) == 0
     assert list(read_recording(tmp_path / "a.csv").columns) == ["command"]
-    own = ["--rig", "./cart.py", "--column", "force_n", "--amplitude", "30"]
+    own = ["--rig", str(CART), "--column", "force_n", "--amplitude", "30"]
     assert _generate(*own, "--output", str(tmp_path / "b.csv")) == 0
     assert list(read_recording(tmp_path / "b.csv").columns) == ["force_n"]
+    nowhere = ["--rig", "./nowhere.py", "--column", "force_n", "--amplitude", "30"]
+    assert _generate(*nowhere, "--output", str(tmp_path / "c.csv")) == 3 and not (tmp_path / "c.csv").exists()
     capsys.readouterr()
 
 

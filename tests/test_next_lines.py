@@ -198,7 +198,7 @@ def proposed(rig: str, recording: Recording, e: Experiment, folder: Path) -> lis
     columns = e.signals(bench)
     p = Proposal(e.name, e.why, ("a", "b"), 1.0, e.minutes_on(bench), columns, sent_with(evidence, bench, columns),
                  tuple(s for s in e.settings(bench) if s))
-    p.write(lambda name: folder / name)
+    p.write(lambda *names: [folder / name for name in names])
     said = proposal_json(p)
     assert said is not None and len(said["excitations"]) == max(1, len(said["settings"]))
     assert said["excitation"] == said["excitations"][0]
