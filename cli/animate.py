@@ -37,9 +37,10 @@ def command(run: Path, output: Path | None, rig: str | None, begin: float | None
     from pamid.report.animation import RATE, gif_of, size_px
     from pamid.report.load import load_run
     from pamid.report.motion import motion_of, rig_of_run
-    from pamid.run import FIGURES, write_atomically
+    from pamid.report.writing import figures_of
+    from pamid.run import write_atomically
 
-    target = run / FIGURES / "motion.gif" if output is None else output
+    target = figures_of(run) / "motion.gif" if output is None else output
     if output is not None and output.exists() and not force:
         raise FileError(f"{output} exists already.", "Choose another --output, or --force to replace it.",
                         code="exists")

@@ -69,6 +69,7 @@ def write_report(run_folder: Path, output: Path | None = None, pdf: Path | None 
     report.
     """
     page = run_folder / "report.html" if output is None else output
+    folder = figures_of(run_folder)
     content = content_of(run_folder)
     _require_own(page, lambda found: found.startswith(MARK.encode()))
     if pdf is not None:
@@ -76,7 +77,6 @@ def write_report(run_folder: Path, output: Path | None = None, pdf: Path | None 
     pictures = {drawing.name: render(drawing) for drawing in content.drawings}
     html = content.html_of(pictures)  # everything is drawn before anything is written
     paper = pdf_of(html, [*content.drawings, *content.stills]) if pdf is not None else b""
-    folder = run_folder / FIGURES
     for needed in (folder, page.parent, *([pdf.parent] if pdf is not None else [])):
         _make(needed)
     for name in FIGURE_NAMES:
@@ -154,6 +154,16 @@ def _require_own(page: Path, is_own: Callable[[bytes], bool]) -> None:
         raise FileError(f"{page} cannot be replaced: {error.strerror}.", "Choose another name.") from error
     if not own:
         raise FileError(f"{page} exists and is not a report.", "Choose another name.", code="exists")
+
+
+def figures_of(run_folder: Path) -> Path:
+    """The folder of a run's figures. FileError where it is a link: what is written into a run, which may be anybody's,
+    stays in it."""
+    folder = run_folder / FIGURES
+    if folder.is_symlink():
+        raise FileError(f"{folder} is a link to another folder: nothing is written there.",
+                        "Remove the link, or put a folder in its place.", code="link")
+    return folder
 
 
 def _make(folder: Path) -> None:
