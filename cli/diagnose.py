@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from . import frame
-from .job import carried_through, cluster_option, crew_of, failed_text, require_one_of
+from .job import carried_through, cluster_option, crew_of, failed_text, kept, require_one_of
 from .options import evidence_from, with_sidecar
 from .progress import Progress
 from .terminal import quoted
@@ -47,7 +47,7 @@ def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path,
     """
     from pamid.diagnosis.whole import diagnose_into
     from pamid.library import code_files, rig_of
-    from pamid.run import JOBS, Run, read_json
+    from pamid.run import JOBS, Run
 
     require_one_of(resume, overwrite)
     evidence = evidence_from(rig, recordings, held_out)
@@ -60,8 +60,7 @@ def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path,
                          options={"rig": rig or rig_of(evidence.recordings), "effects": [str(e) for e in effects],
                                   "without": list(without)})
         if run.record["outcome"] == "done":     # resumed, and nothing is left to do
-            found = read_json(run.path("diagnosis.json"))
-            return frame.Result(found, diagnosis_text(found, output))
+            return frame.Result(*kept(run.path("diagnosis.json"), lambda found: diagnosis_text(found, output)))
         with carried_through(run, crew), Progress("diagnose") as progress:
             found = diagnose_into(run, evidence, catalogue, seed=seed, told=lambda text: progress.update(0, text),
                                   crew=crew)

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from . import frame
-from .job import carried_through, cluster_option, crew_of, failed_text, require_one_of
+from .job import carried_through, cluster_option, crew_of, failed_text, kept, require_one_of
 from .options import evidence_from, with_sidecar
 from .progress import Progress
 from .terminal import quoted
@@ -53,7 +53,7 @@ def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path,
     from pamid.greybox import fit_json, fit_model, residual_csv
     from pamid.library import code_files, rig_of
     from pamid.posterior import read_posterior
-    from pamid.run import FIT_FILE, JOBS, RESIDUAL_FILE, Run, read_json, write_atomically, write_json
+    from pamid.run import FIT_FILE, JOBS, RESIDUAL_FILE, Run, write_atomically, write_json
     from pamid.virtual import attach_specs
 
     require_one_of(resume, overwrite)
@@ -70,8 +70,8 @@ def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path,
                          options={"rig": rig or rig_of(evidence.recordings), "effects": list(effects),
                                   "bootstrap": bootstrap, **({"from": str(earlier)} if earlier else {})})
         if run.record["outcome"] == "done":     # resumed, and nothing is left to do
-            found = read_json(run.path(FIT_FILE))
-            return frame.Result(found, fit_text(found, output), 0 if found["converged"] else 5)
+            found, text = kept(run.path(FIT_FILE), lambda found: fit_text(found, output))
+            return frame.Result(found, text, 0 if found["converged"] else 5)
         with carried_through(run, crew), Progress("fit") as progress:
             model = fit_model(evidence, attached, seed=seed, draws=bootstrap, earlier=before, crew=crew,
                               told=lambda text: progress.update(0, text))

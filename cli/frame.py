@@ -142,11 +142,15 @@ class _Command(click.Command):
     def make_context(
         self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
     ) -> click.Context:
-        if not extra.get("resilient_parsing"):  # a shell that completes a word asks for no values
-            for sentence in settings.not_taken(self):
-                click.echo(f"Warning: {sentence}", err=True)
-            extra.setdefault("default_map", settings.defaults_for(self))
-        return super().make_context(info_name, args, parent, **extra)
+        if extra.get("resilient_parsing"):  # a shell that completes a word asks for no values
+            return super().make_context(info_name, args, parent, **extra)
+        for path, why in settings.ignored_files().items():  # first: it may be why an option is missing
+            click.echo(f"Warning: {path} is ignored: {why}.", err=True)
+        extra.setdefault("default_map", settings.defaults_for(self))
+        made = super().make_context(info_name, args, parent, **extra)
+        for sentence in settings.not_taken(made):
+            click.echo(f"Warning: {sentence}", err=True)
+        return made
 
     def invoke(self, ctx: click.Context) -> Any:
         if ctx.params.pop(_OLD, False):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,8 +13,12 @@ if TYPE_CHECKING:
     from pamid.jobs import Crew
     from pamid.run import Run
 
-cluster_option = click.option("--cluster", metavar="tcp://HOST:8786", help="Hand the jobs to the Dask cluster of this "
-                              "scheduler instead; results are the same. (pip install 'pamid[cluster]')")
+cluster_option = click.option(
+    "--cluster", metavar="tcp://HOST:8786", help="Hand the jobs to the Dask cluster of this scheduler instead; results "
+    "are the same. Scheduler and workers must be trusted: jobs and results are pickled, so whoever can reach the "
+    "scheduler can run code on the workers and here. Over TLS: tls://HOST:8786, with certificates from Dask's "
+    "configuration or DASK_DISTRIBUTED__COMM__TLS__CA_FILE, ..__CLIENT__CERT, ..__CLIENT__KEY. "
+    "(pip install 'pamid[cluster]')")
 
 
 @contextlib.contextmanager
@@ -52,6 +56,20 @@ def require_one_of(resume: bool, overwrite: bool) -> None:
 
     if resume and overwrite:
         raise UsageError("--resume goes on with the earlier run, --overwrite replaces it.", "Give one of them.")
+
+
+def kept(path: Path, text_of: Callable[[dict[str, Any]], str]) -> tuple[dict[str, Any], str]:
+    """What a finished run holds, and its text; FileError where it is not what was once written there."""
+    from pamid.errors import FileError
+    from pamid.run import read_json
+
+    found = read_json(path)
+    try:
+        return found, text_of(found)
+    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
+        raise FileError(f"{path} is damaged: it lacks entries, or they are not what they should be "
+                        f"({type(error).__name__}: {error}).", "Make the run again with --overwrite.",
+                        code="damaged") from None
 
 
 def failed_text(found: dict[str, Any]) -> list[str]:

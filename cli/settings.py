@@ -131,17 +131,17 @@ def defaults_for(command: click.Command) -> dict[str, Any]:
     return chosen
 
 
-def not_taken(command: click.Command) -> list[str]:
-    """A sentence for every settings file that is ignored, and for every entry of this command that is not taken."""
-    told = [f"{path} is ignored: {why}." for path, why in ignored_files().items()]
-    path = settings_file()
+def not_taken(context: click.Context) -> list[str]:
+    """A sentence for every entry of this command that is not taken from the settings, unless it was said elsewhere."""
+    path, command = settings_file(), context.command
     why = why_harmless_only(path) if path else ""
     if path is None or not why:
-        return told
+        return []
     tables, options = read_settings(path), options_of(command)
-    return told + [f"{path}: [{table}] {key} is not taken, because {why}: say --{key} yourself."
-                   for table in (SHARED, str(command.name)) for key, value in tables.get(table, {}).items()
-                   if key in options and is_risky(options[key], value)]
+    return [f"{path}: [{table}] {key} is not taken, because {why}: say --{key} yourself."
+            for table in (SHARED, str(command.name)) for key, value in tables.get(table, {}).items()
+            if key in options and is_risky(options[key], value)
+            and context.get_parameter_source(str(options[key].name)) is ParameterSource.DEFAULT]
 
 
 def is_risky(option: click.Option, value: Any) -> bool:

@@ -3,6 +3,10 @@
 What a job needs, recordings and fitted models, goes to the scheduler once and from there to every worker that asks for
 it; a worker that dies is replaced by another one, and only the jobs it held are done again. A job that ends its workers
 `distributed.scheduler.allowed-failures` + 1 times (four, unless the scheduler is told otherwise) is given up.
+
+Scheduler and workers have to be trusted, and so does everybody who can reach them: jobs and results are pickles, which
+run code where they are unpacked, on the workers and here. At a tls:// address only who has a certificate is let in;
+which ones are used stands in Dask's own configuration (`distributed.comm.tls`).
 """
 
 from __future__ import annotations
@@ -70,17 +74,19 @@ def _connected(address: str, patience_s: float) -> Client:
         # asked first: a port on which something else listens keeps a client waiting whatever its own limit
         asyncio.run(asyncio.wait_for(_name_of(address), patience_s))
         return Client(address, timeout=patience_s, set_as_default=False, name="pamid")
-    except (OSError, ValueError, KeyError, TypeError) as error:     # among the first is what a time limit raises
+    except (OSError, ValueError, KeyError, TypeError, RuntimeError) as error:   # the first: time limits, certificates
         why = f": {error}" if str(error) else ""
+        if address.startswith("tls:"):
+            why += "; its certificates are those of Dask's configuration, as DASK_DISTRIBUTED__COMM__TLS__CA_FILE"
         raise FileError(f"no scheduler answers at {address} within {patience_s:g} s{why}",
                         "Start one with `dask scheduler` and give the address it prints, such as tcp://host:8786.",
                         code="cluster") from error
 
 
 async def _name_of(address: str) -> str:
-    from distributed import rpc
+    from distributed import Security, rpc
 
-    async with rpc(address) as scheduler:
+    async with rpc(address, connection_args=Security().get_connection_args("client")) as scheduler:
         return str((await scheduler.identity(n_workers=0))["id"])
 
 

@@ -147,8 +147,8 @@ def _mat(variables: dict[str, Any], version: str = "5") -> bytes:
 
 
 def _structured_text(signals: Signals) -> bytes:
-    lines = [f"(* {signals.about}. *)", "(* Send value[k] from time[k] on; hold the last value up to the end. *)",
-             "VAR_GLOBAL CONSTANT"]
+    lines = [f"(* {_comment(signals.about)}. *)",
+             "(* Send value[k] from time[k] on; hold the last value up to the end. *)", "VAR_GLOBAL CONSTANT"]
     words = _words(signals.columns, signals.stem)
     points = {column: change_points(samples) for column, samples in signals.columns.items()}
     every = np.concatenate([[signals.samples], *points.values()])
@@ -157,7 +157,7 @@ def _structured_text(signals: Signals) -> bytes:
         at = points[column]
         stamps = [_stamp(int(n) // unit, name) for n in _nanoseconds(at, signals.period_s)]
         values = [_real(value) for value in signals.columns[column][at].tolist()]
-        lines += [f"    (* {column}: {_unit(column)} *)", f"    {word}_count : DINT := {at.size};",
+        lines += [f"    (* {_comment(f'{column}: {_unit(column)}')} *)", f"    {word}_count : DINT := {at.size};",
                   f"    {word}_time : ARRAY[1..{at.size}] OF {name} := [", _rows(stamps, "        "), "    ];",
                   f"    {word}_value : ARRAY[1..{at.size}] OF REAL := [", _rows(values, "        "), "    ];"]
     end = _stamp(int(_nanoseconds(np.array([signals.samples]), signals.period_s)[0]) // unit, name)
@@ -203,7 +203,10 @@ def _c_array(name: str, values: Array) -> list[str]:
 
 
 def _comment(text: str) -> str:
-    return text.replace("*/", "* /").replace("/*", "/ *")
+    """As it may stand in a comment of C and of structured text."""
+    for mark in ("*/", "/*", "*)", "(*"):
+        text = text.replace(mark, " ".join(mark))
+    return " ".join(text.split())
 
 
 # ---- names and numbers -------------------------------------------------------------------------------------------

@@ -67,7 +67,7 @@ def load_file(path: Path, sha256: str = "") -> ModuleType:
     except OSError as error:
         raise FileError(f"{path} cannot be read: {error.strerror}.") from error
     if sha256 and hashlib.sha256(source).hexdigest() != sha256:
-        raise FileError(f"{path} is not the file that the run was made with: its SHA-256 differs.",
+        raise FileError(f"{path} is not the {path.name} that the run was made with: its SHA-256 differs.",
                         "Put the old one back, or make the run again.", code="changed")
     return _run(path, source)
 

@@ -6,6 +6,8 @@ file, column and row, so that nothing later has to wonder: see `pamid.recording_
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -180,8 +182,16 @@ def toml_text(tables: Mapping[str, Any]) -> str:
     """Plain TOML of tables of text, numbers, booleans and lists of them."""
     lines: list[str] = []
     for title, table in tables.items():
-        lines += [f"[{title}]", *(f"{key} = {_toml_value(value)}" for key, value in table.items()), ""]
+        lines += [f"[{title}]", *(f"{_toml_key(key)} = {_toml_value(value)}" for key, value in table.items()), ""]
     return "\n".join(lines)
+
+
+def toml_string(value: str) -> str:
+    """A text as TOML holds it: no character of it can end the line or the quotes. FileError for what is no text (a file
+    name that is not UTF-8)."""
+    if not value.isascii() and any("\ud800" <= c <= "\udfff" for c in value):
+        raise FileError(f"{value!r} is no UTF-8 text and cannot be written to TOML.", "Rename it.")
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _read_cells(path: Path, names: Sequence[str]) -> FloatArray:
@@ -214,14 +224,16 @@ def _wrong_unit(name: str, state: str, wanted: str, symbol: str) -> FileError:
     return FileError(f"Column {name!r} is {state}; {wanted!r} is wanted.", hint, code="unit")
 
 
+def _toml_key(key: str) -> str:
+    """As it is where TOML allows that: names may come from other people's files."""
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else toml_string(key)
+
+
 def _toml_value(value: Any) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, str):
-        if not value.isascii() and any("\ud800" <= c <= "\udfff" for c in value):
-            raise FileError(f"{value!r} is no UTF-8 text and cannot be written to TOML.", "Rename it.")
-        escaped = value.replace("\\", "\\\\").replace('"', '\\"')
-        return '"' + "".join(f"\\u{ord(c):04x}" if c < " " or c == "\x7f" else c for c in escaped) + '"'
+        return toml_string(value)
     if isinstance(value, int | np.integer):
         return str(int(value))
     if isinstance(value, float | np.floating):

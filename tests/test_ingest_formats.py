@@ -15,7 +15,7 @@ import pytest
 
 from pamid.errors import FileError
 from pamid.ingest.channels import Log
-from pamid.ingest.reading import KINDS, read_log
+from pamid.ingest.reading import KINDS, read_here, read_log
 
 N = 400
 TIME = np.arange(N) * 0.003
@@ -261,6 +261,24 @@ def test_mdf_keeps_the_stamps_of_every_group(tmp_path: Path, version: str, suffi
     matches(log, "valve", np.arange(SLOW.size) % 2, SLOW)
     matches(log, "scaled", 0.5 * (np.arange(SLOW.size) % 2) + 3.0, SLOW)
     assert said(log, "left out", "formula", "code")
+
+
+def test_mdf_never_evaluates_the_formula_of_a_clock(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever reads a channel reads the stamps of its group, by that channel's own conversion."""
+    from asammdf import MDF, Signal
+    from asammdf.blocks import v4_blocks
+    from asammdf.blocks.conversion_utils import from_dict
+
+    file = MDF(version="4.10")
+    file.append([Signal(ANGLE, TIME, name="angle")])
+    file.append([Signal(FORCE, SLOW, name="force")])
+    file.groups[0].channels[0].conversion = from_dict({"formula": "X1*2"})
+    file.save(tmp_path / "rig.mf4")
+    file.close()
+    monkeypatch.setattr(v4_blocks, "evaluate", lambda formula, *rest: pytest.fail(f"{formula} was evaluated"))
+    log = read_here(tmp_path / "rig.mf4", "mdf")
+    matches(log, "force", FORCE, SLOW)
+    assert said(log, "left out", "clock", "formula", "angle")
 
 
 def test_mdf_values_marked_invalid_are_empty(tmp_path: Path) -> None:

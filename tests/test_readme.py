@@ -19,7 +19,7 @@ from pamid.library import effects, rigs
 from pamid.virtual import split_spec
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "data" / "README.md"]
+PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "SECURITY.md", ROOT / "data" / "README.md"]
 VERDICTS = {"explained", "ambiguous", "unknown-effect", "no-structural-gap"}
 #: hyphenated words in backquotes that are neither commands nor members of the catalogue
 OTHER = {"my-effect"}

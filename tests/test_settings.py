@@ -179,6 +179,7 @@ def test_outside_my_home_the_working_folder_gives_harmless_options_only(
     told = capsys.readouterr().err
     assert f"{project}: [check] rig is not taken, because the file lies outside your home: say --rig" in told
     assert not (project.parent / "rig.py.ran").exists()
+    assert frame.run(["check", str(RECORDING), "--rig", "one-dof"]) == 0 and not capsys.readouterr().err
     assert "outside your home" in config(capsys)["harmless_only"]
     project.write_text('[fit]\nrig = "two-link"\n')                # a name of the catalogue runs nothing
     assert values(capsys)["rig"] == "two-link" and not capsys.readouterr().err

@@ -22,7 +22,8 @@ def m_file(step: Step, name: str) -> str:
     update = "    s = update(s, s.x, u, time, d, double(s.samples == 0 && part == 1), double(part == 1));\n"
     return Template(asset("model.m")).substitute(
         model=name, MODEL=name.upper(), title=comment(step.name), period=repr(step.period_s),
-        inputs=", ".join(v.name for v in step.inputs) or "none", outputs=", ".join(v.name for v in step.outputs),
+        inputs=comment(", ".join(v.name for v in step.inputs)) or "none",
+        outputs=comment(", ".join(v.name for v in step.outputs)),
         n_outputs=len(step.outputs), substeps=step.substeps, update=update if step.updates else "",
         functions="\n\n".join(parts))
 

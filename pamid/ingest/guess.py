@@ -5,7 +5,6 @@ What only the user can know stays open ("?"): a unit that the log does not say, 
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -20,6 +19,7 @@ from pamid.ingest.stamps import Rows, usable_rows
 from pamid.ingest.time_base import GAP_PERIODS, Diagnosis, diagnose
 from pamid.ingest.words import meanings, number
 from pamid.metrics import FloatArray
+from pamid.recording import toml_string
 from pamid.rig import Rig
 from pamid.units import NONE, quantity_of, split_column, unit
 
@@ -179,9 +179,9 @@ def _period(time: TimeGuess, rig: Rig) -> float | None:
 
 
 def _head(log: Log, rig_name: str, rig: Rig, chosen: dict[str, Channel]) -> list[str]:
-    lines = [f"# First mapping of {_text(log.path.name)} ({log.kind}), guessed: look it through."]
+    lines = [f"# First mapping of {toml_string(log.path.name)} ({log.kind}), guessed: look it through."]
     lines += [f"#   {' '.join(detail.split())}" for detail in log.details]
-    lines += [f"rig = {_text(rig_name)}"]
+    lines += [f"rig = {toml_string(rig_name)}"]
     if any(loop.reference in chosen and loop.command in chosen for loop in rig.loops):
         lines.append('loop = "closed"              # a controller produced the command? otherwise "open"')
     else:
@@ -193,7 +193,7 @@ def _time_lines(time: TimeGuess, period: float | None) -> list[str]:
     lines = ["[time]"]
     if time.source is not None:
         said = "" if time.unit in (time.source.unit, OPEN) else f"  # {time.reason}"
-        lines += [f"source = {_text(time.source.name)}", f"unit = {_text(time.unit)}{said}"]
+        lines += [f"source = {toml_string(time.source.name)}", f"unit = {toml_string(time.unit)}{said}"]
     elif time.stamps is not None:
         lines.append("# channels have stamps of their own")
     else:
@@ -217,10 +217,10 @@ def _signal_lines(column: str, channel: Channel, rig: Rig, pressures: str | None
                   time: TimeGuess) -> list[str]:  # fmt: skip
     symbol = split_column(column)[1]
     told, remark = _unit(column, channel)
-    lines = [f"[signals.{column}]  # {_about(channel, time)}", f"source = {_text(channel.name)}"]
+    lines = [f"[signals.{column}]  # {_about(channel, time)}", f"source = {toml_string(channel.name)}"]
     if told == OPEN:
         left.append(f"signals.{column}.unit")
-    lines.append(f"unit = {_text(told)}" + (f"  # {remark}" if remark else ""))
+    lines.append(f"unit = {toml_string(told)}" + (f"  # {remark}" if remark else ""))
     if unit(symbol).dimension == PRESSURE and not (told != OPEN and read_unit(told).pressure):
         lines.append(f"# gauge (0 is the air around) or absolute? {_pressure_hint(channel, told)}")
         if pressures is None:
@@ -235,8 +235,8 @@ def _unit(column: str, channel: Channel) -> tuple[str, str]:
     if logged and is_readable(logged) and read_unit(logged).dimension == unit(symbol).dimension:
         return logged, ""
     if logged:
-        return OPEN, (f"the log says {_text(logged)}, the column is a {quantity_of(symbol)}; or scale = "
-                      f"{symbol} per {_text(logged)}")  # fmt: skip
+        return OPEN, (f"the log says {toml_string(logged)}, the column is a {quantity_of(symbol)}; or scale = "
+                      f"{symbol} per {toml_string(logged)}")  # fmt: skip
     suffix = split_column(channel.name.rpartition("/")[2])[1]
     if suffix != NONE and unit(suffix).dimension == unit(symbol).dimension:
         return suffix, "by the channel's name"
@@ -286,7 +286,8 @@ def _tail(rig: Rig, chosen: dict[str, Channel], rest: Sequence[Channel], known: 
     left = [channel for channel in rest if all(channel is not other for other in chosen.values())]
     if left:
         lines.append("# channels that are not mapped:")
-        lines += [f"#   {_text(channel.name)}: {_about(channel, TimeGuess(None, OPEN, None))}" for channel in left]
+        lines += [f"#   {toml_string(channel.name)}: {_about(channel, TimeGuess(None, OPEN, None))}"
+                  for channel in left]
     lines += ["# [atmosphere]                # taken off absolute pressures", "# pressure_kpa = 101.325",
               f"{'' if known else '# '}[known]  # parameters of the rig known for these recordings",
               *(f"{key} = {value!r}" for key, value in known.items())]  # fmt: skip
@@ -294,8 +295,3 @@ def _tail(rig: Rig, chosen: dict[str, Channel], rest: Sequence[Channel], known: 
         lines += ["# [controller]                # for loop = \"closed\"",
                   *(f"# {key} = {value!r}" for key, value in rig.controller.items())]  # fmt: skip
     return lines
-
-
-def _text(value: str) -> str:
-    """A TOML string."""
-    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

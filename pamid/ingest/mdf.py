@@ -43,6 +43,9 @@ def _add(gathering: Gathering, file: Any, number: int, index: int, name: str) ->
     if conversion in _FORMULA[four]:
         gathering.leave_out(name, "its conversion is a formula")
         return
+    if _clock_conversion(file, number) in _FORMULA[four]:
+        gathering.leave_out(name, "the conversion of its clock is a formula")
+        return
     if not gathering.fits(name, group.channel_group.cycles_nr):
         return
     words = conversion in _TEXT[four]
@@ -60,6 +63,13 @@ def _add(gathering: Gathering, file: Any, number: int, index: int, name: str) ->
             values = np.where(invalid, np.nan, values.astype(np.float64))
     stamps = _stamps(gathering, file, number, signal, name)
     gathering.add(name, values, stamps, signal.unit or "")
+
+
+def _clock_conversion(file: Any, number: int) -> Any:
+    """The conversion_type of the channel that stamps a group: whoever reads another one evaluates it, too."""
+    master = file.masters_db.get(number)
+    clock = None if master is None else file.groups[number].channels[master]
+    return getattr(getattr(clock, "conversion", None), "conversion_type", None)
 
 
 def _stamps(gathering: Gathering, file: Any, number: int, signal: Any, name: str) -> Any:
