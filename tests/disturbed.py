@@ -11,6 +11,7 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 PATIENCE_S = 600.0      # for what has to come: only a failure waits as long
 
@@ -41,17 +42,19 @@ frame.main(sys.argv[5:])
 #: every step of a training is kept
 EVERY_STEP = "import pamid.networks.training as training; training._CHECKPOINT_SECONDS = 0.0"
 #: the cases of a trial are not worked through: what is tried is the trial, which has to survive between them
-QUICK_CASES = '''
-import pamid.trial.work as work
-from pamid.errors import DataError
+QUICK_CASES = f"""
+sys.path.insert(0, {str(Path(__file__).parent)!r})
+import disturbed, pamid.trial.work as work
+work.examine = disturbed.quick_examine
+"""
 
-def examine(case, place):
-    raise DataError(f"case {case.number} cannot be answered")
 
-work.examine = examine
-work.finished = lambda case, folder, finished=work.finished: (
-    work.read_json(work._path(case, folder)) if work._path(case, folder).exists() else None)
-'''
+def quick_examine(case: Any, place: Path) -> dict[str, Any]:
+    """What `pamid.trial.work.examine` returns, with nothing in it."""
+    return {"diagnosis": {"verdict": "no-structural-gap", "causes": [], "ranking": [], "look_alikes": [],
+                          "where": {"port": "muscle", "indistinguishable": []}},
+            "screened_family": "", "seconds": 1.0, "shrinkage": None,
+            "visibility": 3.0 if case.planted else None, "visibility_each": 3.0 if case.planted else None}
 
 
 class Halted:
