@@ -28,6 +28,7 @@ from pamid.results import Plain, Store, code_sha256, digest, plain
 T = TypeVar("T")
 R = TypeVar("R")
 
+_ENDING = (signal.SIGINT, signal.SIGTERM)
 ATTEMPTS = 3      # times that a job's process may die before the job is held to be the reason
 
 
@@ -259,7 +260,12 @@ class _Hand:
         # it inherits our ends of all lines: were they left open there, none would end if this process died
         inherited = [ours, *(hand.line for hand in everyone)]
         process = context.Process(target=_serve, args=(theirs, inherited, work, items), daemon=True)
-        process.start()
+        # a signal that comes before the child is ready for it would end it with the parent's answer to it
+        held = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
+        try:
+            process.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, held)
         theirs.close()
         hand = cls(ours, process)
         everyone.append(hand)
@@ -279,6 +285,8 @@ class _Hand:
 
 def _serve(line: Connection, inherited: list[Connection], work: Work[T, Any], items: Sequence[T]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches every process of a terminal; the first one decides
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
     for other in inherited:
         other.close()
     with threadpool_limits(limits=1, user_api="blas"), contextlib.suppress(EOFError, OSError):

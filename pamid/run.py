@@ -44,6 +44,7 @@ RUN_FILES = ("run.json", FIT_FILE, RESIDUAL_FILE, "network.json", "network.npz",
              "checkpoint.npz", "force-law.json", "rig.py")  # fmt: skip
 FIGURES = "figures"
 JOBS, JOURNAL = "jobs", "journal.jsonl"      # results of single jobs while a run goes on (pamid.results)
+_BEGINNING = re.compile(r"\.run\.json\.[0-9]+\.[0-9a-f]+\.tmp")
 _HALF = re.compile("[\ud800-\udfff]")     # of names that are no UTF-8: no file can hold them as they are
 _JOB = re.compile(r"[0-9a-f]{64}\.npz")
 _PACKAGES = ("pamid", "numpy", "scipy", "pandas", "numba", "llvmlite", "torch", "pysindy", "matplotlib", "sympy")
@@ -273,8 +274,8 @@ def _key(key: Any, where: str) -> str:
 def _require_free(path: Path, overwrite: bool, resumable: bool) -> None:
     if path.exists() and not path.is_dir():
         raise FileError(f"{path} is a file, not a folder.", "Give --output another name.", code="run-folder")
-    if not path.exists() or not any(path.iterdir()):
-        return
+    if not path.exists() or all(_BEGINNING.fullmatch(item.name) for item in path.iterdir()):
+        return      # at most what is left of a run that was killed before it had its run.json
     if not (path / "run.json").is_file():
         hint = "Give --output a new or empty folder."
         raise FileError(f"{path} is taken: it holds files that are not a run.", hint, code="run-folder")

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+import locale
 import os
+import shutil
 import signal
-import subprocess
-import sys
 import time
 from collections import Counter
 from pathlib import Path
 from typing import Any
 
 import pytest
+from disturbed import EVERY_STEP, QUICK_CASES, Halted, leftovers, quick_examine
 from pamid_cli import frame
 from small_cart import RIG, others, record_cart
 
+import pamid.run
+import pamid.trial.work as work
 from pamid.results import Store
 from pamid.run import read_json
 
@@ -44,36 +48,21 @@ def same_files(one: Path, other: Path) -> bool:
     return "diagnosis.json" in there and all((one / n).read_bytes() == (other / n).read_bytes() for n in there)
 
 
-def begun(recording: Path, folder: Path, jobs: int, finished: int) -> subprocess.Popen[bytes]:
-    """A diagnosis in a process of its own, watched until so many jobs are finished."""
-    return started(words(recording, folder, "--jobs", str(jobs)), folder, finished)
+def results(folder: Path) -> int:
+    """How many results of jobs are kept."""
+    return len(list((folder / "jobs").glob("*.npz")))
 
 
-def started(command: list[str], folder: Path, finished: int) -> subprocess.Popen[bytes]:
-    process = subprocess.Popen([sys.executable, "-m", "pamid_cli", *command], start_new_session=True,
-                               stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-    deadline = time.monotonic() + 90.0
-    while len(Store(folder / "jobs").journal()) < finished:
-        assert process.poll() is None and time.monotonic() < deadline, "it ended before it could be disturbed"
-        time.sleep(0.002)
-    return process
-
-
-def alive(session: int) -> list[str]:
-    """Command lines of the processes of a session that are at work."""
-    found = subprocess.run(["ps", "-o", "stat=,args=", "-s", str(session)], capture_output=True, text=True).stdout
-    return [line for line in found.splitlines() if not line.startswith("Z")]
-
-
-@pytest.mark.parametrize(("jobs", "finished"), [(1, 6), (2, 12)])
-def test_killed_and_resumed(jobs: int, finished: int, recording: Path, undisturbed: Path, tmp_path: Path,
+@pytest.mark.parametrize(("jobs", "when", "number"), [(1, "after", 6), (2, "before", 12)])
+def test_killed_and_resumed(jobs: int, when: str, number: int, recording: Path, undisturbed: Path, tmp_path: Path,
                             capfd: pytest.CaptureFixture[str]) -> None:
     folder, whole = tmp_path / "run", read_json(undisturbed / "run.json")["jobs"]
-    process = begun(recording, folder, jobs, finished)
-    process.kill()      # SIGKILL, of the main process alone
-    process.communicate()
-    first = Store(folder / "jobs").journal()
-    assert read_json(folder / "run.json")["ended"] is None and len(first) < whole["worked"]
+    halted = Halted(words(recording, folder, "--jobs", str(jobs)), when, ".npz", number)
+    halted.end(signal.SIGKILL)      # the main process alone
+    first = results(folder)
+    assert first == number - (when == "before") < whole["worked"]
+    assert len(leftovers(folder)) == (when == "before"), "it was killed with a result in its hands"
+    assert read_json(folder / "run.json")["ended"] is None
 
     assert frame.run(words(recording, folder, "--json")) == 3, "what is unfinished is not lost by accident"
     refused = json.loads(capfd.readouterr().out)
@@ -83,10 +72,10 @@ def test_killed_and_resumed(jobs: int, finished: int, recording: Path, undisturb
 
     assert frame.run(words(recording, folder, "--resume", "--jobs", str(3 - jobs))) == 0
     record = read_json(folder / "run.json")
-    assert record["jobs"] == {"worked": whole["worked"] - len(first), "kept": len(first), "failed": 0}
+    assert record["jobs"] == {"worked": whole["worked"] - first, "kept": first, "failed": 0}
     assert record["outcome"] == "done" and len(record["resumed"]) == 1
-    assert same_files(undisturbed, folder) and not (folder / "jobs").exists()
-    assert not [line for line in alive(process.pid) if "pamid_cli" in line], "no process outlives the killed one"
+    assert same_files(undisturbed, folder) and not (folder / "jobs").exists() and not leftovers(folder)
+    halted.require_no_survivors()
 
     capfd.readouterr()
     assert frame.run(words(recording, folder, "--resume", "--json")) == 0, "finished: there is nothing to do"
@@ -94,17 +83,31 @@ def test_killed_and_resumed(jobs: int, finished: int, recording: Path, undisturb
     assert read_json(folder / "run.json") == record
 
 
-def test_interrupted_and_resumed(recording: Path, undisturbed: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(("number", "everyone"), [(signal.SIGINT, True), (signal.SIGTERM, False)])
+def test_interrupted_and_resumed(number: int, everyone: bool, recording: Path, undisturbed: Path,
+                                 tmp_path: Path) -> None:
+    """Ctrl-C, which a terminal sends to all processes, and the signal of a shutdown, which comes to one."""
     folder = tmp_path / "run"
-    process = begun(recording, folder, 2, 9)
-    os.killpg(process.pid, signal.SIGINT)       # as a terminal does: to all processes
-    _, said = process.communicate(timeout=60)
-    assert process.returncode == 130 and b"interrupted" in said and b"Traceback" not in said
+    halted = Halted(words(recording, folder, "--jobs", "2"), "after", ".npz", 9)
+    code, said = halted.end(number, everyone=everyone)
+    assert code == 130 and "interrupted" in said and "Traceback" not in said
+    halted.require_no_survivors()
     record = read_json(folder / "run.json")
-    kept = len(list((folder / "jobs").glob("*.npz")))
-    assert record["outcome"] == "interrupted" and record["jobs"]["worked"] == kept >= 9
+    assert record["outcome"] == "interrupted" and record["jobs"]["worked"] == results(folder) == 9
+    assert not leftovers(folder)
     assert frame.run(words(recording, folder, "--resume")) == 0
-    assert read_json(folder / "run.json")["jobs"]["kept"] == kept and same_files(undisturbed, folder)
+    assert read_json(folder / "run.json")["jobs"]["kept"] == 9 and same_files(undisturbed, folder)
+
+
+def test_killed_before_there_was_a_run(recording: Path, tmp_path: Path) -> None:
+    """Nothing but the beginning of run.json is there: the folder is as good as empty."""
+    fitted = ["fit", str(recording), "--rig", RIG, "--output"]
+    Halted([*fitted, str(tmp_path / "run")], "before", "run.json", 1).end(signal.SIGKILL)
+    assert len(leftovers(tmp_path / "run")) == 1 and not (tmp_path / "run" / "run.json").exists()
+    for more in ((), ("--resume",), ("--overwrite",)):
+        folder = shutil.copytree(tmp_path / "run", tmp_path / f"run{more}")
+        assert frame.run([*fitted, str(folder), *more]) == 0
+        assert sorted(p.name for p in folder.iterdir()) == ["fit.json", "residual.csv", "run.json"]
 
 
 def test_what_was_damaged_meanwhile_is_worked_out_again(recording: Path, undisturbed: Path, tmp_path: Path,
@@ -164,15 +167,78 @@ def test_a_failed_job_is_told_and_tried_again(recording: Path, undisturbed: Path
 
 def test_a_bootstrap_goes_on_where_it_was_killed(recording: Path, tmp_path: Path) -> None:
     def fitted(folder: Path, *more: str) -> list[str]:
-        return ["fit", str(recording), "--rig", RIG, "--bootstrap", "40", "--output", str(folder), *more]
+        return ["fit", str(recording), "--rig", RIG, "--bootstrap", "12", "--output", str(folder), *more]
 
     whole, folder = tmp_path / "whole", tmp_path / "run"
     assert frame.run(fitted(whole, "--jobs", "2")) == 0 and not (whole / "jobs").exists()
-    process = started(fitted(folder, "--jobs", "1"), folder, 5)
-    process.kill()
-    process.communicate()
-    kept = len(Store(folder / "jobs").journal())
-    assert 5 <= kept < 40 and frame.run(fitted(folder)) == 3
+    Halted(fitted(folder, "--jobs", "1"), "after", ".npz", 5).end(signal.SIGKILL)
+    assert results(folder) == 5 and frame.run(fitted(folder)) == 3
     assert frame.run(fitted(folder, "--resume")) == 0
-    assert read_json(folder / "run.json")["jobs"] == {"worked": 40 - kept, "kept": kept, "failed": 0}
+    assert read_json(folder / "run.json")["jobs"] == {"worked": 7, "kept": 5, "failed": 0}
     assert (folder / "fit.json").read_bytes() == (whole / "fit.json").read_bytes()
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_a_training_goes_on_where_it_was_disturbed(number: int, recording: Path, tmp_path: Path) -> None:
+    def trained(folder: Path, *more: str) -> list[str]:
+        return ["train-residual", str(folder), "--hidden", "2", "--iterations", "8", "--jobs", "1", *more]
+
+    whole, folder = tmp_path / "whole", tmp_path / "run"
+    assert frame.run(["fit", str(recording), "--rig", RIG, "--output", str(whole)]) == 0
+    shutil.copytree(whole, folder)
+    done = frame.run(trained(whole))
+    code, said = Halted(trained(folder), "after", "checkpoint.npz", 3, stand_in=EVERY_STEP).end(number)
+    assert code == (130 if number == signal.SIGTERM else -number) and "Traceback" not in said
+    assert (folder / "network.json").exists() == (number == signal.SIGTERM), "what it had reached"
+    assert frame.run(trained(folder, "--resume")) == done and not leftovers(folder)
+    for name in ("network.json", "network.npz", "trace.csv", "residual.csv"):
+        assert (folder / name).read_bytes() == (whole / name).read_bytes()
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_a_trial_goes_on_where_it_was_disturbed(number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def tried(folder: Path, *more: str) -> list[str]:
+        return ["trial", "--output", str(folder), "--cases", "6", "--jobs", "1", *more]
+
+    whole, folder = tmp_path / "whole", tmp_path / "run"
+    halted = Halted(tried(folder), "after", "0", 3, stand_in=QUICK_CASES)
+    code, _ = halted.end(number)
+    assert code == (130 if number == signal.SIGTERM else -number)
+    assert len(list((folder / "cases").iterdir())) == 3
+    again: list[int] = []
+
+    def examine(case: Any, place: Path) -> Any:
+        again.append(case.number)
+        return quick_examine(case, place)
+
+    monkeypatch.setattr(work, "examine", examine)
+    assert frame.run(tried(folder, "--resume")) == 0 and len(again) == 3
+    assert frame.run(tried(whole)) == 0
+    for name in ("trial.json", "labels.json", *(f"cases/{p.name}" for p in (whole / "cases").iterdir())):
+        assert (folder / name).read_bytes() == (whole / name).read_bytes()
+
+
+def test_a_clock_set_back_in_between_harms_nothing(recording: Path, tmp_path: Path,
+                                                   monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nor does another time zone, nor a language with a decimal comma, where the machine has one."""
+    stamps = iter(f"20{90 - k}-01-01T00:00:00+00:00" for k in range(90))
+    plain, folder = tmp_path / "plain", tmp_path / "run"
+    words = ["fit", str(recording), "--rig", RIG, "--output"]
+    assert frame.run([*words, str(plain)]) == 0 and frame.run(["report", str(plain)]) == 0
+    former = locale.setlocale(locale.LC_ALL)
+    try:
+        with monkeypatch.context() as patched:
+            patched.setattr(pamid.run, "_now", lambda: next(stamps))
+            patched.setenv("TZ", "Pacific/Kiritimati")
+            time.tzset()
+            with contextlib.suppress(locale.Error):
+                locale.setlocale(locale.LC_ALL, "de_DE.UTF-8")
+            assert frame.run([*words, str(folder)]) == 0 and frame.run(["report", str(folder)]) == 0
+            record = read_json(folder / "run.json")
+            assert record["ended"] < record["begun"]
+            assert frame.run([*words, str(folder), "--resume"]) == 0
+    finally:
+        locale.setlocale(locale.LC_ALL, former)
+        time.tzset()
+    for name in ("fit.json", "residual.csv"):
+        assert (folder / name).read_bytes() == (plain / name).read_bytes()
