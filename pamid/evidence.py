@@ -88,11 +88,12 @@ def gather(rig: Rig, recordings: list[Recording], held_out: list[Recording]) -> 
         fit = [Span(r, 0, e) for r, e in zip(recordings, edges, strict=True)]
         kept = [Span(r, e, len(r)) for r, e in zip(recordings, edges, strict=True)]
     order = sorted(range(len(fit)), key=lambda i: fit[i].recording.sha256)  # names and order must not matter
+    by_content = sorted(everything, key=lambda r: r.sha256)     # a sum depends on its order in the last digit
     noise = np.sqrt(np.mean([noise_level(t.y) ** 2 for t in
-                             (track_of(plain, r, channels) for r in everything)], axis=0))
+                             (track_of(plain, r, channels) for r in by_content)], axis=0))
     return Evidence(rig, tuple(fit[i] for i in order),
                     tuple(sorted(kept, key=lambda s: (s.recording.sha256, s.start))), channels, noise,
-                    DEPARTS * _usual([state_spread(plain, r) for r in everything]))
+                    DEPARTS * _usual([state_spread(plain, r) for r in by_content]))
 
 
 def _moving(recording: Recording, channels: tuple[str, ...]) -> set[str]:

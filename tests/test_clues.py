@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import numpy as np
 import pytest
 from virtual_joint import record
 
 from pamid.attaching import attach
-from pamid.diagnosis.clues import gather_clues
+from pamid.diagnosis.clues import gather_clues, spectrum_peaks
 from pamid.diagnosis.contest import contender_from
 from pamid.diagnosis.screen import FIRST_STEPS, Ground, screen, starting_points
 from pamid.effect import Hints
@@ -63,3 +66,18 @@ def test_the_ground_is_where_the_baseline_is_worst(stopped) -> None:  # type: ig
     assert count < len(windows)
     runs = [sum(losses[i : i + count]) for i in range(len(windows) - count + 1)]
     assert left[start:stop].sum() == pytest.approx(max(runs))
+
+
+@pytest.mark.parametrize("samples", [120, 126, 1000])
+def test_a_line_is_found_in_however_short_a_part(samples: int) -> None:
+    """The shortest recording that can be fitted has 120 samples held out."""
+    class Track:
+        period_s = 0.01
+
+        def __len__(self) -> int:
+            return samples
+
+    hz, track = 6.0, Track()
+    residual = np.sin(2.0 * np.pi * hz * track.period_s * np.arange(samples))[:, None]
+    replayed: Any = SimpleNamespace(track=track, residual=residual)
+    assert spectrum_peaks([replayed], np.ones(1))[0] == pytest.approx(hz, abs=0.5)

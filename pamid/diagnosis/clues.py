@@ -62,7 +62,8 @@ def spectrum_peaks(before: list[Replay], noise: Array, count: int = 3) -> tuple[
     power = (np.abs(np.fft.rfft(r, n, axis=0)) ** 2).sum(axis=1)
     axis = np.fft.rfftfreq(n, b.track.period_s)
     power[axis < SLOWEST_HZ] = 0.0
-    smooth = np.convolve(power, np.ones(401) / 401, "same")
+    width = min(401, len(power) - 1 + len(power) % 2)     # odd; of a short recording all there is
+    smooth = np.convolve(power, np.ones(width) / width, "same")
     contrast = power / (smooth + 1e-12 * power.max() + 1e-300)
     peaks = []
     for _ in range(count):

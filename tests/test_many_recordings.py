@@ -1,0 +1,55 @@
+"""Many short recordings at once, each as short as a fit takes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pamid_cli import frame
+from small_cart import PERIOD_S, RIG, others
+
+from pamid.evidence import FEWEST
+from pamid.excitation import aprbs
+from pamid.recording import read_recording, write_recording
+from pamid.run import read_json
+from pamid.virtual import virtual_rig
+
+
+def recorded(folder: Path, count: int) -> list[str]:
+    """Paths of recordings of a cart with friction that its model lacks."""
+    paths = []
+    for k in range(count):
+        path, time = folder / f"rec-{k}.csv", PERIOD_S * np.arange(FEWEST)
+        write_recording(path, time, {"force_n": aprbs(FEWEST * PERIOD_S, PERIOD_S, 4.0, (0.1, 0.4), seed=k)})
+        made = virtual_rig(RIG, read_recording(path), ("coulomb-friction",), {}, {"mass_kg": 1.2}, 1.0, k)
+        write_recording(path, time, made.columns, made.meta)
+        paths.append(str(path))
+    return paths
+
+
+def test_several_are_diagnosed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In any order, and each is read once."""
+    paths, read = recorded(tmp_path, 5), []
+
+    def watched(path: Path) -> object:
+        read.append(str(path))
+        return read_recording(path)
+
+    monkeypatch.setattr("pamid.recording.read_recording", watched)
+    assert frame.run(["fit", *paths, "--rig", RIG, "--output", str(tmp_path / "one")]) == 0
+    assert frame.run(["fit", *paths[::-1], "--rig", RIG, "--output", str(tmp_path / "other")]) == 0
+    assert sorted(read) == sorted(2 * paths)
+    one, other = (read_json(tmp_path / name / "fit.json") for name in ("one", "other"))
+    assert one["parameters"] == other["parameters"] and len(one["recordings"]) == 5
+    assert frame.run(["diagnose", *paths, "--rig", RIG, *others(), "--jobs", "1", "--output",
+                      str(tmp_path / "run")]) == 0
+    found = read_json(tmp_path / "run" / "diagnosis.json")
+    assert found["verdict"] == "explained" and found["causes"][0]["effect"] == "coulomb-friction"
+
+
+@pytest.mark.slow
+def test_two_hundred_are_diagnosed(tmp_path: Path) -> None:
+    paths = recorded(tmp_path, 200)
+    assert frame.run(["diagnose", *paths, "--rig", RIG, *others(), "--output", str(tmp_path / "run")]) == 0
+    assert read_json(tmp_path / "run" / "diagnosis.json")["causes"][0]["effect"] == "coulomb-friction"
