@@ -26,7 +26,7 @@ Array = NDArray[np.float64]
 
 WORTH = 0.05            # of the gap: what an effect has to remove to be worth looking beyond it
 LEAST = 0.02            # of the error: what a cause has to remove to be named at all
-UNBACKED = 0.5          # most that is given to a cause that the windows that report do not back
+UNBACKED = 0.5          # most that is given to a cause that the held-out windows do not back
 QUESTIONS = ("gap", "known", "first", "further")
 
 
@@ -96,12 +96,12 @@ def weigh(budget: Budget, chosen: NDArray[np.bool_], ranking: tuple[Contender, .
         pull=max(background_pull(model.fit).values(), default=0.0), channels=channels)
 
 
-def backed(budget: Budget, model: Contender, reporting: NDArray[np.bool_], seed: int) -> bool:
-    """On the windows that only report the error shrinks, with 95 % confidence; one window has no say."""
-    if reporting.sum() < 2:
-        return True
-    before, after = (budget.channel_losses(c.absolutes)[reporting] for c in (budget.baseline, model))
-    return shrinkage_interval(before, after, seed=seed)[0] > 0.0
+def is_backed(budget: Budget, model: Contender, reporting: NDArray[np.bool_], seed: int) -> bool:
+    """Does the error shrink on the windows that only report, and on everything held out with 95 % confidence? A single
+    window has no say."""
+    before, after = (budget.channel_losses(c.absolutes) for c in (budget.baseline, model))
+    own = not reporting.any() or after[reporting].sum() < (1.0 - LEAST) * before[reporting].sum()
+    return own and (len(before) < 2 or shrinkage_interval(before, after, seed=seed)[0] > 0.0)
 
 
 def in_errors(draws: Array) -> float:
@@ -168,11 +168,11 @@ class Judged:
 
 
 def judge(g: Grounds, *, ambiguous: bool, backed: bool = True, empty: bool = False) -> Judged:
-    """The verdict on these grounds; ambiguous: members of several families are tied; backed: the windows that only
-    report say that the error shrinks; empty: the best model makes nothing of what was recorded.
+    """The verdict on these grounds; ambiguous: members of several families are tied; backed: see `is_backed`; empty:
+    the best model makes nothing of what was recorded.
 
     A first candidate that is as good as certain is named also where the gap by itself would not raise an alarm. No
-    cause is named that those windows do not back, or of recordings that show nothing of the model.
+    cause is named that the held-out windows do not back, or of recordings that show nothing of the model.
     """
     c, x = calibration(), features(g)
     gap, known, first = (c.lines[q].probability(x) for q in ("gap", "known", "first"))

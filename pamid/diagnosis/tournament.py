@@ -13,7 +13,7 @@ from pamid.diagnosis.clues import gather_clues
 from pamid.diagnosis.contest import Contender
 from pamid.diagnosis.further import Extended, Newcomer, extended
 from pamid.diagnosis.guess import explains_nothing
-from pamid.diagnosis.judgement import Grounds, Judged, at_the_floor, backed, judge, probabilities, weigh
+from pamid.diagnosis.judgement import Grounds, Judged, at_the_floor, is_backed, judge, probabilities, weigh
 from pamid.diagnosis.latent import Located, locate
 from pamid.diagnosis.look_alikes import look_alike_classes
 from pamid.diagnosis.screen import CROWDED, MOST
@@ -87,7 +87,7 @@ def diagnose(evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: in
     empty = explains_nothing(budget, best or base, seed)
     judged = judge(grounds, ambiguous=best is not None and len(best.attached) == 1
                    and len({c.family for c in tied}) > 1,
-                   backed=best is None or backed(budget, best, ~chosen, seed), empty=empty)
+                   backed=best is None or is_backed(budget, best, ~chosen, seed), empty=empty)
     return Diagnosis(evidence, budget, chosen, judged.verdict, ranking, tuple(probabilities(judged, wins)),
                      tuple(failed), tied, best, located, grounds, judged, tuple(tuple(k) for k in classes),
                      screened, found.newcomers, empty)

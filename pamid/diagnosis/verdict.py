@@ -167,8 +167,8 @@ def remark(d: Diagnosis) -> str:
     if not d.empty:
         return ""
     return ("The recordings show nothing that this model could have made of its input: it predicts them no better than "
-            "a guess from their own mean does. Check that every column is the channel that it is named after, that all "
-            "were recorded together on one clock, and that the input acted on the rig.")
+            "their own mean or a straight line does. Check that every column is the channel that it is named after, "
+            "that all were recorded together on one clock, and that the input acted on the rig.")
 
 
 def sentence(d: Diagnosis, unknown: dict[str, Any] | None) -> str:
