@@ -80,18 +80,20 @@ def noise_level(y: Array) -> Array:
 
 
 def sensor_noise(parts: Sequence[Array], stated: Array) -> Array:
-    """Noise per channel of recordings made with the same sensors (each samples x channels), and by how much what the
-    rig states for them (per channel, 0: nothing) goes before it.
+    """Noise per channel of recordings made with the same sensors (each samples x channels); stated: what the rig says
+    of them (0: nothing), the least where the samples say nothing.
 
-    A sensor may be better than its data sheet, and then its white noise is seen. Where none is (it was filtered away,
-    or lies below a step), what the samples show is no noise, and the stated one is the least.
+    A sensor may be better than its data sheet, and then its white noise or its steps are seen. Where neither is, noise
+    was filtered away or never there, and what changes from sample to sample is no measure of what a reading is off by.
     """
     y = np.concatenate(parts)
     noise, steps = _noise_and_steps(y)
     if len(parts) > 1:   # each may have steps of its own
         steps = np.sqrt(np.mean([[quantisation_step(c) ** 2 for c in part.T] for part in parts], axis=0))
         noise = np.maximum(noise, UNIFORM * steps)
-    seen = [n > max(step, SHOWN * c.std()) and is_white(c) for c, n, step in zip(y.T, noise, steps, strict=True)]
+    least = SHOWN * y.std(axis=0)
+    white = [n > shown and is_white(c) for c, n, shown in zip(y.T, noise, least, strict=True)]
+    seen = (UNIFORM * steps > least) | white
     return np.where(seen, noise, np.maximum(noise, stated))
 
 
