@@ -14,6 +14,7 @@ Array = NDArray[np.float64]
 
 DIGITS = 1e-9          # of the largest value: levels closer than this differ by digits of the file
 ALIKE = 0.2            # of the smallest gap between levels: gaps this close to it are one step
+MOST = 20000           # levels looked at, those in the middle
 NEAR = 20.0            # steps from one level to the next: over wider gaps an error of the step adds up
 LAGS = (1, 2, 4, 8, 16, 32)  # levels that gaps reach over; beyond, a converter's own bend shows
 OFF = 0.1              # steps by which gaps miss a whole number, on average; 0.25 where there is no step
@@ -32,6 +33,7 @@ def quantisation_step(values: Array) -> float:
     """The step of which all differences between the levels of a channel, shape (n,), are multiples; 0 where there is
     none. Levels may be off by a third of a step (counts printed with few decimals), and most may never be met."""
     levels = np.unique(values)
+    levels = levels[max(0, levels.size - MOST) // 2 :][:MOST]
     gaps = np.diff(levels)
     own = gaps > DIGITS * float(np.abs(levels).max(initial=0.0))
     levels, gaps = levels[np.concatenate([[True], own])], gaps[own]
