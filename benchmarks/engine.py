@@ -37,10 +37,11 @@ from pamid.engine.program import Program, Stepping
 from pamid.excitation import aprbs
 from pamid.fitting import Problem, fit_robustly, free_parameters
 from pamid.library import effects, rig_named
+from pamid.noise import noise_level
 from pamid.recording import Recording, read_recording, write_recording
 from pamid.simulation import choose_stepping, input_table
 from pamid.virtual import virtual_rig
-from pamid.windows import noise_level, track_of
+from pamid.windows import track_of
 
 Array = NDArray[np.float64]
 PERIOD_S = 0.003

@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from pamid.assembly import Assembly
 from pamid.errors import DataError, FileError
+from pamid.noise import sensor_noise
 from pamid.recording import Recording, require_excited
 from pamid.residuals import Replay
 from pamid.rig import Rig
 from pamid.simulation import measured_outputs, state_spread
-from pamid.windows import Track, noise_level, track_of
+from pamid.windows import Track, stated_noise, track_of
 
 Array = NDArray[np.float64]
 FEWEST = 400           # samples of a recording
@@ -89,8 +90,8 @@ def gather(rig: Rig, recordings: list[Recording], held_out: list[Recording]) -> 
         kept = [Span(r, e, len(r)) for r, e in zip(recordings, edges, strict=True)]
     order = sorted(range(len(fit)), key=lambda i: fit[i].recording.sha256)  # names and order must not matter
     by_content = sorted(everything, key=lambda r: r.sha256)     # a sum depends on its order in the last digit
-    noise = np.sqrt(np.mean([noise_level(t.y) ** 2 for t in
-                             (track_of(plain, r, channels) for r in by_content)], axis=0))
+    stated = stated_noise(rig, channels)
+    noise = np.sqrt(np.mean([sensor_noise([track_of(plain, r, channels).y], stated) ** 2 for r in by_content], axis=0))
     return Evidence(rig, tuple(fit[i] for i in order),
                     tuple(sorted(kept, key=lambda s: (s.recording.sha256, s.start))), channels, noise,
                     DEPARTS * _usual([state_spread(plain, r) for r in by_content]))

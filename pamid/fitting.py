@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -19,10 +20,11 @@ from pamid.assembly import Assembly
 from pamid.binding import Bound
 from pamid.engine.blocks import eliminate
 from pamid.engine.program import Stepping
+from pamid.noise import sensor_noise
 from pamid.prior import Prior, terms_of_sheet
 from pamid.simulation import choose_stepping
 from pamid.weights import Weights, residual_weights
-from pamid.windows import PULL, Runner, Track, Window, cut, estimate_start, noise_level
+from pamid.windows import PULL, Runner, Track, Window, cut, estimate_start, stated_noise
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, float], None]
@@ -56,6 +58,11 @@ class Problem:
         if self.prior is not None:
             p[list(self.free)] = self.scale.outside(self.prior.at)
         return p
+
+    @cached_property
+    def noise(self) -> Array:
+        """Of the sensors, per channel (SI)."""
+        return sensor_noise([t.y for t in self.tracks], stated_noise(self.assembly.rig, self.assembly.program.outputs))
 
     @property
     def window(self) -> int:
@@ -269,9 +276,7 @@ def fit(problem: Problem, *, p: Array | None = None, starts: tuple[Array, ...] |
     p = problem.start() if p is None else p.copy()
     free = list(problem.free)
     step = stepping or careful_stepping(problem, p)
-    if weights is None:
-        sigma = noise_level(np.concatenate([t.y for t in problem.tracks]))
-        weights = Weights(sigma, np.ones_like(sigma))
+    weights = weights or Weights(problem.noise, np.ones_like(problem.noise))
     scale = problem.scale
     s = np.clip(scale.inside(p[free]), scale.low, scale.high)
     starts = starts if starts is not None else initial_starts(problem, p, weights, step)
@@ -282,7 +287,8 @@ def fit(problem: Problem, *, p: Array | None = None, starts: tuple[Array, ...] |
         return Fit(problem, p, starts, weights, np.inf, np.eye(len(free)), 0, False,
                    "the model became unstable at its starting parameters", step)
     if not known_pulls:
-        off = _off(problem, weights)
+        # by how much less a residual counts than sensor noise: by as much a wrong model's states may depart
+        off = float(np.exp(-np.log(problem.noise * weights.root).mean()))
         pulls = tuple(np.maximum(PULL * np.einsum("wii->wi", b[0]).mean(axis=0), 1.0 / (off * t.jump) ** 2)
                       for b, t in zip(now.blocks, problem.tracks, strict=True))
         now = _evaluate(problem, scale, s, p, starts, weights, pulls, step, True)
@@ -316,13 +322,6 @@ def fit(problem: Problem, *, p: Array | None = None, starts: tuple[Array, ...] |
                pulls, tuple(now.residuals), np.where(held, g, 0.0))
 
 
-def _off(problem: Problem, weights: Weights) -> float:
-    """By how much less a residual counts than one of the sensors' noise: the states of a model that is wrong may depart
-    by as much more."""
-    noise = noise_level(np.concatenate([t.y for t in problem.tracks]))
-    return float(np.exp(-np.log(noise * weights.root).mean()))
-
-
 def careful_stepping(problem: Problem, p: Array) -> Stepping:
     """The most careful of the steppings that the recordings ask for: implicit before explicit, then finer."""
     a = problem.assembly
@@ -336,7 +335,7 @@ def careful_stepping(problem: Problem, p: Array) -> Stepping:
 def fit_robustly(problem: Problem, *, progress: Progress | None = None, rounds: int = 3,
                  stepping: Stepping | None = None) -> Fit:
     """Fit with weights that follow the residuals: from the data sheet's misfit down to what the model leaves."""
-    noise = noise_level(np.concatenate([t.y for t in problem.tracks]))
+    noise = problem.noise
     fitted = fit(problem, iterations=1, weights=Weights(noise, np.ones_like(noise)), stepping=stepping)
     weights = (residual_weights(fitted.residuals, noise, problem.window) if fitted.residuals
                else Weights(noise, np.full_like(noise, 30.0)))

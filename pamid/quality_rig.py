@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 
 from pamid.assembly import Assembly
 from pamid.errors import PamidError
+from pamid.noise import noise_level
 from pamid.quality_signals import Issue
 from pamid.recording import Recording, match_column
 from pamid.rig import Rig
 from pamid.simulation import free_run, input_table, known_values, measured_outputs, output_table
-from pamid.units import quantity_of, split_column, suffixes_for, to_si, unit
-from pamid.windows import noise_level
+from pamid.units import quantity_of, split_column, suffixes_for, unit
+from pamid.windows import stated_noise
 
 Array = NDArray[np.float64]
 
@@ -99,7 +100,7 @@ def contradictions(recording: Recording, rig: Rig) -> tuple[list[Issue], dict[st
     mended, units = _units(evidence, recording, rig)
     columns = _recorded(mended.names, recording)
     judged = {c for c, alike in zip(columns, mended.agreement()[0], strict=True) if alike > TELLING}
-    noise = np.maximum(noise_level(mended.y), [to_si(rig.noise.get(n, 0.0), split_column(n)[1]) for n in mended.names])
+    noise = np.maximum(noise_level(mended.y), stated_noise(rig, mended.names))
     resting = {c for c, still in zip(columns, mended.model.std(axis=0) < STIR * noise, strict=True) if still}
     told = {"unit": judged, "pressure": judged, "absolute-pressure": judged, "dead": resting}
     return found + units + _offsets(mended, recording, rig) + _delays(mended, recording, rig), told

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.metrics import runs_of
+from pamid.noise import SHOWN, is_white, noise_level, quantisation_step
 from pamid.recording import SIGNIFICANT_DIGITS
 from pamid.units import NONE, split_column
-from pamid.windows import noise_level
 
 FloatArray = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -33,7 +33,6 @@ CORNER_STEPS, CORNER_SPAN = 12.0, 1e-3
 JUMP = 8.0                 # over the largest step nearby: how a frozen channel goes on
 SPIKE_NOISE, SPIKE_SPAN, SPIKE_BEND = 12.0, 0.02, 4.0
 COARSE = 0.01              # of the span
-FLOOR = 1.5e-6             # of the standard deviation: what noise_level answers where there is none
 NOISY = 0.2                # of the standard deviation
 ONLY_NOISE = 1.5           # times the noise
 PLUGGED = "Is the sensor plugged in, and is it the right channel?"
@@ -104,8 +103,8 @@ def signal_of(name: str, time: FloatArray, values: FloatArray, sent: bool = Fals
     step = 0.0 if sent else quantisation_step(values)
     noise = float(noise_level(values[:, None])[0]) if span > 0.0 else 0.0
     last_digit = 10.0 ** (math.floor(math.log10(np.abs(values).max())) + 1 - SIGNIFICANT_DIGITS) if span > 0.0 else 0.0
-    noise = noise if noise > FLOOR * float(values.std()) else 0.0
-    white = noise > max(step, last_digit) and _is_white(values)
+    noise = noise if noise > SHOWN * float(values.std()) else 0.0
+    white = noise > max(step, last_digit) and is_white(values)
     return Signal(name, time, values, sent, span, step, noise, white)
 
 
@@ -113,34 +112,6 @@ def measurable(values: FloatArray) -> bool:
     """Could a sensor have shown these numbers, and can they be squared?"""
     most = float(np.abs(values).max())
     return most == 0.0 or TINY < most < HUGE
-
-
-def quantisation_step(values: FloatArray) -> float:
-    """The step of which all differences between levels are multiples; 0 where there is none."""
-    levels = np.unique(values)
-    gaps = np.diff(levels)
-    gaps = gaps[gaps > 1e-9 * float(np.abs(levels).max(initial=0.0))]  # digits of the file, not of the converter
-    if gaps.size < 2:
-        return float(gaps[0]) if gaps.size else 0.0
-    smallest = float(np.quantile(gaps, 0.02, method="lower"))
-    step = float(np.median(gaps[np.abs(gaps - smallest) < 0.2 * smallest]))
-    counts = gaps / step
-    whole = np.abs(counts - np.round(counts)) < 0.02 * np.maximum(1.0, np.round(counts))
-    near = counts < 20.0
-    return step if near.mean() > 0.5 and whole[near].mean() > 0.95 else 0.0
-
-
-def _is_white(values: FloatArray) -> bool:
-    """Do fourth differences look like white noise throughout (and not like curvature that comes and goes)?"""
-    d = np.diff(values, n=4)
-    if d.size < 80:
-        return False
-    sizes = [float(np.median(np.abs(part))) for part in np.array_split(d, 40)]
-    usual = float(np.median(sizes))
-    if not 0.0 < 0.3 * usual < float(np.quantile(sizes, 0.25)):
-        return False
-    bounded = np.clip(d, -6.0 * usual, 6.0 * usual)
-    return float(bounded[1:] @ bounded[:-1]) < -0.6 * float(bounded @ bounded)  # white noise: -0.8
 
 
 # ---- stretches ---------------------------------------------------------------------------------------------------

@@ -6,6 +6,7 @@ on from the window before, so that no effect has to be told its past.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -15,7 +16,9 @@ from numpy.typing import NDArray
 from pamid.assembly import Assembly
 from pamid.engine.program import Memory, Stepping
 from pamid.recording import Recording
+from pamid.rig import Rig
 from pamid.simulation import input_table, known_values, output_table
+from pamid.units import split_column, to_si
 
 Array = NDArray[np.float64]
 
@@ -57,15 +60,11 @@ def track_of(assembly: Assembly, recording: Recording, channels: tuple[str, ...]
                  recording.sampling_period_s, free if jump is None else jump)
 
 
-def noise_level(y: Array) -> Array:
-    """White-noise standard deviation per channel from fourth differences (robust); at least 1e-6 of the spread.
-
-    Fourth differences of white noise have variance 70 sigma^2; smooth motion contributes next to nothing.
-    """
-    d = np.abs(np.diff(y, n=4, axis=0))
-    sigma = np.median(d, axis=0) / (0.6745 * np.sqrt(70.0))
-    coarse = np.sqrt(np.mean(np.minimum(d, np.quantile(d, 0.9, axis=0)) ** 2, axis=0) / 70.0)  # quantised channels
-    return np.maximum(np.where(sigma > 0.0, sigma, coarse), 1e-6 * y.std(axis=0) + 1e-300)
+def stated_noise(rig: Rig, channels: Sequence[str]) -> Array:
+    """What the rig says of its sensors: standard deviation per channel (SI), 0 where it says nothing."""
+    units = [split_column(name)[1] for name in channels]
+    return np.array([to_si(rig.noise.get(name, 0.0), unit) - to_si(0.0, unit)
+                     for name, unit in zip(channels, units, strict=True)])
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parent.parent
 #: from the ground up; a module (or folder) may import its own floor and those below it
 FLOORS: tuple[tuple[str, ...], ...] = (
     ("errors", "schemas", "trust", "files"),
-    ("units", "metrics", "expressions", "arrays"),
+    ("units", "metrics", "expressions", "arrays", "noise"),
     ("run", "parameter", "jobs", "results", "cluster", "equations"),
     ("recording_checks", "recording", "excitation", "signals", "excitation_files"),
     ("effect", "rig", "background"),

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.further import Newcomer
 from pamid.diagnosis.judgement import (
     Grounds,
@@ -16,6 +19,7 @@ from pamid.diagnosis.judgement import (
     calibration,
     features,
     forecast_interval,
+    is_backed,
     judge,
     probabilities,
 )
@@ -23,6 +27,8 @@ from pamid.errors import DataError
 from pamid.metrics import shrinkage_interval
 from pamid.trial.calibrate import calibrate
 from pamid.trial.cases import PARTS
+
+Array = NDArray[np.float64]
 
 #: a further effect that is real, and one that is not
 ADDED = Newcomer("leak", "leak", removed=0.3, of_left=0.8, gain=0.6, sure=12.0, margin=6.0, at_port=1.0,
@@ -48,6 +54,36 @@ def test_the_three_plain_cases() -> None:
 
 def test_a_cause_that_removes_next_to_nothing_is_not_named() -> None:
     assert judge(replace(CLEAR, shrinkage=0.01), ambiguous=False).verdict == "unknown-effect"
+
+
+def test_a_cause_that_the_held_out_windows_do_not_back_is_not_named() -> None:
+    found = judge(CLEAR, ambiguous=False, backed=False)
+    assert found.verdict == "unknown-effect" and found.first <= found.known <= 0.5
+    assert judge(QUIET, ambiguous=False, backed=False).verdict == "no-structural-gap"
+
+
+def test_held_out_windows_back_a_cause_or_do_not() -> None:
+    """Eight windows that chose and eight that report; losses of the refitted model are 1 to 2."""
+    before = np.random.default_rng(2).uniform(1.0, 2.0, (16, 1))
+    reporting = np.arange(16) % 4 > 1
+
+    def backs(after: Array) -> bool:
+        stands = cast(Any, SimpleNamespace)
+        budget = Budget(stands(), stands(absolutes=before), before, np.ones((16, 1)), before)
+        return is_backed(budget, stands(absolutes=after), reporting, 0)
+
+    assert backs(0.6 * before) and backs(np.where(np.arange(16)[:, None] % 5 == 0, 1.1, 0.6) * before)
+    assert not backs(np.where(reporting[:, None], 1.03, 0.3) * before), "it shrinks only where it was chosen"
+    assert not backs(0.99 * before), "next to nothing"
+    few = np.where(np.arange(16)[:, None] == 3, 0.01, 1.02) * before
+    assert not backs(few), "one window makes the whole difference"
+
+
+def test_nothing_is_blamed_for_recordings_that_show_nothing_of_the_model() -> None:
+    for ambiguous in (False, True):
+        found = judge(CLEAR, ambiguous=ambiguous, empty=True)
+        assert (found.verdict, found.known, found.first) == ("unknown-effect", 0.0, 0.0)
+    assert judge(QUIET, ambiguous=False, empty=True).verdict == "no-structural-gap"
 
 
 def test_features_stay_within_what_the_trial_has_seen() -> None:

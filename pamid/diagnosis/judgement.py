@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 
 WORTH = 0.05            # of the gap: what an effect has to remove to be worth looking beyond it
 LEAST = 0.02            # of the error: what a cause has to remove to be named at all
+UNBACKED = 0.5          # most that is given to a cause that the held-out windows do not back
 QUESTIONS = ("gap", "known", "first", "further")
 
 
@@ -95,6 +96,14 @@ def weigh(budget: Budget, chosen: NDArray[np.bool_], ranking: tuple[Contender, .
         pull=max(background_pull(model.fit).values(), default=0.0), channels=channels)
 
 
+def is_backed(budget: Budget, model: Contender, reporting: NDArray[np.bool_], seed: int) -> bool:
+    """Does the error shrink on the windows that only report, and on everything held out with 95 % confidence? A single
+    window has no say."""
+    before, after = (budget.channel_losses(c.absolutes) for c in (budget.baseline, model))
+    own = not reporting.any() or after[reporting].sum() < (1.0 - LEAST) * before[reporting].sum()
+    return own and (len(before) < 2 or shrinkage_interval(before, after, seed=seed)[0] > 0.0)
+
+
 def in_errors(draws: Array) -> float:
     """Mean of bootstrap draws in their standard deviations."""
     return float(draws.mean() / max(draws.std(), 1e-6))
@@ -158,17 +167,21 @@ class Judged:
     first: float
 
 
-def judge(g: Grounds, *, ambiguous: bool) -> Judged:
-    """The verdict on these grounds; ambiguous: members of several families are tied.
+def judge(g: Grounds, *, ambiguous: bool, backed: bool = True, empty: bool = False) -> Judged:
+    """The verdict on these grounds; ambiguous: members of several families are tied; backed: see `is_backed`; empty:
+    the best model makes nothing of what was recorded.
 
-    A first candidate that is as good as certain is named also where the gap by itself would not raise an alarm.
+    A first candidate that is as good as certain is named also where the gap by itself would not raise an alarm. No
+    cause is named that the held-out windows do not back, or of recordings that show nothing of the model.
     """
     c, x = calibration(), features(g)
     gap, known, first = (c.lines[q].probability(x) for q in ("gap", "known", "first"))
+    most = 0.0 if empty else 1.0 if backed else UNBACKED
+    known, first = min(known, most), min(first, most)
     certain = first >= c.lines["first"].yes
     if gap < c.lines["gap"].yes and not certain:
         verdict = "no-structural-gap"
-    elif (known < c.lines["known"].yes and not certain) or g.shrinkage < LEAST:
+    elif most < 1.0 or (known < c.lines["known"].yes and not certain) or g.shrinkage < LEAST:
         verdict = "unknown-effect" if gap >= c.lines["gap"].yes else "no-structural-gap"
     else:
         verdict = "ambiguous" if ambiguous else "explained"

@@ -12,7 +12,8 @@ from pamid.diagnosis.budget import Budget, gap_budget
 from pamid.diagnosis.clues import gather_clues
 from pamid.diagnosis.contest import Contender
 from pamid.diagnosis.further import Extended, Newcomer, extended
-from pamid.diagnosis.judgement import Grounds, Judged, at_the_floor, judge, probabilities, weigh
+from pamid.diagnosis.guess import explains_nothing
+from pamid.diagnosis.judgement import Grounds, Judged, at_the_floor, is_backed, judge, probabilities, weigh
 from pamid.diagnosis.latent import Located, locate
 from pamid.diagnosis.look_alikes import look_alike_classes
 from pamid.diagnosis.screen import CROWDED, MOST
@@ -46,6 +47,7 @@ class Diagnosis:
     classes: tuple[tuple[str, ...], ...] = ()
     screened: str = ""                        # family that the screen alone would have named
     newcomers: tuple[Newcomer, ...] = ()      # further effects that were weighed beside the first
+    empty: bool = False                       # the best model makes nothing of what was recorded
 
     @property
     def cause(self) -> Contender | None:
@@ -69,7 +71,7 @@ def diagnose(evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: in
     base = budget.baseline
     chosen = selection_part(list(base.replays))
     if at_the_floor(budget, seed):
-        return Diagnosis(evidence, budget, chosen, "no-structural-gap")
+        return Diagnosis(evidence, budget, chosen, "no-structural-gap", empty=explains_nothing(budget, base, seed))
     search = Search(evidence, budget, chosen, attachments(evidence.rig, catalogue.values()),
                      gather_clues(evidence, base), seed, crew, told)
     told("looking where something is missing")
@@ -82,11 +84,13 @@ def diagnose(evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: in
     ranking, wins = _with_best(ranking, wins, best)
     grounds = weigh(budget, chosen, ranking, best, located, found.after, seed)
     tied = tied_with_first(search, ranking, classes)
+    empty = explains_nothing(budget, best or base, seed)
     judged = judge(grounds, ambiguous=best is not None and len(best.attached) == 1
-                   and len({c.family for c in tied}) > 1)
+                   and len({c.family for c in tied}) > 1,
+                   backed=best is None or is_backed(budget, best, ~chosen, seed), empty=empty)
     return Diagnosis(evidence, budget, chosen, judged.verdict, ranking, tuple(probabilities(judged, wins)),
                      tuple(failed), tied, best, located, grounds, judged, tuple(tuple(k) for k in classes),
-                     screened, found.newcomers)
+                     screened, found.newcomers, empty)
 
 
 def within_reach(candidates: list[Attachment], located: Located) -> list[Attachment]:

@@ -36,6 +36,7 @@ def diagnosis_json(d: Diagnosis, unknown: dict[str, Any] | None, seed: int,
         "schema": SCHEMA,
         "verdict": d.verdict,
         "sentence": sentence(d, unknown),
+        "remark": remark(d),
         "causes": causes(d),
         "ranking": [_ranked(d, c, p, seed) for c, p in zip(d.ranking, d.probability, strict=True)]
         + [{"effect": label, "family": "", "port": "", "probability": 0.0, "held_out": {}, "shrinkage": 0.0,
@@ -161,8 +162,19 @@ def _background(d: Diagnosis, final: Contender) -> dict[str, dict[str, float]]:
             for k, v in pulls.items()}
 
 
+def remark(d: Diagnosis) -> str:
+    """What is wrong with the recordings, or with how they were read, where no verdict on the model means anything."""
+    if not d.empty:
+        return ""
+    return ("The recordings show nothing that this model could have made of its input: it predicts them no better than "
+            "their own mean or a straight line does. Check that every column is the channel that it is named after, "
+            "that all were recorded together on one clock, and that the input acted on the rig.")
+
+
 def sentence(d: Diagnosis, unknown: dict[str, Any] | None) -> str:
-    """The verdict in one sentence."""
+    """The verdict in one sentence; a remark goes before it."""
+    if d.empty:
+        return remark(d)
     if d.verdict == "no-structural-gap":
         return "Nothing beyond retuned parameters and ordinary tolerances: no structural gap was found."
     if d.verdict == "unknown-effect" or d.cause is None:

@@ -165,6 +165,7 @@ class Diagnosis:
     transfer: tuple[Transfer, ...]
     grounds: dict[str, float]
     confidence: dict[str, float]
+    remark: str = ""
 
 
 def read_diagnosis(path: Path) -> Diagnosis | None:
@@ -196,6 +197,7 @@ def read_diagnosis(path: Path) -> Diagnosis | None:
         transfer=tuple(_read_transfer(one) for one in node.listed("transfer")),
         grounds={} if grounds is None else grounds.numbers(),
         confidence={} if confidence is None else confidence.numbers(),
+        remark=node.text("remark", ""),
     )  # fmt: skip
 
 

@@ -52,6 +52,8 @@ def verdict_sentence(run: RunData, rows: tuple[ChannelErrors, ...]) -> str:
     diagnosis, row = run.diagnosis, headline(rows)
     if diagnosis is None:
         return _fit_sentence(run, row)
+    if diagnosis.remark:
+        return words.clean(diagnosis.remark)
     if diagnosis.verdict == "no-structural-gap":
         return "No structural gap: retuned parameters and the background account for what was measured."
     if diagnosis.verdict == "unknown-effect":

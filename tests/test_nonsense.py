@@ -1,0 +1,67 @@
+"""Recordings that no model of the rig could have made: nothing is explained, whatever an effect happens to improve."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pamid.diagnosis.whole import diagnose_into
+from pamid.evidence import gather
+from pamid.excitation import aprbs
+from pamid.library import effects, rig_named
+from pamid.recording import read_recording, write_recording
+from pamid.run import Run
+from pamid.virtual import virtual_rig
+
+Array = NDArray[np.float64]
+CART = str(Path(__file__).resolve().parents[1] / "data" / "rigs" / "cart.py")
+SAMPLES, PERIOD_S = 2400, 0.01
+FEW = ("quantisation", "coulomb-friction", "dead-time")
+
+
+def diagnosed(folder: Path, position: Array, force: Array) -> dict[str, Any]:
+    write_recording(folder / "rec.csv", np.arange(SAMPLES) * PERIOD_S, {"force_n": force, "position_m": position})
+    run = Run.create(folder / "run", command=["test"], seed=0, overwrite=True)
+    return diagnose_into(run, gather(rig_named(CART), [read_recording(folder / "rec.csv")], []),
+                         {name: effects()[name] for name in FEW}, jobs=1)
+
+
+@pytest.fixture(scope="module")
+def rubbing(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Array, Array]:
+    """A cart that rubs, its encoder of 0.5 mm and its force."""
+    folder = tmp_path_factory.mktemp("cart")
+    force = aprbs(SAMPLES * PERIOD_S, PERIOD_S, 3.0, (0.2, 0.8), seed=1)
+    write_recording(folder / "sent.csv", np.arange(SAMPLES) * PERIOD_S, {"force_n": force})
+    made = virtual_rig(CART, read_recording(folder / "sent.csv"), ("coulomb-friction:force_n=0.8",), {},
+                       {"mass_kg": 1.2}, 0.0, 1)
+    return folder, force, np.round(made.columns["position_m"] / 5e-4) * 5e-4
+
+
+def nonsense(kind: str, real: Array, seed: int) -> Array:
+    random = np.random.default_rng(seed)
+    white = random.standard_normal(SAMPLES)
+    made = {"in another order": random.permutation(real), "white noise": white, "a random walk": 0.03 * white.cumsum(),
+            "at rest": 5.0 + 0.02 * white}
+    return np.asarray(made[kind])
+
+
+@pytest.mark.parametrize("kind", ["in another order", "white noise", "a random walk", "at rest"])
+def test_no_cause_is_found_in_what_the_input_did_not_make(kind: str, rubbing: tuple[Path, Array, Array]) -> None:
+    folder, force, real = rubbing
+    found = diagnosed(folder, nonsense(kind, real, 1), force)
+    assert found["verdict"] in {"unknown-effect", "no-structural-gap"} and found["causes"] == []
+    assert "nothing that this model could have made" in found["sentence"] and found["remark"] == found["sentence"]
+    assert all(r["probability"] == 0.0 for r in found["ranking"])
+
+
+def test_the_recording_itself_is_explained(rubbing: tuple[Path, Array, Array]) -> None:
+    folder, force, real = rubbing
+    found = diagnosed(folder, real, force)
+    assert found["verdict"] == "explained" and found["remark"] == ""
+    assert [c["effect"] for c in found["causes"]] == ["coulomb-friction"]
+    size, mass = found["causes"][0]["parameters"]["force_n"], found["parameters"]["mass_kg"]
+    assert size["value"] == pytest.approx(0.8, rel=0.1) and mass["value"] == pytest.approx(1.2, rel=0.1)
