@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
+from pathlib import Path
 
 from pamid.report import words
 from pamid.report.budget import ChannelErrors, headline
@@ -253,7 +255,7 @@ def next_answer(run: RunData) -> Answer:
     apart = words.join(map(effect_words, further.separates))
     details = [sentence(words.clean(further.why)), sentence(f"it separates {apart}") if apart else "",
                _expected(further)]  # fmt: skip
-    if further.excitation:
+    if further.excitation and further.excitation == Path(further.excitation).name:  # no other file is vouched for
         details.append(f"Its excitation is `{words.clean(further.excitation)}` in the run folder, ready to be sent.")
     runs = [words.join(f"{channel_words(name)} {words.with_unit_text(value, channel_unit(name))}"
                        for name, value in one.items()) for one in further.settings]  # fmt: skip
@@ -272,6 +274,7 @@ def _expected(further: NextExperiment) -> str:
 
 
 def _diagnose_command(run: RunData) -> str:
+    """A line to copy: names of the run are single words of it, whatever they hold."""
     paths = [words.clean(one.path or one.name) for one in run.fit.recordings] if run.fit is not None else []
-    files = " ".join(paths) if paths and len(paths) <= 4 else "REC.csv..."
-    return f"`pamid diagnose {files} --rig {words.clean(run.rig) or 'RIG'} --output RUN`"
+    files = " ".join(map(shlex.quote, paths)) if paths and len(paths) <= 4 else "REC.csv..."
+    return f"`pamid diagnose {files} --rig {shlex.quote(words.clean(run.rig) or 'RIG')} --output RUN`"
