@@ -3,11 +3,9 @@ that it reads, and code planted wherever such a word may lead."""
 
 from __future__ import annotations
 
-import ast
 import copy
 import json
 import shutil
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,7 +20,7 @@ from synthetic_run import diagnosis_json, run_json, write_residual
 from virtual_joint import record
 
 from pamid import library
-from pamid.errors import DataError, FileError
+from pamid.errors import DataError
 from pamid.networks.elman import Elman
 from pamid.report.style import Drawing, Picture
 
@@ -355,67 +353,3 @@ def test_the_trap_works(trap: Trap, capsys: pytest.CaptureFixture[str]) -> None:
     """Named by the user the same file is run."""
     ask(capsys, "rigs", "./evil.py")
     assert trap.loaded == ["evil.py"] and trap.marker.exists()
-
-
-# ---- two look-ups ------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("word", WORDS)
-def test_the_look_up_for_data_never_loads(word: str, trap: Trap) -> None:
-    with pytest.raises(FileError):
-        library.catalogue_rig(word.format(place=trap.place))
-    trap.require_unsprung(word)
-
-
-#: who may look up a word that the user said, and nobody else: what came from data goes to `catalogue_rig`
-CODE_LOADING = ("rig_named", "rig_again", "effects_again", "effects_with", "load_file")
-MAY_LOAD = {"pamid/library.py", "pamid/inspection.py", "pamid/identified.py", "pamid/port_network.py",
-            "pamid/virtual.py", "pamid/report/motion.py", "cli/diagnose.py", "cli/effects.py", "cli/excite.py",
-            "cli/ingest.py", "cli/options.py", "cli/rigs.py"}
-
-
-def test_who_may_load_code() -> None:
-    root = Path(__file__).resolve().parent.parent
-    found = set()
-    for path in (path for folder in ("pamid", "cli") for path in (root / folder).rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            names = [node.attr] if isinstance(node, ast.Attribute) else [node.id] if isinstance(node, ast.Name) else []
-            if set(names) & set(CODE_LOADING):
-                found.add(path.relative_to(root).as_posix())
-    assert found == MAY_LOAD
-
-
-def test_what_was_read_is_what_runs(tmp_path: Path) -> None:
-    """A compiled copy planted beside a rig file was once run instead of what can be read there."""
-    import importlib.util
-    import py_compile
-
-    path, marker = tmp_path / "cart.py", tmp_path / "ran"
-    shutil.copy(Path(__file__).resolve().parent.parent / "data" / "rigs" / "cart.py", path)
-    (tmp_path / "other.py").write_text(f"open({str(marker)!r}, 'w')\n")
-    copy_of = importlib.util.cache_from_source(str(path))
-    py_compile.compile(str(tmp_path / "other.py"), cfile=copy_of,
-                       invalidation_mode=py_compile.PycInvalidationMode.UNCHECKED_HASH)
-    assert library.rig_named(str(path)).name == "cart" and not marker.exists()
-    assert not [name for name in sys.modules if name == "cart"]
-
-
-def test_a_file_that_is_named_again_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is checked is what is run: were it read twice, it could be exchanged between."""
-    from pamid.run import sha256_of
-
-    path = tmp_path / "cart.py"
-    shutil.copy(Path(__file__).resolve().parent.parent / "data" / "rigs" / "cart.py", path)
-    noted, seen = {"cart.py": sha256_of(path)}, []
-    real = Path.read_bytes
-
-    def read(self: Path) -> bytes:
-        seen.append(self)
-        content = real(self)
-        self.write_text("raise SystemExit('exchanged')")
-        return content
-
-    monkeypatch.setattr(Path, "read_bytes", read)
-    assert library.rig_again("cart.py", str(path), noted).name == "cart" and seen == [path]
-    with pytest.raises(FileError, match="SHA-256 differs"):
-        library.rig_again("cart.py", str(path), noted)

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from identified_runs import SEEN, fitted_run, put_network, random_network
 from pamid_cli import frame
-from synthetic_run import make_run
+from synthetic_run import diagnosis_json, fit_json, make_run
 from virtual_joint import record
 
 from pamid.errors import FileError
@@ -25,6 +25,7 @@ from pamid.ingest.reading import read_log
 from pamid.library import catalogue_rig
 from pamid.networks.elman import Elman
 from pamid.recording import toml_text
+from pamid.report.style import Picture
 from pamid.report.writing import write_report
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -89,6 +90,20 @@ def test_nothing_is_written_or_removed_through_a_link(tmp_path: Path, capsys: py
     assert {path.name: path.read_text() for path in own.iterdir()} == dict.fromkeys(
         ("window.png", "targets.png", "motion.gif"), "mine")
     assert not (run / "report.html").exists()
+
+
+def test_a_page_vouches_for_nothing_outside_its_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither for an excitation elsewhere, nor with a line to copy that is two commands."""
+    monkeypatch.setattr("pamid.report.writing.render", lambda one: Picture(one.name, one.title, "", "", b""))
+    diagnosis = diagnosis_json("explained")
+    assert "next-experiment.csv" in write_report(make_run(tmp_path / "good", diagnosis=diagnosis)).page.read_text()
+    diagnosis["next_experiment"]["excitation"] = "../../other.csv"
+    assert "other.csv" not in write_report(make_run(tmp_path / "bad", diagnosis=diagnosis)).page.read_text()
+    fit = fit_json()
+    fit["recordings"][0]["path"] = "rec.csv; touch stolen"
+    run = make_run(tmp_path / "fit", fit=fit)
+    (run / "diagnosis.json").unlink()
+    assert "pamid diagnose &#x27;rec.csv; touch stolen&#x27; --rig" in write_report(run).page.read_text()
 
 
 # ---- names in what is written ------------------------------------------------------------------------------------

@@ -239,8 +239,7 @@ def test_whose_file_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_a_group_of_one_is_nobody_else(monkeypatch: pytest.MonkeyPatch) -> None:
     """Many systems give every user a group of their own and let it write by default."""
-    import grp
-    import pwd
+    grp, pwd = pytest.importorskip("grp"), pytest.importorskip("pwd")
 
     def found(mode: int, gid: int) -> os.stat_result:
         return os.stat_result((stat.S_IFREG | mode, 0, 0, 1, os.geteuid(), gid, 0, 0, 0, 0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 from pamid.errors import quoted
 from pamid.report import words
@@ -254,9 +255,10 @@ def next_answer(run: RunData) -> Answer:
     apart = words.join(map(effect_words, further.separates))
     details = [sentence(words.clean(further.why)), sentence(f"it separates {apart}") if apart else "",
                _expected(further)]  # fmt: skip
-    files = words.join(f"`{words.clean(name)}`" for name in further.excitations)
-    if files:
-        verb = "Its excitation is" if len(further.excitations) == 1 else "Its excitations, one for each run, are"
+    own = [name for name in further.excitations if name == Path(name).name]     # no file elsewhere is vouched for
+    if own:
+        verb = "Its excitation is" if len(own) == 1 else "Its excitations, one for each run, are"
+        files = words.join(f"`{words.clean(name)}`" for name in own)
         details.append(f"{verb} {files} in the run folder, ready to be sent.")
     runs = [words.join(f"{channel_words(name)} {words.with_unit_text(value, channel_unit(name))}"
                        for name, value in one.items()) for one in further.settings]  # fmt: skip
@@ -275,9 +277,10 @@ def _expected(further: NextExperiment) -> str:
 
 
 def _diagnose_command(run: RunData) -> str:
+    """A line to copy: names of the run are single words of it, whatever they hold."""
     if run.fit is None or not run.fit.recordings:
         return DIAGNOSE_HINT
-    files = [f"{'--held-out ' if one.role == 'held-out' else ''}{words.clean(quoted(one.path or one.name))}"
+    files = [f"{'--held-out ' if one.role == 'held-out' else ''}{quoted(words.clean(one.path or one.name))}"
              for one in run.fit.recordings]
-    rig = words.clean(quoted(run.named_rig)) if run.named_rig else ""
+    rig = quoted(words.clean(run.named_rig)) if run.named_rig else ""
     return " ".join(["`pamid diagnose", *files, *([f"--rig {rig}"] if rig else []), "--output diagnosis`"])
