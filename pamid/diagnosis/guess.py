@@ -35,8 +35,8 @@ def _better(own: Array, guess: Array, seed: int) -> bool:
 
 
 def _guesses(replay: Replay) -> tuple[Array, Array, Array]:
-    """Mean absolute errors per window and channel (SI) of the median of everything scored, of that of the window's first
-    part, and of the line through it."""
+    """Mean absolute errors per window and channel (SI) of the median of everything scored, of that of the window's
+    first part, and of the line through it."""
     y, scored = replay.track.y, replay.scored
     middle, rows = np.median(y[scored], axis=0), []
     for w in replay.windows:
