@@ -80,7 +80,10 @@ def _catalogue(files: tuple[Path, ...], without: tuple[str, ...]) -> dict[str, t
 
 
 def diagnosis_text(found: dict[str, Any], output: Path) -> str:
-    """The three answers, the ranking, and what to do next."""
+    """The three answers, the ranking, and what to do next; where the recordings show nothing of the model, that alone.
+    """
+    if found.get("remark"):
+        return "\n".join([found["remark"], "", *_how_far(found), *failed_text(found), f"Next: pamid report {output}"])
     where = found["where"]
     lines = [found["sentence"], "", "Where     " + ", ".join(f"{p['port']} {100 * p['share']:.0f} %"
                                                             for p in where["ports"][:4] if p["share"] >= 0.005)]
@@ -93,10 +96,7 @@ def diagnosis_text(found: dict[str, Any], output: Path) -> str:
         values = ", ".join(f"{k} {v['value']:.4g} ({v['low']:.4g} .. {v['high']:.4g})"
                            for k, v in c["parameters"].items())
         lines.append(("Which     " if i == 0 else "          ") + f"{c['effect']} ({c['family']}): {values}")
-    for i, (c, h) in enumerate(found["how_far"].items()):
-        lines.append(("How far   " if i == 0 else "          ") +
-                     f"{c}: {h['mae_data_sheet']:.4g} data sheet, {h['mae_refitted']:.4g} refitted, "
-                     f"{h['mae_with_cause']:.4g} with the cause (noise floor {h['noise_floor']:.4g})")
+    lines += _how_far(found)
     lines.append("          (on the half of the held-out windows that did not choose the effect)")
     lines += ["", f"{'effect':36s} {'family':20s} {'P':>5s} {'shrinkage':>10s} {'95 %':>16s}"]
     lines += [f"{r['effect']:36s} {r['family']:20s} {r['probability']:5.2f} {100 * r['shrinkage']:8.1f} % "
@@ -113,3 +113,10 @@ def diagnosis_text(found: dict[str, Any], output: Path) -> str:
     lines += failed_text(found)
     lines.append(f"Next: pamid report {quoted(output)}")
     return "\n".join(lines)
+
+
+def _how_far(found: dict[str, Any]) -> list[str]:
+    return [("How far   " if i == 0 else "          ") +
+            f"{c}: {h['mae_data_sheet']:.4g} data sheet, {h['mae_refitted']:.4g} refitted, "
+            f"{h['mae_with_cause']:.4g} with the cause (noise floor {h['noise_floor']:.4g})"
+            for i, (c, h) in enumerate(found["how_far"].items())]

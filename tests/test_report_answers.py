@@ -85,6 +85,12 @@ def test_nothing_found_is_null_in_places(tmp_path: Path) -> None:
     assert "What the verdict rests on" not in text
 
 
+def test_a_remark_on_the_recordings_goes_before_the_verdict(tmp_path: Path) -> None:
+    diagnosis = {**diagnosis_json("no-structural-gap"), "remark": "Nothing of the model shows: check the columns."}
+    text = text_of(make_run(tmp_path / "RUN", "no-structural-gap", diagnosis=diagnosis, without=NO_TRACES))
+    assert "Nothing of the model shows: check the columns." in text and "No structural gap:" not in text
+
+
 def test_a_port_that_the_shares_do_not_lead_is_said() -> None:
     where = Where("muscle", (("joint", 0.81), ("muscle", 0.12)), (), (), None, (), None, (), ())
     told = ports_title(where).replace("\u00a0", " ")

@@ -17,13 +17,13 @@ CLOSE = 2.0     # floors of error: what a line follows as well, a model this clo
 
 
 def explains_nothing(budget: Budget, model: Contender, seed: int) -> bool:
-    """In no channel is the model surely better, by a tenth, than the mean of what was measured; nor, where it is far
-    from the noise, than a guess from the part of a window on which its start was estimated: its mean, or a line."""
-    mean, start, line = (np.concatenate([losses[i] for losses in map(_guesses, model.replays)]) for i in range(3))
+    """In no channel is the model surely better, by a tenth, than the median of what was measured; nor, where it is far
+    from the noise, than a guess from the part of a window on which its start was estimated: its median, or a line."""
+    middle, start, line = (np.concatenate([losses[i] for losses in map(_guesses, model.replays)]) for i in range(3))
     for c, floor in enumerate(budget.floor.mean(axis=0)):
         own = model.absolutes[:, c]
         guess = start[:, c] if start[:, c].sum() < line[:, c].sum() else line[:, c]
-        if _better(own, mean[:, c], seed) and (own.mean() < CLOSE * floor or _better(own, guess, seed)):
+        if _better(own, middle[:, c], seed) and (own.mean() < CLOSE * floor or _better(own, guess, seed)):
             return False
     return True
 
@@ -35,8 +35,8 @@ def _better(own: Array, guess: Array, seed: int) -> bool:
 
 
 def _guesses(replay: Replay) -> tuple[Array, Array, Array]:
-    """Mean absolute errors per window and channel (SI) of the median of everything scored, of that of the
-    window's first part, and of the line through it."""
+    """Mean absolute errors per window and channel (SI) of the median of everything scored, of that of the window's
+    first part, and of the line through it."""
     y, scored = replay.track.y, replay.scored
     middle, rows = np.median(y[scored], axis=0), []
     for w in replay.windows:
@@ -47,5 +47,5 @@ def _guesses(replay: Replay) -> tuple[Array, Array, Array]:
         after = t[scored[w.start : w.stop], None]
         rows.append([np.abs(rest - guess).mean(axis=0)
                      for guess in (middle, np.median(left[:first], axis=0), level + slope * after)])
-    means, starts, lines = np.array(rows).transpose(1, 0, 2)
-    return means, starts, lines
+    middles, starts, lines = np.array(rows).transpose(1, 0, 2)
+    return middles, starts, lines

@@ -85,7 +85,7 @@ class Proposing(Work[Diagnosis, Proposal | None]):
 def in_question(d: Diagnosis) -> list[tuple[Contender, Contender]]:
     """Pairs of models to set apart, the better ranked one first, one model of each family: all that are tied against
     each other, else the chosen one against its nearest rivals."""
-    if d.verdict == "no-structural-gap" or not d.ranking:
+    if d.verdict == "no-structural-gap" or d.empty or not d.ranking:
         return []
     best = d.cause or d.ranking[0]
     tied = d.verdict == "ambiguous"

@@ -25,7 +25,7 @@ def diagnose_into(run: Run, evidence: Evidence, catalogue: dict[str, type[Effect
     crew = crew or Crew(jobs)
     found = diagnose(evidence, catalogue, seed=seed, told=told, crew=crew)
     unknown, missing = None, None
-    if found.verdict == "unknown-effect":
+    if found.verdict == "unknown-effect" and not found.empty:
         told("describing the missing term")
         missing = find_missing(found, seed=seed, crew=crew)
         unknown = described(found, missing)
