@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from pamid.assembly import Assembly
 from pamid.errors import DataError, FileError
+from pamid.overlap import require_apart
 from pamid.recording import Recording, require_excited
 from pamid.residuals import Replay
 from pamid.rig import Rig
@@ -62,11 +63,12 @@ class Evidence:
 def gather(rig: Rig, recordings: list[Recording], held_out: list[Recording]) -> Evidence:
     """Divide the recordings; without `held_out` the last 30 % of every recording is held out.
 
-    DataError where the recordings cannot answer: too short, or nothing was excited. A rig that can be recorded without
+    DataError where the recordings cannot answer: too short, nothing was excited, or two hold the same samples. A rig that can be recorded without
     being sent anything may have channels at rest, as long as another one moves.
     """
     plain = Assembly(rig)
     everything = [*recordings, *held_out]
+    require_apart(tuple(rig.outputs), recordings, held_out)
     channels = tuple(c for c in rig.outputs if all(c in measured_outputs(plain, r) for r in everything))
     if not channels:
         raise FileError("the recordings share no measured output",

@@ -18,7 +18,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("errors", "schemas"),
     ("units", "metrics", "expressions", "arrays"),
     ("run", "parameter", "jobs", "results", "cluster", "equations"),
-    ("recording_checks", "recording", "excitation", "signals", "excitation_files"),
+    ("recording_checks", "recording", "overlap", "excitation", "signals", "excitation_files"),
     ("effect", "rig", "background"),
     ("effects", "rigs"),
     ("library", "attaching", "binding"),
