@@ -43,9 +43,16 @@ def noise_factor(text: str) -> float:
     return factor
 
 
-def evidence_from(rig_name: str | None, recordings: tuple[Path, ...], held_out: tuple[Path, ...]) -> Evidence:
-    """Read the recordings and divide them for a rig (default: the one of the catalogue that they name)."""
+no_check_option = click.option("--no-check", is_flag=True, help="Fit recordings as they are, also where `pamid check` "
+                               "calls them wrong for the rig.")
+
+
+def evidence_from(rig_name: str | None, recordings: tuple[Path, ...], held_out: tuple[Path, ...], *,
+                  check: bool = True) -> Evidence:
+    """Read the recordings, refuse those that are wrong for the rig (default: the one of the catalogue that they name),
+    and divide them for it."""
     from pamid.evidence import gather
+    from pamid.inspection import require_sound
     from pamid.library import rig_named, rig_of
     from pamid.recording import read_recording
 
@@ -55,7 +62,10 @@ def evidence_from(rig_name: str | None, recordings: tuple[Path, ...], held_out: 
     for recording in read:
         for warning in (*recording.warnings, *unknown_columns(rig, recording)):
             click.echo(f"Warning: {recording.path}: {warning}", err=True)
-    return gather(rig, read[: len(recordings)], read[len(recordings) :])
+    evidence = gather(rig, read[: len(recordings)], read[len(recordings) :])
+    for recording in evidence.recordings if check else ():
+        require_sound(recording, rig)
+    return evidence
 
 
 def unknown_columns(rig: Rig, recording: Recording) -> list[str]:

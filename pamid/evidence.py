@@ -14,12 +14,14 @@ from pamid.overlap import require_apart
 from pamid.recording import Recording, require_excited
 from pamid.residuals import Replay
 from pamid.rig import Rig
-from pamid.simulation import measured_outputs, state_spread
+from pamid.simulation import free_run, input_table, known_values, measured_outputs, output_table, state_spread
 from pamid.windows import Track, noise_level, track_of
 
 Array = NDArray[np.float64]
 HELD_OUT_SHARE = 0.3
 LEAD_S = 6.0           # before a held-out part, to find the state it begins in
+SHOWS = 3.0            # times its noise: a signal that moves
+FADED = 0.5            # of the first half's motion: what is left in the second half of a motion that dies away
 DEPARTS = 0.01         # of a state's spread: what a model may be off by in a state that nothing measures, per window
 
 
@@ -63,8 +65,8 @@ class Evidence:
 def gather(rig: Rig, recordings: list[Recording], held_out: list[Recording]) -> Evidence:
     """Divide the recordings; without `held_out` the last 30 % of every recording is held out.
 
-    DataError where the recordings cannot answer: too short, nothing was excited, or two hold the same samples. A rig that can be recorded without
-    being sent anything may have channels at rest, as long as another one moves.
+    DataError where the recordings cannot answer: too short, nothing moves, or two hold the same samples. An input or a
+    channel may rest, as long as another one moves.
     """
     plain = Assembly(rig)
     everything = [*recordings, *held_out]
@@ -73,12 +75,9 @@ def gather(rig: Rig, recordings: list[Recording], held_out: list[Recording]) -> 
     if not channels:
         raise FileError("the recordings share no measured output",
                         f"rig {rig.name!r} offers {', '.join(rig.outputs)}")
-    needed = [name for name in rig.inputs if name not in rig.optional]
     moving: set[str] = set()
     for r in everything:
-        for name in (*needed, *(channels if needed else ())):
-            require_excited(r, name)
-        moving |= _moving(r, channels)
+        moving |= require_lesson(rig, r)
         seconds = len(r) * r.sampling_period_s
         if len(r) < 400:
             raise DataError(f"{r.path}: {len(r)} samples ({seconds:.2f} s) are too few to fit and judge a model",
@@ -99,19 +98,49 @@ def gather(rig: Rig, recordings: list[Recording], held_out: list[Recording]) -> 
                     DEPARTS * _usual([state_spread(plain, r) for r in everything]))
 
 
-def _moving(recording: Recording, channels: tuple[str, ...]) -> set[str]:
-    """Channels that change in this recording; DataError where none does."""
-    found = set()
-    for channel in channels:
-        try:
-            require_excited(recording, channel)
-        except DataError as error:
-            still = error
-        else:
-            found.add(channel)
-    if not found:
+def require_lesson(rig: Rig, recording: Recording) -> set[str]:
+    """The outputs that change in this recording. DataError where nothing in it can teach: no output changes; or no
+    input does while the outputs go on moving, which neither they nor the data sheet's run explain."""
+    inputs = [n for n in rig.inputs if recording.has(n)]
+    found, still = _moving(recording, [n for n in rig.outputs if recording.has(n)])
+    if not found and still is not None:
         raise still
+    sent, resting = _moving(recording, inputs)
+    needed = [name for name in inputs if name not in rig.optional]
+    if needed and not sent and resting is not None and not _let_go(rig, recording, sorted(found)):
+        raise resting
     return found
+
+
+def _moving(recording: Recording, names: list[str]) -> tuple[set[str], DataError | None]:
+    """Which of these signals change, and the error of the first that does not."""
+    found, still = set(), None
+    for name in names:
+        try:
+            require_excited(recording, name)
+        except DataError as error:
+            still = still or error
+        else:
+            found.add(name)
+    return found, still
+
+
+def _let_go(rig: Rig, recording: Recording, channels: list[str]) -> bool:
+    """Nothing being sent, does what moves come to rest, or does the data sheet's run move as well?"""
+    assembly = Assembly(rig)
+    half = len(recording) // 2
+    y = output_table(tuple(channels), recording)
+    noise = noise_level(y)
+    early, late = y[:half].std(axis=0), y[half:].std(axis=0)
+    if not (early > SHOWS * noise).any():
+        return False
+    if (late < np.maximum(FADED * early, SHOWS * noise)).all():
+        return True
+    p, _ = known_values(assembly, recording.known)
+    run = free_run(assembly, input_table(assembly, recording), p, recording.sampling_period_s)
+    places = [assembly.program.outputs.index(c) for c in channels]
+    moves = run.outputs[half:, places].std(axis=0)
+    return run.blown_up < 0 and bool((moves > SHOWS * noise).any())
 
 
 def _usual(spreads: list[Array]) -> Array:

@@ -70,8 +70,8 @@ def require_apart(outputs: Sequence[str], fitted: Sequence[Recording], held_out:
         places = [f"{r.path} ({r.time[at]:.6g} .. {r.time[at + found.samples - 1]:.6g} s)"
                   for r, at in ((one, found.start), (other, found.again))]
         message = f"{places[0]} and {places[1]} hold the same measured samples, {seconds:.4g} s of them: {why}"
-    raise DataError(f"{message}.", "Give every recording once, in one role; without --held-out the last part of each is "
-                    "held out.", code="overlap")
+    raise DataError(f"{message}.", "Give every recording once, in one role; without --held-out the last part of each "
+                    "is held out.", code="overlap")
 
 
 def overlaps(outputs: Sequence[str], recordings: Sequence[Recording]) -> Iterator[Overlap]:

@@ -30,7 +30,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("fitting", "residuals"),
     ("intervals", "quantities"),
     ("evidence", "conformance", "catalogue", "virtual", "experiments", "combinations"),
-    ("posterior", "quality", "quality_signals", "quality_rig"),
+    ("posterior", "quality", "quality_signals", "quality_rig", "quality_scale"),
     ("ingest",),
     ("inspection", "greybox"),
     ("networks",),
