@@ -20,6 +20,7 @@ from pamid.quality_signals import PLUGGED, Issue
 from pamid.recording import Recording
 from pamid.rig import Rig
 from pamid.units import NONE, from_si, split_column
+from pamid.windows import noise_level
 
 Array = NDArray[np.float64]
 
@@ -33,6 +34,7 @@ LIVELY = 20.0              # times its noise and print: what moves so much in th
 POWERS = (1, 2, 3, 4, 5, 6)
 LEAST, MOST = 1e-3, 1e12   # errors, of the signal's motion, that are told apart
 SLIPS = 3                  # told at most
+LEAST_MOTION = 2.0         # times its noise: a channel that shows something
 TRIED = 4000               # samples on which they are looked for
 
 
@@ -143,7 +145,7 @@ def slips(e: Evidence, recording: Recording) -> list[Slip]:
     A run that rests would miss by little more than the motion, too: a slip has to be better than that.
     """
     e = replace(e, y=e.y[:TRIED], u=e.u[:TRIED], model=e.model[:TRIED])
-    bad = errors(e.y, e.model) > 1.0
+    bad = _missed(e)
     if not bad.any():
         return []
     before, silent = _misses(e.y, e.model)[:, bad], _misses(e.y, np.zeros_like(e.y))[:, bad]
@@ -156,6 +158,11 @@ def slips(e: Evidence, recording: Recording) -> list[Slip]:
             found[name] = Slip(kind, name, factor, share)
     ranked = sorted(found.values(), key=lambda s: s.left)
     return [s for s in ranked if s.left < 1.5 * ranked[0].left][:SLIPS]
+
+
+def _missed(e: Evidence) -> NDArray[np.bool_]:
+    """Channels that the data sheet's run misses by more than they move, where they move beyond their noise."""
+    return np.asarray((errors(e.y, e.model) > 1.0) & (e.y.std(axis=0) > LEAST_MOTION * noise_level(e.y)))
 
 
 def _misses(y: Array, model: Array | None) -> Array:
@@ -190,7 +197,8 @@ def far_off(recording: Recording, rig: Rig, e: Evidence) -> list[Issue]:
     """Where the data sheet's run misses by more than the signal moves, and what may be the slip."""
     error = errors(e.y, e.model)
     columns = recorded_as(e.names, recording)
-    bad = [int(i) for i in np.argsort(-error) if error[i] > 1.0]
+    missed = _missed(e)
+    bad = [int(i) for i in np.argsort(-error) if missed[i]]
     if not bad:
         return []
     most = float(error[bad[0]])

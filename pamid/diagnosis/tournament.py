@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from pamid.attaching import Attachment, attachments
 from pamid.diagnosis.budget import Budget, gap_budget
 from pamid.diagnosis.clues import gather_clues
 from pamid.diagnosis.contest import Contender
+from pamid.diagnosis.doubt import doubt
 from pamid.diagnosis.further import Extended, Newcomer, extended
 from pamid.diagnosis.judgement import Grounds, Judged, at_the_floor, judge, probabilities, weigh
 from pamid.diagnosis.latent import Located, locate
@@ -46,6 +48,7 @@ class Diagnosis:
     classes: tuple[tuple[str, ...], ...] = ()
     screened: str = ""                        # family that the screen alone would have named
     newcomers: tuple[Newcomer, ...] = ()      # further effects that were weighed beside the first
+    units: dict[str, Any] | None = None       # why units and signs are in doubt
 
     @property
     def cause(self) -> Contender | None:
@@ -84,9 +87,11 @@ def diagnose(evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: in
     tied = tied_with_first(search, ranking, classes)
     judged = judge(grounds, ambiguous=best is not None and len(best.attached) == 1
                    and len({c.family for c in tied}) > 1)
-    return Diagnosis(evidence, budget, chosen, judged.verdict, ranking, tuple(probabilities(judged, wins)),
+    units = doubt(evidence, base, best)
+    verdict = "unknown-effect" if units and judged.verdict in ("explained", "ambiguous") else judged.verdict
+    return Diagnosis(evidence, budget, chosen, verdict, ranking, tuple(probabilities(judged, wins)),
                      tuple(failed), tied, best, located, grounds, judged, tuple(tuple(k) for k in classes),
-                     screened, found.newcomers)
+                     screened, found.newcomers, units)
 
 
 def within_reach(candidates: list[Attachment], located: Located) -> list[Attachment]:

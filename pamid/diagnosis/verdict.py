@@ -55,6 +55,7 @@ def diagnosis_json(d: Diagnosis, unknown: dict[str, Any] | None, seed: int,
         "parameters": parameters,
         "background": _background(d, final),
         "unknown": unknown,
+        "units": d.units,
         "further": [vars(n) for n in d.newcomers],
         "grounds": vars(d.grounds) if d.grounds else None,
         "confidence": {k: v for k, v in vars(d.judged).items() if k != "verdict"} if d.judged else None,
@@ -165,6 +166,9 @@ def sentence(d: Diagnosis, unknown: dict[str, Any] | None) -> str:
     """The verdict in one sentence."""
     if d.verdict == "no-structural-gap":
         return "Nothing beyond retuned parameters and ordinary tolerances: no structural gap was found."
+    if d.units:
+        channel, share = max(d.units["error_over_spread"].items(), key=lambda pair: pair[1])
+        return f"The refitted model misses {channel} by {share:.2g} times what it moves. {d.units['advice']}"
     if d.verdict == "unknown-effect" or d.cause is None:
         where = f" It enters at the {unknown['port']}." if unknown else ""
         return f"Something material is missing from the model, and no effect of the catalogue explains it.{where}"
