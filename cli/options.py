@@ -63,8 +63,13 @@ def evidence_from(rig_name: str | None, recordings: tuple[Path, ...], held_out: 
         for warning in (*recording.warnings, *unknown_columns(rig, recording)):
             click.echo(f"Warning: {recording.path}: {warning}", err=True)
     evidence = gather(rig, read[: len(recordings)], read[len(recordings) :])
-    for recording in evidence.recordings if check else ():
-        require_sound(recording, rig)
+    for recording in evidence.recordings:
+        if check:
+            require_sound(recording, rig)
+        lacks = evidence.lacking(recording)
+        if lacks:
+            click.echo(f"Warning: {recording.path} lacks {', '.join(lacks)}, which other recordings have; each is used "
+                       "where it was recorded.", err=True)
     return evidence
 
 

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from pamid.assembly import Assembly
 from pamid.errors import DataError, FileError
+from pamid.metrics import seen_mean
 from pamid.overlap import require_apart
 from pamid.recording import Recording, require_excited
 from pamid.residuals import Replay
 from pamid.rig import Rig
 from pamid.simulation import free_run, input_table, known_values, measured_outputs, output_table, state_spread
-from pamid.windows import Track, noise_level, track_of
+from pamid.windows import Track, noise_level, noise_of, track_of
 
 Array = NDArray[np.float64]
 HELD_OUT_SHARE = 0.3
@@ -36,8 +37,9 @@ class Span:
 
 @dataclass(frozen=True)
 class Evidence:
-    """Recordings of one rig, divided. channels: outputs that all of them hold and that move in one of them; noise:
-    their white noise (SI); jump: by what the rig's states may depart from what a window before has led to (SI)."""
+    """Recordings of one rig, divided. channels: outputs that are both fitted and held out somewhere and that move in
+    one of the recordings; noise: their white noise (SI); jump: by what the rig's states may depart from what a window
+    before has led to (SI)."""
 
     rig: Rig
     fit: tuple[Span, ...]
@@ -52,6 +54,10 @@ class Evidence:
         return tuple(track_of(assembly, s.recording, self.channels, self.jump)
                      .part(s.start, s.stop, max(300, round(LEAD_S / s.recording.sampling_period_s)) if held_out else 0)
                      for s in spans)
+
+    def lacking(self, recording: Recording) -> list[str]:
+        """Channels that other recordings have and this one has not."""
+        return [c for c in self.channels if not recording.has(c)]
 
     @property
     def recordings(self) -> list[Recording]:
@@ -71,10 +77,17 @@ def gather(rig: Rig, recordings: list[Recording], held_out: list[Recording]) -> 
     plain = Assembly(rig)
     everything = [*recordings, *held_out]
     require_apart(tuple(rig.outputs), recordings, held_out)
-    channels = tuple(c for c in rig.outputs if all(c in measured_outputs(plain, r) for r in everything))
+    seen = {id(r): measured_outputs(plain, r) for r in everything}
+    channels = tuple(c for c in rig.outputs if all(any(c in seen[id(r)] for r in role)
+                                                   for role in (recordings, held_out or recordings)))
     if not channels:
-        raise FileError("the recordings share no measured output",
+        raise FileError("no measured output is both fitted and held out",
                         f"rig {rig.name!r} offers {', '.join(rig.outputs)}")
+    for role in (recordings, held_out):
+        for r in role:
+            if not any(c in seen[id(r)] for c in channels):
+                raise FileError(f"{r.path} holds nothing that is both fitted and held out: {', '.join(channels)}",
+                                "leave it out, or hold out a recording that has the same sensors")
     moving: set[str] = set()
     for r in everything:
         moving |= require_lesson(rig, r)
@@ -91,8 +104,7 @@ def gather(rig: Rig, recordings: list[Recording], held_out: list[Recording]) -> 
         fit = [Span(r, 0, e) for r, e in zip(recordings, edges, strict=True)]
         kept = [Span(r, e, len(r)) for r, e in zip(recordings, edges, strict=True)]
     order = sorted(range(len(fit)), key=lambda i: fit[i].recording.sha256)  # names and order must not matter
-    noise = np.sqrt(np.mean([noise_level(t.y) ** 2 for t in
-                             (track_of(plain, r, channels) for r in everything)], axis=0))
+    noise = np.sqrt(seen_mean(np.stack([noise_of((track_of(plain, r, channels),)) ** 2 for r in everything])))
     return Evidence(rig, tuple(fit[i] for i in order),
                     tuple(sorted(kept, key=lambda s: (s.recording.sha256, s.start))), channels, noise,
                     DEPARTS * _usual([state_spread(plain, r) for r in everything]))

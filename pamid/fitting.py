@@ -22,7 +22,7 @@ from pamid.engine.program import Stepping
 from pamid.prior import Prior, terms_of_sheet
 from pamid.simulation import choose_stepping
 from pamid.weights import Weights, residual_weights
-from pamid.windows import PULL, Runner, Track, Window, cut, estimate_start, noise_level
+from pamid.windows import PULL, Runner, Track, Window, cut, estimate_start, noise_of
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, float], None]
@@ -83,7 +83,8 @@ class Fit:
     why: str
     stepping: Stepping
     pulls: tuple[Array, ...] = ()  # per track: information of the joints between windows, per rig state
-    residuals: tuple[Array, ...] = field(repr=False, default=())   # per track: samples x channels, model - measured
+    # per track: samples x channels, model - measured; NaN where a channel was not recorded
+    residuals: tuple[Array, ...] = field(repr=False, default=())
     held: Array = field(repr=False, default_factory=lambda: np.zeros(0))
 
 
@@ -170,15 +171,18 @@ def _evaluate(problem: Problem, scale: Scale, s: Array, p: Array, starts: tuple[
         memory = runner.memory(own)
         D, off = np.zeros((len(windows), n, n)), np.zeros((max(len(windows) - 1, 0), n, n))
         B, gx = np.zeros((len(windows), n, k)), np.zeros((len(windows), n))
-        left = np.empty_like(track.y)
+        left, seen = np.empty_like(track.y), track.seen
+        own_root = root if seen.all() else np.where(seen, root, 0.0)
         for w, window in enumerate(windows):
             important = 1.0 if problem.importance is None else float(problem.importance[at + w])
             runner.enter(memory, starts[i][w])
-            Y, A, ok = runner.run(memory, window, own, derivatives, root)
+            Y, A, ok = runner.run(memory, window, own, derivatives, own_root)
             if not ok:
                 return _Normal(np.inf, H, g, blocks, residuals, False)
             left[window.start : window.stop] = Y - track.y[window.start : window.stop]
             r = (left[window.start : window.stop] * root).ravel()
+            if not seen.all():
+                r = np.nan_to_num(r)
             cost += important * float(r @ r)
             joint = w + 1 < len(windows)
             jump = starts[i][w + 1] - memory.x[:n] if joint else np.zeros(n)
@@ -270,7 +274,7 @@ def fit(problem: Problem, *, p: Array | None = None, starts: tuple[Array, ...] |
     free = list(problem.free)
     step = stepping or careful_stepping(problem, p)
     if weights is None:
-        sigma = noise_level(np.concatenate([t.y for t in problem.tracks]))
+        sigma = noise_of(problem.tracks)
         weights = Weights(sigma, np.ones_like(sigma))
     scale = problem.scale
     s = np.clip(scale.inside(p[free]), scale.low, scale.high)
@@ -319,7 +323,7 @@ def fit(problem: Problem, *, p: Array | None = None, starts: tuple[Array, ...] |
 def _off(problem: Problem, weights: Weights) -> float:
     """By how much less a residual counts than one of the sensors' noise: the states of a model that is wrong may depart
     by as much more."""
-    noise = noise_level(np.concatenate([t.y for t in problem.tracks]))
+    noise = noise_of(problem.tracks)
     return float(np.exp(-np.log(noise * weights.root).mean()))
 
 
@@ -336,7 +340,7 @@ def careful_stepping(problem: Problem, p: Array) -> Stepping:
 def fit_robustly(problem: Problem, *, progress: Progress | None = None, rounds: int = 3,
                  stepping: Stepping | None = None) -> Fit:
     """Fit with weights that follow the residuals: from the data sheet's misfit down to what the model leaves."""
-    noise = noise_level(np.concatenate([t.y for t in problem.tracks]))
+    noise = noise_of(problem.tracks)
     fitted = fit(problem, iterations=1, weights=Weights(noise, np.ones_like(noise)), stepping=stepping)
     weights = (residual_weights(fitted.residuals, noise, problem.window) if fitted.residuals
                else Weights(noise, np.full_like(noise, 30.0)))

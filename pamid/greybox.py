@@ -114,7 +114,7 @@ def fit_json(g: GreyBox, seed: int) -> dict[str, Any]:
         "seed": seed,
         "recordings": [{"name": r.name, "path": str(r.path), "sha256": r.sha256, "role": _role(e, r),
                         "samples": len(r), "period_s": r.sampling_period_s, "loop": r.loop,
-                        "controller": r.controller} for r in e.recordings],
+                        "controller": r.controller, "lacks": e.lacking(r)} for r in e.recordings],
         "channels": list(e.channels), "converged": g.fit.converged, "why": g.fit.why,
         "iterations": g.fit.iterations,
         "stepping": {"substeps": g.fit.stepping.substeps, "implicit": g.fit.stepping.implicit,
@@ -287,4 +287,7 @@ def residual_csv(g: GreyBox, cause: tuple[Replay, ...] = ()) -> bytes:
     """residual.csv as bytes, 9 significant digits."""
     header, rows = residual_table(g, cause)
     line = ",".join(["%.12g"] + ["%.9g"] * (len(header) - 1)) + "\n"
-    return (",".join(header) + "\n" + (line * len(rows)) % tuple(rows.ravel().tolist())).encode()
+    body = (line * len(rows)) % tuple(rows.ravel().tolist())
+    if np.isnan(rows).any():
+        body = body.replace("nan", "")    # a channel that this recording lacks
+    return (",".join(header) + "\n" + body).encode()

@@ -82,7 +82,7 @@ def overlaps(outputs: Sequence[str], recordings: Sequence[Recording]) -> Iterato
     seen: dict[tuple[str, float, int], int] = {}
     fresh = []
     for i, r in enumerate(recordings):
-        first = seen.setdefault((r.sha256, float(r.time[0]), len(r)), i)
+        first = seen.setdefault((r.sha256 or str(id(r)), float(r.time[0]), len(r)), i)
         if first != i:
             yield Overlap(first, i, 0, 0, len(r))
         else:

@@ -6,6 +6,7 @@ on from the window before, so that no effect has to be told its past.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -24,10 +25,10 @@ Array = NDArray[np.float64]
 class Track:
     """One recording as a fit sees it. SI throughout.
 
-    u (samples x inputs), y (samples x channels), known: places of parameters that are held for it, p their values
-    put into the data sheet's; jump: by what each of the rig's states may depart, where a window begins, from what the
-    window before has led to; first: index in the recording file of the first sample (for time and reports); lead:
-    samples at the beginning that only serve to find the state, and are never scored.
+    u (samples x inputs), y (samples x channels; NaN where a channel was not recorded), known: places of parameters that
+    are held for it, p their values put into the data sheet's; jump: by what each of the rig's states may depart, where
+    a window begins, from what the window before has led to; first: index in the recording file of the first sample (for
+    time and reports); lead: samples at the beginning that only serve to find the state, and are never scored.
     """
 
     name: str
@@ -43,6 +44,11 @@ class Track:
     def __len__(self) -> int:
         return len(self.u)
 
+    @cached_property
+    def seen(self) -> NDArray[np.bool_]:
+        """Which channels were recorded."""
+        return np.logical_not(np.isnan(self.y).any(axis=0))
+
     def part(self, start: int, stop: int, lead: int = 0) -> Track:
         """Samples start..stop, led in by up to `lead` samples before them."""
         begin = max(0, start - lead)
@@ -53,8 +59,29 @@ def track_of(assembly: Assembly, recording: Recording, channels: tuple[str, ...]
     """The recording's inputs and measured channels for this assembly; without `jump` states depart as they like."""
     p, known = known_values(assembly, recording.known)
     free = np.full(len(assembly.rig.states), np.inf)
-    return Track(recording.name, input_table(assembly, recording), output_table(channels, recording), p, tuple(known),
+    return Track(recording.name, input_table(assembly, recording), _measured(channels, recording), p, tuple(known),
                  recording.sampling_period_s, free if jump is None else jump)
+
+
+def _measured(channels: tuple[str, ...], recording: Recording) -> Array:
+    """The channels, NaN those that were not recorded."""
+    seen = tuple(c for c in channels if recording.has(c))
+    if seen == channels:
+        return output_table(channels, recording)
+    y = np.full((len(recording), len(channels)), np.nan)
+    y[:, [channels.index(c) for c in seen]] = output_table(seen, recording)
+    return y
+
+
+def noise_of(tracks: Sequence[Track]) -> Array:
+    """Noise level per channel over all tracks that have it; NaN where none has."""
+    if all(t.seen.all() for t in tracks):
+        return noise_level(np.concatenate([t.y for t in tracks]))
+    noise = np.full(tracks[0].y.shape[1], np.nan)
+    for c in range(noise.size):
+        own = [t.y[:, [c]] for t in tracks if t.seen[c]]
+        noise[c] = noise_level(np.concatenate(own))[0] if own else np.nan
+    return noise
 
 
 def noise_level(y: Array) -> Array:
@@ -157,7 +184,9 @@ def estimate_start(runner: Runner, memory: Memory, window: Window, p: Array, wei
     """
     own = Runner(runner.assembly, runner.track, runner.stepping, whole=runner.whole)
     n = own.rig_states
-    y = runner.track.y[window.start : window.stop]
+    y, seen = runner.track.y[window.start : window.stop], runner.track.seen
+    if not seen.all():
+        weight, y = np.where(seen, weight, 0.0), np.where(seen, y, 0.0)
     x, damping, best = carried.copy(), 1e-3, np.inf
     H, g, known = np.zeros((n, n)), np.zeros(n), np.zeros(n) if jump is None else 1.0 / jump**2
     trial = x

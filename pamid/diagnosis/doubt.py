@@ -8,8 +8,10 @@ import numpy as np
 
 from pamid.diagnosis.contest import Contender
 from pamid.evidence import Evidence
+from pamid.metrics import seen_mean
 from pamid.quality_rig import evidence_of
 from pamid.quality_scale import advice, slips
+from pamid.residuals import spread_of
 
 BEYOND = 3.0        # times its noise: an error that is none of the sensor's
 
@@ -21,10 +23,10 @@ def doubt(evidence: Evidence, base: Contender, best: Contender | None) -> dict[s
     They are in doubt where the best model still misses by more than the spread, or where the refitted one does and a
     slip sets it right.
     """
-    spread = np.std(np.concatenate([r.track.y[r.scored] for r in base.replays]), axis=0)
+    spread = spread_of(base.replays)
 
     def far(c: Contender) -> dict[str, float]:
-        error = np.sqrt(c.squares.mean(axis=0))
+        error = np.sqrt(seen_mean(c.squares))
         return {name: float(e / s) for name, e, s, n in
                 zip(evidence.channels, error, spread, evidence.noise, strict=True) if e > max(s, BEYOND * n)}
 
