@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_cart import FEW
 
 from cli.frame import run
 from pamid.errors import FileError
@@ -51,13 +50,15 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def recorded(rig: Path, name: str, seed: int, *columns: str) -> Recording:
+def recorded(rig: Path, name: str, seed: int, *columns: str, planted: tuple[str, ...] = (),
+             steps: int = 30) -> Recording:
     """The same machine each time, another push and noise; columns: of the sensors, all where none is named."""
     folder, random = rig.parent, np.random.default_rng(seed)
-    push = np.repeat(random.uniform(-8.0, 8.0, 30), 40)
+    push = np.repeat(random.uniform(-8.0, 8.0, steps), 40)
     time = 0.01 * np.arange(push.size)
     write_recording(folder / "push.csv", time, {"push_n": push})
-    made = virtual_rig(str(rig), read_recording(folder / "push.csv"), (), {}, {"gain": 1.3, "mass_kg": 1.2}, 1.0, seed)
+    true = {"gain": 1.3, "mass_kg": 1.2}
+    made = virtual_rig(str(rig), read_recording(folder / "push.csv"), planted, {}, true, 1.0, seed)
     write_recording(folder / f"{name}.csv", time, {k: v for k, v in made.columns.items()
                                                    if k == "push_n" or not columns or k in columns})
     return read_recording(folder / f"{name}.csv")
@@ -118,17 +119,20 @@ def test_a_channel_that_is_fitted_or_held_out_alone_cannot_be_judged(rig: Path,
         gather(rig_named(str(rig)), [less], [other])
 
 
-def test_the_commands_go_all_the_way(rig: Path, both: tuple[Recording, Recording], tmp_path: Path,
-                                     capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_commands_go_all_the_way(rig: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Diagnosis, report page and a network on a channel that one recording lacks."""
-    paths, without = [str(r.path) for r in both], [word for name in effects() if name not in FEW
-                                                    for word in ("--without", name)]
-    code = run(["diagnose", *paths, "--rig", str(rig), "--jobs", "1", *without, "--json", "--output", str(tmp_path)
+    friction = ("coulomb-friction:force_n=2.0",)
+    made = [recorded(rig, "long", 1, planted=friction, steps=16),
+            recorded(rig, "short", 2, "position_m", planted=friction, steps=14)]
+    few = ("coulomb-friction", "dead-time")
+    without = [word for name in effects() if name not in few for word in ("--without", name)]
+    code = run(["diagnose", *(str(r.path) for r in made), "--rig", str(rig), "--jobs", "1", *without, "--json", "--output", str(tmp_path)
                 + "/run"])
     shown = capsys.readouterr()
     said = json.loads(shown.out)
-    assert code in (0, 5, 6) and not said["failed_jobs"] and "less.csv lacks cell_n" in shown.err
-    assert said["verdict"] == "no-structural-gap" and set(said["how_far"]) == {"position_m", "cell_n"}
+    assert code in (0, 5, 6) and not said["failed_jobs"] and "short.csv lacks cell_n" in shown.err
+    assert said["verdict"] == "explained" and said["causes"][0]["effect"] == "coulomb-friction"
+    assert set(said["how_far"]) == {"position_m", "cell_n"}
     assert all(np.isfinite(v) for one in said["how_far"].values() for v in one.values())
     assert run(["report", str(tmp_path / "run")]) == 0
     left = read_leftover(tmp_path / "run", "cell_n")
