@@ -83,8 +83,7 @@ class Fit:
     why: str
     stepping: Stepping
     pulls: tuple[Array, ...] = ()  # per track: information of the joints between windows, per rig state
-    # per track: samples x channels, model - measured; NaN where a channel was not recorded
-    residuals: tuple[Array, ...] = field(repr=False, default=())
+    residuals: tuple[Array, ...] = field(repr=False, default=())   # per track: samples x channels, model - measured
     held: Array = field(repr=False, default_factory=lambda: np.zeros(0))
 
 
@@ -171,8 +170,7 @@ def _evaluate(problem: Problem, scale: Scale, s: Array, p: Array, starts: tuple[
         memory = runner.memory(own)
         D, off = np.zeros((len(windows), n, n)), np.zeros((max(len(windows) - 1, 0), n, n))
         B, gx = np.zeros((len(windows), n, k)), np.zeros((len(windows), n))
-        left, seen = np.empty_like(track.y), track.seen
-        own_root = root if seen.all() else np.where(seen, root, 0.0)
+        left, own_root = np.empty_like(track.y), np.where(track.seen, root, 0.0)
         for w, window in enumerate(windows):
             important = 1.0 if problem.importance is None else float(problem.importance[at + w])
             runner.enter(memory, starts[i][w])
@@ -180,9 +178,7 @@ def _evaluate(problem: Problem, scale: Scale, s: Array, p: Array, starts: tuple[
             if not ok:
                 return _Normal(np.inf, H, g, blocks, residuals, False)
             left[window.start : window.stop] = Y - track.y[window.start : window.stop]
-            r = (left[window.start : window.stop] * root).ravel()
-            if not seen.all():
-                r = np.nan_to_num(r)
+            r = np.nan_to_num(left[window.start : window.stop] * root).ravel()
             cost += important * float(r @ r)
             joint = w + 1 < len(windows)
             jump = starts[i][w + 1] - memory.x[:n] if joint else np.zeros(n)
@@ -323,8 +319,7 @@ def fit(problem: Problem, *, p: Array | None = None, starts: tuple[Array, ...] |
 def _off(problem: Problem, weights: Weights) -> float:
     """By how much less a residual counts than one of the sensors' noise: the states of a model that is wrong may depart
     by as much more."""
-    noise = noise_of(problem.tracks)
-    return float(np.exp(-np.log(noise * weights.root).mean()))
+    return float(np.exp(-np.log(noise_of(problem.tracks) * weights.root).mean()))
 
 
 def careful_stepping(problem: Problem, p: Array) -> Stepping:

@@ -126,8 +126,8 @@ def test_the_commands_go_all_the_way(rig: Path, tmp_path: Path, capsys: pytest.C
             recorded(rig, "short", 2, "position_m", planted=friction, steps=14)]
     few = ("coulomb-friction", "dead-time")
     without = [word for name in effects() if name not in few for word in ("--without", name)]
-    code = run(["diagnose", *(str(r.path) for r in made), "--rig", str(rig), "--jobs", "1", *without, "--json", "--output", str(tmp_path)
-                + "/run"])
+    code = run(["diagnose", *(str(r.path) for r in made), "--rig", str(rig), "--jobs", "1", *without, "--json",
+                "--output", str(tmp_path / "run")])
     shown = capsys.readouterr()
     said = json.loads(shown.out)
     assert code in (0, 5, 6) and not said["failed_jobs"] and "short.csv lacks cell_n" in shown.err

@@ -29,8 +29,8 @@ def transfer(d: Diagnosis) -> list[dict[str, Any]]:
             continue
         entry: dict[str, Any] = {"recording": span.recording.sha256[:12], "differs": new}
         for i, channel in enumerate(d.evidence.channels):
-            if np.isnan(d.budget.floor[rows, i]).any():
-                continue    # not recorded
+            if not span.recording.has(channel):
+                continue
             was, now = d.budget.baseline.absolutes[rows, i].mean(), d.cause.absolutes[rows, i].mean()
             entry[channel] = {"mae_refitted": as_column(channel, was), "mae_with_cause": as_column(channel, now),
                               "shrinkage": float(1.0 - now / was)}
