@@ -23,6 +23,7 @@ from pamid.posterior import Posterior, from_json, posterior_json
 from pamid.quantities import agreed
 from pamid.recording import Recording
 from pamid.residuals import Replay, channel_mae, noise_floor, replay
+from pamid.restart import freed
 from pamid.rig import Loop
 from pamid.simulation import choose_stepping, input_table, port_sizes
 from pamid.units import as_column, from_si, split_column, with_unit
@@ -73,13 +74,14 @@ def fit_model(evidence: Evidence, attached: tuple[Attachment, ...] = (), *, seed
     if earlier is not None:
         problem = replace(problem, prior=earlier.prior(problem))
     told("fitting")
-    fitted = fit_robustly(problem, progress=lambda i, cost: told(f"fitting, step {i}, cost {cost:.5g}"))
+    fitted = freed(fit_robustly(problem, progress=lambda i, cost: told(f"fitting, step {i}, cost {cost:.5g}")),
+                   evidence.noise)
     replays, change = rechecked(assembly, fitted, held, evidence.noise)
     for _ in range(3):
         if change <= COARSE:
             break
         told("refining the integration step")
-        fitted = fit_robustly(problem, stepping=fitted.stepping.doubled())
+        fitted = freed(fit_robustly(problem, stepping=fitted.stepping.doubled()), evidence.noise)
         replays, change = rechecked(assembly, fitted, held, evidence.noise)
     told("noise floor")
     floor = tuple(noise_floor(assembly, fitted.p, r, fitted.stepping, evidence.noise, seed + i)

@@ -28,7 +28,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("simulation",),
     ("windows", "weights", "prior"),
     ("fitting", "residuals"),
-    ("intervals", "quantities"),
+    ("intervals", "quantities", "restart"),
     ("evidence", "conformance", "catalogue", "virtual", "experiments", "combinations"),
     ("posterior", "quality", "quality_signals", "quality_rig", "quality_scale"),
     ("ingest",),

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pamid.attaching import Attachment, attachments
 from pamid.diagnosis.budget import Budget, gap_budget
 from pamid.diagnosis.clues import gather_clues
-from pamid.diagnosis.contest import Contender
+from pamid.diagnosis.contest import Contender, replayed
 from pamid.diagnosis.doubt import doubt
 from pamid.diagnosis.further import Extended, Newcomer, extended
 from pamid.diagnosis.judgement import Grounds, Judged, at_the_floor, judge, probabilities, weigh
@@ -22,6 +22,7 @@ from pamid.diagnosis.search import Search, Told, ranked, run_round, tied_with_fi
 from pamid.effect import Effect
 from pamid.evidence import Evidence, selection_part
 from pamid.jobs import Crew
+from pamid.restart import freed
 
 REACH = 0.3         # of the largest latent evidence: of many candidates those at ports with less are not screened
 
@@ -81,7 +82,7 @@ def diagnose(evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: in
     ranking, wins = ranked(search, contenders)
     classes = look_alike_classes(evidence, base, list(ranking[:8]))
     found = extended(search, ranking, located) if ranking else Extended(base, located)
-    best = found.best if ranking else None
+    best = _freed(evidence, found.best) if ranking else None
     ranking, wins = _with_best(ranking, wins, best)
     grounds = weigh(budget, chosen, ranking, best, located, found.after, seed)
     tied = tied_with_first(search, ranking, classes)
@@ -92,6 +93,15 @@ def diagnose(evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: in
     return Diagnosis(evidence, budget, chosen, verdict, ranking, tuple(probabilities(judged, wins)),
                      tuple(failed), tied, best, located, grounds, judged, tuple(tuple(k) for k in classes),
                      screened, found.newcomers, units)
+
+
+def _freed(evidence: Evidence, best: Contender) -> Contender:
+    """The best model, out of the trap if its fit ended in one."""
+    fitted = freed(best.fit, evidence.noise)
+    if fitted is best.fit:
+        return best
+    better = replayed(evidence, best.assembly, fitted)
+    return better if better.finite else best
 
 
 def within_reach(candidates: list[Attachment], located: Located) -> list[Attachment]:
