@@ -94,7 +94,7 @@ def read_leftover(folder: Path, channel: str | None = None, inputs: Sequence[str
         stretches, washout = spans, 0
     else:
         stretches, washout = _windows(columns, spans)
-    stretches = [s for s in stretches if not np.isnan(columns[channel][s.rows]).any()]   # recorded there
+    stretches = [s for s in stretches if not np.isnan(columns[channel][s.rows]).all()]   # recorded there
     for part, word in ((0, "to train on (part 0)"), (1, "held out to judge by (part 1)")):
         if not any(s.part == part for s in stretches):
             raise DataError(f"{folder / RESIDUAL_FILE}: nothing is {word}.", _REMEDY)
