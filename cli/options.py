@@ -70,6 +70,10 @@ def evidence_from(rig_name: str | None, recordings: tuple[Path, ...], held_out: 
         if lacks:
             click.echo(f"Warning: {recording.path} lacks {', '.join(lacks)}, which other recordings have; each is used "
                        "where it was recorded.", err=True)
+    unused = [c for c in rig.outputs if c not in evidence.channels and any(r.has(c) for r in read)]
+    if unused:
+        click.echo(f"Warning: {', '.join(unused)} cannot be judged and is left out: at rest in every recording, or not "
+                   "both fitted and held out.", err=True)
     return evidence
 
 

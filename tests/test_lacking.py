@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from cli.frame import run
+from cli.options import evidence_from
 from pamid.errors import FileError
 from pamid.evidence import gather
 from pamid.greybox import GreyBox, fit_json, fit_model, residual_table
@@ -111,9 +112,11 @@ def test_what_is_missing_is_told_and_nothing_else_is_made_up(rig: Path, both: tu
 
 
 def test_a_channel_that_is_fitted_or_held_out_alone_cannot_be_judged(rig: Path,
-                                                                      both: tuple[Recording, Recording]) -> None:
+                                                                      both: tuple[Recording, Recording],
+                                                                      capsys: pytest.CaptureFixture[str]) -> None:
     whole, less = both
-    assert gather(rig_named(str(rig)), [whole], [less]).channels == ("position_m",)
+    assert evidence_from(str(rig), (whole.path,), (less.path,)).channels == ("position_m",)
+    assert "cell_n cannot be judged" in capsys.readouterr().err
     other = recorded(rig, "cell", 3, "cell_n")
     with pytest.raises(FileError, match="both fitted and held out"):
         gather(rig_named(str(rig)), [less], [other])
