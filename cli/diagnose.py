@@ -9,7 +9,7 @@ import click
 
 from . import frame
 from .job import carried_through, cluster_option, crew_of, failed_text, kept, require_one_of
-from .options import evidence_from, with_sidecar
+from .options import evidence_from, no_check_option, with_sidecar
 from .progress import Progress
 from .terminal import quoted
 
@@ -33,12 +33,13 @@ pamid diagnose rec.csv --rig one-dof --output run --jobs 2
 @click.option("--seed", type=int, default=0, show_default=True, help="Same inputs and seed, same output.")
 @click.option("--jobs", type=click.IntRange(1, 256), default=2, show_default=True, help="Processes to use.")
 @click.option("--output", type=click.Path(file_okay=False, path_type=Path), required=True, help="Run folder to make.")
+@no_check_option
 @cluster_option
 @click.option("--resume", is_flag=True, help="Go on with the same diagnosis where it was interrupted.")
 @frame.overwrite_option("Replace an earlier run in that folder.")
 def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path, ...], effects: tuple[Path, ...],
-            without: tuple[str, ...], seed: int, jobs: int, output: Path, cluster: str | None, resume: bool,
-            overwrite: bool) -> frame.Result:
+            without: tuple[str, ...], seed: int, jobs: int, output: Path, no_check: bool,
+            cluster: str | None, resume: bool, overwrite: bool) -> frame.Result:
     """Say where a model departs from its recordings, which effect of the catalogue causes it, and how far the gap
     shrinks once that effect is added, on recordings that neither the parameters nor the choice have seen.
 
@@ -50,7 +51,7 @@ def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path,
     from pamid.run import JOBS, Run
 
     require_one_of(resume, overwrite)
-    evidence = evidence_from(rig, recordings, held_out)
+    evidence = evidence_from(rig, recordings, held_out, check=not no_check)
     catalogue = _catalogue(effects, without)
     inputs = [f for p in (*recordings, *held_out) for f in with_sidecar(p)]
     inputs += code_files(rig, [str(e) for e in effects])

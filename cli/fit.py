@@ -9,7 +9,7 @@ import click
 
 from . import frame
 from .job import carried_through, cluster_option, crew_of, failed_text, kept, require_one_of
-from .options import evidence_from, with_sidecar
+from .options import evidence_from, no_check_option, with_sidecar
 from .progress import Progress
 from .terminal import quoted
 
@@ -34,13 +34,14 @@ pamid fit rec.csv --rig one-dof --output fitted
 @click.option("--seed", type=int, default=0, show_default=True, help="Same inputs and seed, same output.")
 @click.option("--jobs", type=click.IntRange(1, 256), default=1, show_default=True, help="Processes for the bootstrap.")
 @click.option("--output", type=click.Path(file_okay=False, path_type=Path), required=True, help="Run folder to make.")
+@no_check_option
 @cluster_option
 @click.option("--resume", is_flag=True, help="Go on with the same fit where it was interrupted: draws of the bootstrap "
               "that are finished stay.")
 @frame.overwrite_option("Replace an earlier run in that folder.")
 def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path, ...], effects: tuple[str, ...],
-            earlier: Path | None, bootstrap: int, seed: int, jobs: int, output: Path, cluster: str | None,
-            resume: bool, overwrite: bool) -> frame.Result:
+            earlier: Path | None, bootstrap: int, seed: int, jobs: int, output: Path, no_check: bool,
+            cluster: str | None, resume: bool, overwrite: bool) -> frame.Result:
     """Fit the parameters of a rig to recordings and judge the model on what was held out.
 
     Writes fit.json and residual.csv into a run folder. Every parameter gets an interval and a word: settled, weak
@@ -57,7 +58,7 @@ def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path,
     from pamid.virtual import attach_specs
 
     require_one_of(resume, overwrite)
-    evidence = evidence_from(rig, recordings, held_out)
+    evidence = evidence_from(rig, recordings, held_out, check=not no_check)
     attached = tuple(a for a, _ in attach_specs(evidence.rig, effects))
     if earlier and earlier.resolve() == output.resolve():
         raise UsageError(f"{output} cannot be both --from and --output.", "Give every stage a run folder of its own.")

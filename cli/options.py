@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import click
+
 from .terminal import aside
 
 if TYPE_CHECKING:
@@ -43,9 +45,16 @@ def noise_factor(text: str) -> float:
     return factor
 
 
-def evidence_from(rig_name: str | None, recordings: tuple[Path, ...], held_out: tuple[Path, ...]) -> Evidence:
-    """Read the recordings and divide them for a rig (default: the one of the catalogue that they name)."""
+no_check_option = click.option("--no-check", is_flag=True, help="Fit recordings as they are, also where `pamid check` "
+                               "calls them wrong for the rig.")
+
+
+def evidence_from(rig_name: str | None, recordings: tuple[Path, ...], held_out: tuple[Path, ...], *,
+                  check: bool = True) -> Evidence:
+    """Read the recordings, refuse those that are wrong for the rig (default: the one of the catalogue that they name),
+    and divide them for it."""
     from pamid.evidence import gather
+    from pamid.inspection import require_sound
     from pamid.library import catalogue_rig, rig_named, rig_of
     from pamid.recording import read_recording
 
@@ -55,7 +64,19 @@ def evidence_from(rig_name: str | None, recordings: tuple[Path, ...], held_out: 
     for recording in read:
         for warning in (*recording.warnings, *unknown_columns(rig, recording)):
             aside(f"Warning: {recording.path}: {warning}")
-    return gather(rig, read[: len(recordings)], read[len(recordings) :])
+    evidence = gather(rig, read[: len(recordings)], read[len(recordings) :])
+    for recording in evidence.recordings:
+        if check:
+            require_sound(recording, rig)
+        lacks = evidence.lacking(recording)
+        if lacks:
+            aside(f"Warning: {recording.path} lacks {', '.join(lacks)}, which other recordings have; each is used "
+                  "where it was recorded.")
+    unused = [c for c in rig.outputs if c not in evidence.channels and any(r.has(c) for r in read)]
+    if unused:
+        aside(f"Warning: {', '.join(unused)} cannot be judged and is left out: at rest in every recording, or not "
+              "both fitted and held out.")
+    return evidence
 
 
 def unknown_columns(rig: Rig, recording: Recording) -> list[str]:

@@ -20,11 +20,10 @@ from pamid.assembly import Assembly
 from pamid.binding import Bound
 from pamid.engine.blocks import eliminate
 from pamid.engine.program import Stepping
-from pamid.noise import sensor_noise
 from pamid.prior import Prior, terms_of_sheet
 from pamid.simulation import choose_stepping
 from pamid.weights import Weights, residual_weights
-from pamid.windows import PULL, Runner, Track, Window, cut, estimate_start, stated_noise
+from pamid.windows import PULL, Runner, Track, Window, cut, estimate_start, noise_of, stated_noise
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, float], None]
@@ -62,7 +61,7 @@ class Problem:
     @cached_property
     def noise(self) -> Array:
         """Of the sensors, per channel (SI)."""
-        return sensor_noise([t.y for t in self.tracks], stated_noise(self.assembly.rig, self.assembly.program.outputs))
+        return noise_of(self.tracks, stated_noise(self.assembly.rig, self.assembly.program.outputs))
 
     @property
     def window(self) -> int:
@@ -177,15 +176,15 @@ def _evaluate(problem: Problem, scale: Scale, s: Array, p: Array, starts: tuple[
         memory = runner.memory(own)
         D, off = np.zeros((len(windows), n, n)), np.zeros((max(len(windows) - 1, 0), n, n))
         B, gx = np.zeros((len(windows), n, k)), np.zeros((len(windows), n))
-        left = np.empty_like(track.y)
+        left, own_root = np.empty_like(track.y), np.where(track.seen, root, 0.0)
         for w, window in enumerate(windows):
             important = 1.0 if problem.importance is None else float(problem.importance[at + w])
             runner.enter(memory, starts[i][w])
-            Y, A, ok = runner.run(memory, window, own, derivatives, root)
+            Y, A, ok = runner.run(memory, window, own, derivatives, own_root)
             if not ok:
                 return _Normal(np.inf, H, g, blocks, residuals, False)
             left[window.start : window.stop] = Y - track.y[window.start : window.stop]
-            r = (left[window.start : window.stop] * root).ravel()
+            r = np.nan_to_num(left[window.start : window.stop] * root).ravel()
             cost += important * float(r @ r)
             joint = w + 1 < len(windows)
             jump = starts[i][w + 1] - memory.x[:n] if joint else np.zeros(n)

@@ -23,6 +23,7 @@ from pamid.posterior import Posterior, from_json, posterior_json
 from pamid.quantities import agreed
 from pamid.recording import Recording
 from pamid.residuals import Replay, channel_mae, noise_floor, replay
+from pamid.restart import freed
 from pamid.rig import Loop
 from pamid.simulation import choose_stepping, input_table, port_sizes
 from pamid.units import as_column, from_si, split_column, with_unit
@@ -73,13 +74,14 @@ def fit_model(evidence: Evidence, attached: tuple[Attachment, ...] = (), *, seed
     if earlier is not None:
         problem = replace(problem, prior=earlier.prior(problem))
     told("fitting")
-    fitted = fit_robustly(problem, progress=lambda i, cost: told(f"fitting, step {i}, cost {cost:.5g}"))
+    fitted = freed(fit_robustly(problem, progress=lambda i, cost: told(f"fitting, step {i}, cost {cost:.5g}")),
+                   evidence.noise)
     replays, change = rechecked(assembly, fitted, held, evidence.noise)
     for _ in range(3):
         if change <= COARSE:
             break
         told("refining the integration step")
-        fitted = fit_robustly(problem, stepping=fitted.stepping.doubled())
+        fitted = freed(fit_robustly(problem, stepping=fitted.stepping.doubled()), evidence.noise)
         replays, change = rechecked(assembly, fitted, held, evidence.noise)
     told("noise floor")
     floor = tuple(noise_floor(assembly, fitted.p, r, fitted.stepping, evidence.noise, seed + i)
@@ -114,7 +116,7 @@ def fit_json(g: GreyBox, seed: int) -> dict[str, Any]:
         "seed": seed,
         "recordings": [{"name": r.name, "path": str(r.path), "sha256": r.sha256, "role": _role(e, r),
                         "samples": len(r), "period_s": r.sampling_period_s, "loop": r.loop,
-                        "controller": r.controller} for r in e.recordings],
+                        "controller": r.controller, "lacks": e.lacking(r)} for r in e.recordings],
         "channels": list(e.channels), "converged": g.fit.converged, "why": g.fit.why,
         "iterations": g.fit.iterations,
         "stepping": {"substeps": g.fit.stepping.substeps, "implicit": g.fit.stepping.implicit,
@@ -287,4 +289,7 @@ def residual_csv(g: GreyBox, cause: tuple[Replay, ...] = ()) -> bytes:
     """residual.csv as bytes, 9 significant digits."""
     header, rows = residual_table(g, cause)
     line = ",".join(["%.12g"] + ["%.9g"] * (len(header) - 1)) + "\n"
-    return (",".join(header) + "\n" + (line * len(rows)) % tuple(rows.ravel().tolist())).encode()
+    body = (line * len(rows)) % tuple(rows.ravel().tolist())
+    if np.isnan(rows).any():
+        body = body.replace("nan", "")    # a channel that this recording lacks
+    return (",".join(header) + "\n" + body).encode()

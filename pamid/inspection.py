@@ -14,8 +14,9 @@ from pamid import library
 from pamid.conformance import Finding, effect_findings, rig_findings
 from pamid.effect import Effect
 from pamid.errors import DataError, FileError, PamidError, nearest
+from pamid.evidence import require_lesson
 from pamid.files import read_lines
-from pamid.quality import Issue, channel_figures, examine
+from pamid.quality import Issue, blocking, channel_figures, examine
 from pamid.recording import MIN_SAMPLES, FloatArray, Recording, match_column, read_recording
 from pamid.recording_checks import check_header, check_stamps, explain_cells, read_header, sidecar_of
 from pamid.rig import Rig, check_rig
@@ -63,6 +64,20 @@ def inspect(path: Path, rig: str | None = None) -> Inspection:
         said |= {"code": "file", "message": f"{path}: {wrong[0].detail}", "hint": "Every problem is in `findings`."}
     listed = [{"check": f.check, "ok": f.ok, "advice": f.advice, "detail": f.detail} for f in found]
     return Inspection({**said, "findings": listed}, recording, issues)
+
+
+def require_sound(recording: Recording, rig: Rig) -> None:
+    """Refuse a recording with which any fit of this rig is nonsense, naming everything that `inspect` calls wrong in
+    its values: DataError for a sensor that shows nothing, else FileError."""
+    found = blocking(recording, rig)
+    if not found:
+        return
+    first = found[0]
+    more = "".join(f"; {i.kind}: {i.message}" for i in found[1:])
+    hint = f"{first.hint} `pamid check` says more; --no-check fits it as it is.".lstrip()
+    if all(i.kind == "dead" for i in found):
+        raise DataError(f"{recording.path}: {first.message}{more}.", hint, code="not-excited")
+    raise FileError(f"{recording.path}: {first.kind}: {first.message}{more}.", hint, code="check")
 
 
 # ---- recordings --------------------------------------------------------------------------------------------------
@@ -126,11 +141,11 @@ def _against_rig(recording: Recording, rig_name: str | None) -> tuple[Rig | None
     known = [f"{p.outside_name}" for p in rig.parameters]
     found += [Finding("known", False, f"[known] {key!r} is no parameter of rig {rig.name!r}. {nearest(key, known)}"
                       .rstrip()) for key in recording.known if key not in known]
-    sent = [wanted[c] for c in rig.inputs if wanted[c] is not None]
-    # a rig that needs no input may move by itself, as when it is let go
-    told = [*sent, *(wanted[c] for c in seen)] if set(rig.inputs) <= set(rig.optional) else sent
-    if sent and all(np.ptp(recording.columns[str(c)]) == 0.0 for c in told):
-        found.append(Finding("excitation", False, "no input ever changes: nothing can be learnt from this recording"))
+    if not missing and seen:
+        try:
+            require_lesson(rig, recording)
+        except DataError as error:
+            found.append(Finding("excitation", False, f"nothing can be learnt: {error}"))
     return rig, found or [Finding("rig", True, f"every column of rig {rig.name!r} is there")]
 
 

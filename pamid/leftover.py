@@ -8,6 +8,7 @@ refitted output, one record per window. Inputs never are measured outputs: what 
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,6 +26,7 @@ Array = NDArray[np.float64]
 
 KEYS = ("time_s", "recording", "part", "window")
 MODELS = {"loop": "the refitted model in its own control loop", "replay": "the refitted model on recorded commands"}
+_BLANK = re.compile(r"(?<=,)(?=,)")
 _REMEDY = "Run `pamid fit` or `pamid diagnose` again."
 _PERIODS_AGREE = 0.01      # share by which the sampling periods of the recordings may differ
 
@@ -93,6 +95,7 @@ def read_leftover(folder: Path, channel: str | None = None, inputs: Sequence[str
         stretches, washout = spans, 0
     else:
         stretches, washout = _windows(columns, spans)
+    stretches = [s for s in stretches if not np.isnan(columns[channel][s.rows]).all()]   # recorded there
     for part, word in ((0, "to train on (part 0)"), (1, "held out to judge by (part 1)")):
         if not any(s.part == part for s in stretches):
             raise DataError(f"{folder / RESIDUAL_FILE}: nothing is {word}.", _REMEDY)
@@ -111,6 +114,8 @@ def read_columns(path: Path) -> dict[str, Array]:
     """residual.csv by column; FileError where it is missing or damaged."""
     names, body = split_table(path)
     try:
+        if any(",," in line for line in body):      # channels that a recording lacks
+            body = [_BLANK.sub("nan", line) for line in body]
         table = np.loadtxt(body, delimiter=",", ndmin=2, comments=None)
     except ValueError as error:
         raise FileError(f"{path}, below the header: {error}.", _REMEDY, code="damaged") from None

@@ -26,6 +26,16 @@ def rms(measured: ArrayLike, model: ArrayLike = 0.0) -> float:
     return float(np.sqrt(np.mean(np.square(_difference(measured, model)))))
 
 
+def seen_mean(table: ArrayLike, axis: int = 0) -> FloatArray:
+    """Mean over what is there: NaN stands for what was not recorded, and for the mean of nothing."""
+    values = np.asarray(table, dtype=float)
+    here = ~np.isnan(values)
+    if here.all():
+        return np.asarray(values.mean(axis=axis))
+    count = here.sum(axis=axis)
+    return np.where(count > 0, np.where(here, values, 0.0).sum(axis=axis) / np.maximum(count, 1), np.nan)
+
+
 def shrinkage(before: float, after: float) -> float:
     """The part of an error that is gone: 1 - after / before. Negative if it grew; 0 if there never was one."""
     if not (math.isfinite(before) and math.isfinite(after)) or before < 0 or after < 0:

@@ -61,10 +61,9 @@ def examine(recording: Recording, rig: Rig | None = None) -> tuple[Issue, ...]:
 
     Without a rig, nothing is said that only its model can tell.
     """
-    absurd = tuple(name for name, values in recording.columns.items() if not measurable(values))
+    absurd = _absurd(recording)
     if absurd:
-        return (Issue("range", absurd, "wrong", f"{', '.join(absurd)}: no sensor shows numbers of this size",
-                      "Look at how the log was written and read."),)
+        return (absurd,)
     signals = signals_of(recording, rig)
     measured = [s for s in signals if not s.sent]
     found = _constant(recording, signals, rig)
@@ -72,11 +71,41 @@ def examine(recording: Recording, rig: Rig | None = None) -> tuple[Issue, ...]:
     found += _levels(measured, rig)
     found += _pressures(measured) + _sent(recording, rig)
     if rig is not None:
-        from pamid.quality_rig import contradictions  # the engine is needed only here
-
-        against, judged = contradictions(recording, rig)
+        against, judged = _against(recording, rig, thorough=True)
         found = [f for f in found if not judged.get(f.kind, set()) & set(f.columns)] + against
     return tuple(sorted(found, key=lambda issue: (issue.severity != "wrong", -issue.figures.get("share", 1.0))))
+
+
+def blocking(recording: Recording, rig: Rig) -> tuple[Issue, ...]:
+    """The issues with which any fit is nonsense, and no others, which is quicker."""
+    absurd = _absurd(recording)
+    found = [absurd] if absurd else _against(recording, rig, thorough=False)[0]
+    return tuple(issue for issue in found if issue.severity == "wrong")
+
+
+def _absurd(recording: Recording) -> Issue | None:
+    names = tuple(name for name, values in recording.columns.items() if not measurable(values))
+    return Issue("range", names, "wrong", f"{', '.join(names)}: no sensor shows numbers of this size",
+                 "Look at how the log was written and read.") if names else None
+
+
+def _against(recording: Recording, rig: Rig, thorough: bool) -> tuple[list[Issue], dict[str, set[str]]]:
+    """What only the rig can tell, and what need not be guessed without it: kind of issue -> columns. thorough: also
+    what it takes many runs of the model to name."""
+    from pamid import quality_rig, quality_scale  # the engine is needed only here
+
+    evidence = quality_rig.evidence_of(recording, rig)
+    found = quality_scale.clock(recording, rig, evidence)
+    if found:
+        return found, {}
+    found, judged, mended = quality_rig.contradictions(recording, rig, evidence)
+    if mended is not None:
+        dead = quality_scale.unplugged(recording, rig, mended)
+        judged = {**judged, "dead": judged["dead"] | {i.columns[0] for i in dead}}
+        found += dead
+    if thorough and evidence is not None and not any(i.severity == "wrong" for i in found):
+        found += quality_scale.far_off(recording, rig, evidence)
+    return found, judged
 
 
 def channel_figures(recording: Recording, rig: Rig | None = None) -> dict[str, dict[str, float]]:

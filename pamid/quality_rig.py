@@ -44,8 +44,10 @@ BETTER = 0.005             # by which a delay must raise the correlation
 class Evidence:
     """A recording beside the data sheet's run on its commands; SI.
 
-    names, inputs: the rig's outputs and inputs; y, u: as measured (samples x these); model: outputs of the run;
-    simulate: outputs at other inputs, None where they run away.
+    names, inputs: the rig's outputs and inputs; y, u: as measured (samples x these); model: outputs of the run (NaN
+    where it ran away);
+    simulate: outputs at other inputs, other parameters (default: p) and a clock that runs so many times slower, None
+    where they run away.
     """
 
     names: tuple[str, ...]
@@ -53,7 +55,13 @@ class Evidence:
     y: Array
     u: Array
     model: Array
-    simulate: Callable[[Array], Array | None]
+    simulate: Callable[..., Array | None]
+    assembly: Assembly
+    p: Array
+
+    @property
+    def ran(self) -> bool:
+        return bool(np.isfinite(self.model).all())
 
     @property
     def pairs(self) -> list[tuple[int, int]]:
@@ -62,7 +70,7 @@ class Evidence:
 
     def agreement(self) -> tuple[Array, Array]:
         """Correlations of every output with the model, and of the differences of like outputs."""
-        ours, theirs = _shapes(self.y), _shapes(self.model)
+        ours, theirs = shapes(self.y), shapes(self.model)
         single = np.array([_correlation(a, b) for a, b in zip(ours, theirs, strict=True)])
         double = np.array([_correlation(ours[i] - ours[j], theirs[i] - theirs[j]) for i, j in self.pairs])
         return single, double
@@ -81,16 +89,14 @@ class Change:
     after: Evidence
 
 
-def contradictions(recording: Recording, rig: Rig) -> tuple[list[Issue], dict[str, set[str]]]:
-    """Everything in which the recording contradicts the rig; and which kinds of issue need not be guessed from the
-    values alone, in which columns, since the rig can tell. Nothing where the rig cannot be run on it."""
+def contradictions(recording: Recording, rig: Rig,
+                   evidence: Evidence | None) -> tuple[list[Issue], dict[str, set[str]], Evidence | None]:
+    """Everything in which the recording contradicts the rig; which kinds of issue need not be guessed from the values
+    alone, in which columns, since the rig can tell; and the evidence with all of it set right. Little where the rig
+    cannot be run on it."""
     found = _percent(recording, rig)
-    try:
-        evidence = _evidence(recording, rig)
-    except PamidError:
-        evidence = None  # what is missing is said elsewhere
-    if evidence is None:
-        return found, {}
+    if evidence is None or not evidence.ran:
+        return found, {}, None
     for _ in range(4):
         change = _best_change(evidence)
         if change is None:
@@ -98,12 +104,20 @@ def contradictions(recording: Recording, rig: Rig) -> tuple[list[Issue], dict[st
         found.append(_told(change, evidence, recording, rig))
         evidence = change.after
     mended, units = _units(evidence, recording, rig)
-    columns = _recorded(mended.names, recording)
+    columns = recorded_as(mended.names, recording)
     judged = {c for c, alike in zip(columns, mended.agreement()[0], strict=True) if alike > TELLING}
     noise = np.maximum(noise_level(mended.y), stated_noise(rig, mended.names))
     resting = {c for c, still in zip(columns, mended.model.std(axis=0) < STIR * noise, strict=True) if still}
     told = {"unit": judged, "pressure": judged, "absolute-pressure": judged, "dead": resting}
-    return found + units + _offsets(mended, recording, rig) + _delays(mended, recording, rig), told
+    return found + units + _offsets(mended, recording, rig) + _delays(mended, recording, rig), told, mended
+
+
+def evidence_of(recording: Recording, rig: Rig) -> Evidence | None:
+    """The recording beside the data sheet's run; None where the rig cannot be run on it, which is said elsewhere."""
+    try:
+        return _evidence(recording, rig)
+    except PamidError:
+        return None
 
 
 def _evidence(recording: Recording, rig: Rig) -> Evidence | None:
@@ -116,12 +130,13 @@ def _evidence(recording: Recording, rig: Rig) -> Evidence | None:
     order = [assembly.program.outputs.index(n) for n in names]
     period = recording.sampling_period_s
 
-    def simulate(inputs: Array) -> Array | None:
-        run = free_run(assembly, np.ascontiguousarray(inputs), p, period)
+    def simulate(inputs: Array, values: Array = p, clock: float = 1.0) -> Array | None:
+        run = free_run(assembly, np.ascontiguousarray(inputs), values, clock * period)
         return None if run.blown_up >= 0 or not np.isfinite(run.outputs).all() else run.outputs[:, order]
 
-    model = simulate(u)
-    return None if model is None else Evidence(names, tuple(assembly.traced.inputs), y, u, model, simulate)
+    found = simulate(u)
+    model = np.full_like(y, np.nan) if found is None else found
+    return Evidence(names, tuple(assembly.traced.inputs), y, u, model, simulate, assembly, p)
 
 
 # ---- signs and exchanges -----------------------------------------------------------------------------------------
@@ -170,7 +185,7 @@ def _with_inputs(e: Evidence, kind: str, columns: tuple[str, ...], u: Array) -> 
 
 
 def _told(change: Change, before: Evidence, recording: Recording, rig: Rig) -> Issue:
-    columns = _recorded(change.columns, recording)
+    columns = recorded_as(change.columns, recording)
     numbers = {"agreement_as_recorded": before.score / _most(before), "agreement_mended":
                change.after.score / _most(before)}
     figures = (f"agreement with rig {rig.name!r} {numbers['agreement_as_recorded']:.2f} as recorded, "
@@ -181,7 +196,7 @@ def _told(change: Change, before: Evidence, recording: Recording, rig: Rig) -> I
                      "plugged so, change the rig file.", (), numbers)
     other = ""
     if len(before.names) == 1 and change.columns[0] in before.inputs:
-        other = f" (or that of {_recorded(before.names, recording)[0]})"
+        other = f" (or that of {recorded_as(before.names, recording)[0]})"
     return Issue("sign", columns, "wrong", f"{columns[0]} has the opposite sign{other}: {figures}",
                  f"Set sign = -1 for it in the mapping of `pamid ingest`; if rig {rig.name!r} really is built so, "
                  "change the rig file.", (), numbers)
@@ -198,8 +213,8 @@ def _units(e: Evidence, recording: Recording, rig: Rig) -> tuple[Evidence, list[
     """Outputs whose size fits another unit of the same quantity, and the evidence with these set right."""
     y = e.y.copy()
     mistaken: dict[tuple[str, str], dict[str, float]] = {}
-    columns = _recorded(e.names, recording)
-    for k, (ours, theirs) in enumerate(zip(_shapes(e.y), _shapes(e.model), strict=True)):
+    columns = recorded_as(e.names, recording)
+    for k, (ours, theirs) in enumerate(zip(shapes(e.y), shapes(e.model), strict=True)):
         symbol = split_column(columns[k])[1]
         gain = float((ours * theirs).sum() / max(float((theirs * theirs).sum()), 1e-300))
         if _correlation(ours, theirs) < TELLING or abs(math.log(max(gain, 1e-12))) < math.log(WRONG_UNIT):
@@ -210,7 +225,7 @@ def _units(e: Evidence, recording: Recording, rig: Rig) -> tuple[Evidence, list[
                 y[:, k] /= factor
                 mistaken.setdefault((symbol, other), {})[columns[k]] = gain
                 break
-    found = [Issue("unit", tuple(gains), "wrong", f"{_listed(list(gains))}: {np.mean(list(gains.values())):.3g} times "
+    found = [Issue("unit", tuple(gains), "wrong", f"{listed(list(gains))}: {np.mean(list(gains.values())):.3g} times "
                    f"what the data sheet of rig {rig.name!r} leads to; the values look like {other}, not {symbol}",
                    f"Set unit = \"{other}\" in the mapping of `pamid ingest`.", (),
                    {"gain": float(np.mean(list(gains.values())))}) for (symbol, other), gains in mistaken.items()]
@@ -235,16 +250,16 @@ def _percent(recording: Recording, rig: Rig) -> list[Issue]:
 def _offsets(e: Evidence, recording: Recording, rig: Rig) -> list[Issue]:
     """Pressures that lie one atmosphere above the data sheet's."""
     lifted: dict[str, float] = {}
-    for k, (ours, theirs) in enumerate(zip(_shapes(e.y), _shapes(e.model), strict=True)):
+    for k, (ours, theirs) in enumerate(zip(shapes(e.y), shapes(e.model), strict=True)):
         above = float(np.median(e.y[:, k] - e.model[:, k]))
         if (rig.outputs[e.names[k]] == "Pa" and _correlation(ours, theirs) > TELLING
                 and ATMOSPHERE_PA[0] < above < ATMOSPHERE_PA[1]):
-            lifted[_recorded((e.names[k],), recording)[0]] = above
+            lifted[recorded_as((e.names[k],), recording)[0]] = above
     if not lifted:
         return []
     columns, above = tuple(lifted), float(np.mean(list(lifted.values())))
     many = "lies" if len(columns) == 1 else "lie"
-    return [Issue("absolute-pressure", columns, "advice", f"{_listed(columns)} {many} {above / 1e3:.0f} kPa above "
+    return [Issue("absolute-pressure", columns, "advice", f"{listed(columns)} {many} {above / 1e3:.0f} kPa above "
                   f"what the data sheet of rig {rig.name!r} leads to, as absolute pressures do",
                   "Set pressure = \"absolute\" in the mapping of `pamid ingest`; if they are gauge pressures, state "
                   "supply and initial pressure under [known].", (), {"above_kpa": above / 1e3})]
@@ -261,12 +276,12 @@ def _delays(e: Evidence, recording: Recording, rig: Rig) -> list[Issue]:
             late.setdefault(lag, []).append(name)
     found = []
     for lag, names in sorted(late.items()):
-        columns, delay = _recorded(names, recording), lag * period
+        columns, delay = recorded_as(names, recording), lag * period
         many = "answers" if len(columns) == 1 else "answer"
         hint = ("A load heavier than the data sheet's answers late, too: state it below [known]. A dead time or a lag "
                 "is for `pamid diagnose` to find; if clocks differ, shift the channel in the raw log." if lag > 0 else
                 "No rig answers before it is asked: shift the channel, or the command, in the raw log.")
-        found.append(Issue("delay", columns, "advice", f"{_listed(columns)} {many} {abs(1e3 * delay):.3g} ms "
+        found.append(Issue("delay", columns, "advice", f"{listed(columns)} {many} {abs(1e3 * delay):.3g} ms "
                            f"{'after' if lag > 0 else 'before'} the data sheet's model of rig {rig.name!r}", hint, (),
                            {"delay_s": delay}))
     return found
@@ -275,7 +290,7 @@ def _delays(e: Evidence, recording: Recording, rig: Rig) -> list[Issue]:
 # ---- shapes ------------------------------------------------------------------------------------------------------
 
 
-def _shapes(table: Array) -> Array:
+def shapes(table: Array) -> Array:
     """Every column block by block, without level and trend: (columns, blocks, samples)."""
     size = max(50, len(table) // BLOCKS)
     size = min(size, len(table))
@@ -312,10 +327,10 @@ def _like(names: Sequence[str]) -> list[tuple[int, int]]:
     return [(i, j) for i, j in itertools.combinations(range(len(names)), 2) if kinds[i] == kinds[j]]
 
 
-def _recorded(names: Sequence[str], recording: Recording) -> tuple[str, ...]:
+def recorded_as(names: Sequence[str], recording: Recording) -> tuple[str, ...]:
     """The recording's own columns for the rig's."""
     return tuple(match_column(recording.columns, n) or n for n in names)
 
 
-def _listed(names: Sequence[str]) -> str:
+def listed(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from pamid.assembly import Assembly
 from pamid.engine.program import Program, Stepping
+from pamid.metrics import seen_mean
 from pamid.windows import Runner, Track, Window, cut, estimate_start
 
 Array = NDArray[np.float64]
@@ -76,12 +77,20 @@ class Replay:
 
     @property
     def residual(self) -> Array:
-        """measured - model, samples x channels."""
-        return self.track.y - self.model
+        """measured - model, samples x channels; 0 where a channel was not recorded."""
+        left = self.track.y - self.model
+        return left if self.seen.all() else np.nan_to_num(left)
+
+    @property
+    def seen(self) -> NDArray[np.bool_]:
+        """Which channels were recorded."""
+        return self.led.seen
 
     def losses(self, power: int = 1) -> Array:
-        """Mean |residual|^power per window and channel over the scored part (windows x channels)."""
+        """Mean |residual|^power per window and channel over the scored part (windows x channels); NaN where a channel
+        was not recorded."""
         r = np.abs(self.residual) ** power
+        r[:, ~self.seen] = np.nan
         return np.array([r[w.start : w.stop][self.scored[w.start : w.stop]].mean(axis=0) for w in self.windows])
 
 
@@ -141,10 +150,17 @@ def noise_floor(assembly: Assembly, p: Array, done: Replay, stepping: Stepping, 
     departed from what was carried over, so did the truth's."""
     random = np.random.default_rng(seed)
     y = done.whole + noise * random.standard_normal(done.whole.shape)
+    y[:, ~done.seen] = np.nan
     return replay(assembly, p, replace(done.led, y=y), stepping, noise, done.starts - done.carried)
 
 
 def channel_mae(replays: list[Replay]) -> Array:
-    """Mean absolute error per channel (SI) over all scored samples."""
-    errors = [np.abs(r.residual[r.scored]) for r in replays]
-    return np.concatenate(errors).mean(axis=0)
+    """Mean absolute error per channel (SI) over all scored samples that have it."""
+    errors = [np.where(r.seen, np.abs(r.residual[r.scored]), np.nan) for r in replays]
+    return seen_mean(np.concatenate(errors))
+
+
+def spread_of(replays: Sequence[Replay]) -> Array:
+    """Standard deviation of every measured channel over all scored samples that have it (SI)."""
+    y = np.concatenate([r.track.y[r.scored] for r in replays])
+    return np.array([np.std(column[~np.isnan(column)]) for column in y.T])

@@ -35,7 +35,8 @@ def input_table(assembly: Assembly, recording: Recording, names: tuple[str, ...]
             columns.append(np.zeros(len(recording)))
         else:
             raise FileError(f"{recording.path}: rig {assembly.rig.name!r} needs the input column {name!r}",
-                            nearest(name, list(recording.columns)) or f"columns: {', '.join(recording.columns)}")
+                            nearest(name, list(recording.columns)) or f"columns: {', '.join(recording.columns)}",
+                            code="missing-column")
     return np.ascontiguousarray(np.stack(columns, axis=1)) if columns else np.zeros((len(recording), 0))
 
 

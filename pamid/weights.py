@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.metrics import seen_mean
+
 Array = NDArray[np.float64]
 
 
@@ -23,15 +25,18 @@ class Weights:
 
 
 def residual_weights(residuals: tuple[Array, ...], noise: Array, window: int) -> Weights:
-    """Size and correlation of residuals per channel: rms (at least the noise) and integrated autocorrelation time.
+    """Size and correlation of residuals per channel (NaN where it was not recorded): rms (at least the noise) and
+    integrated autocorrelation time.
 
     window: samples per window. The correlation counts up to an eighth of it: what is slower, the windows' own starts
     take up.
     """
-    rms = np.sqrt(np.mean(np.concatenate(residuals) ** 2, axis=0))
-    longest = max(residuals, key=len)
+    rms = np.sqrt(seen_mean(np.concatenate(residuals) ** 2))
     most = window / 8.0
-    lengths = np.array([correlation_length(longest[:, c]) for c in range(len(rms))])
+    lengths = np.empty(len(rms))
+    for c in range(len(rms)):
+        longest = max((r for r in residuals if not np.isnan(r[0, c])), key=len)
+        lengths[c] = correlation_length(longest[:, c])
     return Weights(np.maximum(rms, noise), np.clip(lengths, 1.0, max(most, 1.0)))
 
 

@@ -16,7 +16,7 @@ from pamid.diagnosis.next_experiment import bench_of, benches, in_question, next
 from pamid.diagnosis.proposal import FILE, Proposal, proposal_json
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.diagnosis.whole import diagnose_into
-from pamid.evidence import gather
+from pamid.evidence import Span, gather
 from pamid.excitation import aprbs
 from pamid.experiments import MENU, Bench, Experiment, amplitude_sweep, menu, odd_multisine, slow_reversals, speed_runs
 from pamid.greybox import fit_model
@@ -76,7 +76,8 @@ def test_what_it_expects_is_what_comes(rubbing: tuple[Path, Path, Recording, Dia
     one by about what was expected, the right one by a small part of that."""
     folder, rig, old, d, p = rubbing
     new = drawn(folder, "new", p.columns, rig, 7)
-    evidence = gather(rig_named(str(rig)), [old, new], [new])
+    whole = gather(rig_named(str(rig)), [old, new], [])
+    evidence = replace(whole, fit=tuple(Span(s.recording, 0, len(s.recording)) for s in whole.fit))
     at = [s.recording is new for s in evidence.fit].index(True)
     right, wrong = (fit_model(evidence, c.attached).fit.residuals[at] for c in in_question(d)[0])
     missed, met = (float(np.sqrt((left**2).mean()) / d.evidence.noise[0]) for left in (wrong, right))

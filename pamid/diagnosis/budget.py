@@ -15,6 +15,7 @@ from pamid.diagnosis.kept import grey_box_of, grey_box_plain
 from pamid.evidence import Evidence
 from pamid.greybox import GreyBox, fit_model
 from pamid.jobs import Crew, Work
+from pamid.metrics import seen_mean
 from pamid.residuals import Replay, replay
 from pamid.results import Plain
 
@@ -43,18 +44,18 @@ class Budget:
 
     def excess(self, absolutes: Array, rows: NDArray[np.bool_]) -> float:
         """Error above the floor, in floors, summed over channels."""
-        floor = self.floor[rows].mean(axis=0)
-        return float(np.maximum(absolutes[rows].mean(axis=0) / floor - 1.0, 0.0).sum())
+        floor = seen_mean(self.floor[rows])
+        return float(np.nansum(np.maximum(seen_mean(absolutes[rows]) / floor - 1.0, 0.0)))
 
     def shrinkage(self, absolutes: Array, rows: NDArray[np.bool_] | NDArray[np.intp]) -> float:
         """1 - error/baseline error, channels weighed by their floors."""
-        floor = self.floor.mean(axis=0)
-        before = (self.baseline.absolutes[rows].mean(axis=0) / floor).sum()
-        return float(1.0 - (absolutes[rows].mean(axis=0) / floor).sum() / before)
+        floor = seen_mean(self.floor)
+        before = np.nansum(seen_mean(self.baseline.absolutes[rows]) / floor)
+        return float(1.0 - np.nansum(seen_mean(absolutes[rows]) / floor) / before)
 
     def channel_losses(self, absolutes: Array) -> Array:
         """One loss per window: channels added in units of their floors."""
-        return (absolutes / self.floor.mean(axis=0)).sum(axis=1)
+        return np.asarray(np.nansum(absolutes / seen_mean(self.floor), axis=1))
 
 
 def gap_budget(evidence: Evidence, *, seed: int, crew: Crew, told: Callable[[str], None]) -> Budget:
@@ -91,7 +92,7 @@ class _BlackBox(Work[int, Array]):
         m = self.model
         training = [replay(m.assembly, m.fit.p, t, m.fit.stepping, m.evidence.noise)
                     for t in m.evidence.tracks(m.assembly)]
-        return {"left": black_box(training, list(m.held_out), item, _losses(m.floor).mean(axis=0))}
+        return {"left": black_box(training, list(m.held_out), item, seen_mean(_losses(m.floor)))}
 
     def restored(self, item: int, found: Plain) -> Array:
         left: Array = found["left"]
@@ -126,16 +127,18 @@ def black_box(training: list[Replay], held_out: list[Replay], seed: int, floor: 
     for c in range(result.shape[1]):
         without = np.array([np.abs(y[scored, c]).mean() for _, y, scored in rows_out])
         result[:, c] = without
-        if without.mean() < NOTHING_LEFT * floor[c]:
+        if seen_mean(without) < NOTHING_LEFT * floor[c]:
             continue
-        target = [y[:, c] for _, y, _ in rows_in]
+        having = [i for i, (_, y, _) in enumerate(rows_in) if not np.isnan(y[0, c])]
+        target = [rows_in[i][1][:, c] for i in having]
         scale = np.concatenate(target).std() + 1e-300
         network = Elman(turn.shape[1], 8)
-        done = train(network, inputs, [t / (2.0 * scale) for t in target], iterations=ITERATIONS, seed=seed)
+        done = train(network, [inputs[i] for i in having], [t / (2.0 * scale) for t in target],
+                     iterations=ITERATIONS, seed=seed)
         guesses = [network.simulate(done.weights, x) for x in unseen]
-        left = np.array([min(np.abs((y[:, c] - 2.0 * scale * g)[scored]).mean(), 1e300)
+        left = np.array([np.minimum(np.abs((y[:, c] - 2.0 * scale * g)[scored]).mean(), 1e300)
                          for g, (_, y, scored) in zip(guesses, rows_out, strict=True)])
-        if left.mean() < without.mean():
+        if seen_mean(left) < seen_mean(without):
             result[:, c] = left
     return result
 
@@ -148,6 +151,7 @@ def _windows(r: Replay) -> list[tuple[Array, Array, NDArray[np.bool_]]]:
         model = r.model[w.start : w.stop]
         rate = np.gradient(model, axis=0) if len(model) > 2 else np.zeros_like(model)
         x = np.concatenate([r.track.u[w.start : w.stop], model, rate], axis=1)[::step]
-        out.append((np.ascontiguousarray(x), np.ascontiguousarray(r.residual[w.start : w.stop][::step]),
+        left = np.where(r.seen, r.residual[w.start : w.stop], np.nan)[::step]
+        out.append((np.ascontiguousarray(x), np.ascontiguousarray(left),
                     r.scored[w.start : w.stop][::step]))
     return out

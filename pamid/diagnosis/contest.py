@@ -12,6 +12,7 @@ from pamid.assembly import Assembly
 from pamid.attaching import Attachment
 from pamid.evidence import Evidence
 from pamid.fitting import Fit, Problem, fit, free_parameters
+from pamid.metrics import seen_mean
 from pamid.residuals import Replay, replay
 from pamid.weights import residual_weights
 
@@ -20,7 +21,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Contender:
-    """A model that was fitted and replayed. squares, absolutes: mean loss per held-out window and channel (SI)."""
+    """A model that was fitted and replayed. squares, absolutes: mean loss per held-out window and channel (SI), NaN
+    where a channel was not recorded."""
 
     assembly: Assembly
     fit: Fit
@@ -46,7 +48,7 @@ class Contender:
     @property
     def finite(self) -> bool:
         return (bool(self.fit.residuals) and all(r.finite for r in self.replays)
-                and bool(np.isfinite(self.squares).all()))
+                and not bool(np.isinf(self.squares).any()))
 
     @property
     def family(self) -> str:
@@ -137,6 +139,16 @@ def bootstrap_losses(contenders: list[Contender], chosen: NDArray[np.bool_], see
     fitted = resamples(len(contenders[0].fitted_squares), draws, seed + 1)
     out = np.empty((len(contenders), draws))
     for i, c in enumerate(contenders):
-        held, trained = c.squares[chosen][own].mean(axis=1), c.fitted_squares[fitted].mean(axis=1)
+        held, trained = _drawn_means(c.squares[chosen], own), _drawn_means(c.fitted_squares, fitted)
         out[i] = 0.5 * (np.log(held) + np.log(trained)).sum(axis=1)
     return out
+
+
+def _drawn_means(squares: Array, rows: NDArray[np.intp]) -> Array:
+    """Mean per draw and channel; a channel that no window of a draw has counts as it does on the whole, one that no
+    window has at all not at all."""
+    found = seen_mean(squares[rows], axis=1)
+    if np.isnan(found).any():
+        whole = seen_mean(squares)
+        found = np.where(np.isnan(found), np.where(np.isnan(whole), 1.0, whole), found)
+    return found

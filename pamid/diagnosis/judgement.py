@@ -20,7 +20,8 @@ from pamid.diagnosis.budget import NO_GAP, Budget
 from pamid.diagnosis.contest import Contender, bootstrap_losses
 from pamid.diagnosis.latent import Located
 from pamid.intervals import background_pull, estimates
-from pamid.metrics import moving_block_interval, shrinkage_interval
+from pamid.metrics import moving_block_interval, seen_mean, shrinkage_interval
+from pamid.residuals import spread_of
 
 Array = NDArray[np.float64]
 
@@ -57,8 +58,12 @@ class Grounds:
 
 def at_the_floor(budget: Budget, seed: int) -> bool:
     """The refitted model is at the floor in every channel, within 10 %, with 95 % confidence."""
-    return all(moving_block_interval(budget.baseline.absolutes[:, c], budget.floor[:, c], seed=seed)[1] < 1.0 + NO_GAP
-               for c in range(budget.floor.shape[1]))
+    def high(left: Array, floor: Array) -> float:
+        seen = ~np.isnan(floor)
+        return moving_block_interval(left[seen], floor[seen], seed=seed)[1]
+
+    return all(high(left, floor) < 1.0 + NO_GAP for left, floor in zip(budget.baseline.absolutes.T, budget.floor.T,
+                                                                       strict=True))
 
 
 def weigh(budget: Budget, chosen: NDArray[np.bool_], ranking: tuple[Contender, ...], best: Contender | None,
@@ -66,8 +71,7 @@ def weigh(budget: Budget, chosen: NDArray[np.bool_], ranking: tuple[Contender, .
     """The grounds for a verdict; without any candidate those of the baseline alone."""
     base, rows = budget.baseline, chosen
     gap = budget.excess(base.absolutes, rows)
-    spread = np.std(np.concatenate([r.track.y[r.scored] for r in base.replays]), axis=0)
-    error = base.absolutes[rows].mean(axis=0)
+    spread, error = spread_of(base.replays), seen_mean(base.absolutes[rows])
     model = best or base
     first = ranking[0] if ranking else base
     other = next((c for c in ranking if c.family != first.family), base) if ranking else base
@@ -82,8 +86,8 @@ def weigh(budget: Budget, chosen: NDArray[np.bool_], ranking: tuple[Contender, .
                 if ranking and base.assembly.rig.group_of(k) in groups), default=0.0)
     strains = [e.strain for e in estimates(model.fit) if not e.bound.owner]
     return Grounds(
-        visible=float((error / budget.floor[rows].mean(axis=0)).max()), gap=gap,
-        of_signal=float((error / spread).max()),
+        visible=float(np.nanmax(error / seen_mean(budget.floor[rows]))), gap=gap,
+        of_signal=float(np.nanmax(error / spread)),
         left=budget.excess(model.absolutes, rows) / gap if gap > 0.0 else 0.0,
         ceiling=budget.excess(budget.black_box, rows) / gap if gap > 0.0 else 0.0,
         shrinkage=budget.shrinkage(model.absolutes, rows),

@@ -120,8 +120,8 @@ def measured_signals(evidence: Evidence, r: Replay) -> dict[str, tuple[Array, st
     for i, channel in enumerate(evidence.channels):
         stem, _ = split_column(channel)
         unit = display_unit(evidence.rig.outputs[channel])
-        smooth = savgol_filter(r.track.y[:, i], length, 2)
-        rate = savgol_filter(r.track.y[:, i], length, 2, deriv=1, delta=period)
+        y = r.track.y[:, i] if r.seen[i] else r.model[:, i]
+        smooth, rate = savgol_filter(y, length, 2), savgol_filter(y, length, 2, deriv=1, delta=period)
         out[stem] = (from_si(smooth, unit), unit)
         out["velocity" if stem in ("angle", "position") else f"{stem}_rate"] = (from_si(rate, unit), f"{unit}/s")
     for i, name in enumerate(evidence.rig.inputs):

@@ -144,7 +144,7 @@ def benches(evidence: Evidence, bench: Bench, e: Experiment, model: Contender) -
 
 def _stays(evidence: Evidence, made: Recording) -> bool:
     for channel in evidence.channels:
-        before = np.concatenate([r.signal(channel) for r in evidence.recordings])
+        before = np.concatenate([r.signal(channel) for r in evidence.recordings if r.has(channel)])
         room = BEYOND * float(np.ptp(before))
         now = made.columns[channel]
         if now.min() < before.min() - room or now.max() > before.max() + room:

@@ -73,7 +73,7 @@ class Path:
             Y, _, fine = self.runner.run(memory, window, values, False)
             if not fine:
                 return Followed(end, np.inf)
-            cost += float((((Y - self.runner.track.y[window.start : window.stop]) / noise) ** 2).sum())
+            cost += float(np.nansum(((Y - self.runner.track.y[window.start : window.stop]) / noise) ** 2))
             end[i] = memory.x[: end.shape[1]]
         return Followed(end, cost)
 
@@ -81,7 +81,8 @@ class Path:
         """p: parameters (SI); slope: theirs by prior spread; moving: derivatives by them, too?"""
         runner = self.runner if moving else replace(self.runner, free=())
         count, n, k = len(self.x), self.x.shape[1], len(slope)
-        values, root = runner.parameters(p), 1.0 / noise
+        values, root, seen = runner.parameters(p), 1.0 / noise, runner.track.seen
+        own_root = root if seen.all() else np.where(seen, root, 0.0)
         memory, first = runner.memory(values), 0 if moving else k
         D, B, S = np.zeros((count, n, n)), np.zeros((count, n, k)), np.zeros((count, n, k + n))
         gx, end, H, g, cost = np.zeros((count, n)), np.zeros((count, n)), np.zeros((k, k)), np.zeros(k), 0.0
@@ -89,10 +90,12 @@ class Path:
         A = np.zeros((0, k + n))
         for i, window in enumerate(self.slices):
             runner.enter(memory, self.x[i])
-            Y, J, fine = runner.run(memory, window, values, True, root)
+            Y, J, fine = runner.run(memory, window, values, True, own_root)
             if not fine:
                 return Linear(H, D, B, g, gx, end, S[:, :, k:], S[:, :, :k], np.inf)
             r = ((Y - runner.track.y[window.start : window.stop]) * root).ravel()
+            if not seen.all():
+                r = np.nan_to_num(r)
             if len(A) != len(J):
                 A = np.zeros((len(J), k + n))
             A[:, first:] = J[:, : len(by)] * by

@@ -84,7 +84,7 @@ class Ground:
         spans, starts = [], []
         for track, x, r in zip(problem.tracks, base.starts, base.residuals, strict=True):
             windows = problem.windows(track)
-            losses = np.array([((r[w.start : w.stop] * base.weights.root) ** 2).sum() for w in windows])
+            losses = np.array([np.nansum((r[w.start : w.stop] * base.weights.root) ** 2) for w in windows])
             first, last = _worst_run(problem, track, windows, losses, max(3, round(share * len(windows))))
             spans.append((windows[first].start, windows[last].stop))
             starts.append(x[first : last + 1])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +11,8 @@ from numpy.typing import NDArray
 from pamid.attaching import Attachment, attachments
 from pamid.diagnosis.budget import Budget, gap_budget
 from pamid.diagnosis.clues import gather_clues
-from pamid.diagnosis.contest import Contender
+from pamid.diagnosis.contest import Contender, replayed
+from pamid.diagnosis.doubt import doubt
 from pamid.diagnosis.further import Extended, Newcomer, extended
 from pamid.diagnosis.guess import explains_nothing
 from pamid.diagnosis.judgement import Grounds, Judged, at_the_floor, is_backed, judge, probabilities, weigh
@@ -21,6 +23,7 @@ from pamid.diagnosis.search import Search, Told, ranked, run_round, tied_with_fi
 from pamid.effect import Effect
 from pamid.evidence import Evidence, selection_part
 from pamid.jobs import Crew
+from pamid.restart import freed
 
 REACH = 0.3         # of the largest latent evidence: of many candidates those at ports with less are not screened
 
@@ -48,6 +51,7 @@ class Diagnosis:
     screened: str = ""                        # family that the screen alone would have named
     newcomers: tuple[Newcomer, ...] = ()      # further effects that were weighed beside the first
     empty: bool = False                       # the best model makes nothing of what was recorded
+    units: dict[str, Any] | None = None       # why units and signs are in doubt
 
     @property
     def cause(self) -> Contender | None:
@@ -80,7 +84,7 @@ def diagnose(evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: in
     ranking, wins = ranked(search, contenders)
     classes = look_alike_classes(evidence, base, list(ranking[:8]))
     found = extended(search, ranking, located) if ranking else Extended(base, located)
-    best = found.best if ranking else None
+    best = _freed(evidence, found.best) if ranking else None
     ranking, wins = _with_best(ranking, wins, best)
     grounds = weigh(budget, chosen, ranking, best, located, found.after, seed)
     tied = tied_with_first(search, ranking, classes)
@@ -88,9 +92,20 @@ def diagnose(evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: in
     judged = judge(grounds, ambiguous=best is not None and len(best.attached) == 1
                    and len({c.family for c in tied}) > 1,
                    backed=best is None or is_backed(budget, best, ~chosen, seed), empty=empty)
-    return Diagnosis(evidence, budget, chosen, judged.verdict, ranking, tuple(probabilities(judged, wins)),
+    units = doubt(evidence, base, best)
+    verdict = "unknown-effect" if units and judged.verdict in ("explained", "ambiguous") else judged.verdict
+    return Diagnosis(evidence, budget, chosen, verdict, ranking, tuple(probabilities(judged, wins)),
                      tuple(failed), tied, best, located, grounds, judged, tuple(tuple(k) for k in classes),
-                     screened, found.newcomers, empty)
+                     screened, found.newcomers, empty, units)
+
+
+def _freed(evidence: Evidence, best: Contender) -> Contender:
+    """The best model, out of the trap if its fit ended in one."""
+    fitted = freed(best.fit, evidence.noise)
+    if fitted is best.fit:
+        return best
+    better = replayed(evidence, best.assembly, fitted)
+    return better if better.finite else best
 
 
 def within_reach(candidates: list[Attachment], located: Located) -> list[Attachment]:

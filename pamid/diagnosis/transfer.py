@@ -29,6 +29,8 @@ def transfer(d: Diagnosis) -> list[dict[str, Any]]:
             continue
         entry: dict[str, Any] = {"recording": span.recording.sha256[:12], "differs": new}
         for i, channel in enumerate(d.evidence.channels):
+            if not span.recording.has(channel):
+                continue
             was, now = d.budget.baseline.absolutes[rows, i].mean(), d.cause.absolutes[rows, i].mean()
             entry[channel] = {"mae_refitted": as_column(channel, was), "mae_with_cause": as_column(channel, now),
                               "shrinkage": float(1.0 - now / was)}
@@ -45,7 +47,9 @@ def differences(d: Diagnosis, span: Span) -> dict[str, Any]:
         new["loop"] = own.loop
     if own.controller and all(r.controller != own.controller for r in fitted):
         new["controller"] = {k: v for k, v in own.controller.items() if all(r.controller.get(k) != v for r in fitted)}
-    channel = d.evidence.channels[0]
+    channel = next((c for c in d.evidence.channels if all(r.has(c) for r in (own, *fitted))), None)
+    if channel is None:
+        return new
     spread = own.si(channel)[span.start : span.stop].std()
     ratios = [spread / max(s.recording.si(channel)[s.start : s.stop].std(), 1e-300) for s in d.evidence.fit]
     if all(not 1.0 / AMPLITUDE < r < AMPLITUDE for r in ratios):

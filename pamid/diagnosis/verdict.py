@@ -15,6 +15,7 @@ from pamid.diagnosis.tournament import Diagnosis
 from pamid.diagnosis.transfer import transfer
 from pamid.intervals import background_pull, estimates
 from pamid.isolability import isolability
+from pamid.metrics import seen_mean
 from pamid.units import as_column
 
 Array = NDArray[np.float64]
@@ -56,6 +57,7 @@ def diagnosis_json(d: Diagnosis, unknown: dict[str, Any] | None, seed: int,
         "parameters": parameters,
         "background": _background(d, final),
         "unknown": unknown,
+        "units": d.units,
         "further": [vars(n) for n in d.newcomers],
         "grounds": vars(d.grounds) if d.grounds else None,
         "confidence": {k: v for k, v in vars(d.judged).items() if k != "verdict"} if d.judged else None,
@@ -117,8 +119,8 @@ def _ranked(d: Diagnosis, c: Contender, probability: float, seed: int) -> dict[s
     low, high = forecast_interval(base[rows], losses[rows], seed)
     held = {}
     for i, channel in enumerate(d.evidence.channels):
-        held[channel] = {"mae_before": as_column(channel, d.budget.baseline.absolutes[rows, i].mean()),
-                         "mae_after": as_column(channel, c.absolutes[rows, i].mean())}
+        held[channel] = {"mae_before": as_column(channel, float(seen_mean(d.budget.baseline.absolutes[rows, i]))),
+                         "mae_after": as_column(channel, float(seen_mean(c.absolutes[rows, i])))}
     return {"effect": c.attached[-1].label, "family": c.family, "port": c.group, "probability": probability,
             "held_out": held, "shrinkage": d.budget.shrinkage(c.absolutes, rows), "low": low, "high": high,
             "converged": c.fit.converged, "why": c.fit.why}
@@ -126,8 +128,9 @@ def _ranked(d: Diagnosis, c: Contender, probability: float, seed: int) -> dict[s
 
 def how_far(d: Diagnosis, i: int, seed: int) -> dict[str, float | None]:
     """One channel's errors on the windows that only report, in the column's unit."""
-    rows = d.reporting if d.reporting.any() else d.chosen
     channel, b = d.evidence.channels[i], d.budget
+    seen = ~np.isnan(b.floor[:, i])
+    rows = d.reporting & seen if (d.reporting & seen).any() else seen
     before = b.baseline.absolutes[rows, i]
     after = (d.cause or b.baseline).absolutes[rows, i]
     low, high = forecast_interval(before, after, seed)
@@ -154,7 +157,7 @@ def _isolable(d: Diagnosis) -> dict[str, Any]:
 def _background(d: Diagnosis, final: Contender) -> dict[str, dict[str, float]]:
     """Pull of every background term, and a share of the data sheet's gap in proportion to its squared pull."""
     pulls = background_pull(final.fit)
-    sheet, refitted = d.budget.data_sheet.sum(), d.budget.baseline.absolutes.sum()
+    sheet, refitted = np.nansum(d.budget.data_sheet), np.nansum(d.budget.baseline.absolutes)
     gained = max(0.0, 1.0 - refitted / sheet) if sheet > 0 else 0.0
     everything = sum(e.strain**2 for e in estimates(final.fit) if not e.bound.owner) + sum(
         v**2 for v in pulls.values())
@@ -164,6 +167,9 @@ def _background(d: Diagnosis, final: Contender) -> dict[str, dict[str, float]]:
 
 def remark(d: Diagnosis) -> str:
     """What is wrong with the recordings, or with how they were read, where no verdict on the model means anything."""
+    if d.units:
+        channel, share = max(d.units["error_over_spread"].items(), key=lambda pair: pair[1])
+        return f"The refitted model misses {channel} by {share:.2g} times what it moves. {d.units['advice']}"
     if not d.empty:
         return ""
     return ("The recordings show nothing that this model could have made of its input: it predicts them no better than "
@@ -173,8 +179,8 @@ def remark(d: Diagnosis) -> str:
 
 def sentence(d: Diagnosis, unknown: dict[str, Any] | None) -> str:
     """The verdict in one sentence; a remark goes before it."""
-    if d.empty:
-        return remark(d)
+    if said := remark(d):
+        return said
     if d.verdict == "no-structural-gap":
         return "Nothing beyond retuned parameters and ordinary tolerances: no structural gap was found."
     if d.verdict == "unknown-effect" or d.cause is None:

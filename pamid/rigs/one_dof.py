@@ -67,6 +67,7 @@ class OneDof(Rig):
     loops = (Loop("command", "reference_deg", "angle_deg"),)
     controller = {"kp_per_deg": 0.10, "kd_s_per_deg": 0.003, "derivative_filter_s": 0.006, "command_limit": 1.0}
     noise = {"angle_deg": 0.05, "pressure_1_kpa": 1.0, "pressure_2_kpa": 1.0, "force_1_n": 3.0, "force_2_n": 3.0}
+    period_s = 0.003
     excited = {"reference_deg": 40.0, "command": 0.8}
     filled_by = {"1": ("command", 1.0), "2": ("command", -1.0)}
     variants = tuple(LAWS)

@@ -138,6 +138,7 @@ class TwoLink(Rig):
     controller = {"kp_per_deg": 0.05, "kd_s_per_deg": 0.003, "derivative_filter_s": 0.006, "command_limit": 1.0}
     noise = {**dict.fromkeys(("angle_1_deg", "angle_2_deg"), 0.05), **{f"contraction_{i}": 2e-4 for i in MUSCLES},
              **{f"pressure_{i}_kpa": 1.0 for i in MUSCLES}, **{f"force_{i}_n": 3.0 for i in MUSCLES}}
+    period_s = 0.003
     excited = {"reference_1_deg": 20.0, "reference_2_deg": 30.0, "command_1": 0.8, "command_2": 0.8}
     filled_by = {i: (f"command_{i[0]}", 1.0 if i[1] == "1" else -1.0) for i in MUSCLES}
     variants = tuple(LAWS)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,7 @@ from pamid.diagnosis.unknown import describe_unknown
 from pamid.diagnosis.verdict import diagnosis_json
 from pamid.effect import Effect
 from pamid.errors import PamidError
-from pamid.evidence import Evidence, gather
+from pamid.evidence import Evidence, Span, gather
 from pamid.files import make_folder
 from pamid.greybox import fit_model
 from pamid.jobs import Crew, Failed, Work, fault_text
@@ -211,7 +211,7 @@ def _shrinkage(d: Diagnosis, told: dict[str, Any], fresh: Recording) -> dict[str
     model became unstable on it."""
     assert d.cause is not None
     rows = d.reporting if d.reporting.any() else d.chosen
-    other = gather(d.evidence.rig, [fresh], [fresh])
+    other = replace(gather(d.evidence.rig, [fresh], []), held_out=(Span(fresh, 0, len(fresh)),))
     before, after = (replayed(other, m.assembly, m.fit) for m in (d.budget.baseline, d.cause))
     if not (before.finite and after.finite):
         return None
