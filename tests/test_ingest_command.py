@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -331,7 +332,7 @@ def test_all_files_or_none(here: Path, capsys: pytest.CaptureFixture[str], monke
         assert ran(capsys, "log.csv", "--mapping", "map.toml", "--output", "rec.csv")[1]["code"] == "disk-full"
     assert sorted(here.iterdir()) == before
     moved: list[str] = []
-    replace = account.os.replace
+    replace = os.replace
 
     def fails_late(source: Path, target: Path) -> None:
         if "stage" not in str(source) and len(moved) == 2:
@@ -340,7 +341,7 @@ def test_all_files_or_none(here: Path, capsys: pytest.CaptureFixture[str], monke
         replace(source, target)
 
     with monkeypatch.context() as patch:
-        patch.setattr(account.os, "replace", lambda a, b: fails_late(a, b) if ".ingest-" in str(a) and
+        patch.setattr(os, "replace", lambda a, b: fails_late(a, b) if ".ingest-" in str(a) and
                       ".ingest-" not in str(b) else replace(a, b))  # fmt: skip
         assert ran(capsys, "log.csv", "--mapping", "map.toml", "--output", "rec.csv")[1]["code"] == "write"
     assert sorted(here.iterdir()) == before and len(moved) == 2
