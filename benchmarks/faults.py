@@ -48,7 +48,7 @@ DISK: dict[str, tuple[list[str], bool]] = {
     "export --to ": (["fmu", "run", "--rig", RIG, "--output", "cart.fmu"], True),
     "export --to  ": (["onnx", "run", "--rig", RIG, "--output", "cart.onnx"], True),
     "fit": (["rec.csv", "--rig", RIG, "--bootstrap", "3", "--output", "run", "--overwrite"], False),
-    "diagnose": (["rec.csv", "--rig", RIG, *others(), "--output", "run", "--overwrite"], False),
+    "diagnose": (["rec.csv", "--rig", RIG, *others(), "--jobs", "1", "--output", "run", "--overwrite"], False),
     "train-residual": (["run", "--hidden", "2", "--iterations", "3", "--jobs", "1"], False),
     "force-law": (["points.csv", "--output", "law", "--sets", "2", "--no-strict"], False),
     "trial": (["--output", "trial", "--cases", "3", "--jobs", "1"], False),
@@ -160,7 +160,7 @@ def kills(only: str, rounds: int, seed: int) -> int:
             "diagnose": (diagnosed, fresh, 1),
             "resume": (diagnosed, fresh, 3),
             "fit": (["fit", recording, "--rig", RIG, "--bootstrap", "20", "--jobs", "2", "--output"], fresh, 1),
-            "trial": (["trial", "--cases", "40", "--jobs", "2", "--output"], fresh, 1),
+            "trial": (["trial", "--cases", "40", "--jobs", "1", "--output"], fresh, 1),
             "train-residual": (["train-residual", "--hidden", "3", "--iterations", "40", "--jobs", "1"], fitted, 1),
         }
         print(f"{'command':16s}{'signal':>8s}{'rounds':>8s}{'disturbed':>11s}{'same bytes':>12s}{'wrong':>7s}{'s':>7s}")

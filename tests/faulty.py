@@ -234,12 +234,12 @@ def complaints(before: Tree, whole: Outcome, failed: Outcome, *, together: bool,
     if failed.code == 3 and '"schema": "pamid.error/1"' not in failed.said:
         wrong.append(f"no error: {failed.said[:300]}")
     for name, content in failed.tree.items():
-        if name not in before and name not in whole.tree and not _of_a_job(name):
+        if name not in before and name not in whole.tree and not _of_progress(name):
             wrong.append(f"{name} is left behind")
         elif Path(name).name == "run.json":
             if json.loads(content)["ended"] is not None and name not in before and not done and together is False:
                 wrong += [f"{name} says that it ended well"] if json.loads(content)["outcome"] == "done" else []
-        elif not _of_a_job(name) and content not in (before.get(name), whole.tree.get(name)):
+        elif not _of_progress(name) and content not in (before.get(name), whole.tree.get(name)):
             wrong.append(f"{name} is neither what it was nor what it should become")
     if together and _results(failed.tree) not in (_results(before), _results(whole.tree)):
         wrong.append("some files were written and some were not")
@@ -251,8 +251,9 @@ def _results(tree: Tree) -> Tree:
     return {k: v for k, v in tree.items() if Path(k).name not in ("run.json", JOURNAL)}
 
 
-def _of_a_job(name: str) -> bool:
-    return Path(name).parent.name == "jobs"
+def _of_progress(name: str) -> bool:
+    """Is it kept for --resume, and written again and again?"""
+    return Path(name).parent.name == "jobs" or Path(name).name == "checkpoint.npz"
 
 
 def fresh_copy(source: Path, target: Path) -> Path:

@@ -201,10 +201,12 @@ def test_a_trial_goes_on_where_it_was_disturbed(number: int, tmp_path: Path, mon
         return ["trial", "--output", str(folder), "--cases", "6", "--jobs", "1", *more]
 
     whole, folder = tmp_path / "whole", tmp_path / "run"
-    halted = Halted(tried(folder), "after", "0", 3, stand_in=QUICK_CASES)
+    event = ("before", "0", 4) if number == signal.SIGKILL else ("after", "0", 3)
+    halted = Halted(tried(folder), *event, stand_in=QUICK_CASES)
     code, _ = halted.end(number)
     assert code == (130 if number == signal.SIGTERM else -number)
-    assert len(list((folder / "cases").iterdir())) == 3
+    assert len(leftovers(folder)) == (number == signal.SIGKILL)
+    assert len(list((folder / "cases").glob("[0-9]*.json"))) == 3
     again: list[int] = []
 
     def examine(case: Any, place: Path) -> Any:
@@ -212,7 +214,7 @@ def test_a_trial_goes_on_where_it_was_disturbed(number: int, tmp_path: Path, mon
         return quick_examine(case, place)
 
     monkeypatch.setattr(work, "examine", examine)
-    assert frame.run(tried(folder, "--resume")) == 0 and len(again) == 3
+    assert frame.run(tried(folder, "--resume")) == 0 and len(again) == 3 and not leftovers(folder)
     assert frame.run(tried(whole)) == 0
     for name in ("trial.json", "labels.json", *(f"cases/{p.name}" for p in (whole / "cases").iterdir())):
         assert (folder / name).read_bytes() == (whole / name).read_bytes()

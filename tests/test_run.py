@@ -88,7 +88,7 @@ def _files(folder: Path) -> list[str]:
     return sorted(item.relative_to(folder).as_posix() for item in folder.rglob("*") if not item.is_dir())
 
 
-def test_overwriting_follows_no_link_out_of_the_run(tmp_path: Path) -> None:
+def test_overwriting_follows_no_link_out_of_the_run(tmp_path: Path, unchecked: None) -> None:
     """Neither through a linked folder, nor by a name of a stranger's run.json that leads elsewhere."""
     away = tmp_path / "away"
     away.mkdir()

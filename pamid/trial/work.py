@@ -24,7 +24,7 @@ from pamid.diagnosis.verdict import diagnosis_json
 from pamid.effect import Effect
 from pamid.errors import PamidError
 from pamid.evidence import Evidence, Span, gather
-from pamid.files import make_folder
+from pamid.files import make_folder, sweep
 from pamid.greybox import fit_model
 from pamid.jobs import Crew, Failed, Work, fault_text
 from pamid.library import catalogue_rig, effects
@@ -52,6 +52,7 @@ def run_trial(folder: Path, part: str, count: int, seed: int, crew: Crew, *, rig
     cases = chosen(part, count, seed, rig=rig, only=only)
     labels = [c.label() for c in cases]
     digest = cases_sha256(cases)
+    sweep(folder / "cases")
     write_json(folder / "labels.json", {"schema": LABELS_SCHEMA, "rig": rig, "part": part, "seed": seed,
                                         "cases_sha256": digest, "cases": labels})
     results = run_cases(cases, folder, crew, done=done)
