@@ -103,6 +103,7 @@ def _write(output: Path, form: str, figure: Path | None, made: Made, request: di
     from pamid.excitation_files import FORMATS, write_excitation
 
     period, samples = request["period"], made.about["samples"]
+    follow = _simulated(output, made, request["rig"]) if form == "csv" else FORMATS[form].heed
     pictures = {}
     if figure is not None:
         from pamid.report.excitation_figure import Shown, richness_picture
@@ -117,14 +118,11 @@ def _write(output: Path, form: str, figure: Path | None, made: Made, request: di
     left = [f"  {sidecar} was there before and is left as it is; what it states holds for this excitation too."]
     said = [first, *made.said, *([f"  Picture: {figure}."] if figure else []),
             *(left if sidecar.exists() and not made.meta else [])]
-    follow = _simulated(output, made, request["rig"]) if form == "csv" else FORMATS[form].heed
     return frame.Result(about, "\n".join([*said, f"Next: {follow}"]))
 
 
 def _simulated(output: Path, made: Made, rig: str) -> str:
-    from pamid.library import rig_named
-
-    why = why_not_driven(rig_named(rig), output, made.columns)
+    why = why_not_driven(rig, output, made.columns)
     if why:
         return f"send it to your rig; to simulate it, name one with --rig that takes it: {why}."
     return f"pamid simulate --rig {rig} --excitation {output} --output {unused('rec.csv', [output])}"
