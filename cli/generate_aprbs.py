@@ -126,9 +126,7 @@ def _write(output: Path, form: str, figure: Path | None, made: Made, request: di
 
 
 def _simulated(output: Path, made: Made, rig: str) -> str:
-    from pamid.library import rig_named
-
-    why = why_not_driven(rig_named(rig), output, made.columns)
+    why = why_not_driven(rig, output, made.columns)
     if why:
         return f"send it to your rig; to simulate it, name one with --rig that takes it: {why}."
     return (f"pamid simulate --rig {quoted(rig)} --excitation {quoted(output)} "

@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from pamid.rig import Rig
-
 MOST_TRIED = 1000
 
 
@@ -24,20 +22,23 @@ def unused(name: str, read: Iterable[Path] = ()) -> str:
     return str(next((p for p in every if not p.exists() and p.resolve() not in taken), first))
 
 
-def why_not_driven(rig: Rig, path: Path, columns: Mapping[str, NDArray[Any]]) -> str:
-    """What keeps `pamid simulate` from sending these columns to a rig, "" where nothing does."""
+def why_not_driven(rig_name: str, path: Path, columns: Mapping[str, NDArray[Any]]) -> str:
+    """What keeps `pamid simulate` from sending these columns to a rig, "" where nothing does. A rig is only noted, and
+    need not be there, for columns that were named by hand."""
     import numpy as np
 
     from pamid.errors import FileError
+    from pamid.library import rig_named
     from pamid.recording import Recording
     from pamid.virtual import in_its_loop
 
     sent = Recording(path.stem, path, "", np.zeros(0), dict(columns), 1.0)
-    needed = [name for name in rig.inputs if name not in rig.optional and not sent.has(name)]
     try:
+        rig = rig_named(rig_name)
         closed = in_its_loop(rig, sent)
     except FileError as error:
-        return str(error)
+        return error.message.rstrip(".")
+    needed = [name for name in rig.inputs if name not in rig.optional and not sent.has(name)]
     if needed and not closed:
         return f"rig {rig.name!r} needs {' and '.join(needed)}"
     known = (*rig.inputs, *(q.reference for q in rig.loops))

@@ -63,11 +63,7 @@ class Evidence:
 
     @property
     def recordings(self) -> list[Recording]:
-        found: list[Recording] = []
-        for span in (*self.fit, *self.held_out):
-            if all(span.recording is not r for r in found):
-                found.append(span.recording)
-        return found
+        return list({id(s.recording): s.recording for s in (*self.fit, *self.held_out)}.values())
 
 
 def gather(rig: Rig, recordings: list[Recording], held_out: list[Recording]) -> Evidence:
