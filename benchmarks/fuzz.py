@@ -1,7 +1,7 @@
 """Damaged files and words through the command line: how many are refused, how many taken, and does anything escape?
 
     python benchmarks/fuzz.py [--inputs 100000] [--first 0] [--kinds recording mapping ...] [--keep FOLDER] [--drawn]
-    python benchmarks/fuzz.py --kinds mapping --first 1234 --inputs 1     # makes that input again, and says what is said
+    python benchmarks/fuzz.py --kinds mapping --first 1234 --inputs 1     # makes that input again, and says its answer
 
 An input is made from its kind and its number alone (tests/fuzz_inputs.py, tests/fuzzing.py): recordings, the TOML
 beside them, pamid.toml, raw logs of every kind, mappings, run folders, checkpoints, models, networks, results of jobs,
@@ -39,6 +39,7 @@ sys.path.insert(0, str(ROOT / "tests"))
 HANG_S = 60.0              # of CPU
 MEMORY = 6 * 2**30         # bytes of address space
 ALLOWED = (0, 2, 3, 4, 5, 6)
+TOLD_EVERY = 5000          # inputs
 DRAWN_EVERY = 25           # inputs
 _NUMBER = [0]              # of the input at work
 _NOTHING = '<svg viewBox="0 0 1 1"></svg>'
@@ -104,6 +105,8 @@ def _one_worker(asked: argparse.Namespace, first: int, end: int, counts: Counter
             at = said.get("next", at)
             since = said.get("cpu", since)
             counts.update(said.get("counts", {}))
+            if "next" in said and at > first and at % TOLD_EVERY == 0:
+                print(f"{at}: {dict(sorted(counts.items()))}", flush=True)
             if "told" in said:
                 print(said["told"], flush=True)
         if ready and not text:

@@ -45,6 +45,9 @@ def command(file: Path, rig: str | None, figure: Path | None, force: bool) -> fr
             from pamid.run import write_atomically
 
             figure.parent.mkdir(parents=True, exist_ok=True)
-            write_atomically(figure, card_png(found.recording, found.issues, said["quality"]["channels"]))
+            of_issues = {issue.text for issue in found.issues}
+            others = [f["detail"] for f in said["findings"]
+                      if not f["ok"] and not f["advice"] and f["detail"] not in of_issues]
+            write_atomically(figure, card_png(found.recording, found.issues, said["quality"]["channels"], others))
             said, text = {**said, "figure": str(figure)}, f"{text}\nfigure: {figure}"
     return frame.Result(said, text, 0 if said["ok"] else WRONG)

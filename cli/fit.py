@@ -30,7 +30,7 @@ pamid fit rec.csv --rig one-dof --output fitted
                    "sheet serves only where it knew nothing.")
 @click.option("--bootstrap", type=click.IntRange(0, 1000), default=0, show_default=True,
               help="Intervals from this many refits on resampled windows instead of the Jacobian.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Same inputs and seed, same output.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Same inputs and seed, same output.")
 @click.option("--jobs", type=click.IntRange(1, 256), default=1, show_default=True, help="Processes for the bootstrap.")
 @click.option("--output", type=click.Path(file_okay=False, path_type=Path), required=True, help="Run folder to make.")
 @cluster_option

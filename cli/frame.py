@@ -6,6 +6,7 @@ Nothing heavy is imported here, so that `pamid --help` answers at once.
 from __future__ import annotations
 
 import contextlib
+import errno
 import importlib
 import io
 import json
@@ -63,6 +64,7 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run `pamid` with these arguments (default: those of the process) and exit."""
     for library in ("OPENBLAS", "OMP", "MKL"):  # small matrices: the cores are shared out over jobs instead
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
+    _stand_in()
     sys.exit(run(sys.argv[1:] if arguments is None else arguments))
 
 
@@ -94,6 +96,9 @@ def run(arguments: Sequence[str]) -> int:
             sys.stdout.flush()
     except BrokenPipeError:
         return _hang_up()
+    except OSError as error:
+        _hang_up()
+        return _print_error(_unprinted(error), False)     # the object has nowhere to go
     except Exception as error:
         if debug:
             traceback.print_exc()
@@ -201,21 +206,29 @@ def _GROUP() -> None:
 
 
 def _print_error(error: BaseException, as_json: bool) -> int:
+    """Say it where that can still be done; the exit code stands anyway."""
     told, code = _explain(error)
-    if as_json:
-        with contextlib.suppress(BrokenPipeError):
+    try:
+        if as_json:
             click.echo(_json(told))
-        return code
+            sys.stdout.flush()
+        else:
+            _print_plainly(error, told, code)
+    except OSError:
+        _hang_up()
+    return code
+
+
+def _print_plainly(error: BaseException, told: dict[str, str], code: int) -> None:
     if isinstance(error, click.exceptions.NoArgsIsHelpError):
         click.echo(error.format_message(), err=True)
-        return code
+        return
     label = "pamid: " if code == INTERRUPTED else "pamid: error: "
     coloured = sys.stderr.isatty() and not os.environ.get("NO_COLOR")
     click.echo(click.style(label, fg="red", bold=True) if coloured else label, nl=False, err=True)
     click.echo(told["message"], err=True)
     if told["hint"]:
         click.echo(f"  {told['hint']}", err=True)
-    return code
 
 
 def _explain(error: BaseException) -> tuple[dict[str, str], int]:
@@ -237,9 +250,34 @@ def _explain(error: BaseException) -> tuple[dict[str, str], int]:
     if isinstance(error, SystemExit):
         code = error.code if isinstance(error.code, int) else 1
         return _error("exit", f"left with {error.code!r}", ""), code
+    if isinstance(error, OSError) and error.strerror:
+        return _refused(error), 3
     detail = " ".join(str(error).split())
     hint = "This is a fault of pamid, or of a rig or effect file. Run it again with --debug for the traceback."
     return _error("unexpected", f"{type(error).__name__}: {detail}".rstrip(": "), hint), 1
+
+
+_MENDS = {
+    **dict.fromkeys((errno.ENOTDIR, errno.EEXIST), "A part of the path is a file where a folder is needed: choose "
+                    "another."),
+    errno.EISDIR: "It is a folder where a file is needed.", errno.ENAMETOOLONG: "Choose a shorter name.",
+    errno.ENOENT: "Check the path.", errno.ELOOP: "It is a link to itself.",
+    **dict.fromkeys((errno.EACCES, errno.EPERM, errno.EROFS), "You may not use it: check its owner and permissions."),
+    **dict.fromkeys((errno.ENOSPC, errno.EDQUOT), "Free some space and run it again."),
+}  # fmt: skip
+
+
+def _refused(error: OSError) -> dict[str, str]:
+    """What the operating system did not do, and with which file: whatever it is, it is no fault of pamid's."""
+    name = str(error.filename or "")
+    shown = name if len(name) <= 200 else f"{name[:80]}...{name[-40:]}"
+    return _error("file", f"{shown}: {error.strerror}." if shown else f"{error.strerror}.",
+                  _MENDS.get(error.errno or 0, "Check the path, what it names, and that you may use it."))
+
+
+def _unprinted(error: OSError) -> OSError:
+    return OSError(error.errno, f"{error.strerror or error}; what the command wrote to files is there",
+                   "standard output")
 
 
 def _error(code: str, message: str, hint: str) -> dict[str, str]:
@@ -262,6 +300,18 @@ def _flags(arguments: Sequence[str]) -> set[str]:
 
 def _hang_up() -> int:
     """The reader of a pipe has left (`pamid effects | head`): that is its right, not an error."""
-    with contextlib.suppress(OSError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except (OSError, ValueError):   # what is left in the buffer would fail once more when Python ends
+            with contextlib.suppress(OSError, ValueError):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
     return 0
+
+
+def _stand_in() -> None:
+    """Something to write to where a stream was closed (`>&-`): nobody listens, and no file may take its number."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:
+            held = os.open(os.devnull, os.O_RDWR)   # the lowest free number
+            setattr(sys, name, os.fdopen(held, "r" if number == 0 else "w"))

@@ -34,7 +34,10 @@ class SettingsError(click.ClickException):
 
 def settings_file(folder: Path | None = None) -> Path | None:
     """The pamid.toml that holds for a folder (default: the working folder), or None."""
-    here = (folder or Path.cwd()).resolve()
+    try:
+        here = (folder or Path.cwd()).resolve()
+    except FileNotFoundError:   # somebody removed the working folder
+        return None
     return next((place / FILE for place in (here, *here.parents) if (place / FILE).is_file()), None)
 
 
@@ -51,7 +54,7 @@ def _read(path: Path, _stamp: int) -> dict[str, dict[str, Any]]:
         raise SettingsError(f"{path} cannot be read: {error.strerror}.") from error
     except UnicodeDecodeError:
         raise SettingsError(f"{path} is not UTF-8 text.") from None
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:    # ValueError: also a number of thousands of digits
         raise SettingsError(f"{path} is not TOML: {error}.") from None
     for name, table in tables.items():
         if name not in (SHARED, *COMMANDS):
@@ -131,8 +134,10 @@ def _require_known(path: Path, shared: Mapping[str, Any]) -> None:
 
 
 def _checked(place: str, command: click.Command, option: click.Option, value: Any) -> Any:
-    if isinstance(value, dict):
-        raise SettingsError(f"{place}: a table, where a value is wanted.")
+    for one in value if isinstance(value, list) else [value]:
+        if not isinstance(one, str | bool | int | float):
+            what = "a table" if isinstance(one, dict) else "a list" if isinstance(one, list) else f"the date {one}"
+            raise SettingsError(f"{place}: {what}, where a value is wanted.")
     if option.multiple and not isinstance(value, list):
         value = [value]
     if option.is_flag and not isinstance(value, bool):
@@ -143,6 +148,8 @@ def _checked(place: str, command: click.Command, option: click.Option, value: An
         option.type_cast_value(click.Context(command), value)
     except click.BadParameter as error:
         raise SettingsError(f"{place}: {error.message}") from None
+    except (TypeError, ValueError, OverflowError):
+        raise SettingsError(f"{place}: {value!r:.60} is no value for it.") from None
     return value
 
 

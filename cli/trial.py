@@ -155,7 +155,7 @@ def _same(run: Run, fixed: dict[str, Any]) -> Run:
 
     held = run.record["options"].get("trial")
     if held != fixed:
-        what = "no trial" if held is None else (
-            f"the trial of {held.get('rig', 'one-dof')}, part {held['part']}, seed {held['seed']}")
+        what = "no trial" if not isinstance(held, dict) else (
+            f"the trial of {held.get('rig', 'one-dof')}, part {held.get('part')}, seed {held.get('seed')}")
         raise FileError(f"{run.folder} is taken: it holds {what}", "give --output another folder", code="run-folder")
     return run

@@ -120,9 +120,12 @@ class Run:
         record = read_json(self.folder / "run.json")
         if not isinstance(record, dict):
             raise FileError(f"{self.folder / 'run.json'} must hold one JSON object.", code="not-a-run")
-        steps = record.get("steps", [])
-        if not (isinstance(steps, list) and all(isinstance(step, dict) for step in steps)):
-            raise FileError(f"{self.folder / 'run.json'}: steps must be a list of objects.", code="not-a-run")
+        record = {"options": {}, "inputs": [], "steps": [], "ended": None, "outcome": None, **record}
+        for key in ("steps", "inputs"):
+            if not (isinstance(record[key], list) and all(isinstance(one, dict) for one in record[key])):
+                raise FileError(f"{self.folder / 'run.json'}: {key} must be a list of objects.", code="not-a-run")
+        if not isinstance(record["options"], dict):
+            raise FileError(f"{self.folder / 'run.json'}: options must be an object.", code="not-a-run")
         return record
 
     @property
@@ -196,7 +199,7 @@ def read_json(path: str | Path) -> Any:
     source = Path(path)
     try:
         text = source.read_bytes().decode("utf-8")
-        return json.loads(text, parse_constant=_refuse_constant)
+        return json.loads(text, parse_constant=_refuse_constant, parse_float=_finite, parse_int=_whole)
     except FileNotFoundError:
         raise FileError(f"{source} does not exist.", code="missing") from None
     except OSError as error:
@@ -229,6 +232,18 @@ def _refuse_write(target: Path, error: OSError) -> NoReturn:
         hint = "Free some space and run it again; the former content is untouched."
         raise FileError(f"{target} was not written: the disk is full.", hint, code="disk-full") from error
     raise FileError(f"{target} cannot be written: {error.strerror or error}.", code="write") from error
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if math.isinf(value):
+        raise ValueError(f"{text:.12} is larger than any number a computer calculates with.")
+    return value
+
+
+def _whole(text: str) -> int:
+    _finite(text)
+    return int(text)
 
 
 def _refuse_constant(text: str) -> NoReturn:
