@@ -21,7 +21,7 @@ import numpy as np
 
 from pamid.ingest.stamps import IntArray, Repair, Rows, count_samples, fit_clock, rough_period
 from pamid.metrics import FloatArray
-from pamid.recording_checks import UNIFORM_TO
+from pamid.recording_checks import HUGE, UNIFORM_TO
 
 Cure = Literal["none", "late-stamps", "jittered-sampling"]
 State = Literal["even", "rounded", "blocks", "late-stamps", "jittered-sampling", "undecided"]
@@ -174,7 +174,7 @@ def _witness(name: str, rows: Rows, values: FloatArray, period: float) -> Witnes
         if piece.stop - piece.start < 2 * width:
             continue
         t, y = rows.stamps[piece], values[piece]
-        bad = ~np.isfinite(y)
+        bad = ~(np.abs(y) <= HUGE)      # a nan is as bad
         y = np.where(bad, 0.0, y)
         pace = savgol_filter(t, width, 2, deriv=1)
         stray = t - savgol_filter(t, width, 2)
