@@ -117,6 +117,11 @@ class _Command(click.Command):
         extra.setdefault("default_map", settings.defaults_for(self))
         return super().make_context(info_name, args, parent, **extra)
 
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        if "" in args:
+            ctx.fail("One of the words is empty; a variable of the shell that is not set makes such a word.")
+        return super().parse_args(ctx, args)
+
     def invoke(self, ctx: click.Context) -> Any:
         _SAID[:] = settings.said_elsewhere(ctx)
         return super().invoke(ctx)

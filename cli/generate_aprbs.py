@@ -117,4 +117,16 @@ def _write(output: Path, form: str, figure: Path | None, made: Made, request: di
     said = [first, *made.said, *([f"  Picture: {figure}."] if figure else []),
             *(left if sidecar.exists() and not made.meta else [])]
     follow = f"pamid simulate --rig {request['rig']} --excitation {output} --output rec.csv"
+    if request["column"] is not None and not _takes(request["rig"], request["column"]):
+        follow = f"send it to the rig that has {request['column']}; `pamid simulate` takes the file of one as --rig."
     return frame.Result(about, "\n".join([*said, f"Next: {follow if form == 'csv' else FORMATS[form].heed}"]))
+
+
+def _takes(rig_name: str, column: str) -> bool:
+    """Is the column one that this rig can be sent?"""
+    from pamid.library import rig_named
+    from pamid.units import compatible, split_column
+
+    rig, (stem, symbol) = rig_named(rig_name), split_column(column)
+    known = map(split_column, (*rig.inputs, *(loop.reference for loop in rig.loops)))
+    return any(stem == its_stem and compatible(symbol, its) for its_stem, its in known)

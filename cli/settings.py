@@ -7,6 +7,7 @@ then this file, then the default; `pamid config` shows where every value comes f
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
@@ -140,6 +141,8 @@ def _checked(place: str, command: click.Command, option: click.Option, value: An
             raise SettingsError(f"{place}: {what}, where a value is wanted.")
     if option.multiple and not isinstance(value, list):
         value = [value]
+        if one == "" or isinstance(one, float) and not math.isfinite(one):
+            raise SettingsError(f"{place}: {one!r} is no value for it.", "Leave the line out for the default.")
     if option.is_flag and not isinstance(value, bool):
         raise SettingsError(f"{place}: {value!r} is neither true nor false.")
     if not option.multiple and isinstance(value, list) and option.nargs == 1:

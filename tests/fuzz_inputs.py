@@ -76,8 +76,14 @@ kd_s_per_deg = 0.01
 derivative_filter_s = 0.01
 command_limit = 1.0
 """
-RAW = ("log.csv", "log.lvm", "octave.mat", "v5.mat", "v4.mat", "log.h5", "log.tdms", "log.mf4", "log.bag", "log.mcap",
-       "log.db3", "log.parquet")
+#: log -> channels of the clock ("": each its own), of an angle, of a second signal
+TEXT_LOGS = {"log.csv": ("t", "Winkel", "p1"), "log.lvm": ("", "angle", "p1"), "octave.mat": ("t", "angle", "angle")}
+BINARY_LOGS = {
+    "v5.mat": ("t", "angle", "steps"), "v4.mat": ("ans/1", "ans/2", "ans/2"),
+    "log.h5": ("rig/time", "rig/angle", "rig/both/2"), "log.tdms": ("", "rig/angle", "rig/force"),
+    "log.mf4": ("", "angle", "force"), "log.bag": ("", "/joints/position/elbow", "/force/data"),
+    "log.mcap": ("", "/joints/position/elbow", "/force/data"), "log.db3": ("", "/joints/position/elbow", "/force/data"),
+    "log.parquet": ("t", "angle", "angle")}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -235,7 +241,7 @@ def raw_log(site: Site) -> list[Words]:
 
 
 def binary_log(site: Site) -> list[Words]:
-    path = site.copy(site.one_of(*RAW[3:]))
+    path = site.copy(site.one_of(*BINARY_LOGS))
     path.write_bytes(broken_bytes(site.random, path.read_bytes()))
     return _read_log(site, path)
 
@@ -243,7 +249,12 @@ def binary_log(site: Site) -> list[Words]:
 def _read_log(site: Site, path: Path) -> list[Words]:
     if site.random.random() < 0.4:
         return [("ingest", "--guess", path)]
-    (site.place / "map.toml").write_text(MAPPING)
+    clock, angle, force = {**TEXT_LOGS, **BINARY_LOGS}[path.name]
+    lines = ['rig = "one-dof"', "[time]", *([f'source = "{clock}"', 'unit = "s"'] if clock else []),
+             f'repair = "{site.one_of("none", "late-stamps", "jittered-sampling")}"',
+             "[signals.angle_deg]", f'source = "{angle}"', 'unit = "deg"',
+             "[signals.force_1_n]", f'source = "{force}"', 'unit = "N"']
+    (site.place / "map.toml").write_text(MAPPING if path.name == "log.csv" else "\n".join(lines) + "\n")
     return [("ingest", path, "--mapping", "map.toml", "--output", "out.csv")]
 
 
