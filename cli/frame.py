@@ -315,8 +315,11 @@ def _hang_up() -> int:
 
 
 def _stand_in() -> None:
-    """Something to write to where a stream was closed (`>&-`): nobody listens, and no file may take its number."""
+    """Something to write to where a stream was closed (`>&-`): nobody listens, and no file may take its number. Letters
+    that the terminal, or any encoding, does not know (names of files may be any bytes) are spelt out as escapes."""
     for number, name in enumerate(("stdin", "stdout", "stderr")):
         if getattr(sys, name) is None:
             held = os.open(os.devnull, os.O_RDWR)   # the lowest free number
             setattr(sys, name, os.fdopen(held, "r" if number == 0 else "w"))
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")

@@ -139,10 +139,10 @@ def _checked(place: str, command: click.Command, option: click.Option, value: An
         if not isinstance(one, str | bool | int | float):
             what = "a table" if isinstance(one, dict) else "a list" if isinstance(one, list) else f"the date {one}"
             raise SettingsError(f"{place}: {what}, where a value is wanted.")
-    if option.multiple and not isinstance(value, list):
-        value = [value]
         if one == "" or isinstance(one, float) and not math.isfinite(one):
             raise SettingsError(f"{place}: {one!r} is no value for it.", "Leave the line out for the default.")
+    if option.multiple and not isinstance(value, list):
+        value = [value]
     if option.is_flag and not isinstance(value, bool):
         raise SettingsError(f"{place}: {value!r} is neither true nor false.")
     if not option.multiple and isinstance(value, list) and option.nargs == 1:

@@ -116,9 +116,9 @@ def explain_cells(path: Path, names: Sequence[str]) -> None:
             if not cell.strip():
                 _refuse_cell(path, line, name, "is empty")
             if not _is_number(cell):
-                _refuse_cell(path, line, name, f"is {cell.strip()!r}, not a number")
+                _refuse_cell(path, line, name, f"is {cell.strip()!r:.60}, not a number")
             if not math.isfinite(float(cell)):
-                _refuse_cell(path, line, name, f"is {cell.strip()!r}, not a finite number")
+                _refuse_cell(path, line, name, f"is {cell.strip()!r:.60}, not a finite number")
     if empty:
         raise FileError(f"{path} has a header but no rows.", "Was the recording stopped at once?", code="empty")
 

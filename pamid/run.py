@@ -191,7 +191,9 @@ def write_json(path: str | Path, obj: Any) -> None:
 
 def json_text(obj: Any, name: str = "") -> str:
     """Strict JSON text, ended by a newline. PamidError naming the key that cannot be written."""
-    return json.dumps(_plain(obj, name or "value"), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    text = json.dumps(_plain(obj, name or "value"), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    # the name of a file may be any bytes: what is no UTF-8 in it becomes an escape of JSON
+    return text.encode("utf-8", "backslashreplace").decode()
 
 
 def read_json(path: str | Path) -> Any:
