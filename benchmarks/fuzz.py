@@ -9,7 +9,7 @@ trials, force maps, excitations, words of a command line. A process works throug
 watches it. What counts as a fault: exit code 1, an exception, a process that dies, more than HANG_S of CPU for one
 input. Each is printed with its number and its files are kept.
 
-Figures take a hundred times as long as what they show: without --drawn only one page in 25 has them.
+Figures take a hundred times as long as what they show: without --drawn only one page in 100 has them.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ HANG_S = 60.0              # of CPU
 MEMORY = 6 * 2**30         # bytes of address space
 ALLOWED = (0, 2, 3, 4, 5, 6)
 TOLD_EVERY = 1000          # inputs
-DRAWN_EVERY = 25           # inputs
+DRAWN_EVERY = 100          # inputs
 _NUMBER = [0]              # of the input at work
 _NOTHING = '<svg viewBox="0 0 1 1"></svg>'
 

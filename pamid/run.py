@@ -120,7 +120,8 @@ class Run:
         record = read_json(self.folder / "run.json")
         if not isinstance(record, dict):
             raise FileError(f"{self.folder / 'run.json'} must hold one JSON object.", code="not-a-run")
-        record = {"options": {}, "inputs": [], "steps": [], "ended": None, "outcome": None, **record}
+        for key, empty in (("options", {}), ("inputs", []), ("steps", []), ("ended", None), ("outcome", None)):
+            record.setdefault(key, empty)
         for key in ("steps", "inputs"):
             if not (isinstance(record[key], list) and all(isinstance(one, dict) for one in record[key])):
                 raise FileError(f"{self.folder / 'run.json'}: {key} must be a list of objects.", code="not-a-run")

@@ -121,6 +121,7 @@ def make_seeds(place: Path) -> Path:
                 head, *rows = (run / name).read_text().splitlines(keepends=True)
                 (run / name).write_text("".join([head, *rows[:: max(len(rows) // 150, 1)]]))
     make_trial(place / "trial")
+    _checkpoint(place)
     _force_map(place / "map.csv")
     _excitation(place)
     _results(place)
@@ -132,6 +133,15 @@ def _elman():  # type: ignore[no-untyped-def]
     from pamid.networks.elman import Elman
 
     return Elman(len(SEEN), 2)
+
+
+def _checkpoint(place: Path) -> None:
+    """Where a training of the run stood after its first step."""
+    from pamid.leftover import read_leftover
+    from pamid.residual_network import Wanted, train_correction
+
+    train_correction(read_leftover(place / "explained"), wanted=Wanted("elman", 2, None), iterations=1, seed=0,
+                     threads=1, checkpoint=place / "checkpoint.npz")
 
 
 def _force_map(path: Path) -> None:
@@ -278,8 +288,7 @@ def run_folder(site: Site) -> list[Words]:
 def training(site: Site) -> list[Words]:
     """A checkpoint, the residual and what else a training goes on from."""
     folder = site.copy("explained")
-    (folder / "checkpoint.npz").write_bytes((site.seeds / "checkpoint.npz").read_bytes()
-                                            if (site.seeds / "checkpoint.npz").is_file() else b"PK")
+    shutil.copy(site.seeds / "checkpoint.npz", folder)
     files = [folder / name for name in ("checkpoint.npz", "residual.csv", "fit.json", "run.json")]
     _break_one(site, folder, [*files[:1], *files])
     return [("train-residual", folder, "--iterations", "1", "--hidden", "2", "--jobs", "1", "--resume")]
@@ -401,4 +410,4 @@ KINDS: dict[str, Callable[[Site], list[Words]]] = {
                  resumed, results, trial, force_map, excitation, words)}
 WEIGHTS = {"recording": 16, "sidecar": 12, "settings": 10, "raw_log": 10, "binary_log": 4, "mapping": 10,
            "run_folder": 8, "training": 2, "model": 4, "earlier": 4, "resumed": 4, "results": 8, "trial": 2,
-           "force_map": 2, "excitation": 8, "words": 10, "fit": 0.5}  # fmt: skip
+           "force_map": 0.5, "excitation": 8, "words": 10, "fit": 0.5}  # fmt: skip
