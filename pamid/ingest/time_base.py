@@ -193,7 +193,7 @@ def _witness(name: str, rows: Rows, values: FloatArray, period: float) -> Witnes
     if use.sum() < FEW:
         return None
     noise = float(np.median(np.abs(rough[use]))) / 0.6745 / ROUGH
-    noise = max(noise, 8.0 * float(np.spacing(np.nanmax(np.abs(values)))))
+    noise = max(noise, 8.0 * float(np.spacing(np.abs(values[np.abs(values) <= HUGE]).max())))
     # of a parabola's slope through evenly spaced samples
     noise /= period * math.sqrt(HALF * (HALF + 1) * width / 3.0)
     use &= np.abs(slope) > MOVING * noise
@@ -202,6 +202,8 @@ def _witness(name: str, rows: Rows, values: FloatArray, period: float) -> Witnes
     rough, due = rough[use], due[use]
     top, bottom = (np.array([float(a @ b) for a, b in zip(np.array_split(x, PARTS), np.array_split(due, PARTS),
                                                           strict=True)]) for x in (rough, due))  # fmt: skip
+    if not (bottom.sum() > bottom).all():   # one part is all there is: nothing says how sure it is
+        return None
     coefficient = top.sum() / bottom.sum()
     without = (top.sum() - top) / (bottom.sum() - bottom)
     error = math.sqrt((PARTS - 1) / PARTS * float(((without - without.mean()) ** 2).sum()))
