@@ -20,11 +20,16 @@ from fuzz_inputs import KINDS, Site, make_seeds
 from fuzzing import broken_bytes, broken_json, broken_table, broken_toml
 from pamid_cli.frame import run
 
-from pamid.report.writing import content_of
+from pamid.report import writing
+from pamid.report.style import Picture
 
 #: inputs of each kind; those of a kind that takes long
-SAMPLE, FEW = int(os.environ.get("PAMID_FUZZ", "12")), 2
+SAMPLE, FEW = int(os.environ.get("PAMID_FUZZ", "8")), 2
 SLOW = ("fit", "binary_log", "run_folder", "trial", "training", "force_map")
+#: inputs that were faults of pamid's when the hundred thousand were first gone through
+FOUND = {"run_folder": (820, 12060), "words": (4824,), "settings": (3144, 9882), "force_map": (2733,),
+         "training": (8723,), "binary_log": (15944,), "raw_log": (20396,), "resumed": (627, 966), "excitation": (1667,)}
+NOTHING = '<svg viewBox="0 0 1 1"></svg>'
 #: done, usage, a file is wrong, the data cannot answer, not converged, partly done: everything but a fault of pamid's
 ALLOWED = {0, 2, 3, 4, 5, 6}
 #: absurd numbers may well draw a warning from a plot; only faults are looked for
@@ -52,7 +57,9 @@ def answer(capsys: pytest.CaptureFixture[str], *words: str | Path) -> dict[str, 
 @pytest.mark.parametrize("kind", KINDS)
 def test_damaged_input(kind: str, seeds: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
                        capsys: pytest.CaptureFixture[str]) -> None:
-    for number in range(min(FEW, SAMPLE) if kind in SLOW else SAMPLE):
+    # figures are drawn in benchmarks/fuzz.py; here their content is worked out
+    monkeypatch.setattr(writing, "render", lambda drawing: Picture(drawing.name, drawing.title, NOTHING, NOTHING, b""))
+    for number in (*range(min(FEW, SAMPLE) if kind in SLOW else SAMPLE), *FOUND.get(kind, ())):
         place = tmp_path / str(number)
         place.mkdir()
         monkeypatch.chdir(place)
@@ -117,7 +124,7 @@ def test_a_crafted_archive_runs_nothing(crafted: Any, name: str, seeds: Path, tm
                                         capsys: pytest.CaptureFixture[str]) -> None:
     folder, canary = _copied(seeds / "explained", tmp_path), tmp_path / "canary"
     (folder / name).write_bytes(crafted(canary))
-    content_of(folder)      # all that `report` reads, without the figures
+    writing.content_of(folder)      # all that `report` reads, without the figures
     answer(capsys, "train-residual", folder, "--iterations", "1", "--hidden", "2", "--jobs", "1", "--resume")
     for words in (("simulate", "--model", folder, "--excitation", folder / "residual.csv", "--output", tmp_path / "x"),
                   ("export", folder, "--to", "c", "--output", tmp_path / "model")):
