@@ -132,7 +132,8 @@ def _cpu_seconds(process: int) -> float:
 
 
 def _work(asked: argparse.Namespace) -> None:
-    from fuzz_inputs import KINDS, WEIGHTS, make_seeds
+    from fuzz_inputs import KINDS, WEIGHTS
+    from fuzz_seeds import make_seeds
 
     out = os.fdopen(os.dup(1), "w")
     os.dup2(2, 1)

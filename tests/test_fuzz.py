@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fuzz_inputs import KINDS, Site, make_seeds
+from fuzz_inputs import KINDS, Site
+from fuzz_seeds import make_seeds
 from fuzzing import broken_bytes, broken_json, broken_table, broken_toml
 from pamid_cli.frame import run
 
