@@ -44,7 +44,10 @@ def command(file: Path, rig: str | None, figure: Path | None, overwrite: bool) -
             from pamid.files import make_folder, write_atomically
             from pamid.report.quality_figure import card_png
 
+            of_issues = {issue.text for issue in found.issues}
+            others = [f["detail"] for f in said["findings"]
+                      if not f["ok"] and not f["advice"] and f["detail"] not in of_issues]
             make_folder(figure.parent)
-            write_atomically(figure, card_png(found.recording, found.issues, said["quality"]["channels"]))
+            write_atomically(figure, card_png(found.recording, found.issues, said["quality"]["channels"], others))
             said, text = {**said, "figure": str(figure)}, f"{text}\nfigure: {figure}"
     return frame.Result(said, text, 0 if said["ok"] else WRONG)

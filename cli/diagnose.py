@@ -30,7 +30,7 @@ pamid diagnose rec.csv --rig one-dof --output run --jobs 2
 @click.option("--effect", "effects", multiple=True, type=click.Path(path_type=Path),
               help="File with a further effect to consider (it is run).")
 @click.option("--without", multiple=True, help="Effect of the catalogue to leave out.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Same inputs and seed, same output.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Same inputs and seed, same output.")
 @click.option("--jobs", type=click.IntRange(1, 256), default=2, show_default=True, help="Processes to use.")
 @click.option("--output", type=click.Path(file_okay=False, path_type=Path), required=True, help="Run folder to make.")
 @no_check_option

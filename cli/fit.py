@@ -31,7 +31,7 @@ pamid fit rec.csv --rig one-dof --output fitted
                    "sheet serves only where it knew nothing.")
 @click.option("--bootstrap", type=click.IntRange(0, 1000), default=0, show_default=True,
               help="Intervals from this many refits on resampled windows instead of the Jacobian.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Same inputs and seed, same output.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Same inputs and seed, same output.")
 @click.option("--jobs", type=click.IntRange(1, 256), default=1, show_default=True, help="Processes for the bootstrap.")
 @click.option("--output", type=click.Path(file_okay=False, path_type=Path), required=True, help="Run folder to make.")
 @no_check_option
@@ -51,10 +51,12 @@ def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path,
     Tests can be fitted in stages, each on its own recordings: the first with its --output, the next --from that run.
     """
     from pamid.errors import UsageError
+    from pamid.files import write_atomically
     from pamid.greybox import fit_json, fit_model, residual_csv
+    from pamid.json_file import write_json
     from pamid.library import code_files, rig_of
     from pamid.posterior import read_posterior
-    from pamid.run import FIT_FILE, JOBS, RESIDUAL_FILE, Run, write_atomically, write_json
+    from pamid.run import FIT_FILE, JOBS, RESIDUAL_FILE, Run
     from pamid.virtual import attach_specs
 
     require_one_of(resume, overwrite)

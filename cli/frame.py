@@ -91,6 +91,8 @@ def _keep_streams_apart() -> None:
             os.fstat(number)
         except OSError:
             os.open(os.devnull, os.O_RDWR)
+    if isinstance(sys.stdout, io.TextIOWrapper):    # what its encoding does not know is spelt out
+        sys.stdout.reconfigure(errors="backslashreplace")
 
 
 def run(arguments: Sequence[str]) -> int:
@@ -151,6 +153,11 @@ class _Command(click.Command):
         for sentence in settings.not_taken(made):
             click.echo(f"Warning: {sentence}", err=True)
         return made
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        if "" in args:
+            ctx.fail("One of the words is empty; a variable of the shell that is not set makes such a word.")
+        return super().parse_args(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
         if ctx.params.pop(_OLD, False):
@@ -296,12 +303,30 @@ def _explain(error: BaseException) -> tuple[dict[str, str], int]:
     if isinstance(error, SystemExit):
         code = error.code if isinstance(error.code, int) else 1
         return _error("exit", f"left with {error.code!r}", ""), code
-    if isinstance(error, OSError) and error.errno in _NO_ROOM:
-        place = f"{error.filename}: " if error.filename else ""
-        return _error("disk-full", f"{place}{error.strerror}.", "Free some space and run it again."), 3
+    if isinstance(error, OSError) and error.strerror:
+        return _refused(error), 3
     detail = " ".join(str(error).split())
     hint = "This is a fault of pamid, or of a rig or effect file. Run it again with --debug for the traceback."
     return _error("unexpected", f"{type(error).__name__}: {detail}".rstrip(": "), hint), 1
+
+
+_MENDS = {
+    **dict.fromkeys((errno.ENOTDIR, errno.EEXIST), "A part of the path is a file where a folder is needed: choose "
+                    "another."),
+    errno.EISDIR: "It is a folder where a file is needed.", errno.ENAMETOOLONG: "Choose a shorter name.",
+    errno.ENOENT: "Check the path.", errno.ELOOP: "It is a link to itself.",
+    **dict.fromkeys((errno.EACCES, errno.EPERM), "You may not use it: check its owner and permissions."),
+    **dict.fromkeys(_NO_ROOM, "Free some space and run it again."),
+}  # fmt: skip
+
+
+def _refused(error: OSError) -> dict[str, str]:
+    """What the operating system did not do, and with which file: whatever it is, it is no fault of pamid's."""
+    name = str(error.filename or "")
+    shown = name if len(name) <= 200 else f"{name[:80]}...{name[-40:]}"
+    return _error("disk-full" if error.errno in _NO_ROOM else "file",
+                  f"{shown}: {error.strerror}." if shown else f"{error.strerror}.",
+                  _MENDS.get(error.errno or 0, "Check the path, what it names, and that you may use it."))
 
 
 def _error(code: str, message: str, hint: str) -> dict[str, str]:
@@ -309,8 +334,8 @@ def _error(code: str, message: str, hint: str) -> dict[str, str]:
 
 
 def _json(value: dict[str, Any]) -> str:
-    if "pamid.run" in sys.modules:  # knows NumPy's numbers; without it there can be none
-        from pamid.run import json_text
+    if "pamid.json_file" in sys.modules:  # knows NumPy's numbers; without it there can be none
+        from pamid.json_file import json_text
 
         return json_text(value, "the result").rstrip("\n")
     return json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False)

@@ -53,7 +53,7 @@ FORMATS = ("csv", "mat", "mat-file", "mat-matrix", "st", "h")
 @click.option("--release", type=float, nargs=2, metavar="Q1 Q2", help="Angles to let go from in deg. [default: 30 40]")
 @click.option("--clamped", multiple=True, metavar="JOINT", help="Joint that is clamped where it is released.")
 @click.option("--payload", type=float, metavar="KG", help="Mass on the tip.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Same seed, same signal.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Same seed, same signal.")
 @click.option("--output", type=click.Path(dir_okay=False, path_type=Path), required=True,
               help="File to write: .csv, .mat, .st or .h.")
 @click.option("--format", "form", type=click.Choice(FORMATS), help="What to write in it. [default: by its suffix]")

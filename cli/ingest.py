@@ -68,10 +68,10 @@ def command(logs: tuple[Path, ...], mapping: Path | None, guess: bool, rig: str 
 def _guess(log: Path, rig: str, pressures: str | None, known: dict[str, float], kind: str | None,
            output: Path | None, overwrite: bool) -> frame.Result:  # fmt: skip
     from pamid.errors import FileError
+    from pamid.files import write_atomically
     from pamid.ingest.guess import guess_mapping
     from pamid.ingest.reading import read_log
     from pamid.library import rig_named
-    from pamid.run import write_atomically
 
     if output is not None and output.exists() and not overwrite:
         raise FileError(f"{output} exists already.", "Choose another --output, or --overwrite to replace it.",

@@ -61,7 +61,7 @@ def require_one_of(resume: bool, overwrite: bool) -> None:
 def kept(path: Path, text_of: Callable[[dict[str, Any]], str]) -> tuple[dict[str, Any], str]:
     """What a finished run holds, and its text; FileError where it is not what was once written there."""
     from pamid.errors import FileError
-    from pamid.run import read_json
+    from pamid.json_file import read_json
 
     found = read_json(path)
     try:

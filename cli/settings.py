@@ -18,6 +18,7 @@ What is not taken is said in a sentence on stderr. The command line and the envi
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
@@ -62,7 +63,10 @@ def ignored_files(folder: Path | None = None) -> dict[Path, str]:
 
 def _found(folder: Path | None) -> Iterator[tuple[Path, str]]:
     """Every pamid.toml here and above, the nearest first, and why it is ignored ("" if it is not)."""
-    here = (folder or Path.cwd()).resolve()
+    try:
+        here = (folder or Path.cwd()).resolve()
+    except FileNotFoundError:   # somebody removed the working folder
+        return
     for place in (here, *here.parents):
         path = place / FILE
         if path.is_file():
@@ -101,7 +105,7 @@ def _read(path: Path, _stamp: int) -> dict[str, dict[str, Any]]:
         raise SettingsError(f"{path} cannot be read: {error.strerror}.") from error
     except UnicodeDecodeError:
         raise SettingsError(f"{path} is not UTF-8 text.") from None
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:    # ValueError: also a number of thousands of digits
         raise SettingsError(f"{path} is not TOML: {error}.") from None
     for name, table in tables.items():
         if name not in (SHARED, *COMMANDS):
@@ -207,8 +211,12 @@ def _require_known(path: Path, shared: Mapping[str, Any]) -> None:
 
 
 def _checked(place: str, command: click.Command, option: click.Option, value: Any) -> Any:
-    if isinstance(value, dict):
-        raise SettingsError(f"{place}: a table, where a value is wanted.")
+    for one in value if isinstance(value, list) else [value]:
+        if not isinstance(one, str | bool | int | float):
+            what = "a table" if isinstance(one, dict) else "a list" if isinstance(one, list) else f"the date {one}"
+            raise SettingsError(f"{place}: {what}, where a value is wanted.")
+        if one == "" or isinstance(one, float) and not math.isfinite(one):
+            raise SettingsError(f"{place}: {one!r} is no value for it.", "Leave the line out for the default.")
     if option.multiple and not isinstance(value, list):
         value = [value]
     if option.is_flag and not isinstance(value, bool):
@@ -219,6 +227,8 @@ def _checked(place: str, command: click.Command, option: click.Option, value: An
         option.type_cast_value(click.Context(command), value)
     except click.BadParameter as error:
         raise SettingsError(f"{place}: {error.message}") from None
+    except (TypeError, ValueError, OverflowError):
+        raise SettingsError(f"{place}: {value!r:.60} is no value for it.") from None
     return value
 
 

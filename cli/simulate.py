@@ -37,7 +37,7 @@ pamid simulate --model fitted --excitation excitation.csv --noise none --output 
 @click.option("--known", multiple=True, metavar="NAME=VALUE", help="Parameter that the recording will state as known.")
 @click.option("--set", "hidden", multiple=True, metavar="NAME=VALUE", help="Parameter of the virtual rig, not stated.")
 @click.option("--noise", default="default", show_default=True, help="default | none | FACTOR on the sensor noise.")
-@click.option("--seed", type=int, default=0, show_default=True, help="Same seed, same noise.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Same seed, same noise.")
 @click.option("--output", type=click.Path(dir_okay=False, path_type=Path), required=True, help="CSV file to write.")
 @frame.overwrite_option("Replace the output if it exists.", formerly_force=True)
 def command(rig: str | None, model: Path | None, which: str, excitation: Path, effects: tuple[str, ...],

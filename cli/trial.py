@@ -60,7 +60,7 @@ def command(output: Path, rig: str, cases: int, part: str, seed: int, jobs: int,
     which works through whatever is missing.
     """
     from pamid.errors import UsageError
-    from pamid.run import write_json
+    from pamid.json_file import write_json
     from pamid.trial.calibrate import calibrated_from
     from pamid.trial.table import trial_text
     from pamid.trial.work import run_trial
@@ -162,7 +162,7 @@ def _same(run: Run, fixed: dict[str, Any]) -> Run:
 
     held = run.record["options"].get("trial")
     if held != fixed:
-        what = "no trial" if held is None else (
-            f"the trial of {held.get('rig', 'one-dof')}, part {held['part']}, seed {held['seed']}")
+        what = "no trial" if not isinstance(held, dict) else (
+            f"the trial of {held.get('rig', 'one-dof')}, part {held.get('part')}, seed {held.get('seed')}")
         raise FileError(f"{run.folder} is taken: it holds {what}", "give --output another folder", code="run-folder")
     return run

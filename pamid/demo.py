@@ -16,12 +16,13 @@ import numpy as np
 from pamid.diagnosis.whole import diagnose_into
 from pamid.evidence import gather
 from pamid.excitation import aprbs
+from pamid.json_file import read_json, write_json
 from pamid.leftover import read_leftover
 from pamid.library import catalogue_rig, effects
 from pamid.recording import read_recording, write_recording
 from pamid.report.writing import write_report
 from pamid.residual_network import CHECKPOINT_FILE, train_correction, write_correction
-from pamid.run import FIT_FILE, RESIDUAL_FILE, Run, read_json, write_json
+from pamid.run import FIT_FILE, RESIDUAL_FILE, Run
 from pamid.virtual import split_spec, virtual_rig
 
 RIG = "one-dof"

@@ -91,7 +91,9 @@ def _rebuild(kind: type[PamidError], message: str, hint: str, code: str, exit_co
 
 
 def nearest(name: str, names: Iterable[str]) -> str:
-    """A sentence offering the valid name closest to `name`, or "" when none is close."""
+    """A sentence offering the valid name closest to `name`, or "" when none is close, or it is valid itself."""
     by_folded = {candidate.casefold(): candidate for candidate in names}
+    if name in by_folded.values():
+        return ""
     close = difflib.get_close_matches(name.casefold(), by_folded, n=1, cutoff=0.6)
     return f"Did you mean {by_folded[close[0]]!r}?" if close else ""

@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from pamid.errors import FileError, UsageError, quoted
 from pamid.files import make_folder, write_together
+from pamid.json_file import json_bytes
 from pamid.recording import recording_files
-from pamid.run import json_bytes
 from pamid.units import NONE, split_column
 
 Array = NDArray[np.float64]

@@ -8,13 +8,14 @@ import numpy as np
 
 from pamid.files import write_together
 from pamid.force_map import COLUMNS, ForceMap, Judged, pulls
+from pamid.json_file import json_bytes
 from pamid.library import rigs
 from pamid.metrics import rms
 from pamid.networks.force_law import ForceLaw
 from pamid.networks.store import NETWORK_FILE, WEIGHTS_FILE, network_files
 from pamid.report.force_map_figure import Side, force_map_picture
 from pamid.rigs.muscle import LAWS
-from pamid.run import Run, json_bytes
+from pamid.run import Run
 
 SCHEMA = "pamid.force-law/1"
 LAW_FILE, RIG_FILE, FIGURE_FILE = "force-law.json", "rig.py", "figures/force-map.png"

@@ -33,7 +33,7 @@ from pamid.networks.anfis import Anfis
 from pamid.networks.force_law import TOLERANCE, ForceLaw, check_force_law
 from pamid.networks.store import TrainedNetwork, train_on_signals
 from pamid.recording import match_column
-from pamid.recording_checks import explain_cells, read_header
+from pamid.recording_checks import check_range, explain_cells, read_header
 from pamid.rigs.muscle import LAWS, Law
 from pamid.units import compatible, from_si, split_column, to_si
 
@@ -184,9 +184,10 @@ def _cells(path: Path, names: list[str], used: list[str]) -> Array:
         table = np.array([[float(row[names.index(name)]) for name in used] for row in rows])
         if not rows or not np.isfinite(table).all() or any(len(row) != len(names) for row in rows):
             raise ValueError
-    except (ValueError, IndexError, csv.Error):
+    except (ValueError, IndexError, csv.Error) as error:
         explain_cells(path, names)
-        raise
+        raise FileError(f"{path} cannot be read as comma-separated numbers: {error}.", _HEADER) from error
+    check_range(path, used, table)
     return table
 
 

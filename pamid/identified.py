@@ -29,14 +29,16 @@ from pamid.engine.program import Program, Stepping, build_program
 from pamid.equations import Expr
 from pamid.errors import DataError, FileError, UsageError
 from pamid.expressions import symbol
+from pamid.files import sha256_of
 from pamid.greybox import loop_motion, loop_names
+from pamid.json_file import read_json
 from pamid.leftover import derived
 from pamid.library import effects_again, rig_again
 from pamid.networks.store import NETWORK_FILE, TrainedNetwork, load_network
 from pamid.port_network import ADDED, Entry, entered, entry_of
 from pamid.recording import Recording
 from pamid.rig import Rig
-from pamid.run import FIT_FILE, Run, read_json, sha256_of
+from pamid.run import FIT_FILE, Run
 from pamid.simulation import input_table, noisy_inputs, sensor_noise
 from pamid.tracing import Traced, beside, fed, signals_of
 from pamid.units import from_si, split_column, to_si
@@ -267,12 +269,10 @@ def load_identified(run_folder: Path, *, which: str = "best", rig: str | None = 
         raise FileError(f"{path} is not a fit's.", REMEDY)
     if "model" not in fit:
         raise FileError(f"{path} does not hold its model.", f"An older version wrote it. {REMEDY}")
-    trained = (run_folder / NETWORK_FILE).exists()
-    has = {"cause": "cause" in fit, "network": trained, "refitted": True}
+    has = {"cause": "cause" in fit, "network": (run_folder / NETWORK_FILE).exists(), "refitted": True}
     chosen = next(name for name, found in has.items() if found) if which == "best" else which
     if not has[chosen]:
-        there = ", ".join(name for name, found in has.items() if found)
-        raise FileError(f"{run_folder} has no {chosen}.", f"It has: {there}.", code="missing")
+        raise FileError(f"{run_folder} has no {chosen}.", f"It has {', '.join(filter(has.get, has))}.", code="missing")
     with _sound(path):
         noted = {str(one["path"]): str(one["sha256"]) for one in record["inputs"]}
         source = str(record["options"].get("rig") or fit["rig"])
@@ -300,8 +300,8 @@ def _model(rig: Rig, fit: dict[str, Any], part: str, catalogue: dict[str, type[E
     periods = [float(one["period_s"]) for one in fit["recordings"]]
     controllers = [one["controller"] for one in fit["recordings"] if one["loop"] == "closed"]
     controller = {str(k): float(v) for k, v in controllers[0].items()} if controllers else {}
-    finite = np.isfinite([*p, *periods, *controller.values()]).all()
-    if not (finite and periods[0] > 0.0 and 1 <= step.substeps <= MOST_SUBSTEPS):
+    given = [*p, *periods, *controller.values()]
+    if not (np.isfinite(given).all() and periods[0] > 0.0 and 1 <= step.substeps <= MOST_SUBSTEPS):
         _refuse(path, "a number is out of range")
     return Identified(rig.name, assembly, p, periods[0], step, controller=controller)
 
@@ -311,6 +311,8 @@ def _with_network(model: Identified, folder: Path, fit: dict[str, Any]) -> Ident
     about, trained = read_json(folder / NETWORK_FILE), load_network(folder)
     enters, offered = about["enters"], {name: name for name in model.assembly.rig.inputs}
     offered |= {derived(c, "refitted"): str(c) for c in fit["channels"]}
+    if (about["model"] == "loop" or enters == "output") and trained.output_name not in model.assembly.rig.outputs:
+        _refuse(folder / NETWORK_FILE, f"its output {trained.output_name!r} is no output of the model")
     if about["model"] == "loop":
         return replace(model, network=ModelNetwork(trained, trained.output_name, in_loop=True))
     for name in trained.input_names:

@@ -18,7 +18,7 @@ from pamid.evidence import require_lesson
 from pamid.files import read_lines
 from pamid.quality import Issue, blocking, channel_figures, examine
 from pamid.recording import MIN_SAMPLES, FloatArray, Recording, match_column, read_recording
-from pamid.recording_checks import check_header, check_stamps, explain_cells, read_header, sidecar_of
+from pamid.recording_checks import check_header, check_stamps, explain_cells, read_header, require_file, sidecar_of
 from pamid.rig import Rig, check_rig
 from pamid.units import NONE, is_unit, split_column
 
@@ -41,9 +41,7 @@ def inspect(path: Path, rig: str | None = None) -> Inspection:
     `rig` is the rig a recording is meant for (default: the one its TOML names). FileError for a file of another kind
     or one that is not there; whatever is wrong inside is listed, not raised.
     """
-    if not path.exists():
-        siblings = [p.name for p in path.parent.glob("*")] if path.parent.is_dir() else []
-        raise FileError(f"{path} does not exist.", nearest(path.name, siblings), code="missing")
+    require_file(path, "recording, rig or effect file")
     recording: Recording | None = None
     issues: tuple[Issue, ...] = ()
     if path.suffix == ".csv":
@@ -124,7 +122,7 @@ def _against_rig(recording: Recording, rig_name: str | None) -> tuple[Rig | None
         rig = library.rig_named(rig_name) if rig_name else library.catalogue_rig(library.rig_of([recording]))
         wanted = {c: match_column(recording.columns, c) for c in (*rig.inputs, *rig.outputs)}
     except PamidError as error:
-        return None, [Finding("rig", False, f"{error}. {error.hint}".replace("..", "."))]
+        return None, [Finding("rig", False, str(error))]
     references = [loop.reference for loop in rig.loops]
     strange = [c for c in recording.columns if c not in wanted.values() and c not in references]
     missing = [c for c in rig.inputs if wanted[c] is None and c not in rig.optional]

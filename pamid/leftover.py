@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 
 from pamid.errors import DataError, FileError, UsageError, nearest
 from pamid.files import TABLE, read_data
-from pamid.run import FIT_FILE, RESIDUAL_FILE, read_json
+from pamid.json_file import read_json
+from pamid.recording_checks import HUGE
+from pamid.run import FIT_FILE, RESIDUAL_FILE
 from pamid.units import split_column, with_unit
 
 Array = NDArray[np.float64]
@@ -122,6 +124,9 @@ def read_columns(path: Path) -> dict[str, Array]:
     if table.shape[1:] != (len(names),) or len(set(names)) != len(names) or names[: len(KEYS)] != list(KEYS):
         raise FileError(f"{path}: its header does not fit a residual table that begins with {', '.join(KEYS)}.",
                         _REMEDY, code="damaged")
+    if (np.abs(table) > HUGE).any():
+        raise FileError(f"{path} holds a number beyond {HUGE:g}, which no sensor and no model shows.", _REMEDY,
+                        code="damaged")
     return {name: np.ascontiguousarray(column) for name, column in zip(names, table.T, strict=True)}
 
 
@@ -141,9 +146,14 @@ def split_table(path: Path) -> tuple[list[str], list[str]]:
 
 def _read_fit(path: Path) -> dict[str, Any]:
     fit = read_json(path)
-    if not isinstance(fit, dict) or fit.get("schema") != "pamid.fit/1" or not fit.get("channels"):
+    if not isinstance(fit, dict) or fit.get("schema") != "pamid.fit/1" or not _texts(fit.get("channels")):
         raise FileError(f"{path} is no pamid.fit/1 with channels.", _REMEDY, code="damaged")
     return fit
+
+
+def _texts(value: Any) -> bool:
+    """A list of texts, at least one?"""
+    return isinstance(value, list) and bool(value) and all(isinstance(one, str) for one in value)
 
 
 def _period(fit: dict[str, Any], columns: dict[str, Array]) -> float:

@@ -33,7 +33,9 @@ from pamid.equations import Expr, Number
 from pamid.errors import ConvergenceError, DataError, FileError, UsageError, nearest
 from pamid.evidence import Evidence, gather
 from pamid.expressions import symbol
+from pamid.files import sha256_of
 from pamid.greybox import GreyBox, fit_model
+from pamid.json_file import read_json
 from pamid.leftover import MODELS, Leftover, derived
 from pamid.library import effects, rig_again
 from pamid.networks.store import TrainedNetwork
@@ -43,7 +45,7 @@ from pamid.recording import read_recording
 from pamid.residual_network import Correction, Course, held_out_mae, train_correction, train_network, write_network
 from pamid.residuals import Replay, channel_mae, replay
 from pamid.rig import Rig
-from pamid.run import FIT_FILE, RESIDUAL_FILE, Run, read_json, sha256_of
+from pamid.run import FIT_FILE, RESIDUAL_FILE, Run
 from pamid.units import NONE, display_unit, from_si, split_column, to_si, with_unit
 
 Array = NDArray[np.float64]

@@ -16,10 +16,12 @@ from numpy.typing import NDArray
 
 from pamid.errors import ConvergenceError, DataError, FileError
 from pamid.evidence import Evidence
+from pamid.files import sha256_of
 from pamid.fitting import Fit, Problem
+from pamid.json_file import read_json
 from pamid.prior import Prior
 from pamid.quantities import agreed, straight
-from pamid.run import FIT_FILE, Run, read_json, sha256_of
+from pamid.run import FIT_FILE, Run
 
 Array = NDArray[np.float64]
 REMEDY = "Fit it anew with `pamid fit`."

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from pamid.metrics import runs_of
 from pamid.noise import SHOWN, is_white, noise_level, quantisation_step
 from pamid.recording import SIGNIFICANT_DIGITS
+from pamid.recording_checks import HUGE, TINY
 from pamid.units import NONE, split_column
 
 FloatArray = NDArray[np.float64]
@@ -24,7 +25,6 @@ Mask = NDArray[np.bool_]
 Places = NDArray[np.intp]
 
 MOST_WINDOWS = 60
-TINY, HUGE = 1e-30, 1e30     # in any unit
 SHORTEST_CLIP = 3          # samples at the very extreme
 SHORTEST_FREEZE = 10       # samples
 SHORTEST_LINE = 12         # samples on a straight line, where noise should be

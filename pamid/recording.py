@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pamid.errors import DataError, FileError, nearest
 from pamid.files import TABLE, open_data, sha256_of, write_together
-from pamid.recording_checks import check_header, check_stamps, explain_cells, read_header, sidecar_of
+from pamid.recording_checks import check_header, check_range, check_stamps, explain_cells, read_header, sidecar_of
 from pamid.units import NONE, compatible, from_si, split_column, suffixes_for, to_si
 
 FloatArray = NDArray[np.float64]
@@ -27,6 +27,8 @@ TIME = "time_s"
 MIN_SAMPLES = 50
 SIGNIFICANT_DIGITS = 9
 TIME_DIGITS = 12  # a stamp late in a long record needs more: 9 digits are 10 us after 1000 s
+
+_PLAIN = "Every cell holds one number with a decimal point; `pamid ingest` reads other dialects."
 
 #: words that people write for units pamid does not read; they tell "wrong unit" from "another signal"
 _FOREIGN_UNITS = ("psi", "psig", "psia", "atm", "torr", "mmhg", "barg", "bara", "hpa", "degree", "degrees", "radian",
@@ -97,6 +99,7 @@ def read_recording(path: str | Path) -> Recording:
     names = read_header(source)
     check_header(source, names)
     table = _read_cells(source, names)
+    check_range(source, names, table)
     time = np.ascontiguousarray(table[:, 0])
     check_stamps(source, time)
     if time.size < MIN_SAMPLES:
@@ -134,7 +137,8 @@ def recording_files(
     for name, array in zip(names, arrays, strict=True):
         if array.shape != arrays[0].shape or array.ndim != 1 or not np.isfinite(array).all():
             what = "not finite" if array.shape == arrays[0].shape else f"of shape {array.shape}"
-            raise FileError(f"{target}: column {name!r} is {what}; {arrays[0].size} finite values are needed.")
+            raise FileError(f"{target}: column {name!r} is {what}; {arrays[0].size} finite values are needed.",
+                            "Lower what is sent, or mend the parameters that let it grow without bound.")
     row = ",".join([f"%.{TIME_DIGITS}g", *[f"%.{digits}g"] * len(columns)]) + "\n"
     cells = np.stack(arrays, axis=1).ravel().tolist()
     text = ",".join(names) + "\n" + (row * arrays[0].size) % tuple(cells)
@@ -209,11 +213,11 @@ def _read_cells(path: Path, names: Sequence[str]) -> FloatArray:
                                         dtype=np.float64, encoding="utf-8", skipinitialspace=True)  # fmt: skip
     except (ValueError, OSError, pandas.errors.ParserWarning) as error:
         explain_cells(path, names)
-        raise FileError(f"{path} cannot be read as comma-separated numbers: {error}.") from error
+        raise FileError(f"{path} cannot be read as comma-separated numbers: {error}.", _PLAIN) from error
     table = frame.to_numpy()
     if table.shape[0] == 0 or not np.isfinite(table).all():
         explain_cells(path, names)
-        raise FileError(f"{path}: there are no finite numbers to read.")
+        raise FileError(f"{path}: there are no finite numbers to read.", _PLAIN)
     return np.asarray(table, dtype=np.float64)
 
 
@@ -240,4 +244,5 @@ def _toml_value(value: Any) -> str:
         return repr(float(value))
     if isinstance(value, list | tuple):
         return "[" + ", ".join(_toml_value(item) for item in value) + "]"
-    raise FileError(f"A {type(value).__name__} cannot be written to TOML.")
+    raise FileError(f"A {type(value).__name__} cannot be written to TOML.",
+                    "Give text, numbers, true or false, and lists of them.")

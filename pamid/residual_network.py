@@ -18,6 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from pamid.errors import ConvergenceError, UsageError, nearest
 from pamid.files import write_together
+from pamid.json_file import json_bytes
 from pamid.leftover import MODELS, RESIDUAL_FILE, Leftover, derived, split_table
 from pamid.metrics import mae
 from pamid.networks.anfis import Anfis
@@ -34,7 +35,7 @@ from pamid.networks.store import (
     train_on_signals,
 )
 from pamid.networks.training import Progress, Training
-from pamid.run import Run, json_bytes
+from pamid.run import Run
 
 Array = NDArray[np.float64]
 

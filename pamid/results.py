@@ -76,10 +76,14 @@ class Store:
             refuse_write(self.folder / JOURNAL, error)
 
     def journal(self) -> list[dict[str, str]]:
-        """What was worked out into this folder, in order: `key` and `what`."""
+        """What was worked out into this folder, in order: `key` and `what`. Lines that were cut short are left out."""
         path = self.folder / JOURNAL
-        lines = read_data(path, MAP).decode("utf-8").splitlines() if path.is_file() else []
-        return [json.loads(line) for line in lines if line.endswith("}")]
+        lines = read_data(path, MAP).splitlines() if path.is_file() else []
+        found = []
+        for line in lines:
+            with contextlib.suppress(ValueError, RecursionError):
+                found.append(json.loads(line))
+        return [one for one in found if isinstance(one, dict)]
 
     def clear(self) -> None:
         """Remove what is kept."""

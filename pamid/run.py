@@ -9,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import errno
 import json
-import math
 import os
 import platform
 import re
@@ -18,23 +17,19 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path, PurePath
-from typing import Any, NoReturn
+from typing import Any
 
-import numpy as np
-
-from pamid.errors import FileError, PamidError
+from pamid.errors import FileError
 from pamid.files import (
-    JSON,
     LEFTOVER,
     is_inside,
     make_folder,
-    read_data,
     refuse_write,
     remove_file,
     sha256_of,
     sweep,
-    write_atomically,
 )
+from pamid.json_file import json_text, read_json, write_json
 
 RUN_SCHEMA = "pamid.run/1"
 FIT_FILE, RESIDUAL_FILE = "fit.json", "residual.csv"
@@ -45,7 +40,6 @@ RUN_FILES = ("run.json", FIT_FILE, RESIDUAL_FILE, "network.json", "network.npz",
 FIGURES = "figures"
 JOBS, JOURNAL = "jobs", "journal.jsonl"      # results of single jobs while a run goes on (pamid.results)
 _BEGINNING = re.compile(r"\.run\.json\.[0-9]+\.[0-9a-f]+\.tmp")
-_HALF = re.compile("[\ud800-\udfff]")     # of names that are no UTF-8: no file can hold them as they are
 _JOB = re.compile(r"[0-9a-f]{64}\.npz")
 _PACKAGES = ("pamid", "numpy", "scipy", "pandas", "numba", "llvmlite", "torch", "pysindy", "matplotlib", "sympy")
 
@@ -146,9 +140,13 @@ class Run:
         record = read_json(self.folder / "run.json")
         if not isinstance(record, dict):
             raise FileError(f"{self.folder / 'run.json'} must hold one JSON object.", code="not-a-run")
-        steps = record.get("steps", [])
-        if not (isinstance(steps, list) and all(isinstance(step, dict) for step in steps)):
-            raise FileError(f"{self.folder / 'run.json'}: steps must be a list of objects.", code="not-a-run")
+        for key, empty in (("options", {}), ("inputs", []), ("steps", []), ("ended", None), ("outcome", None)):
+            record.setdefault(key, empty)
+        for key in ("steps", "inputs"):
+            if not (isinstance(record[key], list) and all(isinstance(one, dict) for one in record[key])):
+                raise FileError(f"{self.folder / 'run.json'}: {key} must be a list of objects.", code="not-a-run")
+        if not isinstance(record["options"], dict):
+            raise FileError(f"{self.folder / 'run.json'}: options must be an object.", code="not-a-run")
         return record
 
     @property
@@ -204,71 +202,6 @@ class Run:
         part = open_steps[-1] if open_steps else record
         part.update(more, ended=_now(), outcome=outcome)
         write_json(self.folder / "run.json", record)
-
-
-def write_json(path: str | Path, obj: Any) -> None:
-    """Write strict JSON (no NaN, no infinity), atomically. NumPy scalars and arrays become numbers and lists."""
-    write_atomically(path, json_bytes(obj, Path(path).name))
-
-
-def json_bytes(obj: Any, name: str) -> bytes:
-    """What `write_json` writes into a file of this name."""
-    return json_text(obj, name).encode()
-
-
-def json_text(obj: Any, name: str = "") -> str:
-    """Strict JSON text, ended by a newline. PamidError naming the key that cannot be written."""
-    text = json.dumps(_plain(obj, name or "value"), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-    return _HALF.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
-
-
-def read_json(path: str | Path) -> Any:
-    """Read strict JSON; FileError with line and column where it is not."""
-    source = Path(path)
-    try:
-        text = read_data(source, JSON).decode("utf-8")
-        return json.loads(text, parse_constant=_refuse_constant)
-    except FileNotFoundError:
-        raise FileError(f"{source} does not exist.", code="missing") from None
-    except OSError as error:
-        raise FileError(f"{source} cannot be read: {error.strerror}.") from error
-    except UnicodeDecodeError as error:
-        raise FileError(f"{source} is not UTF-8 text (byte {error.start}).", code="json") from None
-    except json.JSONDecodeError as error:
-        message = f"{source}, line {error.lineno}, column {error.colno}: not JSON: {error.msg}."
-        raise FileError(message, code="json") from None
-    except RecursionError:
-        raise FileError(f"{source}: nested too deeply to be one of pamid's files.", code="json") from None
-    except ValueError as error:
-        raise FileError(f"{source}: {error}", code="json") from None
-
-
-def _refuse_constant(text: str) -> NoReturn:
-    raise ValueError(f"{text} is not allowed in strict JSON.")
-
-
-def _plain(value: Any, where: str) -> Any:
-    if isinstance(value, np.generic | np.ndarray):
-        value = value.tolist()
-    if value is None or isinstance(value, str | bool | int):
-        return value
-    if isinstance(value, float):
-        if not math.isfinite(value):
-            raise PamidError(f"{where} is {value}: strict JSON holds finite numbers only.", code="not-finite")
-        return value
-    if isinstance(value, Mapping):
-        return {_key(key, where): _plain(item, f"{where}.{key}") for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item, f"{where}[{index}]") for index, item in enumerate(value)]
-    if isinstance(value, os.PathLike):
-        return os.fspath(value)
-    raise PamidError(f"{where} is a {type(value).__name__}, which has no JSON form.", code="json")
-
-
-def _key(key: Any, where: str) -> str:
-    if isinstance(key, str):
-        return key
-    raise PamidError(f"{where} has the key {key!r}; keys of JSON are text.", code="json")
 
 
 def _require_free(path: Path, overwrite: bool, resumable: bool) -> None:

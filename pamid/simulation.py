@@ -46,7 +46,8 @@ def measured_outputs(assembly: Assembly, recording: Recording) -> tuple[str, ...
     if not found:
         raise FileError(f"{recording.path} holds none of the outputs of rig {assembly.rig.name!r}: "
                         f"{', '.join(assembly.rig.outputs)}",
-                        nearest(next(iter(assembly.rig.outputs)), list(recording.columns)))
+                        nearest(next(iter(assembly.rig.outputs)), list(recording.columns)) or "Name another --rig, or "
+                        f"rename the columns; there are {', '.join(recording.columns)}.")
     return found
 
 

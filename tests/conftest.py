@@ -11,7 +11,7 @@ import pytest
 from jsonschema import Draft202012Validator
 from pamid_cli.schema import schemas
 
-import pamid.run as run
+import pamid.json_file as json_file
 
 VALIDATORS = {f"pamid.{name}/1": Draft202012Validator(schema) for name, schema in schemas().items()}
 #: of tests only, and the list of schemas itself
@@ -55,5 +55,5 @@ def _every_object_is_as_described() -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(frame, "_json", watched(frame._json))
-        patch.setattr(run, "json_text", watched(run.json_text))
+        patch.setattr(json_file, "json_text", watched(json_file.json_text))
         yield

@@ -11,12 +11,13 @@ from virtual_joint import record
 
 from pamid.evidence import gather
 from pamid.greybox import GreyBox, fit_json, fit_model
+from pamid.json_file import read_json, write_json
 from pamid.library import rig_named
 from pamid.networks.network import Network
 from pamid.networks.scaling import Scaling
 from pamid.networks.store import TrainedNetwork, save_network
 from pamid.recording import Recording, read_recording
-from pamid.run import Run, read_json, write_json
+from pamid.run import Run
 from pamid.virtual import attach_specs
 
 PERIOD_S = 0.003

@@ -22,9 +22,10 @@ from pamid.cluster import Cluster, Patience, cluster
 from pamid.diagnosis.whole import diagnose_into
 from pamid.errors import FileError
 from pamid.jobs import Crew, Failed, Work
+from pamid.json_file import read_json
 from pamid.library import effects
 from pamid.results import Store
-from pamid.run import Run, read_json
+from pamid.run import Run
 
 distributed = pytest.importorskip("distributed", reason="needs pamid[cluster]")
 

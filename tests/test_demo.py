@@ -11,9 +11,9 @@ from pamid_cli import frame
 from pamid_cli.demo import demo_text
 
 import pamid.demo as demo
+from pamid.json_file import read_json
 from pamid.library import effects, rig_named
 from pamid.recording import read_recording
-from pamid.run import read_json
 from pamid.virtual import attach_specs, split_spec
 
 FILES = ("run.json", "excitation.csv", "rec.csv", "rec.toml", "withheld.json", "fit.json", "residual.csv",

@@ -16,6 +16,7 @@ from pamid.assembly import Assembly
 from pamid.engine.program import Stepping
 from pamid.errors import FileError, UsageError
 from pamid.excitation import aprbs
+from pamid.files import sha256_of
 from pamid.identified import Identified, load_identified, simulate_identified
 from pamid.library import rig_named
 from pamid.networks.anfis import Anfis
@@ -23,7 +24,6 @@ from pamid.networks.elman import Elman
 from pamid.networks.narx import Narx
 from pamid.networks.network import Network
 from pamid.recording import Recording
-from pamid.run import sha256_of
 from pamid.units import as_column, split_column, to_si
 from pamid.virtual import attach_specs
 

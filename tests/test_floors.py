@@ -16,6 +16,7 @@ ROOT = Path(__file__).resolve().parent.parent
 #: from the ground up; a module (or folder) may import its own floor and those below it
 FLOORS: tuple[tuple[str, ...], ...] = (
     ("errors", "schemas", "trust", "files"),
+    ("toml_file", "json_file"),
     ("units", "metrics", "expressions", "arrays", "noise"),
     ("run", "parameter", "jobs", "results", "cluster", "equations"),
     ("recording_checks", "recording", "overlap", "excitation", "signals", "excitation_files"),

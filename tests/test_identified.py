@@ -17,8 +17,10 @@ from pamid_cli import frame
 
 from pamid.diagnosis.whole import models_json
 from pamid.errors import FileError, UsageError
+from pamid.files import sha256_of
 from pamid.greybox import GreyBox, loop_motion
 from pamid.identified import Identified, load_identified, record_identified, simulate_identified
+from pamid.json_file import read_json, write_json
 from pamid.library import rig_named
 from pamid.networks.anfis import Anfis
 from pamid.networks.elman import Elman
@@ -27,7 +29,6 @@ from pamid.networks.network import Network
 from pamid.port_network import Corrected, entry_of
 from pamid.quantities import agreed
 from pamid.recording import Recording, read_recording, write_recording
-from pamid.run import read_json, sha256_of, write_json
 from pamid.simulation import free_run
 from pamid.units import from_si, split_column
 

@@ -41,7 +41,7 @@ WRONG_KEYS = {
     ANGLE + "sign = 2": "signals.angle_deg.sign is 2; allowed: 1, -1.",
     ANGLE + 'offset = "3"': 'signals.angle_deg.offset is "3"; a number is needed.',
     ANGLE + "offset = nan": "signals.angle_deg.offset is nan; a finite number is needed.",
-    ANGLE + "offset = " + "9" * 5000: "cannot be read",
+    ANGLE + "offset = " + "9" * 5000: "holds a whole number of more than 19 digits",
     ANGLE + 'interpolation = "linear"': 'signals.angle_deg.interpolation is "linear"; allowed: "hold", "smooth".',
     ANGLE + '[time]\nrepair = "late-stamp"': 'time.repair is "late-stamp"; allowed: "ask", "late-stamps", "jittered-'
                                              'sampling", "none". Did you mean \'late-stamps\'?',

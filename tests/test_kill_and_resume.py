@@ -20,8 +20,8 @@ from small_cart import RIG, others, record_cart
 
 import pamid.run
 import pamid.trial.work as work
+from pamid.json_file import read_json
 from pamid.results import Store
-from pamid.run import read_json
 
 FILES = ("diagnosis.json", "fit.json", "residual.csv", "next-experiment.csv", "next-experiment.toml")
 

@@ -13,7 +13,7 @@ import pytest
 
 from pamid import library
 from pamid.errors import FileError
-from pamid.run import sha256_of
+from pamid.files import sha256_of
 
 CART = Path(__file__).resolve().parent.parent / "data" / "rigs" / "cart.py"
 

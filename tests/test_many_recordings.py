@@ -14,9 +14,9 @@ from small_cart import PERIOD_S, RIG, others
 
 from pamid.evidence import FEWEST, Evidence
 from pamid.excitation import aprbs
+from pamid.json_file import read_json
 from pamid.library import rig_named
 from pamid.recording import read_recording, write_recording
-from pamid.run import read_json
 from pamid.virtual import virtual_rig
 
 

@@ -14,6 +14,7 @@ from pamid_cli.reproduce_paper import table_text
 
 from pamid.assembly import Assembly
 from pamid.excitation import aprbs
+from pamid.json_file import read_json
 from pamid.library import effects, rig_named
 from pamid.metrics import mae
 from pamid.networks.elman import Elman
@@ -31,7 +32,6 @@ from pamid.papers.joint_twin import (
     step_reference,
 )
 from pamid.recording import read_recording
-from pamid.run import read_json
 from pamid.virtual import attach_specs
 
 SMALL = ("reproduce-paper", "--quick", "--seconds", "12", "--iterations", "4", "--starts", "2", "--jobs", "1", "--json")

@@ -18,14 +18,16 @@ from pamid.demo import Withheld, write_demo_recording
 from pamid.errors import UsageError
 from pamid.evidence import gather
 from pamid.expressions import symbols
+from pamid.files import write_atomically
 from pamid.greybox import GreyBox, fit_json, fit_model, residual_csv
+from pamid.json_file import read_json, write_json
 from pamid.leftover import read_columns, read_leftover
 from pamid.library import rig_named
 from pamid.networks.store import load_network
 from pamid.port_network import Corrected, Entry, entry_of, missing_at, named_values, origin_of
 from pamid.recording import read_recording
 from pamid.residuals import channel_mae, replay
-from pamid.run import Run, read_json, write_atomically, write_json
+from pamid.run import Run
 
 RESULTS = ("network.json", "network.npz", "trace.csv", "residual.csv")
 QUICK = ("--hidden", "3", "--iterations", "4")

@@ -334,8 +334,13 @@ def test_the_title_states_what_was_found(spoilt: Path) -> None:
 
     recording = read_recording(spoilt)
     title = card_title(recording, examine(recording))
-    assert title.startswith("1 problem in rec: pressure_2_kpa is clipped at its highest value, 540 kPa, for ")
-    assert "nothing is wrong" in card_title(recording, ())
+    # what `check` calls a note is none of the problems of the card
+    assert title.startswith("rec: nothing is wrong with 7 channels over 30 s; 1 note: pressure_2_kpa is clipped at its "
+                            "highest value, 540 kPa, for ")
+    assert "nothing is wrong" in card_title(recording, ()) and "note" not in card_title(recording, ())
+    wrong = [Issue("unit", (ANGLE,), "wrong", "angle_deg is in rad")]
+    title = card_title(recording, [*wrong, *examine(recording)], ["the input 'u' is missing"])
+    assert title.startswith("2 problems and 1 note in rec: the input 'u' is missing; angle_deg is in rad; pressure_2")
     shown = envelope(recording.time, moved(recording.columns[ANGLE], {4321: 500.0}))[1]
     assert shown.max() > 450.0 and shown.size < 2000
     assert joined([(1.0, 1.0), (1.05, 2.0), (5.0, 6.0)], 0.2) == [(pytest.approx(0.9), 2.0), (5.0, 6.0)]

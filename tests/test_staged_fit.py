@@ -19,12 +19,13 @@ from pamid.evidence import gather
 from pamid.fitting import Problem
 from pamid.greybox import GreyBox, fit_json, fit_model
 from pamid.intervals import bootstrap
+from pamid.json_file import write_json
 from pamid.library import rig_named
 from pamid.posterior import read_posterior
 from pamid.prior import Prior, terms_of_sheet
 from pamid.recording import Recording
 from pamid.rig import Rig
-from pamid.run import Run, write_json
+from pamid.run import Run
 
 Array = NDArray[np.float64]
 

@@ -16,8 +16,8 @@ import pytest
 from pamid_cli import frame
 
 from pamid.excitation import aprbs
+from pamid.json_file import read_json
 from pamid.recording import write_recording
-from pamid.run import read_json
 
 CART = Path(__file__).resolve().parents[1] / "data" / "rigs" / "cart.py"
 COMMAS = ("de_DE.UTF-8", "de_DE", "fr_FR.UTF-8", "nl_NL.UTF-8")

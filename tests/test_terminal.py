@@ -19,8 +19,8 @@ from pamid_cli.terminal import printable, printable_json
 from small_cart import RIG, record_cart
 
 from pamid.errors import quoted
+from pamid.json_file import read_json, write_json
 from pamid.recording import write_recording
-from pamid.run import read_json, write_json
 
 NASTY = ("\x1b]0;owned\x07", "\x1b[2J", "\x9b31m", "a\rb", "\u202egnp.exe", "x\u200by", "\u2066", "\x7f", "\U000e0041",
          "\ufeff", "\udcff")

@@ -22,14 +22,16 @@ from pamid.arrays import load_arrays
 from pamid.demo import Withheld, write_demo_recording
 from pamid.errors import UsageError
 from pamid.evidence import gather
+from pamid.files import write_atomically
 from pamid.greybox import fit_json, fit_model, residual_csv
+from pamid.json_file import read_json, write_json
 from pamid.leftover import read_columns, read_leftover
 from pamid.library import rig_named
 from pamid.networks.anfis import Anfis
 from pamid.networks.store import load_network
 from pamid.recording import read_recording
 from pamid.residual_network import Wanted, with_columns
-from pamid.run import Run, read_json, write_atomically, write_json
+from pamid.run import Run
 
 LOOP = ["reference_deg", "command_loop", "angle_loop_deg", "velocity_loop_deg_per_s", "acceleration_loop_deg_per_s2"]
 RESULTS = ("network.json", "network.npz", "trace.csv", "residual.csv")

@@ -15,9 +15,9 @@ from pamid.effect import Effect
 from pamid.errors import DataError, UsageError
 from pamid.evidence import Evidence
 from pamid.jobs import Crew
+from pamid.json_file import read_json
 from pamid.library import effects
 from pamid.metrics import wilson_interval
-from pamid.run import read_json
 from pamid.trial import work
 from pamid.trial.cases import NAMELESS, STRATA, Case, cases_sha256, draw_cases
 from pamid.trial.faults import FAULTS

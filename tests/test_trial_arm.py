@@ -20,8 +20,8 @@ from pamid.errors import DataError, UsageError
 from pamid.evidence import Evidence
 from pamid.excitation import aprbs
 from pamid.jobs import Crew
+from pamid.json_file import read_json
 from pamid.library import effects, rig_named
-from pamid.run import read_json
 from pamid.trial import arm, arm_faults, arm_kernel, work
 from pamid.trial.arm import CHANNELS, NOISE, RADII, SHEET, TO_COLUMN, ArmBody, ArmSpecimen, draw_arm, record_arm
 from pamid.trial.arm_faults import ARM_FAULTS, JOINTS, MUSCLES, draw_site, draw_sizes, placed, reported, split

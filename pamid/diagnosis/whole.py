@@ -11,9 +11,11 @@ from pamid.diagnosis.unknown import described, find_missing, missing_csv
 from pamid.diagnosis.verdict import diagnosis_json
 from pamid.effect import Effect
 from pamid.evidence import Evidence
+from pamid.files import write_atomically
 from pamid.greybox import fit_json, model_json, residual_csv
 from pamid.jobs import Crew
-from pamid.run import FIT_FILE, RESIDUAL_FILE, Run, write_atomically, write_json
+from pamid.json_file import write_json
+from pamid.run import FIT_FILE, RESIDUAL_FILE, Run
 
 
 def diagnose_into(run: Run, evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: int = 0, jobs: int = 1,

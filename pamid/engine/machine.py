@@ -24,6 +24,7 @@ from pathlib import Path
 import llvmlite
 import llvmlite.binding as llvm
 
+from pamid.engine.homeless import user_cache
 from pamid.trust import is_shared
 
 _VERSION = "1"
@@ -35,8 +36,7 @@ _machine: list[llvm.TargetMachine] = []
 def cache_folder() -> Path:
     """Where compiled models are kept: $PAMID_CACHE, else the user's cache folder."""
     chosen = os.environ.get("PAMID_CACHE")
-    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    return Path(chosen) if chosen else base / "pamid"
+    return Path(chosen) if chosen else user_cache() / "pamid"
 
 
 def _target() -> llvm.TargetMachine:

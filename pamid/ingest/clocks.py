@@ -16,13 +16,12 @@ from pamid.ingest.stamps import Rows, usable_rows
 from pamid.ingest.time_base import Cure, Diagnosis, TimeBase, diagnose, time_base
 from pamid.metrics import FloatArray
 from pamid.recording import MIN_SAMPLES
-from pamid.recording_checks import UNIFORM_TO
+from pamid.recording_checks import HUGE, UNIFORM_TO
 from pamid.rig import Rig
 from pamid.units import unit
 
 FAR = 100.0          # times the usual period: then the unit of the stamps is in doubt
 NEAR = 30.0          # times the usual period: what another unit of the stamps would have to give
-HUGE = 1e30          # in any unit
 _TIME_UNITS = ("ns", "us", "ms", "s", "min")
 
 

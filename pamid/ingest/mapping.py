@@ -7,7 +7,6 @@ allowed there and the nearest name.
 from __future__ import annotations
 
 import re
-import tomllib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +15,6 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationError
 
 from pamid.errors import FileError, PamidError, nearest
-from pamid.files import TOML, read_data
 from pamid.ingest.quantities import (
     PRESSURE,
     STANDARD_ATMOSPHERE_KPA,
@@ -27,6 +25,7 @@ from pamid.ingest.quantities import (
 )
 from pamid.recording import TIME, match_column
 from pamid.rig import Rig
+from pamid.toml_file import read_toml
 from pamid.units import NONE, is_unit, split_column, unit
 
 OPEN = "?"  # what a guessed mapping writes where only the user can answer
@@ -106,19 +105,11 @@ def load_mapping(path: Path, pressures: str | None = None) -> Mapping:
     pressures: "gauge" or "absolute" for every pressure of which the mapping does not say it; FileError if it says the
     opposite of one.
     """
-    try:
-        tables = tomllib.loads(read_data(path, TOML).decode("utf-8-sig"))
-    except tomllib.TOMLDecodeError as error:
-        hint = "Text stands in quotes, numbers have a decimal point." if "value" in str(error) else ""
-        raise FileError(f"{path}: not TOML: {error}.", hint, code="toml") from None
-    except UnicodeDecodeError as error:
-        raise FileError(f"{path} is not UTF-8 text (byte {error.start}).", code="encoding") from None
-    except FileNotFoundError:
+    def nearby() -> str:
         siblings = [item.name for item in path.parent.glob("*.toml")] if path.parent.is_dir() else []
-        hint = nearest(path.name, siblings) or "`pamid ingest --guess` writes a first one of a log."
-        raise FileError(f"{path} does not exist.", hint, code="missing") from None
-    except (OSError, RecursionError, ValueError) as error:  # ValueError: a number of thousands of digits
-        raise FileError(f"{path} cannot be read: {error}.") from None
+        return nearest(path.name, siblings) or "`pamid ingest --guess` writes a first one of a log."
+
+    tables = read_toml(path, nearby)
     if pressures is not None:
         _answer(tables.get("signals"), pressures, str(path))
     return mapping_of(tables, str(path))

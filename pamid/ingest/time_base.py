@@ -21,7 +21,7 @@ import numpy as np
 
 from pamid.ingest.stamps import IntArray, Repair, Rows, count_samples, fit_clock, rough_period
 from pamid.metrics import FloatArray
-from pamid.recording_checks import UNIFORM_TO
+from pamid.recording_checks import HUGE, UNIFORM_TO
 
 Cure = Literal["none", "late-stamps", "jittered-sampling"]
 State = Literal["even", "rounded", "blocks", "late-stamps", "jittered-sampling", "undecided"]
@@ -174,7 +174,7 @@ def _witness(name: str, rows: Rows, values: FloatArray, period: float) -> Witnes
         if piece.stop - piece.start < 2 * width:
             continue
         t, y = rows.stamps[piece], values[piece]
-        bad = ~np.isfinite(y)
+        bad = ~(np.abs(y) <= HUGE)      # a nan is as bad
         y = np.where(bad, 0.0, y)
         pace = savgol_filter(t, width, 2, deriv=1)
         stray = t - savgol_filter(t, width, 2)
@@ -193,7 +193,7 @@ def _witness(name: str, rows: Rows, values: FloatArray, period: float) -> Witnes
     if use.sum() < FEW:
         return None
     noise = float(np.median(np.abs(rough[use]))) / 0.6745 / ROUGH
-    noise = max(noise, 8.0 * float(np.spacing(np.nanmax(np.abs(values)))))
+    noise = max(noise, 8.0 * float(np.spacing(np.abs(values[np.abs(values) <= HUGE]).max())))
     # of a parabola's slope through evenly spaced samples
     noise /= period * math.sqrt(HALF * (HALF + 1) * width / 3.0)
     use &= np.abs(slope) > MOVING * noise
@@ -202,6 +202,8 @@ def _witness(name: str, rows: Rows, values: FloatArray, period: float) -> Witnes
     rough, due = rough[use], due[use]
     top, bottom = (np.array([float(a @ b) for a, b in zip(np.array_split(x, PARTS), np.array_split(due, PARTS),
                                                           strict=True)]) for x in (rough, due))  # fmt: skip
+    if not (bottom.sum() > bottom).all():   # one part is all there is: nothing says how sure it is
+        return None
     coefficient = top.sum() / bottom.sum()
     without = (top.sum() - top) / (bottom.sum() - bottom)
     error = math.sqrt((PARTS - 1) / PARTS * float(((without - without.mean()) ** 2).sum()))

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from pamid.arrays import load_arrays
 from pamid.errors import FileError
+from pamid.files import write_atomically
 from pamid.networks.bayes import Evidence
-from pamid.run import write_atomically
 
 Array = NDArray[np.float64]
 

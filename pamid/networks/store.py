@@ -23,10 +23,10 @@ from numpy.typing import ArrayLike, NDArray
 from pamid.arrays import load_arrays
 from pamid.errors import DataError, FileError, PamidError, nearest
 from pamid.files import WEIGHTS, read_data, write_together
+from pamid.json_file import json_bytes, read_json
 from pamid.networks.network import Network
 from pamid.networks.scaling import Scaling, check_finite, scaling_of
 from pamid.networks.training import Training, train
-from pamid.run import json_bytes, read_json
 
 Array = NDArray[np.float64]
 Signals = Mapping[str, ArrayLike]

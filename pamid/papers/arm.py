@@ -18,9 +18,11 @@ from numpy.typing import NDArray
 from pamid.assembly import Assembly
 from pamid.errors import ConvergenceError
 from pamid.evidence import Evidence
+from pamid.files import write_atomically
 from pamid.force_law_run import write_law
 from pamid.force_map import judge, read_map
 from pamid.greybox import GreyBox, fit_json, fit_model
+from pamid.json_file import write_json
 from pamid.library import catalogue_rig
 from pamid.networks.force_law import force_law
 from pamid.papers.arm_twin import (
@@ -44,7 +46,7 @@ from pamid.report.arm_paper_figure import Panel, arm_picture
 from pamid.residuals import Replay
 from pamid.rigs.muscle import Law
 from pamid.rigs.two_link import MUSCLES, TwoLink
-from pamid.run import FIT_FILE, Run, write_atomically, write_json
+from pamid.run import FIT_FILE, Run
 from pamid.simulation import free_run, output_table
 from pamid.windows import Runner, track_of
 

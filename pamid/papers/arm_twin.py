@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from pamid.evidence import Evidence, gather
 from pamid.experiments import gravity_test, muscle_pulses, nothing_sent
+from pamid.files import write_atomically
 from pamid.force_map import COLUMNS, ForceMap, pulls
 from pamid.library import catalogue_rig
 from pamid.recording import Recording, read_recording, write_recording
 from pamid.rig import Rig
 from pamid.rigs.muscle import LAWS
-from pamid.run import write_atomically
 from pamid.simulation import output_table
 from pamid.units import from_si, split_column, to_si
 from pamid.virtual import virtual_rig

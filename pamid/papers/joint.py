@@ -22,7 +22,9 @@ from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.diagnosis.verdict import diagnosis_json
 from pamid.evidence import gather
 from pamid.excitation import aprbs
+from pamid.files import write_atomically
 from pamid.greybox import GreyBox, fit_model, loop_run
+from pamid.json_file import write_json
 from pamid.leftover import Leftover, Stretch, derived
 from pamid.library import catalogue_rig, effects
 from pamid.metrics import mae
@@ -45,7 +47,7 @@ from pamid.papers.joint_twin import (
 from pamid.recording import Recording, read_recording, write_recording
 from pamid.report.paper_figure import steps_picture
 from pamid.residual_network import CHECKPOINT_FILE, STARTUP_S, TRACE_FILE, Correction, train_correction
-from pamid.run import Run, write_atomically, write_json
+from pamid.run import Run
 
 Array = NDArray[np.float64]
 Told = Callable[[str], None]

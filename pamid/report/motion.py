@@ -107,6 +107,9 @@ def motion_of(run: RunData, rig: Rig, step_s: float, begin: float | None = None,
     shown = {kind: {name: np.interp(time, clock, trace[rows]) for name, trace in of.items()}
              for kind, of in traces.items()}  # fmt: skip
     rows = rows[(clock >= first) & (clock <= last)]
+    if not rows.size:
+        raise DataError("The run holds no sample at these times.", f"It has one at {clock[0]:g} s and one at "
+                        f"{clock[-1]:g} s.", code="times")
     names = {kind: _model_name(run, kind) for kind in kinds}
     means = _means(residual, traces, rows)
     return Motion(

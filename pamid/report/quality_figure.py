@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from pamid.quality import Issue
-from pamid.quality_signals import HUGE
 from pamid.recording import Recording
+from pamid.recording_checks import HUGE
 from pamid.report import words
 from pamid.report.style import PNG_DPI, WIDE_IN, colour, grid, label, settings
 
@@ -34,10 +34,12 @@ ROW_IN, REST_IN = 0.72, 0.65
 COLOURS = 96
 
 
-def card_png(recording: Recording, issues: Sequence[Issue], channels: Mapping[str, Mapping[str, float]]) -> bytes:
-    """The quality card as a PNG; channels: step and noise per column (`pamid.quality.channel_figures`)."""
+def card_png(recording: Recording, issues: Sequence[Issue], channels: Mapping[str, Mapping[str, float]],
+             others: Sequence[str] = ()) -> bytes:
+    """The quality card as a PNG; channels: step and noise per column (`pamid.quality.channel_figures`); others: what is
+    wrong besides the issues, as a column that the rig needs."""
     rows = _rows(recording, issues)
-    lines = textwrap.wrap(label(card_title(recording, issues), 400), WIDEST_LINE)
+    lines = textwrap.wrap(label(card_title(recording, issues, others), 400), WIDEST_LINE)
     buffer, small = io.BytesIO(), io.BytesIO()
     with settings("quality"):
         figure = Figure(figsize=(WIDE_IN, REST_IN + ROW_IN * len(rows) + 0.19 * len(lines)), layout="constrained")
@@ -57,14 +59,24 @@ def card_png(recording: Recording, issues: Sequence[Issue], channels: Mapping[st
     return small.getvalue()
 
 
-def card_title(recording: Recording, issues: Sequence[Issue]) -> str:
-    """How many problems there are, and the first of them."""
-    length = len(recording) * recording.sampling_period_s
-    if not issues:
-        return f"{recording.name}: nothing is wrong with {len(recording.columns)} channels over {length:.4g} s"
-    many = f"{len(issues)} {'problem' if len(issues) == 1 else 'problems'}"
-    more = f"; and {len(issues) - SPELT_OUT} more" if len(issues) > SPELT_OUT else ""
-    return f"{many} in {recording.name}: {'; '.join(issue.message for issue in issues[:SPELT_OUT])}{more}"
+def card_title(recording: Recording, issues: Sequence[Issue], others: Sequence[str] = ()) -> str:
+    """How many problems and notes there are, as the text of `check` counts them, and the first of them."""
+    wrong = [*others, *(issue.message for issue in issues if issue.severity == "wrong")]
+    notes = [issue.message for issue in issues if issue.severity != "wrong"]
+    if not wrong:
+        length = len(recording) * recording.sampling_period_s
+        counted = f"nothing is wrong with {len(recording.columns)} channels over {length:.4g} s"
+        counted = f"{recording.name}: {counted}" + (f"; {_many(notes, 'note')}" if notes else "")
+    else:
+        counted = " and ".join(_many(told, word) for told, word in ((wrong, "problem"), (notes, "note")) if told)
+        counted = f"{counted} in {recording.name}"
+    told = [*wrong, *notes]
+    more = f"; and {len(told) - SPELT_OUT} more" if len(told) > SPELT_OUT else ""
+    return f"{counted}: {'; '.join(told[:SPELT_OUT])}{more}" if told else counted
+
+
+def _many(told: Sequence[str], word: str) -> str:
+    return f"{len(told)} {word}{'' if len(told) == 1 else 's'}"
 
 
 def _rows(recording: Recording, issues: Sequence[Issue]) -> list[str]:

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from pamid.errors import FileError
 from pamid.files import TABLE, read_data
-from pamid.run import read_json
+from pamid.json_file import read_json
 
 FloatArray = NDArray[np.float64]
+SQUARED = 1e150      # what is larger cannot be squared
 REMEDY = "Run the command that wrote it again."
 _BLANK_CELL = re.compile(r"(?<=,)(?=[,\n])")
 
@@ -189,4 +190,6 @@ def read_columns(path: Path) -> dict[str, FloatArray] | None:
     if table.shape[1] != len(names):
         message = f"{path}: {len(names)} names stand above {table.shape[1]} columns."
         raise FileError(message, REMEDY, code="damaged")
+    if (np.abs(table) > SQUARED).any():
+        raise FileError(f"{path} holds a number beyond {SQUARED:g}, which nothing shows.", REMEDY, code="damaged")
     return dict(zip(names, table.T.copy(), strict=True))

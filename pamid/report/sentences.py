@@ -217,4 +217,6 @@ def timeline_title(
     order = np.sort(error)[::-1]
     half = int(np.searchsorted(np.cumsum(order), 0.5 * order.sum())) + 1
     what = words.clean(f"{channel_words(channel)} error{run.recording_words(recording)}")
+    if not order.size:
+        return f"No refitted {what} is known in the time shown"
     return f"Half of the refitted {what} lies in {percent(half / order.size)} of the time shown"

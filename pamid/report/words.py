@@ -68,12 +68,12 @@ def number(value: float | None, digits: int = 3) -> str:
         return "?"
     if value == 0.0:
         return "0"
-    exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
+    mantissa, _, power = f"{value:.{digits - 1}e}".partition("e")
+    exponent = int(power)
     if -4 <= exponent < 6:
         text = f"{value:.{max(digits - 1 - exponent, 0)}f}"
         return text.replace("-", MINUS)
-    mantissa = f"{value / 10.0**exponent:.{digits - 1}f}".replace("-", MINUS)
-    return f"{mantissa}{SPACE}×{SPACE}10{superscript(exponent)}"
+    return f"{mantissa.replace('-', MINUS)}{SPACE}×{SPACE}10{superscript(exponent)}"
 
 
 def superscript(exponent: int) -> str:

@@ -18,9 +18,9 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from pamid.engine.numba_cache import njit
 from pamid.trial.kernel import (
     ANGLE,
     ATMOSPHERE,

@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 from pamid.diagnosis.further import Newcomer
 from pamid.diagnosis.judgement import LEAST, Grounds, Line, features
 from pamid.errors import DataError
-from pamid.run import read_json
+from pamid.json_file import read_json
 from pamid.trial.marking import Marked
 
 Array = NDArray[np.float64]

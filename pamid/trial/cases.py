@@ -16,8 +16,8 @@ import numpy as np
 
 from pamid.effect import Effect
 from pamid.errors import UsageError
+from pamid.json_file import json_text
 from pamid.library import effects
-from pamid.run import json_text
 from pamid.trial.conditions import Conditions
 from pamid.trial.faults import Fault
 from pamid.trial.machines import ONE_DOF, Machine, machine_named

@@ -27,11 +27,11 @@ from pamid.evidence import Evidence, Span, gather
 from pamid.files import make_folder, sweep
 from pamid.greybox import fit_model
 from pamid.jobs import Crew, Failed, Work, fault_text
+from pamid.json_file import read_json, write_json
 from pamid.library import catalogue_rig, effects
 from pamid.metrics import shrinkage_interval
 from pamid.recording import TIME, Recording, read_recording, write_recording
 from pamid.results import Plain
-from pamid.run import read_json, write_json
 from pamid.trial.cases import Case, cases_sha256, draw_cases
 from pamid.trial.machines import ONE_DOF, Machine, Record, machine_named
 from pamid.trial.plant import PERIOD_S
