@@ -183,7 +183,8 @@ def refuse_write(target: Path, error: OSError) -> NoReturn:
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         hint = "Free some space and run it again; the former content is untouched."
         raise FileError(f"{target} was not written: the disk is full.", hint, code="disk-full") from error
-    raise FileError(f"{target} cannot be written: {error.strerror or error}.", code="write") from error
+    hint = "Check its permissions, and that no part of the path is a file where a folder is needed."
+    raise FileError(f"{target} cannot be written: {error.strerror or error}.", hint, code="write") from error
 
 
 def _require_replaceable(target: Path) -> None:

@@ -256,10 +256,9 @@ def load_identified(run_folder: Path, *, which: str = "best", rig: str | None = 
                     effects: tuple[str, ...] = ()) -> Identified:
     """The model of a run; FileError where the folder is damaged or its rig or effect files are not named here.
 
-    which     "cause" (of a diagnosis), "network" (the refitted model with the network that was trained on the run),
-              "refitted", or "best": the first of these that the run has
-    rig       path of the rig file where the run was made with one; it is run
-    effects   paths of the effect files, likewise
+    which          "cause" (of a diagnosis), "network" (the refitted model with the network that was trained on the
+                   run), "refitted", or "best": the first of these that the run has
+    rig, effects   paths of the rig file and the effect files that the run was made with; they are run
     """
     if which not in WHICH:
         raise UsageError(f"--which {which!r}: take one of {', '.join(WHICH)}.")
@@ -276,8 +275,7 @@ def load_identified(run_folder: Path, *, which: str = "best", rig: str | None = 
     with _sound(path):
         noted = {str(one["path"]): str(one["sha256"]) for one in record["inputs"]}
         source = str(record["options"].get("rig") or fit["rig"])
-        made = rig_again(source, rig, noted)
-        if made.name != fit["rig"]:
+        if (made := rig_again(source, rig, noted)).name != fit["rig"]:
             raise FileError(f"The run is of the rig {fit['rig']!r}, not of {made.name!r}.", "Name its own.", code="rig")
         catalogue = effects_again(tuple(map(str, record["options"].get("effects", ()))), effects, noted)
         model = _model(made, fit, "cause" if chosen == "cause" else "model", catalogue, path)

@@ -58,7 +58,7 @@ def read_json(path: str | Path) -> Any:
 def _finite(text: str) -> float:
     value = float(text)
     if math.isinf(value):
-        raise ValueError(f"{text:.12} is larger than any number a computer calculates with.")
+        raise ValueError(f"{text:.12} is no finite number to calculate with.")
     return value
 
 

@@ -16,7 +16,7 @@ from typing import Any
 PATIENCE_S = 600.0      # for what has to come: only a failure waits as long
 
 _HALTING = '''
-import os, sys, threading
+import os, sys, time
 when, name, number, event = sys.argv[1], sys.argv[2], int(sys.argv[3]), int(sys.argv[4])
 replace, seen = os.replace, 0
 
@@ -26,7 +26,8 @@ def happened(what, target):
         seen += 1
         if seen == number:
             os.write(event, b"halted")
-            threading.Event().wait()
+            while True:
+                time.sleep(0.01)    # one long wait would never hear a signal that comes just before it begins
 
 def replacing(source, target, **more):
     happened("before", target)

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from pamid_cli.job import cluster_option
 
-from pamid.cluster import cluster
+from pamid.cluster import Patience, cluster
 from pamid.errors import FileError
 from pamid.jobs import Crew, Work
 
@@ -59,7 +59,7 @@ def test_over_tls_with_the_certificates_of_dasks_configuration(certificates: dic
             assert found == 42.0
         nobody = dict.fromkeys(certificates)
         with dask.config.set(nobody), pytest.raises(FileError, match="DASK_DISTRIBUTED__COMM__TLS__CA_FILE"), \
-                    cluster(address, patience_s=5.0):
+                    cluster(address, Patience(answer_s=5.0)):
             pass
 
 

@@ -298,7 +298,8 @@ def test_check_compares_a_recording_with_its_rig(tmp_path: Path, capsys: pytest.
 
 
 def test_check_refuses_a_recording_without_excitation(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    code, said = call(capsys, "check", recording(tmp_path, force_n=np.ones(300)), "--rig", RIGS / "emps.py")
+    resting = recording(tmp_path, force_n=np.ones(300), position_m=np.ones(300))
+    code, said = call(capsys, "check", resting, "--rig", RIGS / "emps.py")
     assert code == 3 and wrong(said) == ["excitation"]
 
 

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from fuzzing import ALLOWED
 from identified_runs import SEEN, fitted_run, put_network, random_network
 from pamid_cli import frame
 from pamid_cli.table import COMMANDS
@@ -38,6 +37,8 @@ WORDS = ("one-dof:evil.py", "{place}/evil.py", "./evil.py", "evil.py", "../evil.
 PLANTED = ("evil.py", "one-dof:evil.py", "coulomb-friction@evil.py", "evil/__init__.py")
 #: how many of the words a key is tried with that names code or may be taken to; the other keys take turns
 NAMING = {"rig": len(WORDS), "effects": 3, "effect": 2, "path": 1}
+#: everything but a fault of pamid's
+ALLOWED = {0, 2, 3, 4, 5, 6}
 AT_ONCE = 8     # other keys in one copy
 END = "as far as the test goes"
 

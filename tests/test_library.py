@@ -34,7 +34,7 @@ def test_the_look_up_for_data_never_loads(word: str, tmp_path: Path, monkeypatch
 CODE_LOADING = ("rig_named", "rig_again", "effects_again", "effects_with", "load_file")
 MAY_LOAD = {"pamid/library.py", "pamid/inspection.py", "pamid/identified.py", "pamid/port_network.py",
             "pamid/virtual.py", "pamid/report/motion.py", "cli/diagnose.py", "cli/effects.py", "cli/excite.py",
-            "cli/ingest.py", "cli/options.py", "cli/rigs.py"}
+            "cli/hints.py", "cli/ingest.py", "cli/options.py", "cli/rigs.py"}
 
 
 def test_who_may_load_code() -> None:

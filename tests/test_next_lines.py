@@ -294,8 +294,8 @@ def test_after_a_fit_of_very_little(here: Path, run: Run) -> None:
 
 
 def test_no_network_over_two_periods(cart: Path, here: Path, run: Run) -> None:
-    quick = read_recording(cart)
-    write_recording("slow.csv", quick.time[:450] * 2.0, {name: x[:450] for name, x in quick.columns.items()},
+    quick = read_recording(cart)    # mirrored: the same samples twice would be refused
+    write_recording("slow.csv", quick.time[:450] * 2.0, {name: -x[:450] for name, x in quick.columns.items()},
                     {"recording": {"sampling_period_s": 0.02}})
     (report,) = lines_of(run("fit", str(cart), "slow.csv", "--rig", "cart.py", "--output", "run"))
     assert report == ["report", "run"]

@@ -172,6 +172,7 @@ def test_the_old_word_for_overwriting_is_heard_and_not_shown(tmp_path: Path, mon
     monkeypatch.delenv("PAMID_GENERATE_APRBS_FORCE")
     (tmp_path / "pamid.toml").write_text("[generate-aprbs]\nforce = true\n")
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path))   # only there a file may give leave to replace
     assert frame.run(words) == 0
     capsys.readouterr()
     overwriting = []

@@ -324,7 +324,7 @@ GUARD_S = 900.0     # so that a process which hangs ends the test; no healthy on
 
 #: `pamid` that stands still once it has told of its progress so many times, and says so by a byte
 _HELD = """
-import os, signal, sys
+import os, sys, time
 from pamid_cli.frame import main
 from pamid_cli.progress import Progress
 said, left, update = int(sys.argv.pop(1)), [int(sys.argv.pop(1))], Progress.update
@@ -333,7 +333,7 @@ def held(*words):
     if left[0] == 0:
         os.write(said, b"!")
         while True:
-            signal.pause()
+            time.sleep(0.01)    # one long wait would never hear a signal that comes just before it begins
     update(*words)
 Progress.update = held
 main()

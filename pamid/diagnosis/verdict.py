@@ -167,7 +167,7 @@ def _background(d: Diagnosis, final: Contender) -> dict[str, dict[str, float]]:
 
 def remark(d: Diagnosis) -> str:
     """What is wrong with the recordings, or with how they were read, where no verdict on the model means anything."""
-    if d.units:
+    if d.units and (d.units["slips"] or not d.empty):
         channel, share = max(d.units["error_over_spread"].items(), key=lambda pair: pair[1])
         return f"The refitted model misses {channel} by {share:.2g} times what it moves. {d.units['advice']}"
     if not d.empty:
