@@ -36,7 +36,8 @@ LONG = Patience(900.0, 900.0, 900.0)       # whatever else this machine does: a 
 def _patient() -> Iterator[None]:
     import dask
 
-    waits = {f"distributed.comm.timeouts.{name}": "900s" for name in ("connect", "tcp")}
+    # a worker that was killed is called for as long as "connect": each time that a result lay with it
+    waits = {"distributed.comm.timeouts.connect": "20s", "distributed.comm.timeouts.tcp": "900s"}
     fewer = {"distributed.worker.daemon": True, "distributed.scheduler.allowed-failures": 1}
     with pytest.MonkeyPatch.context() as patch, dask.config.set({**fewer, **waits}):
         patch.setattr("pamid.cluster.USUAL", LONG)

@@ -24,6 +24,7 @@ def seed_of(effect: str) -> int:
     return next(seed for seed in range(1000) if demo.draw_withheld(seed).effect == effect)
 
 
+@pytest.mark.slow
 def test_a_short_demo_names_what_was_withheld(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
                                               capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "demo"

@@ -84,6 +84,7 @@ def test_the_runners_up_stand_beside_it(rubbing: tuple[Path, Recording, dict[str
     assert any("coulomb-friction" in k for k in found["look_alikes"]), "friction laws look alike on this record"
 
 
+@pytest.mark.slow
 def test_same_bytes_under_another_name(tmp_path: Path) -> None:
     """Neither the name of a recording nor the number of threads matters; same seed, same bytes."""
     record(tmp_path / "rec.csv", 14.0, seed=4, effects=("dead-time:delay_s=0.03",),

@@ -156,6 +156,7 @@ def test_units_are_those_of_the_header(tmp_path: Path) -> None:
         np.testing.assert_allclose(values, wanted, rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_same_map_and_seed_same_bytes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = grid(soft)
     path = written(tmp_path / "map.csv", np.column_stack([np.arange(len(table)), table]), f"point,{HEADER}")

@@ -46,6 +46,7 @@ def test_six_lengths_of_a_10_mm_muscle(maps: ModuleType) -> None:
     assert outcome.after <= 19.4
 
 
+@pytest.mark.slow
 def test_map_of_a_20_mm_muscle(maps: ModuleType) -> None:
     """Every third pressure held out; the plan's figures are 110.9 N and 28.7 N."""
     outcome, _ = maps.run_case("map")

@@ -133,6 +133,7 @@ def test_beside_it_stands_the_network_at_the_output(run: Copy, capsys: pytest.Ca
     assert here["with_output_network"] == there["with_network"] != here["with_network"]
 
 
+@pytest.mark.slow
 def test_same_bytes_and_resuming(run: Copy) -> None:
     one, other, third = run(), run(), run()
     options = ("--hidden", "3", "--at", "joint", "--iterations")
@@ -142,6 +143,7 @@ def test_same_bytes_and_resuming(run: Copy) -> None:
         assert (one / name).read_bytes() == (other / name).read_bytes() == (third / name).read_bytes(), name
 
 
+@pytest.mark.slow
 def test_interrupted_beside_it_keeps_what_it_has(run: Copy, monkeypatch: pytest.MonkeyPatch,
                                                  capsys: pytest.CaptureFixture[str]) -> None:
     folder = run()

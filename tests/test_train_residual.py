@@ -451,6 +451,7 @@ def test_killed_while_a_result_is_written(run: Copy, started: Any, name: str) ->
     assert not list(folder.glob(".*.tmp"))
 
 
+@pytest.mark.slow
 def test_killed_in_the_middle_of_a_diagnosis(recording: Path, tmp_path: Path, started: Any,
                                              capsys: pytest.CaptureFixture[str]) -> None:
     folder = tmp_path / "run"
