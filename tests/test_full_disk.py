@@ -45,7 +45,8 @@ WRITE_IN_TURN = {
 }
 
 
-@pytest.mark.parametrize("command", [*WRITE_TOGETHER, *WRITE_IN_TURN])
+@pytest.mark.parametrize("command", [pytest.param(one, marks=pytest.mark.slow if one == "fit " else ())
+                                     for one in (*WRITE_TOGETHER, *WRITE_IN_TURN)])
 def test_every_write_may_fail(command: str, made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     place = fresh_copy(made, tmp_path / "place")
     monkeypatch.chdir(place)

@@ -294,6 +294,7 @@ def test_without_a_home_compiled_code_has_a_private_folder(homeless: None, monke
     folder = cache_folder()
     assert folder == place.private_folder() / "pamid" and folder.is_absolute()
     assert place.private_folder().stat().st_mode & 0o077 == 0
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "")       # and whatever it becomes is undone
     access, own = os.access, Path(numba_cache.__file__).parent
     monkeypatch.setattr(os, "access", lambda path, mode: path != own and access(path, mode))
     monkeypatch.setattr(numba_cache.config, "CACHE_DIR", "", raising=False)
