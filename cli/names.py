@@ -19,6 +19,9 @@ class Catalogued(click.ParamType):
     def __init__(self, folder: str) -> None:
         self.folder = folder
 
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        return str(value)
+
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         found = [CompletionItem(name) for name in self._names() if name.startswith(incomplete)]
         return found or [CompletionItem(incomplete, type="file")]

@@ -219,8 +219,11 @@ def _checked(place: str, command: click.Command, option: click.Option, value: An
             raise SettingsError(f"{place}: {one!r} is no value for it.", "Leave the line out for the default.")
     if option.multiple and not isinstance(value, list):
         value = [value]
+    truths = [one for one in (value if isinstance(value, list) else [value]) if isinstance(one, bool)]
     if option.is_flag and not isinstance(value, bool):
         raise SettingsError(f"{place}: {value!r} is neither true nor false.")
+    if truths and not option.is_flag:
+        raise SettingsError(f"{place}: {str(truths[0]).lower()}, where a name or a number is wanted.")
     if not option.multiple and isinstance(value, list) and option.nargs == 1:
         raise SettingsError(f"{place}: a list, where one value is wanted.")
     try:

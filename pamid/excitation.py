@@ -14,6 +14,7 @@ from pamid.errors import DataError, UsageError
 FloatArray = NDArray[np.float64]
 
 BINS = 20
+MOST_SAMPLES = 20_000_000  # of an excitation: more than two days at 10 ms
 CELLS = 4  # sizes and paces of changes are each told apart in so many classes
 _STEP = 1e-9  # of the range: smaller changes are rounding, not steps
 _RESTLESS = 0.95  # of the samples: a signal that moves longer is read from turn to turn
@@ -176,21 +177,17 @@ def aprbs(
     random = np.random.default_rng(seed)
     count = round(duration_s / period_s)
     rest = min(max(1, round(hold_s[0] / period_s)), count - 1)
-    lengths: list[int] = []
-    while sum(lengths) < count - rest:
+    lengths, filled = [], rest
+    while filled < count:
         lengths.append(max(1, round(random.uniform(*hold_s) / period_s)))
+        filled += lengths[-1]
     heights = offset + amplitude * _unit_levels(len(lengths), levels, latin, random)
     signal = np.concatenate([np.zeros(rest), np.repeat(heights, lengths)])[:count]
     return signal if rate_limit is None else slew(signal, rate_limit * period_s)
 
 
-def coverage(
-    signal: ArrayLike,
-    period_s: float,
-    *,
-    span: tuple[float, float] | None = None,
-    bandwidth_hz: float | None = None,
-) -> Coverage:
+def coverage(signal: ArrayLike, period_s: float, *, span: tuple[float, float] | None = None,
+             bandwidth_hz: float | None = None) -> Coverage:
     """How well `signal` (shape (n,), one sample every period_s) covers amplitude and frequency.
 
     span: the range to be covered, default the extremes of the signal; bandwidth_hz: up to where the rig is to be known.
@@ -241,14 +238,15 @@ def check_request(duration_s: float, period_s: float, amplitude: float, hold_s: 
     for name, value in {"duration": duration_s, "period": period_s, "amplitude": amplitude, "hold": hold_s[0]}.items():
         if not (math.isfinite(value) and value > 0):
             raise UsageError(f"The {name} is {value:g}; it must be positive.")
+    if duration_s / period_s > MOST_SAMPLES:
+        raise UsageError(f"{duration_s:g} s are more than {MOST_SAMPLES:g} samples.", "Make several excitations.")
     if not (hold_s[0] <= hold_s[1] < math.inf):
         raise UsageError(f"Holds run from {hold_s[0]:g} to {hold_s[1]:g} s.", "Give the shorter time first.")
     if hold_s[0] < period_s:
-        hint = f"The shortest hold is one sample, {period_s:g} s."
-        raise UsageError(f"A hold of {hold_s[0]:g} s is shorter than one sample.", hint)
+        raise UsageError(f"A hold of {hold_s[0]:g} s is shorter than one sample, {period_s:g} s.", "Make it longer.")
     if duration_s < 2 * hold_s[1]:
-        hint = "Make it longer or the holds shorter."
-        raise UsageError(f"{duration_s:g} s have no room for holds of up to {hold_s[1]:g} s.", hint)
+        raise UsageError(f"{duration_s:g} s have no room for holds of up to {hold_s[1]:g} s.",
+                         "Make it longer or the holds shorter.")
     if levels is not None and levels < 2:
         raise UsageError(f"{levels} level(s) excite nothing.", "Give --levels 3 or more.")
     if rate_limit is not None and not (math.isfinite(rate_limit) and rate_limit > 0):

@@ -198,7 +198,7 @@ class Run:
     def finish(self, outcome: str = "done", **more: Any) -> None:
         """Close the latest step, if one was begun, else the run, with a word for how it ended; more: entries to add."""
         record = self.record
-        open_steps = [step for step in record.get("steps", []) if step["ended"] is None]
+        open_steps = [step for step in record.get("steps", []) if step.get("ended") is None]
         part = open_steps[-1] if open_steps else record
         part.update(more, ended=_now(), outcome=outcome)
         write_json(self.folder / "run.json", record)

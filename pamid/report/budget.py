@@ -137,6 +137,8 @@ def worst_window(residual: Residual, channel: str) -> Window | None:
 
 def stretches(residual: Residual, rows: NDArray[np.intp]) -> list[slice]:
     """Runs of successive rows with one recording and window, as slices."""
+    if not rows.size:
+        return []
     recording, window = residual.columns["recording"], residual.columns["window"]
     apart = (np.diff(rows) > 1) | (np.diff(recording[rows]) != 0) | (np.diff(window[rows]) != 0)
     edges = np.flatnonzero(apart)
