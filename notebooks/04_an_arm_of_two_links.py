@@ -89,12 +89,14 @@ assert abs(weighed["value"] / truth - 1.0) < 0.02
 # ## 3. Pulses for the valves
 #
 # Each muscle in turn is vented in pulses of 30 to 500 ms. What the links weigh is known by now; the pulses settle
-# conductances, damping and force.
+# conductances, damping and force. The last 30 % of the pulses would be one muscle alone, so the same pulses are
+# recorded once more to be held out.
 
 # %%
 pamid("generate-aprbs --rig two-link --experiment valve-pulses --output pulses_sent.csv")
 pamid(f"simulate --excitation pulses_sent.csv {HIDDEN} --seed 4 --output pulses.csv")
-pamid("fit pulses.csv --held-out pulses.csv --rig two-link --from weighed --output arm")
+pamid(f"simulate --excitation pulses_sent.csv {HIDDEN} --seed 5 --output more_pulses.csv")
+pamid("fit pulses.csv --held-out more_pulses.csv --rig two-link --from weighed --output arm")
 settled = json.loads(Path("arm/fit.json").read_text())["parameters"]
 for name in ("scale", "damping_m2_s", "conductance_out_m3_per_s_pa"):
     p = settled[name]

@@ -209,6 +209,8 @@ def estimate_start(runner: Runner, memory: Memory, window: Window, p: Array, wei
             damping *= 30.0
             if damping > 1e8:
                 break
+        if not np.isfinite(H).all():
+            break
         scale = H.diagonal() + 1e-300
         step = np.linalg.lstsq(H + np.diag(damping * scale), -g, rcond=None)[0]
         if not np.isfinite(step).all():
