@@ -70,11 +70,12 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     _keep_streams_apart()
     signal.signal(signal.SIGTERM, _end)
     code = run(sys.argv[1:] if arguments is None else arguments)
-    try:
-        if sys.stdout is not None:
-            sys.stdout.flush()
-    except OSError:
-        hang_up()
+    for stream in (sys.stdout, sys.stderr):     # what is left in them would fail once more as Python ends
+        try:
+            if stream is not None:
+                stream.flush()
+        except OSError:
+            hang_up(stream)
     sys.exit(code)
 
 

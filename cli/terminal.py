@@ -11,6 +11,7 @@ import errno
 import os
 import re
 import sys
+from typing import TextIO
 
 import click
 
@@ -43,10 +44,11 @@ def aside(text: str) -> None:
         click.echo(printable(text), err=True)
 
 
-def hang_up() -> None:
-    """Let go of a stdout that nobody reads or that is full, so that the end of the process does not stumble over it."""
+def hang_up(stream: TextIO | None = None) -> None:
+    """Let go of a stream (default: stdout) that nobody reads or that is full, so that the end of the process does not
+    stumble over it."""
     with contextlib.suppress(OSError, AttributeError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        os.dup2(os.open(os.devnull, os.O_WRONLY), (stream or sys.stdout).fileno())
 
 
 def quoted(word: str | os.PathLike[str]) -> str:
