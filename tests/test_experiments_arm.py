@@ -220,6 +220,7 @@ def recorded(folder: Path) -> tuple[Path, Path]:
     return simulated(free, *TRUTH, "--seed", "1").path, simulated(pulses, *TRUTH, "--seed", "2").path
 
 
+@pytest.mark.slow
 def test_a_swing_and_pulses_fit_together(recorded: tuple[Path, Path], folder: Path,
                                          capsys: pytest.CaptureFixture[str]) -> None:
     for path in recorded:

@@ -173,6 +173,7 @@ def test_same_map_and_seed_same_bytes(tmp_path: Path, capsys: pytest.CaptureFixt
     assert run(["force-law", str(path), "--output", str(tmp_path / "one"), "--sets", "2"]) == 3
 
 
+@pytest.mark.slow
 def test_a_law_that_moves_the_wrong_way_is_refused_and_may_be_accepted(
         tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = written(tmp_path / "map.csv", grid(lambda e, p: soft(e, p) + 250.0 * np.sin(p / 60.0), 6, 12))

@@ -122,6 +122,7 @@ def test_a_channel_that_is_fitted_or_held_out_alone_cannot_be_judged(rig: Path,
         gather(rig_named(str(rig)), [less], [other])
 
 
+@pytest.mark.slow
 def test_the_commands_go_all_the_way(rig: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Diagnosis, report page and a network on a channel that one recording lacks."""
     friction = ("coulomb-friction:force_n=2.0",)
