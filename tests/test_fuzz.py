@@ -30,7 +30,7 @@ SLOW = ("fit", "binary_log", "run_folder", "trial", "training", "force_map")
 #: inputs that were faults of pamid's when the hundred thousand were first gone through
 FOUND = {"run_folder": (820, 12060, 51088), "words": (4824,), "settings": (3144, 9882, 51205, 59271, 76423),
          "force_map": (2733,), "training": (8723, 52130), "binary_log": (15944,), "raw_log": (20396,),
-         "resumed": (627, 966), "fit": (96557,), "excitation": (1667,), "model": (23788,)}
+         "resumed": (627, 966), "fit": (96557,), "trial": (109190,), "excitation": (1667,), "model": (23788,)}
 NOTHING = '<svg viewBox="0 0 1 1"></svg>'
 #: done, usage, a file is wrong, the data cannot answer, not converged, partly done: everything but a fault of pamid's
 ALLOWED = {0, 2, 3, 4, 5, 6}

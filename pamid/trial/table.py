@@ -128,7 +128,7 @@ def cells(found: dict[str, Any], row: Row) -> tuple[str, ...]:
 def strata(found: dict[str, Any]) -> dict[str, list[tuple[str, list[str]]]]:
     """dimension -> (bin, rates as text) in the order of TITLES."""
     return {dimension: [(name, [_share(rates[key]) for key in TITLES]) for name, rates in bins.items()]
-            for dimension, bins in found["strata"].items()}
+            for dimension, bins in found.get("strata", {}).items()}
 
 
 def _share(rate: dict[str, Any]) -> str:
