@@ -84,7 +84,8 @@ def diagnosis_text(found: dict[str, Any], output: Path) -> str:
     """The three answers, the ranking, and what to do next; where the recordings show nothing of the model, that alone.
     """
     if found.get("remark"):
-        return "\n".join([found["remark"], "", *_how_far(found), *failed_text(found), f"Next: pamid report {output}"])
+        return "\n".join([found["remark"], "", *_how_far(found), *failed_text(found),
+                          f"Next: pamid report {quoted(output)}"])
     where = found["where"]
     lines = [found["sentence"], "", "Where     " + ", ".join(f"{p['port']} {100 * p['share']:.0f} %"
                                                             for p in where["ports"][:4] if p["share"] >= 0.005)]

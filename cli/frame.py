@@ -148,11 +148,11 @@ class _Command(click.Command):
         if extra.get("resilient_parsing"):  # a shell that completes a word asks for no values
             return super().make_context(info_name, args, parent, **extra)
         for path, why in settings.ignored_files().items():  # first: it may be why an option is missing
-            click.echo(f"Warning: {path} is ignored: {why}.", err=True)
+            aside(f"Warning: {path} is ignored: {why}.")
         extra.setdefault("default_map", settings.defaults_for(self))
         made = super().make_context(info_name, args, parent, **extra)
         for sentence in settings.not_taken(made):
-            click.echo(f"Warning: {sentence}", err=True)
+            aside(f"Warning: {sentence}")
         return made
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
