@@ -133,7 +133,9 @@ def _rig(name: str | None, named_here: bool, mapping: Path) -> Rig | None:
 
 def _named(rig: str) -> str:
     """The option that names a rig's file: one that a mapping or a recording names is not run."""
-    return f" --rig {quoted(rig)}" if rig.endswith(".py") or "/" in rig else ""
+    from pamid.trust import is_code
+
+    return f" --rig {quoted(rig)}" if is_code(rig) else ""
 
 
 def _text(made: list[Conversion], accounts: list[dict[str, Any]], rig: str) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 from pamid_cli.diagnose import diagnosis_text
 
+from pamid.diagnosis.guess import explains_nothing
 from pamid.diagnosis.whole import diagnose_into
 from pamid.evidence import gather
 from pamid.excitation import aprbs
@@ -17,6 +19,7 @@ from pamid.library import effects, rig_named
 from pamid.recording import read_recording, write_recording
 from pamid.run import Run
 from pamid.virtual import virtual_rig
+from pamid.windows import cut
 
 Array = NDArray[np.float64]
 CART = str(Path(__file__).resolve().parents[1] / "data" / "rigs" / "cart.py")
@@ -68,3 +71,19 @@ def test_the_recording_itself_is_explained(rubbing: tuple[Path, Array, Array]) -
     assert found["verdict"] == "explained" and found["remark"] == ""
     assert [c["effect"] for c in found["causes"]] == ["coulomb-friction"]
     assert found["how_far"]["position_m"]["shrinkage"] > 0.5
+
+
+@pytest.mark.parametrize(("error", "nothing"), [(0.02, False), (1.0, True)])
+def test_a_model_is_judged_by_each_channel_where_it_was_recorded(error: float, nothing: bool) -> None:
+    """Two recordings, each of which lacks the sensor of the other."""
+    time, windows = np.arange(4000) * PERIOD_S, cut(4000, 100)
+    replays: list[Any] = []
+    for has in (0, 1):
+        y = np.full((4000, 2), np.nan)
+        y[:, has] = np.sin(7.0 * time)
+        replays.append(SimpleNamespace(track=SimpleNamespace(y=y), scored=np.ones(4000, bool), windows=windows))
+    absolutes = np.full((2 * len(windows), 2), np.nan)
+    absolutes[: len(windows), 0] = absolutes[len(windows) :, 1] = error
+    budget: Any = SimpleNamespace(floor=np.where(np.isnan(absolutes), np.nan, 0.02))
+    model: Any = SimpleNamespace(absolutes=absolutes, replays=replays)
+    assert explains_nothing(budget, model, 0) == nothing

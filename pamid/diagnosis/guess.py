@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from pamid.diagnosis.budget import NO_GAP, Budget
 from pamid.diagnosis.contest import Contender
-from pamid.metrics import moving_block_interval
+from pamid.metrics import moving_block_interval, seen_mean
 from pamid.residuals import Replay, warm_up
 
 Array = NDArray[np.float64]
@@ -20,10 +20,11 @@ def explains_nothing(budget: Budget, model: Contender, seed: int) -> bool:
     """In no channel is the model surely better, by a tenth, than the median of what was measured; nor, where it is far
     from the noise, than a guess from the part of a window on which its start was estimated: its median, or a line."""
     middle, start, line = (np.concatenate([losses[i] for losses in map(_guesses, model.replays)]) for i in range(3))
-    for c, floor in enumerate(budget.floor.mean(axis=0)):
-        own = model.absolutes[:, c]
-        guess = start[:, c] if start[:, c].sum() < line[:, c].sum() else line[:, c]
-        if _better(own, middle[:, c], seed) and (own.mean() < CLOSE * floor or _better(own, guess, seed)):
+    for c, floor in enumerate(seen_mean(budget.floor)):
+        seen = ~np.isnan(model.absolutes[:, c])     # a recording may lack the channel
+        own, flat = model.absolutes[seen, c], middle[seen, c]
+        guess = min(line[seen, c], start[seen, c], key=np.sum)
+        if _better(own, flat, seed) and (own.mean() < CLOSE * floor or _better(own, guess, seed)):
             return False
     return True
 
