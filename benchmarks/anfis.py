@@ -39,11 +39,11 @@ import numpy as np
 from numpy.typing import NDArray
 from peers.environment import CACHE, python_with
 
-from pamid.equations import expression
+from pamid.correction.force_law import check_force_law, force_law
 from pamid.networks.anfis import Anfis
-from pamid.networks.force_law import check_force_law, force_law
 from pamid.networks.store import TrainedNetwork, train_on_signals
 from pamid.networks.training import train
+from pamid.symbolic.vocabulary import expression
 
 Array = NDArray[np.float64]
 HERE = Path(__file__).resolve().parent

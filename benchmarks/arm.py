@@ -23,9 +23,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pamid.assembly import Assembly
-from pamid.library import rig_named
-from pamid.simulation import choose_stepping
+from pamid.model.assembly import Assembly
+from pamid.model.registry import rig_named
+from pamid.simulation.simulate import choose_stepping
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 

@@ -30,18 +30,18 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import least_squares
 from transcription import transcribed
 
-from pamid.assembly import Assembly
-from pamid.attaching import attachments
-from pamid.engine import machine
+from pamid.engine import jit_cache as machine
 from pamid.engine.program import Program, Stepping
-from pamid.excitation import aprbs
-from pamid.fitting import Problem, fit_robustly, free_parameters
-from pamid.library import effects, rig_named
-from pamid.noise import noise_level
-from pamid.recording import Recording, read_recording, write_recording
-from pamid.simulation import choose_stepping, input_table
-from pamid.virtual import virtual_rig
-from pamid.windows import track_of
+from pamid.estimation.gauss_newton import Problem, fit_robustly, free_parameters
+from pamid.excitation.aprbs import aprbs
+from pamid.model.assembly import Assembly
+from pamid.model.attachment import attachments
+from pamid.model.registry import effects, rig_named
+from pamid.recording.noise import noise_level
+from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.simulation.simulate import choose_stepping, input_table
+from pamid.simulation.virtual_rig import virtual_rig
+from pamid.simulation.windows import track_of
 
 Array = NDArray[np.float64]
 PERIOD_S = 0.003
@@ -149,8 +149,8 @@ def compile_seconds(assembly: Assembly, folder: Path) -> tuple[float, float]:
 
 DRIVER = """
 import time
-from pamid.assembly import Assembly
-from pamid.library import rig_named
+from pamid.model.assembly import Assembly
+from pamid.model.registry import rig_named
 import numpy as np
 a = Assembly(rig_named("one-dof"))
 program, p = a.program, a.values()

@@ -27,10 +27,10 @@ from numpy.typing import NDArray
 
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.diagnosis.verdict import diagnosis_json
-from pamid.evidence import gather
-from pamid.library import effects, rig_named
-from pamid.recording import Recording, read_recording, write_recording
-from pamid.residuals import Replay
+from pamid.model.registry import effects, rig_named
+from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.simulation.data_split import gather
+from pamid.simulation.replay import Replay
 
 Array = NDArray[np.float64]
 ROOT = Path(__file__).resolve().parents[1]

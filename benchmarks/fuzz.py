@@ -170,7 +170,7 @@ def _work(asked: argparse.Namespace) -> None:
 
 def _in_process(drawn: bool) -> None:
     """What would start a process for every input forks instead; without `drawn` pictures are not rendered."""
-    import pamid.ingest.apart as apart
+    import pamid.ingest.child_process as apart
     import pamid.report.style as style
     import pamid.report.writing as writing
 

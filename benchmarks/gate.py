@@ -18,14 +18,14 @@ from typing import Any
 
 import numpy as np
 
-from pamid.excitation import aprbs
-from pamid.library import rig_named
-from pamid.overlap import overlaps
-from pamid.quality import blocking
-from pamid.recording import Recording, read_recording, write_recording
+from pamid.checks.recording_quality import blocking
+from pamid.excitation.aprbs import aprbs
+from pamid.model.registry import rig_named
+from pamid.recording.overlap import overlaps
+from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.simulation.virtual_rig import virtual_rig
 from pamid.trial.cases import draw_cases
 from pamid.trial.work import Bench, _written
-from pamid.virtual import virtual_rig
 
 PERIOD_S = 0.003
 

@@ -17,8 +17,8 @@ from threadpoolctl import threadpool_limits
 from pamid.networks.elman import Elman
 from pamid.networks.store import train_on_signals
 from pamid.networks.training import Step, Training
-from pamid.papers.joint import Plan, leftover_of, record_twin
-from pamid.papers.joint_twin import PERIOD_S, Twin
+from pamid.replications.joint import Plan, leftover_of, record_twin
+from pamid.replications.joint_twin import PERIOD_S, Twin
 
 STARTS = 4
 

@@ -21,14 +21,14 @@ from typing import Any
 
 import numpy as np
 
-from pamid.attaching import attachments
 from pamid.diagnosis.tournament import diagnose
 from pamid.diagnosis.verdict import diagnosis_json
-from pamid.evidence import gather
-from pamid.excitation import aprbs
-from pamid.library import effects, rig_named
-from pamid.recording import read_recording, write_recording
-from pamid.virtual import virtual_rig
+from pamid.excitation.aprbs import aprbs
+from pamid.model.attachment import attachments
+from pamid.model.registry import effects, rig_named
+from pamid.recording.recording import read_recording, write_recording
+from pamid.simulation.data_split import gather
+from pamid.simulation.virtual_rig import virtual_rig
 
 RIGS = Path(__file__).resolve().parent / "rigs"
 # rig -> (samples, centre and amplitude of the command, hold in samples, parameters of the specimen)

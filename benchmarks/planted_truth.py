@@ -15,14 +15,14 @@ import tempfile
 import time
 from pathlib import Path
 
-from pamid.attaching import attachments
 from pamid.diagnosis.tournament import diagnose
 from pamid.diagnosis.verdict import diagnosis_json
-from pamid.evidence import gather
-from pamid.excitation import aprbs
-from pamid.library import effects, rig_named
-from pamid.recording import read_recording, write_recording
-from pamid.virtual import virtual_rig
+from pamid.excitation.aprbs import aprbs
+from pamid.model.attachment import attachments
+from pamid.model.registry import effects, rig_named
+from pamid.recording.recording import read_recording, write_recording
+from pamid.simulation.data_split import gather
+from pamid.simulation.virtual_rig import virtual_rig
 
 MISTUNED = {"scale": 1.10, "conductance_in_m3_per_s_pa": 3.3e-9, "damping_m2_s": 4e-4, "polytropic": 1.12,
             "contraction_0": 0.103, "viscous_n_m_s": 0.05, "dead_volume_cm3": 6.5}

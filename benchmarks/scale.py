@@ -24,9 +24,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pamid.excitation import aprbs
-from pamid.recording import read_recording, write_recording
-from pamid.virtual import virtual_rig
+from pamid.excitation.aprbs import aprbs
+from pamid.recording.recording import read_recording, write_recording
+from pamid.simulation.virtual_rig import virtual_rig
 
 CART = Path(__file__).resolve().parents[1] / "data" / "rigs" / "cart.py"
 PERIOD_S = {"one-dof": 0.003, str(CART): 0.01}

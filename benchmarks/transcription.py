@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-from pamid.expressions import Expr, walk
+from pamid.symbolic.expression import Expr, walk
 
 _CALLS = {"sqrt": "sqrt", "exp": "exp", "log": "log", "tanh": "tanh", "sin": "sin", "cos": "cos", "abs": "abs",
           "floor": "floor", "min": "min", "max": "max"}

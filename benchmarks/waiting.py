@@ -31,10 +31,10 @@ from browser import CHROMIUM, browser
 from synthetic_run import make_run
 from test_report_page import LONG, PERIOD_S, long_residual
 
+from pamid.checks.recording_quality import examine
 from pamid.ingest.reading import read_log
-from pamid.library import rig_named
-from pamid.quality import examine
-from pamid.recording import read_recording, write_recording
+from pamid.model.registry import rig_named
+from pamid.recording.recording import read_recording, write_recording
 from pamid.report.writing import write_report
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -33,12 +33,12 @@ def command(run: Path, output: Path | None, rig: str | None, begin: float | None
     Measured dark and thick, the best model over it, the one before it dashed; below, by how much they are off. For any
     rig that has a pose.
     """
-    from pamid.errors import FileError
-    from pamid.files import make_folder, write_atomically
+    from pamid.base.errors import FileError
+    from pamid.base.files import make_folder, write_atomically
+    from pamid.base.run_folder import FIGURES, Run
     from pamid.report.animation import RATE, gif_of, size_px
     from pamid.report.load import load_run
     from pamid.report.motion import motion_of, rig_of_run
-    from pamid.run import FIGURES, Run
 
     if output is not None and output.exists() and not overwrite:
         raise FileError(f"{output} exists already.", "Choose another --output, or --overwrite to replace it.",

@@ -29,8 +29,8 @@ def command(file: Path, rig: str | None, figure: Path | None, overwrite: bool) -
     effects fit. An effect (.py): its data sheet is complete, its null is exact, and it behaves wherever it fits. Exit
     code 3 if anything is wrong; notes leave it at 0.
     """
-    from pamid.errors import FileError, UsageError
-    from pamid.inspection import inspect, inspection_text
+    from pamid.base.errors import FileError, UsageError
+    from pamid.checks.inspection import inspect, inspection_text
 
     if figure is not None and figure.exists() and not overwrite:
         raise FileError(f"{figure} exists already.", "Choose another --figure, or --overwrite to replace it.",
@@ -41,7 +41,7 @@ def command(file: Path, rig: str | None, figure: Path | None, overwrite: bool) -
         if found.recording is None and said["kind"] != "recording":
             raise UsageError("--figure draws recordings.", "Leave it out for a rig or an effect file.")
         if found.recording is not None:
-            from pamid.files import make_folder, write_atomically
+            from pamid.base.files import make_folder, write_atomically
             from pamid.report.quality_figure import card_png
 
             of_issues = {issue.text for issue in found.issues}

@@ -30,8 +30,8 @@ def command(output: Path, seed: int, jobs: int, duration: float, overwrite: bool
     """Build a virtual joint with an effect that is withheld and parameters that are off, record it, diagnose it,
     train a network on what is left over, write the report page, and compare what was named with what was withheld.
     """
-    from pamid.demo import run_demo
-    from pamid.run import Run
+    from pamid.base.run_folder import Run
+    from pamid.replications.demo import run_demo
 
     run = Run.create(output, command=frame.command_line(), seed=seed, overwrite=overwrite,
                      options={"jobs": jobs, "duration_s": duration})

@@ -14,7 +14,7 @@ from .progress import Progress
 from .terminal import quoted
 
 if TYPE_CHECKING:
-    from pamid.effect import Effect
+    from pamid.model.effect import Effect
 
 EXAMPLE = """
 pamid diagnose rec.csv --rig one-dof --output run --jobs 2
@@ -46,9 +46,9 @@ def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path,
     Interrupted or killed, it keeps every finished job in the run folder (jobs/, removed when all is done); the same
     command with --resume repeats none of them. Where single jobs fail the rest is written, and the exit code is 6.
     """
-    from pamid.diagnosis.whole import diagnose_into
-    from pamid.library import code_files, rig_of
-    from pamid.run import JOBS, Run
+    from pamid.base.run_folder import JOBS, Run
+    from pamid.diagnosis.diagnose import diagnose_into
+    from pamid.model.registry import code_files, rig_of
 
     require_one_of(resume, overwrite)
     evidence = evidence_from(rig, recordings, held_out, check=not no_check)
@@ -69,8 +69,8 @@ def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path,
 
 
 def _catalogue(files: tuple[Path, ...], without: tuple[str, ...]) -> dict[str, type[Effect]]:
-    from pamid.errors import UsageError, nearest
-    from pamid.library import effects_with
+    from pamid.base.errors import UsageError, nearest
+    from pamid.model.registry import effects_with
 
     known, _ = effects_with(tuple(str(f) for f in files))
     for name in without:

@@ -21,9 +21,10 @@ def command(name: str | None, rigs: tuple[str, ...]) -> frame.Result:
     The story of an effect: what it is, what it looks like in a recording, what it is mistaken for, its equation,
     references, parameters with their ranges and sources, and the ports at which it fits.
     """
-    from pamid import catalogue, library
-    from pamid.attaching import attachments
-    from pamid.errors import FileError, nearest
+    from pamid.base.errors import FileError, nearest
+    from pamid.model import catalogue
+    from pamid.model import registry as library
+    from pamid.model.attachment import attachments
 
     looked_at = [library.rig_named(rig) for rig in rigs] or [library.rig_named(rig) for rig in library.rigs()]
     if name is None:

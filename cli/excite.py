@@ -12,7 +12,7 @@ from click.core import ParameterSource
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from pamid.excitation import Coverage
+    from pamid.excitation.aprbs import Coverage
 
 DUTY = 0.3  # usual highest one of a staircase: what comes after it is no small command
 _SIGNALS = ("aprbs", "prbs", "multisine", "chirp", "steps", "staircase")  # on references and commands
@@ -43,7 +43,7 @@ class Made:
 
 def refuse_strangers(experiment: str, signal: str) -> None:
     """UsageError for an option on the command line that this experiment or signal does not take."""
-    from pamid.errors import UsageError
+    from pamid.base.errors import UsageError
 
     context = click.get_current_context()
 
@@ -69,9 +69,9 @@ def make(request: dict[str, Any]) -> Made:
 
 
 def _signals(request: dict[str, Any]) -> Made:
-    from pamid.excitation import coverage
-    from pamid.signals import SETTINGS, draw, plan_for
-    from pamid.units import split_column
+    from pamid.base.units import split_column
+    from pamid.excitation.aprbs import coverage
+    from pamid.excitation.waveforms import SETTINGS, draw, plan_for
 
     signal, period, offset, limit = (request[name] for name in ("signal", "period", "offset", "rate_limit"))
     asked = {"duration_s": request["duration"], "hold_s": request["hold"], "levels": request["levels"],
@@ -126,8 +126,8 @@ def _noted(covers: Coverage) -> dict[str, Any]:
 
 def _valves_shut(request: dict[str, Any], columns: dict[str, NDArray[Any]]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Commands at rest, and the TOML of a recording with the valves shut, at the pressure asked for."""
-    from pamid.experiments import at_rest, held_pressure
-    from pamid.library import rig_named
+    from pamid.excitation.experiments import at_rest, held_pressure
+    from pamid.model.registry import rig_named
 
     rig, pressure = rig_named(request["rig"]), request["pressure"]
     samples = len(next(iter(columns.values())))
@@ -136,8 +136,8 @@ def _valves_shut(request: dict[str, Any], columns: dict[str, NDArray[Any]]) -> t
 
 def _columns(request: dict[str, Any]) -> tuple[dict[str, float | None], dict[str, tuple[float, float]]]:
     """The columns to write with their usual amplitudes, and what the rig lets them be."""
-    from pamid.experiments import bounds_of, excitable, torque_columns
-    from pamid.library import rig_named
+    from pamid.excitation.experiments import bounds_of, excitable, torque_columns
+    from pamid.model.registry import rig_named
 
     if request["column"] is not None:
         return {request["column"]: None}, {}
@@ -152,7 +152,7 @@ def _columns(request: dict[str, Any]) -> tuple[dict[str, float | None], dict[str
 
 def _amplitudes(request: dict[str, Any]) -> dict[str, float]:
     """The columns to write and their amplitudes."""
-    from pamid.errors import UsageError, nearest
+    from pamid.base.errors import UsageError, nearest
 
     given, offset = _given(request["amplitude"]), request["offset"]
     columns, bounds = _columns(request)
@@ -175,7 +175,7 @@ def _amplitudes(request: dict[str, Any]) -> dict[str, float]:
 
 def _given(texts: tuple[str, ...]) -> dict[str, float]:
     """("20", "reference_2_deg=30") as a table; "" stands for every column."""
-    from pamid.errors import UsageError
+    from pamid.base.errors import UsageError
 
     found = {}
     for text in texts:
@@ -191,9 +191,9 @@ def _given(texts: tuple[str, ...]) -> dict[str, float]:
 
 
 def _pulses(request: dict[str, Any]) -> Made:
-    from pamid.errors import UsageError
-    from pamid.experiments import PULSES_S, muscle_pulses
-    from pamid.library import rig_named
+    from pamid.base.errors import UsageError
+    from pamid.excitation.experiments import PULSES_S, muscle_pulses
+    from pamid.model.registry import rig_named
 
     rig = rig_named(request["rig"])
     if not 0.0 < request["period"] <= PULSES_S[0]:
@@ -209,9 +209,9 @@ def _pulses(request: dict[str, Any]) -> Made:
 
 
 def _gravity(request: dict[str, Any]) -> Made:
-    from pamid.errors import UsageError
-    from pamid.experiments import RELEASE_DEG, RELEASE_S, gravity_test, nothing_sent
-    from pamid.library import rig_named
+    from pamid.base.errors import UsageError
+    from pamid.excitation.experiments import RELEASE_DEG, RELEASE_S, gravity_test, nothing_sent
+    from pamid.model.registry import rig_named
 
     rig = rig_named(request["rig"])
     known = gravity_test(rig, request["release"] or RELEASE_DEG, request["clamped"], request["payload"])
@@ -226,7 +226,7 @@ def _gravity(request: dict[str, Any]) -> Made:
 
 
 def _about(request: dict[str, Any], columns: dict[str, NDArray[Any]], own: dict[str, Any]) -> dict[str, Any]:
-    from pamid.units import split_column
+    from pamid.base.units import split_column
 
     ranges = [{"column": name, "unit": split_column(name)[1], "range": [float(v.min()), float(v.max())]}
               for name, v in columns.items()]

@@ -36,8 +36,8 @@ def command(run: Path, form: str, output: Path | None, which: str, known: tuple[
     Every form gives, sample by sample, what `pamid simulate --model RUN --noise none` gives. Inputs and outputs are
     the columns of a recording, in their units; an input holds over the sample.
     """
+    from pamid.correction.identified_model import load_identified
     from pamid.export.exporting import export_model
-    from pamid.identified import load_identified
 
     model = load_identified(run, which=which, rig=rig, effects=effects).knowing(parse_known(known))
     made = export_model(model, form, output, overwrite=overwrite)

@@ -50,14 +50,14 @@ def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path,
 
     Tests can be fitted in stages, each on its own recordings: the first with its --output, the next --from that run.
     """
-    from pamid.errors import UsageError
-    from pamid.files import write_atomically
-    from pamid.greybox import fit_json, fit_model, residual_csv
-    from pamid.json_file import write_json
-    from pamid.library import code_files, rig_of
-    from pamid.posterior import read_posterior
-    from pamid.run import FIT_FILE, JOBS, RESIDUAL_FILE, Run
-    from pamid.virtual import attach_specs
+    from pamid.base.errors import UsageError
+    from pamid.base.files import write_atomically
+    from pamid.base.json_file import write_json
+    from pamid.base.run_folder import FIT_FILE, JOBS, RESIDUAL_FILE, Run
+    from pamid.estimation.fit_model import fit_json, fit_model, residual_csv
+    from pamid.estimation.posterior import read_posterior
+    from pamid.model.registry import code_files, rig_of
+    from pamid.simulation.virtual_rig import attach_specs
 
     require_one_of(resume, overwrite)
     evidence = evidence_from(rig, recordings, held_out, check=not no_check)
@@ -86,8 +86,8 @@ def command(recordings: tuple[Path, ...], rig: str | None, held_out: tuple[Path,
 
 def fit_text(found: dict[str, Any], output: Path) -> str:
     """Parameters, what is known only in combination, and held-out errors as a table."""
-    from pamid.combinations import tied_text
-    from pamid.leftover import one_period
+    from pamid.correction.residual_data import one_period
+    from pamid.estimation.identifiable_combinations import tied_text
 
     lines = [f"{'parameter':34s} {'value':>12s} {'low':>12s} {'high':>12s}  word"]
     for name, p in found["parameters"].items():

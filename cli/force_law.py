@@ -43,10 +43,10 @@ def command(map_file: Path, output: Path, sets: int, rig: str, seed: int, every:
     Writes network.json, network.npz, force-law.json, figures/force-map.png and rig.py, which serves wherever a rig is
     named: --rig OUTPUT/rig.py. A rig file is code and is run when you name it; nothing else in the folder is.
     """
-    from pamid.errors import DataError
-    from pamid.force_law_run import write_law
-    from pamid.force_map import judge, read_map
-    from pamid.run import Run
+    from pamid.base.errors import DataError
+    from pamid.base.run_folder import Run
+    from pamid.correction.force_law_run import write_law
+    from pamid.correction.force_map import judge, read_map
 
     points = read_map(map_file)
     for name in points.unused:

@@ -7,21 +7,20 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import importlib
 import io
 import json
 import os
 import signal
 import sys
 import traceback
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NoReturn
 
 import click
 
 from . import names, settings
-from .table import COMMANDS
+from .table import COMMANDS, load_command
 from .terminal import aside, hang_up, printable, printable_json, say
 
 INTERRUPTED = 130
@@ -180,14 +179,6 @@ def command_line() -> list[str]:
     return [*sys.argv, *_SAID]
 
 
-def every_command() -> Iterator[click.Command]:
-    """All commands there are; loads their modules."""
-    for name in COMMANDS:
-        found = _GROUP.get_command(click.Context(_GROUP), name)
-        assert found is not None
-        yield found
-
-
 def require_command(name: str) -> None:
     """UsageError, with the nearest name, for what is no command."""
     if name not in COMMANDS:
@@ -214,12 +205,7 @@ class _LazyGroup(click.Group):
         return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        if cmd_name not in COMMANDS:
-            return None
-        module, _, attribute = COMMANDS[cmd_name][0].partition(":")
-        found = getattr(importlib.import_module(f".{module}", __package__), attribute)
-        assert isinstance(found, click.Command)
-        return found
+        return load_command(cmd_name) if cmd_name in COMMANDS else None
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -296,8 +282,8 @@ def _explain(error: BaseException) -> tuple[dict[str, str], int]:
         return _error("file", error.format_message(), ""), 3
     if isinstance(error, KeyboardInterrupt | click.Abort):
         return _error("interrupted", "interrupted", "What was finished is kept."), INTERRUPTED
-    if "pamid.errors" in sys.modules:
-        from pamid.errors import PamidError
+    if "pamid.base.errors" in sys.modules:
+        from pamid.base.errors import PamidError
 
         if isinstance(error, PamidError):
             return error.as_dict(), error.exit_code
@@ -335,8 +321,8 @@ def _error(code: str, message: str, hint: str) -> dict[str, str]:
 
 
 def _json(value: dict[str, Any]) -> str:
-    if "pamid.json_file" in sys.modules:  # knows NumPy's numbers; without it there can be none
-        from pamid.json_file import json_text
+    if "pamid.base.json_file" in sys.modules:  # knows NumPy's numbers; without it there can be none
+        from pamid.base.json_file import json_text
 
         return json_text(value, "the result").rstrip("\n")
     return json.dumps(value, indent=1, ensure_ascii=False, allow_nan=False)

@@ -82,8 +82,8 @@ def command(output: Path, form: str | None, figure: Path | None, overwrite: bool
     file with what they are and their sha256 and, where the rig has to be set to something, a TOML file with it.
     `pamid simulate` reads CSV and TOML.
     """
-    from pamid.errors import FileError, UsageError
-    from pamid.excitation_files import format_of
+    from pamid.base.errors import FileError, UsageError
+    from pamid.excitation.writers import format_of
 
     refuse_strangers(request["experiment"], request["signal"])
     note, sidecar = output.with_suffix(".json"), output.with_suffix(".toml")
@@ -103,13 +103,13 @@ def command(output: Path, form: str | None, figure: Path | None, overwrite: bool
 
 
 def _write(output: Path, form: str, figure: Path | None, made: Made, request: dict[str, Any]) -> frame.Result:
-    from pamid.excitation_files import FORMATS, write_excitation
+    from pamid.excitation.writers import FORMATS, write_excitation
 
     period, samples = request["period"], made.about["samples"]
     follow = _simulated(output, made, request["rig"]) if form == "csv" else FORMATS[form].heed
     pictures = {}
     if figure is not None:
-        from pamid.files import make_folder
+        from pamid.base.files import make_folder
         from pamid.report.excitation_figure import Shown, richness_picture
 
         pictures[figure] = richness_picture([Shown(period_s=period, **column) for column in made.shown]).png

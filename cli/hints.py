@@ -27,10 +27,10 @@ def why_not_driven(rig_name: str, path: Path, columns: Mapping[str, NDArray[Any]
     need not be there, for columns that were named by hand."""
     import numpy as np
 
-    from pamid.errors import FileError
-    from pamid.library import rig_named
-    from pamid.recording import Recording
-    from pamid.virtual import in_its_loop
+    from pamid.base.errors import FileError
+    from pamid.model.registry import rig_named
+    from pamid.recording.recording import Recording
+    from pamid.simulation.virtual_rig import in_its_loop
 
     sent = Recording(path.stem, path, "", np.zeros(0), dict(columns), 1.0)
     try:

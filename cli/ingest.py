@@ -15,7 +15,7 @@ from .terminal import aside, quoted
 
 if TYPE_CHECKING:
     from pamid.ingest.conversion import Conversion
-    from pamid.rig import Rig
+    from pamid.model.rig import Rig
 
 EXAMPLE = """
 pamid ingest --guess data/example/joint.csv --pressures gauge --output map.toml
@@ -51,7 +51,7 @@ def command(logs: tuple[Path, ...], mapping: Path | None, guess: bool, rig: str 
     account of everything that was done (.ingest.json). Uneven stamps are diagnosed before they are mended; where the
     data do not tell, it is asked. Long gaps split a recording, they are never bridged.
     """
-    from pamid.errors import UsageError
+    from pamid.base.errors import UsageError
 
     if guess:
         if mapping is not None or len(logs) != 1:
@@ -67,11 +67,11 @@ def command(logs: tuple[Path, ...], mapping: Path | None, guess: bool, rig: str 
 
 def _guess(log: Path, rig: str, pressures: str | None, known: dict[str, float], kind: str | None,
            output: Path | None, overwrite: bool) -> frame.Result:  # fmt: skip
-    from pamid.errors import FileError
-    from pamid.files import write_atomically
+    from pamid.base.errors import FileError
+    from pamid.base.files import write_atomically
     from pamid.ingest.guess import guess_mapping
     from pamid.ingest.reading import read_log
-    from pamid.library import rig_named
+    from pamid.model.registry import rig_named
 
     if output is not None and output.exists() and not overwrite:
         raise FileError(f"{output} exists already.", "Choose another --output, or --overwrite to replace it.",
@@ -91,7 +91,7 @@ def _guess(log: Path, rig: str, pressures: str | None, known: dict[str, float], 
 
 def _ingest(logs: tuple[Path, ...], mapping: Path, rig_name: str | None, pressures: str | None, repair: str | None,
             known: dict[str, float], kind: str | None, output: Path, overwrite: bool) -> frame.Result:  # fmt: skip
-    from pamid.errors import FileError
+    from pamid.base.errors import FileError
     from pamid.ingest.account import outputs_for, write_conversions
     from pamid.ingest.conversion import convert
     from pamid.ingest.mapping import load_mapping
@@ -118,9 +118,9 @@ def _ingest(logs: tuple[Path, ...], mapping: Path, rig_name: str | None, pressur
 
 
 def _rig(name: str | None, named_here: bool, mapping: Path) -> Rig | None:
-    from pamid.errors import FileError
-    from pamid.library import catalogue_rig, rig_named
-    from pamid.trust import is_code
+    from pamid.base.errors import FileError
+    from pamid.base.trust import is_code
+    from pamid.model.registry import catalogue_rig, rig_named
 
     if name is None or named_here:
         return rig_named(name) if name is not None else None
@@ -133,7 +133,7 @@ def _rig(name: str | None, named_here: bool, mapping: Path) -> Rig | None:
 
 def _named(rig: str) -> str:
     """The option that names a rig's file: one that a mapping or a recording names is not run."""
-    from pamid.trust import is_code
+    from pamid.base.trust import is_code
 
     return f" --rig {quoted(rig)}" if is_code(rig) else ""
 

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 if TYPE_CHECKING:
-    from pamid.jobs import Crew
-    from pamid.run import Run
+    from pamid.base.run_folder import Run
+    from pamid.parallel.jobs import Crew
 
 cluster_option = click.option(
     "--cluster", metavar="tcp://HOST:8786", help="Hand the jobs to the Dask cluster of this scheduler instead; results "
@@ -24,14 +24,14 @@ cluster_option = click.option(
 @contextlib.contextmanager
 def crew_of(jobs: int, cluster: str | None, *, kept: Path | None = None) -> Iterator[Crew]:
     """Who does the jobs: processes of this machine, or a cluster; kept: the folder of their results."""
-    from pamid.jobs import Crew
-    from pamid.results import Store
+    from pamid.parallel.jobs import Crew
+    from pamid.parallel.store import Store
 
     store = Store(kept) if kept else None
     if cluster is None:
         yield Crew(jobs, store)
         return
-    from pamid.cluster import cluster as connected
+    from pamid.parallel.dask_backend import cluster as connected
 
     with connected(cluster) as hands:
         yield Crew(jobs, store, hands)
@@ -52,7 +52,7 @@ def carried_through(run: Run, crew: Crew) -> Iterator[None]:
 
 def require_one_of(resume: bool, overwrite: bool) -> None:
     """UsageError where both are asked for."""
-    from pamid.errors import UsageError
+    from pamid.base.errors import UsageError
 
     if resume and overwrite:
         raise UsageError("--resume goes on with the earlier run, --overwrite replaces it.", "Give one of them.")
@@ -60,8 +60,8 @@ def require_one_of(resume: bool, overwrite: bool) -> None:
 
 def kept(path: Path, text_of: Callable[[dict[str, Any]], str]) -> tuple[dict[str, Any], str]:
     """What a finished run holds, and its text; FileError where it is not what was once written there."""
-    from pamid.errors import FileError
-    from pamid.json_file import read_json
+    from pamid.base.errors import FileError
+    from pamid.base.json_file import read_json
 
     found = read_json(path)
     try:

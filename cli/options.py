@@ -10,14 +10,14 @@ import click
 from .terminal import aside
 
 if TYPE_CHECKING:
-    from pamid.evidence import Evidence
-    from pamid.recording import Recording
-    from pamid.rig import Rig
+    from pamid.model.rig import Rig
+    from pamid.recording.recording import Recording
+    from pamid.simulation.data_split import Evidence
 
 
 def parse_known(pairs: tuple[str, ...]) -> dict[str, float]:
     """("inertia_kg_m2=0.0896", ...) as a table."""
-    from pamid.errors import UsageError
+    from pamid.base.errors import UsageError
 
     table = {}
     for pair in pairs:
@@ -33,7 +33,7 @@ def parse_known(pairs: tuple[str, ...]) -> dict[str, float]:
 
 def noise_factor(text: str) -> float:
     """default -> 1, none -> 0, a number as it is."""
-    from pamid.errors import UsageError
+    from pamid.base.errors import UsageError
 
     words = {"default": 1.0, "none": 0.0}
     try:
@@ -53,10 +53,10 @@ def evidence_from(rig_name: str | None, recordings: tuple[Path, ...], held_out: 
                   check: bool = True) -> Evidence:
     """Read the recordings, refuse those that are wrong for the rig (default: the one of the catalogue that they name),
     and divide them for it."""
-    from pamid.evidence import gather
-    from pamid.inspection import require_sound
-    from pamid.library import catalogue_rig, rig_named, rig_of
-    from pamid.recording import read_recording
+    from pamid.checks.inspection import require_sound
+    from pamid.model.registry import catalogue_rig, rig_named, rig_of
+    from pamid.recording.recording import read_recording
+    from pamid.simulation.data_split import gather
 
     rig = rig_named(rig_name) if rig_name else None
     read = [read_recording(p) for p in (*recordings, *held_out)]
@@ -81,8 +81,8 @@ def evidence_from(rig_name: str | None, recordings: tuple[Path, ...], held_out: 
 
 def unknown_columns(rig: Rig, recording: Recording) -> list[str]:
     """A sentence per column that the rig does not know: it is kept and not used."""
-    from pamid.errors import nearest
-    from pamid.recording import match_column
+    from pamid.base.errors import nearest
+    from pamid.recording.recording import match_column
 
     wanted = [*rig.inputs, *rig.outputs, *(loop.reference for loop in rig.loops)]
     used = {match_column(recording.columns, name) for name in wanted}

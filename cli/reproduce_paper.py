@@ -58,7 +58,7 @@ def command(paper: str, output: Path, overwrite: bool, **request: Any) -> frame.
 
 
 def _refuse_strangers() -> None:
-    from pamid.errors import UsageError
+    from pamid.base.errors import UsageError
 
     context = click.get_current_context()
     for name in _JOINT_ONLY:
@@ -69,7 +69,7 @@ def _refuse_strangers() -> None:
 
 def _carried_out(run: Any, reproduce: Callable[..., dict[str, Any]], plan: Any, **more: Any) -> dict[str, Any]:
     """What `reproduce` finds; the run is closed with how it ended."""
-    from pamid.errors import PamidError
+    from pamid.base.errors import PamidError
 
     try:
         with Progress("reproduce-paper") as progress:
@@ -88,8 +88,8 @@ def _joint(output: Path, overwrite: bool, *, iterations: int | None, starts: int
            jobs: int, quick: bool, resume: bool) -> frame.Result:
     from dataclasses import asdict
 
-    from pamid.papers.joint import Plan, reproduce
-    from pamid.run import Run
+    from pamid.base.run_folder import Run
+    from pamid.replications.joint import Plan, reproduce
 
     plan = Plan(seconds or (QUICK_S if quick else Plan.seconds),
                 iterations or (QUICK_ITERATIONS if quick else Plan.iterations), starts, seed, jobs, quick)
@@ -164,8 +164,8 @@ _TITLES = {"gravity": "Gravity tests", "pulses": "Valve pulses"}
 def _arm(output: Path, overwrite: bool, seed: int, quick: bool) -> frame.Result:
     from dataclasses import asdict
 
-    from pamid.papers.arm import Plan, reproduce_arm
-    from pamid.run import Run
+    from pamid.base.run_folder import Run
+    from pamid.replications.arm import Plan, reproduce_arm
 
     plan = Plan.quickly(seed) if quick else Plan(seed=seed)
     run = Run.create(output, command=frame.command_line(), seed=seed, overwrite=overwrite,

@@ -20,7 +20,8 @@ def command(name: str | None) -> frame.Result:
     The story of a rig: inputs, outputs, states, ports and the effects that fit there, parameters with their sources,
     background terms, and its equations, in which whatever passes through a port bears the name of the port.
     """
-    from pamid import catalogue, library
+    from pamid.model import catalogue
+    from pamid.model import registry as library
 
     if name is None:
         rows = [catalogue.rig_row(rig) for rig in library.rigs().values()]

@@ -29,7 +29,7 @@ import click
 from click.core import ParameterSource
 
 from .names import OPTIONS, suggest
-from .table import COMMANDS
+from .table import COMMANDS, every_command
 
 FILE = "pamid.toml"
 SHARED = "defaults"
@@ -74,7 +74,7 @@ def _found(folder: Path | None) -> Iterator[tuple[Path, str]]:
 
 
 def _why_ignored(path: Path, nearest: bool) -> str:
-    from pamid.trust import why_shared, within_home
+    from pamid.base.trust import why_shared, within_home
 
     if not nearest and not within_home(path):
         return "it lies above the working folder and outside your home"
@@ -83,7 +83,7 @@ def _why_ignored(path: Path, nearest: bool) -> str:
 
 def why_harmless_only(path: Path) -> str:
     """Why code, addresses and leave to replace files are not taken from this file; "" where they are."""
-    from pamid.trust import is_own, within_home
+    from pamid.base.trust import is_own, within_home
 
     if not within_home(path):
         return "the file lies outside your home"
@@ -154,7 +154,7 @@ def is_risky(option: click.Option, value: Any) -> bool:
         return bool(value)
     if option.name not in OPTIONS:
         return False
-    from pamid.trust import is_code
+    from pamid.base.trust import is_code
 
     return any(is_code(str(one)) for one in (value if isinstance(value, list) else [value]))
 
@@ -202,8 +202,6 @@ def _require_known(path: Path, shared: Mapping[str, Any]) -> None:
     """What [defaults] names has to be an option of some command."""
     if not shared:
         return
-    from .frame import every_command
-
     known = {name for command in every_command() for name in options_of(command)}
     for key in shared:
         if key not in known:

@@ -13,8 +13,8 @@ from .options import noise_factor, parse_known
 from .terminal import quoted
 
 if TYPE_CHECKING:
-    from pamid.recording import Recording
-    from pamid.virtual import VirtualRecording
+    from pamid.recording.recording import Recording
+    from pamid.simulation.virtual_rig import VirtualRecording
 
 MODEL_DIGITS = 12    # what is exported is held against this file to 1e-9 of every channel's span
 EXAMPLE = """
@@ -49,11 +49,11 @@ def command(rig: str | None, model: Path | None, which: str, excitation: Path, e
     several joints takes the references of all of them, or all commands. What the excitation's TOML states as known
     holds for the rig, and is stated in the recording.
     """
-    from pamid.errors import FileError, UsageError
-    from pamid.files import make_folder
-    from pamid.library import rig_of
-    from pamid.recording import SIGNIFICANT_DIGITS, read_recording, write_recording
-    from pamid.virtual import virtual_rig
+    from pamid.base.errors import FileError, UsageError
+    from pamid.base.files import make_folder
+    from pamid.model.registry import rig_of
+    from pamid.recording.recording import SIGNIFICANT_DIGITS, read_recording, write_recording
+    from pamid.simulation.virtual_rig import virtual_rig
 
     if output.exists() and not overwrite:
         raise FileError(f"{output} exists already.", "Choose another --output, or --overwrite to replace it.",
@@ -79,7 +79,7 @@ def command(rig: str | None, model: Path | None, which: str, excitation: Path, e
 
 
 def _follow(output: Path, samples: int, rig: str) -> str:
-    from pamid.evidence import FEWEST
+    from pamid.simulation.data_split import FEWEST
 
     if samples < FEWEST:
         return f"pamid check {quoted(output)} --rig {quoted(rig)}   (a fit needs {FEWEST} samples)"
@@ -89,8 +89,8 @@ def _follow(output: Path, samples: int, rig: str) -> str:
 def _modelled(run: Path, which: str, rig: str | None, effects: tuple[str, ...], source: Recording,
               known: dict[str, float], hidden: dict[str, float], noise: float, seed: int) -> VirtualRecording:
     """The model of a run on the excitation."""
-    from pamid.errors import UsageError
-    from pamid.identified import load_identified, record_identified
+    from pamid.base.errors import UsageError
+    from pamid.correction.identified_model import load_identified, record_identified
 
     for effect in effects:
         if not effect.endswith(".py"):

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import importlib
+from collections.abc import Iterator
+
+import click
+
 #: name -> (module:function inside this package, one line of help)
 COMMANDS: dict[str, tuple[str, str]] = {
     "generate-aprbs": ("generate_aprbs:command", "Make an excitation that covers amplitude and frequency."),
@@ -24,3 +29,16 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "completion": ("completion:command", "Print what your shell needs to complete pamid's commands."),
     "demo": ("demo:command", "Everything above on a virtual rig, in about a minute."),
 }
+
+
+def load_command(name: str) -> click.Command:
+    """A command by its name; imports its module."""
+    module, _, attribute = COMMANDS[name][0].partition(":")
+    found = getattr(importlib.import_module(f".{module}", __package__), attribute)
+    assert isinstance(found, click.Command)
+    return found
+
+
+def every_command() -> Iterator[click.Command]:
+    """All commands there are; imports all their modules."""
+    return map(load_command, COMMANDS)

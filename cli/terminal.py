@@ -52,8 +52,8 @@ def hang_up(stream: TextIO | None = None) -> None:
 
 
 def quoted(word: str | os.PathLike[str]) -> str:
-    """A path or a name as a command to be copied holds it; see `pamid.errors.quoted`."""
-    from pamid.errors import quoted as found
+    """A path or a name as a command to be copied holds it; see `pamid.base.errors.quoted`."""
+    from pamid.base.errors import quoted as found
 
     return found(word)
 

@@ -14,10 +14,10 @@ from .progress import Progress
 from .terminal import aside, quoted
 
 if TYPE_CHECKING:
-    from pamid.leftover import Leftover
+    from pamid.base.run_folder import Run
+    from pamid.correction.output_network import Course
+    from pamid.correction.residual_data import Leftover
     from pamid.networks.training import Step
-    from pamid.residual_network import Course
-    from pamid.run import Run
 
     PortWork = Callable[[Run, Leftover, Callable[[str], None], Course], tuple[dict[str, Any], bool]]
 
@@ -65,10 +65,10 @@ def command(run: Path, network: str, hidden: int | None, sets: int | None, itera
     Writes network.json, network.npz and trace.csv and adds the corrected model to residual.csv. Interrupted, it keeps
     what it has reached; --resume with the same options goes on from there as if nothing had happened.
     """
-    from pamid.errors import PamidError
-    from pamid.leftover import read_leftover
-    from pamid.residual_network import CHECKPOINT_FILE, Course, Wanted, train_correction, write_correction
-    from pamid.run import FIT_FILE, RESIDUAL_FILE, Run
+    from pamid.base.errors import PamidError
+    from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE, Run
+    from pamid.correction.output_network import CHECKPOINT_FILE, Course, Wanted, train_correction, write_correction
+    from pamid.correction.residual_data import read_leftover
 
     wanted = Wanted(network, hidden, sets)
     folder = Run.open(run)
@@ -107,13 +107,13 @@ def command(run: Path, network: str, hidden: int | None, sets: int | None, itera
 
 def _port_of(run: Path, at: str, rig: str | None) -> PortWork | None:
     """What trains at a port of the run's model and writes it; None at the output. Wrong names are refused here."""
-    from pamid.errors import UsageError
+    from pamid.base.errors import UsageError
 
     if at == "output":
         if rig:
             raise UsageError("--rig belongs to --at PORT: at the output no rig is needed.")
         return None
-    from pamid.port_network import entry_of, origin_of, train_at_port, write_port_correction
+    from pamid.correction.port_network import entry_of, origin_of, train_at_port, write_port_correction
 
     origin = origin_of(run, rig)
     entry = entry_of(origin.evidence.rig, at)

@@ -14,8 +14,8 @@ from .progress import Progress
 from .terminal import quoted
 
 if TYPE_CHECKING:
-    from pamid.jobs import Crew
-    from pamid.run import Run
+    from pamid.base.run_folder import Run
+    from pamid.parallel.jobs import Crew
 
 EXAMPLE = """
 pamid trial --output trial --cases 4 --part calibration --jobs 2
@@ -59,8 +59,8 @@ def command(output: Path, rig: str, cases: int, part: str, seed: int, jobs: int,
     The folder has to be one that all of them see. A share that failed is sent again, or left to the last command,
     which works through whatever is missing.
     """
-    from pamid.errors import UsageError
-    from pamid.json_file import write_json
+    from pamid.base.errors import UsageError
+    from pamid.base.json_file import write_json
     from pamid.trial.calibrate import calibrated_from
     from pamid.trial.table import trial_text
     from pamid.trial.work import run_trial
@@ -90,7 +90,7 @@ def command(output: Path, rig: str, cases: int, part: str, seed: int, jobs: int,
 
 
 def _share_of(index: str) -> tuple[int, int]:
-    from pamid.errors import UsageError
+    from pamid.base.errors import UsageError
 
     first, slash, count = index.partition("/")
     if not (slash and first.isdecimal() and count.isdecimal() and 1 <= int(first) <= int(count)):
@@ -126,8 +126,8 @@ def _scoring(output: Path, options: dict[str, Any]) -> str:
 
 def _begun(output: Path, fixed: dict[str, Any], options: dict[str, Any], resume: bool) -> Run:
     """The trial's folder, new or gone on with; FileError if it holds another trial or no trial at all."""
-    from pamid.errors import FileError
-    from pamid.run import Run
+    from pamid.base.errors import FileError
+    from pamid.base.run_folder import Run
 
     if not (output / "run.json").is_file():
         return Run.create(output, command=frame.command_line(), seed=fixed["seed"], options={"trial": fixed, **options})
@@ -141,8 +141,8 @@ def _begun(output: Path, fixed: dict[str, Any], options: dict[str, Any], resume:
 
 def _joined(output: Path, fixed: dict[str, Any], options: dict[str, Any]) -> Run:
     """The trial's folder for one of several that begin it at the same time."""
-    from pamid.errors import FileError
-    from pamid.run import Run
+    from pamid.base.errors import FileError
+    from pamid.base.run_folder import Run
 
     for _ in range(50):
         if (output / "run.json").is_file():
@@ -158,7 +158,7 @@ def _joined(output: Path, fixed: dict[str, Any], options: dict[str, Any]) -> Run
 
 
 def _same(run: Run, fixed: dict[str, Any]) -> Run:
-    from pamid.errors import FileError
+    from pamid.base.errors import FileError
 
     held = run.record["options"].get("trial")
     if held != fixed:

@@ -22,12 +22,12 @@ from pathlib import Path
 import numpy as np
 
 from pamid import Recording
-from pamid.evidence import gather
-from pamid.excitation import aprbs, coverage
-from pamid.greybox import GreyBox, fit_json, fit_model
-from pamid.library import rig_named
-from pamid.recording import read_recording, write_recording
-from pamid.virtual import virtual_rig
+from pamid.estimation.fit_model import GreyBox, fit_json, fit_model
+from pamid.excitation.aprbs import aprbs, coverage
+from pamid.model.registry import rig_named
+from pamid.recording.recording import read_recording, write_recording
+from pamid.simulation.data_split import gather
+from pamid.simulation.virtual_rig import virtual_rig
 
 temporary = tempfile.TemporaryDirectory()
 folder = Path(temporary.name)

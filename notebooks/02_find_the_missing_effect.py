@@ -21,16 +21,16 @@ from pathlib import Path
 
 import numpy as np
 
-from pamid.attaching import attach
-from pamid.diagnosis.whole import diagnose_into
-from pamid.evidence import gather
-from pamid.excitation import aprbs
-from pamid.greybox import fit_json, fit_model
-from pamid.library import effects, rig_named
-from pamid.recording import read_recording, write_recording
+from pamid.base.run_folder import Run
+from pamid.diagnosis.diagnose import diagnose_into
+from pamid.estimation.fit_model import fit_json, fit_model
+from pamid.excitation.aprbs import aprbs
+from pamid.model.attachment import attach
+from pamid.model.registry import effects, rig_named
+from pamid.recording.recording import read_recording, write_recording
 from pamid.report.writing import write_report
-from pamid.run import Run
-from pamid.virtual import virtual_rig
+from pamid.simulation.data_split import gather
+from pamid.simulation.virtual_rig import virtual_rig
 
 temporary = tempfile.TemporaryDirectory()
 folder = Path(temporary.name)

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.engine.lowering import Cell, lower
 from pamid.engine.program import Memory, Program, Stepping, build_program
-from pamid.equations import Expr
-from pamid.expressions import symbol
+from pamid.symbolic.expression import symbol
+from pamid.symbolic.memory_cells import Cell, lower
+from pamid.symbolic.vocabulary import Expr
 
 Array = NDArray[np.float64]
 PERIOD_S = 0.01

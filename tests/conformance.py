@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.assembly import Array, Assembly
-from pamid.attaching import Attachment, attachments
 from pamid.engine.program import Stepping
-from pamid.expressions import symbol
-from pamid.library import effects, rig_named, rigs
-from pamid.rig import Rig
+from pamid.model.assembly import Array, Assembly
+from pamid.model.attachment import Attachment, attachments
+from pamid.model.registry import effects, rig_named, rigs
+from pamid.model.rig import Rig
+from pamid.symbolic.expression import symbol
 
 TEST_RIGS = sorted(Path(__file__).parent.joinpath("rigs").glob("*.py"))
 STEPPING = Stepping(2)

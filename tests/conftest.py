@@ -11,7 +11,7 @@ import pytest
 from jsonschema import Draft202012Validator
 from pamid_cli.schema import schemas
 
-import pamid.json_file as json_file
+import pamid.base.json_file as json_file
 
 VALIDATORS = {f"pamid.{name}/1": Draft202012Validator(schema) for name, schema in schemas().items()}
 #: of tests only, and the list of schemas itself

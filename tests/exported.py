@@ -10,18 +10,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.assembly import Assembly
-from pamid.attaching import attach
-from pamid.effect import State
+from pamid.base.units import from_si, split_column, to_si
+from pamid.correction.identified_model import Identified, ModelNetwork, simulate_identified
 from pamid.engine.program import Stepping
-from pamid.identified import Identified, ModelNetwork, simulate_identified
-from pamid.library import effects, rig_named
+from pamid.model.assembly import Assembly
+from pamid.model.attachment import attach
+from pamid.model.effect import State
+from pamid.model.parameter import Parameter
+from pamid.model.registry import effects, rig_named
+from pamid.model.rig import Port, Rig
 from pamid.networks.elman import Elman
 from pamid.networks.scaling import Scaling
 from pamid.networks.store import TrainedNetwork
-from pamid.parameter import Parameter
-from pamid.rig import Port, Rig
-from pamid.units import from_si, split_column, to_si
 
 Array = NDArray[np.float64]
 PERIOD_S = 0.003

@@ -207,7 +207,7 @@ def resumed(site: Site) -> list[Words]:
 def results(site: Site) -> list[Words]:
     """Results of single jobs and the journal: read by the library, which trusts nothing that does not vouch for itself;
     what is damaged is worked out again."""
-    from pamid.results import Store
+    from pamid.parallel.store import Store
 
     folder = site.copy("jobs")
     path = site.random.choice(sorted(folder.iterdir()))
@@ -243,7 +243,7 @@ def excitation(site: Site) -> list[Words]:
 def words(site: Site) -> list[Words]:
     """Options and arguments that somebody mistyped."""
     import click
-    from pamid_cli.frame import every_command
+    from pamid_cli.table import every_command
 
     command = site.random.choice([c for c in every_command() if c.name not in ("demo", "reproduce-paper", "trial")])
     said: list[str | Path] = [str(command.name)]

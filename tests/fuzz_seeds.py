@@ -59,8 +59,8 @@ def make_seeds(place: Path) -> Path:
 
 def _checkpoint(place: Path) -> None:
     """Where a training of the run stood after its first step."""
-    from pamid.leftover import read_leftover
-    from pamid.residual_network import Wanted, train_correction
+    from pamid.correction.output_network import Wanted, train_correction
+    from pamid.correction.residual_data import read_leftover
 
     train_correction(read_leftover(place / "explained"), wanted=Wanted("elman", 2, None), iterations=1, seed=0,
                      threads=1, checkpoint=place / "checkpoint.npz")
@@ -73,8 +73,8 @@ def _force_map(path: Path) -> None:
 
 
 def _excitation(place: Path) -> None:
-    from pamid.excitation import aprbs
-    from pamid.recording import write_recording
+    from pamid.excitation.aprbs import aprbs
+    from pamid.recording.recording import write_recording
 
     reference = aprbs(0.3, 0.003, 20.0, seed=1, hold_s=(0.05, 0.1))
     write_recording(place / "sent.csv", np.arange(len(reference)) * 0.003, {"reference_deg": reference})
@@ -82,7 +82,7 @@ def _excitation(place: Path) -> None:
 
 
 def _results(place: Path) -> None:
-    from pamid.results import Store
+    from pamid.parallel.store import Store
 
     store = Store(place / "jobs")
     store.put("ab" * 32, "a job", {"x": np.arange(5.0), "y": [1, float("inf"), {"z": "text"}], "n": None})

@@ -9,16 +9,16 @@ from typing import Any
 import numpy as np
 from virtual_joint import record
 
-from pamid.evidence import gather
-from pamid.greybox import GreyBox, fit_json, fit_model
-from pamid.json_file import read_json, write_json
-from pamid.library import rig_named
+from pamid.base.json_file import read_json, write_json
+from pamid.base.run_folder import Run
+from pamid.estimation.fit_model import GreyBox, fit_json, fit_model
+from pamid.model.registry import rig_named
 from pamid.networks.network import Network
 from pamid.networks.scaling import Scaling
 from pamid.networks.store import TrainedNetwork, save_network
-from pamid.recording import Recording, read_recording
-from pamid.run import Run
-from pamid.virtual import attach_specs
+from pamid.recording.recording import Recording, read_recording
+from pamid.simulation.data_split import gather
+from pamid.simulation.virtual_rig import attach_specs
 
 PERIOD_S = 0.003
 SEEN = ("command", "angle_refitted_deg", "pressure_1_refitted_kpa")

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from pamid.evidence import Evidence, gather
-from pamid.library import effects, rig_named
-from pamid.recording import read_recording, write_recording
-from pamid.virtual import virtual_rig
+from pamid.model.registry import effects, rig_named
+from pamid.recording.recording import read_recording, write_recording
+from pamid.simulation.data_split import Evidence, gather
+from pamid.simulation.virtual_rig import virtual_rig
 
 RIG = str(Path(__file__).parent.parent / "data" / "rigs" / "cart.py")
 FEW = ("coulomb-friction", "viscous-friction", "quadratic-drag", "dead-time", "linear-stiffness")

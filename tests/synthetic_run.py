@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pamid.metrics import wilson_interval
+from pamid.base.metrics import wilson_interval
 from pamid.trial.table import ROWS
 
 PERIOD_S = 0.01

@@ -12,19 +12,19 @@ from compiled import differences, program, run, sensitivities, state
 from scripts import load_script
 
 import pamid.networks.anfis as anfis_module
-from pamid.assembly import Assembly
+from pamid.base.errors import DataError
+from pamid.correction.force_law import ForceLaw, _on_grid, _steps, check_force_law, force_law
 from pamid.engine.program import Stepping
-from pamid.equations import expression
-from pamid.errors import DataError
-from pamid.library import rig_named
+from pamid.model.assembly import Assembly
+from pamid.model.registry import rig_named
 from pamid.networks.anfis import Anfis
 from pamid.networks.elman import Elman
-from pamid.networks.force_law import ForceLaw, _on_grid, _steps, check_force_law, force_law
 from pamid.networks.scaling import Scaling
 from pamid.networks.store import TrainedNetwork, load_network, save_network, train_on_signals
 from pamid.networks.training import train
 from pamid.rigs.muscle import exponential
-from pamid.simulation import free_run
+from pamid.simulation.simulate import free_run
+from pamid.symbolic.vocabulary import expression
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / "shared" / "data"
@@ -241,7 +241,7 @@ def test_the_guard_looks_at_the_law_itself(muscle):
 RIG_FILE = """
 from pathlib import Path
 
-from pamid.networks.force_law import force_law
+from pamid.correction.force_law import force_law
 from pamid.rigs.one_dof import OneDof
 
 

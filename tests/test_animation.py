@@ -19,7 +19,7 @@ from PIL import Image
 from synthetic_run import fit_json, make_run, run_json
 from test_report import scripts_of
 
-from pamid.errors import DataError
+from pamid.base.errors import DataError
 from pamid.report.animation import RATE, gif_of
 from pamid.report.budget import errors_of, worst_window
 from pamid.report.load import RunData, load_run

@@ -15,15 +15,15 @@ import pytest
 from pamid_cli import frame
 from pamid_cli.reproduce_paper import arm_text
 
-from pamid.force_map import read_map
-from pamid.json_file import read_json
-from pamid.library import rig_named
-from pamid.metrics import mae
-from pamid.papers.arm import AT_THE_FLOOR, FITTED, MAP_FILE, target_json
-from pamid.papers.arm_twin import GRAVITY, PULSES, VARIABLES, WITH_PAYLOAD, ArmTwin, sessions, shown_mae
-from pamid.recording import read_recording
+from pamid.base.json_file import read_json
+from pamid.base.metrics import mae
+from pamid.correction.force_map import read_map
+from pamid.model.registry import rig_named
+from pamid.recording.recording import read_recording
+from pamid.replications.arm import AT_THE_FLOOR, FITTED, MAP_FILE, target_json
+from pamid.replications.arm_twin import GRAVITY, PULSES, VARIABLES, WITH_PAYLOAD, ArmTwin, sessions, shown_mae
 from pamid.rigs.two_link import MUSCLES
-from pamid.virtual import virtual_rig
+from pamid.simulation.virtual_rig import virtual_rig
 
 INERTIAL = {f"link_{j}_{what}" for j in "12" for what in ("mass_kg", "centre_m", "inertia_kg_m2")}
 FREE, CLAMPED = "gravity-free-held-out", "gravity-clamped-held-out"

@@ -22,9 +22,9 @@ from virtual_joint import excitation, record
 
 RIG = '''"""A mass."""
 
-from pamid.effect import State
-from pamid.parameter import Parameter
-from pamid.rig import Port, Rig
+from pamid.model.effect import State
+from pamid.model.parameter import Parameter
+from pamid.model.rig import Port, Rig
 
 
 class Mass(Rig):
@@ -57,8 +57,8 @@ References
     Nobody (2001), A Journal 1(1).
 """
 
-from pamid.effect import Effect
-from pamid.parameter import Parameter
+from pamid.model.effect import Effect
+from pamid.model.parameter import Parameter
 
 
 class Push(Effect):

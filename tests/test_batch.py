@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from pamid.errors import DataError, UsageError
+from pamid.base.errors import DataError, UsageError
 from pamid.networks.batch import BatchedElman, require_device
 from pamid.networks.elman import Elman
 

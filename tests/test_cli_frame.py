@@ -19,9 +19,9 @@ from pamid_cli import frame
 from pamid_cli.progress import Progress
 from pamid_cli.table import COMMANDS
 
-from pamid.errors import ConvergenceError, DataError, FileError, PartialError, UsageError
-from pamid.files import sha256_of
-from pamid.recording import read_recording
+from pamid.base.errors import ConvergenceError, DataError, FileError, PartialError, UsageError
+from pamid.base.files import sha256_of
+from pamid.recording.recording import read_recording
 
 PRESENT = [name for name, (place, _) in COMMANDS.items()
            if importlib.util.find_spec(f"pamid_cli.{place.partition(':')[0]}")]

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from virtual_joint import record
 
-from pamid.attaching import attach
-from pamid.diagnosis.clues import gather_clues, spectrum_peaks
-from pamid.diagnosis.contest import contender_from
-from pamid.diagnosis.screen import FIRST_STEPS, Ground, screen, starting_points
-from pamid.effect import Hints
-from pamid.evidence import gather
-from pamid.greybox import fit_model, model_with
-from pamid.library import effects, rig_named
+from pamid.diagnosis.contender import contender_from
+from pamid.diagnosis.screening import FIRST_STEPS, Ground, screen, starting_points
+from pamid.diagnosis.starting_hints import gather_clues, spectrum_peaks
+from pamid.estimation.fit_model import fit_model, model_with
+from pamid.model.attachment import attach
+from pamid.model.effect import Hints
+from pamid.model.registry import effects, rig_named
+from pamid.simulation.data_split import gather
 
 
 @pytest.fixture(scope="module")

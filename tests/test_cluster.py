@@ -18,14 +18,14 @@ import pytest
 from pamid_cli import frame
 from small_cart import FEW, RIG, cart_evidence, others, record_cart
 
-from pamid.cluster import Cluster, Patience, cluster
-from pamid.diagnosis.whole import diagnose_into
-from pamid.errors import FileError
-from pamid.jobs import Crew, Failed, Work
-from pamid.json_file import read_json
-from pamid.library import effects
-from pamid.results import Store
-from pamid.run import Run
+from pamid.base.errors import FileError
+from pamid.base.json_file import read_json
+from pamid.base.run_folder import Run
+from pamid.diagnosis.diagnose import diagnose_into
+from pamid.model.registry import effects
+from pamid.parallel.dask_backend import Cluster, Patience, cluster
+from pamid.parallel.jobs import Crew, Failed, Work
+from pamid.parallel.store import Store
 
 distributed = pytest.importorskip("distributed", reason="needs pamid[cluster]")
 
@@ -40,7 +40,7 @@ def _patient() -> Iterator[None]:
     waits = {"distributed.comm.timeouts.connect": "20s", "distributed.comm.timeouts.tcp": "900s"}
     fewer = {"distributed.worker.daemon": True, "distributed.scheduler.allowed-failures": 1}
     with pytest.MonkeyPatch.context() as patch, dask.config.set({**fewer, **waits}):
-        patch.setattr("pamid.cluster.USUAL", LONG)
+        patch.setattr("pamid.parallel.dask_backend.USUAL", LONG)
         yield
 
 
@@ -169,7 +169,7 @@ def test_workers_have_to_be_there(threads: Any) -> None:
 def test_workers_have_to_be_alike(threads: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Asked first for itself, this process has another code than afterwards, when its threads are asked."""
     said = iter(["another"])
-    monkeypatch.setattr("pamid.cluster.code_sha256", lambda: next(said, "this"))
+    monkeypatch.setattr("pamid.parallel.dask_backend.code_sha256", lambda: next(said, "this"))
     with pytest.raises(FileError, match="2 of 2 workers .* another pamid"), cluster(threads(2)):
         pass
     with cluster(threads(2)):

@@ -10,9 +10,9 @@ from typing import Any
 import pytest
 from pamid_cli.job import cluster_option
 
-from pamid.cluster import Patience, cluster
-from pamid.errors import FileError
-from pamid.jobs import Crew, Work
+from pamid.base.errors import FileError
+from pamid.parallel.dask_backend import Patience, cluster
+from pamid.parallel.jobs import Crew, Work
 
 distributed = pytest.importorskip("distributed", reason="needs pamid[cluster]")
 

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from pendulum import TRUTH, Declared, Pendulum, swing
 
-from pamid.combinations import combinations_of, tied_text
-from pamid.evidence import gather
-from pamid.greybox import GreyBox, fit_json, fit_model
-from pamid.library import rig_named
-from pamid.recording import read_recording
-from pamid.rig import Rig
+from pamid.estimation.fit_model import GreyBox, fit_json, fit_model
+from pamid.estimation.identifiable_combinations import combinations_of, tied_text
+from pamid.model.registry import rig_named
+from pamid.model.rig import Rig
+from pamid.recording.recording import read_recording
+from pamid.simulation.data_split import gather
 
 MOMENT = TRUTH["mass_kg"] * TRUTH["centre_m"]
 ABOUT_JOINT = TRUTH["inertia_kg_m2"] + MOMENT * TRUTH["centre_m"]

@@ -10,10 +10,7 @@ import numpy as np
 import pytest
 from pamid_cli.frame import run
 
-from pamid import catalogue, library
-from pamid.assembly import Assembly
-from pamid.attaching import attach
-from pamid.conformance import (
+from pamid.checks.conformance import (
     Bench,
     Trial,
     finite_everywhere,
@@ -22,8 +19,12 @@ from pamid.conformance import (
     sensitivity_error,
     visible_change,
 )
-from pamid.effect import SECTIONS
-from pamid.recording import write_recording
+from pamid.model import catalogue
+from pamid.model import registry as library
+from pamid.model.assembly import Assembly
+from pamid.model.attachment import attach
+from pamid.model.effect import SECTIONS
+from pamid.recording.recording import write_recording
 
 RIGS = Path(__file__).parent.parent / "data" / "rigs"
 
@@ -41,9 +42,9 @@ References
     Nobody (2001), A Journal 1(1).
 """
 
-from pamid.effect import Effect
-from pamid.equations import floor, sqrt
-from pamid.parameter import Parameter
+from pamid.model.effect import Effect
+from pamid.symbolic.vocabulary import floor, sqrt
+from pamid.model.parameter import Parameter
 
 
 class Push(Effect):
@@ -59,9 +60,9 @@ class Push(Effect):
 
 RIG = '''"""A mass."""
 
-from pamid.effect import State
-from pamid.parameter import Parameter
-from pamid.rig import Port, Rig
+from pamid.model.effect import State
+from pamid.model.parameter import Parameter
+from pamid.model.rig import Port, Rig
 
 
 class Mass(Rig):
@@ -313,7 +314,7 @@ def test_check_of_a_missing_file_offers_the_nearest(tmp_path: Path, capsys: pyte
 
 
 def test_the_bench_is_sound_and_offers_a_port_of_every_kind() -> None:
-    from pamid.effect import KINDS
+    from pamid.model.effect import KINDS
 
     assert {port.kind for port in Bench.ports.values()} == set(KINDS)
     assert [f for f in rig_findings(Bench(), library.effects().values()) if f.wrong] == []

@@ -19,12 +19,12 @@ from conformance import (
     typical,
 )
 
-from pamid.assembly import Assembly
-from pamid.attaching import Attachment, attachments
-from pamid.effect import Effect, Hints, problems
 from pamid.engine.program import Stepping
-from pamid.library import effects
-from pamid.rig import check_rig
+from pamid.model.assembly import Assembly
+from pamid.model.attachment import Attachment, attachments
+from pamid.model.effect import Effect, Hints, problems
+from pamid.model.registry import effects
+from pamid.model.rig import check_rig
 
 CASES = cases()
 CATALOGUE = list(effects().values())

@@ -18,8 +18,8 @@ from pamid_cli.table import COMMANDS
 from synthetic_run import diagnosis_json, run_json, write_residual
 from virtual_joint import record
 
-from pamid import library
-from pamid.errors import DataError
+from pamid.base.errors import DataError
+from pamid.model import registry as library
 from pamid.networks.elman import Elman
 from pamid.report.style import Drawing, Picture
 
@@ -92,9 +92,9 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     def blank(drawing: Drawing) -> Picture:
         return Picture(drawing.name, drawing.title, "", "", b"")
 
-    for place in ("pamid.greybox.fit_model", "pamid.port_network.fit_model", "pamid.diagnosis.whole.diagnose_into",
-                  "pamid.residual_network.train_correction", "pamid.trial.work.examine", "pamid.papers.joint.reproduce",
-                  "pamid.demo.run_demo", "pamid.force_map.judge"):
+    for place in ("pamid.estimation.fit_model.fit_model", "pamid.correction.port_network.fit_model", "pamid.diagnosis.diagnose.diagnose_into",
+                  "pamid.correction.output_network.train_correction", "pamid.trial.work.examine", "pamid.replications.joint.reproduce",
+                  "pamid.replications.demo.run_demo", "pamid.correction.force_map.judge"):
         monkeypatch.setattr(place, end)
     monkeypatch.setattr("pamid.report.writing.render", blank)
     monkeypatch.setattr("pamid.report.animation.gif_of", end)

@@ -18,13 +18,13 @@ from pamid_cli import frame
 from synthetic_run import diagnosis_json, fit_json, make_run
 from virtual_joint import record
 
-from pamid.errors import FileError
-from pamid.excitation_files import FORMATS, Signals
+from pamid.base.errors import FileError
+from pamid.excitation.writers import FORMATS, Signals
 from pamid.ingest.guess import guess_mapping
 from pamid.ingest.reading import read_log
-from pamid.library import catalogue_rig
+from pamid.model.registry import catalogue_rig
 from pamid.networks.elman import Elman
-from pamid.recording import toml_text
+from pamid.recording.recording import toml_text
 from pamid.report.style import Picture
 from pamid.report.writing import write_report
 
@@ -34,7 +34,7 @@ DANGEROUS = {"eval", "exec", "compile", "__import__", "pickle", "cloudpickle", "
              "read_pickle", "numexpr", "sympify", "parse_expr", "lambdify", "system", "popen", "fromstring",
              "unpack_archive", "extractall"}
 #: where it is meant: a file the user named; jobs of a cluster the user named; a digest of code; compiled patterns
-MEANT = {("pamid/library.py", "exec"), ("pamid/cluster.py", "cloudpickle"), ("pamid/results.py", "marshal")}
+MEANT = {("pamid/model/registry.py", "exec"), ("pamid/parallel/dask_backend.py", "cloudpickle"), ("pamid/parallel/store.py", "marshal")}
 HARMLESS = {"re.compile", "platform.system"}
 
 
@@ -197,7 +197,7 @@ def test_no_text_of_a_run_becomes_source(form: str, fitted: Path, tmp_path: Path
 
 def test_what_is_kept_of_jobs_is_data(tmp_path: Path) -> None:
     """Under the right name, with the right entries, and yet an object: not unpacked."""
-    from pamid.results import Store
+    from pamid.parallel.store import Store
 
     class Loud:
         def __reduce__(self) -> tuple[Any, ...]:

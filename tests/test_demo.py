@@ -10,11 +10,11 @@ import pytest
 from pamid_cli import frame
 from pamid_cli.demo import demo_text
 
-import pamid.demo as demo
-from pamid.json_file import read_json
-from pamid.library import effects, rig_named
-from pamid.recording import read_recording
-from pamid.virtual import attach_specs, split_spec
+import pamid.replications.demo as demo
+from pamid.base.json_file import read_json
+from pamid.model.registry import effects, rig_named
+from pamid.recording.recording import read_recording
+from pamid.simulation.virtual_rig import attach_specs, split_spec
 
 FILES = ("run.json", "excitation.csv", "rec.csv", "rec.toml", "withheld.json", "fit.json", "residual.csv",
          "diagnosis.json", "network.json", "network.npz", "trace.csv", "report.html")  # fmt: skip

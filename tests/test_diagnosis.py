@@ -10,12 +10,12 @@ from typing import Any
 import pytest
 from virtual_joint import record
 
+from pamid.base.run_folder import Run
+from pamid.diagnosis.diagnose import diagnose_into
 from pamid.diagnosis.verdict import SCHEMA, diagnosis_json
-from pamid.diagnosis.whole import diagnose_into
-from pamid.evidence import gather
-from pamid.library import effects, rig_named
-from pamid.recording import Recording, read_recording, write_recording
-from pamid.run import Run
+from pamid.model.registry import effects, rig_named
+from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.simulation.data_split import gather
 
 SENSORS = ("reference_deg", "command", "angle_deg", "pressure_1_kpa", "pressure_2_kpa")
 MEASURED = Path(__file__).resolve().parents[2] / "shared" / "data" / "emps"

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pamid.networks.elman as elman_module
-from pamid.errors import DataError
+from pamid.base.errors import DataError
 from pamid.networks.elman import Elman
 
 

@@ -21,12 +21,18 @@ from compiled import (
     steps,
 )
 
-from pamid.assembly import Assembly
-from pamid.attaching import attach
-from pamid.effect import State
-from pamid.engine.lowering import Cell
 from pamid.engine.program import Program, Stepping
-from pamid.equations import (
+from pamid.model.assembly import Assembly
+from pamid.model.attachment import attach
+from pamid.model.effect import State
+from pamid.model.parameter import Parameter
+from pamid.model.registry import effects, rig_named
+from pamid.model.rig import Port, Rig
+from pamid.simulation.simulate import choose_stepping, free_run
+from pamid.simulation.windows import Runner, Track
+from pamid.symbolic.expression import symbol
+from pamid.symbolic.memory_cells import Cell
+from pamid.symbolic.vocabulary import (
     ZERO,
     Expr,
     absolute,
@@ -42,12 +48,6 @@ from pamid.equations import (
     tanh,
     where,
 )
-from pamid.expressions import symbol
-from pamid.library import effects, rig_named
-from pamid.parameter import Parameter
-from pamid.rig import Port, Rig
-from pamid.simulation import choose_stepping, free_run
-from pamid.windows import Runner, Track
 
 EXPLICIT, IMPLICIT = Stepping(1), Stepping(1, implicit=True)
 BOTH = pytest.mark.parametrize("implicit", [False, True], ids=["rk4", "sdirk2"])
@@ -346,7 +346,7 @@ def _stuck() -> tuple[Runner, Array]:
 
 def test_a_new_window_keeps_what_effects_remember() -> None:
     """A corrected position is not a motion: the friction's deflection stays, and so does its force."""
-    from pamid.windows import Window
+    from pamid.simulation.windows import Window
 
     runner, p = _stuck()
     memory = runner.memory(p)
@@ -367,7 +367,7 @@ def test_a_new_window_keeps_what_effects_remember() -> None:
 
 
 def test_entering_where_one_stands_changes_nothing() -> None:
-    from pamid.windows import Window
+    from pamid.simulation.windows import Window
 
     runner, p = _stuck()
     once, joined = runner.memory(p), runner.memory(p)

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from compiled import Array, program, run, state
 
-from pamid import trust
-from pamid.engine import machine
+from pamid.base import trust
+from pamid.engine import jit_cache as machine
 from pamid.engine.program import build_program
 
 X = state("x")
@@ -101,9 +101,9 @@ def test_text_of_a_model_does_not_depend_on_the_process(compiled_texts: list[str
     code = ("import sys; sys.path.insert(0, sys.argv[1])\n"
             "from pamid.engine import machine\n"
             "machine._compile = lambda text: (print(machine._key(text)), sys.exit(0))\n"
-            "from pamid.assembly import Assembly\n"
-            "from pamid.attaching import attach\n"
-            "from pamid.library import effects, rig_named\n"
+            "from pamid.model.assembly import Assembly\n"
+            "from pamid.model.attachment import attach\n"
+            "from pamid.model.registry import effects, rig_named\n"
             "rig = rig_named('one-dof')\n"
             "Assembly(rig, (attach(rig, 'lugre-friction', effects()), attach(rig, 'dead-time', effects()))).program\n")
     keys = set()
@@ -117,9 +117,9 @@ def test_text_of_a_model_does_not_depend_on_the_process(compiled_texts: list[str
 
 def test_two_processes_at_once(tmp_path: Path) -> None:
     code = ("import json, numpy as np\n"
-            "from pamid.assembly import Assembly\n"
-            "from pamid.library import rig_named\n"
-            "from pamid.simulation import free_run\n"
+            "from pamid.model.assembly import Assembly\n"
+            "from pamid.model.registry import rig_named\n"
+            "from pamid.simulation.simulate import free_run\n"
             "a = Assembly(rig_named('one-dof'))\n"
             "u = np.zeros((100, 2)); u[10:50, 0] = 0.5\n"
             "print(json.dumps(free_run(a, u, a.values(), 0.003).outputs[-1].tolist()))\n")
@@ -222,7 +222,7 @@ def test_somebody_elses_folder_is_not_used(cache: Path, compiled_texts: list[str
     assert len(compiled_texts) == 2
 
 
-CACHE_OF_NUMBA = "import pamid.engine.driver, numba.core.config as c; c.reload_config(); print(c.CACHE_DIR)"
+CACHE_OF_NUMBA = "import pamid.engine.integrator, numba.core.config as c; c.reload_config(); print(c.CACHE_DIR)"
 
 
 def _cache_of_numba(folder: Path, **environment: str) -> str:

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
 from pamid.engine.program import Stepping
-from pamid.equations import (
+from pamid.symbolic.expression import ONE, const, power, substitute, symbols, text, walk
+from pamid.symbolic.vocabulary import (
     ZERO,
     EquationError,
     Expr,
@@ -37,7 +38,6 @@ from pamid.equations import (
     tanh,
     where,
 )
-from pamid.expressions import ONE, const, power, substitute, symbols, text, walk
 
 A, B = parameter("a"), parameter("b")
 U = signal()
@@ -331,8 +331,8 @@ def test_operators_can_follow_one_another() -> None:
 
 
 def test_an_algebraic_loop_is_named() -> None:
-    from pamid.engine.lowering import Cell, lower
-    from pamid.expressions import symbol
+    from pamid.symbolic.expression import symbol
+    from pamid.symbolic.memory_cells import Cell, lower
 
     one, other = symbol("cell", "one"), symbol("cell", "other")
     with pytest.raises(EquationError, match="algebraic loop through one, other"):

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from pamid_cli.frame import run
 
-from pamid.files import sha256_of
-from pamid.recording import read_recording
+from pamid.base.files import sha256_of
+from pamid.recording.recording import read_recording
 
 DATA = Path(__file__).resolve().parent.parent / "data"
 PAGE = (DATA / "README.md").read_text(encoding="utf-8")

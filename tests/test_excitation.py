@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pamid.errors import DataError, UsageError
-from pamid.excitation import aprbs, coverage
+from pamid.base.errors import DataError, UsageError
+from pamid.excitation.aprbs import aprbs, coverage
 
 PERIOD = 0.003
 

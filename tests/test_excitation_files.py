@@ -15,11 +15,11 @@ import pytest
 from numpy.typing import NDArray
 
 from cli import frame
-from pamid.errors import FileError, UsageError
-from pamid.excitation import aprbs
-from pamid.excitation_files import FORMATS, change_points, format_of, write_excitation
-from pamid.files import write_together
-from pamid.recording import read_recording
+from pamid.base.errors import FileError, UsageError
+from pamid.base.files import write_together
+from pamid.excitation.aprbs import aprbs
+from pamid.excitation.writers import FORMATS, change_points, format_of, write_excitation
+from pamid.recording.recording import read_recording
 
 Array = NDArray[np.float64]
 

@@ -13,13 +13,13 @@ import pytest
 from numpy.typing import NDArray
 
 from cli import frame
+from pamid.base.errors import DataError
 from pamid.diagnosis.next_experiment import bench_of
-from pamid.errors import DataError
-from pamid.evidence import gather
-from pamid.excitation import aprbs
-from pamid.experiments import MENU, PULSES_S, Bench, menu, muscle_pulses, odd_multisine
-from pamid.library import rig_named
-from pamid.recording import Recording, read_recording, write_recording
+from pamid.excitation.aprbs import aprbs
+from pamid.excitation.experiments import MENU, PULSES_S, Bench, menu, muscle_pulses, odd_multisine
+from pamid.model.registry import rig_named
+from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.simulation.data_split import gather
 
 Array = NDArray[np.float64]
 Command = Callable[..., dict[str, Any]]

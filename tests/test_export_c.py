@@ -134,7 +134,7 @@ def test_an_optional_input_stands_at_its_value() -> None:
 
 
 def test_the_command(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr("pamid.identified.load_identified", lambda *_, **__: case("two effects", 1).model)
+    monkeypatch.setattr("pamid.correction.identified_model.load_identified", lambda *_, **__: case("two effects", 1).model)
     monkeypatch.chdir(tmp_path)
     for form, file in (("c", "pamid_one_dof/pamid_one_dof.c"), ("matlab", "pamid_one_dof.m")):
         assert frame.run(["export", "run", "--to", form, "--json"]) == 0

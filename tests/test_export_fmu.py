@@ -239,7 +239,7 @@ def test_the_same_model_gives_the_same_file(version: int) -> None:
 
 def test_the_command_says_how_to_build(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
                                        capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr("pamid.identified.load_identified", lambda *_, **__: case("kettle", 1).model)
+    monkeypatch.setattr("pamid.correction.identified_model.load_identified", lambda *_, **__: case("kettle", 1).model)
     monkeypatch.setattr("shutil.which", lambda *_: None)
     path = tmp_path / "kettle.fmu"
     assert frame.run(["export", "run", "--to", "fmu3", "--output", str(path)]) == 0

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from exported import Array, Case, case, simulated
 
+from pamid.correction.identified_model import Identified
 from pamid.export.m_source import m_file
 from pamid.export.step import step_of
-from pamid.identified import Identified
 
 needs_octave = pytest.mark.skipif(shutil.which("octave-cli") is None, reason="there is no octave-cli")
 LOOP = "for k = {first}:{last}\n  [Y(k, :), s] = model(U(k, :), s);\nend\n"

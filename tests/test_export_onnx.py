@@ -12,20 +12,20 @@ import numpy as np
 import pytest
 from identified_runs import PERIOD_S, RANGES, SEEN, fitted_run, joint_recording, put_network, random_network
 
-from pamid.assembly import Assembly
+from pamid.base.errors import FileError, UsageError
+from pamid.base.files import sha256_of
+from pamid.base.units import as_column, split_column, to_si
+from pamid.correction.identified_model import Identified, load_identified, simulate_identified
 from pamid.engine.program import Stepping
-from pamid.errors import FileError, UsageError
-from pamid.excitation import aprbs
-from pamid.files import sha256_of
-from pamid.identified import Identified, load_identified, simulate_identified
-from pamid.library import rig_named
+from pamid.excitation.aprbs import aprbs
+from pamid.model.assembly import Assembly
+from pamid.model.registry import rig_named
 from pamid.networks.anfis import Anfis
 from pamid.networks.elman import Elman
 from pamid.networks.narx import Narx
 from pamid.networks.network import Network
-from pamid.recording import Recording
-from pamid.units import as_column, split_column, to_si
-from pamid.virtual import attach_specs
+from pamid.recording.recording import Recording
+from pamid.simulation.virtual_rig import attach_specs
 
 onnx = pytest.importorskip("onnx", reason="pip install 'pamid[onnx]'")
 ort = pytest.importorskip("onnxruntime", reason="pip install 'pamid[verify]'")

@@ -13,20 +13,20 @@ import pytest
 from numpy.typing import NDArray
 from virtual_joint import KNOWN, SPECIMEN, record
 
-from pamid.assembly import Assembly
-from pamid.effect import State
 from pamid.engine.program import Stepping
-from pamid.evidence import gather
-from pamid.fitting import Fit, Problem, fit, fit_robustly, free_parameters
-from pamid.greybox import COARSE, GreyBox, fit_json, fit_model
-from pamid.intervals import Estimate, bootstrap, estimates
-from pamid.library import rig_named
-from pamid.parameter import Parameter
-from pamid.recording import Recording, read_recording, write_recording
-from pamid.rig import Port, Rig
-from pamid.simulation import virtual_recording
-from pamid.weights import Weights
-from pamid.windows import Runner, Window, track_of
+from pamid.estimation.fit_model import COARSE, GreyBox, fit_json, fit_model
+from pamid.estimation.gauss_newton import Fit, Problem, fit, fit_robustly, free_parameters
+from pamid.estimation.intervals import Estimate, bootstrap, estimates
+from pamid.estimation.residual_weights import Weights
+from pamid.model.assembly import Assembly
+from pamid.model.effect import State
+from pamid.model.parameter import Parameter
+from pamid.model.registry import rig_named
+from pamid.model.rig import Port, Rig
+from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.simulation.data_split import gather
+from pamid.simulation.simulate import virtual_recording
+from pamid.simulation.windows import Runner, Window, track_of
 
 Array = NDArray[np.float64]
 JOINT = rig_named("one-dof")

@@ -1,4 +1,5 @@
-"""The house stands: imports point down, heavy packages stay at home, the package list equals the folders."""
+"""The house stands: every file has its room, imports point down, nothing goes in a circle (imports inside functions
+included), heavy packages stay at home, the package list equals the folders."""
 
 from __future__ import annotations
 
@@ -13,38 +14,23 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 
-#: from the ground up; a module (or folder) may import its own floor and those below it
+#: rooms from the ground up; a file may import its own room and rooms on floors below
 FLOORS: tuple[tuple[str, ...], ...] = (
-    ("errors", "schemas", "trust", "files"),
-    ("toml_file", "json_file"),
-    ("units", "metrics", "expressions", "arrays", "noise"),
-    ("run", "parameter", "jobs", "results", "cluster", "equations"),
-    ("recording_checks", "recording", "overlap", "excitation", "signals", "excitation_files"),
-    ("effect", "rig", "background"),
-    ("effects", "rigs"),
-    ("library", "attaching", "binding"),
+    ("base", "schemas"),
+    ("parallel", "recording", "symbolic"),
     ("engine",),
-    ("tracing",),
-    ("assembly", "isolability"),
-    ("simulation",),
-    ("windows", "weights", "prior"),
-    ("fitting", "residuals"),
-    ("intervals", "quantities", "restart"),
-    ("evidence", "conformance", "catalogue", "virtual", "experiments", "combinations"),
-    ("posterior", "quality", "quality_signals", "quality_rig", "quality_scale"),
-    ("ingest",),
-    ("inspection", "greybox"),
-    ("networks",),
-    ("leftover", "residual_network", "force_map"),
+    ("model", "networks"),
+    ("effects", "rigs", "excitation", "simulation", "ingest"),
+    ("checks", "estimation"),
     ("diagnosis",),
-    ("port_network",),
-    ("identified",),
     ("trial",),
-    ("report", "export"),
-    ("force_law_run",),
-    ("demo", "papers"),
+    ("report",),
+    ("correction",),
+    ("export", "replications"),
     ("cli",),
 )
+#: not in a room: what rig files, effect files and scripts import
+FACES = ("pamid/__init__.py", "pamid/equations.py")
 
 #: the only places that may import these, at any depth of a function
 HOMES: dict[str, tuple[str, ...]] = {
@@ -53,7 +39,7 @@ HOMES: dict[str, tuple[str, ...]] = {
     "torch": ("pamid/networks/",),
     "pysindy": ("pamid/diagnosis/",),
     "matplotlib": ("pamid/report/",),
-    "pandas": ("pamid/recording.py", "pamid/ingest/"),
+    "pandas": ("pamid/recording/recording.py", "pamid/ingest/"),
     "pint": ("pamid/ingest/",),
     "pydantic": ("pamid/ingest/",),
     "h5py": ("pamid/ingest/",),
@@ -63,7 +49,7 @@ HOMES: dict[str, tuple[str, ...]] = {
     "pyarrow": ("pamid/ingest/",),
     "matio": ("pamid/ingest/",),
     "onnx": ("pamid/export/",),
-    "distributed": ("pamid/cluster.py",),
+    "distributed": ("pamid/parallel/dask_backend.py",),
     "click": ("cli/",),
 }
 HEAVY = ("numba", "llvmlite", "torch", "pysindy", "matplotlib", "pandas", "scipy", "sympy", "sklearn", "numpy", "pamid",
@@ -76,14 +62,14 @@ def _name(path: Path) -> str:
     return path.relative_to(ROOT).as_posix()
 
 
-def _unit(path: Path) -> str:
-    """The entry of FLOORS a file belongs to: its folder, or its own name for a file directly in pamid/."""
-    parts = path.relative_to(ROOT).with_suffix("").parts
+def _room(path: Path) -> str:
+    """The room of a file: the folder in pamid/ that it lies in, however deep."""
+    parts = path.relative_to(ROOT).parts
     return "cli" if parts[0] == "cli" else parts[1]
 
 
 def _imports(path: Path, *, top_only: bool = False) -> Iterator[str]:
-    """Full dotted names a file imports (`from pamid import units` counts as pamid.units)."""
+    """Full dotted names a file imports (`from pamid import units` counts as pamid.base.units)."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     nodes = tree.body if top_only else list(ast.walk(tree))
     for node in nodes:
@@ -94,55 +80,62 @@ def _imports(path: Path, *, top_only: bool = False) -> Iterator[str]:
             if node.level:
                 folder = path.parents[node.level - 1].relative_to(ROOT).as_posix().replace("/", ".")
                 base = f"{folder}.{base}".rstrip(".")
-            if base == "pamid":
-                yield from (f"pamid.{alias.name}" for alias in node.names)
-            else:
-                yield base
+            yield from (f"{base}.{alias.name}" for alias in node.names)
 
 
-def _floor(unit: str) -> int:
-    for number, units in enumerate(FLOORS):
-        if unit in units:
+def _floor(room: str) -> int:
+    for number, rooms in enumerate(FLOORS):
+        if room in rooms:
             return number
-    raise AssertionError(f"{unit} stands on no floor: enter it in FLOORS")
+    raise AssertionError(f"{room} is no room: enter it in FLOORS, or move the file into a room")
 
 
-def _arrows(path: Path) -> set[str]:
-    """The entries of FLOORS that a file leans on, beside its own."""
-    dotted = [name.split(".") for name in _imports(path)]
-    found = {parts[1] for parts in dotted if parts[0] == "pamid" and len(parts) > 1}
-    return found - {_unit(path)}
+def _module(path: Path) -> str:
+    return path.relative_to(ROOT).with_suffix("").as_posix().replace("/", ".").removesuffix(".__init__")
 
 
-@pytest.mark.parametrize("path", [path for path in FILES if path.name != "__init__.py" or path.parent.name != "pamid"],
-                         ids=_name)
+MODULES = {_module(path): path for path in FILES}
+
+
+def _leans_on(path: Path) -> set[Path]:
+    """The files that a file imports, at any depth of a function; the face aside."""
+    found = set()
+    for name in _imports(path):
+        parts = name.replace("pamid_cli", "cli").split(".")
+        for length in range(len(parts), 1, -1):
+            if ".".join(parts[:length]) in MODULES:
+                found.add(MODULES[".".join(parts[:length])])
+                break
+    return found - {path}
+
+
+INSIDE = [path for path in FILES if _name(path) not in FACES]
+
+
+@pytest.mark.parametrize("path", INSIDE, ids=_name)
 def test_imports_point_down(path: Path) -> None:
-    here = _floor(_unit(path))
-    up = [other for other in _arrows(path) if _floor(other) > here]
-    assert not up, f"{_name(path)} imports {up} from a floor above"
+    here = _floor(_room(path))
+    up = [_name(other) for other in _leans_on(path)
+          if _room(other) != _room(path) and _floor(_room(other)) >= here]
+    assert not up, f"{_name(path)} imports {up}, which do not lie below"
 
 
-def test_no_circles_between_units() -> None:
-    face = ROOT / "pamid" / "__init__.py"
-    arrows: dict[str, set[str]] = {}
-    for path in FILES:
-        if path != face:
-            arrows.setdefault(_unit(path), set()).update(_arrows(path))
+def test_no_circles_between_files() -> None:
+    arrows = {path: _leans_on(path) for path in FILES}
     while arrows:
-        free = [unit for unit, below in arrows.items() if not below & arrows.keys()]
-        assert free, f"these import each other in a circle: {sorted(arrows)}"
-        for unit in free:
-            del arrows[unit]
+        free = [path for path, below in arrows.items() if not below & arrows.keys()]
+        assert free, f"these import each other in a circle: {sorted(map(_name, arrows))}"
+        for path in free:
+            del arrows[path]
 
 
-@pytest.mark.parametrize("path", FILES, ids=_name)
+@pytest.mark.parametrize("path", INSIDE, ids=_name)
 def test_nobody_inside_imports_the_face(path: Path) -> None:
-    if path == ROOT / "pamid" / "__init__.py":
-        pytest.skip("this is the face")
-    modules = {_unit(file) for file in FILES} - {"cli"}
-    face = [name for name in _imports(path) if name == "pamid" or
-            (name.startswith("pamid.") and name.split(".")[1] not in modules)]
-    assert not face, f"{_name(path)} imports {face} from the face; import the module that defines it"
+    faces = {_module(ROOT / face) for face in FACES}
+    found = [name for name in _imports(path)
+             if name in faces or name.rpartition(".")[0] in faces and name not in MODULES
+             and not any(module.startswith(f"{name}.") for module in MODULES)]
+    assert not found, f"{_name(path)} imports {found} from the face; import the module that defines it"
 
 
 @pytest.mark.parametrize("path", FILES, ids=_name)
@@ -157,7 +150,7 @@ def test_pysindy_lives_in_one_file() -> None:
     assert len(users) <= 1, users
 
 
-@pytest.mark.parametrize("path", [path for path in FILES if _unit(path) == "cli"], ids=_name)
+@pytest.mark.parametrize("path", [path for path in FILES if _room(path) == "cli"], ids=_name)
 def test_commands_import_heavy_packages_only_when_called(path: Path) -> None:
     early = {name.split(".")[0] for name in _imports(path, top_only=True)} & set(HEAVY)
     assert not early, f"{_name(path)} imports {early} at the top; import inside the function"

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from pamid_cli.force_law import law_text
 from pamid_cli.frame import run
 
-from pamid.errors import DataError, FileError
-from pamid.force_map import ForceMap, forces, judge, pulls, read_map
-from pamid.library import rig_named
-from pamid.metrics import rms
+from pamid.base.errors import DataError, FileError
+from pamid.base.metrics import rms
+from pamid.correction.force_map import ForceMap, forces, judge, pulls, read_map
+from pamid.model.registry import rig_named
 from pamid.networks.store import load_network
-from pamid.recording import Recording, read_recording, write_recording
+from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.rigs.muscle import LAWS
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -18,10 +18,10 @@ import pytest
 from pamid_cli import frame
 from small_cart import RIG, record_cart
 
-from pamid.arrays import load_arrays
-from pamid.errors import FileError
-from pamid.files import JSON, TABLE, TOML, read_data, read_lines, sha256_of
-from pamid.results import Store
+from pamid.base.errors import FileError
+from pamid.base.files import JSON, TABLE, TOML, read_data, read_lines, sha256_of
+from pamid.base.npz import load_arrays
+from pamid.parallel.store import Store
 
 
 @pytest.fixture(autouse=True)

@@ -61,8 +61,8 @@ def test_every_write_may_fail(command: str, made: Path, tmp_path: Path, monkeypa
 
 def test_the_walk_sees_what_is_half_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Were files written in place, and one after the other, it would say so."""
-    import pamid.files
-    import pamid.recording
+    import pamid.base.files
+    import pamid.recording.recording
 
     def careless(files: dict[Path, bytes]) -> None:
         for path, data in files.items():
@@ -73,7 +73,7 @@ def test_the_walk_sees_what_is_half_written(tmp_path: Path, monkeypatch: pytest.
     record_cart(tmp_path, seconds=6.0)
     place = fresh_copy(tmp_path, tmp_path / "place")
     monkeypatch.chdir(place)
-    monkeypatch.setattr(pamid.recording, "write_together", careless)
+    monkeypatch.setattr(pamid.recording.recording, "write_together", careless)
     before, whole, failed = walk(["simulate", "--rig", RIG, "--excitation", "push.csv", "--output", "sim.csv"], place)
     told = "\n".join(text for one in failed for text in complaints(before, whole, one, together=True))
     assert "neither what it was nor" in told and "some were not" in told

@@ -14,16 +14,16 @@ from virtual_joint import record
 
 from cli.frame import run
 from cli.options import evidence_from
-from pamid.diagnosis.contest import contender_from
-from pamid.diagnosis.doubt import doubt
+from pamid.base.errors import DataError, PamidError
+from pamid.checks.recording_quality import blocking, examine
+from pamid.diagnosis.contender import contender_from
+from pamid.diagnosis.misfit_beyond_range import doubt
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.diagnosis.verdict import sentence
-from pamid.errors import DataError, PamidError
-from pamid.evidence import gather
-from pamid.greybox import fit_model
-from pamid.library import effects, rig_named
-from pamid.quality import blocking, examine
-from pamid.recording import Recording, read_recording, write_recording
+from pamid.estimation.fit_model import fit_model
+from pamid.model.registry import effects, rig_named
+from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.simulation.data_split import gather
 
 Array = NDArray[np.float64]
 Columns = dict[str, Array]
@@ -51,7 +51,7 @@ class Piston(Rig):
 
 TANKS = '''"""Two tanks."""
 from pamid import Parameter, Port, Rig, State
-from pamid.equations import maximum, sqrt
+from pamid.symbolic.vocabulary import maximum, sqrt
 
 class Tanks(Rig):
     """Two tanks in a row."""

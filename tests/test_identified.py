@@ -15,22 +15,22 @@ import pytest
 from identified_runs import RANGES, SEEN, fitted_run, joint_recording, put_network, random_network
 from pamid_cli import frame
 
-from pamid.diagnosis.whole import models_json
-from pamid.errors import FileError, UsageError
-from pamid.files import sha256_of
-from pamid.greybox import GreyBox, loop_motion
-from pamid.identified import Identified, load_identified, record_identified, simulate_identified
-from pamid.json_file import read_json, write_json
-from pamid.library import rig_named
+from pamid.base.errors import FileError, UsageError
+from pamid.base.files import sha256_of
+from pamid.base.json_file import read_json, write_json
+from pamid.base.units import from_si, split_column
+from pamid.correction.identified_model import Identified, load_identified, record_identified, simulate_identified
+from pamid.correction.port_network import Corrected, entry_of
+from pamid.diagnosis.diagnose import models_json
+from pamid.estimation.fit_model import GreyBox, loop_motion
+from pamid.estimation.quantities import agreed
+from pamid.model.registry import rig_named
 from pamid.networks.anfis import Anfis
 from pamid.networks.elman import Elman
 from pamid.networks.narx import Narx
 from pamid.networks.network import Network
-from pamid.port_network import Corrected, entry_of
-from pamid.quantities import agreed
-from pamid.recording import Recording, read_recording, write_recording
-from pamid.simulation import free_run
-from pamid.units import from_si, split_column
+from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.simulation.simulate import free_run
 
 Made = tuple[Path, Recording, GreyBox]
 Copy = Callable[[], Path]

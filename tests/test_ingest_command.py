@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from pamid_cli import frame
 
-from pamid.errors import DataError, FileError
+from pamid.base.errors import DataError, FileError
+from pamid.base.metrics import FloatArray
 from pamid.ingest import account
 from pamid.ingest.channels import Channel, Log
 from pamid.ingest.conversion import Conversion, convert
 from pamid.ingest.mapping import mapping_of
-from pamid.library import rig_named
-from pamid.metrics import FloatArray
-from pamid.recording import Recording, read_recording, write_recording
+from pamid.model.registry import rig_named
+from pamid.recording.recording import Recording, read_recording, write_recording
 
 T, N = 0.003, 2000
 ONE_DOF = rig_named("one-dof")

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pamid.errors import FileError
+from pamid.base.errors import FileError
 from pamid.ingest.channels import Log
-from pamid.ingest.reading import KINDS, read_here, read_log
+from pamid.ingest.kinds import kinds, read_here
+from pamid.ingest.reading import read_log
 
 N = 400
 TIME = np.arange(N) * 0.003
@@ -377,7 +378,7 @@ def stub(folder: Path, monkeypatch: pytest.MonkeyPatch, package: str, code: str)
     monkeypatch.syspath_prepend(str(folder / "stubs"))
 
 
-@pytest.mark.parametrize("kind", [kind for kind in KINDS.values() if kind.extra], ids=lambda kind: kind.name)
+@pytest.mark.parametrize("kind", [kind for kind in kinds().values() if kind.extra], ids=lambda kind: kind.name)
 def test_a_missing_package_is_named_with_its_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: Any) -> None:
     path = tmp_path / f"rig{kind.suffixes[0]}"
     path.write_bytes(kind.marks[0] + b"5.0 MAT-file".ljust(109) + b"\1" + bytes(600))
@@ -393,7 +394,7 @@ def test_a_missing_package_is_named_with_its_extra(tmp_path: Path, monkeypatch: 
 def test_a_reader_that_crashes_or_hangs_is_an_error(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, code: str,
                                                     words: str) -> None:  # fmt: skip
     if "sleep" in code:
-        monkeypatch.setattr("pamid.ingest.apart.PATIENCE", 1.0)
+        monkeypatch.setattr("pamid.ingest.child_process.PATIENCE", 1.0)
     stub(tmp_path, monkeypatch, "nptdms", code)
     (tmp_path / "rig.tdms").write_bytes(b"TDSm" + bytes(100))
     with pytest.raises(FileError, match=words):
@@ -469,8 +470,9 @@ def text(path: Path) -> Path:
 DAMAGE = """
 import json, sys, numpy
 from pathlib import Path
-from pamid.errors import FileError
-from pamid.ingest.reading import read_log, read_here, KINDS
+from pamid.base.errors import FileError
+from pamid.ingest.kinds import kinds, read_here
+from pamid.ingest.reading import read_log
 name, whole, *paths = sys.argv[1:]
 true = {channel.name: channel.values for channel in read_here(Path(whole), name).channels}
 for path in paths:

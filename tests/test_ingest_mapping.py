@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pamid.errors import FileError
+from pamid.base.errors import FileError
+from pamid.base.units import unit
 from pamid.ingest.channels import Channel, Log
 from pamid.ingest.guess import guess_mapping
 from pamid.ingest.mapping import Mapping, load_mapping, mapping_of, settle, unknown_to
 from pamid.ingest.quantities import in_unit, read_unit
 from pamid.ingest.words import meanings, number
-from pamid.library import rig_named
-from pamid.units import unit
+from pamid.model.registry import rig_named
 
 ONE_DOF = rig_named("one-dof")
 ANGLE = '[signals.angle_deg]\nsource = "Winkel"\nunit = "rad"\n'

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pamid.errors import FileError
+from pamid.base.errors import FileError
 from pamid.ingest.channels import Log
 from pamid.ingest.reading import read_log
 

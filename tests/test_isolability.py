@@ -10,13 +10,13 @@ import pytest
 from counted import calls_of
 from rigs.carts import Carts
 
-from pamid.effect import State
-from pamid.equations import Expr, Number
-from pamid.errors import UsageError
-from pamid.isolability import Isolability, Split, Structure, isolability
-from pamid.parameter import Parameter
-from pamid.rig import Port, Rig
+from pamid.base.errors import UsageError
+from pamid.model.effect import State
+from pamid.model.isolability import Isolability, Split, Structure, isolability
+from pamid.model.parameter import Parameter
+from pamid.model.rig import Port, Rig
 from pamid.rigs.one_dof import OneDof
+from pamid.symbolic.vocabulary import Expr, Number
 
 # ---- the decomposition -------------------------------------------------------------------------------------------
 

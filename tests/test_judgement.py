@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from pamid.base.errors import DataError
+from pamid.base.metrics import shrinkage_interval
 from pamid.diagnosis.budget import Budget
-from pamid.diagnosis.further import Newcomer
-from pamid.diagnosis.judgement import (
+from pamid.diagnosis.decision import (
     Grounds,
     Judged,
     Line,
@@ -23,8 +24,7 @@ from pamid.diagnosis.judgement import (
     judge,
     probabilities,
 )
-from pamid.errors import DataError
-from pamid.metrics import shrinkage_interval
+from pamid.diagnosis.forward_selection import Newcomer
 from pamid.trial.calibrate import calibrate
 from pamid.trial.cases import PARTS
 

@@ -18,10 +18,10 @@ from disturbed import EVERY_STEP, QUICK_CASES, Halted, leftovers, quick_examine
 from pamid_cli import frame
 from small_cart import RIG, others, record_cart
 
-import pamid.run
+import pamid.base.run_folder
 import pamid.trial.work as work
-from pamid.json_file import read_json
-from pamid.results import Store
+from pamid.base.json_file import read_json
+from pamid.parallel.store import Store
 
 FILES = ("diagnosis.json", "fit.json", "residual.csv", "next-experiment.csv", "next-experiment.toml")
 
@@ -113,7 +113,7 @@ def test_killed_before_there_was_a_run(recording: Path, tmp_path: Path) -> None:
 def test_what_was_damaged_meanwhile_is_worked_out_again(recording: Path, undisturbed: Path, tmp_path: Path,
                                                         monkeypatch: pytest.MonkeyPatch) -> None:
     """Every job is worked out once and no more; after a failure in the end only the damaged ones are repeated."""
-    import pamid.diagnosis.whole as whole
+    import pamid.diagnosis.diagnose as whole
 
     def broken(*_: Any) -> None:
         raise RuntimeError("in the end")
@@ -230,7 +230,7 @@ def test_a_clock_set_back_in_between_harms_nothing(recording: Path, tmp_path: Pa
     former = locale.setlocale(locale.LC_ALL)
     try:
         with monkeypatch.context() as patched:
-            patched.setattr(pamid.run, "_now", lambda: next(stamps))
+            patched.setattr(pamid.base.run_folder, "_now", lambda: next(stamps))
             patched.setenv("TZ", "Pacific/Kiritimati")
             time.tzset()
             with contextlib.suppress(locale.Error):

@@ -10,14 +10,14 @@ import pytest
 
 from cli.frame import run
 from cli.options import evidence_from
-from pamid.errors import FileError
-from pamid.evidence import gather
-from pamid.greybox import GreyBox, fit_json, fit_model, residual_table
-from pamid.intervals import estimates
-from pamid.leftover import read_leftover
-from pamid.library import effects, rig_named
-from pamid.recording import Recording, read_recording, write_recording
-from pamid.virtual import virtual_rig
+from pamid.base.errors import FileError
+from pamid.correction.residual_data import read_leftover
+from pamid.estimation.fit_model import GreyBox, fit_json, fit_model, residual_table
+from pamid.estimation.intervals import estimates
+from pamid.model.registry import effects, rig_named
+from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.simulation.data_split import gather
+from pamid.simulation.virtual_rig import virtual_rig
 
 SPRUNG = '''"""A mass on a spring behind a load cell."""
 from pamid import Parameter, Port, Rig, State

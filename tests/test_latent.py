@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from virtual_joint import record
 
-from pamid.diagnosis.contest import Contender, contender_from
-from pamid.diagnosis.latent import Located, locate, shapley
+from pamid.diagnosis.contender import Contender, contender_from
+from pamid.diagnosis.port_evidence import Located, locate, shapley
 from pamid.diagnosis.smoother import Smoother
-from pamid.engine.blocks import eliminate
-from pamid.evidence import Evidence, gather
-from pamid.greybox import fit_model
-from pamid.jobs import Crew
-from pamid.library import rig_named
+from pamid.engine.block_tridiagonal import eliminate
+from pamid.estimation.fit_model import fit_model
+from pamid.model.registry import rig_named
+from pamid.parallel.jobs import Crew
+from pamid.simulation.data_split import Evidence, gather
 
 SENSORS = ("reference_deg", "command", "angle_deg", "pressure_1_kpa", "pressure_2_kpa")
 

@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from pamid import library
-from pamid.errors import FileError
-from pamid.files import sha256_of
+from pamid.base.errors import FileError
+from pamid.base.files import sha256_of
+from pamid.model import registry as library
 
 CART = Path(__file__).resolve().parent.parent / "data" / "rigs" / "cart.py"
 
@@ -32,8 +32,8 @@ def test_the_look_up_for_data_never_loads(word: str, tmp_path: Path, monkeypatch
 
 #: who may look up a word that the user said, and nobody else: what came from data goes to `catalogue_rig`
 CODE_LOADING = ("rig_named", "rig_again", "effects_again", "effects_with", "load_file")
-MAY_LOAD = {"pamid/library.py", "pamid/inspection.py", "pamid/identified.py", "pamid/port_network.py",
-            "pamid/virtual.py", "pamid/report/motion.py", "cli/diagnose.py", "cli/effects.py", "cli/excite.py",
+MAY_LOAD = {"pamid/model/registry.py", "pamid/checks/inspection.py", "pamid/correction/identified_model.py", "pamid/correction/port_network.py",
+            "pamid/simulation/virtual_rig.py", "pamid/report/motion.py", "cli/diagnose.py", "cli/effects.py", "cli/excite.py",
             "cli/hints.py", "cli/ingest.py", "cli/options.py", "cli/rigs.py"}
 
 

@@ -12,14 +12,14 @@ import pytest
 from counted import calls_of
 from virtual_joint import SPECIMEN, record
 
-from pamid.assembly import Assembly
-from pamid.diagnosis.contest import Contender, contender_from
+from pamid.diagnosis.contender import Contender, contender_from
 from pamid.diagnosis.localise import MOST, _followed, _since_reversal, inner_signals, measured_signals, regimes
 from pamid.engine.program import Stepping
-from pamid.evidence import Evidence, gather
-from pamid.library import rig_named
-from pamid.recording import read_recording
-from pamid.residuals import replay
+from pamid.model.assembly import Assembly
+from pamid.model.registry import rig_named
+from pamid.recording.recording import read_recording
+from pamid.simulation.data_split import Evidence, gather
+from pamid.simulation.replay import replay
 
 SENSORS = ("reference_deg", "command", "angle_deg", "pressure_1_kpa", "pressure_2_kpa")
 EXAMPLE_RIGS = Path(__file__).resolve().parents[1] / "data" / "rigs"

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import pytest
 
-from pamid.assembly import Assembly
-from pamid.attaching import attach, attachments
-from pamid.diagnosis.latent import CROWDED, OUTSTANDING, Located, _found_at, _Smoothing
-from pamid.diagnosis.screen import _free
+from pamid.base.errors import FileError
+from pamid.diagnosis.port_evidence import CROWDED, OUTSTANDING, Located, _found_at, _Smoothing
+from pamid.diagnosis.screening import _free
 from pamid.diagnosis.tournament import within_reach
-from pamid.errors import FileError
-from pamid.fitting import free_parameters
-from pamid.jobs import Crew
-from pamid.library import effects, rig_named
+from pamid.estimation.gauss_newton import free_parameters
+from pamid.model.assembly import Assembly
+from pamid.model.attachment import attach, attachments
+from pamid.model.registry import effects, rig_named
+from pamid.parallel.jobs import Crew
 
 ARM = rig_named("two-link")
 EVERY = attachments(ARM, effects().values())

@@ -12,12 +12,12 @@ from counted import calls_of
 from pamid_cli import frame
 from small_cart import PERIOD_S, RIG, others
 
-from pamid.evidence import FEWEST, Evidence
-from pamid.excitation import aprbs
-from pamid.json_file import read_json
-from pamid.library import rig_named
-from pamid.recording import read_recording, write_recording
-from pamid.virtual import virtual_rig
+from pamid.base.json_file import read_json
+from pamid.excitation.aprbs import aprbs
+from pamid.model.registry import rig_named
+from pamid.recording.recording import read_recording, write_recording
+from pamid.simulation.data_split import FEWEST, Evidence
+from pamid.simulation.virtual_rig import virtual_rig
 
 
 def recorded(folder: Path, count: int) -> list[str]:
@@ -40,7 +40,7 @@ def test_several_are_diagnosed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
         read.append(str(path))
         return read_recording(path)
 
-    monkeypatch.setattr("pamid.recording.read_recording", watched)
+    monkeypatch.setattr("pamid.recording.recording.read_recording", watched)
     assert frame.run(["fit", *paths, "--rig", RIG, "--output", str(tmp_path / "one")]) == 0
     assert frame.run(["fit", *paths[::-1], "--rig", RIG, "--output", str(tmp_path / "other")]) == 0
     assert sorted(read) == sorted(2 * paths)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from pamid.errors import DataError
-from pamid.metrics import block_sums, mae, moving_block_interval, rms, shrinkage, shrinkage_interval
+from pamid.base.errors import DataError
+from pamid.base.metrics import block_sums, mae, moving_block_interval, rms, shrinkage, shrinkage_interval
 
 
 def test_mae_and_rms_by_hand() -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from pamid.networks.elman import Elman
-from pamid.networks.modes import find_modes
+from pamid.networks.modal_start import find_modes
 
 POLE = 0.995 * np.exp(0.05j)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import pamid.networks.narx as narx_module
-from pamid.errors import DataError
+from pamid.base.errors import DataError
 from pamid.networks.narx import Narx
 from pamid.networks.store import load_network, save_network, train_on_signals
 from pamid.networks.training import train

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import pamid.networks
-from pamid.errors import DataError
+from pamid.base.errors import DataError
 from pamid.networks.anfis import Anfis
 from pamid.networks.elman import Elman
 from pamid.networks.narx import Narx

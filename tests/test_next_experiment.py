@@ -12,18 +12,27 @@ import pytest
 from numpy.typing import NDArray
 
 from cli import frame
+from pamid.base.run_folder import Run
+from pamid.diagnosis.diagnose import diagnose_into
 from pamid.diagnosis.next_experiment import bench_of, benches, in_question, next_experiment, separations
 from pamid.diagnosis.proposal import FILE, Proposal, proposal_json
 from pamid.diagnosis.tournament import Diagnosis, diagnose
-from pamid.diagnosis.whole import diagnose_into
-from pamid.evidence import Span, gather
-from pamid.excitation import aprbs
-from pamid.experiments import MENU, Bench, Experiment, amplitude_sweep, menu, odd_multisine, slow_reversals, speed_runs
-from pamid.greybox import fit_model
-from pamid.library import effects, rig_named
-from pamid.recording import Recording, read_recording, write_recording
-from pamid.run import Run
-from pamid.virtual import virtual_rig
+from pamid.estimation.fit_model import fit_model
+from pamid.excitation.aprbs import aprbs
+from pamid.excitation.experiments import (
+    MENU,
+    Bench,
+    Experiment,
+    amplitude_sweep,
+    menu,
+    odd_multisine,
+    slow_reversals,
+    speed_runs,
+)
+from pamid.model.registry import effects, rig_named
+from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.simulation.data_split import Span, gather
+from pamid.simulation.virtual_rig import virtual_rig
 
 Array = NDArray[np.float64]
 

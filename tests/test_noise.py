@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pamid.assembly import Assembly
-from pamid.evidence import gather
-from pamid.library import rig_named
-from pamid.noise import noise_level, quantisation_step, sensor_noise
-from pamid.recording import read_recording, write_recording
-from pamid.windows import stated_noise, track_of
+from pamid.model.assembly import Assembly
+from pamid.model.registry import rig_named
+from pamid.recording.noise import noise_level, quantisation_step, sensor_noise
+from pamid.recording.recording import read_recording, write_recording
+from pamid.simulation.data_split import gather
+from pamid.simulation.windows import stated_noise, track_of
 
 Array = NDArray[np.float64]
 CART = str(Path(__file__).resolve().parents[1] / "data" / "rigs" / "cart.py")
@@ -120,7 +120,7 @@ def test_evidence_takes_the_step_for_noise(tmp_path: Path) -> None:
     rig = rig_named(CART)
     assert gather(rig, [recording], []).noise == pytest.approx([ROUNDING * step], rel=0.1)
 
-    from pamid.fitting import Problem, free_parameters
+    from pamid.estimation.gauss_newton import Problem, free_parameters
 
     assembly = Assembly(rig)
     tracks = (track_of(assembly, recording, ("position_m",)),)

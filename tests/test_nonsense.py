@@ -11,15 +11,15 @@ import pytest
 from numpy.typing import NDArray
 from pamid_cli.diagnose import diagnosis_text
 
-from pamid.diagnosis.guess import explains_nothing
-from pamid.diagnosis.whole import diagnose_into
-from pamid.evidence import gather
-from pamid.excitation import aprbs
-from pamid.library import effects, rig_named
-from pamid.recording import read_recording, write_recording
-from pamid.run import Run
-from pamid.virtual import virtual_rig
-from pamid.windows import cut
+from pamid.base.run_folder import Run
+from pamid.diagnosis.diagnose import diagnose_into
+from pamid.diagnosis.naive_forecast import explains_nothing
+from pamid.excitation.aprbs import aprbs
+from pamid.model.registry import effects, rig_named
+from pamid.recording.recording import read_recording, write_recording
+from pamid.simulation.data_split import gather
+from pamid.simulation.virtual_rig import virtual_rig
+from pamid.simulation.windows import cut
 
 Array = NDArray[np.float64]
 CART = str(Path(__file__).resolve().parents[1] / "data" / "rigs" / "cart.py")

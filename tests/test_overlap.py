@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from small_cart import RIG
 
 from cli.frame import run
-from pamid.errors import DataError
-from pamid.overlap import overlaps, require_apart
-from pamid.recording import Recording, read_recording, write_recording
+from pamid.base.errors import DataError
+from pamid.recording.overlap import overlaps, require_apart
+from pamid.recording.recording import Recording, read_recording, write_recording
 
 Array = NDArray[np.float64]
 PERIOD = 0.003

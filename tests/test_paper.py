@@ -12,14 +12,15 @@ import pytest
 from pamid_cli import frame
 from pamid_cli.reproduce_paper import table_text
 
-from pamid.assembly import Assembly
-from pamid.excitation import aprbs
-from pamid.json_file import read_json
-from pamid.library import effects, rig_named
-from pamid.metrics import mae
+from pamid.base.json_file import read_json
+from pamid.base.metrics import mae
+from pamid.excitation.aprbs import aprbs
+from pamid.model.assembly import Assembly
+from pamid.model.registry import effects, rig_named
 from pamid.networks.elman import Elman
-from pamid.papers import joint as paper
-from pamid.papers.joint_twin import (
+from pamid.recording.recording import read_recording
+from pamid.replications import joint as paper
+from pamid.replications.joint_twin import (
     AMPLITUDE_DEG,
     HOLD_S,
     INERTIAS,
@@ -31,8 +32,7 @@ from pamid.papers.joint_twin import (
     excitation,
     step_reference,
 )
-from pamid.recording import read_recording
-from pamid.virtual import attach_specs
+from pamid.simulation.virtual_rig import attach_specs
 
 SMALL = ("reproduce-paper", "--quick", "--seconds", "12", "--iterations", "4", "--starts", "2", "--jobs", "1", "--json")
 WRITTEN = ("run.json", "training.csv", "training.toml", "steps-6.4-jn.csv", "steps-jn.csv", "figures/steps.png",

@@ -13,21 +13,21 @@ import pytest
 from pamid_cli import frame
 from train_command import said, train
 
-import pamid.port_network as port_network
-from pamid.demo import Withheld, write_demo_recording
-from pamid.errors import UsageError
-from pamid.evidence import gather
-from pamid.expressions import symbols
-from pamid.files import write_atomically
-from pamid.greybox import GreyBox, fit_json, fit_model, residual_csv
-from pamid.json_file import read_json, write_json
-from pamid.leftover import read_columns, read_leftover
-from pamid.library import rig_named
+import pamid.correction.port_network as port_network
+from pamid.base.errors import UsageError
+from pamid.base.files import write_atomically
+from pamid.base.json_file import read_json, write_json
+from pamid.base.run_folder import Run
+from pamid.correction.port_network import Corrected, Entry, entry_of, missing_at, named_values, origin_of
+from pamid.correction.residual_data import read_columns, read_leftover
+from pamid.estimation.fit_model import GreyBox, fit_json, fit_model, residual_csv
+from pamid.model.registry import rig_named
 from pamid.networks.store import load_network
-from pamid.port_network import Corrected, Entry, entry_of, missing_at, named_values, origin_of
-from pamid.recording import read_recording
-from pamid.residuals import channel_mae, replay
-from pamid.run import Run
+from pamid.recording.recording import read_recording
+from pamid.replications.demo import Withheld, write_demo_recording
+from pamid.simulation.data_split import gather
+from pamid.simulation.replay import channel_mae, replay
+from pamid.symbolic.expression import symbols
 
 RESULTS = ("network.json", "network.npz", "trace.csv", "residual.csv")
 QUICK = ("--hidden", "3", "--iterations", "4")

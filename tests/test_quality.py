@@ -12,12 +12,12 @@ import pytest
 from numpy.typing import NDArray
 
 from cli.frame import run
-from pamid import library
-from pamid.excitation import aprbs
-from pamid.quality import Issue, channel_figures, examine
-from pamid.quality_signals import quantisation_step
-from pamid.recording import Recording, read_recording, write_recording
-from pamid.virtual import virtual_rig
+from pamid.checks.channel_quality import quantisation_step
+from pamid.checks.recording_quality import Issue, channel_figures, examine
+from pamid.excitation.aprbs import aprbs
+from pamid.model import registry as library
+from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.simulation.virtual_rig import virtual_rig
 
 Array = NDArray[np.float64]
 Columns = dict[str, Array]

@@ -14,9 +14,9 @@ import click
 import pytest
 from pamid_cli.table import COMMANDS
 
-from pamid.effect import KINDS
-from pamid.library import effects, rigs
-from pamid.virtual import split_spec
+from pamid.model.effect import KINDS
+from pamid.model.registry import effects, rigs
+from pamid.simulation.virtual_rig import split_spec
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", ROOT / "SECURITY.md", ROOT / "data" / "README.md"]

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pamid.errors import DataError, FileError, PamidError
-from pamid.recording import match_column, read_recording, require_excited, toml_text, write_recording
+from pamid.base.errors import DataError, FileError, PamidError
+from pamid.recording.recording import match_column, read_recording, require_excited, toml_text, write_recording
 
 EMPS = Path(__file__).resolve().parents[2] / "shared" / "data" / "emps"
 ROWS = 60
@@ -283,7 +283,7 @@ def test_nothing_unfit_is_written(tmp_path: Path) -> None:
 
 def test_a_long_recording_is_never_read_slowly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The reader that goes cell by cell is for files that are refused (its time: benchmarks/waiting.py)."""
-    monkeypatch.setattr("pamid.recording.explain_cells", lambda *_: pytest.fail("read cell by cell"))
+    monkeypatch.setattr("pamid.recording.recording.explain_cells", lambda *_: pytest.fail("read cell by cell"))
     random = np.random.default_rng(0)
     path = tmp_path / "long.csv"
     write_recording(path, 0.003 * np.arange(66667), {f"x{i}_deg": random.standard_normal(66667) for i in range(7)})

@@ -20,13 +20,13 @@ import numpy as np
 import pytest
 from pamid_cli.frame import run
 
-from pamid.errors import PamidError, nearest
-from pamid.evidence import gather
-from pamid.inspection import inspect
-from pamid.json_file import read_json
-from pamid.library import rig_named
-from pamid.recording import read_recording, require_excited
-from pamid.toml_file import read_toml
+from pamid.base.errors import PamidError, nearest
+from pamid.base.json_file import read_json
+from pamid.base.toml_file import read_toml
+from pamid.checks.inspection import inspect
+from pamid.model.registry import rig_named
+from pamid.recording.recording import read_recording, require_excited
+from pamid.simulation.data_split import gather
 
 ROOT = Path(__file__).resolve().parents[1]
 ROWS = [f"{0.003 * k:.6g},{np.sin(k / 9):.6f},{40 * np.sin(k / 11):.6f},{k % 3}" for k in range(420)]
@@ -98,12 +98,12 @@ def refusals(path: Path) -> list[PamidError]:
     for rig in (None, "one-dof"):
         try:
             recording = read_recording(path)
-            from pamid.library import rig_of
+            from pamid.model.registry import rig_of
 
             made = rig_named(rig or rig_of([recording]))
             require_excited(recording, "angle_deg")
             gather(made, [recording], [])
-            from pamid.assembly import Assembly
+            from pamid.model.assembly import Assembly
 
             Assembly(made).values(recording.known)
         except PamidError as error:
@@ -287,9 +287,9 @@ def homeless(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_without_a_home_compiled_code_has_a_private_folder(homeless: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    from pamid.engine import homeless as place
+    from pamid.engine import cache_folder as place
     from pamid.engine import numba_cache
-    from pamid.engine.machine import cache_folder
+    from pamid.engine.jit_cache import cache_folder
 
     folder = cache_folder()
     assert folder == place.private_folder() / "pamid" and folder.is_absolute()

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from virtual_joint import SPECIMEN, record
 
-from pamid.assembly import Assembly
 from pamid.engine.program import Stepping
-from pamid.evidence import DEPARTS, Evidence, gather
-from pamid.library import rig_named
-from pamid.residuals import Replay, followed, noise_floor, replay
-from pamid.simulation import state_spread
+from pamid.model.assembly import Assembly
+from pamid.model.registry import rig_named
+from pamid.simulation.data_split import DEPARTS, Evidence, gather
+from pamid.simulation.replay import Replay, followed, noise_floor, replay
+from pamid.simulation.simulate import state_spread
 
 ANGLE = ("reference_deg", "command", "angle_deg")
 

@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from pamid_cli.frame import run as run_command
 from synthetic_run import CHANNELS, WINDOW_ROWS, diagnosis_json, fit_json, make_run, network_json, run_json
 
-from pamid.errors import FileError
+from pamid.base.errors import FileError
 from pamid.report import words
 from pamid.report.budget import errors_of, headline, worst_window
 from pamid.report.load import load_run

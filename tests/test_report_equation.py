@@ -10,16 +10,16 @@ from pathlib import Path
 import pytest
 from synthetic_run import diagnosis_json, fit_json, make_run
 
-from pamid.attaching import attachments
-from pamid.equations import absolute, bristle, clip, exp, sign, smooth_step, sqrt, stop, where
-from pamid.expressions import Expr, symbol, symbols
-from pamid.library import effects, rig_named
+from pamid.model.attachment import attachments
+from pamid.model.registry import effects, rig_named
 from pamid.report.equation import acting, equations_html, model_equations_html
 from pamid.report.formula import FormulaError, formula_html
 from pamid.report.load import RunData, load_run
 from pamid.report.markup import Html
 from pamid.report.mathml import Typeset, name
 from pamid.report.words import SPACE
+from pamid.symbolic.expression import Expr, symbol, symbols
+from pamid.symbolic.vocabulary import absolute, bristle, clip, exp, sign, smooth_step, sqrt, stop, where
 
 X, A = symbol("signal", "x"), symbol("parameter", "a")
 LABELS = [(rig, one.label) for rig in ("one-dof", "two-link")

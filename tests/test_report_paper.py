@@ -15,7 +15,7 @@ from PIL import Image
 from synthetic_run import make_run, make_trial, run_json
 from test_report import flat, outline_of, scripts_of
 
-from pamid.errors import FileError
+from pamid.base.errors import FileError
 from pamid.report.blocks import blocks_of
 from pamid.report.page import page_script
 from pamid.report.pdf import BODY, HEAD, STYLES, sheets_of

@@ -15,7 +15,7 @@ from pamid_cli.frame import run as run_command
 from synthetic_run import make_trial, share_json, trial_json
 from test_report import flat, outline_of, scripts_of
 
-from pamid.errors import FileError
+from pamid.base.errors import FileError
 from pamid.report.page import page_script
 from pamid.report.trial import Trial, read_trial
 from pamid.report.trial_figures import (

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 from small_cart import RIG, cart_evidence, record_cart
 
-from pamid.evidence import Evidence, gather
-from pamid.excitation import aprbs
-from pamid.fitting import Problem, fit_robustly, free_parameters
-from pamid.greybox import GreyBox, fit_model
-from pamid.intervals import estimates
-from pamid.library import rig_named
-from pamid.recording import read_recording, write_recording
-from pamid.restart import TRAPPED, freed
-from pamid.virtual import attach_specs, virtual_rig
+from pamid.estimation.fit_model import GreyBox, fit_model
+from pamid.estimation.gauss_newton import Problem, fit_robustly, free_parameters
+from pamid.estimation.intervals import estimates
+from pamid.estimation.restart import TRAPPED, freed
+from pamid.excitation.aprbs import aprbs
+from pamid.model.registry import rig_named
+from pamid.recording.recording import read_recording, write_recording
+from pamid.simulation.data_split import Evidence, gather
+from pamid.simulation.virtual_rig import attach_specs, virtual_rig
 
 TRUE = {"mass_kg": 1.2, "coulomb-friction:force_n": 0.8}
 

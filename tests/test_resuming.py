@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import pamid.networks.training as training_module
-from pamid.errors import DataError, FileError
+from pamid.base.errors import DataError, FileError
 from pamid.networks.checkpoints import Step
 from pamid.networks.elman import Elman
 from pamid.networks.training import Training, train

@@ -15,10 +15,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pamid.errors import DataError, FileError, PamidError, UsageError, nearest
-from pamid.files import sha256_of, write_atomically, write_together
-from pamid.json_file import json_text, read_json, write_json
-from pamid.run import Run
+from pamid.base.errors import DataError, FileError, PamidError, UsageError, nearest
+from pamid.base.files import sha256_of, write_atomically, write_together
+from pamid.base.json_file import json_text, read_json, write_json
+from pamid.base.run_folder import Run
 
 
 def _create(folder: Path, **settings: object) -> Run:
@@ -237,9 +237,9 @@ def test_an_interrupt_leaves_no_temporary_file(tmp_path: Path, monkeypatch: pyte
 _WRITER = """
 import sys
 from pathlib import Path
-from pamid.json_file import write_json
-from pamid.files import write_atomically
-from pamid.run import Run
+from pamid.base.json_file import write_json
+from pamid.base.files import write_atomically
+from pamid.base.run_folder import Run
 run = Run.create(sys.argv[1], command="test", seed=0)
 print("begun", flush=True)
 for count in range(10**6):

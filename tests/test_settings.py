@@ -16,9 +16,9 @@ from typing import Any
 import click
 import pytest
 from pamid_cli import frame, settings
-from pamid_cli.table import COMMANDS
+from pamid_cli.table import COMMANDS, every_command
 
-from pamid import trust
+from pamid.base import trust
 
 EXAMPLES = Path(__file__).resolve().parent.parent / "data" / "example"
 EXAMPLE_MAP, RECORDING = EXAMPLES / "muscle_map.csv", EXAMPLES / "joint.csv"
@@ -270,9 +270,9 @@ def test_a_link_counts_with_what_it_leads_to(tmp_path: Path, capsys: pytest.Capt
 
 def test_every_option_that_runs_a_file_is_known_as_one() -> None:
     """A new command's --rig or --effect would otherwise be taken from anybody's settings."""
-    running = [(c.name, o) for c in frame.every_command() for o in c.params
+    running = [(c.name, o) for c in every_command() for o in c.params
                if isinstance(o, click.Option) and re.search(r"\bit is run\b|\(name or file\)", o.help or "")]
     assert len(running) > 10
     assert [(c, o.name) for c, o in running if not settings.is_risky(o, ["./evil.py"])] == []
-    flags = [o for c in frame.every_command() for o in c.params if {"--force", "--overwrite"} & set(o.opts)]
+    flags = [o for c in every_command() for o in c.params if {"--force", "--overwrite"} & set(o.opts)]
     assert flags and all(settings.is_risky(o, True) for o in flags if isinstance(o, click.Option))

@@ -12,11 +12,11 @@ import pytest
 from numpy.typing import NDArray
 
 from cli import frame
-from pamid.errors import UsageError
-from pamid.excitation import aprbs, coverage
-from pamid.recording import read_recording
+from pamid.base.errors import UsageError
+from pamid.excitation.aprbs import aprbs, coverage
+from pamid.excitation.waveforms import SETTINGS, chirp, draw, multisine, plan_for, prbs, staircase, steps, torque_loops
+from pamid.recording.recording import read_recording
 from pamid.report.excitation_figure import Shown, finding
-from pamid.signals import SETTINGS, chirp, draw, multisine, plan_for, prbs, staircase, steps, torque_loops
 
 Array = NDArray[np.float64]
 

@@ -14,18 +14,18 @@ from pendulum import TRUTH, Declared, Pendulum, swing
 from virtual_joint import record
 
 from cli.frame import run as pamid
-from pamid.errors import ConvergenceError, DataError, FileError
-from pamid.evidence import gather
-from pamid.fitting import Problem
-from pamid.greybox import GreyBox, fit_json, fit_model
-from pamid.intervals import bootstrap
-from pamid.json_file import write_json
-from pamid.library import rig_named
-from pamid.posterior import read_posterior
-from pamid.prior import Prior, terms_of_sheet
-from pamid.recording import Recording
-from pamid.rig import Rig
-from pamid.run import Run
+from pamid.base.errors import ConvergenceError, DataError, FileError
+from pamid.base.json_file import write_json
+from pamid.base.run_folder import Run
+from pamid.estimation.fit_model import GreyBox, fit_json, fit_model
+from pamid.estimation.gauss_newton import Problem
+from pamid.estimation.intervals import bootstrap
+from pamid.estimation.posterior import read_posterior
+from pamid.estimation.prior import Prior, terms_of_sheet
+from pamid.model.registry import rig_named
+from pamid.model.rig import Rig
+from pamid.recording.recording import Recording
+from pamid.simulation.data_split import gather
 
 Array = NDArray[np.float64]
 

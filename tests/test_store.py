@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pamid.errors import DataError, FileError
+from pamid.base.errors import DataError, FileError
 from pamid.networks.elman import Elman
 from pamid.networks.scaling import Scaling, scaling_of
 from pamid.networks.store import TrainedNetwork, load_network, save_network, train_on_signals

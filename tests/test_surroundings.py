@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from pamid_cli import frame
 
-from pamid.excitation import aprbs
-from pamid.json_file import read_json
-from pamid.recording import write_recording
+from pamid.base.json_file import read_json
+from pamid.excitation.aprbs import aprbs
+from pamid.recording.recording import write_recording
 
 CART = Path(__file__).resolve().parents[1] / "data" / "rigs" / "cart.py"
 COMMAS = ("de_DE.UTF-8", "de_DE", "fr_FR.UTF-8", "nl_NL.UTF-8")
@@ -40,7 +40,7 @@ SAYS_WHEN = "run/run.json"
 _ELSEWHERE = """
 import json, locale, sys
 from datetime import UTC, datetime, timedelta
-import pamid.run
+import pamid.base.run_folder
 from pamid_cli import frame
 locale.setlocale(locale.LC_ALL, "")
 assert locale.str(1.5) == "1,5"
@@ -49,7 +49,7 @@ class Backwards(datetime):
     @classmethod
     def now(cls, zone=None):
         return datetime(2400, 1, 1, tzinfo=UTC) - timedelta(hours=next(looks))
-pamid.run.datetime = Backwards
+pamid.base.run_folder.datetime = Backwards
 sys.exit(max(frame.run(words) for words in json.loads(sys.argv[1])))
 """
 

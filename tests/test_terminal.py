@@ -15,12 +15,13 @@ import numpy as np
 import pytest
 from pamid_cli import frame
 from pamid_cli.progress import Progress
+from pamid_cli.table import every_command
 from pamid_cli.terminal import printable, printable_json
 from small_cart import RIG, record_cart
 
-from pamid.errors import quoted
-from pamid.json_file import read_json, write_json
-from pamid.recording import write_recording
+from pamid.base.errors import quoted
+from pamid.base.json_file import read_json, write_json
+from pamid.recording.recording import write_recording
 
 NASTY = ("\x1b]0;owned\x07", "\x1b[2J", "\x9b31m", "a\rb", "\u202egnp.exe", "x\u200by", "\u2066", "\x7f", "\U000e0041",
          "\ufeff", "\udcff")
@@ -176,7 +177,7 @@ def test_the_old_word_for_overwriting_is_heard_and_not_shown(tmp_path: Path, mon
     assert frame.run(words) == 0
     capsys.readouterr()
     overwriting = []
-    for command in frame.every_command():
+    for command in every_command():
         assert frame.run([str(command.name), "--help"]) == 0
         told = capsys.readouterr().out
         assert "--force" not in told.replace("--force-", "")

@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from pamid.errors import DataError, FileError
+from pamid.base.errors import DataError, FileError
+from pamid.base.metrics import FloatArray
 from pamid.ingest.resampling import hold, smooth
 from pamid.ingest.stamps import Rows, count_samples, usable_rows
 from pamid.ingest.time_base import Cure, Diagnosis, diagnose, time_base
-from pamid.metrics import FloatArray
 
 T, N = 0.003, 12000
 K = np.arange(N)

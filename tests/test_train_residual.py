@@ -18,20 +18,20 @@ from pamid_cli import frame
 from pamid_cli.train_residual import EXAMPLE
 from train_command import said, train
 
-from pamid.arrays import load_arrays
-from pamid.demo import Withheld, write_demo_recording
-from pamid.errors import UsageError
-from pamid.evidence import gather
-from pamid.files import write_atomically
-from pamid.greybox import fit_json, fit_model, residual_csv
-from pamid.json_file import read_json, write_json
-from pamid.leftover import read_columns, read_leftover
-from pamid.library import rig_named
+from pamid.base.errors import UsageError
+from pamid.base.files import write_atomically
+from pamid.base.json_file import read_json, write_json
+from pamid.base.npz import load_arrays
+from pamid.base.run_folder import Run
+from pamid.correction.output_network import Wanted, with_columns
+from pamid.correction.residual_data import read_columns, read_leftover
+from pamid.estimation.fit_model import fit_json, fit_model, residual_csv
+from pamid.model.registry import rig_named
 from pamid.networks.anfis import Anfis
 from pamid.networks.store import load_network
-from pamid.recording import read_recording
-from pamid.residual_network import Wanted, with_columns
-from pamid.run import Run
+from pamid.recording.recording import read_recording
+from pamid.replications.demo import Withheld, write_demo_recording
+from pamid.simulation.data_split import gather
 
 LOOP = ["reference_deg", "command_loop", "angle_loop_deg", "velocity_loop_deg_per_s", "acceleration_loop_deg_per_s2"]
 RESULTS = ("network.json", "network.npz", "trace.csv", "residual.csv")

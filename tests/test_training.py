@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import brentq
 from threadpoolctl import threadpool_limits
 
-from pamid.errors import DataError
+from pamid.base.errors import DataError
 from pamid.networks.bayes import Evidence, effective_samples, effective_weights, promised_decrease, solve_damped
 from pamid.networks.elman import Elman
 from pamid.networks.network import Network

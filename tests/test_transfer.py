@@ -11,8 +11,8 @@ import pytest
 from virtual_joint import record
 
 from pamid.diagnosis.transfer import differences, transfer
-from pamid.evidence import gather
-from pamid.library import rig_named
+from pamid.model.registry import rig_named
+from pamid.simulation.data_split import gather
 
 SENSORS = ("reference_deg", "command", "angle_deg")
 

@@ -11,13 +11,13 @@ from typing import Any
 import pytest
 from pamid_cli import frame
 
-from pamid.effect import Effect
-from pamid.errors import DataError, UsageError
-from pamid.evidence import Evidence
-from pamid.jobs import Crew
-from pamid.json_file import read_json
-from pamid.library import effects
-from pamid.metrics import wilson_interval
+from pamid.base.errors import DataError, UsageError
+from pamid.base.json_file import read_json
+from pamid.base.metrics import wilson_interval
+from pamid.model.effect import Effect
+from pamid.model.registry import effects
+from pamid.parallel.jobs import Crew
+from pamid.simulation.data_split import Evidence
 from pamid.trial import work
 from pamid.trial.cases import NAMELESS, STRATA, Case, cases_sha256, draw_cases
 from pamid.trial.faults import FAULTS

@@ -14,14 +14,14 @@ import pytest
 from pamid_cli import frame
 from scipy.integrate import solve_ivp
 
-from pamid.attaching import attachments
-from pamid.effect import Effect
-from pamid.errors import DataError, UsageError
-from pamid.evidence import Evidence
-from pamid.excitation import aprbs
-from pamid.jobs import Crew
-from pamid.json_file import read_json
-from pamid.library import effects, rig_named
+from pamid.base.errors import DataError, UsageError
+from pamid.base.json_file import read_json
+from pamid.excitation.aprbs import aprbs
+from pamid.model.attachment import attachments
+from pamid.model.effect import Effect
+from pamid.model.registry import effects, rig_named
+from pamid.parallel.jobs import Crew
+from pamid.simulation.data_split import Evidence
 from pamid.trial import arm, arm_faults, arm_kernel, work
 from pamid.trial.arm import CHANNELS, NOISE, RADII, SHEET, TO_COLUMN, ArmBody, ArmSpecimen, draw_arm, record_arm
 from pamid.trial.arm_faults import ARM_FAULTS, JOINTS, MUSCLES, draw_site, draw_sizes, placed, reported, split
@@ -210,7 +210,7 @@ def test_the_arm_shares_nothing_with_the_tool() -> None:
         names = [a.name for node in ast.walk(tree) if isinstance(node, ast.Import) for a in node.names]
         names += [str(node.module) for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
         own = {n for n in names if n.startswith("pamid") and not n.startswith("pamid.trial.")}
-        assert own <= {"pamid.errors", "pamid.engine.numba_cache"}, (module.__name__, own)
+        assert own <= {"pamid.base.errors", "pamid.engine.numba_cache"}, (module.__name__, own)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from pamid.attaching import attach
-from pamid.errors import UsageError
-from pamid.excitation import aprbs
-from pamid.library import effects, rig_named
+from pamid.base.errors import UsageError
+from pamid.excitation.aprbs import aprbs
+from pamid.model.attachment import attach
+from pamid.model.registry import effects, rig_named
 from pamid.rigs.muscle import exponential
 from pamid.trial import faults, joint_kernel, kernel, plant
 from pamid.trial.faults import FAULTS, HIGH_INERTIA, LONG_HOLDS, Fault, Planted, planted
@@ -91,7 +91,7 @@ def test_the_plant_shares_nothing_with_the_tool() -> None:
                   for a in node.names]
         own = {name.rsplit(".", 1)[0] for name in names if name.startswith("pamid")}
         # where numba keeps compiled code is no equation
-        known = {"pamid.errors", "pamid.engine.numba_cache",
+        known = {"pamid.base.errors", "pamid.engine.numba_cache",
                  *(f"pamid.trial.{k}" for k in ("faults", "kernel", "joint_kernel"))}
         assert own <= known, (module.__name__, own)
 

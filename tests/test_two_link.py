@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from pamid.assembly import Assembly
-from pamid.attaching import attachments
 from pamid.engine.program import Stepping
-from pamid.expressions import symbol
-from pamid.library import effects, rig_named
+from pamid.model.assembly import Assembly
+from pamid.model.attachment import attachments
+from pamid.model.registry import effects, rig_named
 from pamid.rigs.pneumatics import ATMOSPHERE_PA
 from pamid.rigs.two_link import MUSCLES
+from pamid.symbolic.expression import symbol
 
 mujoco = pytest.importorskip("mujoco", reason="MuJoCo, the judge of the mechanics, is not installed")
 

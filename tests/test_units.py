@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pamid.errors import FileError
-from pamid.units import (
+from pamid.base.errors import FileError
+from pamid.base.units import (
     compatible,
     display_unit,
     from_si,

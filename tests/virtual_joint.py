@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pamid.excitation import aprbs
-from pamid.recording import Recording, read_recording, write_recording
-from pamid.virtual import virtual_rig
+from pamid.excitation.aprbs import aprbs
+from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.simulation.virtual_rig import virtual_rig
 
 PERIOD_S = 0.003
 KNOWN = {"inertia_kg_m2": 0.0896}

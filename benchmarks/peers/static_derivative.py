@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pamid.networks.elman import Elman
 from pamid.networks.network import Records
-from pamid.networks.sums import Rows
+from pamid.networks.normal_equations import Rows
 from pamid.networks.training import train
 
 Array = NDArray[np.float64]

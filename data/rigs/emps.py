@@ -19,10 +19,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from pamid.effect import State
+from pamid import Parameter, Port, Rig, State
 from pamid.equations import Number
-from pamid.parameter import Parameter
-from pamid.rig import Port, Rig
 
 
 class Emps(Rig):

@@ -22,11 +22,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from pamid.background import SmoothGain
-from pamid.effect import State
+from pamid import Parameter, Port, Rig, SmoothGain, State
 from pamid.equations import Expr, Number, maximum
-from pamid.parameter import Parameter
-from pamid.rig import Port, Rig
 
 NOMINAL_PA = 6e5
 

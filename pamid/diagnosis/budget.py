@@ -9,15 +9,15 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.binding import Sizes
-from pamid.diagnosis.contest import Contender, contender_from
-from pamid.diagnosis.kept import grey_box_of, grey_box_plain
-from pamid.evidence import Evidence
-from pamid.greybox import GreyBox, fit_model
-from pamid.jobs import Crew, Work
-from pamid.metrics import seen_mean
-from pamid.residuals import Replay, replay
-from pamid.results import Plain
+from pamid.base.metrics import seen_mean
+from pamid.diagnosis.contender import Contender, contender_from
+from pamid.diagnosis.serialise import grey_box_of, grey_box_plain
+from pamid.estimation.fit_model import GreyBox, fit_model
+from pamid.model.bound_parameter import Sizes
+from pamid.parallel.jobs import Crew, Work
+from pamid.parallel.store import Plain
+from pamid.simulation.data_split import Evidence
+from pamid.simulation.replay import Replay, replay
 
 Array = NDArray[np.float64]
 

@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter, welch
 
+from pamid.base.units import display_unit, from_si, split_column
 from pamid.diagnosis.budget import Budget
-from pamid.diagnosis.contest import Contender
+from pamid.diagnosis.contender import Contender
 from pamid.engine.program import Program
-from pamid.equations import Expr
-from pamid.evidence import Evidence
-from pamid.expressions import symbols
-from pamid.residuals import Replay, followed
-from pamid.rig import Port
-from pamid.units import display_unit, from_si, split_column
+from pamid.model.rig import Port
+from pamid.simulation.data_split import Evidence
+from pamid.simulation.replay import Replay, followed
+from pamid.symbolic.expression import symbols
+from pamid.symbolic.vocabulary import Expr
 
 Array = NDArray[np.float64]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.diagnosis.contest import Contender
-from pamid.evidence import Evidence
+from pamid.diagnosis.contender import Contender
+from pamid.simulation.data_split import Evidence
 
 Array = NDArray[np.float64]
 

@@ -17,20 +17,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.diagnosis.contest import Contender
+from pamid.base.errors import DataError
+from pamid.diagnosis.contender import Contender
 from pamid.diagnosis.proposal import FILE, Proposal
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.engine.program import Stepping
-from pamid.errors import DataError
-from pamid.evidence import Evidence
-from pamid.experiments import MOST_SAMPLES, PASS_S, Bench, Experiment, menu
-from pamid.fitting import Problem, fit, initial_starts
-from pamid.jobs import Work
-from pamid.recording import Recording
-from pamid.results import Plain
-from pamid.simulation import choose_stepping, known_values, virtual_recording
-from pamid.weights import Weights, residual_weights
-from pamid.windows import Runner, Track, track_of
+from pamid.estimation.gauss_newton import Problem, fit, initial_starts
+from pamid.estimation.residual_weights import Weights, residual_weights
+from pamid.excitation.experiments import MOST_SAMPLES, PASS_S, Bench, Experiment, menu
+from pamid.parallel.jobs import Work
+from pamid.parallel.store import Plain
+from pamid.recording.recording import Recording
+from pamid.simulation.data_split import Evidence
+from pamid.simulation.simulate import choose_stepping, known_values, virtual_recording
+from pamid.simulation.windows import Runner, Track, track_of
 
 Array = NDArray[np.float64]
 

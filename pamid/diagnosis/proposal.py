@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.recording import write_recording
-from pamid.run import NEXT_FILES
+from pamid.recording.recording import write_recording
 
 Array = NDArray[np.float64]
 
+NEXT_FILES = ("next-experiment.csv", "next-experiment-2.csv")    # of an experiment that is made in several settings
 FILE = NEXT_FILES[0]
 
 

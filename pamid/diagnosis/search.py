@@ -8,19 +8,19 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.attaching import Attachment
-from pamid.binding import Sizes
 from pamid.diagnosis.budget import Budget
-from pamid.diagnosis.clues import Clues
-from pamid.diagnosis.contest import Contender, bootstrap_losses, refit, replayed, transferred
-from pamid.diagnosis.judgement import WORTH
-from pamid.diagnosis.kept import contender_of, contender_plain
-from pamid.diagnosis.screen import Ground, Screened, screen, sent_on
-from pamid.evidence import Evidence
-from pamid.fitting import Fit, fit
-from pamid.greybox import COARSE, model_with, rechecked
-from pamid.jobs import Crew, Failed, Work
-from pamid.results import Plain
+from pamid.diagnosis.contender import Contender, bootstrap_losses, refit, replayed, transferred
+from pamid.diagnosis.decision import WORTH
+from pamid.diagnosis.screening import Ground, Screened, screen, sent_on
+from pamid.diagnosis.serialise import contender_of, contender_plain
+from pamid.diagnosis.starting_hints import Clues
+from pamid.estimation.fit_model import COARSE, model_with, rechecked
+from pamid.estimation.gauss_newton import Fit, fit
+from pamid.model.attachment import Attachment
+from pamid.model.bound_parameter import Sizes
+from pamid.parallel.jobs import Crew, Failed, Work
+from pamid.parallel.store import Plain
+from pamid.simulation.data_split import Evidence
 
 Array = NDArray[np.float64]
 Told = Callable[[str], None]

@@ -17,16 +17,16 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.assembly import Assembly
-from pamid.attaching import Attachment
-from pamid.diagnosis.contest import Contender, transferred
-from pamid.diagnosis.path import Followed, Linear, Path, Prior, slices_of, start_path, surprise
-from pamid.effect import Effect, State
-from pamid.equations import Expr, Number
-from pamid.evidence import Evidence
-from pamid.fitting import Scale
-from pamid.residuals import Replay
-from pamid.windows import Runner
+from pamid.diagnosis.contender import Contender, transferred
+from pamid.diagnosis.smoothed_trajectory import Followed, Linear, Path, Prior, slices_of, start_path, surprise
+from pamid.estimation.gauss_newton import Scale
+from pamid.model.assembly import Assembly
+from pamid.model.attachment import Attachment
+from pamid.model.effect import Effect, State
+from pamid.simulation.data_split import Evidence
+from pamid.simulation.replay import Replay
+from pamid.simulation.windows import Runner
+from pamid.symbolic.vocabulary import Expr, Number
 
 Array = NDArray[np.float64]
 

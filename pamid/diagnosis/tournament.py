@@ -8,22 +8,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.attaching import Attachment, attachments
 from pamid.diagnosis.budget import Budget, gap_budget
-from pamid.diagnosis.clues import gather_clues
-from pamid.diagnosis.contest import Contender, replayed
-from pamid.diagnosis.doubt import doubt
-from pamid.diagnosis.further import Extended, Newcomer, extended
-from pamid.diagnosis.guess import explains_nothing
-from pamid.diagnosis.judgement import Grounds, Judged, at_the_floor, is_backed, judge, probabilities, weigh
-from pamid.diagnosis.latent import Located, locate
+from pamid.diagnosis.contender import Contender, replayed
+from pamid.diagnosis.decision import Grounds, Judged, at_the_floor, is_backed, judge, probabilities, weigh
+from pamid.diagnosis.forward_selection import Extended, Newcomer, extended
 from pamid.diagnosis.look_alikes import look_alike_classes
-from pamid.diagnosis.screen import CROWDED, MOST
+from pamid.diagnosis.misfit_beyond_range import doubt
+from pamid.diagnosis.naive_forecast import explains_nothing
+from pamid.diagnosis.port_evidence import Located, locate
+from pamid.diagnosis.screening import CROWDED, MOST
 from pamid.diagnosis.search import Search, Told, ranked, run_round, tied_with_first
-from pamid.effect import Effect
-from pamid.evidence import Evidence, selection_part
-from pamid.jobs import Crew
-from pamid.restart import freed
+from pamid.diagnosis.starting_hints import gather_clues
+from pamid.estimation.restart import freed
+from pamid.model.attachment import Attachment, attachments
+from pamid.model.effect import Effect
+from pamid.parallel.jobs import Crew
+from pamid.simulation.data_split import Evidence, selection_part
 
 REACH = 0.3         # of the largest latent evidence: of many candidates those at ports with less are not screened
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from pamid.base.units import as_column
 from pamid.diagnosis.tournament import Diagnosis
-from pamid.evidence import Span
-from pamid.units import as_column
+from pamid.simulation.data_split import Span
 
 AMPLITUDE = 1.5     # factor by which the spread of an output has to differ to count as another amplitude
 

@@ -13,16 +13,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.diagnosis.contest import Contender
+from pamid.base.units import NONE, display_unit, from_si, with_unit
+from pamid.diagnosis.contender import Contender
 from pamid.diagnosis.smoother import ROUNDS, Smoother, size_at
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.engine.program import Program
-from pamid.equations import Expr
-from pamid.evidence import Evidence
-from pamid.jobs import Crew, Failed, Work
-from pamid.results import Plain
-from pamid.units import NONE, display_unit, from_si, with_unit
-from pamid.windows import Runner, Window
+from pamid.parallel.jobs import Crew, Failed, Work
+from pamid.parallel.store import Plain
+from pamid.simulation.data_split import Evidence
+from pamid.simulation.windows import Runner, Window
+from pamid.symbolic.vocabulary import Expr
 
 Array = NDArray[np.float64]
 

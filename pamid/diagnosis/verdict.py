@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.diagnosis.contest import Contender
-from pamid.diagnosis.judgement import forecast_interval
+from pamid.base.metrics import seen_mean
+from pamid.base.units import as_column
+from pamid.diagnosis.contender import Contender
+from pamid.diagnosis.decision import forecast_interval
 from pamid.diagnosis.localise import frequency_band, regimes, worst_windows
 from pamid.diagnosis.proposal import Proposal, proposal_json
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.diagnosis.transfer import transfer
-from pamid.intervals import background_pull, estimates
-from pamid.isolability import isolability
-from pamid.metrics import seen_mean
-from pamid.units import as_column
+from pamid.estimation.intervals import background_pull, estimates
+from pamid.model.isolability import isolability
 
 Array = NDArray[np.float64]
 SCHEMA = "pamid.diagnosis/1"

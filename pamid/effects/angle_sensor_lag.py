@@ -17,7 +17,7 @@ References
 from __future__ import annotations
 
 from pamid.effects.first_order_lag import FirstOrderLag
-from pamid.parameter import Parameter
+from pamid.model.parameter import Parameter
 
 
 class AngleSensorLag(FirstOrderLag):

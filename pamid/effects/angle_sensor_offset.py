@@ -18,7 +18,7 @@ References
 from __future__ import annotations
 
 from pamid.effects.offset import Offset
-from pamid.parameter import Parameter
+from pamid.model.parameter import Parameter
 
 
 class AngleSensorOffset(Offset):

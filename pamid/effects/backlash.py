@@ -21,10 +21,10 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from pamid.effect import Effect, State
 from pamid.effects.two_mass import DAMPING, SHARE, with_outboard
-from pamid.equations import Expr, Number, absolute, maximum, minimum, smooth_step, where
-from pamid.parameter import Parameter
+from pamid.model.effect import Effect, State
+from pamid.model.parameter import Parameter
+from pamid.symbolic.vocabulary import Expr, Number, absolute, maximum, minimum, smooth_step, where
 
 TAKE_UP = 0.25  # of the half gap, over which the damping sets in
 

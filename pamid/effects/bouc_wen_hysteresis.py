@@ -19,10 +19,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from pamid.effect import Effect, State
 from pamid.effects.maxwell_slip_hysteresis import pressed
-from pamid.equations import Expr, Number, absolute
-from pamid.parameter import Parameter
+from pamid.model.effect import Effect, State
+from pamid.model.parameter import Parameter
+from pamid.symbolic.vocabulary import Expr, Number, absolute
 
 
 class BoucWenHysteresis(Effect):

@@ -17,9 +17,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from pamid.effect import Effect, Hints
-from pamid.equations import Expr, Number, absolute, maximum, sign
-from pamid.parameter import Parameter
+from pamid.model.effect import Effect, Hints
+from pamid.model.parameter import Parameter
+from pamid.symbolic.vocabulary import Expr, Number, absolute, maximum, sign
 
 TRIED = (0.8, 0.9, 0.98)    # of the travel
 

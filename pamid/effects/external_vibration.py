@@ -19,9 +19,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from pamid.effect import Effect, Hints
-from pamid.equations import Expr, Number, cos, expression, sin
-from pamid.parameter import Parameter
+from pamid.model.effect import Effect, Hints
+from pamid.model.parameter import Parameter
+from pamid.symbolic.vocabulary import Expr, Number, cos, expression, sin
 
 TRIED_PEAKS = 4
 

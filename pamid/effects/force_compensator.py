@@ -18,9 +18,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from pamid.effect import Effect, Hints
-from pamid.equations import Expr, Number, smooth_step
-from pamid.parameter import Parameter
+from pamid.model.effect import Effect, Hints
+from pamid.model.parameter import Parameter
+from pamid.symbolic.vocabulary import Expr, Number, smooth_step
 
 TRIED = (0.8, 0.9, 0.98)    # of the largest force
 

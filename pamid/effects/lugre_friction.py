@@ -19,10 +19,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from pamid.effect import Effect
 from pamid.effects.stribeck_friction import falling_level
-from pamid.equations import Expr, Number, absolute, bristle
-from pamid.parameter import Parameter
+from pamid.model.effect import Effect
+from pamid.model.parameter import Parameter
+from pamid.symbolic.vocabulary import Expr, Number, absolute, bristle
 
 
 class LugreFriction(Effect):

@@ -16,7 +16,7 @@ References
 from __future__ import annotations
 
 from pamid.effects.gain_error import GainError
-from pamid.parameter import Parameter
+from pamid.model.parameter import Parameter
 
 
 class PressureSensorGain(GainError):

@@ -24,9 +24,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from pamid.effect import Effect
-from pamid.equations import Expr, Number, absolute, delay, expression, floor, maximum, minimum, sign, where
-from pamid.parameter import Parameter
+from pamid.model.effect import Effect
+from pamid.model.parameter import Parameter
+from pamid.symbolic.vocabulary import Expr, Number, absolute, delay, expression, floor, maximum, minimum, sign, where
 
 LONGEST_PERIOD_S = 0.1
 RISER = 0.2  # share of a step taken by its riser

@@ -20,9 +20,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from pamid.effect import Effect
-from pamid.equations import Expr, Number, clip, floor, maximum
-from pamid.parameter import Parameter
+from pamid.model.effect import Effect
+from pamid.model.parameter import Parameter
+from pamid.symbolic.vocabulary import Expr, Number, clip, floor, maximum
 
 RAMP = 0.1  # of a step: within it the output climbs from one level to the next
 

@@ -18,9 +18,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from pamid.effect import Effect
-from pamid.equations import Expr, Number, exp, stop
-from pamid.parameter import Parameter
+from pamid.model.effect import Effect
+from pamid.model.parameter import Parameter
+from pamid.symbolic.vocabulary import Expr, Number, exp, stop
 
 
 def falling_level(at: Any, p: Any) -> Expr:

@@ -21,9 +21,9 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from pamid.effect import Effect, State
-from pamid.equations import Expr, Number
-from pamid.parameter import Parameter
+from pamid.model.effect import Effect, State
+from pamid.model.parameter import Parameter
+from pamid.symbolic.vocabulary import Expr, Number
 
 SHARE = Parameter("share", 0.6, low=0.0, high=0.95, spread=0.35, null=0.0, tries=(0.85,),
                   source="load behind the joint: 0.5-0.92 of the inertia")

@@ -20,8 +20,8 @@ from __future__ import annotations
 from typing import Any
 
 from pamid.effects.dead_zone import DeadZone
-from pamid.equations import Expr, Number, absolute, maximum, sign
-from pamid.parameter import Parameter
+from pamid.model.parameter import Parameter
+from pamid.symbolic.vocabulary import Expr, Number, absolute, maximum, sign
 
 
 class ValveDeadBand(DeadZone):

@@ -19,9 +19,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from pamid.effect import Effect
-from pamid.equations import Expr, Number, absolute, maximum, minimum, sign, smooth_step
-from pamid.parameter import Parameter
+from pamid.model.effect import Effect
+from pamid.model.parameter import Parameter
+from pamid.symbolic.vocabulary import Expr, Number, absolute, maximum, minimum, sign, smooth_step
 
 JUMP_WIDTH = 0.02  # of duty, over which the jumps are spread: keeps the fit's derivatives finite
 

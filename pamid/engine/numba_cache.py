@@ -15,8 +15,8 @@ from pathlib import Path
 from numba import njit
 from numba.core import config
 
-from pamid.engine.homeless import home_cache, private_folder
-from pamid.trust import is_shared
+from pamid.base.trust import is_shared
+from pamid.engine.cache_folder import home_cache, private_folder
 
 __all__ = ["njit"]      # from here, so that nothing is compiled before `_settle`
 

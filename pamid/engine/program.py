@@ -8,9 +8,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.engine.emitter import DECLARATIONS, LANES, function_text, hoist, product_text, with_partials
-from pamid.engine.lowering import TICKS, Lowered, cell_update
-from pamid.equations import Expr, expression
+from pamid.engine.llvm_ir import DECLARATIONS, LANES, function_text, hoist, product_text, with_partials
+from pamid.symbolic.memory_cells import TICKS, Lowered, cell_update
+from pamid.symbolic.vocabulary import Expr, expression
 
 Array = NDArray[np.float64]
 
@@ -86,7 +86,7 @@ class Program:
         Returns outputs (samples x outputs), their sensitivities (samples x outputs x columns; empty without), and the
         first sample at which the state blew up (-1: none).
         """
-        from pamid.engine.driver import sweep
+        from pamid.engine.integrator import sweep
 
         step = stepping or Stepping()
         if memory.S.shape[1] == 0:
@@ -111,14 +111,14 @@ class Program:
 
     def rate_matrix(self, memory: Memory, u: Array, p: Array, *, period_s: float, time_s: float = 0.0) -> Array:
         """df/dx (nx x nx) where `memory` stands, at the held input u (inputs,)."""
-        from pamid.engine.driver import rate_matrix
+        from pamid.engine.integrator import rate_matrix
 
         return rate_matrix(self._address, *self._pattern, memory.x, memory.cells, memory.past,
                            np.ascontiguousarray(u, float), self._prepared(p), time_s, period_s, period_s)
 
     def _prepared(self, p: Array) -> Array:
         """Parameters followed by what depends on them alone."""
-        from pamid.engine.driver import prepare
+        from pamid.engine.integrator import prepare
 
         values = np.concatenate([np.asarray(p, float), np.empty(self.derived)])
         prepare(self._address[-1], values, values[len(p) :])
@@ -166,7 +166,7 @@ def build_program(lowered: Lowered, inputs: tuple[str, ...], parameters: tuple[s
                    for e in range(pointer[row], pointer[row + 1]) if columns[e] >= nx + 2 * nc]
         direct_at.append(len(direct))
         most = max(most, len(columns))
-    from pamid.engine.machine import addresses  # LLVM is loaded when a model is compiled, not with the package
+    from pamid.engine.jit_cache import addresses  # LLVM is loaded when a model is compiled, not with the package
 
     parts.append(function_text("prepare", derived, index))
     address = addresses("\n".join(parts), [*names, "prepare"])
@@ -189,7 +189,7 @@ def _phases(lowered: Lowered) -> tuple[list[list[Expr]], list[int], list[int], l
     Inside a phase a cell may read another one's new value only if that one stands in an earlier phase; where it
     reads one of its own phase the new value is written out.
     """
-    from pamid.expressions import substitute
+    from pamid.symbolic.expression import substitute
 
     phases: list[list[Expr]] = []
     counts: list[int] = []

@@ -10,7 +10,7 @@ from string import Template
 
 from pamid.export.statements import C, Statements, Symbol, Writer, identifier, identifiers
 from pamid.export.step import Step, Variable
-from pamid.expressions import Expr
+from pamid.symbolic.expression import Expr
 
 
 def asset(name: str) -> str:

@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from pamid.errors import FileError
+from pamid.base.errors import FileError
+from pamid.base.files import make_folder, write_atomically, write_together
+from pamid.correction.identified_model import Identified
 from pamid.export.c_source import c_files, model_name
 from pamid.export.fmu import make_fmu
 from pamid.export.m_source import m_file
 from pamid.export.statements import identifier
 from pamid.export.step import Step, step_of
-from pamid.files import make_folder, write_atomically, write_together
-from pamid.identified import Identified
 
 #: what may be asked for -> ending of its file ("": a folder)
 FORMS = {"fmu": ".fmu", "fmu2": ".fmu", "fmu3": ".fmu", "c": "", "onnx": ".onnx", "matlab": ".m"}

@@ -18,9 +18,9 @@ from pathlib import Path
 from string import Template
 from xml.etree import ElementTree
 
+from pamid.base.units import unit
 from pamid.export.c_source import asset, header, model_name, source
 from pamid.export.step import Step
-from pamid.units import unit
 
 _HEADERS = {2: ("fmi2FunctionTypes.h", "fmi2Functions.h", "fmi2TypesPlatform.h"),
             3: ("fmi3FunctionTypes.h", "fmi3Functions.h", "fmi3PlatformTypes.h")}

@@ -9,7 +9,7 @@ from string import Template
 from pamid.export.c_source import asset, comment
 from pamid.export.statements import MATLAB, Statements, Symbol, Writer, identifiers
 from pamid.export.step import Step, Variable
-from pamid.expressions import Expr
+from pamid.symbolic.expression import Expr
 
 
 def m_file(step: Step, name: str) -> str:

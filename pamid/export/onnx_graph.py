@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pamid.expressions import Expr, walk
+from pamid.symbolic.expression import Expr, walk
 
 Array = NDArray[np.float64]
 Symbol = tuple[str, str]

@@ -17,15 +17,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.errors import FileError
+from pamid.base.errors import FileError
+from pamid.base.files import write_together
+from pamid.base.units import NONE, split_column
+from pamid.correction.identified_model import Identified
 from pamid.export.onnx_graph import Graph, graph_of, model_bytes
 from pamid.export.onnx_network import memory_size, network_nodes
 from pamid.export.onnx_step import Sampled
 from pamid.export.step import step_of
-from pamid.files import write_together
-from pamid.identified import Identified
 from pamid.networks.store import TrainedNetwork
-from pamid.units import NONE, split_column
 
 Array = NDArray[np.float64]
 #: a graph, its inputs (nu,) and state (n,) -> outputs (ny,) and next state (n,)

@@ -7,7 +7,7 @@ from functools import reduce
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.errors import DataError
+from pamid.base.errors import DataError
 from pamid.export.onnx_graph import Graph
 from pamid.networks.anfis import Anfis
 from pamid.networks.elman import Elman

@@ -1,4 +1,4 @@
-"""The implicit step of `pamid.engine.driver` as ONNX nodes: two SDIRK2 stages, each solved by damped Newton."""
+"""The implicit step of `pamid.engine.integrator` as ONNX nodes: two SDIRK2 stages, each solved by damped Newton."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pamid.engine.driver import GAMMA
+from pamid.engine.integrator import GAMMA
 from pamid.export.onnx_graph import Graph, graph_of
 
 #: a graph and a state (nx,) -> rates (nx,) there, and df/dx (nx, nx)

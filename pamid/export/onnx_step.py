@@ -8,13 +8,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.correction.identified_model import GIVEN, MEMORY, VALUE
 from pamid.export.onnx_graph import Graph, Symbol, Values
 from pamid.export.onnx_network import memory_size, network_nodes
 from pamid.export.onnx_newton import Implicit
 from pamid.export.step import Step, Update
-from pamid.expressions import Expr, symbols, walk
-from pamid.identified import GIVEN, MEMORY, VALUE
 from pamid.networks.store import TrainedNetwork
+from pamid.symbolic.expression import Expr, symbols, walk
 
 Array = NDArray[np.float64]
 

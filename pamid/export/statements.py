@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
-from pamid.expressions import Expr, symbols, walk
+from pamid.symbolic.expression import Expr, symbols, walk
 
 Symbol = tuple[str, str]
 

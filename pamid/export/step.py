@@ -1,6 +1,6 @@
 """An identified model flattened to what one sample does, in the units of its columns: the ground of every export.
 
-One sample, as `pamid.engine.driver.sweep` does it, with the inputs held:
+One sample, as `pamid.engine.integrator.sweep` does it, with the inputs held:
     substeps times
         the cells, in order, from the state, the inputs and their own past; a delay line takes in its value and hands
         out the one `seconds` ago, linear between steps
@@ -17,14 +17,27 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from math import ceil, isclose, nan
 
-from pamid.binding import Bound
-from pamid.engine.emitter import hoist, with_partials
-from pamid.engine.lowering import Lowered, cell_update, tick
-from pamid.errors import PamidError, UsageError
-from pamid.expressions import ONE, ZERO, Expr, add, const, div, expression, mul, sub, substitute, symbol, symbols
-from pamid.identified import BESIDE, Identified
-from pamid.tracing import Names
-from pamid.units import NONE, as_column, quantity_of, split_column, unit
+from pamid.base.errors import PamidError, UsageError
+from pamid.base.units import NONE, as_column, quantity_of, split_column, unit
+from pamid.correction.identified_model import BESIDE, Identified
+from pamid.engine.llvm_ir import hoist, with_partials
+from pamid.model.bound_parameter import Bound
+from pamid.model.trace import Names
+from pamid.symbolic.expression import (
+    ONE,
+    ZERO,
+    Expr,
+    add,
+    const,
+    div,
+    expression,
+    mul,
+    sub,
+    substitute,
+    symbol,
+    symbols,
+)
+from pamid.symbolic.memory_cells import Lowered, cell_update, tick
 
 
 @dataclass(frozen=True)

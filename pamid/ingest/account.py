@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.errors import FileError
-from pamid.files import make_folder, refuse_write, replace_together, sha256_of
+from pamid.base.errors import FileError
+from pamid.base.files import make_folder, refuse_write, replace_together, sha256_of
+from pamid.base.json_file import write_json
+from pamid.base.metrics import FloatArray, runs_of
 from pamid.ingest.clocks import Clock
 from pamid.ingest.conversion import Conversion, Made, Track
 from pamid.ingest.mapping import Mapping
-from pamid.json_file import write_json
-from pamid.metrics import FloatArray, runs_of
-from pamid.recording import write_recording
+from pamid.recording.recording import write_recording
 
 SCHEMA = "pamid.ingest/1"
 AT_LIMIT = 3         # samples in a row at the highest or lowest value of a channel: it may be clipped there

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from pamid.errors import FileError
+from pamid.base.errors import FileError
+from pamid.base.metrics import FloatArray
 from pamid.ingest.gathering import Gathering
-from pamid.metrics import FloatArray
 
 _NUMBER = re.compile(r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?$")
 _TIME = r"(?P<hour>\d{1,3}):(?P<minute>\d{2})(?::(?P<second>\d{2})(?:[.,:](?P<fraction>\d+))?)?\s?(?P<half>[aApP][mM])?"

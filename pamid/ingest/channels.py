@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from pamid.errors import FileError, nearest
-from pamid.metrics import FloatArray
+from pamid.base.errors import FileError, nearest
+from pamid.base.metrics import FloatArray
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,17 +8,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pamid.errors import DataError, FileError, nearest
+from pamid.base.errors import DataError, FileError, nearest
+from pamid.base.metrics import FloatArray
+from pamid.base.units import unit
 from pamid.ingest.channels import Channel, Log
 from pamid.ingest.mapping import OPEN, Mapping, Signal
 from pamid.ingest.quantities import in_unit, read_unit
 from pamid.ingest.stamps import Rows, usable_rows
 from pamid.ingest.time_base import Cure, Diagnosis, TimeBase, diagnose, time_base
-from pamid.metrics import FloatArray
-from pamid.recording import MIN_SAMPLES
-from pamid.recording_checks import HUGE, UNIFORM_TO
-from pamid.rig import Rig
-from pamid.units import unit
+from pamid.model.rig import Rig
+from pamid.recording.file_checks import HUGE, UNIFORM_TO
+from pamid.recording.recording import MIN_SAMPLES
 
 FAR = 100.0          # times the usual period: then the unit of the stamps is in doubt
 NEAR = 30.0          # times the usual period: what another unit of the stamps would have to give

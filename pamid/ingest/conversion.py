@@ -9,15 +9,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pamid.errors import DataError, FileError
+from pamid.base.errors import DataError, FileError
+from pamid.base.metrics import FloatArray
 from pamid.ingest.channels import Log
 from pamid.ingest.clocks import Clock, Course, channel_of, clocks_of
 from pamid.ingest.mapping import Mapping, settle, unknown_to
 from pamid.ingest.resampling import COARSER, hold, smooth
 from pamid.ingest.time_base import GAP_PERIODS
-from pamid.metrics import FloatArray
-from pamid.recording import MIN_SAMPLES
-from pamid.rig import Rig
+from pamid.model.rig import Rig
+from pamid.recording.recording import MIN_SAMPLES
 
 NOMINAL = 1e-3       # a clock and a stated period that differ by less name the same sampling
 ROUND = 2e-4         # a measured period so close to a round number of s or Hz is that number

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pamid.errors import FileError
+from pamid.base.errors import FileError
 from pamid.ingest.cells import classify, decimal_mark
 
 #: in the order in which they are believed where two read the same; blank stands for any run of blanks

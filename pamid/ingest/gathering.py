@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.errors import FileError
+from pamid.base.errors import FileError
+from pamid.base.metrics import FloatArray
 from pamid.ingest.channels import Channel, Log
-from pamid.metrics import FloatArray
 
 #: whole numbers above it have no exact float64
 EXACT = 2**53

@@ -10,7 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pamid.errors import FileError, PamidError
+from pamid.base.errors import FileError, PamidError
+from pamid.base.metrics import FloatArray
+from pamid.base.units import NONE, quantity_of, split_column, unit
 from pamid.ingest.channels import Channel, Log
 from pamid.ingest.conversion import round_period
 from pamid.ingest.mapping import OPEN
@@ -18,10 +20,8 @@ from pamid.ingest.quantities import PRESSURE, is_readable, read_unit
 from pamid.ingest.stamps import Rows, usable_rows
 from pamid.ingest.time_base import GAP_PERIODS, Diagnosis, diagnose
 from pamid.ingest.words import meanings, number
-from pamid.metrics import FloatArray
-from pamid.recording import toml_string
-from pamid.rig import Rig
-from pamid.units import NONE, quantity_of, split_column, unit
+from pamid.model.rig import Rig
+from pamid.recording.recording import toml_string
 
 ONE = 1.05           # what is sent stays within -1 to 1, or is in per cent
 USUAL = 30.0         # times the rig's period: a unit of the stamps within that is believed

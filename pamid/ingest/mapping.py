@@ -14,7 +14,9 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationError
 
-from pamid.errors import FileError, PamidError, nearest
+from pamid.base.errors import FileError, PamidError, nearest
+from pamid.base.toml_file import read_toml
+from pamid.base.units import NONE, is_unit, split_column, unit
 from pamid.ingest.quantities import (
     PRESSURE,
     STANDARD_ATMOSPHERE_KPA,
@@ -23,10 +25,8 @@ from pamid.ingest.quantities import (
     read_unit,
     require_same_quantity,
 )
-from pamid.recording import TIME, match_column
-from pamid.rig import Rig
-from pamid.toml_file import read_toml
-from pamid.units import NONE, is_unit, split_column, unit
+from pamid.model.rig import Rig
+from pamid.recording.recording import TIME, match_column
 
 OPEN = "?"  # what a guessed mapping writes where only the user can answer
 Interpolation = Literal["hold", "smooth"]

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from pamid.errors import FileError, nearest
-from pamid.metrics import FloatArray
-from pamid.units import NONE, Dimension, from_si, quantity_of, suffixes_for, unit
+from pamid.base.errors import FileError, nearest
+from pamid.base.metrics import FloatArray
+from pamid.base.units import NONE, Dimension, from_si, quantity_of, suffixes_for, unit
 
 STANDARD_ATMOSPHERE_KPA = 101.325
 PRESSURE = unit("Pa").dimension

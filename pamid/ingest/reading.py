@@ -5,51 +5,18 @@ A log may come from anywhere. No reader executes anything a file brings, and wha
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from importlib import import_module
+from dataclasses import replace
 from pathlib import Path
 
-from pamid.errors import FileError, PamidError, nearest
-from pamid.files import LOG, open_data
-from pamid.ingest.apart import read_apart
+from pamid.base.errors import FileError, nearest
+from pamid.base.files import LOG, open_data
 from pamid.ingest.channels import Log
+from pamid.ingest.child_process import read_in_child
+from pamid.ingest.kinds import Kind, kinds, read_here
 
 HEAD = 4096
 
 
-@dataclass(frozen=True)
-class Kind:
-    """reader: "module:function" in pamid.ingest. marks: what such a file begins with; none for plain text. extra: what
-    to install for it, "" if nothing. packages: what that brings."""
-
-    name: str
-    suffixes: tuple[str, ...]
-    reader: str
-    marks: tuple[bytes, ...] = ()
-    extra: str = ""
-    packages: tuple[str, ...] = ()
-
-    def load(self) -> Callable[[Path], Log]:
-        module, _, function = self.reader.partition(":")
-        found: Callable[[Path], Log] = getattr(import_module(f"pamid.ingest.{module}"), function)
-        return found
-
-
-KINDS: dict[str, Kind] = {
-    kind.name: kind
-    for kind in (
-        Kind("csv", (".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".prn"), "text:read_text"),
-        Kind("lvm", (".lvm",), "lvm:read_lvm", (b"LabVIEW Measurement",)),
-        Kind("mat", (".mat",), "matlab:read_matlab", (b"MATLAB ", b"# Created by Octave"), "matlab", ("matio", "h5py")),
-        Kind("hdf5", (".h5", ".hdf5", ".hdf", ".he5"), "hdf5:read_hdf5", (b"\x89HDF\r\n\x1a\n",), "hdf5", ("h5py",)),
-        Kind("tdms", (".tdms",), "tdms:read_tdms", (b"TDSm",), "tdms", ("nptdms",)),
-        Kind("mdf", (".mf4", ".mdf", ".mf3"), "mdf:read_mdf", (b"MDF     ", b"UnFinMF "), "mdf", ("asammdf",)),
-        Kind("ros", (".bag", ".db3", ".mcap"), "ros:read_ros",
-             (b"#ROSBAG V2.0", b"SQLite format 3\0", b"\x89MCAP0\r\n"), "ros", ("rosbags",)),
-        Kind("parquet", (".parquet", ".pq"), "parquet:read_parquet", (b"PAR1",), "parquet", ("pyarrow",)),
-    )
-}  # fmt: skip
 #: what is often mistaken for a log, and what to do
 _STRANGERS = (
     (b"PK\x03\x04", "a packed archive (a workbook, an npz)", "Save it as CSV, Parquet or MAT."),
@@ -61,38 +28,19 @@ _STRANGERS = (
 
 
 def read_log(path: Path, kind: str | None = None) -> Log:
-    """The signals of a raw log. `kind` is one of KINDS; by default the file's content and suffix tell it.
+    """The signals of a raw log. `kind` is one of `kinds`; by default the file's content and suffix tell it.
 
     FileError if the file is missing, of no known kind, damaged, or if a package that reads it is not installed."""
     path = Path(path)
-    if kind is not None and kind not in KINDS:
-        hint = nearest(kind, KINDS) or "Valid kinds are: " + ", ".join(KINDS) + "."
+    if kind is not None and kind not in kinds():
+        hint = nearest(kind, kinds()) or "Valid kinds are: " + ", ".join(kinds()) + "."
         raise FileError(f"There is no kind of log called {kind!r}.", hint, code="kind")
     if not path.exists():
         near = nearest(path.name, [other.name for other in path.parent.iterdir()]) if path.parent.is_dir() else ""
         raise FileError(f"{path}: there is no such file.", near)
     found, note = _kind_of(path, kind)
-    log = read_apart(path, found.name) if found.extra else read_here(path, found.name)
+    log = read_in_child(path, found.name) if found.extra else read_here(path, found.name)
     return replace(log, details=(note, *log.details)) if note else log
-
-
-def read_here(path: Path, kind: str) -> Log:
-    """The signals of a log of this kind, read in this process. FileError whatever is wrong with it."""
-    found = KINDS[kind]
-    try:
-        return found.load()(path)
-    except PamidError:
-        raise
-    except ModuleNotFoundError as error:
-        if (error.name or "").split(".")[0] not in found.packages:
-            raise
-        raise FileError(f"{path}: reading such a {kind} file needs {error.name}, which is not installed.",
-                        f"pip install 'pamid[{found.extra}]'", code="missing-extra") from error  # fmt: skip
-    except Exception as error:  # a damaged file makes a foreign reader raise just about anything
-        reason = " ".join(str(error).split())[:200] or "no reason given"
-        raise FileError(f"{path} cannot be read as {kind}: {reason} ({type(error).__name__}).",
-                        "It may be damaged, incomplete or of another kind: open it with the program that wrote it and "
-                        "export it again.", code="damaged") from error  # fmt: skip
 
 
 def _kind_of(path: Path, wanted: str | None) -> tuple[Kind, str]:
@@ -104,21 +52,21 @@ def _kind_of(path: Path, wanted: str | None) -> tuple[Kind, str]:
         for part in sorted(path.rglob("*")):
             if not part.is_dir():
                 _head(part)
-        return KINDS["ros"], ""
+        return kinds()["ros"], ""
     head = _head(path)
     by_content = _by_content(head)
-    by_name = next((kind for kind in KINDS.values() if path.suffix.lower() in kind.suffixes), None)
+    by_name = next((kind for kind in kinds().values() if path.suffix.lower() in kind.suffixes), None)
     if wanted is not None:
         if by_content and by_content.name != wanted:
             raise FileError(f"{path} is no {wanted} file: it begins as {by_content.name}.", code="kind")
-        return KINDS[wanted], ""
+        return kinds()[wanted], ""
     if by_content:
         odd = by_name is not None and by_name is not by_content and by_name.name != "csv"
         return by_content, f"named {path.suffix}, but its content is {by_content.name}" if odd else ""
     if by_name is None:
-        kinds = ", ".join(f"{kind.name} ({' '.join(kind.suffixes)})" for kind in KINDS.values())
+        known = ", ".join(f"{kind.name} ({' '.join(kind.suffixes)})" for kind in kinds().values())
         raise FileError(f"{path}: neither its suffix nor its content tells what kind of log it is.",
-                        f"Valid kinds are: {kinds}.", code="kind")  # fmt: skip
+                        f"Valid kinds are: {known}.", code="kind")  # fmt: skip
     if by_name.marks and by_name.name != "mat":  # MAT v4 begins with nothing of its own
         raise FileError(f"{path} is called {path.suffix}, but does not begin as {by_name.name} files do.",
                         "It may be damaged, incomplete or of another kind.", code="damaged")  # fmt: skip
@@ -142,4 +90,4 @@ def _head(path: Path) -> bytes:
 def _by_content(head: bytes) -> Kind | None:
     if head.startswith(b"\xef\xbb\xbf"):
         head = head[3:]
-    return next((kind for kind in KINDS.values() if head.startswith(kind.marks or (b"\xff" * HEAD,))), None)
+    return next((kind for kind in kinds().values() if head.startswith(kind.marks or (b"\xff" * HEAD,))), None)

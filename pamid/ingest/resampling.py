@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pamid.metrics import FloatArray
+from pamid.base.metrics import FloatArray
 
 COARSER = 1.01       # a new period longer than this many old ones needs the filter
 HALF_TAPS = 30       # taps of the filter to either side, per old period in a new one

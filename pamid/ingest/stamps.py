@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.errors import DataError, FileError
-from pamid.metrics import FloatArray, runs_of
-from pamid.recording import MIN_SAMPLES
+from pamid.base.errors import DataError, FileError
+from pamid.base.metrics import FloatArray, runs_of
+from pamid.recording.recording import MIN_SAMPLES
 
 IntArray = NDArray[np.int64]
 

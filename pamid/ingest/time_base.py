@@ -19,9 +19,9 @@ from typing import Literal
 
 import numpy as np
 
+from pamid.base.metrics import FloatArray
 from pamid.ingest.stamps import IntArray, Repair, Rows, count_samples, fit_clock, rough_period
-from pamid.metrics import FloatArray
-from pamid.recording_checks import HUGE, UNIFORM_TO
+from pamid.recording.file_checks import HUGE, UNIFORM_TO
 
 Cure = Literal["none", "late-stamps", "jittered-sampling"]
 State = Literal["even", "rounded", "blocks", "late-stamps", "jittered-sampling", "undecided"]

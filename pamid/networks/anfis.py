@@ -28,13 +28,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, log_expit
 
-from pamid.engine.lowering import Cell
-from pamid.equations import ZERO, Expr, clip, exp
-from pamid.errors import DataError, nearest
+from pamid.base.errors import DataError, nearest
 from pamid.networks.bayes import Evidence
 from pamid.networks.network import Network, Records
+from pamid.networks.normal_equations import Rows
 from pamid.networks.problem import Damping, Goals, Problem
-from pamid.networks.sums import Rows
+from pamid.symbolic.memory_cells import Cell
+from pamid.symbolic.vocabulary import ZERO, Expr, clip, exp
 
 Array = NDArray[np.float64]
 

@@ -20,10 +20,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pamid.errors import DataError, UsageError
-from pamid.jobs import run_jobs
+from pamid.base.errors import DataError, UsageError
 from pamid.networks.elman import Elman
 from pamid.networks.network import Network
+from pamid.parallel.jobs import run_jobs
 
 if TYPE_CHECKING:
     import torch

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.arrays import load_arrays
-from pamid.errors import FileError
-from pamid.files import write_atomically
+from pamid.base.errors import FileError
+from pamid.base.files import write_atomically
+from pamid.base.npz import load_arrays
 from pamid.networks.bayes import Evidence
 
 Array = NDArray[np.float64]

@@ -21,14 +21,14 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pamid.engine.lowering import Cell
-from pamid.engine.recurrence import LANES, run_adjoint, run_bend, run_sensitivities, run_states
-from pamid.equations import Expr, tanh
-from pamid.errors import DataError
-from pamid.expressions import symbol
-from pamid.networks.modes import find_modes
+from pamid.base.errors import DataError
+from pamid.engine.recurrence_kernels import LANES, run_adjoint, run_bend, run_sensitivities, run_states
+from pamid.networks.modal_start import find_modes
 from pamid.networks.network import Network, Records, weighted
-from pamid.networks.sums import Rows, aligned
+from pamid.networks.normal_equations import Rows, aligned
+from pamid.symbolic.expression import symbol
+from pamid.symbolic.memory_cells import Cell
+from pamid.symbolic.vocabulary import Expr, tanh
 
 Array = NDArray[np.float64]
 

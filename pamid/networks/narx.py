@@ -22,13 +22,13 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pamid.engine.feedback import run_output_sensitivities, run_outputs
-from pamid.engine.lowering import Cell
-from pamid.equations import ZERO, Expr, tanh
-from pamid.errors import DataError
-from pamid.expressions import symbol
+from pamid.base.errors import DataError
+from pamid.engine.feedback_kernels import run_output_sensitivities, run_outputs
 from pamid.networks.network import Network, weighted
-from pamid.networks.sums import Rows
+from pamid.networks.normal_equations import Rows
+from pamid.symbolic.expression import symbol
+from pamid.symbolic.memory_cells import Cell
+from pamid.symbolic.vocabulary import ZERO, Expr, tanh
 
 Array = NDArray[np.float64]
 

@@ -12,10 +12,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pamid.engine.lowering import Cell
-from pamid.equations import Expr, expression
-from pamid.errors import DataError
-from pamid.networks.sums import Rows, summed
+from pamid.base.errors import DataError
+from pamid.networks.normal_equations import Rows, summed
+from pamid.symbolic.memory_cells import Cell
+from pamid.symbolic.vocabulary import Expr, expression
 
 Array = NDArray[np.float64]
 

@@ -7,9 +7,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.errors import DataError
+from pamid.base.errors import DataError
+from pamid.networks.batch_queue import Meeting
 from pamid.networks.bayes import Evidence, effective_samples, solve_damped
-from pamid.networks.meeting import Meeting
 from pamid.networks.network import Network
 from pamid.networks.scaling import check_finite
 

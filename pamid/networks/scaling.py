@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pamid.errors import DataError
+from pamid.base.errors import DataError
 
 Array = NDArray[np.float64]
 

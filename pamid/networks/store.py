@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pamid.arrays import load_arrays
-from pamid.errors import DataError, FileError, PamidError, nearest
-from pamid.files import WEIGHTS, read_data, write_together
-from pamid.json_file import json_bytes, read_json
+from pamid.base.errors import DataError, FileError, PamidError, nearest
+from pamid.base.files import WEIGHTS, read_data, write_together
+from pamid.base.json_file import json_bytes, read_json
+from pamid.base.npz import load_arrays
 from pamid.networks.network import Network
 from pamid.networks.scaling import Scaling, check_finite, scaling_of
 from pamid.networks.training import Training, train

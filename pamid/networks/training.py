@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pamid.errors import DataError
+from pamid.base.errors import DataError
+from pamid.networks.batch_queue import Engine, Meeting
 from pamid.networks.bayes import effective_samples, effective_weights
 from pamid.networks.checkpoints import Attempt, Checkpoint, Step, load_checkpoint, save_checkpoint
-from pamid.networks.climb import USED_UP, climb, fresh
-from pamid.networks.meeting import Engine, Meeting
+from pamid.networks.levenberg_marquardt import USED_UP, climb, fresh
 from pamid.networks.network import Network
 from pamid.networks.problem import Damping, Goals, Problem, check_problem, fingerprint, recordings
 from pamid.networks.scaling import Scaling, scaling_of

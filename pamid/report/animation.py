@@ -22,7 +22,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
-from pamid.errors import DataError
+from pamid.base.errors import DataError
 from pamid.report import words
 from pamid.report.motion import MEASURED, ROLES, Motion, gap_words, scale_of
 from pamid.report.style import SETTINGS, colour, grid, label

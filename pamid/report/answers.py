@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from pamid.errors import quoted
+from pamid.base.errors import quoted
 from pamid.report import words
 from pamid.report.budget import ChannelErrors, headline
 from pamid.report.diagnosed import Candidate, Diagnosis, NextExperiment, Regime, Unknown, Where

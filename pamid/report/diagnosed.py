@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from pamid.errors import FileError, nearest
+from pamid.base.errors import FileError, nearest
 from pamid.report.reading import Node, read_object
 
 VERDICTS = ("explained", "ambiguous", "unknown-effect", "no-structural-gap")

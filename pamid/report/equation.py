@@ -9,13 +9,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from pamid import equations
-from pamid.attaching import attach
-from pamid.binding import bind
-from pamid.effect import Effect
-from pamid.errors import PamidError
-from pamid.expressions import Expr, expression, substitute, symbol, text
-from pamid.library import catalogue_rig, effects
+from pamid.base.errors import PamidError
+from pamid.base.units import quantity_of, split_column
+from pamid.model.attachment import attach
+from pamid.model.bound_parameter import bind
+from pamid.model.effect import Effect
+from pamid.model.registry import catalogue_rig, effects
+from pamid.model.rig import Port
 from pamid.report import words
 from pamid.report.diagnosed import Cause, Estimate, Unknown
 from pamid.report.formula import FormulaError, formula_html
@@ -23,8 +23,8 @@ from pamid.report.load import RunData
 from pamid.report.markup import Html, joined, paragraphs, prose, tag
 from pamid.report.mathml import Typeset, fraction, math_html, name, number_html, operator
 from pamid.report.words import channel_unit, effect_words, port_words
-from pamid.rig import Port
-from pamid.units import quantity_of, split_column
+from pamid.symbolic import vocabulary as equations
+from pamid.symbolic.expression import Expr, expression, substitute, symbol, text
 
 #: kind of port -> the letter and the name of what passes through it
 LETTERS = {"command": ("u", "command"), "flow": ("q", "flow"), "rate": ("r", "rate of change"),

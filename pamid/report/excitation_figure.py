@@ -11,9 +11,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullLocator
 from numpy.typing import NDArray
 
-from pamid.excitation import BINS, CELLS, Changes, Coverage, spectrum
+from pamid.base.units import NONE
+from pamid.excitation.aprbs import BINS, CELLS, Changes, Coverage, spectrum
 from pamid.report.style import Drawing, Picture, colour, grid, label, render
-from pamid.units import NONE
 
 Array = NDArray[np.float64]
 

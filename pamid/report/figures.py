@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from pamid.base.units import split_column
 from pamid.report import words
 from pamid.report.budget import MODELS, ChannelErrors, Window
 from pamid.report.diagnosed import Candidate, Diagnosis, Regime, Where
@@ -27,7 +28,6 @@ from pamid.report.sentences import (
     window_title,
 )
 from pamid.report.style import Drawing, bare, colour, grid, label, legend_above
-from pamid.units import split_column
 
 MOST_CANDIDATES = 12
 _LEFT_END = -0.5  # a candidate that is worse than this is drawn at the edge, with an arrow

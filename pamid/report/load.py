@@ -6,11 +6,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from pamid.errors import FileError
+from pamid.base.errors import FileError
+from pamid.base.run_folder import Run
+from pamid.base.units import split_column
 from pamid.report.diagnosed import Diagnosis, read_diagnosis
 from pamid.report.reading import REMEDY, FloatArray, Node, read_columns, read_object
-from pamid.run import Run
-from pamid.units import split_column
 
 KEYS = ("time_s", "recording", "part", "window")  # columns of residual.csv that are no signal
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from pamid.equations import sign, smooth_step, stop
-from pamid.expressions import Expr, const
 from pamid.report import words
 from pamid.report.markup import Html, Part, tag
+from pamid.symbolic.expression import Expr, const
+from pamid.symbolic.vocabulary import sign, smooth_step, stop
 
 #: how a symbol (space, name) is shown
 Shown = Callable[[str, str], Html]

@@ -12,16 +12,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.errors import DataError, FileError, nearest
-from pamid.library import catalogue_rig, rig_named, rigs
+from pamid.base.errors import DataError, FileError, nearest
+from pamid.base.units import split_column, to_si
+from pamid.model.registry import catalogue_rig, rig_named, rigs
+from pamid.model.rig import Rig
+from pamid.model.trace import Names
 from pamid.report import words
 from pamid.report.budget import MODELS, Window, worst_window
 from pamid.report.load import Residual, RunData
 from pamid.report.reading import REMEDY, FloatArray
 from pamid.report.sentences import causes_words
-from pamid.rig import Rig
-from pamid.tracing import Names
-from pamid.units import split_column, to_si
 
 LONGEST_S = 12.0  # shown where no times are asked for
 MEASURED = "measured"

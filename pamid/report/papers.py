@@ -13,13 +13,13 @@ from pathlib import Path
 from matplotlib.figure import Figure
 from PIL import Image, UnidentifiedImageError
 
-from pamid.errors import FileError
-from pamid.files import PICTURE, read_data
+from pamid.base.errors import FileError
+from pamid.base.files import PICTURE, read_data
+from pamid.base.run_folder import FIGURES
 from pamid.report import words
 from pamid.report.reading import REMEDY, Node, read_object
 from pamid.report.style import WIDE_IN, Drawing
 from pamid.report.words import channel_unit, channel_words, effect_words, number, percent, sentence
-from pamid.run import FIGURES
 
 JOINT_FILE, ARM_FILE = "paper.json", "arm-paper.json"
 _MOST_PIXELS = 40_000_000

@@ -11,7 +11,7 @@ from importlib import resources
 
 import numpy as np
 
-from pamid.errors import PamidError
+from pamid.base.errors import PamidError
 from pamid.report import words
 from pamid.report.load import RunData
 from pamid.report.markup import Html, joined, prose, tag

@@ -16,9 +16,9 @@ from matplotlib.transforms import blended_transform_factory
 from numpy.typing import NDArray
 from PIL import Image
 
-from pamid.quality import Issue
-from pamid.recording import Recording
-from pamid.recording_checks import HUGE
+from pamid.checks.recording_quality import Issue
+from pamid.recording.file_checks import HUGE
+from pamid.recording.recording import Recording
 from pamid.report import words
 from pamid.report.style import PNG_DPI, WIDE_IN, colour, grid, label, settings
 
@@ -36,7 +36,7 @@ COLOURS = 96
 
 def card_png(recording: Recording, issues: Sequence[Issue], channels: Mapping[str, Mapping[str, float]],
              others: Sequence[str] = ()) -> bytes:
-    """The quality card as a PNG; channels: step and noise per column (`pamid.quality.channel_figures`); others: what is
+    """The quality card as a PNG; channels: step and noise per column (`pamid.checks.recording_quality.channel_figures`); others: what is
     wrong besides the issues, as a column that the rig needs."""
     rows = _rows(recording, issues)
     lines = textwrap.wrap(label(card_title(recording, issues, others), 400), WIDEST_LINE)

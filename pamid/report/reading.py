@@ -15,9 +15,9 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.errors import FileError
-from pamid.files import TABLE, read_data
-from pamid.json_file import read_json
+from pamid.base.errors import FileError
+from pamid.base.files import TABLE, read_data
+from pamid.base.json_file import read_json
 
 FloatArray = NDArray[np.float64]
 SQUARED = 1e150      # what is larger cannot be squared

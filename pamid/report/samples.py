@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.units import split_column
 from pamid.report.budget import stretches
 from pamid.report.load import KEYS, Residual
 from pamid.report.reading import FloatArray
-from pamid.units import split_column
 
 LEVELS, MISSING = 65534, -1
 MOST_VALUES = 16_000_000   # about 20 MB of page; beyond it recordings are cut short, those held out last

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Iterable
 
-from pamid.units import NONE, split_column
+from pamid.base.units import NONE, split_column
 
 #: names of people and letters that a hyphenated effect name has lost
 _PROPER = {"coulomb": "Coulomb", "stribeck": "Stribeck", "lugre": "LuGre", "maxwell": "Maxwell", "bouc wen": "Bouc-Wen",

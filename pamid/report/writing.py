@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-from pamid.errors import FileError
-from pamid.files import PAGE, make_folder, read_data, write_together
+from pamid.base.errors import FileError
+from pamid.base.files import PAGE, make_folder, read_data, write_together
+from pamid.base.run_folder import FIGURES, Run
 from pamid.report.budget import ChannelErrors, errors_of, headline, worst_window
 from pamid.report.evidence import pulls_drawing, pulls_of, timeline_drawing, training_drawing
 from pamid.report.figures import (
@@ -29,7 +30,6 @@ from pamid.report.style import Drawing, Picture, render
 from pamid.report.trial import read_trial
 from pamid.report.trial_figures import trial_drawings
 from pamid.report.trial_page import trial_html
-from pamid.run import FIGURES, Run
 
 #: every figure this version can write; older ones of these names are removed when a run no longer has them
 FIGURE_NAMES = ("ports", "regimes", "timeline", "missing", "ranking", "budget", "window", "window-network",

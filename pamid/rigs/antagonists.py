@@ -15,11 +15,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from pamid.background import SmoothGain, SplitGain
-from pamid.equations import Expr, Number, absolute, clip, maximum, where
-from pamid.parameter import Parameter
+from pamid.model.background import SmoothGain, SplitGain
+from pamid.model.parameter import Parameter
 from pamid.rigs.muscle import Law
 from pamid.rigs.pneumatics import ATMOSPHERE_PA, iso_flow, muscle_volume, muscle_volume_slope
+from pamid.symbolic.vocabulary import Expr, Number, absolute, clip, maximum, where
 
 FILL_BLEND_PA = 10e3  # over which filling hands over to venting as the muscle reaches p0
 

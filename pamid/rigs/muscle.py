@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from pamid.equations import Expr, clip, exp, where
-from pamid.errors import FileError, nearest
+from pamid.base.errors import FileError, nearest
+from pamid.symbolic.vocabulary import Expr, clip, exp, where
 
 Law = Callable[[Expr, Expr], Expr]
 

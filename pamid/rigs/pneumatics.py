@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pamid.equations import Expr, Number, clip, expression, maximum, sqrt, where
+from pamid.symbolic.vocabulary import Expr, Number, clip, expression, maximum, sqrt, where
 
 ATMOSPHERE_PA = 101325.0
 LAMINAR = 0.995  # pressure ratio above which the ellipse is replaced by its chord: its slope is infinite at 1

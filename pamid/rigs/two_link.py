@@ -25,14 +25,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.effect import State
-from pamid.equations import Expr, Number, cos, sin
-from pamid.parameter import Parameter
-from pamid.rig import Loop, Port, Rig, chain_of_links
+from pamid.model.effect import State
+from pamid.model.parameter import Parameter
+from pamid.model.rig import Loop, Port, Rig, chain_of_links
 from pamid.rigs import antagonists as pair
 from pamid.rigs.antagonists import Muscle, pressure_rate, pull_of, valves_of
 from pamid.rigs.muscle import LAWS, law_named
 from pamid.rigs.pneumatics import ATMOSPHERE_PA
+from pamid.symbolic.vocabulary import Expr, Number, cos, sin
 
 Array = NDArray[np.float64]
 

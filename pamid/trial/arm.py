@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.errors import UsageError
+from pamid.base.errors import UsageError
 from pamid.trial.arm_faults import JOINTS, MUSCLES, placed
 from pamid.trial.faults import Planted
 from pamid.trial.plant import (

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from pamid.errors import UsageError, nearest
+from pamid.base.errors import UsageError, nearest
 from pamid.trial.faults import FAULTS, Draw, Fault, Planted, between, planted
 
 MUSCLES, JOINTS = ("11", "12", "21", "22"), ("1", "2")

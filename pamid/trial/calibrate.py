@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 
-from pamid.diagnosis.further import Newcomer
-from pamid.diagnosis.judgement import LEAST, Grounds, Line, features
-from pamid.errors import DataError
-from pamid.json_file import read_json
+from pamid.base.errors import DataError
+from pamid.base.json_file import read_json
+from pamid.diagnosis.decision import LEAST, Grounds, Line, features
+from pamid.diagnosis.forward_selection import Newcomer
 from pamid.trial.marking import Marked
 
 Array = NDArray[np.float64]

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
-from pamid.effect import Effect
-from pamid.errors import UsageError
-from pamid.json_file import json_text
-from pamid.library import effects
+from pamid.base.errors import UsageError
+from pamid.base.json_file import json_text
+from pamid.model.effect import Effect
+from pamid.model.registry import effects
 from pamid.trial.conditions import Conditions
 from pamid.trial.faults import Fault
 from pamid.trial.machines import ONE_DOF, Machine, machine_named

@@ -11,7 +11,7 @@ from math import radians
 
 import numpy as np
 
-from pamid.errors import UsageError, nearest
+from pamid.base.errors import UsageError, nearest
 
 Draw = Callable[[np.random.Generator], float]
 

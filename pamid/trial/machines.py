@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.errors import UsageError, nearest
-from pamid.excitation import aprbs
+from pamid.base.errors import UsageError, nearest
+from pamid.excitation.aprbs import aprbs
 from pamid.trial import arm, plant
 from pamid.trial.arm_faults import ARM_FAULTS, JOINTS, draw_site, draw_sizes, truth_of
 from pamid.trial.conditions import (

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.errors import UsageError
+from pamid.base.errors import UsageError
 from pamid.trial.faults import Planted, planted
 
 Array = NDArray[np.float64]

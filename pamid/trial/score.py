@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.metrics import wilson_interval
+from pamid.base.metrics import wilson_interval
 from pamid.trial.marking import VISIBLE, Marked
 
 SCHEMA = "pamid.trial/1"

@@ -16,22 +16,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.diagnosis.contest import replayed
-from pamid.diagnosis.judgement import forecast_interval
+from pamid.base.errors import PamidError
+from pamid.base.files import make_folder, sweep
+from pamid.base.json_file import read_json, write_json
+from pamid.base.metrics import shrinkage_interval
+from pamid.diagnosis.contender import replayed
+from pamid.diagnosis.decision import forecast_interval
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.diagnosis.unknown import describe_unknown
 from pamid.diagnosis.verdict import diagnosis_json
-from pamid.effect import Effect
-from pamid.errors import PamidError
-from pamid.evidence import Evidence, Span, gather
-from pamid.files import make_folder, sweep
-from pamid.greybox import fit_model
-from pamid.jobs import Crew, Failed, Work, fault_text
-from pamid.json_file import read_json, write_json
-from pamid.library import catalogue_rig, effects
-from pamid.metrics import shrinkage_interval
-from pamid.recording import TIME, Recording, read_recording, write_recording
-from pamid.results import Plain
+from pamid.estimation.fit_model import fit_model
+from pamid.model.effect import Effect
+from pamid.model.registry import catalogue_rig, effects
+from pamid.parallel.jobs import Crew, Failed, Work, fault_text
+from pamid.parallel.store import Plain
+from pamid.recording.recording import TIME, Recording, read_recording, write_recording
+from pamid.simulation.data_split import Evidence, Span, gather
 from pamid.trial.cases import Case, cases_sha256, draw_cases
 from pamid.trial.machines import ONE_DOF, Machine, Record, machine_named
 from pamid.trial.plant import PERIOD_S

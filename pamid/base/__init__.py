@@ -1,0 +1,1 @@
+"""The ground: errors, safe files, units, small numbers; knows nothing of rigs."""

@@ -1,0 +1,137 @@
+"""How large an error is, how far it shrank, and how sure that is."""
+
+from __future__ import annotations
+
+import math
+from statistics import NormalDist
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pamid.base.errors import DataError
+
+FloatArray = NDArray[np.float64]
+
+
+def mae(measured: ArrayLike, model: ArrayLike) -> float:
+    """Mean absolute error of one channel, in the channel's unit (eq. 11 of the first paper).
+
+    measured, model: arrays of the same shape. DataError if the shapes differ or nothing is given.
+    """
+    return float(np.mean(np.abs(_difference(measured, model))))
+
+
+def rms(measured: ArrayLike, model: ArrayLike = 0.0) -> float:
+    """Root mean square of the error (of the signal itself where no model is given), in the channel's unit."""
+    return float(np.sqrt(np.mean(np.square(_difference(measured, model)))))
+
+
+def seen_mean(table: ArrayLike, axis: int = 0) -> FloatArray:
+    """Mean over what is there: NaN stands for what was not recorded, and for the mean of nothing."""
+    values = np.asarray(table, dtype=float)
+    here = ~np.isnan(values)
+    if here.all():
+        return np.asarray(values.mean(axis=axis))
+    count = here.sum(axis=axis)
+    return np.where(count > 0, np.where(here, values, 0.0).sum(axis=axis) / np.maximum(count, 1), np.nan)
+
+
+def shrinkage(before: float, after: float) -> float:
+    """The part of an error that is gone: 1 - after / before. Negative if it grew; 0 if there never was one."""
+    if not (math.isfinite(before) and math.isfinite(after)) or before < 0 or after < 0:
+        raise DataError(f"A shrinkage needs two finite errors >= 0, not {before:g} and {after:g}.", code="not-finite")
+    if before == 0.0:
+        if after == 0.0:
+            return 0.0
+        raise DataError("There was no error to shrink: the first model already fits exactly.", code="no-error")
+    return 1.0 - after / before
+
+
+def block_sums(loss: ArrayLike, block: int) -> FloatArray:
+    """Sums of a loss per sample over successive blocks of `block` samples; a shorter rest joins the last block."""
+    values = np.asarray(loss, dtype=float)
+    if block < 1 or values.ndim != 1 or values.size == 0:
+        raise DataError(f"Blocks of {block} samples cannot be made from {values.size} values.", code="blocks")
+    starts = np.arange(0, max(values.size - block, 0) + 1, block)
+    return np.add.reduceat(values, starts)
+
+
+def moving_block_interval(
+    numerator: ArrayLike,
+    denominator: ArrayLike,
+    *,
+    block_length: int | None = None,
+    level: float = 0.95,
+    resamples: int = 2000,
+    seed: int = 0,
+) -> tuple[float, float]:
+    """Moving-block bootstrap interval of sum(numerator) / sum(denominator).
+
+    numerator, denominator: the two losses per block of time, shape (n,), n >= 2, e.g. from `block_sums`. Runs of
+    `block_length` successive entries (default n**(1/3), at least 1) are drawn together with replacement, wrapping
+    round the end so that no entry is drawn less often; errors close in time are alike and must not count as separate
+    witnesses. Returns (low, high), percentiles of `resamples` draws. Source: Kuensch (1989), Annals of Statistics
+    17(3); circular form Politis and Romano (1992).
+    """
+    above, below = np.asarray(numerator, dtype=float), np.asarray(denominator, dtype=float)
+    if above.ndim != 1 or above.shape != below.shape or above.size < 2:
+        shapes = f"{above.shape} and {below.shape}"
+        raise DataError(f"An interval needs two equal rows of at least 2 blocks, not {shapes}.", code="blocks")
+    if not (np.isfinite(above).all() and np.isfinite(below).all()):
+        raise DataError("An interval needs finite losses.", code="not-finite")
+    count = above.size
+    length = block_length or max(1, round(count ** (1 / 3)))
+    length = min(length, count)
+    runs = math.ceil(count / length)
+    starts = np.random.default_rng(seed).integers(0, count, size=(resamples, runs))
+    rows = (starts[:, :, None] + np.arange(length)).reshape(resamples, -1)[:, :count] % count
+    totals = below[rows].sum(axis=1)
+    if not (totals > 0).all():
+        raise DataError("There is no error to compare with in some of the blocks.", code="no-error")
+    tail = 50.0 * (1.0 - level)
+    low, high = np.percentile(above[rows].sum(axis=1) / totals, [tail, 100.0 - tail])
+    return float(low), float(high)
+
+
+def shrinkage_interval(
+    before: ArrayLike,
+    after: ArrayLike,
+    *,
+    block_length: int | None = None,
+    level: float = 0.95,
+    resamples: int = 2000,
+    seed: int = 0,
+) -> tuple[float, float]:
+    """Interval (low, high) of the shrinkage 1 - sum(after) / sum(before), from the losses per block of time."""
+    low, high = moving_block_interval(
+        after, before, block_length=block_length, level=level, resamples=resamples, seed=seed
+    )
+    return 1.0 - high, 1.0 - low
+
+
+def wilson_interval(hits: int, of: int, level: float = 0.95) -> tuple[float, float]:
+    """Interval (low, high) of a share of which `hits` in `of` were seen; (0, 1) where nothing was.
+
+    Source: Wilson (1927), J. Am. Stat. Assoc. 22, score interval without continuity correction.
+    """
+    if not 0 <= hits <= of:
+        raise DataError(f"{hits} of {of} is no share.", code="share")
+    if of == 0:
+        return 0.0, 1.0
+    z2 = NormalDist().inv_cdf(0.5 + level / 2.0) ** 2
+    centre = (hits + z2 / 2.0) / (of + z2)
+    reach = math.sqrt(z2 * (hits * (of - hits) / of + z2 / 4.0)) / (of + z2)
+    return max(0.0, centre - reach), min(1.0, centre + reach)
+
+
+def _difference(measured: ArrayLike, model: ArrayLike) -> FloatArray:
+    one, other = np.asarray(measured, dtype=float), np.asarray(model, dtype=float)
+    if one.size == 0 or (other.ndim > 0 and one.shape != other.shape):
+        raise DataError(f"Errors need arrays of one shape, not {one.shape} and {other.shape}.", code="shape")
+    return one - other
+
+
+def runs_of(mask: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """First samples, and samples behind the last, of the stretches where the mask (n,) holds."""
+    edges = np.diff(np.concatenate([[0], mask.astype(np.int8), [0]]))
+    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)

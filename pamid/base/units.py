@@ -1,0 +1,292 @@
+"""Units: the suffixes of column and parameter names, and their conversion to SI.
+
+A name ends in its unit: `angle_deg`, `pressure_1_kpa`, `inertia_kg_m2`, `kd_s_per_deg`. A symbol is the same unit as
+people write it: "deg", "kPa", "kg m2", "s/deg". Grammar of a symbol: factors separated by a space or `*`, a digit after
+a factor is its exponent, one `/`, parentheses around a denominator of several factors. An angle counts as a dimension
+of its own here, so that "rad/s" and "Hz", or "N m" and "N m/rad", are never taken for each other.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+from pamid.base.errors import FileError, nearest
+
+Dimension = tuple[int, ...]  # exponents of kg, m, s, A, K, rad
+
+NONE = "1"
+_DIMENSIONLESS: Dimension = (0, 0, 0, 0, 0, 0)
+
+#: symbol -> (factor to SI, offset to SI, exponents of kg m s A K rad)
+_ATOMS: dict[str, tuple[float, float, Dimension]] = {
+    "kg": (1.0, 0.0, (1, 0, 0, 0, 0, 0)),
+    "g": (1e-3, 0.0, (1, 0, 0, 0, 0, 0)),
+    "m": (1.0, 0.0, (0, 1, 0, 0, 0, 0)),
+    "cm": (1e-2, 0.0, (0, 1, 0, 0, 0, 0)),
+    "mm": (1e-3, 0.0, (0, 1, 0, 0, 0, 0)),
+    "um": (1e-6, 0.0, (0, 1, 0, 0, 0, 0)),
+    "l": (1e-3, 0.0, (0, 3, 0, 0, 0, 0)),
+    "s": (1.0, 0.0, (0, 0, 1, 0, 0, 0)),
+    "ms": (1e-3, 0.0, (0, 0, 1, 0, 0, 0)),
+    "us": (1e-6, 0.0, (0, 0, 1, 0, 0, 0)),
+    "min": (60.0, 0.0, (0, 0, 1, 0, 0, 0)),
+    "Hz": (1.0, 0.0, (0, 0, -1, 0, 0, 0)),
+    "rad": (1.0, 0.0, (0, 0, 0, 0, 0, 1)),
+    "mrad": (1e-3, 0.0, (0, 0, 0, 0, 0, 1)),
+    "deg": (0.017453292519943295, 0.0, (0, 0, 0, 0, 0, 1)),
+    "N": (1.0, 0.0, (1, 1, -2, 0, 0, 0)),
+    "kN": (1e3, 0.0, (1, 1, -2, 0, 0, 0)),
+    "Pa": (1.0, 0.0, (1, -1, -2, 0, 0, 0)),
+    "kPa": (1e3, 0.0, (1, -1, -2, 0, 0, 0)),
+    "MPa": (1e6, 0.0, (1, -1, -2, 0, 0, 0)),
+    "mbar": (1e2, 0.0, (1, -1, -2, 0, 0, 0)),
+    "bar": (1e5, 0.0, (1, -1, -2, 0, 0, 0)),
+    "J": (1.0, 0.0, (1, 2, -2, 0, 0, 0)),
+    "W": (1.0, 0.0, (1, 2, -3, 0, 0, 0)),
+    "A": (1.0, 0.0, (0, 0, 0, 1, 0, 0)),
+    "mA": (1e-3, 0.0, (0, 0, 0, 1, 0, 0)),
+    "V": (1.0, 0.0, (1, 2, -3, -1, 0, 0)),
+    "mV": (1e-3, 0.0, (1, 2, -3, -1, 0, 0)),
+    "K": (1.0, 0.0, (0, 0, 0, 0, 1, 0)),
+    "degC": (1.0, 273.15, (0, 0, 0, 0, 1, 0)),
+    "percent": (1e-2, 0.0, _DIMENSIONLESS),
+}
+_BY_TOKEN: dict[str, str] = {symbol.lower(): symbol for symbol in _ATOMS}
+
+#: SI symbol -> quantity; the first entry of a dimension is its canonical SI symbol
+_QUANTITIES: tuple[tuple[str, str], ...] = (
+    (NONE, "dimensionless"), ("s", "time"), ("Hz", "frequency"), ("m", "position"), ("m2", "area"), ("m3", "volume"),
+    ("m/s", "velocity"), ("m/s2", "acceleration"), ("m3/s", "flow"), ("rad", "angle"), ("rad/s", "angular velocity"),
+    ("rad/s2", "angular acceleration"), ("N", "force"), ("N m", "torque"), ("Pa", "pressure"),
+    ("Pa/s", "pressure rate"), ("kg", "mass"), ("kg/s", "mass flow"), ("kg m2", "moment of inertia"),
+    ("V", "voltage"), ("A", "current"),
+    ("K", "temperature"), ("W", "power"), ("N/m", "stiffness"), ("N m/rad", "rotational stiffness"),
+    ("N s/m", "damping"), ("N m s/rad", "rotational damping"), ("m3/(s Pa)", "sonic conductance"),
+)  # fmt: skip
+_DISPLAY = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2", "Pa": "kPa", "Pa/s": "kPa/s"}
+_FACTOR = re.compile(r"([A-Za-z]+|1)(\d*)")
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit: SI value = value * factor + offset. `dimension` holds the exponents of kg, m, s, A, K, rad."""
+
+    symbol: str
+    suffix: str
+    factor: float
+    offset: float
+    quantity: str
+    dimension: Dimension
+
+
+@lru_cache(maxsize=1024)
+def unit(symbol: str) -> Unit:
+    """The unit written as `symbol`, e.g. "kPa", "N m/rad", "m3/(s Pa)"; "" and "1" mean none. FileError if unknown."""
+    text = " ".join(symbol.split()) or NONE
+    above, below = _split_fraction(text)
+    factor, offset, dimension = 1.0, 0.0, list(_DIMENSIONLESS)
+    for sign, part in ((1, above), (-1, below)):
+        for atom, exponent in part:
+            scale, shift, exponents = _ATOMS[atom]
+            factor *= scale ** (sign * exponent)
+            offset += shift
+            dimension = [old + sign * exponent * new for old, new in zip(dimension, exponents, strict=True)]
+    if offset and len(above) + len(below) > 1:
+        offset = 0.0  # in a product a degree Celsius is a difference of temperature
+    key = tuple(dimension)
+    return Unit(text, _join_suffix(above, below), factor, offset, _quantity(key, text), key)
+
+
+def is_unit(symbol: str) -> bool:
+    """True if `symbol` can be read as a unit."""
+    try:
+        unit(symbol)
+    except FileError:
+        return False
+    return True
+
+
+def split_column(name: str) -> tuple[str, str]:
+    """Split a name into what it is and its unit symbol: "angle_deg" -> ("angle", "deg"), "command" -> ("command", "1").
+
+    The longest ending that reads as a unit counts ("inertia_kg_m2" -> "kg m2", "kd_s_per_deg" -> "s/deg", "torque_nm"
+    -> "N m"); a name without such an ending is kept whole and has no unit.
+    """
+    words = name.split("_")
+    for first in range(1, len(words)):
+        symbol = _read_suffix([word.lower() for word in words[first:]])
+        if symbol and any(words[:first]):
+            return "_".join(words[:first]), symbol
+    return name, NONE
+
+
+def suffix_of(symbol: str) -> str:
+    """The name ending of a unit: "N m/rad" -> "n_m_per_rad", "1/deg" -> "per_deg"; "" for none."""
+    return unit(symbol).suffix
+
+
+def with_unit(stem: str, symbol: str) -> str:
+    """The full name of a signal or parameter: ("angle", "deg") -> "angle_deg"; without unit the stem itself."""
+    suffix = suffix_of(symbol)
+    return f"{stem}_{suffix}" if suffix else stem
+
+
+def to_si(value: Any, symbol: str) -> Any:
+    """Convert a number or array from `symbol` to SI (radians, pascals, metres, kelvin ...)."""
+    kind = unit(symbol)
+    if kind.factor == 1.0 and kind.offset == 0.0:
+        return value
+    return value * kind.factor + kind.offset if kind.offset else value * kind.factor
+
+
+def from_si(value: Any, symbol: str) -> Any:
+    """Convert a number or array from SI to `symbol`."""
+    kind = unit(symbol)
+    if kind.factor == 1.0 and kind.offset == 0.0:
+        return value
+    return (value - kind.offset) / kind.factor if kind.offset else value / kind.factor
+
+
+def as_column(name: str, value: float) -> float:
+    """An SI value in the unit of the column `name`: ("angle_deg", pi) -> 180."""
+    return float(from_si(float(value), split_column(name)[1]))
+
+
+def compatible(symbol_a: str, symbol_b: str) -> bool:
+    """True if values in one unit can be converted to the other."""
+    return unit(symbol_a).dimension == unit(symbol_b).dimension
+
+
+def quantity_of(symbol: str) -> str:
+    """What is measured in this unit: "N m" -> "torque"; a unit without a name of its own gives its symbol."""
+    return unit(symbol).quantity
+
+
+def si_unit(symbol: str) -> str:
+    """The SI unit of the same dimension: "deg" -> "rad", "kPa" -> "Pa"."""
+    kind = unit(symbol)
+    if kind.factor == 1.0 and not kind.offset:
+        return kind.symbol
+    dimension = kind.dimension
+    for known, _ in _QUANTITIES:
+        if unit(known).dimension == dimension:
+            return known
+    above, below = _split_fraction(kind.symbol)
+    return _join_symbol([_si_atom(*factor) for factor in above], [_si_atom(*factor) for factor in below])
+
+
+def quotient(symbol: str, *below: str) -> str:
+    """The symbol of one unit divided by others: ("N", "m/s") -> "N s/m", ("Pa/s", "Pa") -> "1/s"."""
+    powers: dict[str, int] = {}
+    for sign, text in ((1, symbol), *((-1, other) for other in below)):
+        above, under = _split_fraction(text or NONE)
+        for way, part in ((sign, above), (-sign, under)):
+            for atom, exponent in part:
+                powers[atom] = powers.get(atom, 0) + way * exponent
+    return _join_symbol([(a, n) for a, n in powers.items() if n > 0], [(a, -n) for a, n in powers.items() if n < 0])
+
+
+def display_unit(symbol: str) -> str:
+    """The unit people read: "rad" -> "deg", "Pa" -> "kPa"; every other unit as it is."""
+    return _DISPLAY.get(symbol, symbol)
+
+
+def suffixes_for(symbol: str) -> tuple[str, ...]:
+    """The single-word suffixes a column of the same quantity may carry: "deg" -> ("deg", "mrad", "rad")."""
+    return tuple(sorted(atom.lower() for atom in _ATOMS if compatible(atom, symbol)))
+
+
+def _si_atom(atom: str, exponent: int) -> tuple[str, int]:
+    """The SI factor that stands for an atom: ("kPa", 1) -> ("Pa", 1), ("l", 1) -> ("m", 3)."""
+    if atom == "l":
+        return "m", 3 * exponent
+    same = (other for other, (factor, _, kind) in _ATOMS.items() if factor == 1.0 and kind == _ATOMS[atom][2])
+    return next(same, atom), exponent
+
+
+def _quantity(dimension: Dimension, symbol: str) -> str:
+    for known, name in _QUANTITIES:
+        if known == symbol:
+            return name
+    for known, name in _QUANTITIES:
+        if _dimension_of(known) == dimension:
+            return name
+    return symbol
+
+
+@lru_cache(maxsize=64)
+def _dimension_of(symbol: str) -> Dimension:
+    above, below = _split_fraction(symbol)
+    total = list(_DIMENSIONLESS)
+    for sign, part in ((1, above), (-1, below)):
+        for atom, exponent in part:
+            total = [old + sign * exponent * new for old, new in zip(total, _ATOMS[atom][2], strict=True)]
+    return tuple(total)
+
+
+def _split_fraction(text: str) -> tuple[list[tuple[str, int]], list[tuple[str, int]]]:
+    above, slash, below = text.partition("/")
+    below = below.strip()
+    if below.startswith("(") and below.endswith(")"):
+        below = below[1:-1]
+    return _factors(above, text), (_factors(below, text) if slash else [])
+
+
+def _factors(part: str, text: str) -> list[tuple[str, int]]:
+    factors = []
+    words = part.replace("*", " ").split()
+    for word in words or [""]:
+        match = _FACTOR.fullmatch(word)
+        atom = match.group(1) if match else ""
+        if match is None or (atom not in _ATOMS and word != NONE):
+            hint = nearest(atom or word, _ATOMS) or "Known units: " + ", ".join(_ATOMS) + "."
+            raise FileError(f"{text!r} is not a unit: {word!r} is unknown.", hint, code="unit")
+        if word != NONE:
+            factors.append((atom, int(match.group(2) or 1)))
+    return factors
+
+
+def _read_suffix(words: list[str]) -> str:
+    """The symbol spelt by the words of a suffix, or "" when they are no unit."""
+    if words.count("per") > 1 or words[-1] == "per":
+        return ""
+    split = words.index("per") if "per" in words else len(words)
+    above, below = _read_words(words[:split]), _read_words(words[split + 1 :])
+    if above is None or below is None:
+        return ""
+    # "mass_g_kg" is a mass called g in kg, not a product of two masses
+    kinds = [_ATOMS[atom][2] for atom, _ in above + below]
+    if len(set(kinds)) < len(kinds):
+        return ""
+    return _join_symbol(above, below)
+
+
+def _read_words(words: list[str]) -> list[tuple[str, int]] | None:
+    factors: list[tuple[str, int]] = []
+    for word in words:
+        match = _FACTOR.fullmatch(word)
+        if word == "nm":
+            factors += [("N", 1), ("m", 1)]
+        elif match is None or match.group(1) not in _BY_TOKEN:
+            return None
+        else:
+            factors.append((_BY_TOKEN[match.group(1)], int(match.group(2) or 1)))
+    return factors
+
+
+def _join_symbol(above: list[tuple[str, int]], below: list[tuple[str, int]]) -> str:
+    top = " ".join(f"{atom}{power if power > 1 else ''}" for atom, power in above) or NONE
+    bottom = " ".join(f"{atom}{power if power > 1 else ''}" for atom, power in below)
+    if not bottom:
+        return top
+    return f"{top}/({bottom})" if len(below) > 1 else f"{top}/{bottom}"
+
+
+def _join_suffix(above: list[tuple[str, int]], below: list[tuple[str, int]]) -> str:
+    words = [f"{atom.lower()}{power if power > 1 else ''}" for atom, power in above]
+    if below:
+        words += ["per", *(f"{atom.lower()}{power if power > 1 else ''}" for atom, power in below)]
+    return "_".join(words)

@@ -1,0 +1,308 @@
+"""What one channel tells about its own measurement: clipped, frozen, filled in, spiked, coarse, noisy, or dead.
+
+Two kinds of channel are told apart. Where white sensor noise shows, an exact repeat is an accident whose chance is
+known. Where it does not (a coarse step, a noise-free simulation), a plateau is natural, and only a motion that stops
+or goes on with a jump counts.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.base.metrics import runs_of
+from pamid.base.units import NONE, split_column
+from pamid.recording.file_checks import HUGE, TINY
+from pamid.recording.noise import SHOWN, is_white, noise_level, quantisation_step
+from pamid.recording.recording import SIGNIFICANT_DIGITS
+
+FloatArray = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Places = NDArray[np.intp]
+
+MOST_WINDOWS = 60
+SHORTEST_CLIP = 3          # samples at the very extreme
+SHORTEST_FREEZE = 10       # samples
+SHORTEST_LINE = 12         # samples on a straight line, where noise should be
+CHANCE = 1e-4              # of a false alarm per channel, for what noise could do
+CORNER_STEPS, CORNER_SPAN = 12.0, 1e-3
+JUMP = 8.0                 # over the largest step nearby: how a frozen channel goes on
+SPIKE_NOISE, SPIKE_SPAN, SPIKE_BEND = 12.0, 0.02, 4.0
+COARSE = 0.01              # of the span
+NOISY = 0.2                # of the standard deviation
+ONLY_NOISE = 1.5           # times the noise
+PLUGGED = "Is the sensor plugged in, and is it the right channel?"
+HELD = 0.8                 # of the runs are equally long: the channel is sampled more slowly and held
+
+
+@dataclass(frozen=True)
+class Issue:
+    """One finding about a recording.
+
+    severity   "wrong": any fit on it is nonsense; "advice": worth knowing, or worth mending
+    message    what, without the places; `text` says all
+    hint       how to mend it
+    windows_s  where: (from, to) on the recording's clock; empty for the whole of it
+    figures    the numbers behind it, with their units in the names
+    """
+
+    kind: str
+    columns: tuple[str, ...]
+    severity: str
+    message: str
+    hint: str = ""
+    windows_s: tuple[tuple[float, float], ...] = ()
+    figures: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def text(self) -> str:
+        """What, where, and how to mend it."""
+        where = f", {where_words(self.windows_s)}" if self.windows_s else ""
+        return f"{self.message}{where}. {self.hint}".rstrip()
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """One column and what its noise is like; numbers in the column's unit.
+
+    sent    commands and references: they may stand still, jump and sit at their limits
+    step    quantisation step, 0 where none shows, or of what is sent
+    noise   standard deviation of what changes from sample to sample
+    white   does sensor noise show above the step?
+    """
+
+    name: str
+    time: FloatArray
+    values: FloatArray
+    sent: bool
+    span: float
+    step: float
+    noise: float
+    white: bool
+
+    @property
+    def unit(self) -> str:
+        symbol = split_column(self.name)[1]
+        return "" if symbol == NONE else f" {symbol}"
+
+    @property
+    def still(self) -> Mask:
+        """True where a sample equals the one before."""
+        return np.concatenate([[False], self.values[1:] == self.values[:-1]])
+
+
+def signal_of(name: str, time: FloatArray, values: FloatArray, sent: bool = False) -> Signal:
+    """Measure step and noise of a column, shape (n,); all 0 where `measurable` is not."""
+    if not measurable(values):
+        return Signal(name, time, values, sent, 0.0, 0.0, 0.0, False)
+    span = float(np.ptp(values))
+    step = 0.0 if sent else quantisation_step(values)
+    noise = float(noise_level(values[:, None])[0]) if span > 0.0 else 0.0
+    last_digit = 10.0 ** (math.floor(math.log10(np.abs(values).max())) + 1 - SIGNIFICANT_DIGITS) if span > 0.0 else 0.0
+    noise = noise if noise > SHOWN * float(values.std()) else 0.0
+    white = noise > max(step, last_digit) and is_white(values)
+    return Signal(name, time, values, sent, span, step, noise, white)
+
+
+def measurable(values: FloatArray) -> bool:
+    """Could a sensor have shown these numbers, and can they be squared?"""
+    most = float(np.abs(values).max())
+    return most == 0.0 or TINY < most < HUGE
+
+
+# ---- stretches ---------------------------------------------------------------------------------------------------
+
+
+def windows_of(time: FloatArray, starts: Places, stops: Places) -> tuple[tuple[float, float], ...]:
+    """Stretches [start, stop) as times; near ones are joined until there are at most 60."""
+    gap = 5
+    while starts.size:
+        apart = starts[1:] - stops[:-1] > gap
+        first, last = starts[np.concatenate([[True], apart])], stops[np.concatenate([apart, [True]])]
+        if first.size <= MOST_WINDOWS:
+            return tuple((float(time[a]), float(time[b - 1])) for a, b in zip(first, last, strict=True))
+        gap *= 2
+    return ()
+
+
+def where_words(windows: Sequence[tuple[float, float]]) -> str:
+    """ "at 3.2 to 3.4 s and 11 more places". """
+    begin, end = windows[0]
+    where = f"at {begin:.4g} s" if end == begin else f"at {begin:.4g} to {end:.4g} s"
+    more = len(windows) - 1
+    return where + (f" and {more} more {'place' if more == 1 else 'places'}" if more else "")
+
+
+def share_words(share: float) -> str:
+    """ "for 4 % of the time". """
+    return f"for {f'{100.0 * share:.2g} %' if share >= 1e-3 else 'less than 0.1 %'} of the time"
+
+
+def covered(size: int, starts: Places, stops: Places) -> Mask:
+    """True within the stretches."""
+    edges = np.zeros(size + 1, dtype=np.int64)
+    np.add.at(edges, starts, 1)
+    np.add.at(edges, stops, -1)
+    return np.cumsum(edges[:-1]) > 0
+
+
+# ---- findings ----------------------------------------------------------------------------------------------------
+
+
+def clipped(s: Signal) -> tuple[list[Issue], Mask]:
+    """Stretches at the very extreme of a measured signal, and where they are."""
+    found, where = [], np.zeros(s.values.size, dtype=bool)
+    for sign, word in ((1.0, "highest"), (-1.0, "lowest")):
+        z = sign * s.values
+        top = float(z.max())
+        starts, stops = runs_of(z >= top - 1e-9 * s.span)
+        long = stops - starts >= max(SHORTEST_CLIP, shortest_repeat(s))
+        starts, stops = starts[long], stops[long]
+        if not s.white:
+            if abs(top) <= max(2.0 * s.step, CORNER_SPAN * s.span):
+                continue  # a natural end: slack, vented, shut
+            sharp = np.array([_corner(z, a, b) for a, b in zip(starts, stops, strict=True)], dtype=float)
+            keep = sharp > max(CORNER_STEPS * s.step, CORNER_SPAN * s.span)
+            if keep.sum() < 2:
+                continue  # a valve that shuts stops a pressure as sharply, but not twice at the same value
+            starts, stops = starts[keep], stops[keep]
+        if not starts.size:
+            continue
+        at = covered(z.size, starts, stops)
+        where |= at
+        share, windows = float(at.mean()), windows_of(s.time, starts, stops)
+        message = f"{s.name} is clipped at its {word} value, {sign * top:.6g}{s.unit}, {share_words(share)}"
+        found.append(Issue("clipped", (s.name,), "advice", message, "Widen the range of the sensor or of its input, "
+                           "or move less far; until then leave these stretches out.", windows,
+                           {"level": sign * top, "share": share, "longest_samples": float((stops - starts).max())}))
+    return found, where
+
+
+def _corner(z: FloatArray, start: int, stop: int) -> float:
+    """By how much a stretch at the top would have been passed at the speed with which it is reached or left."""
+    before = z[start] - z[max(0, start - 3)]
+    behind = z[stop - 1] - z[min(z.size - 1, stop + 2)]
+    return float(max(before, behind) / 3.0 * min(stop - start, 20) / 2.0)
+
+
+def sampled_slowly(s: Signal) -> int:
+    """Every how many samples the channel really changes; 1 where it does so freely."""
+    moved = np.flatnonzero(~s.still)
+    lengths = np.diff(moved)
+    if lengths.size < 30 or s.values.size < 2:
+        return 1
+    usual = int(np.bincount(lengths).argmax())
+    jumps = np.abs(np.diff(s.values[moved]))
+    beyond_a_step = float(np.mean(jumps > 1.5 * s.step)) if s.step else 1.0
+    return usual if usual > 1 and np.mean(lengths == usual) >= HELD and beyond_a_step > 0.2 else 1
+
+
+def repeat_chance(s: Signal) -> float:
+    """Chance that noise alone repeats a value: white noise of deviation sigma hits the same step again."""
+    return min(1.0, max(0.2821 * s.step / s.noise, 1e-9)) if s.white else 1.0
+
+
+def shortest_repeat(s: Signal) -> float:
+    """Samples that must be equal before noise cannot have made them so; 1 where no noise shows."""
+    return 1.0 + math.log(CHANCE) / math.log(repeat_chance(s)) if s.white else 1.0
+
+
+def frozen(s: Signal, aside: Mask, others: Sequence[Signal]) -> tuple[list[Issue], Mask]:
+    """Stretches in which the channel stands exactly still while others move; aside: samples explained already."""
+    starts, stops = runs_of(s.still & ~aside)
+    if s.white:
+        keep = stops - starts >= max(SHORTEST_FREEZE, 2.0 * shortest_repeat(s))
+    else:
+        keep = np.array([b - a >= SHORTEST_FREEZE and _jumps_on(s, a, b) for a, b in zip(starts, stops, strict=True)],
+                        dtype=bool)
+    starts, stops = starts[keep], stops[keep]
+    liveliest = min(others, key=lambda o: float(o.still.mean()), default=None)
+    if liveliest is not None:
+        awake = np.array([not liveliest.still[a:b].all() for a, b in zip(starts, stops, strict=True)], dtype=bool)
+        starts, stops = starts[awake], stops[awake]
+    if not starts.size:
+        return [], np.zeros(s.values.size, dtype=bool)
+    at = covered(s.values.size, starts, stops)
+    windows, share = windows_of(s.time, starts, stops), float(at.mean())
+    message = f"{s.name} stands still while the others move, {share_words(share)}"
+    hint = "Look at its plug, its bus and its driver; leave these stretches out."
+    return [Issue("frozen", (s.name,), "advice", message, hint, windows,
+                  {"share": share, "longest_samples": float((stops - starts).max())})], at
+
+
+def _jumps_on(s: Signal, start: int, stop: int) -> bool:
+    """Does the signal go on from a standstill with a step far larger than those around it?"""
+    if stop >= s.values.size:
+        return False
+    d = np.abs(np.diff(s.values[max(0, start - 22) : stop + 22]))
+    at = stop - 1 - max(0, start - 22)
+    beside = float(max(d[:at].max(initial=0.0), d[at + 1 :].max(initial=0.0)))
+    return bool(d[at] > JUMP * max(beside, 0.5 * s.step) and d[at] > 1e-3 * s.span)
+
+
+def bridged(s: Signal, aside: Mask) -> list[Issue]:
+    """Stretches on an exact straight line where noise should be: a gap that was interpolated."""
+    if not s.white:
+        return []
+    bend = np.abs(np.diff(s.values, n=2))
+    flat = np.concatenate([[False], bend < 0.02 * s.noise, [False]]) & ~aside & ~s.still
+    starts, stops = runs_of(flat)
+    keep = stops - starts >= SHORTEST_LINE
+    starts, stops = starts[keep], stops[keep]
+    if not starts.size:
+        return []
+    windows, share = windows_of(s.time, starts, stops), float((stops - starts).sum()) / s.values.size
+    return [Issue("bridged", (s.name,), "advice", f"{s.name} runs along a straight line without noise, as a gap that "
+                  f"was bridged, {share_words(share)}", "Ingest the raw log again with a smaller max_gap_s, "
+                  "which splits it there.", windows, {"share": share})]
+
+
+def spikes(s: Signal) -> list[Issue]:
+    """One or two samples that leap away and come back."""
+    y = s.values
+    bend = float(np.quantile(np.abs(np.diff(y, n=2)), 0.98))
+    low, high = np.quantile(y, [0.001, 0.999])
+    least = max(SPIKE_NOISE * s.noise, SPIKE_SPAN * float(high - low), SPIKE_BEND * bend, 4.0 * s.step)
+    out = np.zeros(y.size, dtype=bool)
+    for wide in (1, 2):
+        before, behind = y[: -wide - 1], y[wide + 1 :]
+        inner = [y[k : k + before.size] for k in range(1, wide + 1)]
+        up = np.minimum.reduce(inner) - np.maximum(before, behind) > least
+        down = np.minimum(before, behind) - np.maximum.reduce(inner) > least
+        for k in range(1, wide + 1):
+            out[k : k + before.size] |= up | down
+    starts, stops = runs_of(out)
+    if not starts.size:
+        return []
+    places = np.flatnonzero(out)
+    size = float(np.abs(y[places] - 0.5 * (y[np.maximum(places - 2, 0)] + y[np.minimum(places + 2, y.size - 1)])).max())
+    many = f"{starts.size} {'spike' if starts.size == 1 else 'spikes'}"
+    return [Issue("spikes", (s.name,), "advice", f"{s.name} has {many} of up to {size:.3g}{s.unit}",
+                  "Look for a loose contact or a bus error; replace these samples or leave them out.",
+                  windows_of(s.time, starts, stops), {"count": float(starts.size), "largest": size})]
+
+
+def shows_only_noise(s: Signal) -> bool:
+    return s.span <= 1.01 * s.step or s.white and float(s.values.std()) < ONLY_NOISE * s.noise
+
+
+def level_of(s: Signal, others_move: bool, usual_noise: float = 0.0) -> list[Issue]:
+    """Dead, coarse or noisy throughout; usual_noise: what its sensor is known for, column's unit."""
+    y, numbers = s.values, {"step": s.step, "noise": s.noise, "span": s.span}
+    low, high = np.quantile(y, [0.002, 0.998])
+    if shows_only_noise(s):
+        said = (f"{s.name} shows nothing but noise ({max(s.noise, s.step):.2g}{s.unit}) around {float(y.mean()):.6g}"
+                f"{s.unit} while the others move")
+        return [Issue("dead", (s.name,), "advice", said, PLUGGED, (), numbers)] if others_move else []
+    if s.step > COARSE * float(high - low) > 0.0:
+        return [Issue("coarse", (s.name,), "advice", f"{s.name} moves in steps of {s.step:.3g}{s.unit}, of which its "
+                      f"range has only {float(high - low) / s.step:.0f}", "Use a finer range of the converter, a finer "
+                      "encoder, or larger motion; friction and backlash hide below a step.", (), numbers)]
+    if s.noise > max(NOISY * float(y.std()), 2.0 * usual_noise):
+        said = f"{s.name} has a noise of {s.noise:.2g}{s.unit} (rms) in a signal of {float(y.std()):.2g}{s.unit}"
+        return [Issue("noisy", (s.name,), "advice", said, "Look at shielding, earth and filter.", (), numbers)]
+    return []

@@ -1,0 +1,213 @@
+"""What is off by orders of magnitude between a recording and its rig: the clock, a parameter, a column, a sign; and
+sensors that show nothing.
+
+A data sheet is off by tens of per cent, a slip of the pen by powers of ten. So a slip is looked for where the data
+sheet's run misses by as much as the signal moves, and believed where setting it right brings run and recording
+together. Shapes are compared, block by block without level and trend: what integrates drifts away with the best of
+data sheets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.base.units import NONE, from_si, split_column
+from pamid.checks.channel_quality import PLUGGED, Issue
+from pamid.checks.rig_consistency import Evidence, recorded_as, shapes
+from pamid.model.rig import Rig
+from pamid.recording.noise import noise_level
+from pamid.recording.recording import Recording
+
+Array = NDArray[np.float64]
+
+FAR = 20.0                 # times the period that a rig states: not its clock
+CLOCKS = {1e-3: "milliseconds: divide them by 1000", 1e-6: "microseconds: divide them by 1e6",
+          1e-9: "nanoseconds: divide them by 1e9", 60.0: "minutes: multiply them by 60",
+          3600.0: "hours: multiply them by 3600"}    # what sets the stamps right -> what they look like
+NEAR = {True: 20.0, False: 3.0}   # factor to which a clock is recognised by the period alone: prefixes, other units
+MENDED, BETTER = 0.9, 0.3  # error with a slip set right: of that of a run that rests, and of the error before
+LIVELY = 20.0              # times its noise and print: what moves so much in the model is no rest
+POWERS = (1, 2, 3, 4, 5, 6)
+LEAST, MOST = 1e-3, 1e12   # errors, of the signal's motion, that are told apart
+SLIPS = 3                  # told at most
+LEAST_MOTION = 2.0         # times its noise: a channel that shows something
+TRIED = 4000               # samples on which they are looked for
+
+
+@dataclass(frozen=True)
+class Slip:
+    """One thing multiplied by `factor` brings model and recording together.
+
+    kind "parameter" or "column"; left: share of the error that stays
+    """
+
+    kind: str
+    name: str
+    factor: float
+    left: float
+
+    @property
+    def words(self) -> str:
+        return f"the {self.kind} {self.name} times {self.factor:g}"
+
+
+def errors(y: Array, model: Array | None) -> Array:
+    """Per channel: how far the model is off, over how much the signal moves (both without level and trend)."""
+    if model is None or not np.isfinite(model).all():
+        return np.full(y.shape[1], MOST)
+    ours, theirs = shapes(y), shapes(model)
+    size, off = (np.sqrt((z * z).sum(axis=(1, 2))) for z in (ours, ours - theirs))
+    return np.clip(off / np.maximum(size, 1e-300), LEAST, MOST)
+
+
+def size_of(error: Array) -> float:
+    """One figure for all channels, in which each counts by its order of magnitude."""
+    return float(np.exp(np.log(error).mean()))
+
+
+# ---- the clock ---------------------------------------------------------------------------------------------------
+
+
+def stated_period(rig: Rig) -> float | None:
+    """The sampling period (s) that a rig says is usual for it; None where it says nothing."""
+    return next((float(kind.__dict__["period_s"]) for kind in type(rig).__mro__
+                 if kind is not Rig and "period_s" in kind.__dict__), None)
+
+
+def clock(recording: Recording, rig: Rig, evidence: Evidence | None) -> list[Issue]:
+    """Stamps that are no seconds: far from the period that the rig states; where it states none, those with which the
+    data sheet's run comes far nearer to what was measured once they are divided by a thousand and so on."""
+    period, usual = recording.sampling_period_s, stated_period(rig)
+    counted = period == 1.0 and bool(np.all(recording.time == np.round(recording.time)))
+    if usual is not None:
+        ratio = period / usual
+        if 1.0 / FAR < ratio < FAR:
+            return []
+        said = f"where rig {rig.name!r} is sampled every {usual:g} s"
+        near = min(CLOCKS, key=lambda c: abs(np.log(ratio * c)))
+        wide = NEAR[near < 1.0]
+        looks = CLOCKS[near] if 1.0 / wide < ratio * near < wide else ""
+        if counted and not 0.5 < ratio * near < 2.0:
+            looks = "a count of samples: multiply them by the period"
+    else:
+        found = _better_clock(evidence) if evidence is not None else None
+        if found is None:
+            return []
+        said = f"at which rig {rig.name!r} would behave quite differently"
+        looks, ratio = CLOCKS[found], 1.0 / found
+    hint = f"The stamps look like {looks}." if looks else "Are the stamps seconds?"
+    return [Issue("clock", ("time_s",), "wrong", f"samples are {period:g} s apart, {said}", hint, (),
+                  {"period_s": period, "ratio": ratio})]
+
+
+def _better_clock(e: Evidence) -> float | None:
+    """What the stamps are to be multiplied by; None where they may well be seconds."""
+    before = size_of(errors(e.y, e.model))
+    if before < MENDED:
+        return None
+    after = {c: size_of(errors(e.y, e.simulate(e.u, clock=c))) for c in CLOCKS}
+    best = min(after, key=lambda c: after[c])
+    return best if after[best] < min(MENDED, BETTER * before) else None
+
+
+# ---- sensors -----------------------------------------------------------------------------------------------------
+
+
+def unplugged(recording: Recording, rig: Rig, e: Evidence) -> list[Issue]:
+    """Sensors that show one number throughout while another one moves, and should move themselves."""
+    still = np.ptp(e.y, axis=0) == 0.0
+    if not e.ran or still.all():
+        return []
+    found = []
+    for k, (name, column) in enumerate(zip(e.names, recorded_as(e.names, recording), strict=True)):
+        moves = float(np.ptp(from_si(e.model[:, k], split_column(name)[1])))
+        if still[k] and np.ptp(recording.columns[column]) == 0.0 and moves > LIVELY * rig.noise.get(name, 0.0):
+            value, symbol = float(recording.columns[column][0]), split_column(column)[1]
+            shown = f"{value:g}" if symbol == NONE else f"{value:g} {symbol}"
+            found.append(Issue("dead", (column,), "wrong", f"{column} is constant ({shown}) throughout, where the "
+                               f"model of rig {rig.name!r} moves", f"{PLUGGED} Leave the column out if it was not "
+                               "measured.", (), {"value": value}))
+    return found
+
+
+# ---- parameters and columns --------------------------------------------------------------------------------------
+
+
+def slips(e: Evidence, recording: Recording) -> list[Slip]:
+    """What, multiplied by a power of ten, of either sign, takes away most of the error where the data sheet's run
+    misses by more than the signal moves; the best first, those that are as good beside it. Empty where nothing does,
+    or nothing is so far off.
+
+    A run that rests would miss by little more than the motion, too: a slip has to be better than that.
+    """
+    e = replace(e, y=e.y[:TRIED], u=e.u[:TRIED], model=e.model[:TRIED])
+    bad = _missed(e)
+    if not bad.any():
+        return []
+    before, silent = _misses(e.y, e.model)[:, bad], _misses(e.y, np.zeros_like(e.y))[:, bad]
+    found: dict[str, Slip] = {}
+    for kind, name, factor, y, model in _tries(e, recording):
+        after = _misses(y, model)[:, bad]
+        share = float((after / np.minimum(before, silent)).max(axis=1).min())
+        small = bool((after < BETTER * before).all(axis=1).any())
+        if share < MENDED and small and (name not in found or share < found[name].left):
+            found[name] = Slip(kind, name, factor, share)
+    ranked = sorted(found.values(), key=lambda s: s.left)
+    return [s for s in ranked if s.left < 1.5 * ranked[0].left][:SLIPS]
+
+
+def _missed(e: Evidence) -> NDArray[np.bool_]:
+    """Channels that the data sheet's run misses by more than they move, where they move beyond their noise."""
+    return np.asarray((errors(e.y, e.model) > 1.0) & (e.y.std(axis=0) > LEAST_MOTION * noise_level(e.y)))
+
+
+def _misses(y: Array, model: Array | None) -> Array:
+    """Errors of every channel (measures x channels), over how much it moves: of the shapes, and of the values."""
+    if model is None or not np.isfinite(model).all():
+        return np.full((2, y.shape[1]), MOST)
+    plain = np.sqrt(((y - model) ** 2).mean(axis=0)) / np.maximum(y.std(axis=0), 1e-300)
+    return np.stack([errors(y, model), np.clip(plain, LEAST, MOST)])
+
+
+def _tries(e: Evidence, recording: Recording) -> Iterator[tuple[str, str, float, Array, Array | None]]:
+    powers = [10.0**k for p in POWERS for k in (-p, p)]
+    either = [-1.0, *powers, *(-f for f in powers)]
+    for k, b in enumerate(e.assembly.parameters):
+        for factor in (either if b.low < 0.0 else powers) if e.p[k] else ():
+            changed = e.p.copy()
+            changed[k] *= factor
+            yield "parameter", b.full_name, factor, e.y, e.simulate(e.u, changed)
+    for j, column in enumerate(recorded_as(e.inputs, recording)):
+        for factor in either if np.ptp(e.u[:, j]) > 0.0 else ():
+            changed = e.u.copy()
+            changed[:, j] *= factor
+            yield "column", column, factor, e.y, e.simulate(changed)
+    for j, column in enumerate(recorded_as(e.names, recording)):
+        for factor in either:
+            changed = e.y.copy()
+            changed[:, j] *= factor
+            yield "column", column, factor, changed, e.model
+
+
+def far_off(recording: Recording, rig: Rig, e: Evidence) -> list[Issue]:
+    """Where the data sheet's run misses by more than the signal moves, and what may be the slip."""
+    error = errors(e.y, e.model)
+    columns = recorded_as(e.names, recording)
+    missed = _missed(e)
+    bad = [int(i) for i in np.argsort(-error) if missed[i]]
+    if not bad:
+        return []
+    most = float(error[bad[0]])
+    told = "runs away" if most == MOST else f"misses by {most:.2g} times what the signal moves"
+    return [Issue("far-off", tuple(columns[i] for i in bad), "advice", f"{columns[bad[0]]}: the data sheet of rig "
+                  f"{rig.name!r} {told}", advice(slips(e, recording)), (), {"error": most})]
+
+
+def advice(found: list[Slip]) -> str:
+    """The sentence that sends a reader to units and signs."""
+    named = f": {' or '.join(s.words for s in found)} would bring them together" if found else ""
+    return f"Check units and signs{named}."

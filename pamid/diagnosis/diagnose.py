@@ -1,0 +1,51 @@
+"""A diagnosis into a run folder: the figures, the verdict, and what is known of an unknown effect."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from pamid.base.files import write_atomically
+from pamid.base.json_file import write_json
+from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE, Run
+from pamid.diagnosis.next_experiment import Proposing
+from pamid.diagnosis.tournament import Diagnosis, diagnose
+from pamid.diagnosis.unknown import described, find_missing, missing_csv
+from pamid.diagnosis.verdict import diagnosis_json
+from pamid.estimation.fit_model import fit_json, model_json, residual_csv
+from pamid.model.effect import Effect
+from pamid.parallel.jobs import Crew
+from pamid.simulation.data_split import Evidence
+
+
+def diagnose_into(run: Run, evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: int = 0, jobs: int = 1,
+                  told: Callable[[str], None] = lambda text: None, crew: Crew | None = None) -> dict[str, Any]:
+    """Diagnose and write fit.json, residual.csv, missing.csv (the points of an unknown effect), next-experiment.csv
+    (where there is something left to measure, with its TOML; a further one per further setting) and diagnosis.json;
+    returns the last. crew: who does the jobs (default: `jobs` processes of this machine); those that failed are named
+    in `failed_jobs`."""
+    crew = crew or Crew(jobs)
+    found = diagnose(evidence, catalogue, seed=seed, told=told, crew=crew)
+    unknown, missing = None, None
+    if found.verdict == "unknown-effect" and not found.empty:
+        told("describing the missing term")
+        missing = find_missing(found, seed=seed, crew=crew)
+        unknown = described(found, missing)
+    told("looking for the next experiment")
+    proposal = crew.one(Proposing(), found)
+    result = diagnosis_json(found, unknown, seed, proposal) | {"failed_jobs": crew.failed_jobs}
+    write_json(run.path(FIT_FILE), models_json(found, seed))
+    write_atomically(run.path(RESIDUAL_FILE),
+                     residual_csv(found.budget.model, found.cause.replays if found.cause else ()))
+    if missing is not None:
+        write_atomically(run.path("missing.csv"), missing_csv(missing))
+    if proposal is not None:
+        proposal.write(run.claim)
+    write_json(run.path("diagnosis.json"), result)
+    return result
+
+
+def models_json(d: Diagnosis, seed: int) -> dict[str, Any]:
+    """fit.json of the refitted model and, where there is a cause, the model that has it."""
+    cause = {"cause": model_json(d.cause.assembly, d.cause.fit)} if d.cause else {}
+    return fit_json(d.budget.model, seed) | cause

@@ -1,0 +1,73 @@
+"""What the gap tells an effect about where to begin: lines of its spectrum, and how far the signals at a port go."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.diagnosis.contender import Contender
+from pamid.model.effect import Hints
+from pamid.simulation.data_split import Evidence
+from pamid.simulation.replay import Replay, followed
+from pamid.simulation.windows import Window
+from pamid.symbolic.vocabulary import Expr
+
+Array = NDArray[np.float64]
+
+SLOWEST_HZ = 0.5
+
+
+@dataclass(frozen=True)
+class Clues:
+    """peaks_hz: strongest first; reach: largest magnitude of every signal at every port (SI)."""
+
+    peaks_hz: tuple[float, ...]
+    reach: dict[str, dict[str, float]]
+
+    def at(self, port: str) -> Hints:
+        return Hints(self.peaks_hz, self.reach.get(port, {}))
+
+
+def gather_clues(evidence: Evidence, base: Contender) -> Clues:
+    """From the windows of a model's fit and its held-out replays."""
+    return Clues(spectrum_peaks(list(base.replays), evidence.noise), _reach(base))
+
+
+def _reach(base: Contender) -> dict[str, dict[str, float]]:
+    """Largest magnitudes where windows begin: there the states are near those of the recording; later on a model that
+    knows no limit runs past it."""
+    assembly, fit = base.assembly, base.fit
+    wanted = {f"{q.where}.{name}": (q.port, name, value) for q in assembly.traced.passages
+              for name, value in q.signals if isinstance(value, Expr)}
+    program = assembly.program_with({key: value for key, (_, _, value) in wanted.items()})
+    places = [(t, fit.problem.windows(t), x) for t, x in zip(fit.problem.tracks, fit.starts, strict=True)]
+    places += [(r.track, list(r.windows), r.entered) for r in base.replays]
+    seen = [followed(program, assembly, fit.p, track, [Window(w.start, w.start + 1) for w in windows], x, fit.stepping)
+            for track, windows, x in places]
+    most = np.abs(np.concatenate(seen)).max(axis=0)[len(program.outputs) - len(wanted) :]
+    reach: dict[str, dict[str, float]] = {}
+    for (port, name, _), far in zip(wanted.values(), most, strict=True):
+        there = reach.setdefault(port, {})
+        there[name] = max(there.get(name, 0.0), float(far))
+    return reach
+
+
+def spectrum_peaks(before: list[Replay], noise: Array, count: int = 3) -> tuple[float, ...]:
+    """Strongest lines of the gap, Hz, resolved to a fraction of 1/duration."""
+    b = max(before, key=lambda r: len(r.track))
+    r = (b.residual / noise) * np.hanning(len(b.track))[:, None]
+    n = 1 << (4 * len(b.track) - 1).bit_length()
+    power = (np.abs(np.fft.rfft(r, n, axis=0)) ** 2).sum(axis=1)
+    axis = np.fft.rfftfreq(n, b.track.period_s)
+    power[axis < SLOWEST_HZ] = 0.0
+    width = min(401, len(power) - 1 + len(power) % 2)     # odd; of a short recording all there is
+    smooth = np.convolve(power, np.ones(width) / width, "same")
+    contrast = power / (smooth + 1e-12 * power.max() + 1e-300)
+    peaks = []
+    for _ in range(count):
+        k = int(np.argmax(contrast * np.sqrt(power)))
+        peaks.append(float(axis[k]))
+        contrast[max(0, k - 60) : k + 60] = 0.0
+    return tuple(peaks)

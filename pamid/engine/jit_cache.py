@@ -1,0 +1,136 @@
+"""LLVM IR to addresses of machine code, through a cache on disk.
+
+The cache holds object files named by the sha256 of everything that went into them, each led by its own digest: a
+file that is damaged, half-written or from another machine is compiled again, never loaded. Deleting the folder is
+always safe, and two processes may share it (files are replaced whole).
+
+What is loaded runs, and a digest of itself vouches for nothing that somebody else has written: folder and file must be
+no links, belong to the user or root, and be writable by nobody else. Otherwise models are compiled in memory, which
+costs time and nothing else.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import logging
+import os
+import stat
+import tempfile
+import threading
+from contextlib import suppress
+from functools import lru_cache
+from pathlib import Path
+
+import llvmlite
+import llvmlite.binding as llvm
+
+from pamid.base.trust import is_shared
+from pamid.engine.cache_folder import user_cache
+
+_VERSION = "1"
+_lock = threading.Lock()
+_loaded: dict[str, llvm.ExecutionEngine] = {}
+_machine: list[llvm.TargetMachine] = []
+
+
+def cache_folder() -> Path:
+    """Where compiled models are kept: $PAMID_CACHE, else the user's cache folder."""
+    chosen = os.environ.get("PAMID_CACHE")
+    return Path(chosen) if chosen else user_cache() / "pamid"
+
+
+def _target() -> llvm.TargetMachine:
+    if not _machine:
+        llvm.initialize_native_target()
+        llvm.initialize_native_asmprinter()
+        features = llvm.get_host_cpu_features().flatten()
+        _machine.append(llvm.Target.from_default_triple().create_target_machine(
+            cpu=llvm.get_host_cpu_name(), features=features, opt=2, reloc="pic", codemodel="jitdefault", jit=True))
+    return _machine[0]
+
+
+def _key(ir_text: str) -> str:
+    what = "\n".join([_VERSION, llvmlite.__version__, llvm.get_default_triple(), llvm.get_host_cpu_name(),
+                      llvm.get_host_cpu_features().flatten(), ir_text])
+    return hashlib.sha256(what.encode()).hexdigest()
+
+
+def _compile(ir_text: str) -> bytes:
+    machine = _target()
+    module = llvm.parse_assembly(ir_text)
+    module.verify()
+    options = llvm.create_pipeline_tuning_options(speed_level=2)
+    options.slp_vectorization = True
+    builder = llvm.create_pass_builder(machine, options)
+    builder.getModulePassManager().run(module, builder)
+    return bytes(machine.emit_object(module))
+
+
+def _read(path: Path) -> bytes | None:
+    """The code in a file of the cache; None where there is none that can be believed."""
+    try:
+        _require_private(path.parent)
+        # what is looked at is what is read, whatever becomes of the name meanwhile; a pipe must not block
+        flags = (getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
+        with os.fdopen(os.open(path, os.O_RDONLY | sum(flags)), "rb") as file:
+            found = os.fstat(file.fileno())
+            if is_shared(found) or not stat.S_ISREG(found.st_mode):
+                return None
+            data = file.read()
+    except OSError:
+        return None
+    return data[32:] if hashlib.sha256(data[32:]).digest() == data[:32] else None
+
+
+def _require_private(folder: Path) -> None:
+    """PermissionError for a folder that others may write, or for a link in its place."""
+    found = folder.lstat()
+    if is_shared(found) or not stat.S_ISDIR(found.st_mode):
+        _say_once(folder)
+        raise PermissionError(f"{folder} is not the user's alone")
+
+
+@lru_cache
+def _say_once(folder: Path) -> None:
+    logging.getLogger("pamid").debug("%s is not the user's alone: models are compiled in memory", folder)
+
+
+def _write(path: Path, code: bytes) -> None:
+    """Best effort: a cache that cannot be written, or is not the user's alone, costs time, nothing else."""
+    with suppress(OSError):
+        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+        _require_private(path.parent)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=".new-")
+        try:
+            with os.fdopen(handle, "wb") as file:
+                file.write(hashlib.sha256(code).digest() + code)
+            os.replace(name, path)
+        except OSError:
+            with suppress(OSError):
+                os.unlink(name)
+
+
+def addresses(ir_text: str, names: list[str]) -> list[int]:
+    """Addresses of the named functions of a module given as text; compiled, or taken from the cache."""
+    key = _key(ir_text)
+    with _lock:
+        engine = _loaded.get(key)
+        if engine is None:
+            path = cache_folder() / "models" / f"{key}.o"
+            code = _read(path)
+            if code is None:
+                code = _compile(ir_text)
+                _write(path, code)
+            _target()
+            empty = llvm.parse_assembly("")
+            engine = llvm.create_mcjit_compiler(empty, _new_machine())
+            engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+            engine.finalize_object()
+            _loaded[key] = engine
+        return [int(engine.get_function_address(name)) for name in names]
+
+
+def _new_machine() -> llvm.TargetMachine:
+    return llvm.Target.from_default_triple().create_target_machine(
+        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=2, codemodel="jitdefault",
+        jit=True)

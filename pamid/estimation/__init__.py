@@ -1,0 +1,1 @@
+"""Parameters from recordings: fit, weights, priors, intervals, combinations."""

@@ -1,0 +1,348 @@
+"""Grey-box fit on recorded commands: multiple shooting, weighted least squares with priors, exact Jacobians.
+
+Unknowns are the free parameters and the rig's state at the start of every window. Windows are joined softly (a weak
+pull to where the window before ended), so a slow drift of an integrating state does not drown everything else.
+Residuals are weighted by their own size and correlation time, not by the sensor noise alone: where a model is wrong
+its residuals are large and alike for a long time, and counting each sample as a witness would overrule every prior.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.engine.block_tridiagonal import eliminate
+from pamid.engine.program import Stepping
+from pamid.estimation.prior import Prior, terms_of_sheet
+from pamid.estimation.residual_weights import Weights, residual_weights
+from pamid.model.assembly import Assembly
+from pamid.model.bound_parameter import Bound
+from pamid.simulation.simulate import choose_stepping
+from pamid.simulation.windows import PULL, Runner, Track, Window, cut, estimate_start, noise_of, stated_noise
+
+Array = NDArray[np.float64]
+Progress = Callable[[int, float], None]
+
+WINDOW_S = 1.5
+CALM = 0.02  # squared step of the parameters in their posterior: two in a row below it end a fit
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is fitted to what. free: places of the fitted parameters; importance: a factor per window, sheet: another
+    draw of the data sheet in prior spreads (bootstrap); prior: what an earlier fit has told of them beside it."""
+
+    assembly: Assembly
+    tracks: tuple[Track, ...]
+    free: tuple[int, ...]
+    window_s: float = WINDOW_S
+    importance: Array | None = None
+    sheet: Array | None = None
+    prior: Prior | None = None
+
+    @property
+    def scale(self) -> Scale:
+        """The free parameters in prior spreads around the data sheet."""
+        a, free = self.assembly, list(self.free)
+        return Scale([a.parameters[i] for i in free], a.values()[free])
+
+    def start(self) -> Array:
+        """Where a fit begins (SI): at the data sheet, or at what an earlier fit knew."""
+        p = self.assembly.values()
+        if self.prior is not None:
+            p[list(self.free)] = self.scale.outside(self.prior.at)
+        return p
+
+    @cached_property
+    def noise(self) -> Array:
+        """Of the sensors, per channel (SI)."""
+        return noise_of(self.tracks, stated_noise(self.assembly.rig, self.assembly.program.outputs))
+
+    @property
+    def window(self) -> int:
+        """Samples per window of the longest recording."""
+        longest = max(self.tracks, key=len)
+        return self.windows(longest)[0].stop
+
+    def windows(self, track: Track) -> list[Window]:
+        return cut(len(track), max(20, round(self.window_s / track.period_s)))
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Result of a fit. p: all parameters (SI); covariance of the free ones in prior spreads (see `Scale`); held: half
+    the gradient of the cost by them where a bound holds the fit, else 0."""
+
+    problem: Problem
+    p: Array
+    starts: tuple[Array, ...]     # per track: windows x rig states
+    weights: Weights
+    cost: float
+    covariance: Array
+    iterations: int
+    converged: bool
+    why: str
+    stepping: Stepping
+    pulls: tuple[Array, ...] = ()  # per track: information of the joints between windows, per rig state
+    residuals: tuple[Array, ...] = field(repr=False, default=())   # per track: samples x channels, model - measured
+    held: Array = field(repr=False, default_factory=lambda: np.zeros(0))
+
+
+class Scale:
+    """Parameters in units of their prior spread around their prior mean (logarithms where the prior is)."""
+
+    def __init__(self, bounds: list[Bound], centre: Array) -> None:
+        self.log = np.array([b.log for b in bounds], bool)
+        self.spread = np.array([b.spread for b in bounds])
+        self.centre = np.where(self.log, np.log(np.where(self.log, np.maximum(centre, 1e-300), 1.0)), centre)
+        low, high = np.array([b.low for b in bounds]), np.array([b.high for b in bounds])
+        with np.errstate(divide="ignore"):
+            raw_low = np.where(self.log, np.log(np.where(self.log, np.maximum(low, 0.0), 1.0)), low)
+            raw_high = np.where(self.log, np.log(np.where(self.log, high, 1.0)), high)
+        self.low, self.high = (raw_low - self.centre) / self.spread, (raw_high - self.centre) / self.spread
+
+    def inside(self, p: Array) -> Array:
+        raw = np.where(self.log, np.log(np.where(self.log, np.maximum(p, 1e-300), 1.0)), p)
+        return (raw - self.centre) / self.spread
+
+    def outside(self, s: Array) -> Array:
+        raw = self.centre + s * self.spread
+        return np.where(self.log, np.exp(np.where(self.log, raw, 0.0)), raw)
+
+    def slope(self, p: Array) -> Array:
+        return self.spread * np.where(self.log, p, 1.0)
+
+
+def free_parameters(assembly: Assembly, tracks: tuple[Track, ...]) -> tuple[int, ...]:
+    """Fitted parameters that at least one recording leaves open."""
+    return tuple(i for i, b in enumerate(assembly.parameters)
+                 if b.fitted and any(i not in t.known for t in tracks))
+
+
+def initial_starts(problem: Problem, p: Array, weights: Weights, stepping: Stepping) -> tuple[Array, ...]:
+    """State at the start of every window, one window after the other (moving-horizon estimation)."""
+    out = []
+    for track in problem.tracks:
+        runner = Runner(problem.assembly, track, stepping)
+        values = runner.parameters(p)
+        memory = runner.memory(values)
+        rows: list[Array] = []
+        for window in problem.windows(track):
+            carried = memory.x[: runner.rig_states].copy()
+            x, usable = estimate_start(runner, memory, window, values, 1.0 / weights.sigma, carried,
+                                       track.jump if rows else None)
+            x = x if usable else rows[-1] if rows else carried
+            runner.enter(memory, x)
+            runner.run(memory, window, values, False)
+            if not np.isfinite(memory.x).all():
+                memory.x[:] = 0.0
+                memory.x[: runner.rig_states] = x
+            rows.append(x)
+        out.append(np.array(rows))
+    return tuple(out)
+
+
+@dataclass
+class _Normal:
+    """Normal equations: parameters bordering a block-tridiagonal system of window starts."""
+
+    cost: float
+    H: Array
+    g: Array
+    blocks: list[tuple[Array, Array, Array, Array]]   # per track: D (w,n,n), off (w-1,n,n), B (w,n,k), gx (w,n)
+    residuals: list[Array]
+    fine: bool
+
+
+def _evaluate(problem: Problem, scale: Scale, s: Array, p: Array, starts: tuple[Array, ...], weights: Weights,
+              pulls: tuple[Array, ...], stepping: Stepping, derivatives: bool) -> _Normal:
+    k = len(problem.free)
+    values = p.copy()
+    values[list(problem.free)] = scale.outside(s)
+    slope, root = scale.slope(values[list(problem.free)]), weights.root
+    cost, H, g = (problem.prior.terms if problem.prior else terms_of_sheet)(s, problem.sheet)
+    blocks: list[tuple[Array, Array, Array, Array]] = []
+    residuals: list[Array] = []
+    fine, at = True, 0
+    for i, track in enumerate(problem.tracks):
+        runner = Runner(problem.assembly, track, stepping, problem.free)
+        own = runner.parameters(values)
+        windows, n = problem.windows(track), runner.rig_states
+        memory = runner.memory(own)
+        D, off = np.zeros((len(windows), n, n)), np.zeros((max(len(windows) - 1, 0), n, n))
+        B, gx = np.zeros((len(windows), n, k)), np.zeros((len(windows), n))
+        left, own_root = np.empty_like(track.y), np.where(track.seen, root, 0.0)
+        for w, window in enumerate(windows):
+            important = 1.0 if problem.importance is None else float(problem.importance[at + w])
+            runner.enter(memory, starts[i][w])
+            Y, A, ok = runner.run(memory, window, own, derivatives, own_root)
+            if not ok:
+                return _Normal(np.inf, H, g, blocks, residuals, False)
+            left[window.start : window.stop] = Y - track.y[window.start : window.stop]
+            r = np.nan_to_num(left[window.start : window.stop] * root).ravel()
+            cost += important * float(r @ r)
+            joint = w + 1 < len(windows)
+            jump = starts[i][w + 1] - memory.x[:n] if joint else np.zeros(n)
+            cost += float((jump**2 * pulls[i]).sum())
+            if not derivatives:
+                continue
+            N, v = important * (A.T @ A)[: k + n, : k + n], important * (A.T @ r)[: k + n]
+            N[:k] *= slope[:, None]
+            N[:, :k] *= slope
+            v[:k] *= slope
+            H += N[:k, :k]
+            g += v[:k]
+            D[w] += N[k:, k:]
+            B[w] += N[k:, :k]
+            gx[w] += v[k:]
+            if joint:
+                end = memory.S[:n, : k + n].copy()          # d end / d (parameters, start)
+                end[:, :k] *= slope
+                _add_joint(w, end, jump, pulls[i], H, g, (D, off, B, gx))
+        at += len(windows)
+        blocks.append((D, off, B, gx))
+        residuals.append(left)
+        if derivatives and not (np.isfinite(H).all() and np.isfinite(B).all() and np.isfinite(D).all()):
+            return _Normal(np.inf, H, g, blocks, residuals, False)
+    return _Normal(cost, H, g, blocks, residuals, fine)
+
+
+def _add_joint(w: int, end: Array, jump: Array, pull: Array, H: Array, g: Array,
+               block: tuple[Array, Array, Array, Array]) -> None:
+    """Normal equations of the soft joint between window w and the next; end: d end of w / d (parameters, start)."""
+    D, off, B, gx = block
+    k = len(g)
+    P = pull[:, None]
+    H += end[:, :k].T @ (P * end[:, :k])
+    g -= end[:, :k].T @ (pull * jump)
+    D[w] += end[:, k:].T @ (P * end[:, k:])
+    B[w] += end[:, k:].T @ (P * end[:, :k])
+    gx[w] -= end[:, k:].T @ (pull * jump)
+    D[w + 1] += np.diag(pull)
+    off[w] -= P * end[:, k:]
+    B[w + 1] -= P * end[:, :k]
+    gx[w + 1] += pull * jump
+
+
+def _eliminated(block: tuple[Array, Array, Array, Array], damping: float) -> tuple[Array, Array, Array, Array]:
+    """Solve the block-tridiagonal part for [B | gx]: returns (T^-1 B, T^-1 gx, B' T^-1 B, B' T^-1 gx)."""
+    D, off, B, gx = block
+    k = B.shape[2]
+    out, _ = eliminate(D, off, np.concatenate([B, gx[:, :, None]], axis=2), damping)
+    X, x = out[:, :, :k], out[:, :, k]
+    return X, x, np.einsum("wnk,wnl->kl", B, X), np.einsum("wnk,wn->k", B, x)
+
+
+def _reduced(normal: _Normal, s: Array, scale: Scale, damping: float) -> tuple[Array, Array, Array, list[Any]]:
+    """Hessian and gradient of the scaled parameters alone, which of them a bound holds, and the starts' parts."""
+    H, g = normal.H.copy(), normal.g.copy()
+    parts = [_eliminated(block, damping) for block in normal.blocks]
+    for _, _, inner, right in parts:
+        H -= inner
+        g -= right
+    held = ((s <= scale.low + 1e-12) & (g > 0)) | ((s >= scale.high - 1e-12) & (g < 0))
+    return H, g, held, parts
+
+
+def _step(normal: _Normal, s: Array, scale: Scale, damping: float) -> tuple[Array, list[Array], Array]:
+    """Damped Gauss-Newton step in (scaled parameters, window starts) within the bounds; reduced Hessian."""
+    H, g, held, parts = _reduced(normal, s, scale, damping)
+    ds = np.zeros(len(s))
+    free = np.logical_not(held)
+    if free.any():
+        A = H[np.ix_(free, free)]
+        A = A + damping * np.diag(np.maximum(A.diagonal(), 1e-12))
+        ds[free] = -np.linalg.lstsq(A, g[free], rcond=None)[0]
+    ds = np.clip(s + ds, scale.low, scale.high) - s
+    return ds, [-(x + X @ ds) for X, x, _, _ in parts], H
+
+
+def fit(problem: Problem, *, p: Array | None = None, starts: tuple[Array, ...] | None = None,
+        weights: Weights | None = None, iterations: int = 40, tolerance: float = 1e-4,
+        stepping: Stepping | None = None, pulls: tuple[Array, ...] = (), progress: Progress | None = None,
+        probe: bool = False) -> Fit:
+    """Levenberg-Marquardt from p (default: `Problem.start`) with fixed weights (default: the sensor noise).
+
+    The priors are the problem's, whatever p is. Not converging is an outcome: `converged`, `why`.
+    probe: only the cost and the parameters matter; the last step is then not differentiated and has no covariance.
+    """
+    a = problem.assembly
+    p = problem.start() if p is None else p.copy()
+    free = list(problem.free)
+    step = stepping or careful_stepping(problem, p)
+    weights = weights or Weights(problem.noise, np.ones_like(problem.noise))
+    scale = problem.scale
+    s = np.clip(scale.inside(p[free]), scale.low, scale.high)
+    starts = starts if starts is not None else initial_starts(problem, p, weights, step)
+    known_pulls = bool(pulls)
+    pulls = pulls or tuple(np.zeros(len(a.rig.states)) for _ in problem.tracks)
+    now = _evaluate(problem, scale, s, p, starts, weights, pulls, step, True)
+    if not now.fine:
+        return Fit(problem, p, starts, weights, np.inf, np.eye(len(free)), 0, False,
+                   "the model became unstable at its starting parameters", step)
+    if not known_pulls:
+        # by how much less a residual counts than sensor noise: by as much a wrong model's states may depart
+        off = float(np.exp(-np.log(problem.noise * weights.root).mean()))
+        pulls = tuple(np.maximum(PULL * np.einsum("wii->wi", b[0]).mean(axis=0), 1.0 / (off * t.jump) ** 2)
+                      for b, t in zip(now.blocks, problem.tracks, strict=True))
+        now = _evaluate(problem, scale, s, p, starts, weights, pulls, step, True)
+    damping, count, calm, why, converged = 1e-3, 0, 0, "iterations used up", False
+    for count in range(1, iterations + 1):
+        ds, dx, H = _step(now, s, scale, damping)
+        new_s = np.clip(problem.prior.moved(s, ds), scale.low, scale.high) if problem.prior else s + ds
+        new_starts = tuple(x + d for x, d in zip(starts, dx, strict=True))
+        trial = _evaluate(problem, scale, new_s, p, new_starts, weights, pulls, step,
+                          not (probe and count == iterations))
+        if trial.cost < now.cost:
+            gain = now.cost - trial.cost
+            s, starts, now, damping = new_s, new_starts, trial, max(damping * 0.2, 1e-9)
+            calm = calm + 1 if damping < 1e-2 and float(ds @ H @ ds) < CALM else 0  # a short leash is no rest
+            if calm == 2 or gain < tolerance * (1.0 + 1e-3 * now.cost):
+                converged, why = True, ""
+                break
+        else:
+            damping *= 10.0
+            if damping > 1e7 or float(np.abs(ds).max(initial=0.0)) < 1e-7:
+                converged, why = True, ""
+                break
+        if progress is not None:
+            progress(count, now.cost)
+    p[free] = scale.outside(s)
+    if probe:
+        return Fit(problem, p, starts, weights, now.cost, np.eye(len(free)), count, converged, why, step, pulls)
+    H, g, held, _ = _reduced(now, s, scale, 0.0)
+    covariance: Array = np.linalg.pinv(H, hermitian=True).astype(np.float64, copy=False)
+    return Fit(problem, p, starts, weights, now.cost, covariance, count, converged, why, step,
+               pulls, tuple(now.residuals), np.where(held, g, 0.0))
+
+
+def careful_stepping(problem: Problem, p: Array) -> Stepping:
+    """The most careful of the steppings that the recordings ask for: implicit before explicit, then finer."""
+    a = problem.assembly
+    found = []
+    for track in problem.tracks:
+        values = Runner(a, track, Stepping()).parameters(p)
+        found.append(choose_stepping(a, track.u, values, track.period_s, a.start(values)))
+    return max(found, key=lambda s: (s.implicit, s.substeps))
+
+
+def fit_robustly(problem: Problem, *, progress: Progress | None = None, rounds: int = 3,
+                 stepping: Stepping | None = None) -> Fit:
+    """Fit with weights that follow the residuals: from the data sheet's misfit down to what the model leaves."""
+    noise = problem.noise
+    fitted = fit(problem, iterations=1, weights=Weights(noise, np.ones_like(noise)), stepping=stepping)
+    weights = (residual_weights(fitted.residuals, noise, problem.window) if fitted.residuals
+               else Weights(noise, np.full_like(noise, 30.0)))
+    fitted = fit(problem, weights=weights, progress=progress, tolerance=1e-2, iterations=15, stepping=fitted.stepping)
+    for _ in range(rounds - 1):
+        if not fitted.residuals:
+            break
+        weights = residual_weights(fitted.residuals, noise, problem.window)
+        fitted = fit(problem, p=fitted.p, starts=fitted.starts, weights=weights,
+                     stepping=fitted.stepping, progress=progress, tolerance=1e-3)
+    return fitted

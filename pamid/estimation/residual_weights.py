@@ -1,0 +1,53 @@
+"""How much a residual counts: by its own size and by how many samples say the same thing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.base.metrics import seen_mean
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Weights:
+    """sigma: size of the residual per channel (SI); correlated: samples per independent residual, per channel."""
+
+    sigma: Array
+    correlated: Array
+
+    @property
+    def root(self) -> Array:
+        return 1.0 / (self.sigma * np.sqrt(self.correlated))
+
+
+def residual_weights(residuals: tuple[Array, ...], noise: Array, window: int) -> Weights:
+    """Size and correlation of residuals per channel (NaN where it was not recorded): rms (at least the noise) and
+    integrated autocorrelation time.
+
+    window: samples per window. The correlation counts up to an eighth of it: what is slower, the windows' own starts
+    take up.
+    """
+    rms = np.sqrt(seen_mean(np.concatenate(residuals) ** 2))
+    most = window / 8.0
+    lengths = np.empty(len(rms))
+    for c in range(len(rms)):
+        longest = max((r for r in residuals if not np.isnan(r[0, c])), key=len)
+        lengths[c] = correlation_length(longest[:, c])
+    return Weights(np.maximum(rms, noise), np.clip(lengths, 1.0, max(most, 1.0)))
+
+
+def correlation_length(r: Array) -> float:
+    """Samples per independent one: 1 + 2 sum of autocorrelations up to the first below 0.05."""
+    n = len(r)
+    size = 1 << (2 * n - 1).bit_length()
+    spectrum = np.fft.rfft(r - r.mean(), size)
+    auto = np.fft.irfft(np.abs(spectrum) ** 2, size)[:n]
+    if auto[0] <= 0.0:
+        return 1.0
+    auto = auto / auto[0]
+    below = np.flatnonzero(auto < 0.05)
+    return float(max(1.0, 1.0 + 2.0 * auto[1 : int(below[0]) if len(below) else n].sum()))

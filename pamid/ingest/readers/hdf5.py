@@ -1,0 +1,87 @@
+"""HDF5 files, also those that Octave saves.
+
+Only what lies in the file itself is read: links to other files and objects are not followed, cells of Python objects,
+texts and references are left out by name.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pamid.ingest.channels import Log
+from pamid.ingest.gathering import Gathering
+from pamid.ingest.kinds import Kind
+
+UNIT_NAMES = ("unit", "units", "Unit", "Units", "UNIT", "UNITS", "unit_string")
+
+
+def read_hdf5(path: Path) -> Log:
+    """Every dataset of numbers as a channel without stamps, named by its groups; fields of compounds one by one."""
+    import h5py
+
+    gathering = Gathering()
+    with h5py.File(path, "r") as file:
+        _group(gathering, file, "", frozenset())
+    return gathering.log(path, "hdf5")
+
+
+def _group(gathering: Gathering, group: Any, name: str, above: frozenset[int]) -> None:
+    import h5py
+
+    address = int(h5py.h5o.get_info(group.id).addr)
+    if address in above:
+        return
+    for key in group:
+        inside = f"{name}/{key}" if name else key
+        if not isinstance(group.get(key, getlink=True), h5py.HardLink):
+            gathering.leave_out(inside, "a link")
+            continue
+        item = group[key]
+        if isinstance(item, h5py.Dataset):
+            _dataset(gathering, item, inside)
+        elif isinstance(item, h5py.Group) and _is_of_octave(item):
+            if isinstance(item["value"], h5py.Group):
+                _group(gathering, item["value"], inside, above | {address})
+            else:
+                _dataset(gathering, item["value"], inside)
+        elif isinstance(item, h5py.Group):
+            _group(gathering, item, inside, above | {address})
+
+
+def _is_of_octave(group: Any) -> bool:
+    return "OCTAVE_NEW_FORMAT" in group.attrs and set(group) == {"type", "value"}
+
+
+def _dataset(gathering: Gathering, dataset: Any, name: str) -> None:
+    if dataset.external or dataset.is_virtual:
+        gathering.leave_out(name, "kept in another file")
+        return
+    if dataset.dtype.hasobject or dataset.dtype.kind in "OSUV" and dataset.dtype.names is None:
+        gathering.leave_out(name, "not numbers")
+        return
+    if dataset.shape is None or not gathering.fits(name, dataset.size):
+        return
+    values = dataset[()]
+    unit = _unit(dataset)
+    if dataset.dtype.names is None:
+        gathering.add(name, values, unit=unit)
+        return
+    for field in dataset.dtype.names:
+        column = np.asarray(values[field])
+        gathering.add(f"{name}/{field}", column, unit=unit)
+
+
+def _unit(dataset: Any) -> str:
+    for name in UNIT_NAMES:
+        value = dataset.attrs.get(name)
+        if isinstance(value, bytes):
+            return value.decode(errors="replace")
+        if isinstance(value, str):
+            return value
+    return ""
+
+
+KIND = Kind("hdf5", (".h5", ".hdf5", ".hdf", ".he5"), read_hdf5, (b"\x89HDF\r\n\x1a\n",), "hdf5", ("h5py",))

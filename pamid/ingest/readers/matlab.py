@@ -1,0 +1,177 @@
+"""MAT files v4 to v7.3: arrays, Structure With Time, ControlDesk's X and Y, structs with Time and Data, tables.
+
+Objects of MATLAB classes (timeseries, Simulink's Dataset) are opaque outside MATLAB; they are left out with advice.
+"""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pamid.base.metrics import FloatArray
+from pamid.ingest.channels import Log
+from pamid.ingest.gathering import Gathering
+from pamid.ingest.kinds import Kind
+from pamid.ingest.readers.octave import read_octave_text
+
+OPAQUE = ("an object of a MATLAB class; save the struct('Time', x.Time, 'Data', x.Data) of a timeseries x, the "
+          "timetable of a Dataset")  # fmt: skip
+
+
+def read_matlab(path: Path) -> Log:
+    """Variables as channels named by their fields. Stamps where a struct brings its time, none for plain arrays: their
+    time is a channel like the others."""
+    head = _head(path)
+    if head.startswith(b"# Created by Octave"):
+        return read_octave_text(path)
+    gathering = Gathering()
+    for name, value in _load(path, head).items():
+        if not name.startswith("__") and name != "None":
+            _enter(gathering, name, _plain(value))
+    return gathering.log(path, "mat")
+
+
+def _load(path: Path, head: bytes) -> dict[str, Any]:
+    """All variables, as arrays of MATLAB's kinds."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of single variables: what cannot be read shows as opaque
+        if _has_objects(head):
+            from matio import load_from_mat
+
+            return dict(load_from_mat(str(path)))
+        from scipy.io import loadmat
+
+        return dict(loadmat(path))
+
+
+def _head(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(1024)
+
+
+def _has_objects(head: bytes) -> bool:
+    """True for v7.3, which is HDF5, and where a v5 file has the part in which objects of classes are kept."""
+    return head[512:520] == b"\x89HDF\r\n\x1a\n" or (
+        head.startswith(b"MATLAB") and head[116:124].strip(b" \0") != b"")  # fmt: skip
+
+
+def _plain(value: Any) -> Any:
+    """MATLAB's arrays of structs and cells as dicts and lists, its texts as str; numbers and tables as they are."""
+    if not isinstance(value, np.ndarray) or type(value).__name__.startswith("Matlab"):
+        return value
+    if value.dtype.names:
+        structs = [{name: _plain(item[name]) for name in value.dtype.names} for item in value.ravel()]
+        return structs[0] if len(structs) == 1 else structs
+    if value.dtype.kind == "O":
+        items = [_plain(item) for item in value.ravel()]
+        return items[0] if len(items) == 1 else items
+    if value.dtype.kind in "UST":
+        return str(value.ravel()[0]) if value.size == 1 else [str(text) for text in value.ravel()]
+    return value
+
+
+def _enter(gathering: Gathering, name: str, value: Any) -> None:
+    """Enter one variable or field, whatever it is."""
+    if isinstance(value, np.ndarray):
+        gathering.add(name, value)
+    elif isinstance(value, dict):
+        _enter_struct(gathering, name, value)
+    elif isinstance(value, list):
+        for index, item in enumerate(value):
+            _enter(gathering, f"{name}/{index + 1}", item)
+    elif type(value).__module__.startswith("pandas"):
+        _enter_table(gathering, name, value)
+    elif isinstance(value, str):
+        gathering.leave_out(name, "text")
+    else:
+        gathering.leave_out(name, OPAQUE)
+
+
+def _enter_struct(gathering: Gathering, name: str, value: dict[str, Any]) -> None:
+    folded = {key.casefold(): key for key in value}
+    if "X" in value and "Y" in value and all("Data" in one for one in _structs(value["Y"])):
+        _enter_controldesk(gathering, name, value)
+    elif {"time", "signals"} <= folded.keys():
+        _enter_simulink(gathering, name, value[folded["time"]], _structs(value[folded["signals"]]))
+    elif {"time", "data"} <= folded.keys() and isinstance(value[folded["time"]], np.ndarray):
+        stamps = _stamps(value[folded["time"]])
+        gathering.note(f"{name}: stamps from its field {folded['time']}")
+        _add(gathering, name, value[folded["data"]], stamps, _unit(value))
+    else:
+        for key, inside in value.items():
+            _enter(gathering, f"{name}/{key}", inside)
+
+
+def _enter_simulink(gathering: Gathering, name: str, time: Any, signals: list[dict[str, Any]]) -> None:
+    """Structure With Time of Simulink; without time its signals have no stamps."""
+    stamps = _stamps(time)
+    gathering.note(f"{name}: Simulink structure, " + ("stamps from its time" if stamps is not None else "without time"))
+    for index, signal in enumerate(signals):
+        label = signal.get("label") or (str(index + 1) if len(signals) > 1 else "")
+        full = f"{name}/{label}" if isinstance(label, str) and label else name
+        _add(gathering, full, signal.get("values"), stamps, _unit(signal))
+
+
+def _enter_controldesk(gathering: Gathering, name: str, value: dict[str, Any]) -> None:
+    """What ControlDesk exports: X has the stamps, each Y says with XIndex (from 1) which are its own."""
+    rasters = [_stamps(one.get("Data")) for one in _structs(value["X"])]
+    gathering.note(f"{name}: ControlDesk structure, stamps from X")
+    for index, one in enumerate(_structs(value["Y"])):
+        which = one.get("XIndex")
+        raster = int(np.ravel(which)[0]) - 1 if isinstance(which, np.ndarray) and which.size else 0
+        label = str(one.get("Name") or index + 1).replace('"', "")
+        stamps = rasters[raster] if 0 <= raster < len(rasters) else None
+        _add(gathering, f"{name}/{label}", one["Data"], stamps, _unit(one))
+
+
+def _enter_table(gathering: Gathering, name: str, table: Any) -> None:
+    """A MATLAB table or timetable; row times become the stamps."""
+    if not hasattr(table, "columns"):
+        gathering.leave_out(name, "no array of numbers")
+        return
+    index = np.asarray(table.index.to_numpy())
+    stamps = None
+    if index.dtype.kind in "mM" and index.size:
+        spans = (index - index[0] if index.dtype.kind == "M" else index).astype("timedelta64[ns]")
+        stamps = spans.astype(np.int64) / 1e9
+        gathering.note(f"{name}: timetable, stamps from its row times")
+    for column in table.columns:
+        _add(gathering, f"{name}/{column}", table[column].to_numpy(), stamps, "")
+
+
+def _add(gathering: Gathering, name: str, values: Any, stamps: FloatArray | None, unit: str) -> None:
+    if isinstance(values, np.ndarray):
+        if values.dtype.kind == "O":  # a column of a table: cells, all of one size
+            values = np.stack([np.ravel(cell) for cell in values]) if values.size else values
+        gathering.add(name, values, stamps, unit)
+    else:
+        gathering.leave_out(name, "not numbers")
+
+
+def _stamps(time: Any) -> FloatArray | None:
+    """Times in s; None if there are none."""
+    if not isinstance(time, np.ndarray) or time.size < 2 or time.dtype.kind not in "biufm":
+        return None
+    if time.dtype.kind == "m":
+        return time.ravel().astype("timedelta64[ns]").astype(np.int64) / 1e9
+    return np.asarray(time.ravel(), dtype=np.float64)
+
+
+def _structs(value: Any) -> list[dict[str, Any]]:
+    return [one for one in (value if isinstance(value, list) else [value]) if isinstance(one, dict)]
+
+
+def _unit(struct: dict[str, Any]) -> str:
+    """The unit a struct gives: Unit, Units, or DataInfo.Units as a timeseries has it."""
+    inside = struct.get("DataInfo")
+    for owner in (struct, inside if isinstance(inside, dict) else {}):
+        for key in ("Unit", "Units", "unit", "units"):
+            if isinstance(owner.get(key), str):
+                return str(owner[key])
+    return ""
+
+
+KIND = Kind("mat", (".mat",), read_matlab, (b"MATLAB ", b"# Created by Octave"), "matlab", ("matio", "h5py"))

@@ -1,0 +1,88 @@
+"""MDF files, versions 3 and 4, channel by channel with the stamps of its own group: nothing is filled in."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pamid.ingest.channels import Log
+from pamid.ingest.gathering import Gathering
+from pamid.ingest.kinds import Kind
+
+#: conversion_type of formulas (not evaluated: a log shall not bring code) and of texts (raw numbers are read instead)
+_FORMULA = {True: (3,), False: (10,)}
+_TEXT = {True: (7, 8, 9, 10, 11), False: (11, 12)}
+_TIME_MASTER = (0, 1)  # sync_type of a master: unknown, time
+
+
+def read_mdf(path: Path) -> Log:
+    """Channels by their name, or "group 2/name" where several groups have it; stamps in s since the measurement began.
+    A value marked invalid is NaN."""
+    from asammdf import MDF
+
+    gathering = Gathering()
+    with MDF(path) as file:
+        groups: list[Any] = list(file.groups)
+        wanted = [(number, index) for number, group in enumerate(groups)
+                  for index in range(len(group.channels)) if index != file.masters_db.get(number)]  # fmt: skip
+        names = Counter(groups[number].channels[index].name for number, index in wanted)
+        for number, index in wanted:
+            channel = groups[number].channels[index]
+            name = channel.name if names[channel.name] == 1 else f"group {number + 1}/{channel.name}"
+            _add(gathering, file, number, index, name)
+        gathering.note(f"measured from {file.start_time}")
+    return gathering.log(path, "mdf")
+
+
+def _add(gathering: Gathering, file: Any, number: int, index: int, name: str) -> None:
+    group = file.groups[number]
+    four = file.version >= "4.00"
+    conversion = getattr(group.channels[index].conversion, "conversion_type", None)
+    if conversion in _FORMULA[four]:
+        gathering.leave_out(name, "its conversion is a formula")
+        return
+    if _clock_conversion(file, number) in _FORMULA[four]:
+        gathering.leave_out(name, "the conversion of its clock is a formula")
+        return
+    if not gathering.fits(name, group.channel_group.cycles_nr):
+        return
+    words = conversion in _TEXT[four]
+    signal = file.get(group=number, index=index, raw=words, ignore_invalidation_bits=True)
+    values = np.asarray(signal.samples)
+    if values.ndim != 1 or values.dtype.kind not in "biuf":
+        gathering.leave_out(name, "text" if values.dtype.kind in "SUO" else "no plain number")
+        return
+    if words:
+        gathering.note(f"{name}: raw numbers, its conversion makes words of them")
+    if signal.invalidation_bits is not None:
+        invalid = np.asarray(signal.invalidation_bits, dtype=bool)
+        if invalid.any():
+            gathering.note(f"{name}: {int(invalid.sum())} values are marked invalid and become empty")
+            values = np.where(invalid, np.nan, values.astype(np.float64))
+    stamps = _stamps(gathering, file, number, signal, name)
+    gathering.add(name, values, stamps, signal.unit or "")
+
+
+def _clock_conversion(file: Any, number: int) -> Any:
+    """The conversion_type of the channel that stamps a group: whoever reads another one evaluates it, too."""
+    master = file.masters_db.get(number)
+    clock = None if master is None else file.groups[number].channels[master]
+    return getattr(getattr(clock, "conversion", None), "conversion_type", None)
+
+
+def _stamps(gathering: Gathering, file: Any, number: int, signal: Any, name: str) -> Any:
+    master = file.masters_db.get(number)
+    if master is None:
+        gathering.note(f"{name}: its group has no clock")
+        return None
+    channel = file.groups[number].channels[master]
+    if getattr(channel, "sync_type", 1) not in _TIME_MASTER:
+        gathering.note(f"{name}: its group counts in {channel.name!r}, not in time")
+        return None
+    return np.asarray(signal.timestamps, dtype=np.float64)
+
+
+KIND = Kind("mdf", (".mf4", ".mdf", ".mf3"), read_mdf, (b"MDF     ", b"UnFinMF "), "mdf", ("asammdf",))

@@ -1,0 +1,40 @@
+"""The text that Octave's `save` writes unless it is told a format."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from pamid.base.errors import FileError
+from pamid.ingest.channels import Log
+from pamid.ingest.gathering import Gathering
+from pamid.ingest.readers.text import decode
+
+_STRUCTS = ("struct", "scalar struct")
+
+
+def read_octave_text(path: Path) -> Log:
+    """Matrices as channels without stamps, also those inside structs; everything else is left out by name."""
+    text, _ = decode(path)
+    gathering = Gathering()
+    for block in text.split("# name: ")[1:]:
+        lines = block.split("\n")
+        parted = (line.lstrip("# ").partition(":") for line in lines[1:] if line.startswith("#"))
+        head = {key: value.strip() for key, _, value in parted}
+        kind = head.get("type", "unknown")
+        if kind == "matrix" and head.get("rows", "").isdecimal() and head.get("columns", "").isdecimal():
+            _matrix(gathering, path, lines, int(head["rows"]), int(head["columns"]))
+        elif kind not in _STRUCTS:
+            gathering.leave_out(lines[0], f"{kind}, save it with -v7")
+    gathering.note("text saved by Octave")
+    return gathering.log(path, "mat")
+
+
+def _matrix(gathering: Gathering, path: Path, lines: list[str], rows: int, columns: int) -> None:
+    cells = " ".join(line for line in lines[1:] if not line.startswith("#")).split()
+    if len(cells) != rows * columns:
+        raise FileError(f"{path}: {lines[0]} has {len(cells)} values where {rows} x {columns} are announced.",
+                        "The file is damaged or was cut.", code="damaged")  # fmt: skip
+    numbers = np.array(["nan" if cell == "NA" else cell for cell in cells], dtype=np.float64)
+    gathering.add(lines[0], numbers.reshape(rows, columns))

@@ -1,0 +1,137 @@
+"""Text logs: CSV of any dialect, LabVIEW measurement files, text saved by Octave.
+
+What is decided (encoding, delimiter, decimal mark, names, columns left out) stands in the details of the log.
+"""
+
+from __future__ import annotations
+
+import codecs
+import io
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pamid.base.errors import FileError
+from pamid.base.files import TABLE, read_data
+from pamid.ingest.cells import MISSING, add_column
+from pamid.ingest.channels import Log
+from pamid.ingest.dialect import COMMENT, DELIMITERS, RUN, SAMPLE, Dialect, find_dialect
+from pamid.ingest.gathering import Gathering
+from pamid.ingest.kinds import Kind
+
+#: what a log is read as that is no UTF-8; they differ in letters, not in digits
+OLD_ENCODINGS = ("cp1250", "cp1252", "latin-1")
+#: lines after the last row of numbers that may be something else
+FOOTER = 20
+
+
+def read_text(path: Path) -> Log:
+    """A table of numbers in a text file. Every column is a channel without stamps; FileError if it is no table or can
+    be read in two ways."""
+    text, encoding = decode(path)
+    head = text.split("\n", SAMPLE)[:SAMPLE]
+    dialect = find_dialect(path, head)
+    start = sum(len(line) + 1 for line in head[: dialect.first])
+    gathering = Gathering()
+    gathering.note(f"encoding: {encoding}")
+    for note in dialect.notes:
+        gathering.note(note)
+    add_table(gathering, text[start:], dialect, path)
+    return gathering.log(path, "csv")
+
+
+def decode(path: Path) -> tuple[str, str]:
+    """The text of a file, its lines ended by "\\n", and the encoding it was read with."""
+    data = read_data(path, TABLE)
+    if not data.strip():
+        raise FileError(f"{path} is empty.")
+    wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    if b"\0" in data and not wide:
+        raise FileError(f"{path} is no text: there are zero bytes in it.", "It may be damaged, or of another kind.")
+    text, used = "", ""
+    for used in ("utf-16",) if wide else ("utf-8-sig", *OLD_ENCODINGS):
+        try:
+            text = data.decode(used)
+            break
+        except UnicodeDecodeError:
+            continue
+    else:
+        raise FileError(f"{path} is no text in UTF-16, though it begins so.", "It may be damaged.")
+    name = "utf-8" if used == "utf-8-sig" else used
+    return text.replace("\r\n", "\n").replace("\r", "\n"), name
+
+
+def add_table(gathering: Gathering, text: str, dialect: Dialect, path: Path, *, stamps: Any = None) -> None:
+    """Enter the columns of rows of cells. Cells that are missing at the end of a row are an error, unless the log was
+    cut there."""
+    import pandas
+
+    body, lines = _whole_rows(gathering, text, dialect, path)
+    separator = r"\s+" if dialect.delimiter == " " else dialect.delimiter
+    try:
+        frame = pandas.read_csv(io.BytesIO(body), sep=separator, header=None, names=range(dialect.width),
+                                index_col=False, decimal=dialect.decimal, na_values=list(MISSING), encoding="utf-8",
+                                skipinitialspace=True, low_memory=False)  # fmt: skip
+    except (ValueError, OverflowError) as error:
+        raise FileError(f"{path}: its {lines} rows from line {dialect.first + 1} on cannot be read as a table: "
+                        f"{error}.") from error  # fmt: skip
+    for column, (name, unit) in enumerate(zip(dialect.names, dialect.units, strict=True)):
+        series = frame[column]
+        if name == f"column_{column + 1}" and series.isna().all():
+            continue  # what a delimiter at the end of every row makes
+        add_column(gathering, name, series, unit, dialect.decimal, str(path))
+
+
+def _whole_rows(gathering: Gathering, text: str, dialect: Dialect, path: Path) -> tuple[bytes, int]:
+    """The rows that have all their cells, and how many; a row cut short and lines of text at the end are dropped and
+    said."""
+    if any("\n" + mark in text for mark in COMMENT):
+        kept = [line for line in text.split("\n") if not line.startswith(tuple(COMMENT))]
+        gathering.note(f"{text.count(chr(10)) + 1 - len(kept)} lines of comment are left out")
+        text = "\n".join(kept)
+    ended = text.endswith("\n")
+    body = (text if ended else text + "\n").encode()
+    widths, ends = _widths(body, dialect.delimiter)
+    rows = np.flatnonzero(widths)
+    if not ended and rows.size > RUN:
+        gathering.note("the last line has no line end, so it may be cut: it is left out")
+        rows = rows[:-1]
+    if '"' in text:  # delimiters in quotes: pandas counts
+        return body[: ends[rows[-1]] + 1], rows.size
+    wrong = rows[widths[rows] != dialect.width]
+    good = rows[widths[rows] == dialect.width]
+    last = good[-1] if good.size else 0
+    footer = wrong[wrong > last]
+    if footer.size and footer.size <= FOOTER:
+        gathering.note(f"{footer.size} lines below the rows of numbers are left out")
+        wrong = wrong[wrong < last]
+    if wrong.size:
+        line = dialect.first + 1 + int(wrong[0])
+        raise FileError(f"{path}, line {line}: {widths[wrong[0]]} cells, the others have {dialect.width} "
+                        f"({DELIMITERS[dialect.delimiter]}).", "The log may be damaged there; mend or cut the line.",
+                        code="ragged")  # fmt: skip
+    return body[: ends[last] + 1], good.size
+
+
+def _widths(body: bytes, delimiter: str) -> tuple[Any, Any]:
+    """Cells of every line, 0 for a blank one, and where the lines end; body ends with a line end."""
+    data = np.frombuffer(body, dtype=np.uint8)
+    ends = np.flatnonzero(data == 10)
+    blank = (data == 32) | (data == 9) | (data == 10)
+    starts = ~blank & np.concatenate(([True], blank[:-1]))
+    words = _count(starts, ends)
+    if delimiter == " ":
+        return words, ends
+    marks = _count(data == ord(delimiter), ends)
+    if delimiter == "\t":
+        return np.where(words + marks, marks + 1, 0), ends
+    return np.where(words, marks + 1, 0), ends
+
+
+def _count(there: Any, ends: Any) -> Any:
+    """True cells of `there` in each of the lines that end at `ends`."""
+    return np.diff(np.searchsorted(np.flatnonzero(there), ends), prepend=0)
+
+
+KIND = Kind("csv", (".csv", ".txt", ".tsv", ".dat", ".asc", ".log", ".prn"), read_text)

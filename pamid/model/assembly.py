@@ -1,0 +1,132 @@
+"""Rig + effects = one flat system of equations, checked when it is put together and never while solving."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.base.errors import FileError, nearest
+from pamid.engine.program import Program, build_program
+from pamid.model.attachment import Attachment
+from pamid.model.bound_parameter import Bound, Sizes, bind
+from pamid.model.effect import Effect
+from pamid.model.rig import Rig
+from pamid.model.trace import Names, Traced, trace
+from pamid.symbolic.memory_cells import lower
+from pamid.symbolic.vocabulary import Expr
+
+Array = NDArray[np.float64]
+
+
+def nuisance_owner(term: Effect, place: str) -> str:
+    """Owner of a background term's parameters: background.force_map_1."""
+    return f"background.{term.name}_{place}" if place else f"background.{term.name}"
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """A rig with effects attached.
+
+    sizes       magnitudes of signals at ports, for effects' parameters (see `pamid.simulation.simulate.port_sizes`)
+    background  whether the rig's tolerance-sized nuisance terms take part
+    controller  the [controller] table of a recording: the command is then computed, not read
+    sensitive   keys of the parameters that sensitivities may be asked for (default: all); fewer are cheaper
+    outputs     only these outputs of the rig (empty: all): what a recording lacks need not be computed
+    """
+
+    rig: Rig
+    attachments: tuple[Attachment, ...] = ()
+    background: bool = False
+    controller: tuple[tuple[str, float], ...] = ()
+    sizes: Sizes = field(default_factory=dict)
+    outputs: tuple[str, ...] = ()
+    sensitive: frozenset[str] | None = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Sent to another process without what was compiled in this one."""
+        return {f.name: getattr(self, f.name) for f in fields(self)}
+
+    # ---- parameters ----------------------------------------------------------------------------------------------
+
+    @cached_property
+    def parameters(self) -> tuple[Bound, ...]:
+        bound = [bind(p, "", None, "", self.sizes) for p in self.rig.parameters]
+        for port_name, place, term in self._nuisance():
+            owner = nuisance_owner(term, place)
+            bound += [bind(p, owner, self.rig.ports[port_name], port_name, self.sizes) for p in term.parameters]
+        for a in self.attachments:
+            port = self.rig.ports[a.ports[0]]
+            bound += [bind(p, a.label, port, a.ports[0], self.sizes) for p in a.effect.parameters]
+        return tuple(bound)
+
+    def _nuisance(self) -> list[tuple[str, str, Effect]]:
+        """(port, place, term): a copy of every background term at every place of its port."""
+        if not self.background:
+            return []
+        listed = {k: v if isinstance(v, tuple) else (v,) for k, v in self.rig.background.items()}
+        return [(name, place, term) for name, terms in listed.items() for term in terms
+                for place in self.rig.ports[name].places or ("",)]
+
+    def for_fitting(self) -> Assembly:
+        """The same with derivatives by fitted parameters only."""
+        return replace(self, sensitive=frozenset(b.key for b in self.parameters if b.fitted))
+
+    @cached_property
+    def keys(self) -> dict[str, int]:
+        return {b.key: i for i, b in enumerate(self.parameters)}
+
+    def values(self, known: dict[str, float] | None = None) -> Array:
+        """Parameter vector (SI): data-sheet values, then `known` given by outside name or key (outside units)."""
+        p = np.array([b.value for b in self.parameters])
+        for name, value in (known or {}).items():
+            i = self.index_of(name)
+            p[i] = value * self.parameters[i].factor
+        return p
+
+    def index_of(self, name: str) -> int:
+        """Place of a parameter given as outside name, `label:outside_name` or key."""
+        for i, b in enumerate(self.parameters):
+            if name in (b.key, b.full_name):
+                return i
+        names = [b.full_name for b in self.parameters]
+        raise FileError(f"rig {self.rig.name!r} has no parameter {name!r}",
+                        nearest(name, names) or f"parameters: {', '.join(names)}")
+
+    def start(self, p: Array) -> Array:
+        """Initial state of a recording at parameters p, states of effects included (zero)."""
+        begin = self.begin(p)
+        return np.array([begin.get(name, 0.0) for name in self.program.states])
+
+    def begin(self, p: Array) -> dict[str, float]:
+        """The rig's own states at the beginning of a recording, by name (SI)."""
+        own = {b.key: float(p[i]) for i, b in enumerate(self.parameters) if not b.owner}
+        given = self.rig.start(Names(own, "parameter"))
+        return {s.name: given.get(s.name, s.start) for s in self.rig.states}
+
+    # ---- equations -----------------------------------------------------------------------------------------------
+
+    @cached_property
+    def traced(self) -> Traced:
+        return trace(self.rig, self._effects_at, dict(self.controller))
+
+    def _effects_at(self, port: str, place: str) -> list[tuple[str, Effect]]:
+        nuisance = [(nuisance_owner(term, at), term) for name, at, term in self._nuisance()
+                    if (name, at) == (port, place)]
+        attached = [(a.label, a.effect) for a in sorted(self.attachments, key=lambda a: a.label)
+                    if a.acts_at(port, place)]
+        return nuisance + attached
+
+    @cached_property
+    def program(self) -> Program:
+        return self.program_with({})
+
+    def program_with(self, extra: dict[str, Expr]) -> Program:
+        """Compiled equations with further outputs, in the order of `extra`, after the rig's own."""
+        t = self.traced
+        outputs = {**{k: t.outputs[k] for k in self.outputs or t.outputs}, **extra}
+        lowered = lower(t.rates, outputs, t.cells)
+        return build_program(lowered, t.inputs, tuple(self.keys), tuple(outputs), self.sensitive)

@@ -1,0 +1,72 @@
+"""Parameters in their place: sized by the port an effect acts at, in SI, with the names they bear outside."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from pamid.base.units import NONE, quantity_of, quotient, to_si
+from pamid.model.parameter import Parameter
+from pamid.model.rig import Port
+
+Sizes = dict[tuple[str, str], float]  # (port, signal) -> typical magnitude, SI
+
+
+@dataclass(frozen=True)
+class Bound:
+    """A parameter in its place: key in the equations, name outside, SI numbers."""
+
+    key: str
+    owner: str           # "" the rig, background.<term>, or an attachment's label
+    name: str
+    unit: str
+    factor: float        # SI = factor x outside
+    value: float
+    low: float
+    high: float
+    spread: float        # of the prior, SI; of the logarithm where log
+    log: bool
+    null: float | None
+    fitted: bool
+    tries: tuple[float, ...]
+    source: str
+
+    @property
+    def full_name(self) -> str:
+        """Its name outside, led by whom it belongs to where that is not the rig."""
+        return f"{self.owner}:{self.name}" if self.owner else self.name
+
+    @property
+    def nuisance(self) -> bool:
+        """Does it belong to a tolerance-sized term of the background?"""
+        return self.owner.startswith("background.")
+
+
+def _size(port: Port, name: str, what: str, sizes: Sizes) -> float:
+    """Magnitude of a signal (or a quotient, "value/velocity/velocity") at a port; 1 where nobody knows."""
+    top, *below = (sizes.get((name, s)) or port.size.get(s) or 1.0 for s in what.split("/"))
+    return float(top / math.prod(below))
+
+
+def _unit(port: Port, what: str) -> str:
+    top, *below = map(port.unit_of, what.split("/"))
+    found = quotient(top, *below) if below else top
+    return "" if found == NONE else found
+
+
+def bind(parameter: Parameter, owner: str, port: Port | None, port_name: str, sizes: Sizes) -> Bound:
+    """A parameter with its size and unit taken from the port it acts at."""
+    unit, scale, label = parameter.unit, 1.0, parameter.label or parameter.name
+    if parameter.size and port is not None:
+        unit = _unit(port, parameter.size)
+        scale = _size(port, port_name, parameter.size, sizes)
+    if port is not None:
+        label = label.replace("{value}", quantity_of(port.unit).replace(" ", "_").replace("dimensionless", "value"))
+    factor = 1.0 if parameter.size else parameter.factor
+    shown = Parameter(parameter.name, parameter.value, unit=unit, label=label, low=parameter.low, high=parameter.high)
+    si = factor * scale
+    spread = parameter.prior_spread * (1.0 if parameter.log else si)
+    return Bound(f"{owner}:{parameter.name}" if owner else parameter.name, owner, shown.outside_name, unit,
+                 to_si(1.0, unit) if unit else 1.0, parameter.value * si, parameter.low * si, parameter.high * si,
+                 spread, parameter.log, None if parameter.null is None else parameter.null * si, parameter.fitted,
+                 tuple(t * si for t in parameter.tries), parameter.source)

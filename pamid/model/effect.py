@@ -1,0 +1,166 @@
+"""An effect: a small piece of physics that attaches to a port and vanishes exactly at its null.
+
+    class CoulombFriction(Effect):
+        family, kinds, signals = "friction", ("motion",), ("position",)
+        parameters = (Parameter("level", 0.03, low=0.0, high=0.4, size="value", null=0.0, label="{value}", ...),)
+
+        def act(self, value, at, p, z):
+            return value - p.level * stop(at.position, p.give) / p.give
+
+`value` is what passes through the port, `at` holds the signals offered there, `p` the parameters (SI) and `z` the
+effect's own states. `act` returns the new value, or (value, {state: rate}).
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+from pamid.base.errors import FileError, nearest
+from pamid.model.parameter import Parameter
+from pamid.symbolic.vocabulary import EquationError, Expr, Number, integral
+
+KINDS = {
+    "command": "what is sent to the actuator, held over a sample",
+    "flow": "flow through a valve",
+    "rate": "rate of change of a stored quantity: pressure, level, temperature",
+    "actuator-force": "force of an actuator before it meets the mechanism",
+    "motion": "force or torque on a moving coordinate",
+    "transmission": "what a shaft, chain or belt hands on",
+    "reading": "what a sensor returns",
+}
+
+
+@dataclass(frozen=True)
+class State:
+    """A state of a rig or an effect: name, SI unit, value at the start of a recording."""
+
+    name: str
+    unit: str = ""
+    start: float = 0.0
+
+
+class Signals:
+    """What a port offers at one place: at.velocity, at.pressure, ...; at.offers("law"); at.time and at.period in s."""
+
+    def __init__(self, values: dict[str, Any], where: str) -> None:
+        self._values, self._where = values, where
+
+    def offers(self, name: str) -> bool:
+        return name in self._values
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        values = self._values
+        if name in values:
+            return values[name]
+        if name == "position" and "velocity" in values:  # only differences of it matter to an effect
+            return integral(values["velocity"])
+        raise EquationError(f"{self._where} does not offer the signal {name!r}; it offers "
+                            f"{', '.join(sorted(values)) or 'none'}", nearest(name, list(values)))
+
+
+class Effect:
+    """Base of all effects. Class attributes are its data sheet; `act` is its equation."""
+
+    name: ClassVar[str] = ""
+    family: ClassVar[str] = ""
+    families: ClassVar[dict[str, str]] = {}           # family where the port is of another kind than kinds[0]
+    kinds: ClassVar[tuple[str, ...]] = ()             # ports it is at home at
+    general_kinds: ClassVar[tuple[str, ...]] = ()     # ports it also serves on rigs without a catalogue of their own
+    signals: ClassVar[tuple[str, ...]] = ()           # signals it cannot do without
+    unit: ClassVar[str] = ""                          # only at ports of this SI unit
+    everywhere: ClassVar[bool] = False                # one copy acts on all matching ports together
+    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    states: ClassVar[tuple[State, ...]] = ()
+    look_alikes: ClassVar[tuple[str, ...]] = ()
+    absorbed_by: ClassVar[tuple[str, ...]] = ()       # parameters of a rig that do the same
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        if "name" not in cls.__dict__:
+            cls.name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", cls.__name__).lower()
+
+    def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number | tuple[Number, dict[str, Number]]:
+        """The value after the effect, and the rates of its own states if it has any."""
+        raise NotImplementedError
+
+    def starts(self, hints: Hints) -> list[dict[str, float]]:
+        """Starting values for a fit (SI), beside the typical ones; usually none."""
+        return []
+
+    @classmethod
+    def family_at(cls, kind: str) -> str:
+        return cls.families.get(kind, cls.family)
+
+    @classmethod
+    def story(cls) -> dict[str, str]:
+        """The docstring of the effect's file, section by section: title, What it is, Equation, ..."""
+        module = sys.modules.get(cls.__module__)
+        own = inspect.cleandoc(cls.__doc__) if cls.__doc__ and cls.__doc__ != Effect.__doc__ else ""
+        return sections((module.__doc__ if module and module.__doc__ else "") or own)
+
+
+@dataclass(frozen=True)
+class Hints:
+    """What an effect may look at to choose starting values.
+
+    peaks_hz: of the gap's spectrum, strongest first; reach: largest magnitude of each signal at the port where
+    the model's states are those of the recording (SI).
+    """
+
+    peaks_hz: tuple[float, ...] = ()
+    reach: Mapping[str, float] = field(default_factory=dict)
+
+
+SECTIONS = ("What it is", "What it looks like", "Looks like it", "Equation", "References")
+
+
+def sections(doc: str) -> dict[str, str]:
+    """Split a docstring into its title and the sections named in SECTIONS."""
+    lines = inspect.cleandoc(doc).splitlines()
+    found: dict[str, list[str]] = {"title": lines[:1]}
+    here = ""
+    for line in lines[1:]:
+        if line.strip() in SECTIONS:
+            here = line.strip()
+            found[here] = []
+        elif here:
+            found[here].append(line.strip())
+    return {k: "\n".join(v).strip() for k, v in found.items()}
+
+
+def problems(effect: type[Effect]) -> list[str]:
+    """What is wrong with an effect's data sheet, in words (empty: nothing)."""
+    wrong = []
+    if not effect.family:
+        wrong.append("it names no family")
+    for kind in (*effect.kinds, *effect.general_kinds):
+        if kind not in KINDS:
+            wrong.append(f"unknown kind of port {kind!r} (kinds: {', '.join(KINDS)}) {nearest(kind, list(KINDS))}")
+    if not effect.kinds and not effect.general_kinds:
+        wrong.append("it names no kind of port")
+    if not any(p.null is not None for p in effect.parameters):
+        wrong.append("no parameter has a null, so it can never be switched off")
+    names = [p.name for p in effect.parameters] + [s.name for s in effect.states]
+    wrong += [f"the name {n!r} is used twice" for n in sorted({n for n in names if names.count(n) > 1})]
+    if effect.act is Effect.act:
+        wrong.append("it has no act()")
+    told = effect.story()
+    wrong += [f"its docstring lacks the section {s!r}" for s in SECTIONS if not told.get(s)]
+    wrong += [f"parameter {p.name!r} names no source" for p in effect.parameters if not p.source]
+    return wrong
+
+
+def require_sound(effect: type[Effect], where: str) -> None:
+    """Refuse an effect that cannot work at all (missing documentation is left to `pamid check`)."""
+    fatal = [w for w in problems(effect) if "docstring" not in w and "source" not in w]
+    if fatal:
+        raise FileError(f"{where}: effect {effect.name!r}: " + "; ".join(fatal), "see pamid effects coulomb-friction")
+
+

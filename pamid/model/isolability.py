@@ -1,0 +1,247 @@
+"""Which ports a set of sensors can tell apart at all, by the structure of the rig's own equations.
+
+Every port is cut at every place: what leaves it is an unknown, with the equation  cut = f(states, inputs, other cuts)
++ fault. A state and its rate are one unknown with one equation; every measured output is one equation more. The part
+with more equations than unknowns (Dulmage and Mendelsohn, Canad. J. Math. 10, 1958, 517) is what the sensors check. A
+fault hides behind another if it leaves that part once the other's equation is taken away (Krysander, Aslund and
+Nyberg, IEEE Trans. SMC-A 38, 2008, 197).
+
+One place is at fault at a time and parameters count as known. Only what enters which equation counts, in any regime;
+gains, noise and the form of an effect do not. So this is the best to be had for an effect of unknown form, and the
+form may still tell apart what hides here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import combinations
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import maximum_bipartite_matching
+
+from pamid.base.errors import UsageError, nearest
+from pamid.model.effect import Effect
+from pamid.model.rig import Rig
+from pamid.model.trace import Passage, Traced, trace
+from pamid.symbolic.expression import symbol, symbols
+from pamid.symbolic.vocabulary import Expr
+
+Unknown = tuple[str, str]  # (space, name) of a state or a cut
+MOST_SENSORS = 5
+
+
+@dataclass(frozen=True)
+class Split:
+    """What one further sensor (or one at each place of a port) brings.
+
+    splits  the groups that it takes apart
+    shows   port groups that become visible
+    """
+
+    sensor: str
+    splits: tuple[tuple[str, ...], ...]
+    shows: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Isolability:
+    """What a set of outputs can tell apart by structure; names in the order of the rig's ports.
+
+    groups         port groups (`Rig.group_of`) of the places in each class of `places`, singletons included, less what
+                   is part of a larger set; they overlap where one group has ports or places in several classes
+    unseen         port groups none of whose places can be checked
+    sensors        further sensors, outputs of the rig first, best first
+    redundancy     equations beyond the unknowns in the checked part: independent checks that the outputs allow
+    places         classes of port places (muscle_1) that cannot be separated where one of them is at fault
+    unseen_places  port places that cannot be checked
+    """
+
+    groups: tuple[tuple[str, ...], ...]
+    unseen: tuple[str, ...]
+    sensors: tuple[Split, ...]
+    redundancy: int
+    places: tuple[tuple[str, ...], ...]
+    unseen_places: tuple[str, ...]
+
+
+def isolability(rig: Rig, outputs: tuple[str, ...]) -> Isolability:
+    """What these outputs of the rig can tell apart; a sensor that is not there is nowhere listed. UsageError."""
+    for name in outputs:
+        if name not in rig.outputs:
+            raise UsageError(f"rig {rig.name!r} has no output {name!r}",
+                             nearest(name, rig.outputs) or f"outputs: {', '.join(rig.outputs)}")
+    traced = trace(rig, lambda port, place: [("cut", _Cut(port, place))], {})
+    here = _View(rig, traced, outputs)
+    return Isolability(here.groups, here.unseen, tuple(_splits(here)), here.structure.redundancy,
+                       here.classes(_where), here.unseen_by(_where))
+
+
+# ---- structure ---------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Structure:
+    """A system of equations, each one the set of the unknowns in it."""
+
+    equations: tuple[frozenset[Unknown], ...]
+
+    def checked(self, without: frozenset[int] = frozenset()) -> frozenset[int]:
+        """The over-determined part of the system less some equations: all that an alternating path reaches from an
+        equation left over by a largest matching."""
+        kept = [i for i in range(len(self.equations)) if i not in without]
+        owner, over = self._matched(kept)
+        reached = set(over)
+        while over:
+            for i in {owner[v] for v in self.equations[over.pop()]} - reached:
+                reached.add(i)
+                over.append(i)
+        return frozenset(reached)
+
+    def _matched(self, kept: list[int]) -> tuple[dict[Unknown, int], list[int]]:
+        """The equation matched to each unknown, and the equations left over."""
+        column = {v: k for k, v in enumerate(sorted({v for i in kept for v in self.equations[i]}))}
+        if not column:
+            return {}, kept
+        indices = [column[v] for i in kept for v in sorted(self.equations[i])]
+        indptr = np.cumsum([0, *(len(self.equations[i]) for i in kept)])
+        graph = csr_array((np.ones(len(indices)), indices, indptr), shape=(len(kept), len(column)))
+        match = maximum_bipartite_matching(graph, perm_type="column").tolist()
+        unknowns = list(column)
+        return ({unknowns[k]: i for i, k in zip(kept, match, strict=True) if k >= 0},
+                [i for i, k in zip(kept, match, strict=True) if k < 0])
+
+    @cached_property
+    def part(self) -> frozenset[int]:
+        """The over-determined part of the whole."""
+        return self.checked()
+
+    def hidden_by(self, i: int) -> frozenset[int]:
+        """What can no longer be checked where equation i is in doubt, itself included."""
+        return self.part - self.checked(frozenset({i}))
+
+    @property
+    def redundancy(self) -> int:
+        """Equations beyond the unknowns in the over-determined part."""
+        return len(self.part) - len({v for i in self.part for v in self.equations[i]})
+
+
+class _Cut(Effect):
+    """Puts an unknown in the place of whatever passes through a port."""
+
+    def __init__(self, port: str, place: str) -> None:
+        self.unknown = symbol("cut", f"{port}_{place}" if place else port)
+
+    def act(self, value: Expr, at: object, p: object, z: object) -> Expr:
+        return self.unknown
+
+
+def _unknowns(root: Expr) -> frozenset[Unknown]:
+    return frozenset(s for s in symbols([root]) if s[0] in ("state", "cut"))
+
+
+def _cuts(root: Expr) -> set[str]:
+    return {name for space, name in _unknowns(root) if space == "cut"}
+
+
+def _where(passage: Passage) -> str:
+    return passage.where
+
+
+# ---- ports -------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _View:
+    """A cut rig seen through some outputs, and through direct measurements of what leaves some ports (`measured`)."""
+
+    rig: Rig
+    traced: Traced
+    outputs: tuple[str, ...]
+    measured: tuple[str, ...] = ()
+
+    @cached_property
+    def passages(self) -> tuple[Passage, ...]:
+        """Those that a state or a measured output depends on, in the order of the rig's ports."""
+        by_name = {p.where: p for p in self.traced.passages}
+        waiting = [*self.traced.rates.values(), *(self.traced.outputs[o] for o in self.outputs)]
+        found: set[str] = set()
+        while waiting:
+            new = _cuts(waiting.pop()) - found
+            found |= new
+            waiting += [by_name[n].value for n in new]
+        return tuple(by_name[p.where] for name in self.rig.ports for p in self.traced.passages
+                     if p.port == name and p.where in found)
+
+    @cached_property
+    def structure(self) -> Structure:
+        """The passages' equations, in their order, then those of states, outputs and direct measurements."""
+        return Structure((
+            *(_unknowns(p.value) | {("cut", p.where)} for p in self.passages),
+            *(_unknowns(rate) | {("state", name)} for name, rate in self.traced.rates.items()),
+            *(_unknowns(self.traced.outputs[o]) for o in self.outputs),
+            *(frozenset({("cut", p.where)}) for p in self.passages if p.port in self.measured),
+        ))
+
+    @cached_property
+    def _classes(self) -> list[list[Passage]]:
+        """Visible passages, those together that hide behind each other: for single equations it goes both ways."""
+        visible = [i for i in range(len(self.passages)) if i in self.structure.part]
+        hidden = dict.fromkeys(self.structure.hidden_by(i) for i in visible)
+        return [[p for i, p in enumerate(self.passages) if i in h] for h in hidden]
+
+    def classes(self, name: Callable[[Passage], str]) -> tuple[tuple[str, ...], ...]:
+        """The names in each class of passages, less what is part of a larger set."""
+        order = list(dict.fromkeys(map(name, self.passages)))
+        found = dict.fromkeys(frozenset(map(name, passages)) for passages in self._classes)
+        return tuple(tuple(sorted(f, key=order.index)) for f in found if not any(f < other for other in found))
+
+    def group(self, passage: Passage) -> str:
+        return self.rig.group_of(passage.port)
+
+    @cached_property
+    def groups(self) -> tuple[tuple[str, ...], ...]:
+        return self.classes(self.group)
+
+    def unseen_by(self, name: Callable[[Passage], str]) -> tuple[str, ...]:
+        """Names of which no passage is checked."""
+        seen = {name(p) for i, p in enumerate(self.passages) if i in self.structure.part}
+        return tuple(dict.fromkeys(name(p) for p in self.passages if name(p) not in seen))
+
+    @cached_property
+    def unseen(self) -> tuple[str, ...]:
+        return self.unseen_by(self.group)
+
+
+# ---- further sensors ---------------------------------------------------------------------------------------------
+
+
+def _further(here: _View) -> list[tuple[str, _View]]:
+    """The outputs not measured yet, those that one port returns taken together; then what leaves each port."""
+    sensors: dict[tuple[str, ...], list[str]] = {}
+    for name in here.rig.outputs:
+        if name not in here.outputs:
+            cuts = _cuts(here.traced.outputs[name])
+            ports = {p.port for p in here.traced.passages if p.where in cuts}
+            sensors.setdefault(tuple(sorted(ports)) or (name,), []).append(name)
+    outputs = [(" and ".join(s), replace(here, outputs=(*here.outputs, *s))) for s in sensors.values()]
+    cut = dict.fromkeys(p.port for p in here.passages)
+    return outputs + [(f"the value at port {port}", replace(here, measured=(port,))) for port in cut]
+
+
+def _pairs(groups: Sequence[tuple[str, ...]]) -> set[tuple[str, str]]:
+    return {pair for group in groups for pair in combinations(group, 2)}
+
+
+def _splits(here: _View) -> list[Split]:
+    """Sensors that bring something, outputs first, each kind by the pairs of port groups taken apart or shown."""
+    found: list[tuple[bool, int, Split]] = []
+    for name, there in _further(here):
+        apart = tuple(g for g in here.groups if not any(set(g) <= set(other) for other in there.groups))
+        shows = tuple(g for g in here.unseen if g not in there.unseen)
+        if apart or shows:
+            gain = len(_pairs(here.groups) - _pairs(there.groups)) + len(shows)
+            found.append((there.outputs == here.outputs, -gain, Split(name, apart, shows)))
+    return [split for *_, split in sorted(found, key=lambda f: f[:2])[:MOST_SENSORS]]

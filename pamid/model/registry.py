@@ -1,0 +1,208 @@
+"""What there is: effects and rigs found by scanning their folders, or loaded from a user's file.
+
+Two look-ups, and which one is used decides what may run: `catalogue_rig` for names that came from data, which no file
+can ever answer, and `rig_named` (`effects_with`) for words that the user said, where a path is Python code and is run.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import importlib.machinery
+import importlib.util
+import pkgutil
+import sys
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from types import MappingProxyType, ModuleType
+from typing import Any
+
+from pamid.base.errors import FileError, PamidError, nearest, quoted
+from pamid.base.trust import is_code
+from pamid.model.effect import Effect, require_sound
+from pamid.model.rig import Rig, check_rig
+from pamid.recording.recording import Recording
+
+_CODE = "A rig or effect file is code, run only when you name it yourself:"
+
+
+def _classes(module: ModuleType, base: type) -> list[type]:
+    return [v for v in vars(module).values() if isinstance(v, type) and issubclass(v, base) and v is not base
+            and v.__module__ == module.__name__]
+
+
+@lru_cache
+def _scanned(package: str, base: type) -> dict[str, type]:
+    found: dict[str, type] = {}
+    folder = importlib.import_module(package)
+    for info in sorted(pkgutil.iter_modules(folder.__path__), key=lambda m: m.name):
+        for cls in _classes(importlib.import_module(f"{package}.{info.name}"), base):
+            found[cls.name] = cls  # type: ignore[attr-defined]
+    return found
+
+
+def effects() -> dict[str, type[Effect]]:
+    """Every effect of the catalogue by name."""
+    return dict(_scanned("pamid.effects", Effect))
+
+
+def rigs() -> dict[str, type[Rig]]:
+    """Every rig of the catalogue by name."""
+    return dict(_scanned("pamid.rigs", Rig))
+
+
+def load_file(path: Path, sha256: str = "") -> ModuleType:
+    """Run a user's Python file and return it as a module; errors name the file and the line.
+
+    The file is read once and what was read is run: no compiled copy beside it (`__pycache__`), which may be another's,
+    and no other content than the one of this SHA-256, if it is given.
+    """
+    if not path.is_file():
+        raise FileError(f"no such file: {path}", "give a name from pamid rigs / pamid effects, or a path to a .py file")
+    if path.suffix != ".py":
+        raise FileError(f"{path} is not a Python file", "a rig or effect file ends in .py")
+    try:
+        source = path.read_bytes()
+    except OSError as error:
+        raise FileError(f"{path} cannot be read: {error.strerror}.") from error
+    if sha256 and hashlib.sha256(source).hexdigest() != sha256:
+        raise FileError(f"{path} is not the {path.name} that the run was made with: its SHA-256 differs.",
+                        "Put the old one back, or make the run again.", code="changed")
+    return _run(path, source)
+
+
+def _run(path: Path, source: bytes) -> ModuleType:
+    name = f"pamid_user_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:12]}"
+    loader = importlib.machinery.SourceFileLoader(name, str(path))
+    spec = importlib.util.spec_from_file_location(name, path, loader=loader)
+    assert spec is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[name] = module
+    try:
+        exec(loader.source_to_code(source, str(path)), module.__dict__)
+    except PamidError as error:
+        raise FileError(f"{path}: {error}", error.hint) from error
+    except SyntaxError as error:
+        raise FileError(f"{path}, line {error.lineno}: {error.msg}", "mend the Python syntax") from error
+    except Exception as error:
+        line = next((t.tb_lineno for t in _frames(error) if t.tb_frame.f_code.co_filename == str(path)), 0)
+        inner = isinstance(error, ImportError) and (error.name or "").split(".")[0] == "pamid"
+        hint = "Take nouns from `pamid` and functions from `pamid.equations`; what lies inside may move." if inner else ""
+        raise FileError(f"{path}, line {line}: {type(error).__name__}: {error}", hint) from error
+    return module
+
+
+def _frames(error: BaseException) -> list[Any]:
+    out, tb = [], error.__traceback__
+    while tb is not None:
+        out.append(tb)
+        tb = tb.tb_next
+    return out[::-1]
+
+
+def rig_named(name: str) -> Rig:
+    """The rig that a user named: of the catalogue, or by the path of a file that holds one, which is run."""
+    return _rig_in(Path(name)) if is_code(name) else catalogue_rig(name)
+
+
+def catalogue_rig(name: str) -> Rig:
+    """A rig of the catalogue, "one-dof" or "one-dof:polynomial"; FileError for anything else. No file is ever run: this
+    is the look-up for names that came from data."""
+    base, _, variant = name.partition(":")
+    known = rigs()
+    if base not in known:
+        if is_code(name):
+            raise FileError(f"{name!r} is a rig file.", f"{_CODE} add --rig FILE.", code="rig")
+        raise FileError(f"unknown rig {base!r}", nearest(base, list(known)) or
+                        f"rigs: {', '.join(known)}; or the path of a rig file")
+    if not variant:
+        return known[base]()
+    choices = getattr(known[base], "variants", ())
+    if variant not in choices:
+        raise FileError(f"rig {base!r} has no variant {variant!r}", nearest(variant, list(choices)) or
+                        f"variants: {', '.join(choices) or 'none'}")
+    return known[base](variant)  # type: ignore[call-arg]
+
+
+def _rig_in(path: Path, sha256: str = "") -> Rig:
+    found = _classes(load_file(path, sha256), Rig)
+    if not found:
+        raise FileError(f"{path} holds no rig", "a rig is a class that derives from pamid.Rig")
+    if len(found) > 1:
+        raise FileError(f"{path} holds {len(found)} rigs: {', '.join(c.__name__ for c in found)}",
+                        "keep one rig in one file")
+    rig: Rig = found[0]()
+    check_rig(rig, str(path))
+    return rig
+
+
+def rig_again(noted: str, named: str | None, sha256: Mapping[str, str]) -> Rig:
+    """The rig that a run notes; its file only where the caller names it, too, and it is the same as then.
+
+    sha256: of the run's inputs, by path.
+    """
+    if is_code(noted) and not is_code(named or ""):
+        raise FileError(f"The run was made with the rig file {noted!r}.", f"{_CODE} add --rig {quoted(noted)}",
+                        code="rig")
+    if named is None or not is_code(named):
+        return catalogue_rig(named or noted)
+    return _rig_in(Path(named), sha256.get(noted, ""))
+
+
+def effects_again(noted: tuple[str, ...], named: tuple[str, ...], sha256: Mapping[str, str]) -> dict[str, type[Effect]]:
+    """The catalogue, widened by the effect files that a run notes, each named again and the same as then."""
+    files = {Path(_file_of(name)).name: name for name in named}
+    wanted: dict[str, str] = {}
+    for path in filter(is_code, (_file_of(spec) for spec in noted)):
+        if Path(path).name not in files:
+            raise FileError(f"The run was made with the effect file {path!r}.", f"{_CODE} add --effect {quoted(path)}",
+                            code="effect")
+        wanted[files[Path(path).name]] = sha256.get(path, "")
+    return effects_with(named, wanted)[0]
+
+
+def code_files(rig: str | None, specs: Sequence[str]) -> list[Path]:
+    """The rig and effect files among what was asked for."""
+    return [Path(name) for name in (rig or "", *(_file_of(spec) for spec in specs)) if is_code(name)]
+
+
+def _file_of(spec: str) -> str:
+    """The path before an effect's @port and :parameters."""
+    head, sep, _ = spec.partition(".py")
+    return head + sep
+
+
+def rig_of(recordings: list[Recording]) -> str:
+    """The rig that the recordings' TOML files name, "one-dof" where they name none.
+
+    Only names of the catalogue: a rig file is code, and naming it in a data file must not run it (FileError).
+    """
+    named = {r.rig: r for r in recordings if r.rig}
+    if len(named) > 1:
+        raise FileError(f"the recordings name different rigs: {', '.join(sorted(named))}", "say which with --rig")
+    for name, recording in named.items():
+        if is_code(name):
+            raise FileError(f"{recording.path} names the rig file {name!r}", f"{_CODE} add --rig {quoted(name)}")
+        return name
+    return "one-dof"
+
+
+def effects_with(specs: tuple[str, ...],
+                 sha256: Mapping[str, str] = MappingProxyType({})) -> tuple[dict[str, type[Effect]], list[str]]:
+    """The catalogue, widened by the effect files among `specs`, which a user said and which are run; and the specs as
+    names. sha256: what files have to be, by spec."""
+    known, names = effects(), []
+    for spec in specs:
+        path = _file_of(spec)
+        if is_code(path):
+            found = _classes(load_file(Path(path), sha256.get(spec, "")), Effect)
+            if not found:
+                raise FileError(f"{path} holds no effect", "an effect is a class that derives from pamid.Effect")
+            for cls in found:
+                require_sound(cls, path)  # type: ignore[arg-type]
+                known[cls.name] = cls  # type: ignore[attr-defined]
+            names.append(found[0].name + spec.removeprefix(path))  # type: ignore[attr-defined]
+        else:
+            names.append(spec)
+    return known, names

@@ -1,0 +1,228 @@
+"""Running a rig's equations once on symbols, its effects at their ports; every rule about ports is checked here."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from pamid.base.errors import FileError, PamidError, nearest
+from pamid.base.units import to_si
+from pamid.model.effect import Effect, Signals
+from pamid.model.rig import Loop, Rig
+from pamid.symbolic.expression import substitute, symbol, symbols
+from pamid.symbolic.memory_cells import Cell, tick
+from pamid.symbolic.vocabulary import EquationError, Expr, clip, expression
+
+#: (port, place) -> the effects that act there, with the owner of each one's parameters, in order
+EffectsAt = Callable[[str, str], list[tuple[str, Effect]]]
+
+
+class Names:
+    """Attribute access to symbols with an error that offers the nearest name."""
+
+    def __init__(self, values: dict[str, Any], what: str) -> None:
+        self._values, self._what = values, what
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        try:
+            return self._values[name]
+        except KeyError:
+            raise EquationError(f"there is no {self._what} {name!r}; there are: {', '.join(self._values) or 'none'}",
+                                nearest(name, list(self._values))) from None
+
+
+@dataclass(frozen=True)
+class Passage:
+    """A value on its way through a port."""
+
+    port: str
+    place: str
+    value: Expr
+    signals: tuple[tuple[str, Any], ...]
+    result: Expr
+
+    @property
+    def where(self) -> str:
+        return f"{self.port}_{self.place}" if self.place else self.port
+
+
+@dataclass(frozen=True)
+class Traced:
+    """Equations of an assembly as expressions."""
+
+    rates: dict[str, Expr]
+    outputs: dict[str, Expr]
+    cells: tuple[Cell, ...]
+    inputs: tuple[str, ...]
+    passages: tuple[Passage, ...]
+
+
+class _Tracer:
+    def __init__(self, rig: Rig, effects_at: EffectsAt, controller: dict[str, float]) -> None:
+        self.rig, self.effects_at, self.controller = rig, effects_at, controller
+        self.passages: dict[tuple[str, str], Passage] = {}
+        self.own_rates: dict[str, Expr] = {}
+        self.inputs = list(self.rig.inputs)
+        self.cells: list[Cell] = []
+
+    def run(self) -> Traced:
+        x = Names({s.name: symbol("state", s.name) for s in self.rig.states}, "state")
+        p = Names({q.name: symbol("parameter", q.name) for q in self.rig.parameters}, "parameter")
+        columns: dict[str, Expr] = {c: symbol("input", c) for c in self.rig.inputs}
+        if self.controller:
+            for loop in self.rig.loops:
+                self.inputs.remove(loop.command)
+                columns[loop.command] = symbol("cell", loop.command)
+        u = Names(columns, "input")
+        rates = self._call("rates", x, u, p, [s.name for s in self.rig.states])
+        outputs = self._call("measure", x, u, p, list(self.rig.outputs))
+        if self.controller:
+            for loop in self.rig.loops:
+                self._close(loop, outputs)
+        self._every_port_used()
+        return Traced({**rates, **self.own_rates}, outputs, tuple(self.cells), tuple(self.inputs),
+                      tuple(self.passages.values()))
+
+    def _call(self, method: str, x: Names, u: Names, p: Names, wanted: list[str]) -> dict[str, Expr]:
+        where_ = f"rig {self.rig.name!r}, {method}()"
+        try:
+            found = getattr(self.rig, method)(x, u, p, self.port)
+        except PamidError as error:
+            raise FileError(f"{where_}: {error}", error.hint) from error
+        except Exception as error:
+            line = traceback.extract_tb(error.__traceback__)[-1].lineno
+            raise FileError(f"{where_}, line {line}: {type(error).__name__}: {error}",
+                            "only + - * / and the functions of pamid.equations work on signals") from error
+        if not isinstance(found, dict):
+            raise FileError(f"{where_} returned {type(found).__name__}, not a dict of name: expression")
+        missing, strange = [w for w in wanted if w not in found], [k for k in found if k not in wanted]
+        if strange:
+            raise FileError(f"{where_} returned the unknown name {strange[0]!r}",
+                            nearest(strange[0], wanted) or f"names: {', '.join(wanted)}")
+        if missing:
+            raise FileError(f"{where_} returned nothing for {', '.join(map(repr, missing))}")
+        return {w: expression(found[w]) for w in wanted}
+
+    def port(self, name: str, value: Any, place: str = "", **signals: Any) -> Expr:
+        """Pass a value through a port, once; the same value again is the same passage."""
+        if name not in self.rig.ports:
+            raise EquationError(f"there is no port {name!r}; ports: {', '.join(self.rig.ports)}",
+                                nearest(name, list(self.rig.ports)))
+        port, place = self.rig.ports[name], str(place)
+        if (place or port.places) and place not in port.places:
+            raise EquationError(f"port {name!r} has no place {place!r}",
+                                f"places: {', '.join(port.places) or 'none'}")
+        lacking = [s for s in port.signals if s not in signals]
+        if lacking:
+            raise EquationError(f"port {name!r} promises the signal {lacking[0]!r} but is not given it",
+                                f"write port({name!r}, value, {lacking[0]}=...)")
+        value = expression(value)
+        known = tuple((k, v if callable(v) and not isinstance(v, Expr) else expression(v)) for k, v in signals.items())
+        before = self.passages.get((name, place))
+        if before is not None:
+            plain = [kv for kv in known if isinstance(kv[1], Expr)]
+            if before.value is not value or plain != [kv for kv in before.signals if isinstance(kv[1], Expr)]:
+                raise EquationError(f"two different values pass through port {name!r} {place}".rstrip(),
+                                    "a value passes through its port exactly once; give the other one its own port")
+            return before.result
+        result = value
+        offered = {"time": tick("time"), "period": tick("period"), **dict(known)}
+        for owner, effect in self.effects_at(name, place):
+            result = self._apply(owner, effect, name, place, result, offered)
+        self.passages[name, place] = Passage(name, place, value, known, result)
+        return result
+
+    def _apply(self, owner: str, effect: Effect, name: str, place: str, value: Expr,
+               offered: dict[str, Any]) -> Expr:
+        where_ = f"effect {effect.name!r} at port {name!r} of {self.rig.name!r}"
+        at = Signals({**offered, "place": place}, where_)
+        p = Names({q.name: symbol("parameter", f"{owner}:{q.name}") for q in effect.parameters}, "parameter")
+        prefix = f"{owner}.{name}{place}."
+        z = Names({s.name: symbol("state", prefix + s.name) for s in effect.states}, "state")
+        try:
+            result = effect.act(value, at, p, z)
+        except PamidError as error:
+            raise FileError(f"{where_}: {error}", error.hint) from error
+        except Exception as error:
+            line = traceback.extract_tb(error.__traceback__)[-1].lineno
+            raise FileError(f"{where_}, act(), line {line}: {type(error).__name__}: {error}",
+                            "only + - * / and the functions of pamid.equations work on signals") from error
+        after, rates = result if isinstance(result, tuple) else (result, {})
+        if set(rates) != {s.name for s in effect.states}:
+            raise FileError(f"{where_}: act() gives rates for {sorted(rates)}, its states are "
+                            f"{[s.name for s in effect.states]}")
+        self.own_rates |= {prefix + k: expression(v) for k, v in rates.items()}
+        return expression(after)
+
+    def _close(self, loop: Loop, outputs: dict[str, Expr]) -> None:
+        """PD with filtered derivative on the measured reading, as section [controller] of a recording says."""
+        c = self.controller
+        unit = f"{loop.reading.rsplit('_', 1)[-1]}"
+        noise = f"noise_{loop.reading}"
+        self.inputs += [loop.reference, noise]
+        scale = to_si(1.0, unit)
+        error = (symbol("input", loop.reference) - outputs[loop.reading] - symbol("input", noise)) / scale
+        last, slope = f"{loop.command}.error", f"{loop.command}.slope"
+        period = tick("period")
+        raw = (error - symbol("past", last)) / period
+        filtered = symbol("past", slope)
+        new_slope = filtered + (raw - filtered) * period / (c["derivative_filter_s"] + period)
+        limit = c["command_limit"]
+        kp, kd = c[f"kp_per_{unit}"], c[f"kd_s_per_{unit}"]
+        self.cells += [
+            Cell(slope, new_slope, 0.0 * error, sampled=True),
+            Cell(last, error, error, sampled=True),
+            Cell(loop.command, clip(kp * error + kd * symbol("cell", slope), -limit, limit),
+                 clip(kp * error, -limit, limit), sampled=True),
+        ]
+
+    def _every_port_used(self) -> None:
+        for name, port in self.rig.ports.items():
+            for place in port.places or ("",):
+                if (name, place) not in self.passages:
+                    at = f" at place {place!r}" if place else ""
+                    raise FileError(f"rig {self.rig.name!r} declares the port {name!r} but never passes a value "
+                                    f"through it{at}", f"write ... = port({name!r}, value, ...) in rates or measure, "
+                                    "or drop the port")
+
+
+def trace(rig: Rig, effects_at: EffectsAt, controller: dict[str, float]) -> Traced:
+    """The rig's equations with the effects in place. FileError, naming rig, port or effect, for whatever is wrong."""
+    return _Tracer(rig, effects_at, controller).run()
+
+
+# ---- several models as one ---------------------------------------------------------------------------------------
+
+
+def signals_of(traced: Traced) -> dict[str, Expr]:
+    """Inputs and outputs of a model by name (SI); a command that its controller makes is a cell."""
+    return {**{c.name: c.here for c in traced.cells}, **{name: symbol("input", name) for name in traced.inputs},
+            **traced.outputs}
+
+
+def beside(own: Traced, other: Traced, prefix: str) -> Traced:
+    """A model's equations, its states and parameters under names of their own, driven by what drives another one."""
+    driven, roots = signals_of(other), [*own.rates.values(), *own.outputs.values()]
+    new = {symbol(space, name): driven[name] if space == "input" else symbol(space, prefix + name)
+           for space, name in symbols(roots) if space != "tick"}
+    told = iter(substitute(roots, new))
+    rates = {prefix + name: next(told) for name in own.rates}
+    outputs = {name: next(told) for name in own.outputs}
+    made = tuple(c for c in other.cells if c.name in own.inputs)
+    return Traced(rates, outputs, made, other.inputs, ())
+
+
+def fed(own: Traced, before: Traced, name: str, value: Expr, cells: tuple[Cell, ...]) -> Traced:
+    """Both models as one that puts out what the first does, with this value in the place of one of its inputs."""
+    put = {symbol("input", name): value}
+    rates = dict(zip(own.rates, substitute(own.rates.values(), put), strict=True))
+    outputs = dict(zip(own.outputs, substitute(own.outputs.values(), put), strict=True))
+    made = []
+    for c in own.cells:
+        update, start = substitute([c.update, c.start], put)
+        made.append(Cell(c.name, update, start, c.sampled))
+    return Traced({**rates, **before.rates}, outputs, (*made, *cells), tuple(i for i in own.inputs if i != name), ())

@@ -1,1 +1,0 @@
-"""The two papers that pamid comes from: their tables on calibrated virtual rigs (twins), never on the authors' own."""

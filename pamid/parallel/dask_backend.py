@@ -1,0 +1,219 @@
+"""Jobs on a Dask cluster: workers on other machines that a scheduler hands them to.
+
+What a job needs, recordings and fitted models, goes to the scheduler once and from there to every worker that asks for
+it; a worker that dies is replaced by another one, and only the jobs it held are done again. A job that ends its workers
+`distributed.scheduler.allowed-failures` + 1 times (four, unless the scheduler is told otherwise) is given up.
+
+Scheduler and workers have to be trusted, and so does everybody who can reach them: jobs and results are pickles, which
+run code where they are unpacked, on the workers and here. At a tls:// address only who has a certificate is let in;
+which ones are used stands in Dask's own configuration (`distributed.comm.tls`).
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import platform
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, fields
+from functools import lru_cache
+from queue import Empty, SimpleQueue
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from threadpoolctl import threadpool_limits
+
+from pamid.base.errors import FileError, PamidError
+from pamid.parallel.jobs import Failed, Work, carried_out
+from pamid.parallel.store import Plain, code_sha256, digest
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+T = TypeVar("T")
+
+LISTEN_S = 5.0
+
+
+@dataclass(frozen=True)
+class Patience:
+    """How long to wait, s: for the scheduler to answer, for its first worker, without any worker while jobs wait."""
+
+    answer_s: float = 15.0
+    first_s: float = 15.0
+    alone_s: float = 120.0
+
+
+USUAL = Patience()
+
+
+@contextlib.contextmanager
+def cluster(address: str, patience: Patience | None = None) -> Iterator[Cluster]:
+    """The cluster whose scheduler listens at an address such as tcp://host:8786.
+
+    FileError where distributed is not installed, nobody answers in time, there is no worker, or the workers run another
+    pamid than this one.
+    """
+    patience = patience or USUAL
+    client = _connected(address, patience.answer_s)
+    try:
+        _require_alike(client, address, patience.first_s)
+        yield Cluster(client, address, patience)
+    finally:
+        client.close(timeout=LISTEN_S)
+
+
+def _connected(address: str, patience_s: float) -> Client:
+    try:
+        from distributed import Client
+    except ImportError:
+        raise FileError("--cluster needs the package distributed, which is not installed.",
+                        "pip install 'pamid[cluster]'", code="missing-package") from None
+    try:
+        # asked first: a port on which something else listens keeps a client waiting whatever its own limit
+        asyncio.run(asyncio.wait_for(_name_of(address), patience_s))
+        return Client(address, timeout=patience_s, set_as_default=False, name="pamid")
+    except (OSError, ValueError, KeyError, TypeError, RuntimeError) as error:   # the first: time limits, certificates
+        why = f": {error}" if str(error) else ""
+        if address.startswith("tls:"):
+            why += "; its certificates are those of Dask's configuration, as DASK_DISTRIBUTED__COMM__TLS__CA_FILE"
+        raise FileError(f"no scheduler answers at {address} within {patience_s:g} s{why}",
+                        "Start one with `dask scheduler` and give the address it prints, such as tcp://host:8786.",
+                        code="cluster") from error
+
+
+async def _name_of(address: str) -> str:
+    from distributed import Security, rpc
+
+    async with rpc(address, connection_args=Security().get_connection_args("client")) as scheduler:
+        return str((await scheduler.identity(n_workers=0))["id"])
+
+
+def fingerprint() -> dict[str, str]:
+    """What has to be alike on all machines for results to be; on other processors they differ by rounding."""
+    return {"code": code_sha256(), "processor": f"{platform.system()} {platform.machine()}"}
+
+
+def _require_alike(client: Client, address: str, patience_s: float) -> None:
+    deadline = time.monotonic() + patience_s
+    while not client.scheduler_info(n_workers=-1)["workers"]:
+        if time.monotonic() > deadline:
+            raise FileError(f"the scheduler at {address} has no workers",
+                            f"Start some: `dask worker {address} --nworkers 4 --nthreads 1`.", code="cluster")
+        time.sleep(0.1)
+    own = fingerprint()
+    try:
+        found = client.run(fingerprint)
+    except (ImportError, AttributeError) as error:
+        raise FileError(f"the workers of {address} cannot load pamid: {error}",
+                        "Install the same version there.", code="cluster") from error
+    other = sorted(worker for worker, theirs in found.items() if theirs != own)
+    if other:
+        raise FileError(f"{len(other)} of {len(found)} workers of {address} run another pamid, or another version of "
+                        f"what it computes with, than this machine: {', '.join(other[:3])}",
+                        "Results would depend on who worked them out: install the same versions everywhere.",
+                        code="cluster")
+
+
+@dataclass(eq=False)
+class Cluster:
+    """A connection that does jobs."""
+
+    client: Client
+    address: str
+    patience: Patience = USUAL
+    sent: dict[str, Future] = field(default_factory=dict)     # by digest: the parts of works that are there already
+
+    def __call__(self, work: Work[T, Any], items: Sequence[T]) -> Iterator[tuple[int, Plain | Failed]]:
+        import dask
+
+        with dask.config.set({"distributed.admin.large-graph-warning-threshold": "2GiB"}):
+            parts = {f.name: self._part(getattr(work, f.name)) for f in fields(work) if f.compare}  # type: ignore[arg-type]
+            kind = _packed(type(work))
+            once = time.monotonic_ns()
+            waiting = {self.client.submit(_done, kind, parts, _packed(item), code_sha256(), pure=False,
+                                          key=f"{work.what}-{i}-{once}"): i for i, item in enumerate(items)}
+        ended: SimpleQueue[Future] = SimpleQueue()
+        for future in waiting:
+            future.add_done_callback(ended.put)
+        try:
+            while waiting:
+                future = self._next(ended)
+                i = waiting.pop(future)
+                yield i, self._outcome(future, work.label(items[i]))
+                future.release()
+        finally:
+            if waiting and self.client.status == "running":
+                self.client.cancel(list(waiting), force=True)
+
+    def _part(self, value: Any) -> Future:
+        """Something that many jobs need, as a task of its own: where every worker that held it has died, the scheduler
+        still knows it."""
+        key = f"part-{digest(value)}"
+        if key not in self.sent:
+            self.sent[key] = self.client.submit(_unpacked, _packed(value), key=key)
+        return self.sent[key]
+
+    def _next(self, ended: SimpleQueue[Future]) -> Future:
+        """The next that has ended; PamidError where there is nobody left to wait for."""
+        alone = 0.0
+        while True:
+            if self.client.status != "running":
+                raise self._lost()
+            try:
+                return ended.get(timeout=LISTEN_S)
+            except Empty:
+                there = self.client.status == "running" and self.client.scheduler_info(n_workers=-1)["workers"]
+                alone = 0.0 if there else alone + LISTEN_S
+            if alone >= self.patience.alone_s:
+                raise PamidError(f"the scheduler at {self.address} has had no workers for {alone:.0f} s",
+                                 "Start some; what was finished is kept, go on with --resume.", code="cluster")
+
+    def _outcome(self, future: Future, label: str) -> Plain | Failed:
+        from distributed import KilledWorker
+
+        if future.status == "cancelled":
+            raise self._lost()
+        error = future.exception() if future.status == "error" else None
+        if error is None:
+            found: Plain | Failed = future.result()
+            return found
+        if isinstance(error, KilledWorker):
+            times = error.allowed_failures + 1
+            return Failed(label, f"its worker was killed {times} times, perhaps for want of memory")
+        return Failed(label, f"{type(error).__name__}: {error}")
+
+    def _lost(self) -> PamidError:
+        return PamidError(f"the connection to the scheduler at {self.address} was lost",
+                          "What was finished is kept; go on with --resume.", code="cluster")
+
+
+def _packed(value: Any) -> bytes:
+    """Bytes for a worker. What a rig or effect file defines is sent along: the file need not be there."""
+    import cloudpickle
+
+    for name, module in list(sys.modules.items()):
+        if name.startswith("pamid_user_"):
+            cloudpickle.register_pickle_by_value(module)
+    packed: bytes = cloudpickle.dumps(value)
+    return packed
+
+
+def _unpacked(packed: bytes) -> Any:
+    import cloudpickle
+
+    return cloudpickle.loads(packed)
+
+
+@lru_cache
+def _hold_blas() -> None:
+    """For good: a worker may do several jobs in threads."""
+    threadpool_limits(limits=1, user_api="blas")
+
+
+def _done(kind: bytes, parts: dict[str, Any], item: bytes, code: str) -> Plain | Failed:
+    """On a worker; code: that of the machine which asks (a worker may have been replaced since they were compared)."""
+    _hold_blas()
+    work, one = _unpacked(kind)(**parts), _unpacked(item)
+    return carried_out(work, one) if code == code_sha256() else Failed(work.label(one), "its worker runs another pamid")

@@ -1,0 +1,307 @@
+"""Independent jobs: pure functions, done one after the other, on this machine's cores or on a cluster.
+
+Whoever does them, a result passes through the same plain form and is known by the digest of all that went into it, so
+that it does not depend, to the last bit, on who did the job, how many did, or whether it was read back from an earlier
+attempt. The compiled sweeps release Python's lock, so threads share the work where little else runs; a diagnosis, in
+which much else does, shares the cores as processes. BLAS is held to one thread per job: the matrices are small.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import signal
+import traceback
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+from typing import Any, ClassVar, Generic, Protocol, TypeVar
+
+from threadpoolctl import threadpool_limits
+
+from pamid.base.errors import PamidError
+from pamid.parallel.store import Plain, Store, code_sha256, digest, plain
+
+T = TypeVar("T")
+R = TypeVar("R")
+
+_ENDING = (signal.SIGINT, signal.SIGTERM)
+ATTEMPTS = 3      # times that a job's process may die before the job is held to be the reason
+
+
+class Work(Generic[T, R]):
+    """One kind of job: a pure function of an item and of its own fields. Derive a frozen dataclass from it.
+
+    Calling it returns plain data (see `pamid.parallel.store`); `restored` makes of that what the caller wants. A field that is
+    declared with compare=False must not change the result.
+    """
+
+    what: ClassVar[str]
+
+    def __call__(self, item: T) -> Plain:
+        raise NotImplementedError
+
+    def restored(self, item: T, found: Plain) -> R:
+        raise NotImplementedError
+
+    def name(self, item: T) -> str:
+        """What the item is called."""
+        return str(item)
+
+    def cost(self, item: T) -> float:
+        """About how long it takes, in any unit: longer jobs are begun first."""
+        return 0.0
+
+    def label(self, item: T) -> str:
+        return f"{self.what} {self.name(item)}".rstrip()
+
+
+@dataclass(frozen=True)
+class Failed:
+    """A job without a result: what it was, and why it failed. The other jobs go on."""
+
+    job: str
+    why: str
+
+
+class Hands(Protocol):
+    """Those who do jobs: (number of the item, result) as they come; `Failed` is a result, too."""
+
+    def __call__(self, work: Work[T, Any], items: Sequence[T]) -> Iterator[tuple[int, Plain | Failed]]: ...
+
+
+@dataclass(eq=False)
+class Crew:
+    """Who does the jobs of a run, and where their results are kept.
+
+    jobs: processes on this machine; hands: others who do them instead (a cluster); worked, kept: how many were worked
+    out, and found in the store; failed: those that came to nothing.
+    """
+
+    jobs: int = 1
+    store: Store | None = None
+    hands: Hands | None = None
+    worked: int = 0
+    kept: int = 0
+    failed: list[Failed] = field(default_factory=list)
+
+    @property
+    def failed_jobs(self) -> list[dict[str, str]]:
+        """The jobs that failed, as results tell them."""
+        return [vars(f) for f in self.failed]
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """How many jobs were worked out, found in the store, and failed."""
+        return {"worked": self.worked, "kept": self.kept, "failed": len(self.failed)}
+
+    def run(self, work: Work[T, R], items: Iterable[T],
+            told: Callable[[str], None] = lambda text: None) -> list[R | Failed]:
+        """Results in the order of the items; told: how far it is. PamidError where there were several jobs and
+        all failed."""
+        todo = list(items)
+        results: dict[int, R | Failed] = {}
+        for i, found in self.finished(work, todo):
+            results[i] = found
+            told(f"{work.what} {len(results)}/{len(todo)}: {work.name(todo[i])}")
+        failed = [f for f in results.values() if isinstance(f, Failed)]
+        if len(failed) == len(todo) > 1:
+            raise PamidError(f"all {len(todo)} jobs failed, the first of them, {failed[0].job}: {failed[0].why}",
+                             code="jobs")
+        return [results[i] for i in range(len(todo))]
+
+    def finished(self, work: Work[T, R], items: Sequence[T]) -> Iterator[tuple[int, R | Failed]]:
+        """(number of the item, result) as they come, those that are kept first."""
+        keys = self._keys(work, items)
+        todo = []
+        for i in sorted(range(len(items)), key=lambda i: -work.cost(items[i])):
+            found = self.store.get(keys[i]) if self.store else None
+            if found is None:
+                todo.append(i)
+            else:
+                self.kept += 1
+                yield i, work.restored(items[i], found)
+        for k, done in self._hands()(work, [items[i] for i in todo]) if todo else ():
+            i = todo[k]
+            if isinstance(done, Failed):
+                self.failed.append(done)
+                yield i, done
+            else:
+                self._keep(keys, i, work.label(items[i]), done)
+                yield i, work.restored(items[i], done)
+
+    def one(self, work: Work[T, R], item: T) -> R:
+        """A single job, done here and now; its errors are its caller's."""
+        keys = self._keys(work, [item])
+        found = self.store.get(keys[0]) if self.store else None
+        if found is None:
+            with threadpool_limits(limits=1, user_api="blas"):
+                found = plain(work(item))
+            self._keep(keys, 0, work.label(item), found)
+        else:
+            self.kept += 1
+        return work.restored(item, found)
+
+    def _keep(self, keys: list[str], i: int, label: str, found: Plain) -> None:
+        self.worked += 1
+        if self.store:
+            self.store.put(keys[i], label, found)
+
+    def _keys(self, work: Work[T, R], items: Sequence[T]) -> list[str]:
+        """The items' keys; none where nothing is kept."""
+        ground = digest(code_sha256(), work) if self.store else ""
+        return [digest(ground, item) for item in items] if self.store else []
+
+    def _hands(self) -> Hands:
+        if self.hands is not None:
+            return self.hands
+        if self.jobs <= 1:
+            return one_by_one
+        return Processes(self.jobs) if "fork" in multiprocessing.get_all_start_methods() else Threads(self.jobs)
+
+
+def carried_out(work: Work[T, Any], item: T) -> Plain | Failed:
+    """The job's plain result, or why there is none."""
+    try:
+        found: Plain = plain(work(item))
+        return found
+    except PamidError as error:
+        return Failed(work.label(item), str(error))
+    except Exception as error:  # the tool's own fault, or an effect file's: it must not cost the other jobs
+        return Failed(work.label(item), fault_text(error))
+
+
+def fault_text(error: Exception) -> str:
+    """An error nobody expected in one line: what, and where it was raised."""
+    at = traceback.extract_tb(error.__traceback__)[-1]
+    return f"{type(error).__name__}: {error} ({Path(at.filename).name}, line {at.lineno})"
+
+
+def one_by_one(work: Work[T, Any], items: Sequence[T]) -> Iterator[tuple[int, Plain | Failed]]:
+    """In this process, one job after the other."""
+    with threadpool_limits(limits=1, user_api="blas"):
+        for i, item in enumerate(items):
+            yield i, carried_out(work, item)
+
+
+@dataclass(frozen=True)
+class Threads:
+    """Threads of this process."""
+
+    count: int
+
+    def __call__(self, work: Work[T, Any], items: Sequence[T]) -> Iterator[tuple[int, Plain | Failed]]:
+        pool = ThreadPoolExecutor(max_workers=self.count)
+        try:
+            with threadpool_limits(limits=1, user_api="blas"):
+                futures = {pool.submit(carried_out, work, item): i for i, item in enumerate(items)}
+                for future in as_completed(futures):
+                    yield futures[future], future.result()
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+@dataclass(frozen=True)
+class Processes:
+    """Processes of this machine that inherit all there is, so that only results are sent; begun in a moment. One that
+    dies costs its own job an attempt and no other job anything."""
+
+    count: int
+
+    def __call__(self, work: Work[T, Any], items: Sequence[T]) -> Iterator[tuple[int, Plain | Failed]]:
+        todo, attempts, idle = deque(range(len(items))), [0] * len(items), deque[_Hand]()
+        busy: dict[Connection, tuple[_Hand, int]] = {}
+        everyone: list[_Hand] = []
+        try:
+            while todo or busy:
+                while todo and len(busy) < self.count:
+                    hand = idle.popleft() if idle else _Hand.begun(work, items, everyone)
+                    i = todo.popleft()
+                    hand.ask(i)
+                    busy[hand.line] = hand, i
+                for line in wait(list(busy)):
+                    assert isinstance(line, Connection)
+                    hand, i = busy.pop(line)
+                    try:
+                        found = line.recv()
+                    except (EOFError, OSError):
+                        attempts[i] += 1
+                        reason = hand.end()
+                        everyone.remove(hand)
+                        if attempts[i] < ATTEMPTS:
+                            todo.appendleft(i)
+                        else:
+                            yield i, Failed(work.label(items[i]), f"its process was killed {ATTEMPTS} times "
+                                            f"({reason}), perhaps for want of memory")
+                        continue
+                    idle.append(hand)
+                    yield i, found
+        finally:
+            for hand in everyone:
+                hand.process.terminate()
+            for hand in everyone:
+                hand.end()
+
+
+@dataclass(frozen=True, eq=False)
+class _Hand:
+    """A process that works out the items whose numbers it is sent."""
+
+    line: Connection
+    process: Any
+
+    @classmethod
+    def begun(cls, work: Work[T, Any], items: Sequence[T], everyone: list[_Hand]) -> _Hand:
+        context = multiprocessing.get_context("fork")
+        ours, theirs = context.Pipe()
+        # it inherits our ends of all lines: were they left open there, none would end if this process died
+        inherited = [ours, *(hand.line for hand in everyone)]
+        process = context.Process(target=_serve, args=(theirs, inherited, work, items), daemon=True)
+        # a signal that comes before the child is ready for it would end it with the parent's answer to it
+        held = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
+        try:
+            process.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, held)
+        theirs.close()
+        hand = cls(ours, process)
+        everyone.append(hand)
+        return hand
+
+    def ask(self, number: int) -> None:
+        with contextlib.suppress(OSError):      # it has died: the line says so when it is listened to
+            self.line.send(number)
+
+    def end(self) -> str:
+        """Wait for the end of a process that has died or was told to; says how it came."""
+        self.process.join(5.0)
+        self.line.close()
+        code = self.process.exitcode
+        return f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
+
+
+def _serve(line: Connection, inherited: list[Connection], work: Work[T, Any], items: Sequence[T]) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches every process of a terminal; the first one decides
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
+    for other in inherited:
+        other.close()
+    with threadpool_limits(limits=1, user_api="blas"), contextlib.suppress(EOFError, OSError):
+        while True:
+            line.send(carried_out(work, items[line.recv()]))
+
+
+def run_jobs(work: Callable[[T], R], items: Iterable[T], *, jobs: int = 1) -> list[R]:
+    """[work(item) for item in items] on `jobs` threads; an error ends them all."""
+    todo = list(items)
+    with threadpool_limits(limits=1, user_api="blas"):
+        if jobs <= 1:
+            return [work(item) for item in todo]
+        pool = ThreadPoolExecutor(max_workers=jobs)
+        try:
+            return list(pool.map(work, todo))
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)

@@ -1,0 +1,1 @@
+"""Recordings: reading, writing, what is wrong with a file, noise, shared samples."""

@@ -1,0 +1,1 @@
+"""Models run over recordings: simulation, windows, replay, the parts of the data."""

@@ -1,0 +1,1 @@
+"""Expressions: what equations are written with, their derivatives and their memory."""

@@ -1,0 +1,326 @@
+"""Expressions: the graph beneath every equation, hash-consed so that building one twice gives the same object.
+
+`pamid.symbolic.vocabulary` is the vocabulary that rigs and effects are written in; this is what it builds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from typing import Any, Union
+
+from pamid.base.errors import PamidError
+
+Number = Union["Expr", float, int]
+
+_UNARY: dict[str, Callable[[float], float]] = {
+    "sqrt": math.sqrt, "exp": math.exp, "log": math.log, "tanh": math.tanh, "sin": math.sin, "cos": math.cos,
+    "abs": abs, "floor": math.floor, "neg": lambda a: -a,
+}
+_BINARY: dict[str, Callable[[float, float], Any]] = {
+    "add": lambda a, b: a + b, "sub": lambda a, b: a - b, "mul": lambda a, b: a * b, "div": lambda a, b: a / b,
+    "pow": lambda a, b: a**b, "min": min, "max": max,
+    "lt": lambda a, b: float(a < b), "le": lambda a, b: float(a <= b),
+}
+
+
+class EquationError(PamidError):
+    """An equation cannot be traced: a Python `if` on a signal, a wrong type, a value that is not finite."""
+
+    def __init__(self, message: str, hint: str = "") -> None:
+        super().__init__(message, hint, code="equation", exit_code=3)
+
+
+class Expr:
+    """A node: `op` with `args`; leaves are constants (`value`) and symbols (`value` = (space, name))."""
+
+    __slots__ = ("args", "op", "value")
+    _table: dict[tuple[Any, ...], Expr] = {}
+    __array_priority__ = 1000.0
+
+    op: str
+    args: tuple[Expr, ...]
+    value: Any
+
+    def __new__(cls, op: str, args: tuple[Expr, ...] = (), value: Any = None) -> Expr:
+        key = (op, tuple(map(id, args)), value)
+        node = cls._table.get(key)
+        if node is None:
+            node = object.__new__(cls)
+            node.op, node.args, node.value = op, args, value
+            node = cls._table.setdefault(key, node)  # another thread may have been first
+        return node
+
+    def __bool__(self) -> bool:
+        raise EquationError(
+            "a Python `if`, `and`, `or`, `min`, `max` or `abs` was used on a signal",
+            "write where(condition, a, b), minimum(a, b), maximum(a, b) from pamid.equations instead",
+        )
+
+    def __float__(self) -> float:
+        if self.op == "const":
+            return float(self.value)
+        raise EquationError(f"the value of {text(self)} is not known before the simulation",
+                            "use sqrt, exp, tanh, ... from pamid.equations instead of math.* or numpy.*")
+
+    def __repr__(self) -> str:
+        return text(self)
+
+    def __add__(self, other: Number) -> Expr:
+        return add(self, other)
+
+    def __radd__(self, other: Number) -> Expr:
+        return add(other, self)
+
+    def __sub__(self, other: Number) -> Expr:
+        return sub(self, other)
+
+    def __rsub__(self, other: Number) -> Expr:
+        return sub(other, self)
+
+    def __mul__(self, other: Number) -> Expr:
+        return mul(self, other)
+
+    def __rmul__(self, other: Number) -> Expr:
+        return mul(other, self)
+
+    def __truediv__(self, other: Number) -> Expr:
+        return div(self, other)
+
+    def __rtruediv__(self, other: Number) -> Expr:
+        return div(other, self)
+
+    def __pow__(self, other: Number) -> Expr:
+        return power(self, other)
+
+    def __neg__(self) -> Expr:
+        return unary("neg", self)
+
+    def __pos__(self) -> Expr:
+        return self
+
+    def __abs__(self) -> Expr:
+        return unary("abs", self)
+
+    def __lt__(self, other: Number) -> Expr:
+        return binary("lt", self, other)
+
+    def __le__(self, other: Number) -> Expr:
+        return binary("le", self, other)
+
+    def __gt__(self, other: Number) -> Expr:
+        return binary("lt", other, self)
+
+    def __ge__(self, other: Number) -> Expr:
+        return binary("le", other, self)
+
+
+def const(value: float) -> Expr:
+    """A constant node; refuses anything that is not a finite number."""
+    number = float(value)
+    if not math.isfinite(number):
+        raise EquationError(f"an equation contains the constant {number}", "guard the division or the logarithm")
+    return Expr("const", (), 0.0 if number == 0.0 else number)
+
+
+def symbol(space: str, name: str) -> Expr:
+    """A leaf: `space` is one of state, cell, past, input, parameter, tick; `name` is unique inside it."""
+    return Expr("symbol", (), (space, name))
+
+
+def expression(value: Number) -> Expr:
+    """`value` as a node (numbers become constants)."""
+    if isinstance(value, Expr):
+        return value
+    try:
+        return const(float(value))
+    except (TypeError, ValueError):
+        raise EquationError(f"an equation returned {value!r}, which is neither a number nor an expression",
+                            "rates, measure and act return expressions or numbers") from None
+
+
+ZERO, ONE = const(0.0), const(1.0)
+
+
+def _is(node: Expr, number: float) -> bool:
+    return node.op == "const" and node.value == number
+
+
+def unary(op: str, argument: Number) -> Expr:
+    """One-argument function, folded where the argument is a constant."""
+    a = expression(argument)
+    if a.op == "const":
+        try:
+            return const(_UNARY[op](a.value))
+        except (ValueError, OverflowError):
+            raise EquationError(f"{op}({a.value}) is not a number", "guard the argument with maximum(...)") from None
+    if op == "neg" and a.op == "neg":
+        return a.args[0]
+    return Expr(op, (a,))
+
+
+def binary(op: str, left: Number, right: Number) -> Expr:
+    """Two-argument function, folded where both arguments are constants."""
+    a, b = expression(left), expression(right)
+    if a.op == "const" and b.op == "const":
+        try:
+            return const(_BINARY[op](a.value, b.value))
+        except (ZeroDivisionError, OverflowError, ValueError):
+            raise EquationError(f"{op}({a.value}, {b.value}) is not a number", "guard the divisor") from None
+    return Expr(op, (a, b))
+
+
+def add(left: Number, right: Number) -> Expr:
+    a, b = expression(left), expression(right)
+    if _is(a, 0.0):
+        return b
+    if _is(b, 0.0):
+        return a
+    if b.op == "neg":
+        return binary("sub", a, b.args[0])
+    return binary("add", a, b)
+
+
+def sub(left: Number, right: Number) -> Expr:
+    a, b = expression(left), expression(right)
+    if _is(b, 0.0):
+        return a
+    if _is(a, 0.0):
+        return unary("neg", b)
+    return ZERO if a is b else binary("sub", a, b)
+
+
+def mul(left: Number, right: Number) -> Expr:
+    a, b = expression(left), expression(right)
+    if _is(a, 0.0) or _is(b, 0.0):
+        return ZERO
+    if _is(a, 1.0):
+        return b
+    if _is(b, 1.0):
+        return a
+    if _is(a, -1.0):
+        return unary("neg", b)
+    if _is(b, -1.0):
+        return unary("neg", a)
+    return binary("mul", a, b)
+
+
+def div(left: Number, right: Number) -> Expr:
+    a, b = expression(left), expression(right)
+    if _is(b, 0.0):
+        raise EquationError(f"{text(a)} is divided by zero", "guard the divisor with maximum(..., 1e-9)")
+    if _is(a, 0.0):
+        return ZERO
+    if b.op == "const":
+        return mul(a, 1.0 / b.value)
+    return binary("div", a, b)
+
+
+def power(base: Number, exponent: Number) -> Expr:
+    """base ** exponent; small whole exponents become products."""
+    a, b = expression(base), expression(exponent)
+    if b.op == "const":
+        if b.value == 0.5:
+            return unary("sqrt", a)
+        if b.value == int(b.value) and 0 <= b.value <= 8:
+            result, factor, n = ONE, a, int(b.value)
+            while n:
+                result = mul(result, factor) if n & 1 else result
+                factor, n = mul(factor, factor), n >> 1
+            return result
+    return binary("pow", a, b)
+
+
+def where(condition: Number, a: Number, b: Number) -> Expr:
+    """a where the condition holds, else b. Both sides are computed: keep both finite."""
+    c, left, right = expression(condition), expression(a), expression(b)
+    if left is right:
+        return left
+    if c.op == "const":
+        return left if c.value else right
+    return Expr("where", (c, left, right))
+
+
+# ---- walking -----------------------------------------------------------------------------------------------------
+
+
+def walk(roots: Iterable[Expr]) -> list[Expr]:
+    """Every node below `roots`, arguments first, in an order that depends on the equations only."""
+    seen: set[int] = set()
+    order: list[Expr] = []
+    for root in roots:
+        stack = [(root, False)]
+        while stack:
+            node, done = stack.pop()
+            if done:
+                order.append(node)
+            elif id(node) not in seen:
+                seen.add(id(node))
+                stack.append((node, True))
+                stack.extend((a, False) for a in reversed(node.args) if id(a) not in seen)
+    unique: set[int] = set()
+    return [n for n in order if not (id(n) in unique or unique.add(id(n)))]  # type: ignore[func-returns-value]
+
+
+_REBUILD: dict[str, Callable[..., Expr]] = {
+    "add": add, "sub": sub, "mul": mul, "div": div, "pow": power, "where": where,
+}
+
+
+def rebuild(node: Expr, args: tuple[Expr, ...]) -> Expr:
+    """The same operation on other arguments, simplified again."""
+    if node.op in _REBUILD:
+        return _REBUILD[node.op](*args)
+    if node.op in _UNARY:
+        return unary(node.op, args[0])
+    if node.op in _BINARY:
+        return binary(node.op, args[0], args[1])
+    return Expr(node.op, args, node.value)
+
+
+def substitute(roots: Iterable[Expr], values: dict[Expr, Expr]) -> list[Expr]:
+    """The roots with some nodes replaced."""
+    roots = list(roots)
+    new: dict[Expr, Expr] = {}
+    for node in walk(roots):
+        if node in values:
+            new[node] = values[node]
+        elif node.args:
+            args = tuple(new[a] for a in node.args)
+            new[node] = node if all(a is b for a, b in zip(args, node.args, strict=True)) else rebuild(node, args)
+        else:
+            new[node] = node
+    return [new[r] for r in roots]
+
+
+def symbols(roots: Iterable[Expr]) -> set[tuple[str, str]]:
+    """(space, name) of every symbol below the roots."""
+    return {n.value for n in walk(roots) if n.op == "symbol"}
+
+
+# ---- printing ----------------------------------------------------------------------------------------------------
+
+_INFIX = {"add": ("+", 1), "sub": ("-", 1), "mul": ("*", 2), "div": ("/", 2), "pow": ("**", 4),
+          "lt": ("<", 0), "le": ("<=", 0)}
+
+
+def text(node: Expr) -> str:
+    """The expression as plain text, as one would type it."""
+    return _text(node)[0]
+
+
+def _text(node: Expr) -> tuple[str, int]:
+    if node.op == "const":
+        return (f"{node.value:.6g}", 5 if node.value >= 0 else 1)
+    if node.op == "symbol":
+        return (node.value[1], 5)
+    if node.op in _INFIX:
+        sign_, level = _INFIX[node.op]
+        (left, a), (right, b) = _text(node.args[0]), _text(node.args[1])
+        left = f"({left})" if a < level else left
+        right = f"({right})" if b < level or (b == level and node.op in ("sub", "div", "pow")) else right
+        return (f"{left} {sign_} {right}" if level < 4 else f"{left}{sign_}{right}", level)
+    if node.op == "neg":
+        inner, level = _text(node.args[0])
+        return (f"-({inner})" if level < 2 else f"-{inner}", 1)
+    return (f"{node.op}({', '.join(text(a) for a in node.args)})", 5)
