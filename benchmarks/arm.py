@@ -2,10 +2,11 @@
 
     python benchmarks/arm.py
 
-66667 samples of 3 ms under random commands at both joints, as a fit would step them. CPU seconds, medians of 9. MuJoCo
-steps a double pendulum of the same links by RK4, once per sample and without muscles, valves or air; its loop over the
-samples runs in Python, so a loop that does nothing is taken off. The last lines say how far the two are apart on
-accelerations, relative to the largest of the two joints, at 1000 random states.
+66667 samples of 3 ms under random commands at both joints, as a fit would step them. CPU seconds,
+medians of 9. MuJoCo steps a double pendulum of the same links by RK4, once per sample and without
+muscles, valves or air; its loop over the samples runs in Python, so a loop that does nothing is
+taken off. The last lines say how far the two are apart on accelerations, relative to the largest of
+the two joints, at 1000 random states.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.simulation.simulate import choose_stepping
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 
 SAMPLES, PERIOD_S, ROUNDS = 66667, 0.003, 9
 WANTED_S = 0.15
@@ -58,12 +59,16 @@ def main() -> None:
 
     def run(columns: int = 0) -> None:
         memory = a.program.memory(a.start(p), columns, stepping=step, period_s=PERIOD_S)
-        _, _, bad = a.program.run(memory, u, p, period_s=PERIOD_S, stepping=step, columns=chosen if columns else None)
+        _, _, bad = a.program.run(
+            memory, u, p, period_s=PERIOD_S, stepping=step, columns=chosen if columns else None
+        )
         assert bad < 0, "the arm became unstable"
 
     free, nine = seconds(run), seconds(lambda: run(9))
-    print(f"free run of {SAMPLES} samples, {step.substeps} step(s) each: {1e3 * free:.1f} ms "
-          f"({'within' if free <= WANTED_S else 'MISSES'} the {1e3 * WANTED_S:.0f} ms wanted)")
+    print(
+        f"free run of {SAMPLES} samples, {step.substeps} step(s) each: {1e3 * free:.1f} ms "
+        f"({'within' if free <= WANTED_S else 'MISSES'} the {1e3 * WANTED_S:.0f} ms wanted)"
+    )
     print(f"with 9 exact sensitivities: {1e3 * nine:.1f} ms ({nine / free:.1f} times)")
     beside_mujoco(free)
 
@@ -89,7 +94,10 @@ def beside_mujoco(free: float) -> None:
             mujoco.mj_version()
 
     peer = seconds(stepped) - seconds(idle)
-    print(f"MuJoCo, links only, RK4, one step per sample: {1e3 * peer:.1f} ms ({peer / free:.1f} times the whole arm)")
+    print(
+        f"MuJoCo, links only, RK4, one step per sample: {1e3 * peer:.1f} ms ({peer / free:.1f} "
+        "times the whole arm)"
+    )
     print(f"accelerations apart by {furthest_acceleration():.1e} at most")
 
 

@@ -1,10 +1,12 @@
-"""Training the paper's Elman network (5-10-1, 171 weights, 66667 samples): pass, iteration, memory, second core.
+"""Training the paper's Elman network (5-10-1, 171 weights, 66667 samples): pass, iteration, memory,
+second core.
 
     python benchmarks/elman_pass.py
 
-All in one process, on one core but for the last lines: the pass with exact derivatives and the share it reaches of the
-rate of a matrix product measured beside it, the simulation that a trial step costs, a whole accepted iteration with
-all its trials, peak memory, and what a second core brings. Peers: elman_peers.py.
+All in one process, on one core but for the last lines: the pass with exact derivatives and the
+share it reaches of the rate of a matrix product measured beside it, the simulation that a trial
+step costs, a whole accepted iteration with all its trials, peak memory, and what a second core
+brings. Peers: elman_peers.py.
 """
 
 import os
@@ -56,10 +58,17 @@ def main() -> None:
     one_pass = cpu_seconds(lambda: network.normal_equations(weights, u, target), ROUNDS)
     rates.append(dgemm_rate(ROUNDS))
     simulation = cpu_seconds(lambda: network.simulate(weights, u), ROUNDS)
-    algebra = cpu_seconds(lambda: (solve_damped(jtj, 1.0, jte), effective_weights(Evidence(0.0, 1.0, 1.0), jtj.copy())),
-                          ROUNDS)
+    algebra = cpu_seconds(
+        lambda: (
+            solve_damped(jtj, 1.0, jte),
+            effective_weights(Evidence(0.0, 1.0, 1.0), jtj.copy()),
+        ),
+        ROUNDS,
+    )
     trials = training.trace["trials"][1:].mean()
-    alone, both = (wall_seconds(lambda k=k: network.normal_equations(weights, u, target, 0, k)) for k in (1, 2))
+    alone, both = (
+        wall_seconds(lambda k=k: network.normal_equations(weights, u, target, 0, k)) for k in (1, 2)
+    )
     races = []
     for threads in (1, 2):
         begun = time.perf_counter()
@@ -67,14 +76,23 @@ def main() -> None:
         races.append(time.perf_counter() - begun)
 
     rate, work = float(np.median(rates)), operations(network, SAMPLES)
-    print(f"Elman 5-10-1, {network.n_weights} weights, N = {SAMPLES}, float64; CPU s; load {os.getloadavg()[0]:.1f}")
+    print(
+        f"Elman 5-10-1, {network.n_weights} weights, N = {SAMPLES}, float64; CPU s; load "
+        f"{os.getloadavg()[0]:.1f}"
+    )
     print(f"  dgemm of this process                       {rate / 1e9:9.1f} GF/s")
-    print(f"  pass: sse, J'J, J'e, exact derivatives      {one_pass:9.4f} s   {work / one_pass / rate:.0%} of dgemm")
+    print(
+        f"  pass: sse, J'J, J'e, exact derivatives      {one_pass:9.4f} s   "
+        f"{work / one_pass / rate:.0%} of dgemm"
+    )
     print(f"  trial step: simulation alone                {simulation:9.4f} s")
     print(f"  linear algebra of a step                    {algebra:9.4f} s")
     print(f"  whole iteration, {trials:.1f} trials on average       {iteration:9.4f} s")
     print(f"  peak memory of this process so far          {memory:9.0f} MB")
-    print(f"  the paper's 7.22 s (another machine)        {PAPER_SECONDS / iteration:9.1f} times the iteration above")
+    print(
+        f"  the paper's 7.22 s (another machine)        {PAPER_SECONDS / iteration:9.1f} times "
+        "the iteration above"
+    )
     print(f"  two cores, by the clock: one pass           {alone / both:9.2f} times faster")
     print(f"  two cores, by the clock: two starts         {races[0] / races[1]:9.2f} times faster")
 

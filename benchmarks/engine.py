@@ -1,11 +1,13 @@
-"""CPU time of the engine and of grey-box fits on the one-dof rig, against their targets and against scipy.
+"""CPU time of the engine and of grey-box fits on the one-dof rig, against their targets and against
+scipy.
 
     OMP_NUM_THREADS=1 python benchmarks/engine.py
 
-One process, one thread, CPU seconds, medians of several calls. The record is 200 s at 3 ms (66667 samples) of the
-rig's own closed loop, replayed on its recorded command. Compilation is timed apart; everything else runs from the
-cache. scipy integrates a Python transcription of the same expressions (plain floats, functions of `math`, common
-parts computed once); it is slow, so it runs on a short stretch and is scaled, and the row says from what.
+One process, one thread, CPU seconds, medians of several calls. The record is 200 s at 3 ms (66667
+samples) of the rig's own closed loop, replayed on its recorded command. Compilation is timed apart;
+everything else runs from the cache. scipy integrates a Python transcription of the same expressions
+(plain floats, functions of `math`, common parts computed once); it is slow, so it runs on a short
+stretch and is scaled, and the row says from what.
 """
 
 import os
@@ -46,12 +48,21 @@ from pamid.simulation.windows import track_of
 Array = NDArray[np.float64]
 PERIOD_S = 0.003
 SAMPLES = 66_667
-SPECIMEN = {"damping_m2_s": 7.5e-4, "scale": 1.1, "conductance_in_m3_per_s_pa": 4.2e-9, "critical_ratio": 0.38,
-            "viscous_n_m_s": 0.08, "contraction_0": 0.104, "dead_volume_cm3": 7.0, "polytropic": 1.15}
-RESTARTED = 300       # samples over which scipy is restarted at every sample
-ONE_CALL = 1_000      # samples it does in one call
-SCIPY_FIT = 333       # samples of scipy's fit
-HELD_OPEN = ("coulomb-friction", "dead-time", "leak")   # one parameter each beside the rig's nine: twelve columns
+SPECIMEN = {
+    "damping_m2_s": 7.5e-4,
+    "scale": 1.1,
+    "conductance_in_m3_per_s_pa": 4.2e-9,
+    "critical_ratio": 0.38,
+    "viscous_n_m_s": 0.08,
+    "contraction_0": 0.104,
+    "dead_volume_cm3": 7.0,
+    "polytropic": 1.15,
+}
+RESTARTED = 300  # samples over which scipy is restarted at every sample
+ONE_CALL = 1_000  # samples it does in one call
+SCIPY_FIT = 333  # samples of scipy's fit
+# one parameter each beside the rig's nine: twelve columns
+HELD_OPEN = ("coulomb-friction", "dead-time", "leak")
 
 
 @dataclass(frozen=True)
@@ -85,13 +96,20 @@ def recorded(folder: Path, samples: int) -> Recording:
     reference = aprbs(samples * PERIOD_S, PERIOD_S, 35.0, seed=1)[:samples]
     stamps = np.arange(len(reference)) * PERIOD_S
     write_recording(folder / "reference.csv", stamps, {"reference_deg": reference})
-    made = virtual_rig("one-dof", read_recording(folder / "reference.csv"), (), {"inertia_kg_m2": 0.0896}, SPECIMEN,
-                       1.0, 1)
+    made = virtual_rig(
+        "one-dof",
+        read_recording(folder / "reference.csv"),
+        (),
+        {"inertia_kg_m2": 0.0896},
+        SPECIMEN,
+        1.0,
+        1,
+    )
     write_recording(folder / "rec.csv", stamps, made.columns, made.meta)
     return read_recording(folder / "rec.csv")
 
 
-# ---- runs --------------------------------------------------------------------------------------------------------
+# ---- runs --------------------
 
 
 @dataclass(frozen=True)
@@ -105,13 +123,19 @@ class Setting:
 
     def run(self, columns: list[int] | None = None) -> Array:
         program: Program = self.assembly.program
-        memory = program.memory(self.assembly.start(self.p), len(columns or []), stepping=self.stepping,
-                                period_s=PERIOD_S)
+        memory = program.memory(
+            self.assembly.start(self.p),
+            len(columns or []),
+            stepping=self.stepping,
+            period_s=PERIOD_S,
+        )
         chosen = None
         if columns is not None:
             chosen = np.full(len(self.p), -1, np.int64)
             chosen[columns] = np.arange(len(columns))
-        y, _, bad = program.run(memory, self.u, self.p, period_s=PERIOD_S, stepping=self.stepping, columns=chosen)
+        y, _, bad = program.run(
+            memory, self.u, self.p, period_s=PERIOD_S, stepping=self.stepping, columns=chosen
+        )
         assert bad == -1, f"blew up at sample {bad}"
         return y
 
@@ -126,7 +150,7 @@ def rig_columns(a: Assembly) -> list[int]:
     return [i for i, b in enumerate(a.parameters) if b.fitted and not b.owner]
 
 
-# ---- compiling ---------------------------------------------------------------------------------------------------
+# ---- compiling --------------------
 
 
 def compile_seconds(assembly: Assembly, folder: Path) -> tuple[float, float]:
@@ -138,7 +162,7 @@ def compile_seconds(assembly: Assembly, folder: Path) -> tuple[float, float]:
         machine._loaded = {}
         fresh = replace(assembly)
         times.append(once(lambda fresh=fresh: fresh.program)[0])
-        kept = {**kept, **machine._loaded}      # code that is still in use must live
+        kept = {**kept, **machine._loaded}  # code that is still in use must live
     machine._loaded = kept
     if before is None:
         del os.environ["PAMID_CACHE"]
@@ -161,24 +185,34 @@ print(time.process_time() - begun)
 
 
 def driver_seconds(folder: Path) -> tuple[float, float]:
-    """The sweep itself, compiled once per installation: cold and from its cache, in processes of their own."""
+    """The sweep itself, compiled once per installation: cold and from its cache, in processes of
+    their own."""
     times = []
     for _ in range(2):
-        done = subprocess.run([sys.executable, "-c", DRIVER], check=True, capture_output=True, text=True,
-                              env={**os.environ, "NUMBA_CACHE_DIR": str(folder)})
+        done = subprocess.run(
+            [sys.executable, "-c", DRIVER],
+            check=True,
+            capture_output=True,
+            text=True,
+            env={**os.environ, "NUMBA_CACHE_DIR": str(folder)},
+        )
         times.append(float(done.stdout))
     return times[0], times[1]
 
 
-# ---- the same in scipy -------------------------------------------------------------------------------------------
+# ---- the same in scipy --------------------
+
 
 class Transcription:
     """Rates and outputs of a setting in plain Python."""
 
     def __init__(self, s: Setting) -> None:
         t = s.assembly.traced
-        arrays = {"state": ("x", list(t.rates)), "input": ("u", list(t.inputs)),
-                  "parameter": ("p", list(s.assembly.keys))}
+        arrays = {
+            "state": ("x", list(t.rates)),
+            "input": ("u", list(t.inputs)),
+            "parameter": ("p", list(s.assembly.keys)),
+        }
         self.rates = transcribed(list(t.rates.values()), arrays)
         self.outputs = transcribed(list(t.outputs.values()), arrays)
         self.s = s
@@ -190,8 +224,13 @@ class Transcription:
         out = []
         for k in range(samples):
             out.append(self.outputs(x.tolist(), u[k], p))
-            x = solve_ivp(lambda t, x, k=k: self.rates(x.tolist(), u[k], p), (0.0, PERIOD_S), x, method=method,
-                          **options).y[:, -1]
+            x = solve_ivp(
+                lambda t, x, k=k: self.rates(x.tolist(), u[k], p),
+                (0.0, PERIOD_S),
+                x,
+                method=method,
+                **options,
+            ).y[:, -1]
         return np.array(out)
 
     def one_call(self, samples: int, p: list[float], method: str = "LSODA") -> Array:
@@ -202,13 +241,22 @@ class Transcription:
         def slope(t: float, x: Array) -> list[float]:
             return self.rates(x.tolist(), u[min(int(t / PERIOD_S + 1e-9), samples - 1)], p)
 
-        x = solve_ivp(slope, (0.0, stamps[-1]), self.start, method=method, t_eval=stamps, max_step=PERIOD_S,
-                      rtol=1e-4, atol=1e-8).y.T
+        x = solve_ivp(
+            slope,
+            (0.0, stamps[-1]),
+            self.start,
+            method=method,
+            t_eval=stamps,
+            max_step=PERIOD_S,
+            rtol=1e-4,
+            atol=1e-8,
+        ).y.T
         return np.array([self.outputs(x[k].tolist(), u[k], p) for k in range(samples)])
 
 
 def scipy_fit(python: Transcription, measured: Array, noise: Array) -> tuple[float, int]:
-    """least_squares with finite differences over the rig's nine parameters, single shooting on a short stretch."""
+    """least_squares with finite differences over the rig's nine parameters, single shooting on a
+    short stretch."""
     s = python.s
     free = rig_columns(s.assembly)
     start = s.assembly.values({"inertia_kg_m2": 0.0896})
@@ -226,12 +274,20 @@ def scipy_fit(python: Transcription, measured: Array, noise: Array) -> tuple[flo
 
     low = np.array([(b.low - b.value) for b in bounds]) / spread
     high = np.array([(b.high - b.value) for b in bounds]) / spread
-    seconds, _ = once(lambda: least_squares(residuals, np.clip(np.zeros(len(free)), low + 1e-6, high - 1e-6),
-                                            bounds=(low, high), xtol=1e-4, ftol=1e-4, diff_step=1e-4))
+    seconds, _ = once(
+        lambda: least_squares(
+            residuals,
+            np.clip(np.zeros(len(free)), low + 1e-6, high - 1e-6),
+            bounds=(low, high),
+            xtol=1e-4,
+            ftol=1e-4,
+            diff_step=1e-4,
+        )
+    )
     return seconds, count
 
 
-# ---- the table ---------------------------------------------------------------------------------------------------
+# ---- the table --------------------
 
 
 def against(what: str, seconds: float, target: float, base: float | None = None) -> Row:
@@ -241,26 +297,58 @@ def against(what: str, seconds: float, target: float, base: float | None = None)
 
 def engine_rows(plain: Setting, wide: Setting, everything: Setting) -> list[Row]:
     nine = rig_columns(plain.assembly)
-    more = [i for i, b in enumerate(wide.assembly.parameters) if b.owner and b.fitted][: 12 - len(nine)]
+    more = [i for i, b in enumerate(wide.assembly.parameters) if b.owner and b.fitted][
+        : 12 - len(nine)
+    ]
     twelve = rig_columns(wide.assembly) + more
     free, with_nine = cpu(plain.run), cpu(lambda: plain.run(nine))
-    rows = [against(f"free run, {SAMPLES} samples", free, 0.025, free),
-            against(f"with {len(nine)} exact sensitivities", with_nine, 0.080, free),
-            Row(f"free run with {', '.join(HELD_OPEN)}", cpu(wide.run)),
-            against(f"  with {len(twelve)} exact sensitivities, 3 of them of effects", cpu(lambda: wide.run(twelve)),
-                    0.080)]
+    rows = [
+        against(f"free run, {SAMPLES} samples", free, 0.025, free),
+        against(f"with {len(nine)} exact sensitivities", with_nine, 0.080, free),
+        Row(f"free run with {', '.join(HELD_OPEN)}", cpu(wide.run)),
+        against(
+            f"  with {len(twelve)} exact sensitivities, 3 of them of effects",
+            cpu(lambda: wide.run(twelve)),
+            0.080,
+        ),
+    ]
     own = rig_columns(everything.assembly)
     keys = frozenset(everything.assembly.parameters[i].key for i in own)
     narrow = replace(everything, assembly=replace(everything.assembly, sensitive=keys))
-    for what, seconds, base in ((f"all {len(everything.assembly.attachments)} effects at once, free run",
-                                 cpu(everything.run, 5), free),
-                                (f"all effects at once, {len(own)} sensitivities", cpu(lambda: narrow.run(own), 3),
-                                 with_nine)):
+    for what, seconds, base in (
+        (
+            f"all {len(everything.assembly.attachments)} effects at once, free run",
+            cpu(everything.run, 5),
+            free,
+        ),
+        (
+            f"all effects at once, {len(own)} sensitivities",
+            cpu(lambda: narrow.run(own), 3),
+            with_nine,
+        ),
+    ):
         target = 10.0 * (0.025 if base is free else 0.080)
-        rows.append(Row(what, seconds, f"<= {target:g} s", seconds <= target, f"{seconds / base:.1f} x plain"))
-    made, how = everything.assembly.program, "implicit" if everything.stepping.implicit else "explicit"
-    rows.append(Row(f"  {len(made.states)} states, {len(made.cells)} cells, {everything.stepping.substeps} {how} "
-                    "step(s) per sample; none had to be left out", math.nan))
+        rows.append(
+            Row(
+                what,
+                seconds,
+                f"<= {target:g} s",
+                seconds <= target,
+                f"{seconds / base:.1f} x plain",
+            )
+        )
+    made, how = (
+        everything.assembly.program,
+        "implicit" if everything.stepping.implicit else "explicit",
+    )
+    rows.append(
+        Row(
+            f"  {len(made.states)} states, {len(made.cells)} cells, "
+            f"{everything.stepping.substeps} {how} "
+            "step(s) per sample; none had to be left out",
+            math.nan,
+        )
+    )
     return rows
 
 
@@ -275,7 +363,10 @@ def fit_rows(short: Recording, long: Recording) -> tuple[list[Row], float]:
             state = "converged" if done.converged else f"not converged: {done.why}"
             taken = cpu(lambda problem=problem: fit_robustly(problem), 3)
             twenty = taken if seconds == 20 and not background else twenty
-            what = f"fit of {seconds} s, {len(problem.free)} parameters{' (with background)' if background else ''}"
+            what = (
+                f"fit of {seconds} s, {len(problem.free)} "
+                f"parameters{' (with background)' if background else ''}"
+            )
             rows.append(Row(what, taken, f"<= {target:g} s", taken <= target, state))
     return rows, twenty
 
@@ -285,30 +376,62 @@ def scipy_rows(plain: Setting, short: Recording, free: float, twenty: float) -> 
     ours = plain.run()
     rows = []
     for what, samples, call in (
-            ("solve_ivp LSODA, restarted every sample", RESTARTED,
-             lambda: python.restarted("LSODA", RESTARTED, rtol=1e-6, atol=1e-9)),
-            ("solve_ivp RK45, restarted, max_step = period", RESTARTED,
-             lambda: python.restarted("RK45", RESTARTED, max_step=PERIOD_S)),
-            ("solve_ivp LSODA, one call, max_step = period", ONE_CALL,
-             lambda: python.one_call(ONE_CALL, plain.p.tolist()))):
+        (
+            "solve_ivp LSODA, restarted every sample",
+            RESTARTED,
+            lambda: python.restarted("LSODA", RESTARTED, rtol=1e-6, atol=1e-9),
+        ),
+        (
+            "solve_ivp RK45, restarted, max_step = period",
+            RESTARTED,
+            lambda: python.restarted("RK45", RESTARTED, max_step=PERIOD_S),
+        ),
+        (
+            "solve_ivp LSODA, one call, max_step = period",
+            ONE_CALL,
+            lambda: python.one_call(ONE_CALL, plain.p.tolist()),
+        ),
+    ):
         seconds, found = once(call)
         whole = seconds * SAMPLES / samples
         apart = float(np.abs(np.degrees(found[:, 0] - ours[:samples, 0])).max())
-        rows.append(Row(f"{what} (from {samples} samples)", whole, "> 100 x", whole > 100.0 * free,
-                        f"{whole / free:.0f} x ours; {apart:.1e} deg apart"))
+        rows.append(
+            Row(
+                f"{what} (from {samples} samples)",
+                whole,
+                "> 100 x",
+                whole > 100.0 * free,
+                f"{whole / free:.0f} x ours; {apart:.1e} deg apart",
+            )
+        )
     a = plain.assembly
     track = track_of(a, short, a.program.outputs)
-    seconds, count = scipy_fit(Transcription(replace(plain, u=track.u)), track.y, noise_level(track.y))
+    seconds, count = scipy_fit(
+        Transcription(replace(plain, u=track.u)), track.y, noise_level(track.y)
+    )
     whole = seconds * len(track) / SCIPY_FIT
-    rows.append(Row(f"least_squares, finite differences, 20 s (from {SCIPY_FIT} samples, {count} runs)", whole,
-                    "> 100 x", whole > 100.0 * twenty, f"{whole / twenty:.0f} x ours"))
+    rows.append(
+        Row(
+            f"least_squares, finite differences, 20 s (from {SCIPY_FIT} samples, {count} runs)",
+            whole,
+            "> 100 x",
+            whole > 100.0 * twenty,
+            f"{whole / twenty:.0f} x ours",
+        )
+    )
     return rows
 
 
 def show(rows: list[Row]) -> None:
     print(f"{'':86s} {'CPU':>11s}  {'target':>14s}      ratio")
     for r in rows:
-        time_ = "" if math.isnan(r.seconds) else f"{1e3 * r.seconds:.1f} ms" if r.seconds < 1 else f"{r.seconds:.2f} s"
+        time_ = (
+            ""
+            if math.isnan(r.seconds)
+            else f"{1e3 * r.seconds:.1f} ms"
+            if r.seconds < 1
+            else f"{r.seconds:.2f} s"
+        )
         met = "" if r.met is None else "ok" if r.met else "NO"
         print(f"{r.what:86s} {time_:>11s}  {r.target:>14s} {met:2s}   {r.ratio}".rstrip())
 
@@ -329,10 +452,15 @@ def main() -> None:
         rows += fits
         for what, a in (("plain rig", plain.assembly), ("all effects", everything.assembly)):
             cold, cached = compile_seconds(a, folder / what)
-            rows += [Row(f"compile {what}, cold", cold), Row(f"compile {what}, from the cache", cached)]
+            rows += [
+                Row(f"compile {what}, cold", cold),
+                Row(f"compile {what}, from the cache", cached),
+            ]
         cold, cached = driver_seconds(folder / "numba")
-        rows += [Row("compile the sweep (once per installation), cold", cold),
-                 Row("load the sweep from its cache", cached)]
+        rows += [
+            Row("compile the sweep (once per installation), cold", cold),
+            Row("load the sweep from its cache", cached),
+        ]
         rows += scipy_rows(plain, short, rows[0].seconds, twenty)
         show(rows)
 

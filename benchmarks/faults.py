@@ -1,12 +1,14 @@
-"""Faults by injection, counted: every write of every command on a full disk, and kills at random moments.
+"""Faults by injection, counted: every write of every command on a full disk, and kills at random
+moments.
 
-    python benchmarks/faults.py                     both, a few minutes
-    python benchmarks/faults.py disk                every write of every command fails, once and from then on
-    python benchmarks/faults.py kill --rounds 20    SIGKILL and SIGTERM at random moments, then --resume: same bytes?
-    python benchmarks/faults.py disk --only report
+    python benchmarks/faults.py                     both, a few minutes python benchmarks/faults.py
+    disk                every write of every command fails, once and from then on python
+    benchmarks/faults.py kill --rounds 20    SIGKILL and SIGTERM at random moments, then --resume:
+    same bytes? python benchmarks/faults.py disk --only report
 
-Exit code 1 if anything is wrong. Commands are forked from one process that has everything loaded, so that the moments
-lie in the work and not in the loading; the cases of the trial are not worked through (`disturbed.quick_examine`).
+Exit code 1 if anything is wrong. Commands are forked from one process that has everything loaded,
+so that the moments lie in the work and not in the loading; the cases of the trial are not worked
+through (`disturbed.quick_examine`).
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-sys.path.insert(0, str(ROOT / "tests"))
+sys.path.insert(0, str(ROOT / "tests" / "support"))
 
 from disturbed import leftovers, quick_examine  # noqa: E402
 from faulty import complaints, walk  # noqa: E402
@@ -35,11 +37,21 @@ from small_cart import RIG, others, record_cart  # noqa: E402
 import pamid.networks.training as training  # noqa: E402
 import pamid.trial.work as work  # noqa: E402
 
-#: command, folder it works in is a copy of the same start -> (words, does it write all of its files or none)
+#: command, folder it works in is a copy of the same start -> (words, does it write all of its files
+#: or none)
 DISK: dict[str, tuple[list[str], bool]] = {
-    "generate-aprbs": (["--duration", "20", "--output", "a.csv", "--figure", "a.png", "--overwrite"], True),
-    "simulate": (["--rig", RIG, "--excitation", "push.csv", "--output", "sim.csv", "--overwrite"], True),
-    "ingest": (["push.csv", "--mapping", "map.toml", "--rig", RIG, "--output", "out.csv", "--overwrite"], True),
+    "generate-aprbs": (
+        ["--duration", "20", "--output", "a.csv", "--figure", "a.png", "--overwrite"],
+        True,
+    ),
+    "simulate": (
+        ["--rig", RIG, "--excitation", "push.csv", "--output", "sim.csv", "--overwrite"],
+        True,
+    ),
+    "ingest": (
+        ["push.csv", "--mapping", "map.toml", "--rig", RIG, "--output", "out.csv", "--overwrite"],
+        True,
+    ),
     "ingest --guess": (["push.csv", "--rig", RIG, "--output", "new.toml"], True),
     "check --figure": (["card.png", "rec.csv", "--rig", RIG, "--overwrite"], True),
     "report": (["run", "--pdf"], True),
@@ -48,7 +60,10 @@ DISK: dict[str, tuple[list[str], bool]] = {
     "export --to ": (["fmu", "run", "--rig", RIG, "--output", "cart.fmu"], True),
     "export --to  ": (["onnx", "run", "--rig", RIG, "--output", "cart.onnx"], True),
     "fit": (["rec.csv", "--rig", RIG, "--bootstrap", "3", "--output", "run", "--overwrite"], False),
-    "diagnose": (["rec.csv", "--rig", RIG, *others(), "--jobs", "1", "--output", "run", "--overwrite"], False),
+    "diagnose": (
+        ["rec.csv", "--rig", RIG, *others(), "--jobs", "1", "--output", "run", "--overwrite"],
+        False,
+    ),
     "train-residual": (["run", "--hidden", "2", "--iterations", "3", "--jobs", "1"], False),
     "force-law": (["points.csv", "--output", "law", "--sets", "2", "--no-strict"], False),
     "trial": (["--output", "trial", "--cases", "3", "--jobs", "1"], False),
@@ -60,19 +75,40 @@ DISK: dict[str, tuple[list[str], bool]] = {
 def prepared(place: Path) -> None:
     """What the commands work on."""
     record_cart(place)
-    assert quietly(["fit", str(place / "rec.csv"), "--rig", RIG, "--output", str(place / "run")]) == 0
-    words = ["ingest", "--guess", str(place / "push.csv"), "--rig", RIG, "--output", str(place / "map.toml")]
+    assert (
+        quietly(["fit", str(place / "rec.csv"), "--rig", RIG, "--output", str(place / "run")]) == 0
+    )
+    words = [
+        "ingest",
+        "--guess",
+        str(place / "push.csv"),
+        "--rig",
+        RIG,
+        "--output",
+        str(place / "map.toml"),
+    ]
     assert quietly(words) == 0
     for name in ("a.csv", "a.json", "a.png", "sim.csv", "sim.toml", "out.csv", "card.png"):
         (place / name).write_text("old")
     rows = [f"{e / 20},{p},{(1 - 2 * e / 20) * p}" for e in range(6) for p in range(100, 600, 100)]
     (place / "points.csv").write_text("\n".join(["contraction,pressure_kpa,force_n", *rows, ""]))
-    words = ["fit", str(ROOT / "data/example/joint.csv"), "--rig", "one-dof", "--output", str(place / "joint-run")]
+    words = [
+        "fit",
+        str(ROOT / "data/example/joint.csv"),
+        "--rig",
+        "one-dof",
+        "--output",
+        str(place / "joint-run"),
+    ]
     assert quietly(words) in (0, 5)
 
 
 def quietly(words: list[str]) -> int:
-    with open(os.devnull, "w") as nowhere, contextlib.redirect_stdout(nowhere), contextlib.redirect_stderr(nowhere):
+    with (
+        open(os.devnull, "w") as nowhere,
+        contextlib.redirect_stdout(nowhere),
+        contextlib.redirect_stderr(nowhere),
+    ):
         return frame.run(words)
 
 
@@ -83,7 +119,9 @@ def disks(only: str, most: int) -> int:
         start = Path(name) / "start"
         start.mkdir()
         prepared(start)
-        print(f"{'command':20s}{'writes failed':>14s}{'exit 3':>8s}{'done':>6s}{'other':>7s}{'wrong':>7s}{'s':>7s}")
+        print(
+            f"{'command':20s}{'writes failed':>14s}{'exit 3':>8s}{'done':>6s}{'other':>7s}{'wrong':>7s}{'s':>7s}"  # noqa: E501
+        )
         for number, (named, (words, together)) in enumerate(DISK.items()):
             command = named.strip()
             if only not in command:
@@ -93,11 +131,22 @@ def disks(only: str, most: int) -> int:
             os.chdir(place)
             begun = time.monotonic()
             before, whole, failed = walk([*command.split(), *words], place, every=most)
-            codes = (3, 6) if command == "trial" else (3,)      # a case whose own folder cannot be made has failed
-            told = [text for one in failed for text in complaints(before, whole, one, together=together, codes=codes)]
-            tally = [sum(one.code == 3 for one in failed), sum(one.code == whole.code for one in failed)]
-            print(f"{command:20s}{len(failed):14d}{tally[0]:8d}{tally[1]:6d}{len(failed) - sum(tally):7d}"
-                  f"{len(told):7d}{time.monotonic() - begun:7.1f}", flush=True)
+            # a case whose own folder cannot be made has failed
+            codes = (3, 6) if command == "trial" else (3,)
+            told = [
+                text
+                for one in failed
+                for text in complaints(before, whole, one, together=together, codes=codes)
+            ]
+            tally = [
+                sum(one.code == 3 for one in failed),
+                sum(one.code == whole.code for one in failed),
+            ]
+            print(
+                f"{command:20s}{len(failed):14d}{tally[0]:8d}{tally[1]:6d}{len(failed) - sum(tally):7d}"  # noqa: E501
+                f"{len(told):7d}{time.monotonic() - begun:7.1f}",
+                flush=True,
+            )
             for text in told[:5]:
                 print("   ", text[:300].replace("\n", " "))
             bad += len(told)
@@ -106,7 +155,7 @@ def disks(only: str, most: int) -> int:
     return bad
 
 
-# ---- kills -------------------------------------------------------------------------------------------------------
+# ---- kills --------------------
 
 
 def forked(words: list[str]) -> int:
@@ -147,7 +196,9 @@ def kills(only: str, rounds: int, seed: int) -> int:
     with tempfile.TemporaryDirectory() as name:
         place = Path(name)
         recording = str(record_cart(place))
-        assert ended(forked(["fit", recording, "--rig", RIG, "--output", str(place / "fitted")])) == 0
+        assert (
+            ended(forked(["fit", recording, "--rig", RIG, "--output", str(place / "fitted")])) == 0
+        )
 
         def fresh(folder: Path) -> None:
             pass
@@ -155,40 +206,75 @@ def kills(only: str, rounds: int, seed: int) -> int:
         def fitted(folder: Path) -> None:
             shutil.copytree(place / "fitted", folder)
 
-        diagnosed = ["diagnose", recording, "--rig", RIG, *others(), "--seed", "0", "--jobs", "2", "--output"]
+        diagnosed = [
+            "diagnose",
+            recording,
+            "--rig",
+            RIG,
+            *others(),
+            "--seed",
+            "0",
+            "--jobs",
+            "2",
+            "--output",
+        ]
         table: dict[str, tuple[list[str], Callable[[Path], None], int]] = {
             "diagnose": (diagnosed, fresh, 1),
             "resume": (diagnosed, fresh, 3),
-            "fit": (["fit", recording, "--rig", RIG, "--bootstrap", "20", "--jobs", "2", "--output"], fresh, 1),
+            "fit": (
+                ["fit", recording, "--rig", RIG, "--bootstrap", "20", "--jobs", "2", "--output"],
+                fresh,
+                1,
+            ),
             "trial": (["trial", "--cases", "40", "--jobs", "1", "--output"], fresh, 1),
-            "train-residual": (["train-residual", "--hidden", "3", "--iterations", "40", "--jobs", "1"], fitted, 1),
+            "train-residual": (
+                ["train-residual", "--hidden", "3", "--iterations", "40", "--jobs", "1"],
+                fitted,
+                1,
+            ),
         }
-        print(f"{'command':16s}{'signal':>8s}{'rounds':>8s}{'disturbed':>11s}{'same bytes':>12s}{'wrong':>7s}{'s':>7s}")
+        print(
+            f"{'command':16s}{'signal':>8s}{'rounds':>8s}{'disturbed':>11s}{'same bytes':>12s}{'wrong':>7s}{'s':>7s}"  # noqa: E501
+        )
         for command, (words, prepare, times) in table.items():
             if only not in command:
                 continue
             whole = place / f"{command}-whole"
             prepare(whole)
-            code = ended(forked([*words, str(whole)]))      # compiles whatever is not compiled yet
+            code = ended(forked([*words, str(whole)]))  # compiles whatever is not compiled yet
             shutil.rmtree(whole)
             prepare(whole)
             begun = time.monotonic()
             assert ended(forked([*words, str(whole)])) == code
             longest = time.monotonic() - begun
             for number in (signal.SIGKILL, signal.SIGTERM):
-                bad += _rounds(command, words, prepare, whole, code, longest, number, rounds, times, draw)
+                bad += _rounds(
+                    command, words, prepare, whole, code, longest, number, rounds, times, draw
+                )
     return bad
 
 
-def _rounds(command: str, words: list[str], prepare: Callable[[Path], None], whole: Path, code: int, longest: float,
-            number: int, rounds: int, times: int, draw: random.Random) -> int:
+def _rounds(
+    command: str,
+    words: list[str],
+    prepare: Callable[[Path], None],
+    whole: Path,
+    code: int,
+    longest: float,
+    number: int,
+    rounds: int,
+    times: int,
+    draw: random.Random,
+) -> int:
     begun, disturbed, same, wrong = time.monotonic(), 0, 0, []
     expected = _bytes(whole)
     for turn in range(rounds):
         folder = whole.parent / f"{command}-{number}-{turn}"
         prepare(folder)
         for attempt in range(times):
-            found = after_random([*words, str(folder), *(["--resume"] if attempt else [])], number, longest, draw)
+            found = after_random(
+                [*words, str(folder), *(["--resume"] if attempt else [])], number, longest, draw
+            )
             if found not in (code, -number, 130):
                 wrong.append(f"exit code {found}")
             disturbed += found in (-number, 130)
@@ -199,12 +285,17 @@ def _rounds(command: str, words: list[str], prepare: Callable[[Path], None], who
         last = ended(forked([*words, str(folder), "--resume"]))
         got = _bytes(folder)
         if (last, got) != (code, expected):
-            differ = sorted(k for k in got.keys() | expected.keys() if got.get(k) != expected.get(k))
+            differ = sorted(
+                k for k in got.keys() | expected.keys() if got.get(k) != expected.get(k)
+            )
             wrong.append(f"round {turn}: exit code {last}, differ: {differ}")
         same += (last, got) == (code, expected)
         shutil.rmtree(folder)
-    print(f"{command:16s}{signal.Signals(number).name:>8s}{rounds:8d}{disturbed:11d}{same:12d}{len(wrong):7d}"
-          f"{time.monotonic() - begun:7.1f}", flush=True)
+    print(
+        f"{command:16s}{signal.Signals(number).name:>8s}{rounds:8d}{disturbed:11d}{same:12d}{len(wrong):7d}"
+        f"{time.monotonic() - begun:7.1f}",
+        flush=True,
+    )
     for text in wrong[:5]:
         print("   ", text)
     return len(wrong)
@@ -212,12 +303,17 @@ def _rounds(command: str, words: list[str], prepare: Callable[[Path], None], who
 
 def _bytes(folder: Path) -> dict[str, bytes]:
     """All files but run.json, which has times."""
-    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in sorted(folder.rglob("*"))
-            if p.is_file() and p.name != "run.json"}
+    return {
+        p.relative_to(folder).as_posix(): p.read_bytes()
+        for p in sorted(folder.rglob("*"))
+        if p.is_file() and p.name != "run.json"
+    }
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("part", nargs="?", choices=["disk", "kill"])
     parser.add_argument("--only", default="", help="of the commands those whose name holds this")
     parser.add_argument("--rounds", type=int, default=20)

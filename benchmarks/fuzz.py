@@ -1,15 +1,19 @@
-"""Damaged files and words through the command line: how many are refused, how many taken, and does anything escape?
+"""Damaged files and words through the command line: how many are refused, how many taken, and does
+anything escape?
 
-    python benchmarks/fuzz.py [--inputs 100000] [--first 0] [--kinds recording mapping ...] [--keep FOLDER] [--drawn]
-    python benchmarks/fuzz.py --kinds mapping --first 1234 --inputs 1     # makes that input again, and says its answer
+    python benchmarks/fuzz.py [--inputs 100000] [--first 0] [--kinds recording mapping ...] [--keep
+    FOLDER] [--drawn] python benchmarks/fuzz.py --kinds mapping --first 1234 --inputs 1     # makes
+    that input again, and says its answer
 
-An input is made from its kind and its number alone (tests/fuzz_inputs.py, tests/fuzzing.py): recordings, the TOML
-beside them, pamid.toml, raw logs of every kind, mappings, run folders, checkpoints, models, networks, results of jobs,
-trials, force maps, excitations, words of a command line. A process works through them, limited in memory; another one
-watches it. What counts as a fault: exit code 1, an exception, a process that dies, more than HANG_S of CPU for one
-input. Each is printed with its number and its files are kept.
+An input is made from its kind and its number alone (tests/support/fuzz_inputs.py, tests/support/fuzzing.py):
+recordings, the TOML beside them, pamid.toml, raw logs of every kind, mappings, run folders,
+checkpoints, models, networks, results of jobs, trials, force maps, excitations, words of a command
+line. A process works through them, limited in memory; another one watches it. What counts as a
+fault: exit code 1, an exception, a process that dies, more than HANG_S of CPU for one input. Each
+is printed with its number and its files are kept.
 
-Figures take a hundred times as long as what they show: without --drawn only one page in 100 has them.
+Figures take a hundred times as long as what they show: without --drawn only one page in 100 has
+them.
 """
 
 from __future__ import annotations
@@ -35,19 +39,21 @@ from random import Random
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "tests"))
+sys.path.insert(0, str(ROOT / "tests" / "support"))
 
-HANG_S = 60.0              # of CPU
-MEMORY = 6 * 2**30         # bytes of address space
+HANG_S = 60.0  # of CPU
+MEMORY = 6 * 2**30  # bytes of address space
 ALLOWED = (0, 2, 3, 4, 5, 6)
-TOLD_EVERY = 1000          # inputs
-DRAWN_EVERY = 100          # inputs
-_NUMBER = [0]              # of the input at work
+TOLD_EVERY = 1000  # inputs
+DRAWN_EVERY = 100  # inputs
+_NUMBER = [0]  # of the input at work
 _NOTHING = '<svg viewBox="0 0 1 1"></svg>'
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--inputs", type=int, default=100_000)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--kinds", nargs="+")
@@ -61,11 +67,12 @@ def main() -> None:
         sys.exit(_watch(asked))
 
 
-# ---- the one who watches -----------------------------------------------------------------------------------------
+# ---- the one who watches --------------------
 
 
 def _watch(asked: argparse.Namespace) -> int:
-    """Run the worker until all inputs are done; begin it again behind an input that it did not survive."""
+    """Run the worker until all inputs are done; begin it again behind an input that it did not
+    survive."""
     asked.keep.mkdir(parents=True, exist_ok=True)
     counts: Counter[str] = Counter()
     began, first, end = time.monotonic(), asked.first, asked.first + asked.inputs
@@ -76,24 +83,46 @@ def _watch(asked: argparse.Namespace) -> int:
         if at >= end:
             break
         counts["hangs" if why == "hang" else "died"] += 1
-        print(f"input {at}: {'still at work after' if why == 'hang' else 'the process died'} ({why})", flush=True)
+        print(
+            f"input {at}: {'still at work after' if why == 'hang' else 'the process died'} ({why})",
+            flush=True,
+        )
         first = at + 1
     done = sum(n for word, n in counts.items() if word.startswith("exit "))
     escaped = counts["exit 1"] + counts["escaped"] + counts["died"]
-    print(f"\n{asked.inputs} inputs, {done} commands, {cpu:.0f} s CPU, {time.monotonic() - began:.0f} s on the clock")
+    print(
+        f"\n{asked.inputs} inputs, {done} commands, {cpu:.0f} s CPU, "
+        f"{time.monotonic() - began:.0f} s on the clock"
+    )
     for word in sorted(counts):
         print(f"  {word:<28} {counts[word]}")
     print(f"escaped exceptions {escaped}, hangs {counts['hangs']}")
     return 1 if escaped or counts["hangs"] else 0
 
 
-def _one_worker(asked: argparse.Namespace, first: int, end: int, counts: Counter[str]) -> tuple[int, float, str]:
+def _one_worker(
+    asked: argparse.Namespace, first: int, end: int, counts: Counter[str]
+) -> tuple[int, float, str]:
     """(input it stands at, CPU seconds, why it ended) of one worker."""
-    words = [sys.executable, __file__, "--worker", "--first", str(first), "--inputs", str(end - first), "--keep",
-             str(asked.keep), *(["--drawn"] if asked.drawn else []),
-             *(["--kinds", *asked.kinds] if asked.kinds else [])]
-    process = subprocess.Popen(words, stdout=subprocess.PIPE, stdin=subprocess.DEVNULL,
-                               env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"})
+    words = [
+        sys.executable,
+        __file__,
+        "--worker",
+        "--first",
+        str(first),
+        "--inputs",
+        str(end - first),
+        "--keep",
+        str(asked.keep),
+        *(["--drawn"] if asked.drawn else []),
+        *(["--kinds", *asked.kinds] if asked.kinds else []),
+    ]
+    process = subprocess.Popen(
+        words,
+        stdout=subprocess.PIPE,
+        stdin=subprocess.DEVNULL,
+        env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+    )
     assert process.stdout is not None
     pipe = process.stdout.fileno()
     at, since, seconds, rest = first, 0.0, 0.0, b""
@@ -128,7 +157,7 @@ def _cpu_seconds(process: int) -> float:
     return sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK")
 
 
-# ---- the one who works -------------------------------------------------------------------------------------------
+# ---- the one who works --------------------
 
 
 def _work(asked: argparse.Namespace) -> None:
@@ -152,14 +181,23 @@ def _work(asked: argparse.Namespace) -> None:
     try:
         seeds = make_seeds(place / "seeds")
         _in_process(asked.drawn)
-        for package in ("h5py", "nptdms", "asammdf", "rosbags.highlevel", "pyarrow.parquet", "matio"):
-            importlib.import_module(package)   # once, and not in every fork
+        for package in (
+            "h5py",
+            "nptdms",
+            "asammdf",
+            "rosbags.highlevel",
+            "pyarrow.parquet",
+            "matio",
+        ):
+            importlib.import_module(package)  # once, and not in every fork
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
         for number in range(asked.first, asked.first + asked.inputs):
             kind = Random(f"which-{number}").choices(kinds, weights)[0]
             tell(next=number, cpu=time.process_time())
             before = time.process_time()
-            counts, told = _one(seeds, place / str(number), kind, number, asked.keep, asked.inputs == 1)
+            counts, told = _one(
+                seeds, place / str(number), kind, number, asked.keep, asked.inputs == 1
+            )
             counts[f"ms of {kind}"] += round(1e3 * (time.process_time() - before))
             tell(counts=counts, **({"told": told} if told else {}))
         tell(next=asked.first + asked.inputs)
@@ -169,12 +207,15 @@ def _work(asked: argparse.Namespace) -> None:
 
 
 def _in_process(drawn: bool) -> None:
-    """What would start a process for every input forks instead; without `drawn` pictures are not rendered."""
+    """What would start a process for every input forks instead; without `drawn` pictures are not
+    rendered."""
     import pamid.ingest.child_process as apart
     import pamid.report.style as style
     import pamid.report.writing as writing
 
-    def forked(command: list[str], *, input: bytes, timeout: float, **_: Any) -> subprocess.CompletedProcess[bytes]:
+    def forked(
+        command: list[str], *, input: bytes, timeout: float, **_: Any
+    ) -> subprocess.CompletedProcess[bytes]:
         reading, writing_end = os.pipe()
         os.write(writing_end, input)
         os.close(writing_end)
@@ -203,7 +244,9 @@ def _in_process(drawn: bool) -> None:
     writing.render = blank  # type: ignore[attr-defined]
 
 
-def _one(seeds: Path, place: Path, kind: str, number: int, keep: Path, loud: bool) -> tuple[Counter[str], str]:
+def _one(
+    seeds: Path, place: Path, kind: str, number: int, keep: Path, loud: bool
+) -> tuple[Counter[str], str]:
     """Make one input, run its commands; counts of what came of it, and what is to be told."""
     from fuzz_inputs import KINDS, Site
 

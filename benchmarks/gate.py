@@ -1,9 +1,11 @@
-"""What the gate before a fit costs: CPU seconds of the blocking checks and of the search for shared samples.
+"""What the gate before a fit costs: CPU seconds of the blocking checks and of the search for shared
+samples.
 
     python benchmarks/gate.py
 
-100 000 samples of the joint with all seven channels; 1 000 000 samples of two channels in two recordings; 200
-recordings of 5000 samples. Last: how many recordings of the trial's own machines the gate stops (it should stop none).
+100 000 samples of the joint with all seven channels; 1 000 000 samples of two channels in two
+recordings; 200 recordings of 5000 samples. Last: how many recordings of the trial's own machines
+the gate stops (it should stop none).
 """
 
 from __future__ import annotations
@@ -52,25 +54,43 @@ def joint(folder: Path, samples: int) -> Recording:
 
 def noisy(samples: int, seed: int) -> Recording:
     random, stamps = np.random.default_rng(seed), PERIOD_S * np.arange(samples)
-    columns = {name: np.round(30.0 * np.sin(2.0 * stamps) + random.standard_normal(samples), 6)
-               for name in ("angle_deg", "pressure_1_kpa")}
+    columns = {
+        name: np.round(30.0 * np.sin(2.0 * stamps) + random.standard_normal(samples), 6)
+        for name in ("angle_deg", "pressure_1_kpa")
+    }
     return Recording(f"r{seed}", Path(f"r{seed}.csv"), str(seed), stamps, columns, PERIOD_S)
 
 
 def main() -> None:
     parser = argparse.ArgumentParser()
-    parser.add_argument("--cases", type=int, default=40, help="recordings of the trial's joint to put before the gate")
+    parser.add_argument(
+        "--cases",
+        type=int,
+        default=40,
+        help="recordings of the trial's joint to put before the gate",
+    )
     cases = parser.parse_args().cases
     rig, outputs = rig_named("one-dof"), ("angle_deg", "pressure_1_kpa")
     with tempfile.TemporaryDirectory() as place:
         recording = joint(Path(place), 100_000)
-        print(f"blocking checks, 100000 samples, 7 channels: {seconds(lambda: blocking(recording, rig)):.3f} s CPU")
+        print(
+            "blocking checks, 100000 samples, 7 channels: "
+            f"{seconds(lambda: blocking(recording, rig)):.3f} s CPU"
+        )
         names = tuple(rig.outputs)
         halves = [replace(recording.slice(a, a + 50_000), sha256=str(a)) for a in (0, 50_000)]
-        print(f"shared samples, the same in two halves: {seconds(lambda: list(overlaps(names, halves))):.3f} s CPU")
-        for what, recordings in (("2 recordings of 1000000 samples, 2 channels", [noisy(1_000_000, k) for k in (1, 2)]),
-                                 ("200 recordings of 5000 samples", [noisy(5000, k) for k in range(200)])):
-            print(f"shared samples, {what}: {seconds(lambda r=recordings: list(overlaps(outputs, r)), 2):.3f} s CPU")
+        print(
+            "shared samples, the same in two halves: "
+            f"{seconds(lambda: list(overlaps(names, halves))):.3f} s CPU"
+        )
+        for what, recordings in (
+            ("2 recordings of 1000000 samples, 2 channels", [noisy(1_000_000, k) for k in (1, 2)]),
+            ("200 recordings of 5000 samples", [noisy(5000, k) for k in range(200)]),
+        ):
+            print(
+                f"shared samples, {what}: "
+                f"{seconds(lambda r=recordings: list(overlaps(outputs, r)), 2):.3f} s CPU"
+            )
         stopped = 0
         for case in draw_cases("calibration", cases, 901, "one-dof"):
             made = _written(case, Bench.of(case).run(case.planted), Path(place) / "case.csv")

@@ -1,9 +1,11 @@
-"""How long the first paper's training job takes from random starts: 200 s of the twin, Elman 5-10-1, best of 4 starts.
+"""How long the first paper's training job takes from random starts: 200 s of the twin, Elman
+5-10-1, best of 4 starts.
 
     python benchmarks/paper_training.py [--seconds 60] [--iterations 2000] [--seed 0]
 
-Trains for so many seconds by the clock, notes where it stands, goes on from its checkpoint until it settles, and prints
-how far the early error is from the last one: the target is 2 % after 60 s on two cores.
+Trains for so many seconds by the clock, notes where it stands, goes on from its checkpoint until it
+settles, and prints how far the early error is from the last one: the target is 2 % after 60 s on
+two cores.
 """
 
 import argparse
@@ -24,7 +26,9 @@ STARTS = 4
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--iterations", type=int, default=2000)
     parser.add_argument("--seed", type=int, default=0)
@@ -39,18 +43,37 @@ def main() -> None:
                 raise KeyboardInterrupt
 
         def go(**more: object) -> Training:
-            return train_on_signals(Elman(), [one.signals(own)], [one.target[own.rows]], output_name=one.channel,
-                                    period_s=PERIOD_S, iterations=options.iterations, seed=options.seed, starts=STARTS,
-                                    threads=os.cpu_count() or 1, checkpoint=Path(folder) / "checkpoint.npz", **more)[1]
+            return train_on_signals(
+                Elman(),
+                [one.signals(own)],
+                [one.target[own.rows]],
+                output_name=one.channel,
+                period_s=PERIOD_S,
+                iterations=options.iterations,
+                seed=options.seed,
+                starts=STARTS,
+                threads=os.cpu_count() or 1,
+                checkpoint=Path(folder) / "checkpoint.npz",
+                **more,
+            )[1]
 
         early = go(progress=watch)
         spent = time.perf_counter() - begun
         late = go(resume=True)
         settled = time.perf_counter() - begun
     mse, best = early.trace["mse"][-1], late.trace["mse"][-1]
-    print(f"{os.cpu_count()} cores, {STARTS} starts, {early.samples} samples, load {os.getloadavg()[0]:.1f}")
-    print(f"  after {spent:6.1f} s   MSE {mse:.4e} at iteration {len(early.trace['mse']) - 1} of start {early.best}")
-    print(f"  after {settled:6.1f} s   MSE {best:.4e} at iteration {len(late.trace['mse']) - 1}: {late.why}")
+    print(
+        f"{os.cpu_count()} cores, {STARTS} starts, {early.samples} samples, load "
+        f"{os.getloadavg()[0]:.1f}"
+    )
+    print(
+        f"  after {spent:6.1f} s   MSE {mse:.4e} at iteration {len(early.trace['mse']) - 1} of "
+        f"start {early.best}"
+    )
+    print(
+        f"  after {settled:6.1f} s   MSE {best:.4e} at iteration {len(late.trace['mse']) - 1}: "
+        f"{late.why}"
+    )
     print(f"  the early one is {mse / best - 1.0:.1%} above the last one (target: 2 % after 60 s)")
     within = next(k for k, value in enumerate(late.trace["mse"]) if value <= 1.02 * best)
     print(f"  within 2 % from iteration {within} on")

@@ -1,12 +1,15 @@
-"""Plants the general catalogue in two user rigs (a sprung stage, a tank) and asks for the family of each effect.
+"""Plants the general catalogue in two user rigs (a sprung stage, a tank) and asks for the family of
+each effect.
 
     python benchmarks/planted_general.py [--only NAME ...]
 
-The rigs are benchmarks/rigs/stage.py and tank.py, parameters off by 10 %, sensor noise, open loop. What the joint's
-own catalogue serves is in planted_truth.py. Beside "ok" and "MISS" a row may say
-    alike   the planted effect is in the look-alike class of the one named (on a linear rig with one sensor a delay of
+The rigs are benchmarks/rigs/stage.py and tank.py, parameters off by 10 %, sensor noise, open loop.
+What the joint's own catalogue serves is in planted_truth.py. Beside "ok" and "MISS" a row may say
+    alike   the planted effect is in the look-alike class of the one named (on a linear rig with one
+    sensor a delay of
             the command and of the reading are the same thing)
-    unseen  the refitted model is within 10 % of the noise floor: retuned parameters do the same, or it is too small
+    unseen  the refitted model is within 10 % of the noise floor: retuned parameters do the same, or
+    it is too small
 """
 
 from __future__ import annotations
@@ -49,8 +52,14 @@ def main() -> int:
         rig_path = str(RIGS / f"{name}.py")
         rig = rig_named(rig_path)
         period = rig.period_s
-        signal = aprbs(samples * period, period, amplitude, (hold[0] * period, hold[1] * period), seed=5,
-                       offset=centre)
+        signal = aprbs(
+            samples * period,
+            period,
+            amplitude,
+            (hold[0] * period, hold[1] * period),
+            seed=5,
+            offset=centre,
+        )
         for a in [None, *attachments(rig, effects().values())]:
             label = a.label if a else ""
             if options.only is not None and label not in options.only:
@@ -61,24 +70,36 @@ def main() -> int:
                 source = Path(folder) / "excitation.csv"
                 write_recording(source, period * np.arange(len(signal)), {"command": signal})
                 spec = f"{label}:{SIZES[label]}" if SIZES.get(label) else label
-                made = virtual_rig(rig_path, read_recording(source), (spec,) if label else (), {}, specimen, 1.0, 5)
+                made = virtual_rig(
+                    rig_path, read_recording(source), (spec,) if label else (), {}, specimen, 1.0, 5
+                )
                 target = Path(folder) / "rec.csv"
                 write_recording(target, period * np.arange(len(signal)), made.columns, made.meta)
                 evidence = gather(rig, [read_recording(target)], [])
             found = diagnosis_json(diagnose(evidence, effects(), jobs=2), None, 0)
-            first = found["ranking"][0] if found["ranking"] else {"effect": "-", "family": "-", "shrinkage": 0.0}
+            first = (
+                found["ranking"][0]
+                if found["ranking"]
+                else {"effect": "-", "family": "-", "shrinkage": 0.0}
+            )
             far = next(iter(found["how_far"].values()))
             word = outcome(found, label, family, first, far)
             counts[word] += 1
-            print(f"{word:6s} {name:6s} {label or '(nothing)':32s} {family:18s} -> "
-                  f"{found['verdict']:18s} {first['effect']:28s} {100 * first['shrinkage']:5.1f} %  "
-                  f"{far['mae_refitted'] / far['noise_floor']:.2f} -> {far['mae_with_cause'] / far['noise_floor']:.2f} "
-                  f"floors, {time.process_time() - begun:.1f} s CPU", flush=True)
+            print(
+                f"{word:6s} {name:6s} {label or '(nothing)':32s} {family:18s} -> "
+                f"{found['verdict']:18s} {first['effect']:28s} {100 * first['shrinkage']:5.1f} %  "
+                f"{far['mae_refitted'] / far['noise_floor']:.2f} -> "
+                f"{far['mae_with_cause'] / far['noise_floor']:.2f} "
+                f"floors, {time.process_time() - begun:.1f} s CPU",
+                flush=True,
+            )
     print(", ".join(f"{n} {word}" for word, n in counts.items()))
     return 1 if counts["MISS"] else 0
 
 
-def outcome(found: dict[str, Any], label: str, family: str, first: dict[str, Any], far: dict[str, float]) -> str:
+def outcome(
+    found: dict[str, Any], label: str, family: str, first: dict[str, Any], far: dict[str, float]
+) -> str:
     """ok, alike, unseen or MISS (see above)."""
     if first["family"] == family or (not label and found["verdict"] == family):
         return "ok"

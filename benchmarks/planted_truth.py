@@ -2,9 +2,10 @@
 
     python benchmarks/planted_truth.py [--only NAME ...] [--jobs 2]
 
-The virtual joint has parameters off by 5-20 %, sensor noise, four times finer integration, and one effect at the size
-below (chosen to be visible: several times the noise floor). A same-formula check: it shows that the machinery works,
-not how well it does on a real rig; that is what the blind trial is for. Prints a row per effect and the count.
+The virtual joint has parameters off by 5-20 %, sensor noise, four times finer integration, and one
+effect at the size below (chosen to be visible: several times the noise floor). A same-formula
+check: it shows that the machinery works, not how well it does on a real rig; that is what the blind
+trial is for. Prints a row per effect and the count.
 """
 
 from __future__ import annotations
@@ -24,10 +25,18 @@ from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import gather
 from pamid.simulation.virtual_rig import virtual_rig
 
-MISTUNED = {"scale": 1.10, "conductance_in_m3_per_s_pa": 3.3e-9, "damping_m2_s": 4e-4, "polytropic": 1.12,
-            "contraction_0": 0.103, "viscous_n_m_s": 0.05, "dead_volume_cm3": 6.5}
+MISTUNED = {
+    "scale": 1.10,
+    "conductance_in_m3_per_s_pa": 3.3e-9,
+    "damping_m2_s": 4e-4,
+    "polytropic": 1.12,
+    "contraction_0": 0.103,
+    "viscous_n_m_s": 0.05,
+    "dead_volume_cm3": 6.5,
+}
 
-# effect -> (parameters, excitation: amplitude deg, hold s, known); what is not listed acts at its typical size
+# effect -> (parameters, excitation: amplitude deg, hold s, known); what is not listed acts at its
+# typical size
 PLANTED: dict[str, tuple[str, dict[str, object]]] = {
     "flow-mismatch": ("mismatch=0.4", {}),
     "force-compensator": ("limit_n=720", {}),
@@ -76,7 +85,11 @@ def main() -> int:
             recording = read_recording(plant(label, options.seed, Path(folder), options.seconds))
         evidence = gather(rig, [recording], [])
         found = diagnosis_json(diagnose(evidence, catalogue, jobs=options.jobs), None, 0)
-        first = found["ranking"][0] if found["ranking"] else {"effect": "-", "family": "-", "shrinkage": 0.0}
+        first = (
+            found["ranking"][0]
+            if found["ranking"]
+            else {"effect": "-", "family": "-", "shrinkage": 0.0}
+        )
         if label:
             a = every[label]
             family = a.family(rig)
@@ -85,11 +98,16 @@ def main() -> int:
             family, good = "no-structural-gap", found["verdict"] == "no-structural-gap"
         right += good
         far = found["how_far"]["angle_deg"]
-        print(f"{'ok ' if good else 'MISS'} {label or '(nothing)':34s} {family:22s} -> {found['verdict']:18s} "
-              f"{first['effect']:30s} {first['family']:22s} {100 * first['shrinkage']:5.1f} %  angle "
-              f"{far['mae_refitted'] / far['noise_floor']:.2f} -> {far['mae_with_cause'] / far['noise_floor']:.2f} "
-              f"floors, causes {[c['effect'] for c in found['causes']]}, {time.process_time() - begun:.1f} s CPU",
-              flush=True)
+        print(
+            f"{'ok ' if good else 'MISS'} {label or '(nothing)':34s} {family:22s} -> "
+            f"{found['verdict']:18s} "
+            f"{first['effect']:30s} {first['family']:22s} {100 * first['shrinkage']:5.1f} %  angle "
+            f"{far['mae_refitted'] / far['noise_floor']:.2f} -> "
+            f"{far['mae_with_cause'] / far['noise_floor']:.2f} "
+            f"floors, causes {[c['effect'] for c in found['causes']]}, "
+            f"{time.process_time() - begun:.1f} s CPU",
+            flush=True,
+        )
     print(f"{right} of {len(labels)} right")
     return 0 if right == len(labels) else 1
 

@@ -6,12 +6,24 @@ from typing import Any
 
 from pamid.symbolic.expression import Expr, walk
 
-_CALLS = {"sqrt": "sqrt", "exp": "exp", "log": "log", "tanh": "tanh", "sin": "sin", "cos": "cos", "abs": "abs",
-          "floor": "floor", "min": "min", "max": "max"}
+_CALLS = {
+    "sqrt": "sqrt",
+    "exp": "exp",
+    "log": "log",
+    "tanh": "tanh",
+    "sin": "sin",
+    "cos": "cos",
+    "abs": "abs",
+    "floor": "floor",
+    "min": "min",
+    "max": "max",
+}
 _INFIX = {"add": "+", "sub": "-", "mul": "*", "div": "/", "pow": "**", "lt": "<", "le": "<="}
 
 
-def transcribed(roots: list[Expr], arrays: dict[str, tuple[str, list[str]]]) -> Callable[..., list[float]]:
+def transcribed(
+    roots: list[Expr], arrays: dict[str, tuple[str, list[str]]]
+) -> Callable[..., list[float]]:
     """Expressions as a Python function f(x, u, p) -> list; every node one line, computed once."""
     names: dict[int, str] = {}
     lines = []
@@ -34,7 +46,11 @@ def transcribed(roots: list[Expr], arrays: dict[str, tuple[str, list[str]]]) -> 
             value = f"{_CALLS[node.op]}({', '.join(a)})"
         names[id(node)] = f"v{len(lines)}"
         lines.append(f"    v{len(lines)} = {value}")
-    body = "\n".join(["def f(x, u, p):", *lines, f"    return [{', '.join(names[id(r)] for r in roots)}]"])
-    space: dict[str, Any] = {**{k: getattr(math, k) for k in ("sqrt", "exp", "log", "tanh", "sin", "cos", "floor")}}
+    body = "\n".join(
+        ["def f(x, u, p):", *lines, f"    return [{', '.join(names[id(r)] for r in roots)}]"]
+    )
+    space: dict[str, Any] = {
+        **{k: getattr(math, k) for k in ("sqrt", "exp", "log", "tanh", "sin", "cos", "floor")}
+    }
     exec(body, space)
     return space["f"]  # type: ignore[no-any-return]

@@ -1,10 +1,12 @@
-"""What a person waits for, in CPU seconds: help, reading, checking, the stories, a page until it is ready.
+"""What a person waits for, in CPU seconds: help, reading, checking, the stories, a page until it is
+ready.
 
     python benchmarks/waiting.py [--stories]
 
-Medians of REPEATS calls, each with the first, uncounted one before it. Beside every figure stands that of a peer in the
-same run (pandas for reading; an empty Python process for whole commands), since machines differ: the ratio is what can
-be compared. `--stories` runs the stories, a minute or more.
+Medians of REPEATS calls, each with the first, uncounted one before it. Beside every figure stands
+that of a peer in the same run (pandas for reading; an empty Python process for whole commands),
+since machines differ: the ratio is what can be compared. `--stories` runs the stories, a minute or
+more.
 """
 
 from __future__ import annotations
@@ -25,7 +27,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import numpy as np
 import pandas as pd
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "support"))
 
 from browser import CHROMIUM, browser
 from synthetic_run import make_run
@@ -46,8 +48,10 @@ def cpu(call: Callable[[], object], repeats: int = REPEATS) -> float:
     """Median CPU seconds of a call, its child processes included."""
 
     def used() -> float:
-        return sum(r.ru_utime + r.ru_stime for r in map(resource.getrusage,
-                                                        (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)))
+        return sum(
+            r.ru_utime + r.ru_stime
+            for r in map(resource.getrusage, (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+        )
 
     took = []
     for _ in range(repeats + 1):
@@ -69,8 +73,14 @@ def page_ready_s(folder: Path) -> float:
     """Seconds by the browser's own clock until the plots of four long traces stand."""
     run = make_run(folder / "RUN", without=("residual.csv",))
     columns = long_residual()
-    np.savetxt(run / "residual.csv", np.stack(list(columns.values()), axis=1), delimiter=",", fmt="%.9g",
-               header=",".join(columns), comments="")  # fmt: skip
+    np.savetxt(
+        run / "residual.csv",
+        np.stack(list(columns.values()), axis=1),
+        delimiter=",",
+        fmt="%.9g",
+        header=",".join(columns),
+        comments="",
+    )
     page, times = write_report(run).page, []
     with browser() as opened:
         for _ in range(REPEATS):
@@ -90,24 +100,52 @@ def main() -> None:
         row("pamid --help", cpu(process("-m", "pamid_cli", "--help")), "an empty Python", empty)
 
         path = folder / "long.csv"
-        write_recording(path, PERIOD_S * np.arange(LONG), {f"x{i}_deg": random.standard_normal(LONG) for i in range(7)})
+        write_recording(
+            path,
+            PERIOD_S * np.arange(LONG),
+            {f"x{i}_deg": random.standard_normal(LONG) for i in range(7)},
+        )
         pandas = cpu(lambda: pd.read_csv(path))
-        row(f"reading a recording of {LONG} samples, seven channels", cpu(lambda: read_recording(path)), "pandas",
-            pandas)
+        row(
+            f"reading a recording of {LONG} samples, seven channels",
+            cpu(lambda: read_recording(path)),
+            "pandas",
+            pandas,
+        )
         log = folder / "log.csv"
         log.write_text(path.read_text().replace(",", ";").replace(".", ","))
-        row("reading it as a foreign log with decimal commas", cpu(lambda: read_log(log)), "pandas", pandas)
+        row(
+            "reading it as a foreign log with decimal commas",
+            cpu(lambda: read_log(log)),
+            "pandas",
+            pandas,
+        )
         joint = read_recording(ROOT / "data" / "example" / "joint.csv")
         rig = rig_named("one-dof")
-        row(f"checking the example ({len(joint)} samples, {len(joint.columns)} channels)",
-            cpu(lambda: examine(joint, rig)), "pandas", cpu(lambda: pd.read_csv(joint.path)))
+        row(
+            f"checking the example ({len(joint)} samples, {len(joint.columns)} channels)",
+            cpu(lambda: examine(joint, rig)),
+            "pandas",
+            cpu(lambda: pd.read_csv(joint.path)),
+        )
         if CHROMIUM:
             ready = page_ready_s(folder)
-            print(f"{'a page of four long traces until its plots stand':58s} {ready:8.3f} s by the clock")
+            print(
+                f"{'a page of four long traces until its plots stand':58s} {ready:8.3f} s by the "
+                "clock"
+            )
         for story in sorted((ROOT / "notebooks").glob("*.py")) if wanted.stories else ():
             own = {**os.environ, "TMPDIR": str(folder)}
-            took = cpu(lambda story=story, own=own: subprocess.run(  # type: ignore[misc]
-                [sys.executable, str(story)], cwd=folder, env=own, check=True, capture_output=True), repeats=0)
+            took = cpu(
+                lambda story=story, own=own: subprocess.run(  # type: ignore[misc]
+                    [sys.executable, str(story)],
+                    cwd=folder,
+                    env=own,
+                    check=True,
+                    capture_output=True,
+                ),
+                repeats=0,
+            )
             row(f"notebooks/{story.name}", took, "an empty Python", empty)
 
 

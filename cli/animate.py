@@ -16,22 +16,52 @@ pamid animate fitted --output arm.gif
 
 @frame.command("animate", example=EXAMPLE)
 @click.argument("run", type=click.Path(path_type=Path))
-@click.option("--output", type=click.Path(dir_okay=False, path_type=Path),
-              help="GIF to write. [default: RUN/figures/motion.gif]")
-@click.option("--rig", help="Path of the rig's file (it is run), where the rig is not in the catalogue.")
-@click.option("--from", "begin", type=float, metavar="S", help="Time of the recording to begin with. [default: at most "
-              "12 s of the held-out part, where the refitted model errs most]")
+@click.option(
+    "--output",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="GIF to write. [default: RUN/figures/motion.gif]",
+)
+@click.option(
+    "--rig", help="Path of the rig's file (it is run), where the rig is not in the catalogue."
+)
+@click.option(
+    "--from",
+    "begin",
+    type=float,
+    metavar="S",
+    help="Time of the recording to begin with. [default: at most "
+    "12 s of the held-out part, where the refitted model errs most]",
+)
 @click.option("--to", "end", type=float, metavar="S", help="Time of the recording to end with.")
-@click.option("--speed", type=click.FloatRange(0.01, 100.0), default=1.0, show_default=True,
-              help="Seconds of the recording per second of the animation.")
-@click.option("--size", type=click.IntRange(160, 1600), default=480, show_default=True, help="Width in pixels.")
+@click.option(
+    "--speed",
+    type=click.FloatRange(0.01, 100.0),
+    default=1.0,
+    show_default=True,
+    help="Seconds of the recording per second of the animation.",
+)
+@click.option(
+    "--size",
+    type=click.IntRange(160, 1600),
+    default=480,
+    show_default=True,
+    help="Width in pixels.",
+)
 @frame.overwrite_option("Replace the output if it exists.", formerly_force=True)
-def command(run: Path, output: Path | None, rig: str | None, begin: float | None, end: float | None, speed: float,
-            size: int, overwrite: bool) -> frame.Result:
+def command(
+    run: Path,
+    output: Path | None,
+    rig: str | None,
+    begin: float | None,
+    end: float | None,
+    speed: float,
+    size: int,
+    overwrite: bool,
+) -> frame.Result:
     """Show how the rig of the run folder RUN moved and how its models would have: an animated GIF.
 
-    Measured dark and thick, the best model over it, the one before it dashed; below, by how much they are off. For any
-    rig that has a pose.
+    Measured dark and thick, the best model over it, the one before it dashed; below, by how much
+    they are off. For any rig that has a pose.
     """
     from pamid.base.errors import FileError
     from pamid.base.files import make_folder, write_atomically
@@ -41,8 +71,11 @@ def command(run: Path, output: Path | None, rig: str | None, begin: float | None
     from pamid.report.motion import motion_of, rig_of_run
 
     if output is not None and output.exists() and not overwrite:
-        raise FileError(f"{output} exists already.", "Choose another --output, or --overwrite to replace it.",
-                        code="exists")
+        raise FileError(
+            f"{output} exists already.",
+            "Choose another --output, or --overwrite to replace it.",
+            code="exists",
+        )
     found = load_run(run)
     motion = motion_of(found, rig_of_run(found, rig), speed / RATE, begin, end)
     with Progress("animate", motion.time.size) as progress:
@@ -54,9 +87,23 @@ def command(run: Path, output: Path | None, rig: str | None, begin: float | None
         make_folder(target.parent)
     write_atomically(target, gif)
     width, height = size_px(gif)
-    told = {"schema": "pamid.animate/1", "output": str(target), "rig": found.rig, "recording": motion.recording,
-            "from_s": float(motion.time[0]), "to_s": float(motion.time[-1]), "speed": speed,
-            "frames": int(motion.time.size), "frames_per_second": RATE, "width_px": width, "height_px": height,
-            "bytes": len(gif), "mean_gap": motion.means}
-    return frame.Result(told, f"{motion.title}.\n{target}: {motion.time[0]:.2f} to {motion.time[-1]:.2f} s, "
-                              f"{motion.time.size} frames, {width} x {height} px, {len(gif) / 1000:.0f} kB.")
+    told = {
+        "schema": "pamid.animate/1",
+        "output": str(target),
+        "rig": found.rig,
+        "recording": motion.recording,
+        "from_s": float(motion.time[0]),
+        "to_s": float(motion.time[-1]),
+        "speed": speed,
+        "frames": int(motion.time.size),
+        "frames_per_second": RATE,
+        "width_px": width,
+        "height_px": height,
+        "bytes": len(gif),
+        "mean_gap": motion.means,
+    }
+    return frame.Result(
+        told,
+        f"{motion.title}.\n{target}: {motion.time[0]:.2f} to {motion.time[-1]:.2f} s, "
+        f"{motion.time.size} frames, {width} x {height} px, {len(gif) / 1000:.0f} kB.",
+    )

@@ -16,38 +16,55 @@ WRONG = 3
 
 @frame.command("check", example=EXAMPLE)
 @click.argument("file", type=click.Path(path_type=Path))
-@click.option("--rig", help="Rig (name or file) the recording is meant for. [default: the one its TOML names]")
-@click.option("--figure", type=click.Path(dir_okay=False, path_type=Path),
-              help="PNG to draw: every channel of a recording, with the places of each finding.")
+@click.option(
+    "--rig", help="Rig (name or file) the recording is meant for. [default: the one its TOML names]"
+)
+@click.option(
+    "--figure",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="PNG to draw: every channel of a recording, with the places of each finding.",
+)
 @frame.overwrite_option("Replace the figure if it exists.", formerly_force=True)
 def command(file: Path, rig: str | None, figure: Path | None, overwrite: bool) -> frame.Result:
-    """Say what is in FILE and everything that is wrong with it: a recording, a rig file or an effect file.
+    """Say what is in FILE and everything that is wrong with it: a recording, a rig file or an
+    effect file.
 
-    A recording (.csv): sampling, range, rest, noise and step of every column; what is clipped, frozen, lost, bridged,
-    spiked, coarse or hardly excited; with a rig, columns exchanged, of the opposite sign, in another unit or late. A
-    rig (.py): its equations build, every port is used, nothing blows up over the bounds, sensitivities are exact, which
-    effects fit. An effect (.py): its data sheet is complete, its null is exact, and it behaves wherever it fits. Exit
-    code 3 if anything is wrong; notes leave it at 0.
+    A recording (.csv): sampling, range, rest, noise and step of every column; what is clipped,
+    frozen, lost, bridged, spiked, coarse or hardly excited; with a rig, columns exchanged, of the
+    opposite sign, in another unit or late. A rig (.py): its equations build, every port is used,
+    nothing blows up over the bounds, sensitivities are exact, which effects fit. An effect (.py):
+    its data sheet is complete, its null is exact, and it behaves wherever it fits. Exit code 3 if
+    anything is wrong; notes leave it at 0.
     """
     from pamid.base.errors import FileError, UsageError
     from pamid.checks.inspection import inspect, inspection_text
 
     if figure is not None and figure.exists() and not overwrite:
-        raise FileError(f"{figure} exists already.", "Choose another --figure, or --overwrite to replace it.",
-                        code="exists")
+        raise FileError(
+            f"{figure} exists already.",
+            "Choose another --figure, or --overwrite to replace it.",
+            code="exists",
+        )
     found = inspect(file, rig)
     said, text = found.said, inspection_text(found.said)
     if figure is not None:
         if found.recording is None and said["kind"] != "recording":
-            raise UsageError("--figure draws recordings.", "Leave it out for a rig or an effect file.")
+            raise UsageError(
+                "--figure draws recordings.", "Leave it out for a rig or an effect file."
+            )
         if found.recording is not None:
             from pamid.base.files import make_folder, write_atomically
             from pamid.report.quality_figure import card_png
 
             of_issues = {issue.text for issue in found.issues}
-            others = [f["detail"] for f in said["findings"]
-                      if not f["ok"] and not f["advice"] and f["detail"] not in of_issues]
+            others = [
+                f["detail"]
+                for f in said["findings"]
+                if not f["ok"] and not f["advice"] and f["detail"] not in of_issues
+            ]
             make_folder(figure.parent)
-            write_atomically(figure, card_png(found.recording, found.issues, said["quality"]["channels"], others))
+            write_atomically(
+                figure, card_png(found.recording, found.issues, said["quality"]["channels"], others)
+            )
             said, text = {**said, "figure": str(figure)}, f"{text}\nfigure: {figure}"
     return frame.Result(said, text, 0 if said["ok"] else WRONG)

@@ -10,8 +10,8 @@ EXAMPLE = """
 pamid completion bash
 """
 _WHERE = {
-    "bash": ("eval \"$(pamid completion bash)\"", "~/.bashrc"),
-    "zsh": ("eval \"$(pamid completion zsh)\"", "~/.zshrc"),
+    "bash": ('eval "$(pamid completion bash)"', "~/.bashrc"),
+    "zsh": ('eval "$(pamid completion zsh)"', "~/.zshrc"),
     "fish": ("pamid completion fish | source", "~/.config/fish/config.fish"),
 }
 
@@ -32,5 +32,13 @@ def command(shell: str) -> frame.Result:
     assert made is not None
     script = made(frame.group(), {}, "pamid", "_PAMID_COMPLETE").source()
     line, place = _WHERE[shell]
-    return frame.Result({"schema": "pamid.completion/1", "shell": shell, "script": script, "line": line,
-                         "place": place}, script)
+    return frame.Result(
+        {
+            "schema": "pamid.completion/1",
+            "shell": shell,
+            "script": script,
+            "line": line,
+            "place": place,
+        },
+        script,
+    )

@@ -18,12 +18,14 @@ pamid config diagnose
 @frame.command("config", example=EXAMPLE)
 @click.argument("commands", nargs=-1, metavar="[COMMAND]...")
 def command(commands: tuple[str, ...]) -> frame.Result:
-    """Show the options of all commands, or of these, with their values and where each value comes from.
+    """Show the options of all commands, or of these, with their values and where each value comes
+    from.
 
-    The command line goes first, then the environment (PAMID_DIAGNOSE_JOBS=4), then the nearest pamid.toml, in this
-    folder or above it, then the default. A pamid.toml holds a table per command, and [defaults] for all that have the
-    option. One that others may have written, or of a folder above and outside your home, is ignored; files to run, a
-    cluster and leave to replace files are taken only from one that is yours and in your home:
+    The command line goes first, then the environment (PAMID_DIAGNOSE_JOBS=4), then the nearest
+    pamid.toml, in this folder or above it, then the default. A pamid.toml holds a table per
+    command, and [defaults] for all that have the option. One that others may have written, or of a
+    folder above and outside your home, is ignored; files to run, a cluster and leave to replace
+    files are taken only from one that is yours and in your home:
 
     \b
         [defaults]
@@ -33,24 +35,38 @@ def command(commands: tuple[str, ...]) -> frame.Result:
     """
     path = settings.settings_file()
     if path is not None:
-        settings.read_settings(path)  # every mistake in it, not only those that concern the commands asked for
+        # every mistake in it, not only those that concern the commands asked for
+        settings.read_settings(path)
     for name in commands:
         frame.require_command(name)
     shown = {name: _values(name) for name in commands or COMMANDS}
     ignored = {str(file): why for file, why in settings.ignored_files().items()}
     limited = settings.why_harmless_only(path) if path is not None else ""
-    found = {"schema": "pamid.config/1", "file": None if path is None else str(path), "commands": shown,
-             "ignored": ignored, "harmless_only": limited}
+    found = {
+        "schema": "pamid.config/1",
+        "file": None if path is None else str(path),
+        "commands": shown,
+        "ignored": ignored,
+        "harmless_only": limited,
+    }
     lines = [f"Ignored: {file}: {why}." for file, why in ignored.items()]
     if limited:
-        lines.append(f"No rig or effect file, cluster, force or overwrite is taken from it: {limited}.")
+        lines.append(
+            f"No rig or effect file, cluster, force or overwrite is taken from it: {limited}."
+        )
     return frame.Result(found, _text(shown, path, bool(commands), lines))
 
 
 def _values(name: str) -> dict[str, dict[str, Any]]:
     context = frame.blank_context(name)
-    return {option: {"value": _plain(context.params.get(str(made.name))), "origin": settings.origin_of(context, made)}
-            for option, made in settings.options_of(context.command).items() if not made.hidden}
+    return {
+        option: {
+            "value": _plain(context.params.get(str(made.name))),
+            "origin": settings.origin_of(context, made),
+        }
+        for option, made in settings.options_of(context.command).items()
+        if not made.hidden
+    }
 
 
 def _plain(value: Any) -> Any:
@@ -59,11 +75,22 @@ def _plain(value: Any) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
-def _text(shown: dict[str, dict[str, dict[str, Any]]], path: Path | None, all_of_them: bool,
-          about_files: list[str]) -> str:
-    lines = [f"Settings: {path}" if path else f"There is no {settings.FILE} here or above.", *about_files]
+def _text(
+    shown: dict[str, dict[str, dict[str, Any]]],
+    path: Path | None,
+    all_of_them: bool,
+    about_files: list[str],
+) -> str:
+    lines = [
+        f"Settings: {path}" if path else f"There is no {settings.FILE} here or above.",
+        *about_files,
+    ]
     for name, options in shown.items():
-        told = {k: v for k, v in options.items() if all_of_them or v["origin"] not in ("default", "required")}
+        told = {
+            k: v
+            for k, v in options.items()
+            if all_of_them or v["origin"] not in ("default", "required")
+        }
         if not told:
             continue
         lines += ["", f"[{name}]"]

@@ -18,53 +18,100 @@ pamid demo --output demo-run --seed 1
 
 
 @frame.command("demo", example=EXAMPLE)
-@click.option("--output", type=click.Path(file_okay=False, path_type=Path), default=Path("demo-run"),
-              show_default=True, help="Run folder to make.")
-@click.option("--seed", type=click.IntRange(0), default=1, show_default=True,
-              help="Draws what is withheld, the excitation and the noise.")
-@click.option("--jobs", type=click.IntRange(1, 256), default=2, show_default=True, help="Threads to use.")
-@click.option("--duration", type=click.FloatRange(15.0, 3600.0), default=60.0, show_default=True,
-              help="Length of the recording in s.")
+@click.option(
+    "--output",
+    type=click.Path(file_okay=False, path_type=Path),
+    default=Path("demo-run"),
+    show_default=True,
+    help="Run folder to make.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(0),
+    default=1,
+    show_default=True,
+    help="Draws what is withheld, the excitation and the noise.",
+)
+@click.option(
+    "--jobs", type=click.IntRange(1, 256), default=2, show_default=True, help="Threads to use."
+)
+@click.option(
+    "--duration",
+    type=click.FloatRange(15.0, 3600.0),
+    default=60.0,
+    show_default=True,
+    help="Length of the recording in s.",
+)
 @frame.overwrite_option("Replace an earlier run in that folder.")
 def command(output: Path, seed: int, jobs: int, duration: float, overwrite: bool) -> frame.Result:
-    """Build a virtual joint with an effect that is withheld and parameters that are off, record it, diagnose it,
-    train a network on what is left over, write the report page, and compare what was named with what was withheld.
+    """Build a virtual joint with an effect that is withheld and parameters that are off, record it,
+    diagnose it, train a network on what is left over, write the report page, and compare what was
+    named with what was withheld.
     """
     from pamid.base.run_folder import Run
     from pamid.replications.demo import run_demo
 
-    run = Run.create(output, command=frame.command_line(), seed=seed, overwrite=overwrite,
-                     options={"jobs": jobs, "duration_s": duration})
+    run = Run.create(
+        output,
+        command=frame.command_line(),
+        seed=seed,
+        overwrite=overwrite,
+        options={"jobs": jobs, "duration_s": duration},
+    )
     with Progress("demo") as progress:
-        found = run_demo(run, seed=seed, jobs=jobs, duration_s=duration, told=lambda text: progress.update(0, text))
+        found = run_demo(
+            run,
+            seed=seed,
+            jobs=jobs,
+            duration_s=duration,
+            told=lambda text: progress.update(0, text),
+        )
     return frame.Result(found, demo_text(found, output))
 
 
 def demo_text(found: dict[str, Any], output: Path) -> str:
     """What was withheld beside what was named."""
     truth = found["withheld"]
-    judged = {"right": "Right: the withheld effect's family is the one named.",
-              "among": "Among those named is the withheld effect's family.",
-              "missed": "Missed: the withheld effect's family was not named."}[found["hit"]]
-    lines = [f"Withheld  {truth['effect']} ({truth['family']}): {', '.join(truth['as_simulated'])}",
-             f"Named     {found['sentence']}"]
+    judged = {
+        "right": "Right: the withheld effect's family is the one named.",
+        "among": "Among those named is the withheld effect's family.",
+        "missed": "Missed: the withheld effect's family was not named.",
+    }[found["hit"]]
+    lines = [
+        f"Withheld  {truth['effect']} ({truth['family']}): {', '.join(truth['as_simulated'])}",
+        f"Named     {found['sentence']}",
+    ]
     for cause in found["causes"]:
-        values = ", ".join(f"{k} {v['value']:.4g} ({v['low']:.4g} .. {v['high']:.4g})"
-                           for k, v in cause["parameters"].items())
+        values = ", ".join(
+            f"{k} {v['value']:.4g} ({v['low']:.4g} .. {v['high']:.4g})"
+            for k, v in cause["parameters"].items()
+        )
         lines.append(f"          {cause['effect']} ({cause['family']}): {values}")
-    lines += [judged, "", f"{'parameter':30s} {'data sheet':>12s} {'withheld':>12s} {'found':>12s} {'95 %':>25s}"]
+    lines += [
+        judged,
+        "",
+        f"{'parameter':30s} {'data sheet':>12s} {'withheld':>12s} {'found':>12s} {'95 %':>25s}",
+    ]
     for name, p in found["parameters"].items():
-        lines.append(f"{name:30s} {p['prior']:12.4g} {truth['parameters'][name]:12.4g} {p['value']:12.4g} "
-                     f"{p['low']:12.4g} .. {p['high']:9.4g}")
+        lines.append(
+            f"{name:30s} {p['prior']:12.4g} {truth['parameters'][name]:12.4g} {p['value']:12.4g} "
+            f"{p['low']:12.4g} .. {p['high']:9.4g}"
+        )
     heads = ("data sheet", "refitted", "with cause", "noise floor")
     lines += ["", f"{'held-out MAE':30s} " + " ".join(f"{h:>12s}" for h in heads)]
     for channel, h in found["how_far"].items():
         cells = (h["mae_data_sheet"], h["mae_refitted"], h["mae_with_cause"], h["noise_floor"])
         lines.append(f"{channel:30s} " + " ".join(f"{v:12.4g}" for v in cells))
     for channel, errors in found["network"].items():
-        lines.append(f"A network instead, on the model in its own loop: {channel} {errors['refitted']:.4g} -> "
-                     f"{errors['with_network']:.4g}")
-    lines += ["", f"Page: {found['page']}",
-              f"Next: pamid effects {truth['effect']}   or   pamid diagnose {quoted(output / 'rec.csv')} "
-              f"--output {unused('run')}"]
+        lines.append(
+            f"A network instead, on the model in its own loop: {channel} {errors['refitted']:.4g} "
+            "-> "
+            f"{errors['with_network']:.4g}"
+        )
+    lines += [
+        "",
+        f"Page: {found['page']}",
+        f"Next: pamid effects {truth['effect']}   or   pamid diagnose {quoted(output / 'rec.csv')} "
+        f"--output {unused('run')}",
+    ]
     return "\n".join(lines)

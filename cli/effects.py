@@ -14,27 +14,45 @@ pamid effects coulomb-friction --rig one-dof
 
 @frame.command("effects", example=EXAMPLE)
 @click.argument("name", required=False, type=names.EFFECT)
-@click.option("--rig", "rigs", multiple=True, help="Rig (name or file) to look for fitting ports. [default: all rigs]")
+@click.option(
+    "--rig",
+    "rigs",
+    multiple=True,
+    help="Rig (name or file) to look for fitting ports. [default: all rigs]",
+)
 def command(name: str | None, rigs: tuple[str, ...]) -> frame.Result:
-    """List the effects by family and kind of port, or explain one: NAME, or the path of an effect file.
+    """List the effects by family and kind of port, or explain one: NAME, or the path of an effect
+    file.
 
-    The story of an effect: what it is, what it looks like in a recording, what it is mistaken for, its equation,
-    references, parameters with their ranges and sources, and the ports at which it fits.
+    The story of an effect: what it is, what it looks like in a recording, what it is mistaken for,
+    its equation, references, parameters with their ranges and sources, and the ports at which it
+    fits.
     """
     from pamid.base.errors import FileError, nearest
     from pamid.model import catalogue
     from pamid.model import registry as library
     from pamid.model.attachment import attachments
 
-    looked_at = [library.rig_named(rig) for rig in rigs] or [library.rig_named(rig) for rig in library.rigs()]
+    looked_at = [library.rig_named(rig) for rig in rigs] or [
+        library.rig_named(rig) for rig in library.rigs()
+    ]
     if name is None:
         known = library.effects()
-        fit = {a.effect.name for rig in looked_at for a in attachments(rig, known.values())} if rigs else set(known)
+        fit = (
+            {a.effect.name for rig in looked_at for a in attachments(rig, known.values())}
+            if rigs
+            else set(known)
+        )
         rows = [catalogue.effect_row(known[effect]) for effect in sorted(fit)]
-        return frame.Result({"schema": "pamid.effects/1", "effects": rows}, catalogue.effects_text(rows))
+        return frame.Result(
+            {"schema": "pamid.effects/1", "effects": rows}, catalogue.effects_text(rows)
+        )
     known, (wanted,) = library.effects_with((name,))
     if wanted not in known:
-        raise FileError(f"There is no effect {wanted!r}.", nearest(wanted, known) or "See `pamid effects` for all.",
-                        code="unknown-effect")
+        raise FileError(
+            f"There is no effect {wanted!r}.",
+            nearest(wanted, known) or "See `pamid effects` for all.",
+            code="unknown-effect",
+        )
     said = catalogue.effect_story(known[wanted], looked_at, known.values())
     return frame.Result({"schema": "pamid.effects/1", "effect": said}, catalogue.effect_text(said))

@@ -1,4 +1,5 @@
-"""What `pamid generate-aprbs` makes of its options: the columns to send, what to note of them, and what to say."""
+"""What `pamid generate-aprbs` makes of its options: the columns to send, what to note of them, and
+what to say."""
 
 from __future__ import annotations
 
@@ -15,24 +16,30 @@ if TYPE_CHECKING:
     from pamid.excitation.aprbs import Coverage
 
 DUTY = 0.3  # usual highest one of a staircase: what comes after it is no small command
-_SIGNALS = ("aprbs", "prbs", "multisine", "chirp", "steps", "staircase")  # on references and commands
-#: options that only some signals and experiments take; valve pulses and gravity tests have always taken a seed
+# on references and commands
+_SIGNALS = ("aprbs", "prbs", "multisine", "chirp", "steps", "staircase")
+#: options that only some signals and experiments take; valve pulses and gravity tests have always
+#: taken a seed
 _TAKEN_BY: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(("loop", "column", "offset"), _SIGNALS),
     **dict.fromkeys(("amplitude", "rate_limit", "figure"), (*_SIGNALS, "torque-loops")),
     "duration": ("aprbs", "prbs", "multisine", "chirp", "steps", "torque-loops", "gravity-test"),
-    "hold": ("aprbs", "prbs", "steps", "staircase"), "levels": ("aprbs", "staircase"),
-    "band": ("multisine", "chirp"), "sweep": ("chirp",), "periods": ("multisine",), "pressure": ("torque-loops",),
+    "hold": ("aprbs", "prbs", "steps", "staircase"),
+    "levels": ("aprbs", "staircase"),
+    "band": ("multisine", "chirp"),
+    "sweep": ("chirp",),
+    "periods": ("multisine",),
+    "pressure": ("torque-loops",),
     "seed": ("aprbs", "prbs", "multisine", "steps", "staircase", "valve-pulses", "gravity-test"),
     **dict.fromkeys(("release", "clamped", "payload"), ("gravity-test",)),
     **dict.fromkeys(("muscle", "level"), ("valve-pulses",)),
-}  # fmt: skip
+}
 
 
 @dataclass(frozen=True)
 class Made:
-    """Columns to send, what to note of them, what to say, the tables of the TOML beside them, and what to draw: the
-    fields of a `report.excitation_figure.Shown` per column."""
+    """Columns to send, what to note of them, what to say, the tables of the TOML beside them, and
+    what to draw: the fields of a `report.excitation_figure.Shown` per column."""
 
     columns: dict[str, NDArray[Any]]
     about: dict[str, Any]
@@ -53,19 +60,25 @@ def refuse_strangers(experiment: str, signal: str) -> None:
     kind = signal if experiment == "aprbs" else experiment
     sort = "signal" if given("signal") else "experiment"
     if experiment != "aprbs" and given("signal"):
-        raise UsageError(f"--signal says nothing to --experiment {experiment}.", "Leave out one of the two.")
+        raise UsageError(
+            f"--signal says nothing to --experiment {experiment}.", "Leave out one of the two."
+        )
     for name, takers in _TAKEN_BY.items():
         if kind not in takers and given(name):
-            raise UsageError(f"--{name.replace('_', '-')} says nothing to --{sort} {kind}.",
-                             f"It belongs to {' and '.join(takers)}.")
+            raise UsageError(
+                f"--{name.replace('_', '-')} says nothing to --{sort} {kind}.",
+                f"It belongs to {' and '.join(takers)}.",
+            )
 
 
 def make(request: dict[str, Any]) -> Made:
     """What the options ask for."""
-    return {"aprbs": _signals, "valve-pulses": _pulses, "gravity-test": _gravity}[request["experiment"]](request)
+    return {"aprbs": _signals, "valve-pulses": _pulses, "gravity-test": _gravity}[
+        request["experiment"]
+    ](request)
 
 
-# ---- signals -----------------------------------------------------------------------------------------------------
+# ---- signals -----------------------------------------------------------------------------------
 
 
 def _signals(request: dict[str, Any]) -> Made:
@@ -73,68 +86,140 @@ def _signals(request: dict[str, Any]) -> Made:
     from pamid.excitation.aprbs import coverage
     from pamid.excitation.waveforms import SETTINGS, draw, plan_for
 
-    signal, period, offset, limit = (request[name] for name in ("signal", "period", "offset", "rate_limit"))
-    asked = {"duration_s": request["duration"], "hold_s": request["hold"], "levels": request["levels"],
-             "band_hz": request["band"], "sweep": request["sweep"], "periods": request["periods"]}
-    plan = plan_for(signal, period, rate_limit=limit, offset=offset, seed=request["seed"],
-                    **{name: value for name, value in asked.items() if name in SETTINGS[signal]})
+    signal, period, offset, limit = (
+        request[name] for name in ("signal", "period", "offset", "rate_limit")
+    )
+    asked = {
+        "duration_s": request["duration"],
+        "hold_s": request["hold"],
+        "levels": request["levels"],
+        "band_hz": request["band"],
+        "sweep": request["sweep"],
+        "periods": request["periods"],
+    }
+    plan = plan_for(
+        signal,
+        period,
+        rate_limit=limit,
+        offset=offset,
+        seed=request["seed"],
+        **{name: value for name, value in asked.items() if name in SETTINGS[signal]},
+    )
     amplitudes = _amplitudes(request)
     sent = draw(plan, amplitudes)
     each, said, shown = [], [], []
     for column, one in sent.items():
-        unit, reach = split_column(column)[1], (offset - amplitudes[column], offset + amplitudes[column])
+        unit, reach = (
+            split_column(column)[1],
+            (offset - amplitudes[column], offset + amplitudes[column]),
+        )
         excited = one.samples[one.turn]
         covers = coverage(excited, period, span=reach)
-        each.append({"column": column, "unit": unit, "range": list(reach), **one.own, "coverage": _noted(covers)})
-        shown.append({"column": column, "unit": unit, "samples": excited, "covers": covers, "rate_limit": limit,
-                      "band_hz": plan.settings.get("band_hz")})
+        each.append(
+            {
+                "column": column,
+                "unit": unit,
+                "range": list(reach),
+                **one.own,
+                "coverage": _noted(covers),
+            }
+        )
+        shown.append(
+            {
+                "column": column,
+                "unit": unit,
+                "samples": excited,
+                "covers": covers,
+                "rate_limit": limit,
+                "band_hz": plan.settings.get("band_hz"),
+            }
+        )
         said += [f"  {column}:"] if len(sent) > 1 else []
         said += [f"  {sentence}" for sentence in covers.sentences()]
     columns = {column: one.samples for column, one in sent.items()}
     held, meta = _valves_shut(request, columns) if signal == "torque-loops" else ({}, {})
     settings = {name: value for name, value in plan.settings.items() if name != "duration_s"}
-    return Made({**held, **columns}, _about_signals(request, settings, each, columns, meta), said, meta, shown)
+    return Made(
+        {**held, **columns},
+        _about_signals(request, settings, each, columns, meta),
+        said,
+        meta,
+        shown,
+    )
 
 
-def _about_signals(request: dict[str, Any], settings: dict[str, Any], each: list[dict[str, Any]],
-                   columns: dict[str, NDArray[Any]], meta: dict[str, Any]) -> dict[str, Any]:
+def _about_signals(
+    request: dict[str, Any],
+    settings: dict[str, Any],
+    each: list[dict[str, Any]],
+    columns: dict[str, NDArray[Any]],
+    meta: dict[str, Any],
+) -> dict[str, Any]:
     """What to note: of one column beside the settings, of several in a list."""
     alone = each[0] if len(each) == 1 else {}
     return {
         "signal": request["signal"],
         "loop": "open" if meta else request["loop"],
-        **({key: alone[key] for key in ("column", "unit", "range")} if alone else {"columns": each}), **settings,
+        **(
+            {key: alone[key] for key in ("column", "unit", "range")} if alone else {"columns": each}
+        ),
+        **settings,
         "rate_limit_per_s": request["rate_limit"],
         **({"seed": request["seed"]} if request["signal"] in _TAKEN_BY["seed"] else {}),
-        **({"known": meta["known"]} if "known" in meta else {}), **_clock(request, columns),
+        **({"known": meta["known"]} if "known" in meta else {}),
+        **_clock(request, columns),
         **({"coverage": alone["coverage"]} if alone else {}),
-    }  # fmt: skip
+    }
 
 
 def _noted(covers: Coverage) -> dict[str, Any]:
     changes = covers.changes
     return {
-        **{name: getattr(covers, name) for name in (
-            "evenness", "visited", "steps", "shortest_hold_s", "longest_hold_s", "power_95_hz", "band_20db_hz",
-            "histogram", "crest", "library_condition", "even_condition")},
-        "changes": None if changes is None else {
-            "size_edges": [0.0, 0.25, 0.5, 0.75, 1.0], "pace_edges_hz": changes.edges_hz,
-            "share_of_time": changes.share},
+        **{
+            name: getattr(covers, name)
+            for name in (
+                "evenness",
+                "visited",
+                "steps",
+                "shortest_hold_s",
+                "longest_hold_s",
+                "power_95_hz",
+                "band_20db_hz",
+                "histogram",
+                "crest",
+                "library_condition",
+                "even_condition",
+            )
+        },
+        "changes": None
+        if changes is None
+        else {
+            "size_edges": [0.0, 0.25, 0.5, 0.75, 1.0],
+            "pace_edges_hz": changes.edges_hz,
+            "share_of_time": changes.share,
+        },
         "sentences": covers.sentences(),
-    }  # fmt: skip
+    }
 
 
-def _valves_shut(request: dict[str, Any], columns: dict[str, NDArray[Any]]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Commands at rest, and the TOML of a recording with the valves shut, at the pressure asked for."""
+def _valves_shut(
+    request: dict[str, Any], columns: dict[str, NDArray[Any]]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Commands at rest, and the TOML of a recording with the valves shut, at the pressure asked
+    for."""
     from pamid.excitation.experiments import at_rest, held_pressure
     from pamid.model.registry import rig_named
 
     rig, pressure = rig_named(request["rig"]), request["pressure"]
     samples = len(next(iter(columns.values())))
-    return at_rest(rig, samples), _meta(request, {} if pressure is None else held_pressure(rig, pressure))
+    return at_rest(rig, samples), _meta(
+        request, {} if pressure is None else held_pressure(rig, pressure)
+    )
 
 
-def _columns(request: dict[str, Any]) -> tuple[dict[str, float | None], dict[str, tuple[float, float]]]:
+def _columns(
+    request: dict[str, Any],
+) -> tuple[dict[str, float | None], dict[str, tuple[float, float]]]:
     """The columns to write with their usual amplitudes, and what the rig lets them be."""
     from pamid.excitation.experiments import bounds_of, excitable, torque_columns
     from pamid.model.registry import rig_named
@@ -144,10 +229,16 @@ def _columns(request: dict[str, Any]) -> tuple[dict[str, float | None], dict[str
     rig = rig_named(request["rig"])
     if request["signal"] == "torque-loops":
         return dict(torque_columns(rig)), {}
-    small = DUTY if request["signal"] == "staircase" and request["loop"] == "open" and rig.loops else math.inf
+    small = (
+        DUTY
+        if request["signal"] == "staircase" and request["loop"] == "open" and rig.loops
+        else math.inf
+    )
     usual = {name: rig.excited.get(name) for name in excitable(rig, request["loop"])}
-    return ({name: None if value is None else min(value, small) for name, value in usual.items()},
-            {name: bounds_of(rig, name) for name in usual})
+    return (
+        {name: None if value is None else min(value, small) for name, value in usual.items()},
+        {name: bounds_of(rig, name) for name in usual},
+    )
 
 
 def _amplitudes(request: dict[str, Any]) -> dict[str, float]:
@@ -158,7 +249,9 @@ def _amplitudes(request: dict[str, Any]) -> dict[str, float]:
     columns, bounds = _columns(request)
     for name in given:
         if name and name not in columns:
-            raise UsageError(f"--amplitude {name}: the columns are {', '.join(columns)}.", nearest(name, columns))
+            raise UsageError(
+                f"--amplitude {name}: the columns are {', '.join(columns)}.", nearest(name, columns)
+            )
     found = {}
     for name, usual in columns.items():
         amplitude = given.get(name, given.get("", usual))
@@ -183,11 +276,13 @@ def _given(texts: tuple[str, ...]) -> dict[str, float]:
         try:
             found[name.strip()] = float(number)
         except ValueError:
-            raise UsageError(f"--amplitude {text!r} is no number.", "Write 20, or reference_2_deg=30.") from None
+            raise UsageError(
+                f"--amplitude {text!r} is no number.", "Write 20, or reference_2_deg=30."
+            ) from None
     return found
 
 
-# ---- tests of the muscles and of the links -----------------------------------------------------------------------
+# ---- tests of the muscles and of the links -----------------------------------------------------
 
 
 def _pulses(request: dict[str, Any]) -> Made:
@@ -197,15 +292,24 @@ def _pulses(request: dict[str, Any]) -> Made:
 
     rig = rig_named(request["rig"])
     if not 0.0 < request["period"] <= PULSES_S[0]:
-        raise UsageError(f"The period is {request['period']:g} s; the shortest pulse lasts {PULSES_S[0]:g} s.")
+        raise UsageError(
+            f"The period is {request['period']:g} s; the shortest pulse lasts {PULSES_S[0]:g} s."
+        )
     columns = muscle_pulses(rig, request["muscle"], request["level"], request["period"])
     pulsed = list(request["muscle"] or rig.filled_by)
     lengths = ", ".join(f"{1e3 * s:g}" for s in PULSES_S)
-    said = [f"  Muscle {' then '.join(pulsed)}: vented and filled again for {lengths} ms at a duty of "
-            f"{request['level']:g}.", f"  A fit would hold out the last 30 %, with muscle {pulsed[-1]}: record "
-            "another order for --held-out."]
-    return Made(columns, _about(request, columns, {"muscles": pulsed, "level": request["level"]}), said,
-                _meta(request, {}))
+    said = [
+        f"  Muscle {' then '.join(pulsed)}: vented and filled again for {lengths} ms at a duty of "
+        f"{request['level']:g}.",
+        f"  A fit would hold out the last 30 %, with muscle {pulsed[-1]}: record "
+        "another order for --held-out.",
+    ]
+    return Made(
+        columns,
+        _about(request, columns, {"muscles": pulsed, "level": request["level"]}),
+        said,
+        _meta(request, {}),
+    )
 
 
 def _gravity(request: dict[str, Any]) -> Made:
@@ -214,28 +318,51 @@ def _gravity(request: dict[str, Any]) -> Made:
     from pamid.model.registry import rig_named
 
     rig = rig_named(request["rig"])
-    known = gravity_test(rig, request["release"] or RELEASE_DEG, request["clamped"], request["payload"])
+    known = gravity_test(
+        rig, request["release"] or RELEASE_DEG, request["clamped"], request["payload"]
+    )
     seconds = RELEASE_S if request["duration"] is None else request["duration"]
     if not 0.0 < request["period"] < seconds < math.inf:
         raise UsageError(f"{seconds:g} s sampled every {request['period']:g} s are no recording.")
     columns = nothing_sent(rig, round(seconds / request["period"]))
-    said = ["  Nothing is sent: " + ", ".join(f"{name} = {value:g}" for name, value in known.items()) + ".",
-            "  Cannot show: valves, and what of the muscles grows with their pressure.",
-            "  A fit would hold out the last 30 %, the end of the swing: record another release for --held-out."]
+    said = [
+        "  Nothing is sent: "
+        + ", ".join(f"{name} = {value:g}" for name, value in known.items())
+        + ".",
+        "  Cannot show: valves, and what of the muscles grows with their pressure.",
+        "  A fit would hold out the last 30 %, the end of the swing: record another release for "
+        "--held-out.",
+    ]
     return Made(columns, _about(request, columns, {"known": known}), said, _meta(request, known))
 
 
-def _about(request: dict[str, Any], columns: dict[str, NDArray[Any]], own: dict[str, Any]) -> dict[str, Any]:
+def _about(
+    request: dict[str, Any], columns: dict[str, NDArray[Any]], own: dict[str, Any]
+) -> dict[str, Any]:
     from pamid.base.units import split_column
 
-    ranges = [{"column": name, "unit": split_column(name)[1], "range": [float(v.min()), float(v.max())]}
-              for name, v in columns.items()]
-    return {"experiment": request["experiment"], "loop": "open", "columns": ranges, **own, **_clock(request, columns)}
+    ranges = [
+        {"column": name, "unit": split_column(name)[1], "range": [float(v.min()), float(v.max())]}
+        for name, v in columns.items()
+    ]
+    return {
+        "experiment": request["experiment"],
+        "loop": "open",
+        "columns": ranges,
+        **own,
+        **_clock(request, columns),
+    }
 
 
 def _meta(request: dict[str, Any], known: dict[str, float]) -> dict[str, Any]:
-    return {"recording": {"rig": request["rig"], "loop": "open", "sampling_period_s": request["period"]},
-            **({"known": known} if known else {})}
+    return {
+        "recording": {
+            "rig": request["rig"],
+            "loop": "open",
+            "sampling_period_s": request["period"],
+        },
+        **({"known": known} if known else {}),
+    }
 
 
 def _clock(request: dict[str, Any], columns: dict[str, NDArray[Any]]) -> dict[str, Any]:

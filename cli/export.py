@@ -18,23 +18,57 @@ pamid export run --to fmu --output joint.fmu
 
 @frame.command("export", example=EXAMPLE)
 @click.argument("run", type=click.Path(path_type=Path))
-@click.option("--to", "form", type=click.Choice(FORMS), required=True,
-              help="fmu2, fmu3: FMI 2.0 (also: fmu) or 3.0 for co-simulation, with C sources and a binary for this "
-              "machine; c: header, source and an example; onnx: one sample and a whole run; matlab: a function file.")
-@click.option("--output", type=click.Path(path_type=Path),
-              help="File to write, for c a folder. [default: pamid_<rig>.<ending>]")
-@click.option("--which", default="best", show_default=True, help="cause (of a diagnosis), network (the refitted model "
-              "with the network trained on the run), refitted, or best: the first of these there is.")
-@click.option("--known", multiple=True, metavar="NAME=VALUE", help="Parameter that is known to be otherwise there.")
+@click.option(
+    "--to",
+    "form",
+    type=click.Choice(FORMS),
+    required=True,
+    help="fmu2, fmu3: FMI 2.0 (also: fmu) or 3.0 for co-simulation, with C sources and a binary "
+    "for this "
+    "machine; c: header, source and an example; onnx: one sample and a whole run; matlab: a "
+    "function file.",
+)
+@click.option(
+    "--output",
+    type=click.Path(path_type=Path),
+    help="File to write, for c a folder. [default: pamid_<rig>.<ending>]",
+)
+@click.option(
+    "--which",
+    default="best",
+    show_default=True,
+    help="cause (of a diagnosis), network (the refitted model "
+    "with the network trained on the run), refitted, or best: the first of these there is.",
+)
+@click.option(
+    "--known",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="Parameter that is known to be otherwise there.",
+)
 @click.option("--rig", help="The rig file that the run was made with (it is run).")
-@click.option("--effect", "effects", multiple=True, help="An effect file that the run was made with (it is run).")
+@click.option(
+    "--effect",
+    "effects",
+    multiple=True,
+    help="An effect file that the run was made with (it is run).",
+)
 @frame.overwrite_option("Replace what exists.", formerly_force=True)
-def command(run: Path, form: str, output: Path | None, which: str, known: tuple[str, ...], rig: str | None,
-            effects: tuple[str, ...], overwrite: bool) -> frame.Result:
-    """Write the model that RUN found (rig, effects and a network, if there is one) for use in another tool.
+def command(
+    run: Path,
+    form: str,
+    output: Path | None,
+    which: str,
+    known: tuple[str, ...],
+    rig: str | None,
+    effects: tuple[str, ...],
+    overwrite: bool,
+) -> frame.Result:
+    """Write the model that RUN found (rig, effects and a network, if there is one) for use in
+    another tool.
 
-    Every form gives, sample by sample, what `pamid simulate --model RUN --noise none` gives. Inputs and outputs are
-    the columns of a recording, in their units; an input holds over the sample.
+    Every form gives, sample by sample, what `pamid simulate --model RUN --noise none` gives. Inputs
+    and outputs are the columns of a recording, in their units; an input holds over the sample.
     """
     from pamid.correction.identified_model import load_identified
     from pamid.export.exporting import export_model
@@ -46,11 +80,23 @@ def command(run: Path, form: str, output: Path | None, which: str, known: tuple[
         aside(f"Warning: {made.files[0]}: {note}.")
     effects = tuple(a.label for a in model.effects)
     inputs, outputs = [v.name for v in step.inputs], [v.name for v in step.outputs]
-    found = {"schema": "pamid.export/1", "to": form, "files": [str(f) for f in made.files], "binary": made.binary,
-             "rig": model.name, "effects": list(effects), "network": "" if network is None else
-             network.trained.network.kind, "period_s": step.period_s, "inputs": inputs, "outputs": outputs,
-             "notes": list(made.notes)}
+    found = {
+        "schema": "pamid.export/1",
+        "to": form,
+        "files": [str(f) for f in made.files],
+        "binary": made.binary,
+        "rig": model.name,
+        "effects": list(effects),
+        "network": "" if network is None else network.trained.network.kind,
+        "period_s": step.period_s,
+        "inputs": inputs,
+        "outputs": outputs,
+        "notes": list(made.notes),
+    }
     built = f", with a binary for {made.binary}" if made.binary else ""
-    text = (f"{', '.join(map(str, made.files))}: {model.name} with {', '.join(effects) or 'no effect'}{built}.\n"
-            f"Every {step.period_s:g} s: {', '.join(inputs)} -> {', '.join(outputs)}")
+    text = (
+        f"{', '.join(map(str, made.files))}: {model.name} with "
+        f"{', '.join(effects) or 'no effect'}{built}.\n"
+        f"Every {step.period_s:g} s: {', '.join(inputs)} -> {', '.join(outputs)}"
+    )
     return frame.Result(found, text)

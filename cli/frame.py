@@ -1,4 +1,5 @@
-"""The frame around every command: one JSON object or human text on stdout, errors on stderr, exit codes.
+"""The frame around every command: one JSON object or human text on stdout, errors on stderr, exit
+codes.
 
 Nothing heavy is imported here, so that `pamid --help` answers at once.
 """
@@ -25,25 +26,31 @@ from .terminal import aside, hang_up, printable, printable_json, say
 
 INTERRUPTED = 130
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
-_EPILOG = ("Options may also stand in pamid.toml or the environment (see `pamid config`). "
-           "Exit codes: 0 done, 2 usage, 3 a file is wrong, 4 the data cannot answer, 5 not converged, 6 partly done.")
+_EPILOG = (
+    "Options may also stand in pamid.toml or the environment (see `pamid config`). "
+    "Exit codes: 0 done, 2 usage, 3 a file is wrong, 4 the data cannot answer, 5 not converged, 6 "
+    "partly done."
+)
 
 
 @dataclass(frozen=True)
 class Result:
-    """What a command found: `json` for scripts (with a "schema"), `text` for people; exit_code 0, or 4 to 6 when the
-    result is written and yet falls short."""
+    """What a command found: `json` for scripts (with a "schema"), `text` for people; exit_code 0,
+    or 4 to 6 when the result is written and yet falls short."""
 
     json: dict[str, Any] = field(default_factory=dict)
     text: str = ""
     exit_code: int = 0
 
 
-def command(name: str, *, example: str, **settings: Any) -> Callable[[Callable[..., Result]], click.Command]:
-    """Decorator for the one function of a command file. It takes the options, returns a `Result`; the frame prints it.
+def command(
+    name: str, *, example: str, **settings: Any
+) -> Callable[[Callable[..., Result]], click.Command]:
+    """Decorator for the one function of a command file. It takes the options, returns a `Result`;
+    the frame prints it.
 
-    The docstring is the help; `example` holds the shell lines that end it (a test runs them). `--json` and `--debug`
-    are added.
+    The docstring is the help; `example` holds the shell lines that end it (a test runs them).
+    `--json` and `--debug` are added.
     """
 
     def wrap(function: Callable[..., Result]) -> click.Command:
@@ -54,8 +61,15 @@ def command(name: str, *, example: str, **settings: Any) -> Callable[[Callable[.
             if param.type is click.STRING:
                 param.type = names.OPTIONS.get(str(param.name), param.type)
         made.params += [
-            click.Option(["--json"], is_flag=True, expose_value=False, help="Print exactly one JSON object."),
-            click.Option(["--debug"], is_flag=True, expose_value=False, help="Show the traceback of an error."),
+            click.Option(
+                ["--json"], is_flag=True, expose_value=False, help="Print exactly one JSON object."
+            ),
+            click.Option(
+                ["--debug"],
+                is_flag=True,
+                expose_value=False,
+                help="Show the traceback of an error.",
+            ),
         ]
         return made
 
@@ -64,12 +78,14 @@ def command(name: str, *, example: str, **settings: Any) -> Callable[[Callable[.
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run `pamid` with these arguments (default: those of the process) and exit."""
-    for library in ("OPENBLAS", "OMP", "MKL"):  # small matrices: the cores are shared out over jobs instead
+    # small matrices: the cores are shared out over jobs instead
+    for library in ("OPENBLAS", "OMP", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
     _keep_streams_apart()
     signal.signal(signal.SIGTERM, _end)
     code = run(sys.argv[1:] if arguments is None else arguments)
-    for stream in (sys.stdout, sys.stderr):     # what is left in them would fail once more as Python ends
+    # what is left in them would fail once more as Python ends
+    for stream in (sys.stdout, sys.stderr):
         try:
             if stream is not None:
                 stream.flush()
@@ -79,19 +95,21 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
 
 
 def _end(*_: object) -> None:
-    """Whoever asks the process to end gets what Ctrl-C gets: what is finished is kept. Asking again changes nothing."""
+    """Whoever asks the process to end gets what Ctrl-C gets: what is finished is kept. Asking again
+    changes nothing."""
     signal.signal(signal.SIGTERM, signal.SIG_IGN)
     raise KeyboardInterrupt
 
 
 def _keep_streams_apart() -> None:
-    """Where a stream is closed, the next file opened would take its number, and be written to by what prints there."""
+    """Where a stream is closed, the next file opened would take its number, and be written to by
+    what prints there."""
     for number in range(3):
         try:
             os.fstat(number)
         except OSError:
             os.open(os.devnull, os.O_RDWR)
-    if isinstance(sys.stdout, io.TextIOWrapper):    # what its encoding does not know is spelt out
+    if isinstance(sys.stdout, io.TextIOWrapper):  # what its encoding does not know is spelt out
         sys.stdout.reconfigure(errors="backslashreplace")
 
 
@@ -102,8 +120,12 @@ def run(arguments: Sequence[str]) -> int:
     stray = io.StringIO()  # in JSON mode nothing but the object may reach stdout
     try:
         with contextlib.redirect_stdout(stray) if as_json else contextlib.nullcontext():
-            result = _GROUP.main(list(arguments), prog_name="pamid", standalone_mode=False,
-                                 auto_envvar_prefix=settings.ENVIRONMENT)
+            result = _GROUP.main(
+                list(arguments),
+                prog_name="pamid",
+                standalone_mode=False,
+                auto_envvar_prefix=settings.ENVIRONMENT,
+            )
     except BaseException as error:
         if isinstance(error, SystemExit) and not error.code:
             return 0  # click has answered a shell that asked for completions
@@ -113,7 +135,9 @@ def run(arguments: Sequence[str]) -> int:
             aside(stray.getvalue().rstrip("\n"))
         if not isinstance(result, Result):  # --help and --version print by themselves
             result = Result({"schema": "pamid.text/1", "text": stray.getvalue()}, "", result or 0)
-        text = printable_json(_json(result.json)) if as_json else printable(result.text.rstrip("\n"))
+        text = (
+            printable_json(_json(result.json)) if as_json else printable(result.text.rstrip("\n"))
+        )
         if text:
             say(text)
     except OSError as error:
@@ -126,11 +150,18 @@ def run(arguments: Sequence[str]) -> int:
 _OLD = "force"
 
 
-def overwrite_option(text: str, *, formerly_force: bool = False) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """`--overwrite`, with this help; formerly_force: commands that once called it --force still hear that word."""
+def overwrite_option(
+    text: str, *, formerly_force: bool = False
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """`--overwrite`, with this help; formerly_force: commands that once called it --force still
+    hear that word."""
 
     def add(function: Callable[..., Any]) -> Callable[..., Any]:
-        old = click.option(f"--{_OLD}", _OLD, is_flag=True, hidden=True) if formerly_force else lambda f: f
+        old = (
+            click.option(f"--{_OLD}", _OLD, is_flag=True, hidden=True)
+            if formerly_force
+            else lambda f: f
+        )
         return old(click.option("--overwrite", is_flag=True, help=text)(function))
 
     return add
@@ -142,11 +173,16 @@ class _Command(click.Command):
     example = ""
 
     def make_context(
-        self, info_name: str | None, args: list[str], parent: click.Context | None = None, **extra: Any
+        self,
+        info_name: str | None,
+        args: list[str],
+        parent: click.Context | None = None,
+        **extra: Any,
     ) -> click.Context:
         if extra.get("resilient_parsing"):  # a shell that completes a word asks for no values
             return super().make_context(info_name, args, parent, **extra)
-        for path, why in settings.ignored_files().items():  # first: it may be why an option is missing
+        # first: it may be why an option is missing
+        for path, why in settings.ignored_files().items():
             aside(f"Warning: {path} is ignored: {why}.")
         extra.setdefault("default_map", settings.defaults_for(self))
         made = super().make_context(info_name, args, parent, **extra)
@@ -156,7 +192,10 @@ class _Command(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         if "" in args:
-            ctx.fail("One of the words is empty; a variable of the shell that is not set makes such a word.")
+            ctx.fail(
+                "One of the words is empty; a variable of the shell that is not set makes such a "
+                "word."
+            )
         return super().parse_args(ctx, args)
 
     def invoke(self, ctx: click.Context) -> Any:
@@ -167,22 +206,26 @@ class _Command(click.Command):
 
     def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         super().format_help(ctx, formatter)
-        formatter.write("\nExample:\n" + "".join(f"  {line}\n" for line in self.example.splitlines()))
+        formatter.write(
+            "\nExample:\n" + "".join(f"  {line}\n" for line in self.example.splitlines())
+        )
 
 
 _SAID: list[str] = []  # options of the command being run that were given elsewhere than on its line
 
 
 def command_line() -> list[str]:
-    """The words of the command being run, those options included that pamid.toml or the environment gave: what a run
-    notes of itself repeats it anywhere."""
+    """The words of the command being run, those options included that pamid.toml or the environment
+    gave: what a run notes of itself repeats it anywhere."""
     return [*sys.argv, *_SAID]
 
 
 def require_command(name: str) -> None:
     """UsageError, with the nearest name, for what is no command."""
     if name not in COMMANDS:
-        raise click.UsageError(f"There is no command {name!r}. {names.suggest(name, COMMANDS)}".rstrip())
+        raise click.UsageError(
+            f"There is no command {name!r}. {names.suggest(name, COMMANDS)}".rstrip()
+        )
 
 
 def blank_context(name: str) -> click.Context:
@@ -190,7 +233,9 @@ def blank_context(name: str) -> click.Context:
     parent = click.Context(_GROUP, info_name="pamid", auto_envvar_prefix=settings.ENVIRONMENT)
     found = _GROUP.get_command(parent, name)
     assert found is not None
-    return found.make_context(name, [], parent, resilient_parsing=True, default_map=settings.defaults_for(found))
+    return found.make_context(
+        name, [], parent, resilient_parsing=True, default_map=settings.defaults_for(found)
+    )
 
 
 def group() -> click.Group:
@@ -227,13 +272,22 @@ def _show_version(ctx: click.Context, _: click.Parameter, wanted: bool) -> None:
         ctx.exit()
 
 
-@click.group(cls=_LazyGroup, epilog=_EPILOG, context_settings={"help_option_names": ["-h", "--help"]})
-@click.option("--version", is_flag=True, is_eager=True, expose_value=False, callback=_show_version,
-              help="Print the version.")  # fmt: skip
+@click.group(
+    cls=_LazyGroup, epilog=_EPILOG, context_settings={"help_option_names": ["-h", "--help"]}
+)
+@click.option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_show_version,
+    help="Print the version.",
+)
 @click.option("--json", is_flag=True, expose_value=False, help="Print exactly one JSON object.")
 @click.option("--debug", is_flag=True, expose_value=False, help="Show the traceback of an error.")
 def _GROUP() -> None:
-    """Find out where a grey-box model departs from its rig, which effect causes it, and how far the gap shrinks."""
+    """Find out where a grey-box model departs from its rig, which effect causes it, and how far the
+    gap shrinks."""
 
 
 def _print_error(error: BaseException, as_json: bool, debug: bool = False) -> int:
@@ -247,14 +301,16 @@ def _print_error(error: BaseException, as_json: bool, debug: bool = False) -> in
             say(printable_json(_json(told)))
             return code
         except OSError as closed:
-            _unheard(closed)    # then at least on stderr
+            _unheard(closed)  # then at least on stderr
     if isinstance(error, click.exceptions.NoArgsIsHelpError):
         aside(error.format_message())
         return code
     label = "pamid: " if code == INTERRUPTED else "pamid: error: "
     coloured = sys.stderr is not None and sys.stderr.isatty() and not os.environ.get("NO_COLOR")
     with contextlib.suppress(OSError):
-        click.echo(click.style(label, fg="red", bold=True) if coloured else label, nl=False, err=True)
+        click.echo(
+            click.style(label, fg="red", bold=True) if coloured else label, nl=False, err=True
+        )
     aside(told["message"])
     if told["hint"]:
         aside(f"  {told['hint']}")
@@ -262,8 +318,8 @@ def _print_error(error: BaseException, as_json: bool, debug: bool = False) -> in
 
 
 def _unheard(error: OSError) -> int:
-    """The result could not be printed: exit code 3; but that the reader of a pipe has left (`pamid effects | head`) is
-    its right, and no error."""
+    """The result could not be printed: exit code 3; but that the reader of a pipe has left (`pamid
+    effects | head`) is its right, and no error."""
     hang_up()
     if isinstance(error, BrokenPipeError):
         return 0
@@ -293,27 +349,39 @@ def _explain(error: BaseException) -> tuple[dict[str, str], int]:
     if isinstance(error, OSError) and error.strerror:
         return _refused(error), 3
     detail = " ".join(str(error).split())
-    hint = "This is a fault of pamid, or of a rig or effect file. Run it again with --debug for the traceback."
+    hint = (
+        "This is a fault of pamid, or of a rig or effect file. Run it again with --debug for "
+        "the traceback."
+    )
     return _error("unexpected", f"{type(error).__name__}: {detail}".rstrip(": "), hint), 1
 
 
 _MENDS = {
-    **dict.fromkeys((errno.ENOTDIR, errno.EEXIST), "A part of the path is a file where a folder is needed: choose "
-                    "another."),
-    errno.EISDIR: "It is a folder where a file is needed.", errno.ENAMETOOLONG: "Choose a shorter name.",
-    errno.ENOENT: "Check the path.", errno.ELOOP: "It is a link to itself.",
-    **dict.fromkeys((errno.EACCES, errno.EPERM), "You may not use it: check its owner and permissions."),
+    **dict.fromkeys(
+        (errno.ENOTDIR, errno.EEXIST),
+        "A part of the path is a file where a folder is needed: choose another.",
+    ),
+    errno.EISDIR: "It is a folder where a file is needed.",
+    errno.ENAMETOOLONG: "Choose a shorter name.",
+    errno.ENOENT: "Check the path.",
+    errno.ELOOP: "It is a link to itself.",
+    **dict.fromkeys(
+        (errno.EACCES, errno.EPERM), "You may not use it: check its owner and permissions."
+    ),
     **dict.fromkeys(_NO_ROOM, "Free some space and run it again."),
-}  # fmt: skip
+}
 
 
 def _refused(error: OSError) -> dict[str, str]:
-    """What the operating system did not do, and with which file: whatever it is, it is no fault of pamid's."""
+    """What the operating system did not do, and with which file: whatever it is, it is no fault of
+    pamid's."""
     name = str(error.filename or "")
     shown = name if len(name) <= 200 else f"{name[:80]}...{name[-40:]}"
-    return _error("disk-full" if error.errno in _NO_ROOM else "file",
-                  f"{shown}: {error.strerror}." if shown else f"{error.strerror}.",
-                  _MENDS.get(error.errno or 0, "Check the path, what it names, and that you may use it."))
+    return _error(
+        "disk-full" if error.errno in _NO_ROOM else "file",
+        f"{shown}: {error.strerror}." if shown else f"{error.strerror}.",
+        _MENDS.get(error.errno or 0, "Check the path, what it names, and that you may use it."),
+    )
 
 
 def _error(code: str, message: str, hint: str) -> dict[str, str]:
@@ -329,6 +397,7 @@ def _json(value: dict[str, Any]) -> str:
 
 
 def _flags(arguments: Sequence[str]) -> set[str]:
-    """Words before a bare `--`; parsing may fail before click has seen them, so they are looked for by hand."""
+    """Words before a bare `--`; parsing may fail before click has seen them, so they are looked for
+    by hand."""
     words = list(arguments)
     return set(words[: words.index("--")] if "--" in words else words)

@@ -16,71 +16,146 @@ EXAMPLE = """
 pamid generate-aprbs --rig one-dof --duration 200 --amplitude 40 --hold 0.4 1.6 --seed 1 --output excitation.csv
 pamid generate-aprbs --experiment gravity-test --rig two-link --release 60 0 --clamped 1 --output gravity.csv
 pamid generate-aprbs --signal multisine --loop open --amplitude 0.5 --band 0.1 5 --duration 60 --output sines.mat
-"""
+"""  # noqa: E501
 FORMATS = ("csv", "mat", "mat-file", "mat-matrix", "st", "h")
 
 
 @frame.command("generate-aprbs", example=EXAMPLE)
-@click.option("--experiment", type=click.Choice(["aprbs", "valve-pulses", "gravity-test"]), default="aprbs",
-              show_default=True, help="A signal (--signal), pulses on the valves, or a swing with the muscles vented.")
-@click.option("--signal", type=click.Choice(["aprbs", "prbs", "multisine", "chirp", "steps", "staircase",
-                                             "torque-loops"]), default="aprbs", show_default=True,
-              help="What is sent; see below.")
+@click.option(
+    "--experiment",
+    type=click.Choice(["aprbs", "valve-pulses", "gravity-test"]),
+    default="aprbs",
+    show_default=True,
+    help="A signal (--signal), pulses on the valves, or a swing with the muscles vented.",
+)
+@click.option(
+    "--signal",
+    type=click.Choice(
+        ["aprbs", "prbs", "multisine", "chirp", "steps", "staircase", "torque-loops"]
+    ),
+    default="aprbs",
+    show_default=True,
+    help="What is sent; see below.",
+)
 @click.option("--rig", default="one-dof", show_default=True, help="Rig to excite.")
-@click.option("--loop", type=click.Choice(["closed", "open"]), default="closed", show_default=True,
-              help="Excite the references of the controllers, or the commands themselves.")
+@click.option(
+    "--loop",
+    type=click.Choice(["closed", "open"]),
+    default="closed",
+    show_default=True,
+    help="Excite the references of the controllers, or the commands themselves.",
+)
 @click.option("--column", help="Name of the column, for a rig of your own (e.g. force_n).")
-@click.option("--duration", type=float,
-              help="Length in s. [default: 200; 20 of a gravity test, one pass of torque loops]")
-@click.option("--period", type=float, default=0.003, show_default=True, help="Sampling period in s.")
-@click.option("--amplitude", multiple=True, metavar="A | COLUMN=A",
-              help="Levels lie within +- this, in the unit of the column. [default: the rig's; one-dof: 40 deg closed, "
-              "0.8 open, 0.3 for a staircase; torque loops: 8]")
+@click.option(
+    "--duration",
+    type=float,
+    help="Length in s. [default: 200; 20 of a gravity test, one pass of torque loops]",
+)
+@click.option(
+    "--period", type=float, default=0.003, show_default=True, help="Sampling period in s."
+)
+@click.option(
+    "--amplitude",
+    multiple=True,
+    metavar="A | COLUMN=A",
+    help="Levels lie within +- this, in the unit of the column. [default: the rig's; one-dof: 40 "
+    "deg closed, "
+    "0.8 open, 0.3 for a staircase; torque loops: 8]",
+)
 @click.option("--offset", type=float, default=0.0, show_default=True, help="Centre of the levels.")
-@click.option("--hold", type=float, nargs=2, metavar="MIN MAX",
-              help="Shortest and longest time at one level in s. [default: 0.4 1.6; prbs: 0.1 1, steps: 2 2, "
-              "staircase: 1 1]")
-@click.option("--levels", type=int, help="Number of equidistant levels, or of heights of a staircase. [default: every "
-              "hold its own; staircase: 8]")
+@click.option(
+    "--hold",
+    type=float,
+    nargs=2,
+    metavar="MIN MAX",
+    help="Shortest and longest time at one level in s. [default: 0.4 1.6; prbs: 0.1 1, steps: 2 2, "
+    "staircase: 1 1]",
+)
+@click.option(
+    "--levels",
+    type=int,
+    help="Number of equidistant levels, or of heights of a staircase. [default: every "
+    "hold its own; staircase: 8]",
+)
 @click.option("--rate-limit", type=float, help="Largest slope in units per s. [default: jumps]")
-@click.option("--band", type=float, nargs=2, metavar="LOW HIGH",
-              help="Lowest and highest frequency in Hz. [default: 0.1 10, or up to a tenth of the sampling rate]")
-@click.option("--sweep", type=click.Choice(["log", "linear"]), help="How a chirp climbs. [default: log]")
+@click.option(
+    "--band",
+    type=float,
+    nargs=2,
+    metavar="LOW HIGH",
+    help="Lowest and highest frequency in Hz. [default: 0.1 10, or up to a tenth of the sampling "
+    "rate]",
+)
+@click.option(
+    "--sweep", type=click.Choice(["log", "linear"]), help="How a chirp climbs. [default: log]"
+)
 @click.option("--periods", type=int, help="Equal periods of a multisine. [default: 2]")
-@click.option("--pressure", type=float, metavar="KPA", help="Gauge pressure at which muscles are held in torque loops.")
+@click.option(
+    "--pressure",
+    type=float,
+    metavar="KPA",
+    help="Gauge pressure at which muscles are held in torque loops.",
+)
 @click.option("--muscle", multiple=True, help="Muscle to pulse, in this order. [default: all]")
-@click.option("--level", type=float, default=1.0, show_default=True, help="Duty of the pulses, up to 1.")
-@click.option("--release", type=float, nargs=2, metavar="Q1 Q2", help="Angles to let go from in deg. [default: 30 40]")
-@click.option("--clamped", multiple=True, metavar="JOINT", help="Joint that is clamped where it is released.")
+@click.option(
+    "--level", type=float, default=1.0, show_default=True, help="Duty of the pulses, up to 1."
+)
+@click.option(
+    "--release",
+    type=float,
+    nargs=2,
+    metavar="Q1 Q2",
+    help="Angles to let go from in deg. [default: 30 40]",
+)
+@click.option(
+    "--clamped", multiple=True, metavar="JOINT", help="Joint that is clamped where it is released."
+)
 @click.option("--payload", type=float, metavar="KG", help="Mass on the tip.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Same seed, same signal.")
-@click.option("--output", type=click.Path(dir_okay=False, path_type=Path), required=True,
-              help="File to write: .csv, .mat, .st or .h.")
-@click.option("--format", "form", type=click.Choice(FORMATS), help="What to write in it. [default: by its suffix]")
-@click.option("--figure", type=click.Path(dir_okay=False, path_type=Path), help="Picture of what it covers, PNG.")
+@click.option(
+    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Same seed, same signal."
+)
+@click.option(
+    "--output",
+    type=click.Path(dir_okay=False, path_type=Path),
+    required=True,
+    help="File to write: .csv, .mat, .st or .h.",
+)
+@click.option(
+    "--format",
+    "form",
+    type=click.Choice(FORMATS),
+    help="What to write in it. [default: by its suffix]",
+)
+@click.option(
+    "--figure",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Picture of what it covers, PNG.",
+)
 @frame.overwrite_option("Replace the output if it exists.", formerly_force=True)
-def command(output: Path, form: str | None, figure: Path | None, overwrite: bool, **request: Any) -> frame.Result:
-    """Make an amplitude-modulated pseudo-random step signal (APRBS) for a rig, or another signal or experiment.
+def command(
+    output: Path, form: str | None, figure: Path | None, overwrite: bool, **request: Any
+) -> frame.Result:
+    """Make an amplitude-modulated pseudo-random step signal (APRBS) for a rig, or another signal or
+    experiment.
 
-    \b
-    aprbs         independent random steps on the reference of every joint, or on every command
+    \b aprbs         independent random steps on the reference of every joint, or on every command
     prbs          two levels, by a shift register whose order is the longest hold over the shortest
-    multisine     odd harmonics of equal height with a low peak; between them shows what the rig bends
-    chirp         a sine that climbs through the band
-    steps         there and back, over and over
-    staircase     there and back with growing steps: --loop open for the smallest duties that move anything
-    torque-loops  a torque from outside up and down, the valves shut, at --pressure
+    multisine     odd harmonics of equal height with a low peak; between them shows what the rig
+    bends chirp         a sine that climbs through the band steps         there and back, over and
+    over staircase     there and back with growing steps: --loop open for the smallest duties that
+    move anything torque-loops  a torque from outside up and down, the valves shut, at --pressure
 
-    Joints get random signals together, the others in turn. Prints how well they cover amplitude and frequency, and what
-    they cannot excite.
+    Joints get random signals together, the others in turn. Prints how well they cover amplitude and
+    frequency, and what they cannot excite.
 
-    valve-pulses: 30 to 500 ms past the controller, every 1.5 s, venting and filling muscle after muscle.
-    gravity-test: nothing is sent; the rig swings from where it is released, its muscles vented.
+    valve-pulses: 30 to 500 ms past the controller, every 1.5 s, venting and filling muscle after
+    muscle. gravity-test: nothing is sent; the rig swings from where it is released, its muscles
+    vented.
 
-    Writes a CSV (time_s and the columns to send), or what Simulink, a PLC or a C program plays: mat and mat-matrix for
-    From Workspace, mat-file for From File, st with change points, h with samples and change points. Beside it a JSON
-    file with what they are and their sha256 and, where the rig has to be set to something, a TOML file with it.
-    `pamid simulate` reads CSV and TOML.
+    Writes a CSV (time_s and the columns to send), or what Simulink, a PLC or a C program plays: mat
+    and mat-matrix for From Workspace, mat-file for From File, st with change points, h with samples
+    and change points. Beside it a JSON file with what they are and their sha256 and, where the rig
+    has to be set to something, a TOML file with it. `pamid simulate` reads CSV and TOML.
     """
     from pamid.base.errors import FileError, UsageError
     from pamid.excitation.writers import format_of
@@ -88,21 +163,30 @@ def command(output: Path, form: str | None, figure: Path | None, overwrite: bool
     refuse_strangers(request["experiment"], request["signal"])
     note, sidecar = output.with_suffix(".json"), output.with_suffix(".toml")
     if output in (note, sidecar):
-        raise FileError(f"{output}: an excitation is a CSV file.",
-                        f"Write --output {quoted(output.with_suffix('.csv'))}.")
+        raise FileError(
+            f"{output}: an excitation is a CSV file.",
+            f"Write --output {quoted(output.with_suffix('.csv'))}.",
+        )
     form = format_of(output, form)
     if figure is not None and figure.suffix.lower() != ".png":
-        raise UsageError(f"--figure {figure}: the picture is a PNG.",
-                         f"Write --figure {quoted(figure.with_suffix('.png'))}.")
+        raise UsageError(
+            f"--figure {figure}: the picture is a PNG.",
+            f"Write --figure {quoted(figure.with_suffix('.png'))}.",
+        )
     made = make(request)
     for path in (output, note, *([sidecar] if made.meta else []), *([figure] if figure else [])):
         if path.exists() and not overwrite:
-            raise FileError(f"{path} exists already.", "Choose another --output, or --overwrite to replace it.",
-                            code="exists")
+            raise FileError(
+                f"{path} exists already.",
+                "Choose another --output, or --overwrite to replace it.",
+                code="exists",
+            )
     return _write(output, form, figure, made, request)
 
 
-def _write(output: Path, form: str, figure: Path | None, made: Made, request: dict[str, Any]) -> frame.Result:
+def _write(
+    output: Path, form: str, figure: Path | None, made: Made, request: dict[str, Any]
+) -> frame.Result:
     from pamid.excitation.writers import FORMATS, write_excitation
 
     period, samples = request["period"], made.about["samples"]
@@ -112,16 +196,32 @@ def _write(output: Path, form: str, figure: Path | None, made: Made, request: di
         from pamid.base.files import make_folder
         from pamid.report.excitation_figure import Shown, richness_picture
 
-        pictures[figure] = richness_picture([Shown(period_s=period, **column) for column in made.shown]).png
+        pictures[figure] = richness_picture(
+            [Shown(period_s=period, **column) for column in made.shown]
+        ).png
         make_folder(figure.parent)
-    about = write_excitation(output, made.columns, period, {"rig": request["rig"], **made.about}, form=form,
-                             meta=made.meta, others=pictures)
+    about = write_excitation(
+        output,
+        made.columns,
+        period,
+        {"rig": request["rig"], **made.about},
+        form=form,
+        meta=made.meta,
+        others=pictures,
+    )
     seed = f", seed {request['seed']}" if "seed" in about else ""
     first = f"{output}: {samples} samples of {', '.join(made.columns)} at {period:g} s{seed}."
     sidecar = output.with_suffix(".toml")
-    left = [f"  {sidecar} was there before and is left as it is; what it states holds for this excitation too."]
-    said = [first, *made.said, *([f"  Picture: {figure}."] if figure else []),
-            *(left if sidecar.exists() and not made.meta else [])]
+    left = [
+        f"  {sidecar} was there before and is left as it is; what it states holds for this "
+        "excitation too."
+    ]
+    said = [
+        first,
+        *made.said,
+        *([f"  Picture: {figure}."] if figure else []),
+        *(left if sidecar.exists() and not made.meta else []),
+    ]
     return frame.Result(about, "\n".join([*said, f"Next: {follow}"]))
 
 
@@ -129,5 +229,7 @@ def _simulated(output: Path, made: Made, rig: str) -> str:
     why = why_not_driven(rig, output, made.columns)
     if why:
         return f"send it to your rig; to simulate it, name one with --rig that takes it: {why}."
-    return (f"pamid simulate --rig {quoted(rig)} --excitation {quoted(output)} "
-            f"--output {quoted(unused('rec.csv', [output]))}")
+    return (
+        f"pamid simulate --rig {quoted(rig)} --excitation {quoted(output)} "
+        f"--output {quoted(unused('rec.csv', [output]))}"
+    )

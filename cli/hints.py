@@ -1,4 +1,5 @@
-"""What the lines to be copied name: outputs that nothing has taken yet, and rigs that can be sent what was made."""
+"""What the lines to be copied name: outputs that nothing has taken yet, and rigs that can be sent
+what was made."""
 
 from __future__ import annotations
 
@@ -13,7 +14,8 @@ MOST_TRIED = 1000
 
 
 def unused(name: str, read: Iterable[Path] = ()) -> str:
-    """`name`, with a number behind it where it is taken: what makes a file or a folder refuses one that is there.
+    """`name`, with a number behind it where it is taken: what makes a file or a folder refuses one
+    that is there.
 
     read: what the same line reads.
     """
@@ -23,8 +25,8 @@ def unused(name: str, read: Iterable[Path] = ()) -> str:
 
 
 def why_not_driven(rig_name: str, path: Path, columns: Mapping[str, NDArray[Any]]) -> str:
-    """What keeps `pamid simulate` from sending these columns to a rig, "" where nothing does. A rig is only noted, and
-    need not be there, for columns that were named by hand."""
+    """What keeps `pamid simulate` from sending these columns to a rig, "" where nothing does. A rig
+    is only noted, and need not be there, for columns that were named by hand."""
     import numpy as np
 
     from pamid.base.errors import FileError
@@ -42,4 +44,8 @@ def why_not_driven(rig_name: str, path: Path, columns: Mapping[str, NDArray[Any]
     if needed and not closed:
         return f"rig {rig.name!r} needs {' and '.join(needed)}"
     known = (*rig.inputs, *(q.reference for q in rig.loops))
-    return "" if any(sent.has(name) for name in known) else f"rig {rig.name!r} knows none of the columns"
+    return (
+        ""
+        if any(sent.has(name) for name in known)
+        else f"rig {rig.name!r} knows none of the columns"
+    )

@@ -14,16 +14,22 @@ if TYPE_CHECKING:
     from pamid.parallel.jobs import Crew
 
 cluster_option = click.option(
-    "--cluster", metavar="tcp://HOST:8786", help="Hand the jobs to the Dask cluster of this scheduler instead; results "
-    "are the same. Scheduler and workers must be trusted: jobs and results are pickled, so whoever can reach the "
-    "scheduler can run code on the workers and here. Over TLS: tls://HOST:8786, with certificates from Dask's "
+    "--cluster",
+    metavar="tcp://HOST:8786",
+    help="Hand the jobs to the Dask cluster of this scheduler instead; results "
+    "are the same. Scheduler and workers must be trusted: jobs and results are pickled, so "
+    "whoever can reach the "
+    "scheduler can run code on the workers and here. Over TLS: tls://HOST:8786, with certificates "
+    "from Dask's "
     "configuration or DASK_DISTRIBUTED__COMM__TLS__CA_FILE, ..__CLIENT__CERT, ..__CLIENT__KEY. "
-    "(pip install 'pamid[cluster]')")
+    "(pip install 'pamid[cluster]')",
+)
 
 
 @contextlib.contextmanager
 def crew_of(jobs: int, cluster: str | None, *, kept: Path | None = None) -> Iterator[Crew]:
-    """Who does the jobs: processes of this machine, or a cluster; kept: the folder of their results."""
+    """Who does the jobs: processes of this machine, or a cluster; kept: the folder of their
+    results."""
     from pamid.parallel.jobs import Crew
     from pamid.parallel.store import Store
 
@@ -39,11 +45,14 @@ def crew_of(jobs: int, cluster: str | None, *, kept: Path | None = None) -> Iter
 
 @contextlib.contextmanager
 def carried_through(run: Run, crew: Crew) -> Iterator[None]:
-    """Close the run with a word for how it ended, and how many jobs it took; their results go once all are done."""
+    """Close the run with a word for how it ended, and how many jobs it took; their results go once
+    all are done."""
     try:
         yield
     except BaseException as error:
-        run.finish("interrupted" if isinstance(error, KeyboardInterrupt) else "failed", jobs=crew.counts)
+        run.finish(
+            "interrupted" if isinstance(error, KeyboardInterrupt) else "failed", jobs=crew.counts
+        )
         raise
     run.finish("partial" if crew.failed else "done", jobs=crew.counts)
     if crew.store and not crew.failed:
@@ -55,11 +64,14 @@ def require_one_of(resume: bool, overwrite: bool) -> None:
     from pamid.base.errors import UsageError
 
     if resume and overwrite:
-        raise UsageError("--resume goes on with the earlier run, --overwrite replaces it.", "Give one of them.")
+        raise UsageError(
+            "--resume goes on with the earlier run, --overwrite replaces it.", "Give one of them."
+        )
 
 
 def kept(path: Path, text_of: Callable[[dict[str, Any]], str]) -> tuple[dict[str, Any], str]:
-    """What a finished run holds, and its text; FileError where it is not what was once written there."""
+    """What a finished run holds, and its text; FileError where it is not what was once written
+    there."""
     from pamid.base.errors import FileError
     from pamid.base.json_file import read_json
 
@@ -67,9 +79,12 @@ def kept(path: Path, text_of: Callable[[dict[str, Any]], str]) -> tuple[dict[str
     try:
         return found, text_of(found)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
-        raise FileError(f"{path} is damaged: it lacks entries, or they are not what they should be "
-                        f"({type(error).__name__}: {error}).", "Make the run again with --overwrite.",
-                        code="damaged") from None
+        raise FileError(
+            f"{path} is damaged: it lacks entries, or they are not what they should be "
+            f"({type(error).__name__}: {error}).",
+            "Make the run again with --overwrite.",
+            code="damaged",
+        ) from None
 
 
 def failed_text(found: dict[str, Any]) -> list[str]:

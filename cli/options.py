@@ -1,4 +1,5 @@
-"""Small things that several commands take: name=value pairs, noise factors, recordings and their division."""
+"""Small things that several commands take: name=value pairs, noise factors, recordings and their
+division."""
 
 from __future__ import annotations
 
@@ -27,7 +28,9 @@ def parse_known(pairs: tuple[str, ...]) -> dict[str, float]:
         except ValueError:
             sign = ""
         if not sign:
-            raise UsageError(f"{pair!r} is not NAME=VALUE with a number.", "For example inertia_kg_m2=0.0896.")
+            raise UsageError(
+                f"{pair!r} is not NAME=VALUE with a number.", "For example inertia_kg_m2=0.0896."
+            )
     return table
 
 
@@ -45,14 +48,22 @@ def noise_factor(text: str) -> float:
     return factor
 
 
-no_check_option = click.option("--no-check", is_flag=True, help="Fit recordings as they are, also where `pamid check` "
-                               "calls them wrong for the rig.")
+no_check_option = click.option(
+    "--no-check",
+    is_flag=True,
+    help="Fit recordings as they are, also where `pamid check` calls them wrong for the rig.",
+)
 
 
-def evidence_from(rig_name: str | None, recordings: tuple[Path, ...], held_out: tuple[Path, ...], *,
-                  check: bool = True) -> Evidence:
-    """Read the recordings, refuse those that are wrong for the rig (default: the one of the catalogue that they name),
-    and divide them for it."""
+def evidence_from(
+    rig_name: str | None,
+    recordings: tuple[Path, ...],
+    held_out: tuple[Path, ...],
+    *,
+    check: bool = True,
+) -> Evidence:
+    """Read the recordings, refuse those that are wrong for the rig (default: the one of the
+    catalogue that they name), and divide them for it."""
     from pamid.checks.inspection import require_sound
     from pamid.model.registry import catalogue_rig, rig_named, rig_of
     from pamid.recording.recording import read_recording
@@ -70,12 +81,18 @@ def evidence_from(rig_name: str | None, recordings: tuple[Path, ...], held_out: 
             require_sound(recording, rig)
         lacks = evidence.lacking(recording)
         if lacks:
-            aside(f"Warning: {recording.path} lacks {', '.join(lacks)}, which other recordings have; each is used "
-                  "where it was recorded.")
+            aside(
+                f"Warning: {recording.path} lacks {', '.join(lacks)}, which other recordings "
+                "have; each is used "
+                "where it was recorded."
+            )
     unused = [c for c in rig.outputs if c not in evidence.channels and any(r.has(c) for r in read)]
     if unused:
-        aside(f"Warning: {', '.join(unused)} cannot be judged and is left out: at rest in every recording, or not "
-              "both fitted and held out.")
+        aside(
+            f"Warning: {', '.join(unused)} cannot be judged and is left out: at rest in every "
+            "recording, or not "
+            "both fitted and held out."
+        )
     return evidence
 
 
@@ -86,8 +103,11 @@ def unknown_columns(rig: Rig, recording: Recording) -> list[str]:
 
     wanted = [*rig.inputs, *rig.outputs, *(loop.reference for loop in rig.loops)]
     used = {match_column(recording.columns, name) for name in wanted}
-    return [f"rig {rig.name!r} does not know the column {c!r}; it is not used. {nearest(c, wanted)}".rstrip()
-            for c in recording.columns if c not in used]
+    return [
+        f"rig {rig.name!r} does not know the column {c!r}; it is not used. {nearest(c, wanted)}".rstrip()  # noqa: E501
+        for c in recording.columns
+        if c not in used
+    ]
 
 
 def with_sidecar(path: Path) -> list[Path]:

@@ -17,16 +17,26 @@ _BESIDE = "-"  # --pdf without a file
 
 @frame.command("report", example=EXAMPLE)
 @click.argument("run", type=click.Path(path_type=Path))
-@click.option("--output", type=click.Path(dir_okay=False, path_type=Path),
-              help="Page to write. [default: RUN/report.html]")
-@click.option("--pdf", is_flag=False, flag_value=_BESIDE, type=click.Path(dir_okay=False),
-              help="Write it as a PDF as well; without FILE beside the page.", metavar="[FILE]")
+@click.option(
+    "--output",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Page to write. [default: RUN/report.html]",
+)
+@click.option(
+    "--pdf",
+    is_flag=False,
+    flag_value=_BESIDE,
+    type=click.Path(dir_okay=False),
+    help="Write it as a PDF as well; without FILE beside the page.",
+    metavar="[FILE]",
+)
 def command(run: Path, output: Path | None, pdf: str | None) -> frame.Result:
-    """Turn the run folder RUN into one self-contained HTML page and figures; or that of a trial, or of a paper.
+    """Turn the run folder RUN into one self-contained HTML page and figures; or that of a trial, or
+    of a paper.
 
-    The page puts three answers first: where the gap lies, which effect causes it, how far it shrinks; then plots of
-    all samples and the evidence. It needs no network, follows light and dark, and prints. Figures go to RUN/figures
-    as PNG.
+    The page puts three answers first: where the gap lies, which effect causes it, how far it
+    shrinks; then plots of all samples and the evidence. It needs no network, follows light and
+    dark, and prints. Figures go to RUN/figures as PNG.
     """
     from pamid.report.tables import mae_text
     from pamid.report.writing import write_report
@@ -34,7 +44,12 @@ def command(run: Path, output: Path | None, pdf: str | None) -> frame.Result:
     page = run / "report.html" if output is None else output
     paper = None if pdf is None else page.with_suffix(".pdf") if pdf == _BESIDE else Path(pdf)
     report = write_report(run, output, paper)
-    found = {"schema": "pamid.report/1", "page": report.page, "figures": list(report.figures), "mae": report.mae}
+    found = {
+        "schema": "pamid.report/1",
+        "page": report.page,
+        "figures": list(report.figures),
+        "mae": report.mae,
+    }
     found |= {"pdf": report.pdf} if report.pdf is not None else {}
     table = f"{mae_text(report.errors)}\n\n" if report.errors else ""
     written = f"\nPDF:  {report.pdf}" if report.pdf is not None else ""

@@ -17,8 +17,9 @@ pamid rigs one-dof
 def command(name: str | None) -> frame.Result:
     """List the rigs, or explain one: NAME, NAME:VARIANT, or the path of a rig file.
 
-    The story of a rig: inputs, outputs, states, ports and the effects that fit there, parameters with their sources,
-    background terms, and its equations, in which whatever passes through a port bears the name of the port.
+    The story of a rig: inputs, outputs, states, ports and the effects that fit there, parameters
+    with their sources, background terms, and its equations, in which whatever passes through a port
+    bears the name of the port.
     """
     from pamid.model import catalogue
     from pamid.model import registry as library
@@ -26,7 +27,11 @@ def command(name: str | None) -> frame.Result:
     if name is None:
         rows = [catalogue.rig_row(rig) for rig in library.rigs().values()]
         lines = [f"{row['name']:<20} {row['title']}" for row in rows]
-        return frame.Result({"schema": "pamid.rigs/1", "rigs": rows},
-                            "\n".join([*lines, "", f"One of them, or a file of yours: pamid rigs {rows[0]['name']}"]))
+        return frame.Result(
+            {"schema": "pamid.rigs/1", "rigs": rows},
+            "\n".join(
+                [*lines, "", f"One of them, or a file of yours: pamid rigs {rows[0]['name']}"]
+            ),
+        )
     said = catalogue.rig_story(library.rig_named(name), library.effects().values())
     return frame.Result({"schema": "pamid.rigs/1", "rig": said}, catalogue.rig_text(said))

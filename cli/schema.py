@@ -18,26 +18,36 @@ pamid schema diagnosis
 @frame.command("schema", example=EXAMPLE)
 @click.argument("name", required=False)
 def command(name: str | None) -> frame.Result:
-    """List the JSON schemas of what commands print with --json and of the files of a run, or print one of them.
+    """List the JSON schemas of what commands print with --json and of the files of a run, or print
+    one of them.
 
-    They are JSON Schema, draft 2020-12, for editors and for programs that read the results; keys may be added in later
-    versions, none changes its meaning within one number (pamid.diagnosis/1).
+    They are JSON Schema, draft 2020-12, for editors and for programs that read the results; keys
+    may be added in later versions, none changes its meaning within one number (pamid.diagnosis/1).
     """
     found = schemas()
     if name is None:
         titles = {key: str(one["title"]) for key, one in found.items()}
         width = max(map(len, titles))
-        return frame.Result({"schema": "pamid.schemas/1", "schemas": titles},
-                            "\n".join(f"{key:{width}s}  {title}" for key, title in titles.items()))
+        return frame.Result(
+            {"schema": "pamid.schemas/1", "schemas": titles},
+            "\n".join(f"{key:{width}s}  {title}" for key, title in titles.items()),
+        )
     stem = name.removeprefix("pamid.").removesuffix("/1")
     if stem not in found:
-        raise click.UsageError(f"There is no schema {name!r}. {names.suggest(stem, found)}".rstrip())
+        raise click.UsageError(
+            f"There is no schema {name!r}. {names.suggest(stem, found)}".rstrip()
+        )
     one = found[stem]
-    return frame.Result({"schema": "pamid.schemas/1", "schemas": {stem: one}}, json.dumps(one, indent=1))
+    return frame.Result(
+        {"schema": "pamid.schemas/1", "schemas": {stem: one}}, json.dumps(one, indent=1)
+    )
 
 
 def schemas() -> dict[str, dict[str, Any]]:
     """Every schema by name, without `pamid.` and its number."""
     files = sorted(resources.files("pamid.schemas").iterdir(), key=lambda file: file.name)
-    return {file.name.removesuffix(".json"): json.loads(file.read_text(encoding="utf-8")) for file in files
-            if file.name.endswith(".json")}
+    return {
+        file.name.removesuffix(".json"): json.loads(file.read_text(encoding="utf-8"))
+        for file in files
+        if file.name.endswith(".json")
+    }

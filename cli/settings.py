@@ -1,19 +1,22 @@
 """Settings from `pamid.toml`: options that a project wants otherwise than pamid's defaults.
 
-The nearest `pamid.toml`, in the working folder or above it, holds a table per command and `[defaults]` for every
-command that has the option. What is said on the command line goes first, then the environment (PAMID_DIAGNOSE_JOBS),
-then this file, then the default; `pamid config` shows where every value comes from.
+The nearest `pamid.toml`, in the working folder or above it, holds a table per command and
+`[defaults]` for every command that has the option. What is said on the command line goes first,
+then the environment (PAMID_DIAGNOSE_JOBS), then this file, then the default; `pamid config` shows
+where every value comes from.
 
 Nobody but the user decides what pamid does, so a file is not believed because it lies there:
 
-- One that somebody else may have written is as if it were not there: it or its folder belongs to another user than
-  this one or root, or others may write it, its folder or a folder above (a group of the user alone does not count; a
-  sticky folder such as /tmp is no place for one, its private subfolders are).
+- One that somebody else may have written is as if it were not there: it or its folder belongs to
+  another user than this one or root, or others may write it, its folder or a folder above (a group
+  of the user alone does not count; a sticky folder such as /tmp is no place for one, its private
+  subfolders are).
 - Outside the user's home only the working folder's own file counts, none of a folder above.
-- What runs code (the path of a rig or effect file), an address (`cluster`) and leave to replace files (`force`,
-  `overwrite`) are taken only from a file that the user owns, in the user's home.
+- What runs code (the path of a rig or effect file), an address (`cluster`) and leave to replace
+  files (`force`, `overwrite`) are taken only from a file that the user owns, in the user's home.
 
-What is not taken is said in a sentence on stderr. The command line and the environment always count.
+What is not taken is said in a sentence on stderr. The command line and the environment always
+count.
 """
 
 from __future__ import annotations
@@ -34,9 +37,9 @@ from .table import COMMANDS, every_command
 FILE = "pamid.toml"
 SHARED = "defaults"
 ENVIRONMENT = "PAMID"
-_MOST = 1 << 20     # bytes of a pamid.toml (settings_file has seen that it is a regular file)
+_MOST = 1 << 20  # bytes of a pamid.toml (settings_file has seen that it is a regular file)
 _OURS = ("json", "debug", "help")
-_RISKY = ("cluster", "force", "overwrite")      # with paths of code; see above
+_RISKY = ("cluster", "force", "overwrite")  # with paths of code; see above
 
 
 class SettingsError(click.ClickException):
@@ -62,10 +65,11 @@ def ignored_files(folder: Path | None = None) -> dict[Path, str]:
 
 
 def _found(folder: Path | None) -> Iterator[tuple[Path, str]]:
-    """Every pamid.toml here and above, the nearest first, and why it is ignored ("" if it is not)."""
+    """Every pamid.toml here and above, the nearest first, and why it is ignored ("" if it is
+    not)."""
     try:
         here = (folder or Path.cwd()).resolve()
-    except FileNotFoundError:   # somebody removed the working folder
+    except FileNotFoundError:  # somebody removed the working folder
         return
     for place in (here, *here.parents):
         path = place / FILE
@@ -82,7 +86,8 @@ def _why_ignored(path: Path, nearest: bool) -> str:
 
 
 def why_harmless_only(path: Path) -> str:
-    """Why code, addresses and leave to replace files are not taken from this file; "" where they are."""
+    """Why code, addresses and leave to replace files are not taken from this file; "" where they
+    are."""
     from pamid.base.trust import is_own, within_home
 
     if not within_home(path):
@@ -105,18 +110,25 @@ def _read(path: Path, _stamp: int) -> dict[str, dict[str, Any]]:
         raise SettingsError(f"{path} cannot be read: {error.strerror}.") from error
     except UnicodeDecodeError:
         raise SettingsError(f"{path} is not UTF-8 text.") from None
-    except (ValueError, RecursionError) as error:    # ValueError: also a number of thousands of digits
+    # ValueError: also a number of thousands of digits
+    except (ValueError, RecursionError) as error:
         raise SettingsError(f"{path} is not TOML: {error}.") from None
     for name, table in tables.items():
         if name not in (SHARED, *COMMANDS):
-            raise SettingsError(f"{path}: [{name}] is no command.", _nearest(name, (SHARED, *COMMANDS)))
+            raise SettingsError(
+                f"{path}: [{name}] is no command.", _nearest(name, (SHARED, *COMMANDS))
+            )
         if not isinstance(table, dict):
-            raise SettingsError(f"{path}: {name} stands outside a table.", f"Write it below [{SHARED}] or a command.")
+            raise SettingsError(
+                f"{path}: {name} stands outside a table.",
+                f"Write it below [{SHARED}] or a command.",
+            )
     return tables
 
 
 def defaults_for(command: click.Command) -> dict[str, Any]:
-    """Values of pamid.toml for the options of this command, by parameter, checked; {} where there is no file."""
+    """Values of pamid.toml for the options of this command, by parameter, checked; {} where there
+    is no file."""
     path = settings_file()
     if path is None:
         return {}
@@ -131,21 +143,28 @@ def defaults_for(command: click.Command) -> dict[str, Any]:
                 if not (is_risky(options[key], checked) and why_harmless_only(path)):
                     chosen[str(options[key].name)] = checked
             elif table != SHARED:
-                raise SettingsError(f"{path}: [{table}] {key}: no such option.", _nearest(key, options))
+                raise SettingsError(
+                    f"{path}: [{table}] {key}: no such option.", _nearest(key, options)
+                )
     return chosen
 
 
 def not_taken(context: click.Context) -> list[str]:
-    """A sentence for every entry of this command that is not taken from the settings, unless it was said elsewhere."""
+    """A sentence for every entry of this command that is not taken from the settings, unless it was
+    said elsewhere."""
     path, command = settings_file(), context.command
     why = why_harmless_only(path) if path else ""
     if path is None or not why:
         return []
     tables, options = read_settings(path), options_of(command)
-    return [f"{path}: [{table}] {key} is not taken, because {why}: say --{key} yourself."
-            for table in (SHARED, str(command.name)) for key, value in tables.get(table, {}).items()
-            if key in options and is_risky(options[key], value)
-            and context.get_parameter_source(str(options[key].name)) is ParameterSource.DEFAULT]
+    return [
+        f"{path}: [{table}] {key} is not taken, because {why}: say --{key} yourself."
+        for table in (SHARED, str(command.name))
+        for key, value in tables.get(table, {}).items()
+        if key in options
+        and is_risky(options[key], value)
+        and context.get_parameter_source(str(options[key].name)) is ParameterSource.DEFAULT
+    ]
 
 
 def is_risky(option: click.Option, value: Any) -> bool:
@@ -172,7 +191,10 @@ def said_elsewhere(context: click.Context) -> list[str]:
     """Words that would give, on the command line, what came from the environment or pamid.toml."""
     words: list[str] = []
     for name, option in options_of(context.command).items():
-        if context.get_parameter_source(str(option.name)) in (ParameterSource.ENVIRONMENT, ParameterSource.DEFAULT_MAP):
+        if context.get_parameter_source(str(option.name)) in (
+            ParameterSource.ENVIRONMENT,
+            ParameterSource.DEFAULT_MAP,
+        ):
             words += _words(name, option, context.params.get(str(option.name)))
     return words
 
@@ -194,8 +216,11 @@ def _words(name: str, option: click.Option, value: Any) -> list[str]:
     if option.is_flag:
         return [f"--{name}"] if value else []
     values = value if option.multiple else [value]
-    return [word for one in values
-            for word in (f"--{name}", *map(str, one if isinstance(one, tuple | list) else (one,)))]
+    return [
+        word
+        for one in values
+        for word in (f"--{name}", *map(str, one if isinstance(one, tuple | list) else (one,)))
+    ]
 
 
 def _require_known(path: Path, shared: Mapping[str, Any]) -> None:
@@ -205,23 +230,37 @@ def _require_known(path: Path, shared: Mapping[str, Any]) -> None:
     known = {name for command in every_command() for name in options_of(command)}
     for key in shared:
         if key not in known:
-            raise SettingsError(f"{path}: [{SHARED}] {key}: no command has this option.", _nearest(key, known))
+            raise SettingsError(
+                f"{path}: [{SHARED}] {key}: no command has this option.", _nearest(key, known)
+            )
 
 
 def _checked(place: str, command: click.Command, option: click.Option, value: Any) -> Any:
     for one in value if isinstance(value, list) else [value]:
         if not isinstance(one, str | bool | int | float):
-            what = "a table" if isinstance(one, dict) else "a list" if isinstance(one, list) else f"the date {one}"
+            what = (
+                "a table"
+                if isinstance(one, dict)
+                else "a list"
+                if isinstance(one, list)
+                else f"the date {one}"
+            )
             raise SettingsError(f"{place}: {what}, where a value is wanted.")
         if one == "" or isinstance(one, float) and not math.isfinite(one):
-            raise SettingsError(f"{place}: {one!r} is no value for it.", "Leave the line out for the default.")
+            raise SettingsError(
+                f"{place}: {one!r} is no value for it.", "Leave the line out for the default."
+            )
     if option.multiple and not isinstance(value, list):
         value = [value]
-    truths = [one for one in (value if isinstance(value, list) else [value]) if isinstance(one, bool)]
+    truths = [
+        one for one in (value if isinstance(value, list) else [value]) if isinstance(one, bool)
+    ]
     if option.is_flag and not isinstance(value, bool):
         raise SettingsError(f"{place}: {value!r} is neither true nor false.")
     if truths and not option.is_flag:
-        raise SettingsError(f"{place}: {str(truths[0]).lower()}, where a name or a number is wanted.")
+        raise SettingsError(
+            f"{place}: {str(truths[0]).lower()}, where a name or a number is wanted."
+        )
     if not option.multiple and isinstance(value, list) and option.nargs == 1:
         raise SettingsError(f"{place}: a list, where one value is wanted.")
     try:

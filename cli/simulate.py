@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from pamid.recording.recording import Recording
     from pamid.simulation.virtual_rig import VirtualRecording
 
-MODEL_DIGITS = 12    # what is exported is held against this file to 1e-9 of every channel's span
+MODEL_DIGITS = 12  # what is exported is held against this file to 1e-9 of every channel's span
 EXAMPLE = """
 pamid simulate --rig one-dof --excitation excitation.csv --effect coulomb-friction:torque_n_m=0.3 --known inertia_kg_m2=0.0896 --seed 2 --output rec.csv
 pamid simulate --model fitted --excitation excitation.csv --noise none --output model.csv
@@ -24,30 +24,87 @@ pamid simulate --model fitted --excitation excitation.csv --noise none --output 
 
 
 @frame.command("simulate", example=EXAMPLE)
-@click.option("--rig", help="Rig by name, or the path of a rig file (it is run). "
-              "[default: the one the excitation names, else one-dof]")
-@click.option("--model", type=click.Path(file_okay=False, path_type=Path), metavar="RUN",
-              help="Simulate what `pamid fit` or `pamid diagnose` found, with its own integration steps, instead of a "
-              "rig from its data sheet; a rig or effect file of that run is named again with --rig and --effect.")
-@click.option("--which", default="best", show_default=True, help="With --model: cause (of a diagnosis), network (the "
-              "refitted model with the network trained on the run), refitted, or best: the first of these there is.")
-@click.option("--excitation", type=click.Path(path_type=Path), required=True, help="CSV with time_s and what is sent.")
-@click.option("--effect", "effects", multiple=True,
-              help="NAME, NAME@PORT, with :parameter=value,...; or the path of an effect file (it is run).")
-@click.option("--known", multiple=True, metavar="NAME=VALUE", help="Parameter that the recording will state as known.")
-@click.option("--set", "hidden", multiple=True, metavar="NAME=VALUE", help="Parameter of the virtual rig, not stated.")
-@click.option("--noise", default="default", show_default=True, help="default | none | FACTOR on the sensor noise.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Same seed, same noise.")
-@click.option("--output", type=click.Path(dir_okay=False, path_type=Path), required=True, help="CSV file to write.")
+@click.option(
+    "--rig",
+    help="Rig by name, or the path of a rig file (it is run). "
+    "[default: the one the excitation names, else one-dof]",
+)
+@click.option(
+    "--model",
+    type=click.Path(file_okay=False, path_type=Path),
+    metavar="RUN",
+    help="Simulate what `pamid fit` or `pamid diagnose` found, with its own integration steps, "
+    "instead of a "
+    "rig from its data sheet; a rig or effect file of that run is named again with --rig and "
+    "--effect.",
+)
+@click.option(
+    "--which",
+    default="best",
+    show_default=True,
+    help="With --model: cause (of a diagnosis), network (the "
+    "refitted model with the network trained on the run), refitted, or best: the first of these "
+    "there is.",
+)
+@click.option(
+    "--excitation",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="CSV with time_s and what is sent.",
+)
+@click.option(
+    "--effect",
+    "effects",
+    multiple=True,
+    help="NAME, NAME@PORT, with :parameter=value,...; or the path of an effect file (it is run).",
+)
+@click.option(
+    "--known",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="Parameter that the recording will state as known.",
+)
+@click.option(
+    "--set",
+    "hidden",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="Parameter of the virtual rig, not stated.",
+)
+@click.option(
+    "--noise",
+    default="default",
+    show_default=True,
+    help="default | none | FACTOR on the sensor noise.",
+)
+@click.option(
+    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Same seed, same noise."
+)
+@click.option(
+    "--output",
+    type=click.Path(dir_okay=False, path_type=Path),
+    required=True,
+    help="CSV file to write.",
+)
 @frame.overwrite_option("Replace the output if it exists.", formerly_force=True)
-def command(rig: str | None, model: Path | None, which: str, excitation: Path, effects: tuple[str, ...],
-            known: tuple[str, ...], hidden: tuple[str, ...], noise: str, seed: int, output: Path,
-            overwrite: bool) -> frame.Result:
+def command(
+    rig: str | None,
+    model: Path | None,
+    which: str,
+    excitation: Path,
+    effects: tuple[str, ...],
+    known: tuple[str, ...],
+    hidden: tuple[str, ...],
+    noise: str,
+    seed: int,
+    output: Path,
+    overwrite: bool,
+) -> frame.Result:
     """Run a virtual rig on an excitation and write what its sensors would have recorded.
 
-    A reference column runs the rig's controller (closed loop), a command column is replayed (open loop); a rig of
-    several joints takes the references of all of them, or all commands. What the excitation's TOML states as known
-    holds for the rig, and is stated in the recording.
+    A reference column runs the rig's controller (closed loop), a command column is replayed (open
+    loop); a rig of several joints takes the references of all of them, or all commands. What the
+    excitation's TOML states as known holds for the rig, and is stated in the recording.
     """
     from pamid.base.errors import FileError, UsageError
     from pamid.base.files import make_folder
@@ -56,8 +113,11 @@ def command(rig: str | None, model: Path | None, which: str, excitation: Path, e
     from pamid.simulation.virtual_rig import virtual_rig
 
     if output.exists() and not overwrite:
-        raise FileError(f"{output} exists already.", "Choose another --output, or --overwrite to replace it.",
-                        code="exists")
+        raise FileError(
+            f"{output} exists already.",
+            "Choose another --output, or --overwrite to replace it.",
+            code="exists",
+        )
     source = read_recording(excitation)
     stated, unstated, factor = parse_known(known), parse_known(hidden), noise_factor(noise)
     if model is None:
@@ -68,13 +128,27 @@ def command(rig: str | None, model: Path | None, which: str, excitation: Path, e
         made = _modelled(model, which, rig, effects, source, stated, unstated, factor, seed)
     rig = made.meta["recording"]["rig"]
     make_folder(output.parent)
-    write_recording(output, source.time, made.columns, made.meta,
-                    digits=SIGNIFICANT_DIGITS if model is None else MODEL_DIGITS)
-    found = {"schema": "pamid.simulate/1", "output": str(output), "samples": len(source), "rig": rig,
-             "loop": made.meta["recording"]["loop"], "effects": made.effects, "seed": seed}
+    write_recording(
+        output,
+        source.time,
+        made.columns,
+        made.meta,
+        digits=SIGNIFICANT_DIGITS if model is None else MODEL_DIGITS,
+    )
+    found = {
+        "schema": "pamid.simulate/1",
+        "output": str(output),
+        "samples": len(source),
+        "rig": rig,
+        "loop": made.meta["recording"]["loop"],
+        "effects": made.effects,
+        "seed": seed,
+    }
     told = ", ".join(made.effects) or "no effect"
-    text = (f"{output}: {len(source)} samples of {', '.join(made.columns)} ({told}, seed {seed}).\n"
-            f"Next: {_follow(output, len(source), rig)}")
+    text = (
+        f"{output}: {len(source)} samples of {', '.join(made.columns)} ({told}, seed {seed}).\n"
+        f"Next: {_follow(output, len(source), rig)}"
+    )
     return frame.Result(found, text)
 
 
@@ -86,15 +160,27 @@ def _follow(output: Path, samples: int, rig: str) -> str:
     return f"pamid diagnose {quoted(output)} --rig {quoted(rig)} --output {unused('run')}"
 
 
-def _modelled(run: Path, which: str, rig: str | None, effects: tuple[str, ...], source: Recording,
-              known: dict[str, float], hidden: dict[str, float], noise: float, seed: int) -> VirtualRecording:
+def _modelled(
+    run: Path,
+    which: str,
+    rig: str | None,
+    effects: tuple[str, ...],
+    source: Recording,
+    known: dict[str, float],
+    hidden: dict[str, float],
+    noise: float,
+    seed: int,
+) -> VirtualRecording:
     """The model of a run on the excitation."""
     from pamid.base.errors import UsageError
     from pamid.correction.identified_model import load_identified, record_identified
 
     for effect in effects:
         if not effect.endswith(".py"):
-            raise UsageError(f"--effect {effect!r}: the model has the effects that the run found; with --model only "
-                             "its effect files are named again.")
+            raise UsageError(
+                f"--effect {effect!r}: the model has the effects that the run found; with --model "
+                "only "
+                "its effect files are named again."
+            )
     model = load_identified(run, which=which, rig=rig, effects=effects).knowing(hidden)
     return record_identified(model, source, known, noise=noise, seed=seed)

@@ -1,7 +1,9 @@
-"""What reaches the terminal: names out of a file are shown and cannot steer it; a stream that is closed costs nothing.
+"""What reaches the terminal: names out of a file are shown and cannot steer it; a stream that is
+closed costs nothing.
 
-Escape sequences move the cursor, rename windows and hide lines; marks of direction and of no width let one name pass
-for another. All are written out (`\\u001b`, `\\u202e`), in a form that JSON and TOML read as the very same text.
+Escape sequences move the cursor, rename windows and hide lines; marks of direction and of no width
+let one name pass for another. All are written out (`\\u001b`, `\\u202e`), in a form that JSON and
+TOML read as the very same text.
 """
 
 from __future__ import annotations
@@ -15,9 +17,12 @@ from typing import TextIO
 
 import click
 
-#: control characters but tab and line end, soft hyphen, marks of direction, of no width and of tags, half characters
-_UNSEEN = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\xad\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
-                     "\ufff9-\ufffb\ud800-\udfff\U000e0000-\U000e007f]")
+#: control characters but tab and line end, soft hyphen, marks of direction, of no width and of
+#: tags, half characters
+_UNSEEN = re.compile(
+    "[\x00-\x08\x0b-\x1f\x7f-\x9f\xad\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff"
+    "\ufff9-\ufffb\ud800-\udfff\U000e0000-\U000e007f]"
+)
 
 
 def printable(text: str) -> str:
@@ -45,8 +50,8 @@ def aside(text: str) -> None:
 
 
 def hang_up(stream: TextIO | None = None) -> None:
-    """Let go of a stream (default: stdout) that nobody reads or that is full, so that the end of the process does not
-    stumble over it."""
+    """Let go of a stream (default: stdout) that nobody reads or that is full, so that the end of
+    the process does not stumble over it."""
     with contextlib.suppress(OSError, AttributeError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), (stream or sys.stdout).fileno())
 
@@ -67,4 +72,4 @@ def _written_out_in_json(found: re.Match[str]) -> str:
     code = ord(found[0])
     if code < 0x10000:
         return f"\\u{code:04x}"
-    return f"\\u{0xd800 + (code - 0x10000 >> 10):04x}\\u{0xdc00 + (code - 0x10000 & 0x3ff):04x}"
+    return f"\\u{0xD800 + (code - 0x10000 >> 10):04x}\\u{0xDC00 + (code - 0x10000 & 0x3FF):04x}"

@@ -25,49 +25,126 @@ EXAMPLE = """
 pamid train-residual fitted --network elman --hidden 10 --iterations 100
 pamid train-residual fitted --network anfis --inputs angle_loop_deg,velocity_loop_deg_per_s --iterations 20
 pamid train-residual fitted --at joint --iterations 20
-"""
+"""  # noqa: E501
 
 
 @frame.command("train-residual", example=EXAMPLE)
 @click.argument("run", type=click.Path(path_type=Path))
-@click.option("--network", default="elman", show_default=True, help="Kind of network: elman, anfis or narx.")
-@click.option("--hidden", type=click.IntRange(1, 200), help="Hidden units of elman or narx. [default: 10, or as many "
-              "as the samples decide]")
-@click.option("--sets", type=click.IntRange(2, 20), help="Membership sets on every input of anfis. "
-              "[default: the most, up to 5, that make no more than 64 rules]")
-@click.option("--iterations", type=click.IntRange(0), default=1000, show_default=True,
-              help="Levenberg-Marquardt steps at most, for every start.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Same run and seed, same network.")
-@click.option("--starts", type=click.IntRange(1, 1000), default=1, show_default=True,
-              help="Random starts that race: the worse half is left behind at iterations 10, 20, 40, 80 and 160, the "
-              "best is kept.")
-@click.option("--jobs", type=click.IntRange(1, 256), help="Cores to use; the result does not depend on it. "
-              "[default: all]")
-@click.option("--evidence", type=click.Choice(["every-sample", "independent-samples"]), default="every-sample",
-              show_default=True, help="What the regularisation counts: every sample, as the first paper does, or the "
-              "far fewer independent ones that a correlated residual is worth.")
-@click.option("--device", default="cpu", show_default=True, help="cpu, or where torch sees one cuda: there the starts "
-              "of an elman network share their passes (meant for dozens of starts).")
-@click.option("--at", default="output", show_default=True, metavar="output|PORT",
-              help="Where the correction is added: behind the model, to one channel, or inside it, to the value at a "
-              "port of the rig, as joint or muscle_1 (`pamid rigs RIG` lists them); this reads the recordings again.")
-@click.option("--rig", help="With --at PORT, where the run was fitted with a rig file: its path (it is run).")
+@click.option(
+    "--network", default="elman", show_default=True, help="Kind of network: elman, anfis or narx."
+)
+@click.option(
+    "--hidden",
+    type=click.IntRange(1, 200),
+    help="Hidden units of elman or narx. [default: 10, or as many as the samples decide]",
+)
+@click.option(
+    "--sets",
+    type=click.IntRange(2, 20),
+    help="Membership sets on every input of anfis. "
+    "[default: the most, up to 5, that make no more than 64 rules]",
+)
+@click.option(
+    "--iterations",
+    type=click.IntRange(0),
+    default=1000,
+    show_default=True,
+    help="Levenberg-Marquardt steps at most, for every start.",
+)
+@click.option(
+    "--seed",
+    type=click.IntRange(0),
+    default=0,
+    show_default=True,
+    help="Same run and seed, same network.",
+)
+@click.option(
+    "--starts",
+    type=click.IntRange(1, 1000),
+    default=1,
+    show_default=True,
+    help="Random starts that race: the worse half is left behind at iterations 10, 20, 40, 80 and "
+    "160, the "
+    "best is kept.",
+)
+@click.option(
+    "--jobs",
+    type=click.IntRange(1, 256),
+    help="Cores to use; the result does not depend on it. [default: all]",
+)
+@click.option(
+    "--evidence",
+    type=click.Choice(["every-sample", "independent-samples"]),
+    default="every-sample",
+    show_default=True,
+    help="What the regularisation counts: every sample, as the first paper does, or the "
+    "far fewer independent ones that a correlated residual is worth.",
+)
+@click.option(
+    "--device",
+    default="cpu",
+    show_default=True,
+    help="cpu, or where torch sees one cuda: there the starts "
+    "of an elman network share their passes (meant for dozens of starts).",
+)
+@click.option(
+    "--at",
+    default="output",
+    show_default=True,
+    metavar="output|PORT",
+    help="Where the correction is added: behind the model, to one channel, or inside it, to the "
+    "value at a "
+    "port of the rig, as joint or muscle_1 (`pamid rigs RIG` lists them); this reads the "
+    "recordings again.",
+)
+@click.option(
+    "--rig", help="With --at PORT, where the run was fitted with a rig file: its path (it is run)."
+)
 @click.option("--resume", is_flag=True, help="Go on from where the same training was interrupted.")
-@click.option("--channel", help="Output to correct. [default: angle_deg, else the first of the run]")
-@click.option("--inputs", metavar="A,B,...", help="Columns of residual.csv the network is given. "
-              "[default: reference and the model in its own loop; else inputs of the rig and refitted outputs]")
-def command(run: Path, network: str, hidden: int | None, sets: int | None, iterations: int, seed: int, starts: int,
-            jobs: int | None, evidence: str, device: str, at: str, rig: str | None, resume: bool, channel: str | None,
-            inputs: str | None) -> frame.Result:
-    """Train a network on what the refitted model of the run folder RUN leaves over, on its fitted part, and judge it on
-    the held-out part: measured - model, or with --at PORT what is missing in the equations there.
+@click.option(
+    "--channel", help="Output to correct. [default: angle_deg, else the first of the run]"
+)
+@click.option(
+    "--inputs",
+    metavar="A,B,...",
+    help="Columns of residual.csv the network is given. "
+    "[default: reference and the model in its own loop; else inputs of the rig and refitted "
+    "outputs]",
+)
+def command(
+    run: Path,
+    network: str,
+    hidden: int | None,
+    sets: int | None,
+    iterations: int,
+    seed: int,
+    starts: int,
+    jobs: int | None,
+    evidence: str,
+    device: str,
+    at: str,
+    rig: str | None,
+    resume: bool,
+    channel: str | None,
+    inputs: str | None,
+) -> frame.Result:
+    """Train a network on what the refitted model of the run folder RUN leaves over, on its fitted
+    part, and judge it on the held-out part: measured - model, or with --at PORT what is missing in
+    the equations there.
 
-    Writes network.json, network.npz and trace.csv and adds the corrected model to residual.csv. Interrupted, it keeps
-    what it has reached; --resume with the same options goes on from there as if nothing had happened.
+    Writes network.json, network.npz and trace.csv and adds the corrected model to residual.csv.
+    Interrupted, it keeps what it has reached; --resume with the same options goes on from there as
+    if nothing had happened.
     """
     from pamid.base.errors import PamidError
     from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE, Run
-    from pamid.correction.output_network import CHECKPOINT_FILE, Course, Wanted, train_correction, write_correction
+    from pamid.correction.output_network import (
+        CHECKPOINT_FILE,
+        Course,
+        Wanted,
+        train_correction,
+        write_correction,
+    )
     from pamid.correction.residual_data import read_leftover
 
     wanted = Wanted(network, hidden, sets)
@@ -75,25 +152,51 @@ def command(run: Path, network: str, hidden: int | None, sets: int | None, itera
     names = tuple(word.strip() for word in (inputs or "").split(",") if word.strip())
     port = _port_of(run, at, rig)
     leftover = read_leftover(run, channel, names, replay=port is not None)
-    folder.begin_step(command=frame.command_line(), seed=seed, inputs=[run / FIT_FILE, run / RESIDUAL_FILE],
-                      options={"network": network, "hidden": hidden, "sets": sets, "iterations": iterations,
-                               "starts": starts, "evidence": evidence, "at": at, "resume": resume,
-                               "channel": leftover.channel, "inputs": list(leftover.inputs)})
+    folder.begin_step(
+        command=frame.command_line(),
+        seed=seed,
+        inputs=[run / FIT_FILE, run / RESIDUAL_FILE],
+        options={
+            "network": network,
+            "hidden": hidden,
+            "sets": sets,
+            "iterations": iterations,
+            "starts": starts,
+            "evidence": evidence,
+            "at": at,
+            "resume": resume,
+            "channel": leftover.channel,
+            "inputs": list(leftover.inputs),
+        },
+    )
 
     def told(step: Step, start: int) -> None:
         which = f"start {start + 1} of {starts}, " if starts > 1 else ""
-        progress.update(step.iteration, f"{which}MSE {step.mse:.4g}, gamma {step.gamma:.1f}, mu {step.mu:.1g}")
+        progress.update(
+            step.iteration, f"{which}MSE {step.mse:.4g}, gamma {step.gamma:.1f}, mu {step.mu:.1g}"
+        )
 
-    course = Course(wanted=wanted, independent=evidence == "independent-samples", device=device, iterations=iterations,
-                    seed=seed, starts=starts, threads=jobs or os.cpu_count() or 1,
-                    checkpoint=folder.path(CHECKPOINT_FILE), resume=resume, progress=told)
+    course = Course(
+        wanted=wanted,
+        independent=evidence == "independent-samples",
+        device=device,
+        iterations=iterations,
+        seed=seed,
+        starts=starts,
+        threads=jobs or os.cpu_count() or 1,
+        checkpoint=folder.path(CHECKPOINT_FILE),
+        resume=resume,
+        progress=told,
+    )
     try:
         with Progress("train-residual", iterations) as progress:
             if port is None:
                 found = train_correction(leftover, **course)
                 about, interrupted = write_correction(folder, found), found.interrupted
             else:
-                about, interrupted = port(folder, leftover, lambda text: progress.update(0, text), course)
+                about, interrupted = port(
+                    folder, leftover, lambda text: progress.update(0, text), course
+                )
     except (PamidError, KeyboardInterrupt) as error:
         folder.finish("failed" if isinstance(error, PamidError) else "interrupted")
         raise
@@ -106,20 +209,27 @@ def command(run: Path, network: str, hidden: int | None, sets: int | None, itera
 
 
 def _port_of(run: Path, at: str, rig: str | None) -> PortWork | None:
-    """What trains at a port of the run's model and writes it; None at the output. Wrong names are refused here."""
+    """What trains at a port of the run's model and writes it; None at the output. Wrong names are
+    refused here."""
     from pamid.base.errors import UsageError
 
     if at == "output":
         if rig:
             raise UsageError("--rig belongs to --at PORT: at the output no rig is needed.")
         return None
-    from pamid.correction.port_network import entry_of, origin_of, train_at_port, write_port_correction
+    from pamid.correction.port_network import (
+        entry_of,
+        origin_of,
+        train_at_port,
+        write_port_correction,
+    )
 
     origin = origin_of(run, rig)
     entry = entry_of(origin.evidence.rig, at)
 
-    def work(folder: Run, leftover: Leftover, told: Callable[[str], None],
-             course: Course) -> tuple[dict[str, Any], bool]:
+    def work(
+        folder: Run, leftover: Leftover, told: Callable[[str], None], course: Course
+    ) -> tuple[dict[str, Any], bool]:
         found = train_at_port(leftover, origin.model(told), entry, told, **course)
         return write_port_correction(folder, found), found.interrupted
 
@@ -129,17 +239,26 @@ def _port_of(run: Path, at: str, rig: str | None) -> PortWork | None:
 def training_text(about: dict[str, Any], run: Path) -> str:
     """Network, end of the training and held-out errors, for people."""
     t, n = about["training"], about["n_weights"]
-    lines = [f"{network_words(about['kind'], about['sizes'])}, {n} weights: {about['target']}",
-             f"inputs    {', '.join(one['name'] for one in about['inputs'])}"]
+    lines = [
+        f"{network_words(about['kind'], about['sizes'])}, {n} weights: {about['target']}",
+        f"inputs    {', '.join(one['name'] for one in about['inputs'])}",
+    ]
     lines += [f"note      {note}" for note in about["notes"]]
-    lines += [f"training  {t['iterations']} iterations, {t['why']}",
-              f"          MSE {t['mse']:.4g} (scaled into [-1, 1]), gradient {t['gradient']:.3g}, mu {t['mu']:.3g}"]
+    lines += [
+        f"training  {t['iterations']} iterations, {t['why']}",
+        f"          MSE {t['mse']:.4g} (scaled into [-1, 1]), gradient {t['gradient']:.3g}, mu "
+        f"{t['mu']:.3g}",
+    ]
     if len(t["starts_mse"]) > 1:
         ends = ", ".join("diverged" if mse is None else f"{mse:.3g}" for mse in t["starts_mse"])
         lines.append(f"          MSE of every start: {ends}; number {t['start'] + 1} is kept")
-    lines += [f"weights   gamma {t['gamma']:.1f} of {n} are used, every one of {t['samples']} samples counted",
-              f"          {t['supported_weights']:.1f} of {n} are supported, counting the {t['effective_samples']:.0f} "
-              "independent samples they are worth"]
+    lines += [
+        f"weights   gamma {t['gamma']:.1f} of {n} are used, every one of {t['samples']} samples "
+        "counted",
+        f"          {t['supported_weights']:.1f} of {n} are supported, counting the "
+        f"{t['effective_samples']:.0f} "
+        "independent samples they are worth",
+    ]
     return "\n".join([*lines, "", *errors_table(about), f"Next: pamid report {quoted(run)}"])
 
 
@@ -150,15 +269,29 @@ def errors_table(about: dict[str, Any]) -> list[str]:
     if at == "output":
         del columns["with_output_network"]
     lines = []
-    for ending, title in (("", "held-out mean absolute error"), ("_after_1_s", "... without 1 s of start-up")):
-        rows = {channel: [errors.get(f"{name}{ending}") for name in columns] for channel, errors in about["mae"].items()
-                if f"refitted{ending}" in errors}  # windows may be shorter than that
-        lines += [f"{title:34s}" + "".join(f" {word:>12s}" for word in columns.values())] if rows else []
-        lines += [f"{channel:34s}" + "".join(f" {'-' if e is None else f'{e:.4g}':>12s}" for e in row)
-                  for channel, row in rows.items()]
+    for ending, title in (
+        ("", "held-out mean absolute error"),
+        ("_after_1_s", "... without 1 s of start-up"),
+    ):
+        rows = {
+            channel: [errors.get(f"{name}{ending}") for name in columns]
+            for channel, errors in about["mae"].items()
+            if f"refitted{ending}" in errors
+        }  # windows may be shorter than that
+        lines += (
+            [f"{title:34s}" + "".join(f" {word:>12s}" for word in columns.values())] if rows else []
+        )
+        lines += [
+            f"{channel:34s}" + "".join(f" {'-' if e is None else f'{e:.4g}':>12s}" for e in row)
+            for channel, row in rows.items()
+        ]
     if at != "output":
-        lines += [f"At {at} the value enters the equations and moves every channel; at the output only its own.",
-                  "There the model's parameters are those found together with what is missing (network.json)."]
+        lines += [
+            f"At {at} the value enters the equations and moves every channel; at the output only "
+            "its own.",
+            "There the model's parameters are those found together with what is missing "
+            "(network.json).",
+        ]
     if all(errors["with_network"] >= errors["refitted"] for errors in about["mae"].values()):
         lines.append("On what it was not trained on, this network does not help.")
     return lines
@@ -172,5 +305,8 @@ def network_words(kind: str, sizes: dict[str, Any]) -> str:
     layers = f"{kind} {sizes['inputs']}-{sizes['hidden']}-1"
     if kind == "elman":
         return layers
-    return (f"{layers} seeing {sizes['input_lags']} earlier inputs and {sizes['output_lags']} earlier outputs, "
-            f"{sizes['stride']} samples apart")
+    return (
+        f"{layers} seeing {sizes['input_lags']} earlier inputs and {sizes['output_lags']} earlier "
+        "outputs, "
+        f"{sizes['stride']} samples apart"
+    )

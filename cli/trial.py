@@ -23,41 +23,97 @@ pamid trial --output trial --cases 4 --part calibration --jobs 2
 
 
 @frame.command("trial", example=EXAMPLE)
-@click.option("--output", type=click.Path(file_okay=False, path_type=Path), required=True, help="Folder of the trial.")
-@click.option("--rig", type=click.Choice(["one-dof", "two-link"]), default="one-dof", show_default=True,
-              help="The machine to try it on: one joint, or an arm of two links.")
-@click.option("--cases", type=click.IntRange(1, 100_000), default=200, show_default=True, help="Cases to draw.")
-@click.option("--part", type=click.Choice(["test", "calibration"]), default="test", show_default=True,
-              help="Thresholds may be set on calibration cases, never on test cases.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Same seed, same cases.")
-@click.option("--jobs", type=click.IntRange(1, 256), default=2, show_default=True, help="Processes to use.")
+@click.option(
+    "--output",
+    type=click.Path(file_okay=False, path_type=Path),
+    required=True,
+    help="Folder of the trial.",
+)
+@click.option(
+    "--rig",
+    type=click.Choice(["one-dof", "two-link"]),
+    default="one-dof",
+    show_default=True,
+    help="The machine to try it on: one joint, or an arm of two links.",
+)
+@click.option(
+    "--cases",
+    type=click.IntRange(1, 100_000),
+    default=200,
+    show_default=True,
+    help="Cases to draw.",
+)
+@click.option(
+    "--part",
+    type=click.Choice(["test", "calibration"]),
+    default="test",
+    show_default=True,
+    help="Thresholds may be set on calibration cases, never on test cases.",
+)
+@click.option(
+    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Same seed, same cases."
+)
+@click.option(
+    "--jobs", type=click.IntRange(1, 256), default=2, show_default=True, help="Processes to use."
+)
 @cluster_option
-@click.option("--index", metavar="I/COUNT", help="Work through share I of COUNT of the cases, and score nothing.")
-@click.option("--resume", is_flag=True, help="Go on with the trial in the folder: cases that are finished stay.")
-@click.option("--only", type=click.Choice(["single", "double", "no-gap", "withheld", "nameless"]), default=None,
-              help="Of the cases drawn only this stratum.")
-@click.option("--calibrate", type=click.Path(dir_okay=False, path_type=Path), default=None,
-              help="Write what the finished calibration cases of the one-dof teach (pamid/diagnosis/calibration.json) "
-                   "to this file.")
-def command(output: Path, rig: str, cases: int, part: str, seed: int, jobs: int, cluster: str | None,
-            index: str | None, resume: bool, only: str | None, calibrate: Path | None) -> frame.Result:
-    """Try the diagnosis on a virtual machine built on other equations than its own: one effect, two, none, one taken
-    out of the catalogue, one that never was in it. It sees recordings only; the scorer alone opens the labels.
+@click.option(
+    "--index",
+    metavar="I/COUNT",
+    help="Work through share I of COUNT of the cases, and score nothing.",
+)
+@click.option(
+    "--resume",
+    is_flag=True,
+    help="Go on with the trial in the folder: cases that are finished stay.",
+)
+@click.option(
+    "--only",
+    type=click.Choice(["single", "double", "no-gap", "withheld", "nameless"]),
+    default=None,
+    help="Of the cases drawn only this stratum.",
+)
+@click.option(
+    "--calibrate",
+    type=click.Path(dir_okay=False, path_type=Path),
+    default=None,
+    help="Write what the finished calibration cases of the one-dof teach "
+    "(pamid/diagnosis/calibration.json) "
+    "to this file.",
+)
+def command(
+    output: Path,
+    rig: str,
+    cases: int,
+    part: str,
+    seed: int,
+    jobs: int,
+    cluster: str | None,
+    index: str | None,
+    resume: bool,
+    only: str | None,
+    calibrate: Path | None,
+) -> frame.Result:
+    """Try the diagnosis on a virtual machine built on other equations than its own: one effect,
+    two, none, one taken out of the catalogue, one that never was in it. It sees recordings only;
+    the scorer alone opens the labels.
 
-    On the arm a fault also has a place: one of two joints, one of four muscles, or all of them. What the diagnosis
-    says of probabilities was learned on the one-dof.
+    On the arm a fault also has a place: one of two joints, one of four muscles, or all of them.
+    What the diagnosis says of probabilities was learned on the one-dof.
 
-    Writes labels.json, a result per case and trial.json. With --resume the same command on the same folder goes on
-    where it was interrupted, or draws more cases; after a change of pamid itself take a new folder.
+    Writes labels.json, a result per case and trial.json. With --resume the same command on the same
+    folder goes on where it was interrupted, or draws more cases; after a change of pamid itself
+    take a new folder.
 
-    Many machines without a Dask cluster: let a batch system call it with --index, then score once without:
+    Many machines without a Dask cluster: let a batch system call it with --index, then score once
+    without:
 
     \b
-      sbatch --array=1-20 --wrap 'pamid trial --output trial --jobs 1 --index $SLURM_ARRAY_TASK_ID/20'
-      pamid trial --output trial --resume
+      sbatch --array=1-20 --wrap 'pamid trial --output trial --jobs 1 --index
+      $SLURM_ARRAY_TASK_ID/20' pamid trial --output trial --resume
 
-    The folder has to be one that all of them see. A share that failed is sent again, or left to the last command,
-    which works through whatever is missing.
+    The folder has to be one that all of them see. A share that failed is sent again, or left to the
+    last command, which works through whatever is missing.
     """
     from pamid.base.errors import UsageError
     from pamid.base.json_file import write_json
@@ -66,10 +122,19 @@ def command(output: Path, rig: str, cases: int, part: str, seed: int, jobs: int,
     from pamid.trial.work import run_trial
 
     if calibrate is not None and part != "calibration":
-        raise UsageError("--calibrate: only the calibration part may teach the judgement", "add --part calibration")
+        raise UsageError(
+            "--calibrate: only the calibration part may teach the judgement",
+            "add --part calibration",
+        )
     if calibrate is not None and rig != "one-dof":
-        raise UsageError(f"--calibrate: the judgement is taught by the one-dof, not by {rig}", "leave out --rig")
-    fixed = {"part": part, "seed": seed} if rig == "one-dof" else {"rig": rig, "part": part, "seed": seed}
+        raise UsageError(
+            f"--calibrate: the judgement is taught by the one-dof, not by {rig}", "leave out --rig"
+        )
+    fixed = (
+        {"part": part, "seed": seed}
+        if rig == "one-dof"
+        else {"rig": rig, "part": part, "seed": seed}
+    )
     options = {"cases": cases, "only": only}
     with crew_of(jobs, cluster) as crew:
         if index is not None:
@@ -77,8 +142,16 @@ def command(output: Path, rig: str, cases: int, part: str, seed: int, jobs: int,
         run = _begun(output, fixed, options, resume)
         try:
             with Progress("trial") as progress:
-                found = run_trial(output, part, cases, seed, crew, rig=rig, only=only or "",
-                                  done=lambda i, n: progress.update(i, f"{i} of {n} cases"))
+                found = run_trial(
+                    output,
+                    part,
+                    cases,
+                    seed,
+                    crew,
+                    rig=rig,
+                    only=only or "",
+                    done=lambda i, n: progress.update(i, f"{i} of {n} cases"),
+                )
         except BaseException as error:
             run.finish("interrupted" if isinstance(error, KeyboardInterrupt) else "failed")
             raise
@@ -94,47 +167,76 @@ def _share_of(index: str) -> tuple[int, int]:
 
     first, slash, count = index.partition("/")
     if not (slash and first.isdecimal() and count.isdecimal() and 1 <= int(first) <= int(count)):
-        raise UsageError(f"--index {index!r} is no share", "Give --index I/COUNT, I from 1 to COUNT: --index 3/20.")
+        raise UsageError(
+            f"--index {index!r} is no share",
+            "Give --index I/COUNT, I from 1 to COUNT: --index 3/20.",
+        )
     return int(first), int(count)
 
 
-def _share(output: Path, fixed: dict[str, Any], options: dict[str, Any], share: tuple[int, int],
-           crew: Crew) -> frame.Result:
-    """Work through every COUNT-th case from the I-th on; labels and score are left to the command without --index."""
+def _share(
+    output: Path, fixed: dict[str, Any], options: dict[str, Any], share: tuple[int, int], crew: Crew
+) -> frame.Result:
+    """Work through every COUNT-th case from the I-th on; labels and score are left to the command
+    without --index."""
     from pamid.trial.work import chosen, failed_jobs, run_cases
 
     _joined(output, fixed, options)
     number, count = share
-    whole = chosen(fixed["part"], options["cases"], fixed["seed"], rig=fixed.get("rig", "one-dof"),
-                   only=options["only"] or "")
+    whole = chosen(
+        fixed["part"],
+        options["cases"],
+        fixed["seed"],
+        rig=fixed.get("rig", "one-dof"),
+        only=options["only"] or "",
+    )
     cases = whole[number - 1 :: count]
     with Progress("trial", len(cases)) as progress:
         results = run_cases(cases, output, crew, done=lambda i, n: progress.update(i, "cases"))
     failed = failed_jobs(results)
-    found = {"schema": "pamid.trial-share/1", "index": number, "of": count, "cases": [c.number for c in cases],
-             "failed_jobs": failed}
-    text = [f"{len(cases)} of {len(whole)} cases (share {number} of {count}).", *failed_text(found),
-            f"When all shares are finished: {_scoring(output, fixed | options)}"]
+    found = {
+        "schema": "pamid.trial-share/1",
+        "index": number,
+        "of": count,
+        "cases": [c.number for c in cases],
+        "failed_jobs": failed,
+    }
+    text = [
+        f"{len(cases)} of {len(whole)} cases (share {number} of {count}).",
+        *failed_text(found),
+        f"When all shares are finished: {_scoring(output, fixed | options)}",
+    ]
     return frame.Result(found, "\n".join(text), 6 if failed else 0)
 
 
 def _scoring(output: Path, options: dict[str, Any]) -> str:
     """The line that scores what the shares have worked through: the same trial without --index."""
-    asked = [f"--{name} {quoted(str(value))}" for name, value in options.items() if value is not None]
+    asked = [
+        f"--{name} {quoted(str(value))}" for name, value in options.items() if value is not None
+    ]
     return " ".join(["pamid trial", *asked, f"--output {quoted(output)} --resume"])
 
 
 def _begun(output: Path, fixed: dict[str, Any], options: dict[str, Any], resume: bool) -> Run:
-    """The trial's folder, new or gone on with; FileError if it holds another trial or no trial at all."""
+    """The trial's folder, new or gone on with; FileError if it holds another trial or no trial at
+    all."""
     from pamid.base.errors import FileError
     from pamid.base.run_folder import Run
 
     if not (output / "run.json").is_file():
-        return Run.create(output, command=frame.command_line(), seed=fixed["seed"], options={"trial": fixed, **options})
+        return Run.create(
+            output,
+            command=frame.command_line(),
+            seed=fixed["seed"],
+            options={"trial": fixed, **options},
+        )
     run = _same(Run.open(output), fixed)
     if not resume:
-        raise FileError(f"{output} is taken: it already holds this trial, or a part of it.",
-                        "Go on with it by --resume, or give --output another folder.", code="run-folder")
+        raise FileError(
+            f"{output} is taken: it already holds this trial, or a part of it.",
+            "Go on with it by --resume, or give --output another folder.",
+            code="run-folder",
+        )
     run.begin_step(command=frame.command_line(), seed=fixed["seed"], options=options)
     return run
 
@@ -148,11 +250,15 @@ def _joined(output: Path, fixed: dict[str, Any], options: dict[str, Any]) -> Run
         if (output / "run.json").is_file():
             break
         try:
-            run = Run.create(output, command=frame.command_line(), seed=fixed["seed"],
-                             options={"trial": fixed, **options})
+            run = Run.create(
+                output,
+                command=frame.command_line(),
+                seed=fixed["seed"],
+                options={"trial": fixed, **options},
+            )
             run.finish("shared")
             return run
-        except FileError:   # another one may be about to write run.json
+        except FileError:  # another one may be about to write run.json
             time.sleep(0.1)
     return _same(Run.open(output), fixed)
 
@@ -162,7 +268,17 @@ def _same(run: Run, fixed: dict[str, Any]) -> Run:
 
     held = run.record["options"].get("trial")
     if held != fixed:
-        what = "no trial" if not isinstance(held, dict) else (
-            f"the trial of {held.get('rig', 'one-dof')}, part {held.get('part')}, seed {held.get('seed')}")
-        raise FileError(f"{run.folder} is taken: it holds {what}", "give --output another folder", code="run-folder")
+        what = (
+            "no trial"
+            if not isinstance(held, dict)
+            else (
+                f"the trial of {held.get('rig', 'one-dof')}, part {held.get('part')}, seed "
+                f"{held.get('seed')}"
+            )
+        )
+        raise FileError(
+            f"{run.folder} is taken: it holds {what}",
+            "give --output another folder",
+            code="run-folder",
+        )
     return run

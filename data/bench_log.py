@@ -1,7 +1,9 @@
-"""A raw log as the PC of a test bench writes it, made from a recording: `python data/bench_log.py REC.csv LOG.csv`.
+"""A raw log as the PC of a test bench writes it, made from a recording: `python data/bench_log.py
+REC.csv LOG.csv`.
 
-Semicolons and decimal commas, Windows encoding, a preamble, German names, a row of units, absolute pressures in bar,
-and a clock in milliseconds that is read when the PC gets round to it: 0.5 ms late on average, sometimes several.
+Semicolons and decimal commas, Windows encoding, a preamble, German names, a row of units, absolute
+pressures in bar, and a clock in milliseconds that is read when the PC gets round to it: 0.5 ms late
+on average, sometimes several.
 """
 
 from __future__ import annotations
@@ -33,10 +35,16 @@ def main(recording: Path, log: Path) -> None:
     stamps = np.maximum.accumulate(1000.0 * table["time_s"].to_numpy() + late)
     cells = [[f"{stamp:.3f}" for stamp in stamps]]
     for column, (_, _, factor, offset, digits) in COLUMNS.items():
-        cells.append([f"{value:.{digits}f}" for value in factor * (table[column].to_numpy() + offset)])
+        cells.append(
+            [f"{value:.{digits}f}" for value in factor * (table[column].to_numpy() + offset)]
+        )
     names, units = zip(*((name, unit) for name, unit, *_ in COLUMNS.values()), strict=True)
-    rows = [*PREAMBLE, ";".join(("Zeit", *names)), ";".join(("ms", *units)),
-            *(";".join(row).replace(".", ",") for row in zip(*cells, strict=True))]  # fmt: skip
+    rows = [
+        *PREAMBLE,
+        ";".join(("Zeit", *names)),
+        ";".join(("ms", *units)),
+        *(";".join(row).replace(".", ",") for row in zip(*cells, strict=True)),
+    ]
     log.write_bytes("".join(f"{row}\r\n" for row in rows).encode("cp1252"))
 
 

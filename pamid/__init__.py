@@ -1,7 +1,8 @@
-"""pamid: where a grey-box model departs from its rig, which effect causes it, and how far the gap shrinks.
+"""pamid: where a grey-box model departs from its rig, which effect causes it, and how far the gap
+shrinks.
 
-The face: the nouns that a rig file, an effect file or a script needs. Each is loaded when it is first asked for, so that
-`import pamid` costs nothing. Nothing inside the package imports the face.
+The face: the nouns that a rig file, an effect file or a script needs. Each is loaded when it is
+first asked for, so that `import pamid` costs nothing. Nothing inside the package imports the face.
 """
 
 from __future__ import annotations
@@ -19,8 +20,21 @@ if TYPE_CHECKING:
     from pamid.recording.recording import Recording
 
 __version__ = "0.1.0"
-__all__ = ["Assembly", "Effect", "Gain", "Loop", "PamidError", "Parameter", "Port", "Recording", "Rig",
-           "SmoothGain", "SplitGain", "State", "__version__"]
+__all__ = [
+    "Assembly",
+    "Effect",
+    "Gain",
+    "Loop",
+    "PamidError",
+    "Parameter",
+    "Port",
+    "Recording",
+    "Rig",
+    "SmoothGain",
+    "SplitGain",
+    "State",
+    "__version__",
+]
 
 _HOME = {
     "Assembly": "pamid.model.assembly",

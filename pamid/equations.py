@@ -1,4 +1,5 @@
-"""The vocabulary of equations, for rig and effect files: `from pamid.equations import maximum, sqrt, where`.
+"""The vocabulary of equations, for rig and effect files: `from pamid.equations import maximum,
+sqrt, where`.
 
 Part of the face, as `pamid` itself: nothing inside the package imports it.
 """

@@ -1,4 +1,5 @@
-"""Whatever any test makes pamid print or write as JSON is held against the schema that is shipped for it."""
+"""Whatever any test makes pamid print or write as JSON is held against the schema that is shipped
+for it."""
 
 from __future__ import annotations
 
@@ -35,14 +36,17 @@ def require_valid(text: str) -> None:
     if not isinstance(name, str) or name in UNDESCRIBED:
         return
     assert name in VALIDATORS, f"no schema is shipped for {name}"
-    errors = sorted(VALIDATORS[name].iter_errors(said), key=lambda error: list(map(str, error.path)))
+    errors = sorted(
+        VALIDATORS[name].iter_errors(said), key=lambda error: list(map(str, error.path))
+    )
     told = [f"{name}: {'.'.join(map(str, one.path))}: {one.message[:200]}" for one in errors[:5]]
     assert not told, "\n".join(told)
 
 
 @pytest.fixture(autouse=True, scope="session")
 def _every_object_is_as_described() -> Iterator[None]:
-    """A test of damaged files takes `unchecked`: what pamid hands on of them is as wrong as it was."""
+    """A test of damaged files takes `unchecked`: what pamid hands on of them is as wrong as it
+    was."""
 
     def watched(made: Callable[..., str]) -> Callable[..., str]:
         def text(*arguments: Any) -> str:

@@ -1,9 +1,11 @@
-"""anfis-toolbox: epochs of its hybrid training (least squares, then Adam for the sets) until an error is reached.
+"""anfis-toolbox: epochs of its hybrid training (least squares, then Adam for the sets) until an
+error is reached.
 
     python anfis_steps.py record.npz SETS STEP EPOCHS WANTED
 
-The record holds u, target, grid, truth. Prints one line of JSON: per epoch the CPU seconds so far and the RMSE on the
-grid. Only their steps are counted; before an epoch is judged, its sets get the best consequents there are for them.
+The record holds u, target, grid, truth. Prints one line of JSON: per epoch the CPU seconds so far
+and the RMSE on the grid. Only their steps are counted; before an epoch is judged, its sets get the
+best consequents there are for them.
 """
 
 import json

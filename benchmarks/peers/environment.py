@@ -15,10 +15,15 @@ def python_with(folder: Path, packages: list[str]) -> Path:
     if done.exists() and done.read_text() == wanted:
         return python
     if folder.exists() and any(folder.iterdir()) and not (folder / "pyvenv.cfg").exists():
-        raise SystemExit(f"{folder} holds something else than an environment. Name an empty or a new folder.")
+        raise SystemExit(
+            f"{folder} holds something else than an environment. Name an empty or a new folder."
+        )
     print(f"making an environment for the peers in {folder}", flush=True)
     if not python.exists():
         venv.create(folder, with_pip=True)
-    subprocess.run([python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *packages], check=True)
+    subprocess.run(
+        [python, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", *packages],
+        check=True,
+    )
     done.write_text(wanted)
     return python

@@ -2,10 +2,10 @@
 
     python jax_lm.py RECORD outside|inside|by-hand
 
-outside: jacfwd through jax.lax.scan, input part of the layer as one product before the scan, output after it.
-inside:  jacfwd through a scan that does everything, four samples per turn: far less is stored.
-by-hand: no automatic differentiation: the carried sensitivities written out, J'J summed over chunks.
-Compilation is not counted.
+outside: jacfwd through jax.lax.scan, input part of the layer as one product before the scan, output
+after it. inside:  jacfwd through a scan that does everything, four samples per turn: far less is
+stored. by-hand: no automatic differentiation: the carried sensitivities written out, J'J summed
+over chunks. Compilation is not counted.
 """
 
 import sys
@@ -95,7 +95,9 @@ def by_hand(u: Any, target: Any) -> Callable[[Any], Sums]:
     return sums
 
 
-def climb(given: Record, sums: Callable[[Any], Sums], sse: Callable[[Any], Any]) -> dict[str, float]:
+def climb(
+    given: Record, sums: Callable[[Any], Sums], sse: Callable[[Any], Any]
+) -> dict[str, float]:
     """Plain Levenberg-Marquardt with pamid's schedule of mu; seconds of a step."""
     w, mu, stamps = given.weights, 0.005, Stamps()
     best = float(sse(w))

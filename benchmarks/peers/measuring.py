@@ -1,4 +1,5 @@
-"""What the scripts of this folder do alike: read the record, time steps, tell the result as one line of JSON.
+"""What the scripts of this folder do alike: read the record, time steps, tell the result as one
+line of JSON.
 
 NumPy only, so that it runs in the peers' environment as well as in pamid's.
 """
@@ -19,7 +20,8 @@ INPUTS, HIDDEN = 5, 10
 
 
 class Record(NamedTuple):
-    """Inputs (N, 5), target (N,), weights to start from (171,) in the order of pamid.networks.elman."""
+    """Inputs (N, 5), target (N,), weights to start from (171,) in the order of
+    pamid.networks.elman."""
 
     u: Array
     target: Array
@@ -33,7 +35,8 @@ def record() -> Record:
 
 
 def teacher_record(samples: int, noise: float = 0.02) -> tuple[Array, Array]:
-    """(u, target): a teacher network's answer to held random levels, with noise; in pamid's environment only."""
+    """(u, target): a teacher network's answer to held random levels, with noise; in pamid's
+    environment only."""
     from pamid.networks.elman import Elman
 
     network, draw = Elman(INPUTS, HIDDEN), np.random.default_rng(0)

@@ -1,4 +1,5 @@
-"""pamid's own training: a pass, a whole iteration, memory, and the machine's matrix product in the same process."""
+"""pamid's own training: a pass, a whole iteration, memory, and the machine's matrix product in the
+same process."""
 
 from measuring import Stamps, cpu_seconds, dgemm_rate, peak_mb, record, tell
 

@@ -1,7 +1,9 @@
-"""pyrenn's train_LM on the same network; its derivative is real-time recurrent learning in plain NumPy.
+"""pyrenn's train_LM on the same network; its derivative is real-time recurrent learning in plain
+NumPy.
 
-pyrenn gives the output a self-loop that cannot be left out: 172 weights, the loop's started at zero, where the other
-171 derivatives are those of the Elman network. A step runs from one derivative pass to the next.
+pyrenn gives the output a self-loop that cannot be left out: 172 weights, the loop's started at
+zero, where the other 171 derivatives are those of the Elman network. A step runs from one
+derivative pass to the next.
 """
 
 from collections.abc import Callable
@@ -20,13 +22,16 @@ def places() -> list[int]:
     """For each of pyrenn's 171 weights other than the loop its place in pamid's vector."""
     wide = INPUTS + HIDDEN + 1
     unit = [wide * i for i in range(HIDDEN)]
-    entering = [first + HIDDEN + j for j in range(INPUTS) for first in unit]  # matrices column by column
+    # matrices column by column
+    entering = [first + HIDDEN + j for j in range(INPUTS) for first in unit]
     context = [first + j for j in range(HIDDEN) for first in unit]
     bias = [first + wide - 1 for first in unit]
     return [*entering, *context, *bias, *range(wide * HIDDEN, wide * HIDDEN + HIDDEN + 1)]
 
 
-def watched(derive: Callable[..., Any], stamps: Stamps, gradients: list[Array]) -> Callable[..., Any]:
+def watched(
+    derive: Callable[..., Any], stamps: Stamps, gradients: list[Array]
+) -> Callable[..., Any]:
     def derived(*args: Any) -> Any:
         jacobian, total, error = derive(*args)  # the derivative of the error, target - output
         stamps()

@@ -25,7 +25,13 @@ def main() -> None:
         return network.jacobian(w, u)
 
     jte = (target - network.simulate(weights, u)) @ network.jacobian(weights, u)
-    least_squares(lambda w: network.simulate(w, u) - target, weights, slope, method=sys.argv[2], max_nfev=EVALUATIONS)
+    least_squares(
+        lambda w: network.simulate(w, u) - target,
+        weights,
+        slope,
+        method=sys.argv[2],
+        max_nfev=EVALUATIONS,
+    )
     tell(jte, **stamps.step, peak_mb=peak_mb(), version=f"scipy {scipy.__version__}")
 
 

@@ -1,4 +1,5 @@
-"""One pass by torch.func.jacfwd (no training), on a short record, scaled up; runs in pamid's environment.
+"""One pass by torch.func.jacfwd (no training), on a short record, scaled up; runs in pamid's
+environment.
 
 Its J'J is compared with pamid's to 1e-9 on the way.
 """
@@ -12,7 +13,9 @@ from pamid.networks.elman import Elman
 SAMPLES = 4_000
 
 
-def torch_pass_seconds(network: Elman, weights: np.ndarray, u: np.ndarray, target: np.ndarray) -> float:
+def torch_pass_seconds(
+    network: Elman, weights: np.ndarray, u: np.ndarray, target: np.ndarray
+) -> float:
     """CPU seconds of Jacobian, J'J and J'e by forward-mode automatic differentiation."""
     torch.set_num_threads(1)
     h, m = network.hidden, network.inputs
@@ -41,8 +44,15 @@ def main() -> None:
     u, target, weights = record()
     n = min(len(u), SAMPLES)
     seconds = torch_pass_seconds(Elman(), weights, u[:n], target[:n])
-    tell(None, cpu_s=seconds * len(u) / n, wall_s=None, steps=0, peak_mb=peak_mb(), measured_samples=n,
-         version=f"torch {torch.__version__}")
+    tell(
+        None,
+        cpu_s=seconds * len(u) / n,
+        wall_s=None,
+        steps=0,
+        peak_mb=peak_mb(),
+        measured_samples=n,
+        version=f"torch {torch.__version__}",
+    )
 
 
 if __name__ == "__main__":

@@ -21,7 +21,9 @@ class Stage(Rig):
     parameters = (
         Parameter("mass", 2.0, 0.5, 8.0, "kg", spread=0.4, source="scale"),
         Parameter("spring", 80.0, 10.0, 400.0, "N/m", spread=20.0, source="data sheet"),
-        Parameter("push", 10.0, 2.0, 40.0, "N", fitted=False, source="maker: force at full current"),
+        Parameter(
+            "push", 10.0, 2.0, 40.0, "N", fitted=False, source="maker: force at full current"
+        ),
     )
     noise = {"position_m": 2e-5}
     period_s = 0.002
@@ -29,7 +31,13 @@ class Stage(Rig):
     def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:
         drive = p.push * port("coil", u.command)
         load = 9.81 * p.mass + 0.5 * drive  # the coil also presses the carriage onto its rail
-        force = port("force", drive - p.spring * x.position, velocity=x.velocity, position=x.position, load=load)
+        force = port(
+            "force",
+            drive - p.spring * x.position,
+            velocity=x.velocity,
+            position=x.position,
+            load=load,
+        )
         return {"position": x.velocity, "velocity": force / p.mass}
 
     def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:

@@ -1,4 +1,5 @@
-"""The smallest whole rig: a cart on a rail, pushed by a measured force. Copy it to begin a rig of your own."""
+"""The smallest whole rig: a cart on a rail, pushed by a measured force. Copy it to begin a rig of
+your own."""
 
 from pamid import Parameter, Port, Rig, State
 
@@ -8,7 +9,10 @@ class Cart(Rig):
 
     inputs = {"force_n": "N"}
     outputs = {"position_m": "m"}
-    ports = {"force": Port("motion", "N", signals=("velocity", "position")), "sensor": Port("reading", "m")}
+    ports = {
+        "force": Port("motion", "N", signals=("velocity", "position")),
+        "sensor": Port("reading", "m"),
+    }
     states = (State("position", "m"), State("velocity", "m/s"))
     parameters = (Parameter("mass_kg", 1.0, low=0.1, high=10.0, source="kitchen scale"),)
 

@@ -1,7 +1,8 @@
 """Errors a user can act on: what is wrong, where, and how to mend it.
 
-Every error raised on purpose is a `PamidError`. The command line prints it as one line and a hint (or as one JSON
-object), and leaves with its exit code. Anything else that escapes is a fault of pamid itself.
+Every error raised on purpose is a `PamidError`. The command line prints it as one line and a hint
+(or as one JSON object), and leaves with its exit code. Anything else that escapes is a fault of
+pamid itself.
 """
 
 from __future__ import annotations
@@ -16,12 +17,15 @@ ERROR_SCHEMA = "pamid.error/1"
 
 
 class PamidError(Exception):
-    """Something the user can mend. `message` says what and where, `hint` how; `code` is a stable word for scripts."""
+    """Something the user can mend. `message` says what and where, `hint` how; `code` is a stable
+    word for scripts."""
 
     default_code: ClassVar[str] = "error"
     default_exit_code: ClassVar[int] = 1
 
-    def __init__(self, message: str, hint: str = "", *, code: str = "", exit_code: int | None = None) -> None:
+    def __init__(
+        self, message: str, hint: str = "", *, code: str = "", exit_code: int | None = None
+    ) -> None:
         super().__init__(message)
         self.message = message
         self.hint = hint
@@ -31,7 +35,10 @@ class PamidError(Exception):
     def __str__(self) -> str:
         if not self.hint:
             return self.message
-        return f"{self.message}{'' if self.message.endswith(('.', '!', '?', ':')) else '.'} {self.hint}"
+        return (
+            f"{self.message}{'' if self.message.endswith(('.', '!', '?', ':')) else '.'} "
+            f"{self.hint}"
+        )
 
     def __reduce__(self) -> tuple[object, ...]:
         # the default would lose the keyword arguments on the way back from a worker process
@@ -39,7 +46,12 @@ class PamidError(Exception):
 
     def as_dict(self) -> dict[str, str]:
         """The JSON object of a failed command."""
-        return {"schema": ERROR_SCHEMA, "code": self.code, "message": self.message, "hint": self.hint}
+        return {
+            "schema": ERROR_SCHEMA,
+            "code": self.code,
+            "message": self.message,
+            "hint": self.hint,
+        }
 
 
 class UsageError(PamidError):
@@ -73,25 +85,36 @@ class PartialError(PamidError):
 
 
 def quoted(word: str | os.PathLike[str]) -> str:
-    """A path or a name as it stands in a command that is to be copied into a shell: whatever it holds, it is one word,
-    in one line, and no option. What cannot be seen is written out ($'...', as bash, zsh and ksh read it)."""
+    """A path or a name as it stands in a command that is to be copied into a shell: whatever it
+    holds, it is one word, in one line, and no option. What cannot be seen is written out ($'...',
+    as bash, zsh and ksh read it)."""
     text = os.fspath(word)
     text = f"./{text}" if text.startswith("-") else text
     if all(c == " " or c.isprintable() for c in text):
         return shlex.quote(text)
     seen = {"'": "\\'", "\\": "\\\\", "\n": "\\n", "\t": "\\t"}
-    return "$'" + "".join(seen.get(c) or (c if c.isprintable() else "".join(f"\\x{b:02x}" for b in os.fsencode(c)))
-                          for c in text) + "'"
+    return (
+        "$'"
+        + "".join(
+            seen.get(c)
+            or (c if c.isprintable() else "".join(f"\\x{b:02x}" for b in os.fsencode(c)))
+            for c in text
+        )
+        + "'"
+    )
 
 
-def _rebuild(kind: type[PamidError], message: str, hint: str, code: str, exit_code: int) -> PamidError:
+def _rebuild(
+    kind: type[PamidError], message: str, hint: str, code: str, exit_code: int
+) -> PamidError:
     error = kind.__new__(kind)  # a subclass may have an __init__ of its own
     PamidError.__init__(error, message, hint, code=code, exit_code=exit_code)
     return error
 
 
 def nearest(name: str, names: Iterable[str]) -> str:
-    """A sentence offering the valid name closest to `name`, or "" when none is close, or it is valid itself."""
+    """A sentence offering the valid name closest to `name`, or "" when none is close, or it is
+    valid itself."""
     by_folded = {candidate.casefold(): candidate for candidate in names}
     if name in by_folded.values():
         return ""

@@ -1,7 +1,8 @@
 """Files: what is read of somebody else's, and how pamid's own are written, whole or not at all.
 
-Whatever holds data is opened here. It has to be a regular file (a pipe would block, a device never ends) and no larger
-than the limit of its kind, so that a folder from a stranger costs neither the memory nor the patience of who opens it.
+Whatever holds data is opened here. It has to be a regular file (a pipe would block, a device never
+ends) and no larger than the limit of its kind, so that a folder from a stranger costs neither the
+memory nor the patience of who opens it.
 """
 
 from __future__ import annotations
@@ -23,38 +24,50 @@ from pamid.base.errors import FileError
 
 MIB = 1 << 20
 #: bytes that are read at most of one file of a kind
-JSON = 64 * MIB         # run.json, fit.json, diagnosis.json, labels of a trial ...
-TOML = 1 * MIB          # beside a recording, a mapping, pamid.toml
-TABLE = 1024 * MIB      # a recording, residual.csv, a raw log that is text
-LINE = 1 * MIB          # of such a table
-MAP = 64 * MIB          # a force map, a journal of jobs
-ARRAYS = 1024 * MIB     # npz: results of jobs, checkpoints
-WEIGHTS = 64 * MIB      # of a network
+JSON = 64 * MIB  # run.json, fit.json, diagnosis.json, labels of a trial ...
+TOML = 1 * MIB  # beside a recording, a mapping, pamid.toml
+TABLE = 1024 * MIB  # a recording, residual.csv, a raw log that is text
+LINE = 1 * MIB  # of such a table
+MAP = 64 * MIB  # a force map, a journal of jobs
+ARRAYS = 1024 * MIB  # npz: results of jobs, checkpoints
+WEIGHTS = 64 * MIB  # of a network
 PICTURE = 64 * MIB
-PAGE = 256 * MIB        # a report that a new one replaces
-LOG = 4096 * MIB        # any raw log; also the most of which a digest is taken
+PAGE = 256 * MIB  # a report that a new one replaces
+LOG = 4096 * MIB  # any raw log; also the most of which a digest is taken
 
 #: what a killed process leaves of `temporary_of`
 LEFTOVER = re.compile(r"\..+\.([0-9]+)\.[0-9a-f]+\.tmp", re.DOTALL)
-_WORDS = ((stat.S_ISDIR, "a folder"), (stat.S_ISFIFO, "a pipe"), (stat.S_ISSOCK, "a socket"),
-          (stat.S_ISCHR, "a device"), (stat.S_ISBLK, "a device"))
+_WORDS = (
+    (stat.S_ISDIR, "a folder"),
+    (stat.S_ISFIFO, "a pipe"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a device"),
+)
 
 
-# ---- reading -----------------------------------------------------------------------------------------------------
+# ---- reading -----------------------------------------------------------------------------------
 
 
 def open_data(path: str | Path, most: int) -> io.BufferedReader:
-    """Open a file of at most so many bytes to read. FileError if it is larger or no regular file (a link to one is as
-    good); OSError where it is missing or forbidden."""
+    """Open a file of at most so many bytes to read. FileError if it is larger or no regular file (a
+    link to one is as good); OSError where it is missing or forbidden."""
     source = Path(path)
-    _require_regular(source, os.stat(source))     # a device is not even opened
-    handle = os.open(source, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0))
+    _require_regular(source, os.stat(source))  # a device is not even opened
+    handle = os.open(
+        source, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0)
+    )
     try:
         found = os.fstat(handle)
-        _require_regular(source, found)           # whatever stands under that name by now
+        _require_regular(source, found)  # whatever stands under that name by now
         if found.st_size > most:
-            raise FileError(f"{source} is too large: {_size(found.st_size)}, of such a file at most {_size(most)} are "
-                            "read.", "Is it the file you meant?", code="too-large")
+            raise FileError(
+                f"{source} is too large: {_size(found.st_size)}, of such a file at most "
+                f"{_size(most)} are "
+                "read.",
+                "Is it the file you meant?",
+                code="too-large",
+            )
         return open(handle, "rb")
     except BaseException:
         os.close(handle)
@@ -67,16 +80,22 @@ def read_data(path: str | Path, most: int) -> bytes:
         return file.read(os.fstat(file.fileno()).st_size)
 
 
-def read_lines(path: str | Path, most: int = TABLE, encoding: str = "utf-8-sig", errors: str = "strict"
-               ) -> Iterator[str]:
-    """The lines of a text file with their ends; errors as `open_data`, and FileError for a line without end."""
-    with io.TextIOWrapper(open_data(path, most), encoding=encoding, errors=errors, newline="") as file:
+def read_lines(
+    path: str | Path, most: int = TABLE, encoding: str = "utf-8-sig", errors: str = "strict"
+) -> Iterator[str]:
+    """The lines of a text file with their ends; errors as `open_data`, and FileError for a line
+    without end."""
+    with io.TextIOWrapper(
+        open_data(path, most), encoding=encoding, errors=errors, newline=""
+    ) as file:
         number = 0
         while line := file.readline(LINE):
             number += 1
             if len(line) == LINE:
-                raise FileError(f"{path}, line {number} is longer than {_size(LINE)}: this is no table.",
-                                code="too-large")
+                raise FileError(
+                    f"{path}, line {number} is longer than {_size(LINE)}: this is no table.",
+                    code="too-large",
+                )
             yield line
 
 
@@ -94,8 +113,11 @@ def sha256_of(path: str | Path) -> str:
 
 def _require_regular(path: Path, found: os.stat_result) -> None:
     if not stat.S_ISREG(found.st_mode):
-        raise FileError(f"{path} is {_word(found)}, not a file.", "Give a plain file with the data in it.",
-                        code="not-a-file")
+        raise FileError(
+            f"{path} is {_word(found)}, not a file.",
+            "Give a plain file with the data in it.",
+            code="not-a-file",
+        )
 
 
 def _word(found: os.stat_result) -> str:
@@ -103,24 +125,32 @@ def _word(found: os.stat_result) -> str:
 
 
 def _size(count: int) -> str:
-    return next((f"{count / size:.4g} {unit}" for size, unit in ((1 << 30, "GiB"), (MIB, "MiB")) if count >= size),
-                f"{count} bytes")
+    return next(
+        (
+            f"{count / size:.4g} {unit}"
+            for size, unit in ((1 << 30, "GiB"), (MIB, "MiB"))
+            if count >= size
+        ),
+        f"{count} bytes",
+    )
 
 
-# ---- writing -----------------------------------------------------------------------------------------------------
+# ---- writing -----------------------------------------------------------------------------------
 
 
 def write_atomically(path: str | Path, data: bytes) -> None:
-    """Write `data` to `path` whole or not at all; on any failure the old file stays and no temporary file is left.
+    """Write `data` to `path` whole or not at all; on any failure the old file stays and no
+    temporary file is left.
 
-    A link is replaced, what it leads to stays as it is; FileError for what is no file (a folder, a device).
+    A link is replaced, what it leads to stays as it is; FileError for what is no file (a folder, a
+    device).
     """
     write_together({Path(path): data})
 
 
 def write_together(files: Mapping[Path, bytes]) -> None:
-    """Write files, all or none: everything is on the disk before the first of them takes its place, and where that
-    fails, those before it become what they were."""
+    """Write files, all or none: everything is on the disk before the first of them takes its place,
+    and where that fails, those before it become what they were."""
     made: dict[Path, Path] = {}
     target = Path()
     try:
@@ -142,11 +172,13 @@ def write_together(files: Mapping[Path, bytes]) -> None:
 
 
 def replace_together(made: Mapping[Path, Path]) -> None:
-    """Move finished files (target -> where it was made, on the same disk) to their places, all or none."""
-    kept: dict[Path, Path] = {}     # a second name of what stood there
+    """Move finished files (target -> where it was made, on the same disk) to their places, all or
+    none."""
+    kept: dict[Path, Path] = {}  # a second name of what stood there
     begun: list[Path] = []
     try:
-        for target in list(made)[:-1]:      # whether the last one takes its place decides: it needs no way back
+        # whether the last one takes its place decides: it needs no way back
+        for target in list(made)[:-1]:
             if os.path.lexists(target):
                 kept[target] = temporary_of(target)
                 _second_name(target, kept[target])
@@ -156,7 +188,9 @@ def replace_together(made: Mapping[Path, Path]) -> None:
     except BaseException:
         for target in begun[:-1]:
             with contextlib.suppress(OSError):
-                os.replace(kept[target], target) if target in kept else target.unlink(missing_ok=True)
+                os.replace(kept[target], target) if target in kept else target.unlink(
+                    missing_ok=True
+                )
         raise
     finally:
         for second in kept.values():
@@ -173,8 +207,8 @@ def make_folder(path: Path) -> None:
 
 
 def temporary_of(target: Path) -> Path:
-    """A name beside `target` that nobody has; its process number lets a later run tell a leftover of a killed process
-    from a write in progress."""
+    """A name beside `target` that nobody has; its process number lets a later run tell a leftover
+    of a killed process from a write in progress."""
     return target.with_name(f".{target.name}.{os.getpid()}.{secrets.token_hex(4)}.tmp")
 
 
@@ -182,33 +216,41 @@ def refuse_write(target: Path, error: OSError) -> NoReturn:
     """FileError: this could not be written."""
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         hint = "Free some space and run it again; the former content is untouched."
-        raise FileError(f"{target} was not written: the disk is full.", hint, code="disk-full") from error
+        raise FileError(
+            f"{target} was not written: the disk is full.", hint, code="disk-full"
+        ) from error
     hint = "Check its permissions, and that no part of the path is a file where a folder is needed."
-    raise FileError(f"{target} cannot be written: {error.strerror or error}.", hint, code="write") from error
+    raise FileError(
+        f"{target} cannot be written: {error.strerror or error}.", hint, code="write"
+    ) from error
 
 
 def _require_replaceable(target: Path) -> None:
-    """A folder, a pipe or a device is not replaced by a file, nor is a link to one (/dev/stdout)."""
+    """A folder, a pipe or a device is not replaced by a file, nor is a link to one
+    (/dev/stdout)."""
     with contextlib.suppress(FileNotFoundError):
         found = os.stat(target)
         if not stat.S_ISREG(found.st_mode):
-            raise FileError(f"{target} cannot be written: it is {_word(found)}, not a file.", "Give another name.",
-                            code="write")
+            raise FileError(
+                f"{target} cannot be written: it is {_word(found)}, not a file.",
+                "Give another name.",
+                code="write",
+            )
 
 
 def _second_name(target: Path, name: Path) -> None:
     try:
         os.link(target, name, follow_symlinks=False)
-    except OSError:     # no such links on this disk
+    except OSError:  # no such links on this disk
         shutil.copy2(target, name, follow_symlinks=False)
 
 
-# ---- removing ----------------------------------------------------------------------------------------------------
+# ---- removing ----------------------------------------------------------------------------------
 
 
 def remove_file(path: Path) -> None:
     """Remove a regular file; a link, a folder or anything else is left where it is."""
-    with contextlib.suppress(OSError, ValueError):      # ValueError: no name that a file can have
+    with contextlib.suppress(OSError, ValueError):  # ValueError: no name that a file can have
         if stat.S_ISREG(os.lstat(path).st_mode):
             path.unlink()
 
@@ -223,7 +265,8 @@ def is_inside(folder: Path, below: PurePath) -> bool:
 
 
 def sweep(folder: Path) -> None:
-    """Remove what killed processes left half-written; a process still alive may be writing, so its files stay."""
+    """Remove what killed processes left half-written; a process still alive may be writing, so its
+    files stay."""
     for item in () if folder.is_symlink() else folder.glob(".*.tmp"):
         found = LEFTOVER.fullmatch(item.name)
         if found and int(found[1]) != os.getpid() and not _alive(int(found[1])):

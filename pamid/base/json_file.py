@@ -1,4 +1,5 @@
-"""JSON files: strict (no NaN, no infinity), written whole or not at all, read or refused with line and column."""
+"""JSON files: strict (no NaN, no infinity), written whole or not at all, read or refused with line
+and column."""
 
 from __future__ import annotations
 
@@ -15,11 +16,13 @@ import numpy as np
 from pamid.base.errors import FileError, PamidError
 from pamid.base.files import JSON, read_data, write_atomically
 
-_HALF = re.compile("[\ud800-\udfff]")     # of names that are no UTF-8: no file can hold them as they are
+# of names that are no UTF-8: no file can hold them as they are
+_HALF = re.compile("[\ud800-\udfff]")
 
 
 def write_json(path: str | Path, obj: Any) -> None:
-    """Write strict JSON (no NaN, no infinity), atomically. NumPy scalars and arrays become numbers and lists."""
+    """Write strict JSON (no NaN, no infinity), atomically. NumPy scalars and arrays become numbers
+    and lists."""
     write_atomically(path, json_bytes(obj, Path(path).name))
 
 
@@ -30,7 +33,10 @@ def json_bytes(obj: Any, name: str) -> bytes:
 
 def json_text(obj: Any, name: str = "") -> str:
     """Strict JSON text, ended by a newline. PamidError naming the key that cannot be written."""
-    text = json.dumps(_plain(obj, name or "value"), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    text = (
+        json.dumps(_plain(obj, name or "value"), indent=1, ensure_ascii=False, allow_nan=False)
+        + "\n"
+    )
     return _HALF.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
 
 
@@ -39,7 +45,9 @@ def read_json(path: str | Path) -> Any:
     source = Path(path)
     try:
         text = read_data(source, JSON).decode("utf-8")
-        return json.loads(text, parse_constant=_refuse_constant, parse_float=_finite, parse_int=_whole)
+        return json.loads(
+            text, parse_constant=_refuse_constant, parse_float=_finite, parse_int=_whole
+        )
     except FileNotFoundError:
         raise FileError(f"{source} does not exist.", code="missing") from None
     except OSError as error:
@@ -50,7 +58,9 @@ def read_json(path: str | Path) -> Any:
         message = f"{source}, line {error.lineno}, column {error.colno}: not JSON: {error.msg}."
         raise FileError(message, code="json") from None
     except RecursionError:
-        raise FileError(f"{source}: nested too deeply to be one of pamid's files.", code="json") from None
+        raise FileError(
+            f"{source}: nested too deeply to be one of pamid's files.", code="json"
+        ) from None
     except ValueError as error:
         raise FileError(f"{source}: {error}", code="json") from None
 
@@ -78,7 +88,9 @@ def _plain(value: Any, where: str) -> Any:
         return value
     if isinstance(value, float):
         if not math.isfinite(value):
-            raise PamidError(f"{where} is {value}: strict JSON holds finite numbers only.", code="not-finite")
+            raise PamidError(
+                f"{where} is {value}: strict JSON holds finite numbers only.", code="not-finite"
+            )
         return value
     if isinstance(value, Mapping):
         return {_key(key, where): _plain(item, f"{where}.{key}") for key, item in value.items()}

@@ -22,36 +22,49 @@ def mae(measured: ArrayLike, model: ArrayLike) -> float:
 
 
 def rms(measured: ArrayLike, model: ArrayLike = 0.0) -> float:
-    """Root mean square of the error (of the signal itself where no model is given), in the channel's unit."""
+    """Root mean square of the error (of the signal itself where no model is given), in the
+    channel's unit."""
     return float(np.sqrt(np.mean(np.square(_difference(measured, model)))))
 
 
 def seen_mean(table: ArrayLike, axis: int = 0) -> FloatArray:
-    """Mean over what is there: NaN stands for what was not recorded, and for the mean of nothing."""
+    """Mean over what is there: NaN stands for what was not recorded, and for the mean of
+    nothing."""
     values = np.asarray(table, dtype=float)
     here = ~np.isnan(values)
     if here.all():
         return np.asarray(values.mean(axis=axis))
     count = here.sum(axis=axis)
-    return np.where(count > 0, np.where(here, values, 0.0).sum(axis=axis) / np.maximum(count, 1), np.nan)
+    return np.where(
+        count > 0, np.where(here, values, 0.0).sum(axis=axis) / np.maximum(count, 1), np.nan
+    )
 
 
 def shrinkage(before: float, after: float) -> float:
-    """The part of an error that is gone: 1 - after / before. Negative if it grew; 0 if there never was one."""
+    """The part of an error that is gone: 1 - after / before. Negative if it grew; 0 if there never
+    was one."""
     if not (math.isfinite(before) and math.isfinite(after)) or before < 0 or after < 0:
-        raise DataError(f"A shrinkage needs two finite errors >= 0, not {before:g} and {after:g}.", code="not-finite")
+        raise DataError(
+            f"A shrinkage needs two finite errors >= 0, not {before:g} and {after:g}.",
+            code="not-finite",
+        )
     if before == 0.0:
         if after == 0.0:
             return 0.0
-        raise DataError("There was no error to shrink: the first model already fits exactly.", code="no-error")
+        raise DataError(
+            "There was no error to shrink: the first model already fits exactly.", code="no-error"
+        )
     return 1.0 - after / before
 
 
 def block_sums(loss: ArrayLike, block: int) -> FloatArray:
-    """Sums of a loss per sample over successive blocks of `block` samples; a shorter rest joins the last block."""
+    """Sums of a loss per sample over successive blocks of `block` samples; a shorter rest joins the
+    last block."""
     values = np.asarray(loss, dtype=float)
     if block < 1 or values.ndim != 1 or values.size == 0:
-        raise DataError(f"Blocks of {block} samples cannot be made from {values.size} values.", code="blocks")
+        raise DataError(
+            f"Blocks of {block} samples cannot be made from {values.size} values.", code="blocks"
+        )
     starts = np.arange(0, max(values.size - block, 0) + 1, block)
     return np.add.reduceat(values, starts)
 
@@ -67,16 +80,19 @@ def moving_block_interval(
 ) -> tuple[float, float]:
     """Moving-block bootstrap interval of sum(numerator) / sum(denominator).
 
-    numerator, denominator: the two losses per block of time, shape (n,), n >= 2, e.g. from `block_sums`. Runs of
-    `block_length` successive entries (default n**(1/3), at least 1) are drawn together with replacement, wrapping
-    round the end so that no entry is drawn less often; errors close in time are alike and must not count as separate
-    witnesses. Returns (low, high), percentiles of `resamples` draws. Source: Kuensch (1989), Annals of Statistics
-    17(3); circular form Politis and Romano (1992).
+    numerator, denominator: the two losses per block of time, shape (n,), n >= 2, e.g. from
+    `block_sums`. Runs of `block_length` successive entries (default n**(1/3), at least 1) are drawn
+    together with replacement, wrapping round the end so that no entry is drawn less often; errors
+    close in time are alike and must not count as separate witnesses. Returns (low, high),
+    percentiles of `resamples` draws. Source: Kuensch (1989), Annals of Statistics 17(3); circular
+    form Politis and Romano (1992).
     """
     above, below = np.asarray(numerator, dtype=float), np.asarray(denominator, dtype=float)
     if above.ndim != 1 or above.shape != below.shape or above.size < 2:
         shapes = f"{above.shape} and {below.shape}"
-        raise DataError(f"An interval needs two equal rows of at least 2 blocks, not {shapes}.", code="blocks")
+        raise DataError(
+            f"An interval needs two equal rows of at least 2 blocks, not {shapes}.", code="blocks"
+        )
     if not (np.isfinite(above).all() and np.isfinite(below).all()):
         raise DataError("An interval needs finite losses.", code="not-finite")
     count = above.size
@@ -102,7 +118,8 @@ def shrinkage_interval(
     resamples: int = 2000,
     seed: int = 0,
 ) -> tuple[float, float]:
-    """Interval (low, high) of the shrinkage 1 - sum(after) / sum(before), from the losses per block of time."""
+    """Interval (low, high) of the shrinkage 1 - sum(after) / sum(before), from the losses per block
+    of time."""
     low, high = moving_block_interval(
         after, before, block_length=block_length, level=level, resamples=resamples, seed=seed
     )
@@ -127,7 +144,9 @@ def wilson_interval(hits: int, of: int, level: float = 0.95) -> tuple[float, flo
 def _difference(measured: ArrayLike, model: ArrayLike) -> FloatArray:
     one, other = np.asarray(measured, dtype=float), np.asarray(model, dtype=float)
     if one.size == 0 or (other.ndim > 0 and one.shape != other.shape):
-        raise DataError(f"Errors need arrays of one shape, not {one.shape} and {other.shape}.", code="shape")
+        raise DataError(
+            f"Errors need arrays of one shape, not {one.shape} and {other.shape}.", code="shape"
+        )
     return one - other
 
 

@@ -1,7 +1,8 @@
 """Arrays from npz files that somebody else may have made: plain numbers only, and no code runs.
 
-pamid packs without compression. So an archive whose arrays would take more room than the archive itself is none of
-pamid's, and is refused by its directory and the headers of its arrays, before any of it is unpacked.
+pamid packs without compression. So an archive whose arrays would take more room than the archive
+itself is none of pamid's, and is refused by its directory and the headers of its arrays, before any
+of it is unpacked.
 """
 
 from __future__ import annotations
@@ -22,28 +23,48 @@ from numpy.typing import NDArray
 from pamid.base.errors import FileError
 from pamid.base.files import ARRAYS, MIB, open_data
 
-#: what a damaged or crafted archive may raise; a header that promises more than memory holds is a MemoryError
-_REFUSED = (ValueError, OSError, EOFError, KeyError, TypeError, MemoryError, NotImplementedError, RuntimeError,
-            struct.error, zipfile.BadZipFile, zlib.error)
-_END = struct.Struct("<4s4H2LH")    # the record that ends a zip file and says how long its directory is
-_DIRECTORY = 8 * MIB                # of tens of thousands of arrays
+#: what a damaged or crafted archive may raise; a header that promises more than memory holds is a
+#: MemoryError
+_REFUSED = (
+    ValueError,
+    OSError,
+    EOFError,
+    KeyError,
+    TypeError,
+    MemoryError,
+    NotImplementedError,
+    RuntimeError,
+    struct.error,
+    zipfile.BadZipFile,
+    zlib.error,
+)
+# the record that ends a zip file and says how long its directory is
+_END = struct.Struct("<4s4H2LH")
+_DIRECTORY = 8 * MIB  # of tens of thousands of arrays
 _HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 
 
-def load_arrays(path: Path, data: bytes | None = None, *, most: int = ARRAYS) -> dict[str, NDArray[Any]]:
-    """Every array of an npz file of at most so many bytes, refusing pickled objects; FileError says what is wrong.
+def load_arrays(
+    path: Path, data: bytes | None = None, *, most: int = ARRAYS
+) -> dict[str, NDArray[Any]]:
+    """Every array of an npz file of at most so many bytes, refusing pickled objects; FileError says
+    what is wrong.
 
-    `data` are the file's bytes where the caller has read them already (to check a hash on the very same bytes).
+    `data` are the file's bytes where the caller has read them already (to check a hash on the very
+    same bytes).
     """
     try:
         with open_data(path, most) if data is None else io.BytesIO(data) as file:
-            if file.read(2) != b"PK":  # a bare pickle or .npy would take another branch of numpy.load
+            # a bare pickle or .npy would take another branch of numpy.load
+            if file.read(2) != b"PK":
                 raise FileError(f"{path} is not an npz file.", "Give the file that pamid wrote.")
             try:
                 return _unpacked(file)
             except _REFUSED as error:
-                raise FileError(f"{path} is not a plain npz file ({error}).", "Pickled objects and compressed archives "
-                                "are never loaded; make the file anew.") from None
+                raise FileError(
+                    f"{path} is not a plain npz file ({error}).",
+                    "Pickled objects and compressed archives are never loaded; make the file anew.",
+                ) from None
     except OSError as error:
         raise FileError(f"{path} cannot be read: {error.strerror}.", "Check the path.") from None
 
@@ -53,7 +74,9 @@ def _unpacked(file: BinaryIO) -> dict[str, NDArray[Any]]:
     _require_short_directory(file, size)
     with zipfile.ZipFile(file) as archive:
         members = archive.infolist()
-        if any(m.compress_type != zipfile.ZIP_STORED or m.file_size != m.compress_size for m in members):
+        if any(
+            m.compress_type != zipfile.ZIP_STORED or m.file_size != m.compress_size for m in members
+        ):
             raise ValueError("it is compressed")
         if sum(m.file_size for m in members) > size:
             raise ValueError("it promises more than it holds")
@@ -62,7 +85,7 @@ def _unpacked(file: BinaryIO) -> dict[str, NDArray[Any]]:
 
 def _require_short_directory(file: BinaryIO, size: int) -> None:
     """ValueError unless the directory is of a size that may be read: zipfile takes it whole."""
-    tail = 20 + _END.size       # the locator of a directory beyond 4 GB would stand before the end
+    tail = 20 + _END.size  # the locator of a directory beyond 4 GB would stand before the end
     file.seek(max(size - tail, 0))
     last = file.read(tail)
     mark, *_, length, _, comment = _END.unpack(last[-_END.size :])

@@ -1,7 +1,8 @@
 """A run: one folder of plain files, each written whole or not at all.
 
-`run.json` is written first (with `ended: null`) and closed last, so that a run that was killed says so itself. It is
-the only file with wall-clock times: the same inputs and the same seed give the same bytes everywhere else.
+`run.json` is written first (with `ended: null`) and closed last, so that a run that was killed says
+so itself. It is the only file with wall-clock times: the same inputs and the same seed give the
+same bytes everywhere else.
 """
 
 from __future__ import annotations
@@ -33,10 +34,22 @@ from pamid.base.json_file import json_text, read_json, write_json
 RUN_SCHEMA = "pamid.run/1"
 FIT_FILE, RESIDUAL_FILE = "fit.json", "residual.csv"
 FIGURES = "figures"
-JOBS, JOURNAL = "jobs", "journal.jsonl"      # results of single jobs while a run goes on (pamid.parallel.store)
+# results of single jobs while a run goes on (pamid.parallel.store)
+JOBS, JOURNAL = "jobs", "journal.jsonl"
 _BEGINNING = re.compile(r"\.run\.json\.[0-9]+\.[0-9a-f]+\.tmp")
 _JOB = re.compile(r"[0-9a-f]{64}\.npz")
-_PACKAGES = ("pamid", "numpy", "scipy", "pandas", "numba", "llvmlite", "torch", "pysindy", "matplotlib", "sympy")
+_PACKAGES = (
+    "pamid",
+    "numpy",
+    "scipy",
+    "pandas",
+    "numba",
+    "llvmlite",
+    "torch",
+    "pysindy",
+    "matplotlib",
+    "sympy",
+)
 
 
 @dataclass(frozen=True)
@@ -59,10 +72,10 @@ class Run:
     ) -> Run:
         """Claim `folder` and write its `run.json`; FileError if it is taken.
 
-        `overwrite` replaces an existing run, but takes away only files that its record lists; a folder that holds no
-        run is never touched.
-        `resume` comes back to the run of the same seed, inputs and options that the folder holds, if it holds one
-        (None: this command cannot); unless that has come to its end, it counts as begun again.
+        `overwrite` replaces an existing run, but takes away only files that its record lists; a
+        folder that holds no run is never touched. `resume` comes back to the run of the same seed,
+        inputs and options that the folder holds, if it holds one (None: this command cannot);
+        unless that has come to its end, it counts as begun again.
         """
         path = Path(folder)
         if resume and (path / "run.json").is_file():
@@ -89,9 +102,12 @@ class Run:
         except OSError as error:
             if error.errno in (errno.ENOSPC, errno.EDQUOT):
                 refuse_write(path, error)
-            raise FileError(f"{path}: the run folder cannot be made: {error.strerror}.", code="run-folder") from error
+            raise FileError(
+                f"{path}: the run folder cannot be made: {error.strerror}.", code="run-folder"
+            ) from error
         write_json(path / "run.json", record | {"files": old})
-        # after run.json: if this is cut short, the folder already says that it is unfinished, and what may be there
+        # after run.json: if this is cut short, the folder already says that it is unfinished, and
+        # what may be there
         sweep(path)
         _remove_listed(path, old)
         remove_jobs(path / JOBS)
@@ -105,26 +121,53 @@ class Run:
         path = Path(folder)
         if not (path / "run.json").is_file():
             hint = "Give the folder that `pamid fit` or `pamid diagnose` wrote with --output."
-            raise FileError(f"{path} is not a run folder: it has no run.json.", hint, code="not-a-run")
+            raise FileError(
+                f"{path} is not a run folder: it has no run.json.", hint, code="not-a-run"
+            )
         run = cls(path)
         schema = run.record.get("schema")
         if schema != RUN_SCHEMA:
-            raise FileError(f"{path / 'run.json'}: schema is {schema!r}, expected {RUN_SCHEMA!r}.", code="not-a-run")
+            raise FileError(
+                f"{path / 'run.json'}: schema is {schema!r}, expected {RUN_SCHEMA!r}.",
+                code="not-a-run",
+            )
         return run
 
-    def _resumed(self, command: str | Sequence[str], seed: int | None, inputs: list[dict[str, str]],
-                 options: dict[str, Any]) -> Run:
+    def _resumed(
+        self,
+        command: str | Sequence[str],
+        seed: int | None,
+        inputs: list[dict[str, str]],
+        options: dict[str, Any],
+    ) -> Run:
         record, asked = self.record, {"seed": seed, "inputs": inputs, "options": options}
-        other = [what for what, value in asked.items() if record.get(what) != json.loads(json_text(value))]
+        other = [
+            what
+            for what, value in asked.items()
+            if record.get(what) != json.loads(json_text(value))
+        ]
         _require_inside(self.folder, JOBS)
         if other:
-            hint = "Repeat the command as it was, give --output another folder, or --overwrite to replace that run."
-            raise FileError(f"{self.folder} holds another run: what differs is its {' and '.join(other)}.", hint,
-                            code="run-folder")
+            hint = (
+                "Repeat the command as it was, give --output another folder, or --overwrite to "
+                "replace that run."
+            )
+            raise FileError(
+                f"{self.folder} holds another run: what differs is its {' and '.join(other)}.",
+                hint,
+                code="run-folder",
+            )
         if record["outcome"] != "done":
             again = {"command": _command_line(command), "versions": _versions(), "begun": _now()}
-            write_json(self.folder / "run.json", {**record, "resumed": [*record.get("resumed", []), again],
-                                                  "ended": None, "outcome": None})
+            write_json(
+                self.folder / "run.json",
+                {
+                    **record,
+                    "resumed": [*record.get("resumed", []), again],
+                    "ended": None,
+                    "outcome": None,
+                },
+            )
             sweep(self.folder)
             sweep(self.folder / JOBS)
         return self
@@ -134,14 +177,29 @@ class Run:
         """The content of run.json."""
         record = read_json(self.folder / "run.json")
         if not isinstance(record, dict):
-            raise FileError(f"{self.folder / 'run.json'} must hold one JSON object.", code="not-a-run")
-        for key, empty in (("options", {}), ("inputs", []), ("steps", []), ("ended", None), ("outcome", None)):
+            raise FileError(
+                f"{self.folder / 'run.json'} must hold one JSON object.", code="not-a-run"
+            )
+        for key, empty in (
+            ("options", {}),
+            ("inputs", []),
+            ("steps", []),
+            ("ended", None),
+            ("outcome", None),
+        ):
             record.setdefault(key, empty)
         for key in ("steps", "inputs"):
-            if not (isinstance(record[key], list) and all(isinstance(one, dict) for one in record[key])):
-                raise FileError(f"{self.folder / 'run.json'}: {key} must be a list of objects.", code="not-a-run")
+            if not (
+                isinstance(record[key], list) and all(isinstance(one, dict) for one in record[key])
+            ):
+                raise FileError(
+                    f"{self.folder / 'run.json'}: {key} must be a list of objects.",
+                    code="not-a-run",
+                )
         if not isinstance(record["options"], dict):
-            raise FileError(f"{self.folder / 'run.json'}: options must be an object.", code="not-a-run")
+            raise FileError(
+                f"{self.folder / 'run.json'}: options must be an object.", code="not-a-run"
+            )
         return record
 
     @property
@@ -155,8 +213,9 @@ class Run:
         return self.claim(name)[0]
 
     def claim(self, *names: str) -> list[Path]:
-        """The paths of files that this run is about to write: run.json lists them from now on, so that --overwrite
-        knows what may go, and their folders are made. FileError where one of these is a link."""
+        """The paths of files that this run is about to write: run.json lists them from now on, so
+        that --overwrite knows what may go, and their folders are made. FileError where one of these
+        is a link."""
         paths = [self.folder / name for name in names]
         for name, path in zip(names, paths, strict=True):
             _require_inside(self.folder, PurePath(name).parent)
@@ -172,7 +231,10 @@ class Run:
         known = _written(self.folder)
         if gone := [name for name in names if name in known]:
             _remove_listed(self.folder, gone)
-            write_json(self.folder / "run.json", {**self.record, "files": [n for n in known if n not in gone]})
+            write_json(
+                self.folder / "run.json",
+                {**self.record, "files": [n for n in known if n not in gone]},
+            )
 
     def begin_step(
         self,
@@ -182,16 +244,25 @@ class Run:
         inputs: Sequence[str | Path] = (),
         options: Mapping[str, Any] | None = None,
     ) -> None:
-        """Note a later command that works on this run (`train-residual`, `report`); `finish` closes it."""
+        """Note a later command that works on this run (`train-residual`, `report`); `finish` closes
+        it."""
         record = self.record
-        step = {"command": _command_line(command), "seed": seed, "options": dict(options or {}),
-                "inputs": _hashes(inputs), "versions": _versions(), "begun": _now(), "ended": None,
-                "outcome": None}  # fmt: skip
+        step = {
+            "command": _command_line(command),
+            "seed": seed,
+            "options": dict(options or {}),
+            "inputs": _hashes(inputs),
+            "versions": _versions(),
+            "begun": _now(),
+            "ended": None,
+            "outcome": None,
+        }
         write_json(self.folder / "run.json", {**record, "steps": [*record.get("steps", []), step]})
         sweep(self.folder)
 
     def finish(self, outcome: str = "done", **more: Any) -> None:
-        """Close the latest step, if one was begun, else the run, with a word for how it ended; more: entries to add."""
+        """Close the latest step, if one was begun, else the run, with a word for how it ended;
+        more: entries to add."""
         record = self.record
         open_steps = [step for step in record.get("steps", []) if step.get("ended") is None]
         part = open_steps[-1] if open_steps else record
@@ -201,18 +272,25 @@ class Run:
 
 def _require_free(path: Path, overwrite: bool, resumable: bool) -> None:
     if path.exists() and not path.is_dir():
-        raise FileError(f"{path} is a file, not a folder.", "Give --output another name.", code="run-folder")
+        raise FileError(
+            f"{path} is a file, not a folder.", "Give --output another name.", code="run-folder"
+        )
     if not path.exists() or all(_BEGINNING.fullmatch(item.name) for item in path.iterdir()):
-        return      # at most what is left of a run that was killed before it had its run.json
+        return  # at most what is left of a run that was killed before it had its run.json
     if not (path / "run.json").is_file():
         hint = "Give --output a new or empty folder."
-        raise FileError(f"{path} is taken: it holds files that are not a run.", hint, code="run-folder")
+        raise FileError(
+            f"{path} is taken: it holds files that are not a run.", hint, code="run-folder"
+        )
     if not overwrite:
         unfinished = resumable and Run.open(path).record["outcome"] != "done"
         hint = "Give --output another folder, or --overwrite to replace that run."
         hint = f"Go on with it by --resume. {hint}" if unfinished else hint
-        raise FileError(f"{path} is taken: it already holds {'an unfinished' if unfinished else 'a'} run.", hint,
-                        code="run-folder")
+        raise FileError(
+            f"{path} is taken: it already holds {'an unfinished' if unfinished else 'a'} run.",
+            hint,
+            code="run-folder",
+        )
 
 
 def _written(folder: Path) -> list[str]:
@@ -232,7 +310,8 @@ def _remove_listed(folder: Path, names: Sequence[str]) -> None:
 
 
 def remove_jobs(folder: Path) -> None:
-    """Remove the results of single jobs, and their folder unless it is a link or holds anything else."""
+    """Remove the results of single jobs, and their folder unless it is a link or holds anything
+    else."""
     if folder.is_symlink():
         return
     for item in folder.glob("*"):
@@ -244,8 +323,12 @@ def remove_jobs(folder: Path) -> None:
 
 def _require_inside(folder: Path, below: str | PurePath) -> None:
     if not is_inside(folder, PurePath(below)):
-        raise FileError(f"{folder / below} is a link, or leads out of the run folder: nothing is written there.",
-                        "Remove the link, or give another run folder.", code="run-folder")
+        raise FileError(
+            f"{folder / below} is a link, or leads out of the run folder: nothing is written "
+            "there.",
+            "Remove the link, or give another run folder.",
+            code="run-folder",
+        )
 
 
 def _command_line(command: str | Sequence[str]) -> list[str]:

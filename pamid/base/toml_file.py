@@ -1,4 +1,5 @@
-"""TOML files that somebody wrote by hand, or a program wrote to be believed: read whole, or refused with a reason."""
+"""TOML files that somebody wrote by hand, or a program wrote to be believed: read whole, or refused
+with a reason."""
 
 from __future__ import annotations
 
@@ -11,27 +12,34 @@ from pamid.base.errors import FileError
 from pamid.base.files import TOML, read_data
 
 _DEEPEST = 50
-_LARGEST = 2**63     # as TOML itself has it: whole numbers are of 64 bits
+_LARGEST = 2**63  # as TOML itself has it: whole numbers are of 64 bits
 
 
 def read_toml(path: Path, missing: Callable[[], str] = str) -> dict[str, Any]:
-    """The tables of a file. FileError where there is none (`missing` makes the hint), it cannot be read, is no TOML,
-    nested without end, or holds a whole number beyond 64 bits."""
+    """The tables of a file. FileError where there is none (`missing` makes the hint), it cannot be
+    read, is no TOML, nested without end, or holds a whole number beyond 64 bits."""
     try:
         tables = tomllib.loads(read_data(path, TOML).decode("utf-8-sig"))
     except FileNotFoundError:
         raise FileError(f"{path} does not exist.", missing(), code="missing") from None
     except OSError as error:
-        raise FileError(f"{path} cannot be read: {error.strerror}.", "Give a TOML file that you may read.") from error
+        raise FileError(
+            f"{path} cannot be read: {error.strerror}.", "Give a TOML file that you may read."
+        ) from error
     except UnicodeDecodeError as error:
-        raise FileError(f"{path} is not UTF-8 text (byte {error.start}).", "Save it as UTF-8.",
-                        code="encoding") from None
+        raise FileError(
+            f"{path} is not UTF-8 text (byte {error.start}).", "Save it as UTF-8.", code="encoding"
+        ) from None
     except tomllib.TOMLDecodeError as error:
-        raise FileError(f"{path}: not TOML: {error}.", "Text stands in quotes, numbers have a decimal point; a line is "
-                        "`key = value` or [table].", code="toml") from None
+        raise FileError(
+            f"{path}: not TOML: {error}.",
+            "Text stands in quotes, numbers have a decimal point; a line is "
+            "`key = value` or [table].",
+            code="toml",
+        ) from None
     except RecursionError:
         _too_deep(path)
-    except ValueError:       # Python reads no number of more than 4300 digits
+    except ValueError:  # Python reads no number of more than 4300 digits
         raise _too_large(path) from None
     _require_plain(path, tables, 0)
     return tables
@@ -47,10 +55,16 @@ def _require_plain(path: Path, node: Any, depth: int) -> None:
 
 
 def _too_deep(path: Path) -> NoReturn:
-    raise FileError(f"{path}: tables or lists are nested too deeply.", "Nothing that pamid reads is deeper than three "
-                    "levels; correct the brackets.", code="toml") from None
+    raise FileError(
+        f"{path}: tables or lists are nested too deeply.",
+        "Nothing that pamid reads is deeper than three levels; correct the brackets.",
+        code="toml",
+    ) from None
 
 
 def _too_large(path: Path) -> FileError:
-    return FileError(f"{path} holds a whole number of more than 19 digits.", "Correct it, or write it as 1e20.",
-                     code="toml")
+    return FileError(
+        f"{path} holds a whole number of more than 19 digits.",
+        "Correct it, or write it as 1e20.",
+        code="toml",
+    )

@@ -1,8 +1,9 @@
 """What may run, and whose files are believed.
 
-Code is run only where the user says so: by a rig or effect file named on the command line or in the environment, or in
-settings of the user's own (`cli/settings.py`). Everything else that is read is data. Files that pamid itself loads
-machine code from, its compile cache, count only where nobody else can have written them.
+Code is run only where the user says so: by a rig or effect file named on the command line or in the
+environment, or in settings of the user's own (`cli/settings.py`). Everything else that is read is
+data. Files that pamid itself loads machine code from, its compile cache, count only where nobody
+else can have written them.
 """
 
 from __future__ import annotations
@@ -19,11 +20,13 @@ def is_code(name: str) -> bool:
 
 
 def why_shared(path: Path) -> str:
-    """Why somebody else may have written this file, or put another in its place; "" where only the user and root can.
+    """Why somebody else may have written this file, or put another in its place; "" where only the
+    user and root can.
 
-    Looked at: who owns the file and its folder, who may write them, and who may write the folders above (a sticky one,
-    as /tmp, protects what lies in its subfolders, yet not what lies in itself). A symbolic link counts with what it
-    leads to. Where files have no owners (Windows) nothing is found.
+    Looked at: who owns the file and its folder, who may write them, and who may write the folders
+    above (a sticky one, as /tmp, protects what lies in its subfolders, yet not what lies in
+    itself). A symbolic link counts with what it leads to. Where files have no owners (Windows)
+    nothing is found.
     """
     if not hasattr(os, "geteuid"):
         return ""
@@ -57,7 +60,8 @@ def within_home(path: Path) -> bool:
 
 
 def is_shared(found: os.stat_result) -> bool:
-    """Of a file or folder by itself: does it belong to somebody else than the user or root, or may others write it?"""
+    """Of a file or folder by itself: does it belong to somebody else than the user or root, or may
+    others write it?"""
     return hasattr(os, "geteuid") and (_is_anothers(found) or others_may_write(found))
 
 
@@ -67,9 +71,13 @@ def _is_anothers(found: os.stat_result) -> bool:
 
 def others_may_write(found: os.stat_result) -> bool:
     """By the mode: everybody, or a group that holds more than the user (or root)."""
-    if stat.S_ISLNK(found.st_mode):     # has no mode of its own
+    if stat.S_ISLNK(found.st_mode):  # has no mode of its own
         return False
-    return bool(found.st_mode & stat.S_IWOTH) or bool(found.st_mode & stat.S_IWGRP) and not _own_group(found.st_gid)
+    return (
+        bool(found.st_mode & stat.S_IWOTH)
+        or bool(found.st_mode & stat.S_IWGRP)
+        and not _own_group(found.st_gid)
+    )
 
 
 def _chain(place: Path) -> Iterator[Path]:
@@ -79,7 +87,8 @@ def _chain(place: Path) -> Iterator[Path]:
 
 
 def _own_group(gid: int) -> bool:
-    """Root's, or the group of one that many systems give to every user, writable by default there."""
+    """Root's, or the group of one that many systems give to every user, writable by default
+    there."""
     if gid == 0:
         return True
     try:
@@ -89,4 +98,6 @@ def _own_group(gid: int) -> bool:
         user, group = pwd.getpwuid(os.geteuid()), grp.getgrgid(gid)
     except (ImportError, KeyError):
         return False
-    return group.gr_name == user.pw_name and gid == user.pw_gid and set(group.gr_mem) <= {user.pw_name}
+    return (
+        group.gr_name == user.pw_name and gid == user.pw_gid and set(group.gr_mem) <= {user.pw_name}
+    )

@@ -1,9 +1,10 @@
 """Units: the suffixes of column and parameter names, and their conversion to SI.
 
-A name ends in its unit: `angle_deg`, `pressure_1_kpa`, `inertia_kg_m2`, `kd_s_per_deg`. A symbol is the same unit as
-people write it: "deg", "kPa", "kg m2", "s/deg". Grammar of a symbol: factors separated by a space or `*`, a digit after
-a factor is its exponent, one `/`, parentheses around a denominator of several factors. An angle counts as a dimension
-of its own here, so that "rad/s" and "Hz", or "N m" and "N m/rad", are never taken for each other.
+A name ends in its unit: `angle_deg`, `pressure_1_kpa`, `inertia_kg_m2`, `kd_s_per_deg`. A symbol is
+the same unit as people write it: "deg", "kPa", "kg m2", "s/deg". Grammar of a symbol: factors
+separated by a space or `*`, a digit after a factor is its exponent, one `/`, parentheses around a
+denominator of several factors. An angle counts as a dimension of its own here, so that "rad/s" and
+"Hz", or "N m" and "N m/rad", are never taken for each other.
 """
 
 from __future__ import annotations
@@ -58,21 +59,43 @@ _BY_TOKEN: dict[str, str] = {symbol.lower(): symbol for symbol in _ATOMS}
 
 #: SI symbol -> quantity; the first entry of a dimension is its canonical SI symbol
 _QUANTITIES: tuple[tuple[str, str], ...] = (
-    (NONE, "dimensionless"), ("s", "time"), ("Hz", "frequency"), ("m", "position"), ("m2", "area"), ("m3", "volume"),
-    ("m/s", "velocity"), ("m/s2", "acceleration"), ("m3/s", "flow"), ("rad", "angle"), ("rad/s", "angular velocity"),
-    ("rad/s2", "angular acceleration"), ("N", "force"), ("N m", "torque"), ("Pa", "pressure"),
-    ("Pa/s", "pressure rate"), ("kg", "mass"), ("kg/s", "mass flow"), ("kg m2", "moment of inertia"),
-    ("V", "voltage"), ("A", "current"),
-    ("K", "temperature"), ("W", "power"), ("N/m", "stiffness"), ("N m/rad", "rotational stiffness"),
-    ("N s/m", "damping"), ("N m s/rad", "rotational damping"), ("m3/(s Pa)", "sonic conductance"),
-)  # fmt: skip
+    (NONE, "dimensionless"),
+    ("s", "time"),
+    ("Hz", "frequency"),
+    ("m", "position"),
+    ("m2", "area"),
+    ("m3", "volume"),
+    ("m/s", "velocity"),
+    ("m/s2", "acceleration"),
+    ("m3/s", "flow"),
+    ("rad", "angle"),
+    ("rad/s", "angular velocity"),
+    ("rad/s2", "angular acceleration"),
+    ("N", "force"),
+    ("N m", "torque"),
+    ("Pa", "pressure"),
+    ("Pa/s", "pressure rate"),
+    ("kg", "mass"),
+    ("kg/s", "mass flow"),
+    ("kg m2", "moment of inertia"),
+    ("V", "voltage"),
+    ("A", "current"),
+    ("K", "temperature"),
+    ("W", "power"),
+    ("N/m", "stiffness"),
+    ("N m/rad", "rotational stiffness"),
+    ("N s/m", "damping"),
+    ("N m s/rad", "rotational damping"),
+    ("m3/(s Pa)", "sonic conductance"),
+)
 _DISPLAY = {"rad": "deg", "rad/s": "deg/s", "rad/s2": "deg/s2", "Pa": "kPa", "Pa/s": "kPa/s"}
 _FACTOR = re.compile(r"([A-Za-z]+|1)(\d*)")
 
 
 @dataclass(frozen=True)
 class Unit:
-    """A unit: SI value = value * factor + offset. `dimension` holds the exponents of kg, m, s, A, K, rad."""
+    """A unit: SI value = value * factor + offset. `dimension` holds the exponents of kg, m, s, A,
+    K, rad."""
 
     symbol: str
     suffix: str
@@ -84,7 +107,8 @@ class Unit:
 
 @lru_cache(maxsize=1024)
 def unit(symbol: str) -> Unit:
-    """The unit written as `symbol`, e.g. "kPa", "N m/rad", "m3/(s Pa)"; "" and "1" mean none. FileError if unknown."""
+    """The unit written as `symbol`, e.g. "kPa", "N m/rad", "m3/(s Pa)"; "" and "1" mean none.
+    FileError if unknown."""
     text = " ".join(symbol.split()) or NONE
     above, below = _split_fraction(text)
     factor, offset, dimension = 1.0, 0.0, list(_DIMENSIONLESS)
@@ -93,7 +117,9 @@ def unit(symbol: str) -> Unit:
             scale, shift, exponents = _ATOMS[atom]
             factor *= scale ** (sign * exponent)
             offset += shift
-            dimension = [old + sign * exponent * new for old, new in zip(dimension, exponents, strict=True)]
+            dimension = [
+                old + sign * exponent * new for old, new in zip(dimension, exponents, strict=True)
+            ]
     if offset and len(above) + len(below) > 1:
         offset = 0.0  # in a product a degree Celsius is a difference of temperature
     key = tuple(dimension)
@@ -110,10 +136,11 @@ def is_unit(symbol: str) -> bool:
 
 
 def split_column(name: str) -> tuple[str, str]:
-    """Split a name into what it is and its unit symbol: "angle_deg" -> ("angle", "deg"), "command" -> ("command", "1").
+    """Split a name into what it is and its unit symbol: "angle_deg" -> ("angle", "deg"), "command"
+    -> ("command", "1").
 
-    The longest ending that reads as a unit counts ("inertia_kg_m2" -> "kg m2", "kd_s_per_deg" -> "s/deg", "torque_nm"
-    -> "N m"); a name without such an ending is kept whole and has no unit.
+    The longest ending that reads as a unit counts ("inertia_kg_m2" -> "kg m2", "kd_s_per_deg" ->
+    "s/deg", "torque_nm" -> "N m"); a name without such an ending is kept whole and has no unit.
     """
     words = name.split("_")
     for first in range(1, len(words)):
@@ -129,7 +156,8 @@ def suffix_of(symbol: str) -> str:
 
 
 def with_unit(stem: str, symbol: str) -> str:
-    """The full name of a signal or parameter: ("angle", "deg") -> "angle_deg"; without unit the stem itself."""
+    """The full name of a signal or parameter: ("angle", "deg") -> "angle_deg"; without unit the
+    stem itself."""
     suffix = suffix_of(symbol)
     return f"{stem}_{suffix}" if suffix else stem
 
@@ -161,7 +189,8 @@ def compatible(symbol_a: str, symbol_b: str) -> bool:
 
 
 def quantity_of(symbol: str) -> str:
-    """What is measured in this unit: "N m" -> "torque"; a unit without a name of its own gives its symbol."""
+    """What is measured in this unit: "N m" -> "torque"; a unit without a name of its own gives its
+    symbol."""
     return unit(symbol).quantity
 
 
@@ -175,18 +204,23 @@ def si_unit(symbol: str) -> str:
         if unit(known).dimension == dimension:
             return known
     above, below = _split_fraction(kind.symbol)
-    return _join_symbol([_si_atom(*factor) for factor in above], [_si_atom(*factor) for factor in below])
+    return _join_symbol(
+        [_si_atom(*factor) for factor in above], [_si_atom(*factor) for factor in below]
+    )
 
 
 def quotient(symbol: str, *below: str) -> str:
-    """The symbol of one unit divided by others: ("N", "m/s") -> "N s/m", ("Pa/s", "Pa") -> "1/s"."""
+    """The symbol of one unit divided by others: ("N", "m/s") -> "N s/m", ("Pa/s", "Pa") ->
+    "1/s"."""
     powers: dict[str, int] = {}
     for sign, text in ((1, symbol), *((-1, other) for other in below)):
         above, under = _split_fraction(text or NONE)
         for way, part in ((sign, above), (-sign, under)):
             for atom, exponent in part:
                 powers[atom] = powers.get(atom, 0) + way * exponent
-    return _join_symbol([(a, n) for a, n in powers.items() if n > 0], [(a, -n) for a, n in powers.items() if n < 0])
+    return _join_symbol(
+        [(a, n) for a, n in powers.items() if n > 0], [(a, -n) for a, n in powers.items() if n < 0]
+    )
 
 
 def display_unit(symbol: str) -> str:
@@ -195,7 +229,8 @@ def display_unit(symbol: str) -> str:
 
 
 def suffixes_for(symbol: str) -> tuple[str, ...]:
-    """The single-word suffixes a column of the same quantity may carry: "deg" -> ("deg", "mrad", "rad")."""
+    """The single-word suffixes a column of the same quantity may carry: "deg" -> ("deg", "mrad",
+    "rad")."""
     return tuple(sorted(atom.lower() for atom in _ATOMS if compatible(atom, symbol)))
 
 
@@ -203,7 +238,11 @@ def _si_atom(atom: str, exponent: int) -> tuple[str, int]:
     """The SI factor that stands for an atom: ("kPa", 1) -> ("Pa", 1), ("l", 1) -> ("m", 3)."""
     if atom == "l":
         return "m", 3 * exponent
-    same = (other for other, (factor, _, kind) in _ATOMS.items() if factor == 1.0 and kind == _ATOMS[atom][2])
+    same = (
+        other
+        for other, (factor, _, kind) in _ATOMS.items()
+        if factor == 1.0 and kind == _ATOMS[atom][2]
+    )
     return next(same, atom), exponent
 
 
@@ -223,7 +262,9 @@ def _dimension_of(symbol: str) -> Dimension:
     total = list(_DIMENSIONLESS)
     for sign, part in ((1, above), (-1, below)):
         for atom, exponent in part:
-            total = [old + sign * exponent * new for old, new in zip(total, _ATOMS[atom][2], strict=True)]
+            total = [
+                old + sign * exponent * new for old, new in zip(total, _ATOMS[atom][2], strict=True)
+            ]
     return tuple(total)
 
 

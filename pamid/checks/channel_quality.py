@@ -1,8 +1,9 @@
-"""What one channel tells about its own measurement: clipped, frozen, filled in, spiked, coarse, noisy, or dead.
+"""What one channel tells about its own measurement: clipped, frozen, filled in, spiked, coarse,
+noisy, or dead.
 
-Two kinds of channel are told apart. Where white sensor noise shows, an exact repeat is an accident whose chance is
-known. Where it does not (a coarse step, a noise-free simulation), a plateau is natural, and only a motion that stops
-or goes on with a jump counts.
+Two kinds of channel are told apart. Where white sensor noise shows, an exact repeat is an accident
+whose chance is known. Where it does not (a coarse step, a noise-free simulation), a plateau is
+natural, and only a motion that stops or goes on with a jump counts.
 """
 
 from __future__ import annotations
@@ -25,18 +26,19 @@ Mask = NDArray[np.bool_]
 Places = NDArray[np.intp]
 
 MOST_WINDOWS = 60
-SHORTEST_CLIP = 3          # samples at the very extreme
-SHORTEST_FREEZE = 10       # samples
-SHORTEST_LINE = 12         # samples on a straight line, where noise should be
-CHANCE = 1e-4              # of a false alarm per channel, for what noise could do
+SHORTEST_CLIP = 3  # samples at the very extreme
+SHORTEST_FREEZE = 10  # samples
+SHORTEST_LINE = 12  # samples on a straight line, where noise should be
+CHANCE = 1e-4  # of a false alarm per channel, for what noise could do
 CORNER_STEPS, CORNER_SPAN = 12.0, 1e-3
-JUMP = 8.0                 # over the largest step nearby: how a frozen channel goes on
+JUMP = 8.0  # over the largest step nearby: how a frozen channel goes on
 SPIKE_NOISE, SPIKE_SPAN, SPIKE_BEND = 12.0, 0.02, 4.0
-COARSE = 0.01              # of the span
-NOISY = 0.2                # of the standard deviation
-ONLY_NOISE = 1.5           # times the noise
+COARSE = 0.01  # of the span
+NOISY = 0.2  # of the standard deviation
+ONLY_NOISE = 1.5  # times the noise
 PLUGGED = "Is the sensor plugged in, and is it the right channel?"
-HELD = 0.8                 # of the runs are equally long: the channel is sampled more slowly and held
+# of the runs are equally long: the channel is sampled more slowly and held
+HELD = 0.8
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,11 @@ def signal_of(name: str, time: FloatArray, values: FloatArray, sent: bool = Fals
     span = float(np.ptp(values))
     step = 0.0 if sent else quantisation_step(values)
     noise = float(noise_level(values[:, None])[0]) if span > 0.0 else 0.0
-    last_digit = 10.0 ** (math.floor(math.log10(np.abs(values).max())) + 1 - SIGNIFICANT_DIGITS) if span > 0.0 else 0.0
+    last_digit = (
+        10.0 ** (math.floor(math.log10(np.abs(values).max())) + 1 - SIGNIFICANT_DIGITS)
+        if span > 0.0
+        else 0.0
+    )
     noise = noise if noise > SHOWN * float(values.std()) else 0.0
     white = noise > max(step, last_digit) and is_white(values)
     return Signal(name, time, values, sent, span, step, noise, white)
@@ -114,7 +120,7 @@ def measurable(values: FloatArray) -> bool:
     return most == 0.0 or TINY < most < HUGE
 
 
-# ---- stretches ---------------------------------------------------------------------------------------------------
+# ---- stretches ---------------------------------------------------------------------------------
 
 
 def windows_of(time: FloatArray, starts: Places, stops: Places) -> tuple[tuple[float, float], ...]:
@@ -122,15 +128,20 @@ def windows_of(time: FloatArray, starts: Places, stops: Places) -> tuple[tuple[f
     gap = 5
     while starts.size:
         apart = starts[1:] - stops[:-1] > gap
-        first, last = starts[np.concatenate([[True], apart])], stops[np.concatenate([apart, [True]])]
+        first, last = (
+            starts[np.concatenate([[True], apart])],
+            stops[np.concatenate([apart, [True]])],
+        )
         if first.size <= MOST_WINDOWS:
-            return tuple((float(time[a]), float(time[b - 1])) for a, b in zip(first, last, strict=True))
+            return tuple(
+                (float(time[a]), float(time[b - 1])) for a, b in zip(first, last, strict=True)
+            )
         gap *= 2
     return ()
 
 
 def where_words(windows: Sequence[tuple[float, float]]) -> str:
-    """ "at 3.2 to 3.4 s and 11 more places". """
+    """ "at 3.2 to 3.4 s and 11 more places"."""
     begin, end = windows[0]
     where = f"at {begin:.4g} s" if end == begin else f"at {begin:.4g} to {end:.4g} s"
     more = len(windows) - 1
@@ -138,7 +149,7 @@ def where_words(windows: Sequence[tuple[float, float]]) -> str:
 
 
 def share_words(share: float) -> str:
-    """ "for 4 % of the time". """
+    """ "for 4 % of the time"."""
     return f"for {f'{100.0 * share:.2g} %' if share >= 1e-3 else 'less than 0.1 %'} of the time"
 
 
@@ -150,7 +161,7 @@ def covered(size: int, starts: Places, stops: Places) -> Mask:
     return np.cumsum(edges[:-1]) > 0
 
 
-# ---- findings ----------------------------------------------------------------------------------------------------
+# ---- findings ----------------------------------------------------------------------------------
 
 
 def clipped(s: Signal) -> tuple[list[Issue], Mask]:
@@ -165,25 +176,45 @@ def clipped(s: Signal) -> tuple[list[Issue], Mask]:
         if not s.white:
             if abs(top) <= max(2.0 * s.step, CORNER_SPAN * s.span):
                 continue  # a natural end: slack, vented, shut
-            sharp = np.array([_corner(z, a, b) for a, b in zip(starts, stops, strict=True)], dtype=float)
+            sharp = np.array(
+                [_corner(z, a, b) for a, b in zip(starts, stops, strict=True)], dtype=float
+            )
             keep = sharp > max(CORNER_STEPS * s.step, CORNER_SPAN * s.span)
             if keep.sum() < 2:
-                continue  # a valve that shuts stops a pressure as sharply, but not twice at the same value
+                # a valve that shuts stops a pressure as sharply, but not twice at the same value
+                continue
             starts, stops = starts[keep], stops[keep]
         if not starts.size:
             continue
         at = covered(z.size, starts, stops)
         where |= at
         share, windows = float(at.mean()), windows_of(s.time, starts, stops)
-        message = f"{s.name} is clipped at its {word} value, {sign * top:.6g}{s.unit}, {share_words(share)}"
-        found.append(Issue("clipped", (s.name,), "advice", message, "Widen the range of the sensor or of its input, "
-                           "or move less far; until then leave these stretches out.", windows,
-                           {"level": sign * top, "share": share, "longest_samples": float((stops - starts).max())}))
+        message = (
+            f"{s.name} is clipped at its {word} value, {sign * top:.6g}{s.unit}, "
+            f"{share_words(share)}"
+        )
+        found.append(
+            Issue(
+                "clipped",
+                (s.name,),
+                "advice",
+                message,
+                "Widen the range of the sensor or of its input, "
+                "or move less far; until then leave these stretches out.",
+                windows,
+                {
+                    "level": sign * top,
+                    "share": share,
+                    "longest_samples": float((stops - starts).max()),
+                },
+            )
+        )
     return found, where
 
 
 def _corner(z: FloatArray, start: int, stop: int) -> float:
-    """By how much a stretch at the top would have been passed at the speed with which it is reached or left."""
+    """By how much a stretch at the top would have been passed at the speed with which it is reached
+    or left."""
     before = z[start] - z[max(0, start - 3)]
     behind = z[stop - 1] - z[min(z.size - 1, stop + 2)]
     return float(max(before, behind) / 3.0 * min(stop - start, 20) / 2.0)
@@ -202,7 +233,8 @@ def sampled_slowly(s: Signal) -> int:
 
 
 def repeat_chance(s: Signal) -> float:
-    """Chance that noise alone repeats a value: white noise of deviation sigma hits the same step again."""
+    """Chance that noise alone repeats a value: white noise of deviation sigma hits the same step
+    again."""
     return min(1.0, max(0.2821 * s.step / s.noise, 1e-9)) if s.white else 1.0
 
 
@@ -212,17 +244,25 @@ def shortest_repeat(s: Signal) -> float:
 
 
 def frozen(s: Signal, aside: Mask, others: Sequence[Signal]) -> tuple[list[Issue], Mask]:
-    """Stretches in which the channel stands exactly still while others move; aside: samples explained already."""
+    """Stretches in which the channel stands exactly still while others move; aside: samples
+    explained already."""
     starts, stops = runs_of(s.still & ~aside)
     if s.white:
         keep = stops - starts >= max(SHORTEST_FREEZE, 2.0 * shortest_repeat(s))
     else:
-        keep = np.array([b - a >= SHORTEST_FREEZE and _jumps_on(s, a, b) for a, b in zip(starts, stops, strict=True)],
-                        dtype=bool)
+        keep = np.array(
+            [
+                b - a >= SHORTEST_FREEZE and _jumps_on(s, a, b)
+                for a, b in zip(starts, stops, strict=True)
+            ],
+            dtype=bool,
+        )
     starts, stops = starts[keep], stops[keep]
     liveliest = min(others, key=lambda o: float(o.still.mean()), default=None)
     if liveliest is not None:
-        awake = np.array([not liveliest.still[a:b].all() for a, b in zip(starts, stops, strict=True)], dtype=bool)
+        awake = np.array(
+            [not liveliest.still[a:b].all() for a, b in zip(starts, stops, strict=True)], dtype=bool
+        )
         starts, stops = starts[awake], stops[awake]
     if not starts.size:
         return [], np.zeros(s.values.size, dtype=bool)
@@ -230,8 +270,17 @@ def frozen(s: Signal, aside: Mask, others: Sequence[Signal]) -> tuple[list[Issue
     windows, share = windows_of(s.time, starts, stops), float(at.mean())
     message = f"{s.name} stands still while the others move, {share_words(share)}"
     hint = "Look at its plug, its bus and its driver; leave these stretches out."
-    return [Issue("frozen", (s.name,), "advice", message, hint, windows,
-                  {"share": share, "longest_samples": float((stops - starts).max())})], at
+    return [
+        Issue(
+            "frozen",
+            (s.name,),
+            "advice",
+            message,
+            hint,
+            windows,
+            {"share": share, "longest_samples": float((stops - starts).max())},
+        )
+    ], at
 
 
 def _jumps_on(s: Signal, start: int, stop: int) -> bool:
@@ -255,10 +304,22 @@ def bridged(s: Signal, aside: Mask) -> list[Issue]:
     starts, stops = starts[keep], stops[keep]
     if not starts.size:
         return []
-    windows, share = windows_of(s.time, starts, stops), float((stops - starts).sum()) / s.values.size
-    return [Issue("bridged", (s.name,), "advice", f"{s.name} runs along a straight line without noise, as a gap that "
-                  f"was bridged, {share_words(share)}", "Ingest the raw log again with a smaller max_gap_s, "
-                  "which splits it there.", windows, {"share": share})]
+    windows, share = (
+        windows_of(s.time, starts, stops),
+        float((stops - starts).sum()) / s.values.size,
+    )
+    return [
+        Issue(
+            "bridged",
+            (s.name,),
+            "advice",
+            f"{s.name} runs along a straight line without noise, as a gap that "
+            f"was bridged, {share_words(share)}",
+            "Ingest the raw log again with a smaller max_gap_s, which splits it there.",
+            windows,
+            {"share": share},
+        )
+    ]
 
 
 def spikes(s: Signal) -> list[Issue]:
@@ -266,7 +327,9 @@ def spikes(s: Signal) -> list[Issue]:
     y = s.values
     bend = float(np.quantile(np.abs(np.diff(y, n=2)), 0.98))
     low, high = np.quantile(y, [0.001, 0.999])
-    least = max(SPIKE_NOISE * s.noise, SPIKE_SPAN * float(high - low), SPIKE_BEND * bend, 4.0 * s.step)
+    least = max(
+        SPIKE_NOISE * s.noise, SPIKE_SPAN * float(high - low), SPIKE_BEND * bend, 4.0 * s.step
+    )
     out = np.zeros(y.size, dtype=bool)
     for wide in (1, 2):
         before, behind = y[: -wide - 1], y[wide + 1 :]
@@ -279,11 +342,23 @@ def spikes(s: Signal) -> list[Issue]:
     if not starts.size:
         return []
     places = np.flatnonzero(out)
-    size = float(np.abs(y[places] - 0.5 * (y[np.maximum(places - 2, 0)] + y[np.minimum(places + 2, y.size - 1)])).max())
+    size = float(
+        np.abs(
+            y[places] - 0.5 * (y[np.maximum(places - 2, 0)] + y[np.minimum(places + 2, y.size - 1)])
+        ).max()
+    )
     many = f"{starts.size} {'spike' if starts.size == 1 else 'spikes'}"
-    return [Issue("spikes", (s.name,), "advice", f"{s.name} has {many} of up to {size:.3g}{s.unit}",
-                  "Look for a loose contact or a bus error; replace these samples or leave them out.",
-                  windows_of(s.time, starts, stops), {"count": float(starts.size), "largest": size})]
+    return [
+        Issue(
+            "spikes",
+            (s.name,),
+            "advice",
+            f"{s.name} has {many} of up to {size:.3g}{s.unit}",
+            "Look for a loose contact or a bus error; replace these samples or leave them out.",
+            windows_of(s.time, starts, stops),
+            {"count": float(starts.size), "largest": size},
+        )
+    ]
 
 
 def shows_only_noise(s: Signal) -> bool:
@@ -291,18 +366,47 @@ def shows_only_noise(s: Signal) -> bool:
 
 
 def level_of(s: Signal, others_move: bool, usual_noise: float = 0.0) -> list[Issue]:
-    """Dead, coarse or noisy throughout; usual_noise: what its sensor is known for, column's unit."""
+    """Dead, coarse or noisy throughout; usual_noise: what its sensor is known for, column's
+    unit."""
     y, numbers = s.values, {"step": s.step, "noise": s.noise, "span": s.span}
     low, high = np.quantile(y, [0.002, 0.998])
     if shows_only_noise(s):
-        said = (f"{s.name} shows nothing but noise ({max(s.noise, s.step):.2g}{s.unit}) around {float(y.mean()):.6g}"
-                f"{s.unit} while the others move")
-        return [Issue("dead", (s.name,), "advice", said, PLUGGED, (), numbers)] if others_move else []
+        said = (
+            f"{s.name} shows nothing but noise ({max(s.noise, s.step):.2g}{s.unit}) around "
+            f"{float(y.mean()):.6g}"
+            f"{s.unit} while the others move"
+        )
+        return (
+            [Issue("dead", (s.name,), "advice", said, PLUGGED, (), numbers)] if others_move else []
+        )
     if s.step > COARSE * float(high - low) > 0.0:
-        return [Issue("coarse", (s.name,), "advice", f"{s.name} moves in steps of {s.step:.3g}{s.unit}, of which its "
-                      f"range has only {float(high - low) / s.step:.0f}", "Use a finer range of the converter, a finer "
-                      "encoder, or larger motion; friction and backlash hide below a step.", (), numbers)]
+        return [
+            Issue(
+                "coarse",
+                (s.name,),
+                "advice",
+                f"{s.name} moves in steps of {s.step:.3g}{s.unit}, of which its "
+                f"range has only {float(high - low) / s.step:.0f}",
+                "Use a finer range of the converter, a finer "
+                "encoder, or larger motion; friction and backlash hide below a step.",
+                (),
+                numbers,
+            )
+        ]
     if s.noise > max(NOISY * float(y.std()), 2.0 * usual_noise):
-        said = f"{s.name} has a noise of {s.noise:.2g}{s.unit} (rms) in a signal of {float(y.std()):.2g}{s.unit}"
-        return [Issue("noisy", (s.name,), "advice", said, "Look at shielding, earth and filter.", (), numbers)]
+        said = (
+            f"{s.name} has a noise of {s.noise:.2g}{s.unit} (rms) in a signal of "
+            f"{float(y.std()):.2g}{s.unit}"
+        )
+        return [
+            Issue(
+                "noisy",
+                (s.name,),
+                "advice",
+                said,
+                "Look at shielding, earth and filter.",
+                (),
+                numbers,
+            )
+        ]
     return []

@@ -1,12 +1,13 @@
-"""What every rig and effect must be able to do: checks that return numbers, and the findings `pamid check` prints.
+"""What every rig and effect must be able to do: checks that return numbers, and the findings `pamid
+check` prints.
 
     null_error          an effect at its null leaves every output as it was
     finite_everywhere   nothing blows up at random points of the bounds
     sensitivity_error   exact sensitivities equal finite differences
     visible_change      an effect of typical size does something
 
-All of them run on an excited, open-loop stretch of the rig (`Trial`). Effects are tried on every rig they fit and on
-`Bench`, a small machine with one port of each kind.
+All of them run on an excited, open-loop stretch of the rig (`Trial`). Effects are tried on every
+rig they fit and on `Bench`, a small machine with one port of each kind.
 """
 
 from __future__ import annotations
@@ -34,15 +35,18 @@ from pamid.symbolic.vocabulary import Number, absolute, sqrt
 Array = NDArray[np.float64]
 
 SAMPLES = 800
-EXACT = 1e-8        # of the largest output: an effect at its null (a lag of 0 s leaves 1e-9 of a step)
-SAME_SLOPE = 1e-3   # of the largest sensitivity of a channel
-VISIBLE = 1e-9      # of the largest output: an effect that changes less does nothing
-QUANTILE = 0.97     # of the samples compared: differences across a corner of the equations say nothing about slopes
+# of the largest output: an effect at its null (a lag of 0 s leaves 1e-9 of a step)
+EXACT = 1e-8
+SAME_SLOPE = 1e-3  # of the largest sensitivity of a channel
+VISIBLE = 1e-9  # of the largest output: an effect that changes less does nothing
+# of the samples compared: differences across a corner of the equations say nothing about slopes
+QUANTILE = 0.97
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One check: what was looked at, whether it is as it should be, and the figure or sentence behind it."""
+    """One check: what was looked at, whether it is as it should be, and the figure or sentence
+    behind it."""
 
     check: str
     ok: bool
@@ -55,7 +59,8 @@ class Finding:
 
 
 class Bench(Rig):
-    """A pump fills a vessel that pushes a sprung mass: one port of every kind, with the signals usual there."""
+    """A pump fills a vessel that pushes a sprung mass: one port of every kind, with the signals
+    usual there."""
 
     inputs = {"command": ""}
     outputs = {"position_m": "m", "angle_rad": "rad", "pressure_pa": "Pa", "force_n": "N"}
@@ -72,30 +77,48 @@ class Bench(Rig):
         "cell": Port("reading", "N"),
     }
     states = (State("position", "m"), State("velocity", "m/s"), State("pressure", "Pa", 2e4))
-    parameters = (Parameter("mass", 2.0, 1.0, 4.0, "kg", source="bench"),
-                  Parameter("spring", 300.0, 100.0, 900.0, "N/m", source="bench"),
-                  Parameter("area", 1e-3, 5e-4, 2e-3, "m2", source="bench"))
+    parameters = (
+        Parameter("mass", 2.0, 1.0, 4.0, "kg", source="bench"),
+        Parameter("spring", 300.0, 100.0, 900.0, "N/m", source="bench"),
+        Parameter("area", 1e-3, 5e-4, 2e-3, "m2", source="bench"),
+    )
     period_s = 0.004
 
     def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
         flow = port("flow", 1e-3 * port("command", u.command), pressure=x.pressure)
         vent = 2.0 * x.pressure
         change = port("vessel", 1e8 * flow - vent, stored=x.pressure, outflow=vent)
-        pull = port("pull", p.area * x.pressure, position=x.position, velocity=x.velocity, pressure=x.pressure)
+        pull = port(
+            "pull",
+            p.area * x.pressure,
+            position=x.position,
+            velocity=x.velocity,
+            pressure=x.pressure,
+        )
         force = pull - p.spring * x.position - 8.0 * x.velocity
-        force = port("guide", force, position=x.position, velocity=x.velocity, load=sqrt(absolute(pull) + 25.0) * 4.0)
+        force = port(
+            "guide",
+            force,
+            position=x.position,
+            velocity=x.velocity,
+            load=sqrt(absolute(pull) + 25.0) * 4.0,
+        )
         force = port("rod", force, position=x.position, velocity=x.velocity, inertia=p.mass)
         return {"position": x.velocity, "velocity": force / p.mass, "pressure": change}
 
     def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
-        return {"position_m": port("ruler", x.position, rate=x.velocity), "angle_rad": port("dial", 3.0 * x.position),
-                "pressure_pa": port("gauge", x.pressure, rate=-2.0 * x.pressure),
-                "force_n": port("cell", p.spring * x.position)}
+        return {
+            "position_m": port("ruler", x.position, rate=x.velocity),
+            "angle_rad": port("dial", 3.0 * x.position),
+            "pressure_pa": port("gauge", x.pressure, rate=-2.0 * x.pressure),
+            "force_n": port("cell", p.spring * x.position),
+        }
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """An excited stretch of a rig, with an effect or without: everything a check needs to run it again."""
+    """An excited stretch of a rig, with an effect or without: everything a check needs to run it
+    again."""
 
     rig: Rig
     attachment: Attachment | None = None
@@ -113,7 +136,11 @@ class Trial:
 
     @cached_property
     def assembly(self) -> Assembly:
-        return Assembly(self.rig, (self.attachment,), sizes=self.sizes) if self.attachment else self.plain
+        return (
+            Assembly(self.rig, (self.attachment,), sizes=self.sizes)
+            if self.attachment
+            else self.plain
+        )
 
     @cached_property
     def u(self) -> Array:
@@ -121,9 +148,19 @@ class Trial:
         period, names = self.rig.period_s, Assembly(self.rig).traced.inputs
         columns = []
         for i, name in enumerate(names):
-            level = aprbs(self.samples * period, period, 0.7, (8 * period, 60 * period), seed=self.seed + i)
-            columns.append(np.full(self.samples, self.rig.optional[name]) if name in self.rig.optional else level)
-        return np.ascontiguousarray(np.stack(columns, axis=1)) if columns else np.zeros((self.samples, 0))
+            level = aprbs(
+                self.samples * period, period, 0.7, (8 * period, 60 * period), seed=self.seed + i
+            )
+            columns.append(
+                np.full(self.samples, self.rig.optional[name])
+                if name in self.rig.optional
+                else level
+            )
+        return (
+            np.ascontiguousarray(np.stack(columns, axis=1))
+            if columns
+            else np.zeros((self.samples, 0))
+        )
 
     @property
     def owner(self) -> str:
@@ -139,24 +176,32 @@ class Trial:
 
     def run(self, p: Array, stepping: Stepping | None = None) -> Array:
         """Outputs (samples x outputs, SI); NaN from the sample on at which the state blew up."""
-        done = free_run(self.assembly, self.u, p, self.rig.period_s, stepping=stepping or self.stepping(p))
+        done = free_run(
+            self.assembly, self.u, p, self.rig.period_s, stepping=stepping or self.stepping(p)
+        )
         if done.blown_up >= 0:
             done.outputs[done.blown_up :] = np.nan
         return done.outputs
 
     def random_point(self, random: np.random.Generator) -> Array:
-        """Parameters under test drawn evenly from their bounds (or their logarithms), the others as they are."""
+        """Parameters under test drawn evenly from their bounds (or their logarithms), the others as
+        they are."""
         p = self.assembly.values()
         for i, b in self.own:
             low = b.low if np.isfinite(b.low) else b.value - 3.0 * b.spread
             high = b.high if np.isfinite(b.high) else b.value + 3.0 * b.spread
             logs = b.log and low > 0.0
-            p[i] = np.exp(random.uniform(np.log(low), np.log(high))) if logs else random.uniform(low, high)
+            p[i] = (
+                np.exp(random.uniform(np.log(low), np.log(high)))
+                if logs
+                else random.uniform(low, high)
+            )
         return p
 
 
 def null_error(rig: Rig, attachment: Attachment, draws: int = 3, seed: int = 0) -> float:
-    """Largest change of any output, as a share of its size, with the effect at its null, the rest of it random."""
+    """Largest change of any output, as a share of its size, with the effect at its null, the rest
+    of it random."""
     trial = Trial(rig, attachment)
     random = np.random.default_rng(seed)
     worst = 0.0
@@ -165,7 +210,9 @@ def null_error(rig: Rig, attachment: Attachment, draws: int = 3, seed: int = 0) 
         for i, b in trial.own:
             p[i] = p[i] if b.null is None else b.null
         step = trial.stepping(p)
-        before = free_run(trial.plain, trial.u, trial.plain.values(), rig.period_s, stepping=step).outputs
+        before = free_run(
+            trial.plain, trial.u, trial.plain.values(), rig.period_s, stepping=step
+        ).outputs
         change = np.abs(trial.run(p, step) - before).max(axis=0) / _scale(before)
         worst = max(worst, float(np.nan_to_num(change, nan=np.inf).max()))
     return worst
@@ -176,18 +223,25 @@ def visible_change(rig: Rig, attachment: Attachment) -> float:
     trial = Trial(rig, attachment)
     p = trial.assembly.values()
     step = trial.stepping(p)
-    before = free_run(trial.plain, trial.u, trial.plain.values(), rig.period_s, stepping=step).outputs
+    before = free_run(
+        trial.plain, trial.u, trial.plain.values(), rig.period_s, stepping=step
+    ).outputs
     return float(np.nanmax(np.abs(trial.run(p, step) - before) / _scale(before)))
 
 
-def finite_everywhere(rig: Rig, attachment: Attachment | None = None, draws: int = 10, seed: int = 0) -> list[str]:
+def finite_everywhere(
+    rig: Rig, attachment: Attachment | None = None, draws: int = 10, seed: int = 0
+) -> list[str]:
     """Points of the bounds, in words, at which the outputs are not finite (empty: none found)."""
     trial = Trial(rig, attachment, samples=SAMPLES // 2)
     random = np.random.default_rng(seed)
     found = []
     for draw in range(draws):
         p = trial.random_point(random) if draw else trial.assembly.values()
-        if np.isfinite(trial.run(p)).all() or np.isfinite(trial.run(p, Stepping(4, implicit=True))).all():
+        if (
+            np.isfinite(trial.run(p)).all()
+            or np.isfinite(trial.run(p, Stepping(4, implicit=True))).all()
+        ):
             continue
         point = ", ".join(f"{b.name} = {p[i] / b.factor:.4g}" for i, b in trial.own)
         sample = int(np.argmax(~np.isfinite(trial.run(p)).all(axis=1)))
@@ -196,11 +250,13 @@ def finite_everywhere(rig: Rig, attachment: Attachment | None = None, draws: int
 
 
 def sensitivity_error(rig: Rig, attachment: Attachment | None = None, seed: int = 0) -> float:
-    """Largest disagreement of exact sensitivities with central differences, relative to each channel's largest."""
+    """Largest disagreement of exact sensitivities with central differences, relative to each
+    channel's largest."""
     trial = Trial(rig, attachment, samples=SAMPLES // 2, seed=seed)
     p = trial.assembly.values()
     for i, b in trial.own:
-        # a little off the typical value: round numbers sit on corners (a delay of whole samples, a gain of 1)
+        # a little off the typical value: round numbers sit on corners (a delay of whole samples, a
+        # gain of 1)
         nudge = 0.0137 * (abs(b.value) or (0.1 if b.log else b.spread))
         p[i] = b.value + nudge if b.value + nudge <= b.high else b.value - nudge
     step = trial.stepping(p)
@@ -221,13 +277,16 @@ def sensitivity_error(rig: Rig, attachment: Attachment | None = None, seed: int 
         size = np.maximum(np.abs(slope), np.abs(exact[:, :, column])).max(axis=0)
         # a channel the parameter does not reach shows the rounding of the differences only
         reached = size * h > 1e-11 * _scale(Y)
-        error = np.quantile(np.abs(exact[:, :, column] - slope), QUANTILE, axis=0) / np.maximum(size, 1e-300)
+        error = np.quantile(np.abs(exact[:, :, column] - slope), QUANTILE, axis=0) / np.maximum(
+            size, 1e-300
+        )
         worst = max(worst, float(np.nan_to_num(error[reached], nan=np.inf).max(initial=0.0)))
     return worst
 
 
 def _start_slopes(trial: Trial, p: Array) -> Array:
-    """Derivative of the start state by the parameters under test (states x parameters), which may set it."""
+    """Derivative of the start state by the parameters under test (states x parameters), which may
+    set it."""
     slopes = []
     for i, b in trial.own:
         h = 1e-6 * max(abs(b.value), b.spread if not b.log else 0.0, 1e-12)
@@ -241,7 +300,7 @@ def _scale(outputs: Array) -> Array:
     return np.asarray(np.maximum(np.nanmax(np.abs(outputs), axis=0), 1e-30))
 
 
-# ---- findings ----------------------------------------------------------------------------------------------------
+# ---- findings ----------------------------------------------------------------------------------
 
 
 def rig_findings(rig: Rig, effects: Iterable[type[Effect]] = ()) -> list[Finding]:
@@ -251,50 +310,95 @@ def rig_findings(rig: Rig, effects: Iterable[type[Effect]] = ()) -> list[Finding
         bad = finite_everywhere(rig)
     except PamidError as error:
         return [Finding("equations", False, str(error))]
-    found = [Finding("equations", True, f"{len(rig.states)} states, {len(trial.plain.parameters)} parameters, "
-                     f"{len(rig.outputs)} outputs; every port is used")]
-    found += [Finding("finite", False, b) for b in bad] or [Finding("finite", True, "over random points of the bounds")]
+    found = [
+        Finding(
+            "equations",
+            True,
+            f"{len(rig.states)} states, {len(trial.plain.parameters)} parameters, "
+            f"{len(rig.outputs)} outputs; every port is used",
+        )
+    ]
+    found += [Finding("finite", False, b) for b in bad] or [
+        Finding("finite", True, "over random points of the bounds")
+    ]
     if not bad:
         found.append(_slope_finding(rig, None))
-    found += [Finding("source", False, f"parameter {p.name!r} names no source", advice=True)
-              for p in rig.parameters if not p.source]
-    found += [Finding("unit", False, f"signal {signal!r} at port {name!r} has no unit", advice=True)
-              for name, port in rig.ports.items() if not isinstance(port.signals, dict)
-              for signal in port.signals if not port.unit_of(signal)]
+    found += [
+        Finding("source", False, f"parameter {p.name!r} names no source", advice=True)
+        for p in rig.parameters
+        if not p.source
+    ]
+    found += [
+        Finding("unit", False, f"signal {signal!r} at port {name!r} has no unit", advice=True)
+        for name, port in rig.ports.items()
+        if not isinstance(port.signals, dict)
+        for signal in port.signals
+        if not port.unit_of(signal)
+    ]
     fit = sorted(a.label for a in attachments(rig, effects))
-    found.append(Finding("effects", bool(fit), f"{len(fit)} fit: {', '.join(fit)}" if fit else "no effect fits",
-                         advice=True))
+    found.append(
+        Finding(
+            "effects",
+            bool(fit),
+            f"{len(fit)} fit: {', '.join(fit)}" if fit else "no effect fits",
+            advice=True,
+        )
+    )
     return found
 
 
 def effect_findings(effect: type[Effect], rigs: Iterable[Rig]) -> list[Finding]:
-    """Everything that can be said about an effect: its data sheet, and how it behaves wherever it fits."""
+    """Everything that can be said about an effect: its data sheet, and how it behaves wherever it
+    fits."""
     found = [Finding("data sheet", False, w) for w in problems(effect)]
     if effect.act is Effect.act:
         return found
-    found = found or [Finding("data sheet", True, f"family {effect.family}, {len(effect.parameters)} parameters")]
+    found = found or [
+        Finding("data sheet", True, f"family {effect.family}, {len(effect.parameters)} parameters")
+    ]
     places = [(rig, a) for rig in (*rigs, Bench()) for a in attachments(rig, [effect])]
     if not places:
-        needs = " or ".join((*effect.kinds, *effect.general_kinds)) + "".join(f", {s}" for s in effect.signals)
-        found.append(Finding("place", False, f"no rig has a port for it; it needs {needs}", advice=True))
+        needs = " or ".join((*effect.kinds, *effect.general_kinds)) + "".join(
+            f", {s}" for s in effect.signals
+        )
+        found.append(
+            Finding("place", False, f"no rig has a port for it; it needs {needs}", advice=True)
+        )
     for rig, attachment in places:
-        found += [replace(f, detail=f"{rig.name}, {attachment.label}: {f.detail}") for f in _behaviour(rig, attachment)]
+        found += [
+            replace(f, detail=f"{rig.name}, {attachment.label}: {f.detail}")
+            for f in _behaviour(rig, attachment)
+        ]
     return found
 
 
 def _behaviour(rig: Rig, attachment: Attachment) -> list[Finding]:
     try:
         off = null_error(rig, attachment)
-        found = [Finding("null", off <= EXACT, f"at its null it changes the outputs by {off:.2g} of their size "
-                         f"(allowed {EXACT:g})")]
+        found = [
+            Finding(
+                "null",
+                off <= EXACT,
+                f"at its null it changes the outputs by {off:.2g} of their size "
+                f"(allowed {EXACT:g})",
+            )
+        ]
         bad = finite_everywhere(rig, attachment)
         found += [Finding("finite", False, b) for b in bad] or [
-            Finding("finite", True, "over random points of the bounds")]
+            Finding("finite", True, "over random points of the bounds")
+        ]
         if not bad:
             found.append(_slope_finding(rig, attachment))
             change = visible_change(rig, attachment)
-            found.append(Finding("change", change > VISIBLE, f"at its typical size it changes the outputs by up to "
-                                 f"{change:.2g} of their size", advice=True))
+            found.append(
+                Finding(
+                    "change",
+                    change > VISIBLE,
+                    f"at its typical size it changes the outputs by up to "
+                    f"{change:.2g} of their size",
+                    advice=True,
+                )
+            )
         return found
     except PamidError as error:
         return [Finding("equations", False, str(error))]
@@ -302,5 +406,8 @@ def _behaviour(rig: Rig, attachment: Attachment) -> list[Finding]:
 
 def _slope_finding(rig: Rig, attachment: Attachment | None) -> Finding:
     worst = sensitivity_error(rig, attachment)
-    return Finding("sensitivities", worst <= SAME_SLOPE, f"differ from central differences by {worst:.2g} of the "
-                   f"largest (allowed {SAME_SLOPE:g})")
+    return Finding(
+        "sensitivities",
+        worst <= SAME_SLOPE,
+        f"differ from central differences by {worst:.2g} of the largest (allowed {SAME_SLOPE:g})",
+    )

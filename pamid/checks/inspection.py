@@ -1,4 +1,5 @@
-"""What is in a file and what is wrong with it, before anything is fitted: recordings, rig files, effect files."""
+"""What is in a file and what is wrong with it, before anything is fitted: recordings, rig files,
+effect files."""
 
 from __future__ import annotations
 
@@ -18,17 +19,31 @@ from pamid.checks.recording_quality import Issue, blocking, channel_figures, exa
 from pamid.model import registry as library
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig, check_rig
-from pamid.recording.file_checks import check_header, check_stamps, explain_cells, read_header, require_file, sidecar_of
-from pamid.recording.recording import MIN_SAMPLES, FloatArray, Recording, match_column, read_recording
+from pamid.recording.file_checks import (
+    check_header,
+    check_stamps,
+    explain_cells,
+    read_header,
+    require_file,
+    sidecar_of,
+)
+from pamid.recording.recording import (
+    MIN_SAMPLES,
+    FloatArray,
+    Recording,
+    match_column,
+    read_recording,
+)
 from pamid.simulation.data_split import require_lesson
 
 SCHEMA = "pamid.check/1"
-STILL = 0.02        # of a column's range: what moves less is at rest
+STILL = 0.02  # of a column's range: what moves less is at rest
 
 
 @dataclass(frozen=True)
 class Inspection:
-    """said: what is printed and given to scripts; recording and issues: of a recording that could be read."""
+    """said: what is printed and given to scripts; recording and issues: of a recording that could
+    be read."""
 
     said: dict[str, Any]
     recording: Recording | None = None
@@ -36,10 +51,11 @@ class Inspection:
 
 
 def inspect(path: Path, rig: str | None = None) -> Inspection:
-    """Check a recording (.csv) or a Python file with rigs and effects (.py): {"schema", "kind", "ok", "findings"...}.
+    """Check a recording (.csv) or a Python file with rigs and effects (.py): {"schema", "kind",
+    "ok", "findings"...}.
 
-    `rig` is the rig a recording is meant for (default: the one its TOML names). FileError for a file of another kind
-    or one that is not there; whatever is wrong inside is listed, not raised.
+    `rig` is the rig a recording is meant for (default: the one its TOML names). FileError for a
+    file of another kind or one that is not there; whatever is wrong inside is listed, not raised.
     """
     require_file(path, "recording, rig or effect file")
     recording: Recording | None = None
@@ -54,19 +70,27 @@ def inspect(path: Path, rig: str | None = None) -> Inspection:
     elif path.suffix == ".py":
         about, found = _python(path)
     else:
-        raise FileError(f"{path}: pamid checks recordings (.csv) and rig or effect files (.py).",
-                        "`pamid ingest` reads other kinds of log.", code="suffix")
+        raise FileError(
+            f"{path}: pamid checks recordings (.csv) and rig or effect files (.py).",
+            "`pamid ingest` reads other kinds of log.",
+            code="suffix",
+        )
     wrong = [f for f in found if f.wrong]
     said: dict[str, Any] = {"schema": SCHEMA, "file": str(path), **about, "ok": not wrong}
     if wrong:
-        said |= {"code": "file", "message": f"{path}: {wrong[0].detail}", "hint": "Every problem is in `findings`."}
+        said |= {
+            "code": "file",
+            "message": f"{path}: {wrong[0].detail}",
+            "hint": "Every problem is in `findings`.",
+        }
     listed = [{"check": f.check, "ok": f.ok, "advice": f.advice, "detail": f.detail} for f in found]
     return Inspection({**said, "findings": listed}, recording, issues)
 
 
 def require_sound(recording: Recording, rig: Rig) -> None:
-    """Refuse a recording with which any fit of this rig is nonsense, naming everything that `inspect` calls wrong in
-    its values: DataError for a sensor that shows nothing, else FileError."""
+    """Refuse a recording with which any fit of this rig is nonsense, naming everything that
+    `inspect` calls wrong in its values: DataError for a sensor that shows nothing, else FileError.
+    """
     found = blocking(recording, rig)
     if not found:
         return
@@ -78,48 +102,79 @@ def require_sound(recording: Recording, rig: Rig) -> None:
     raise FileError(f"{recording.path}: {first.kind}: {first.message}{more}.", hint, code="check")
 
 
-# ---- recordings --------------------------------------------------------------------------------------------------
+# ---- recordings --------------------------------------------------------------------------------
 
 
-def _recording(recording: Recording, rig_name: str | None) -> tuple[dict[str, Any], list[Finding], tuple[Issue, ...]]:
+def _recording(
+    recording: Recording, rig_name: str | None
+) -> tuple[dict[str, Any], list[Finding], tuple[Issue, ...]]:
     found = [Finding("file", True, "uniform stamps, finite numbers, no row missing")]
     found += [Finding("warning", False, w, advice=True) for w in recording.warnings]
     name = rig_name or recording.rig
     rig, against = _against_rig(recording, rig_name) if name else (None, [])
     issues = examine(recording, rig)
-    found += against + [Finding(i.kind, False, i.text, advice=i.severity == "advice") for i in issues]
+    found += against + [
+        Finding(i.kind, False, i.text, advice=i.severity == "advice") for i in issues
+    ]
     if not issues:
-        found.append(Finding("quality", True, "nothing clipped, frozen, lost, exchanged, late or in another unit"))
+        found.append(
+            Finding(
+                "quality", True, "nothing clipped, frozen, lost, exchanged, late or in another unit"
+            )
+        )
     period = recording.sampling_period_s
-    about = {"kind": "recording", "samples": len(recording), "duration_s": len(recording) * period,
-             "sampling_period_s": period, "loop": recording.loop, "rig": name, "known": recording.known,
-             "controller": recording.controller, "columns": {name: _column(recording, name) for name in
-                                                             recording.columns},
-             "quality": {"channels": channel_figures(recording, rig), "issues": [asdict(issue) for issue in issues]}}
+    about = {
+        "kind": "recording",
+        "samples": len(recording),
+        "duration_s": len(recording) * period,
+        "sampling_period_s": period,
+        "loop": recording.loop,
+        "rig": name,
+        "known": recording.known,
+        "controller": recording.controller,
+        "columns": {name: _column(recording, name) for name in recording.columns},
+        "quality": {
+            "channels": channel_figures(recording, rig),
+            "issues": [asdict(issue) for issue in issues],
+        },
+    }
     return about, found, issues
 
 
 def _column(recording: Recording, name: str) -> dict[str, Any]:
-    """Range, level and length of the rest at the start, and how much of the time the column stands still."""
+    """Range, level and length of the rest at the start, and how much of the time the column stands
+    still."""
     values = recording.columns[name]
-    size = float(np.abs(values).max()) or 1.0  # scaled to it, since nobody says that numbers are small
+    # scaled to it, since nobody says that numbers are small
+    size = float(np.abs(values).max()) or 1.0
     scaled = values / size
     low, high = float(scaled.min()), float(scaled.max())
     moved = np.abs(scaled - scaled[0]) > STILL * (high - low)
     first = int(np.argmax(moved)) if moved.any() else len(values)
-    return {"unit": split_column(name)[1], "low": float(values.min()), "high": float(values.max()),
-            "mean": size * float(scaled.mean()), "rest_value": size * float(np.median(scaled[: max(first, 1)])),
-            "rest_s": first * recording.sampling_period_s, "distinct_values": int(np.unique(values).size),
-            "constant": high == low}
+    return {
+        "unit": split_column(name)[1],
+        "low": float(values.min()),
+        "high": float(values.max()),
+        "mean": size * float(scaled.mean()),
+        "rest_value": size * float(np.median(scaled[: max(first, 1)])),
+        "rest_s": first * recording.sampling_period_s,
+        "distinct_values": int(np.unique(values).size),
+        "constant": high == low,
+    }
 
 
 def _against_rig(recording: Recording, rig_name: str | None) -> tuple[Rig | None, list[Finding]]:
     """The rig, which of its columns are there, and which columns it does not know.
 
-    A rig file is run only where the user names it; one that a recording's TOML names is told, not run.
+    A rig file is run only where the user names it; one that a recording's TOML names is told, not
+    run.
     """
     try:
-        rig = library.rig_named(rig_name) if rig_name else library.catalogue_rig(library.rig_of([recording]))
+        rig = (
+            library.rig_named(rig_name)
+            if rig_name
+            else library.catalogue_rig(library.rig_of([recording]))
+        )
         wanted = {c: match_column(recording.columns, c) for c in (*rig.inputs, *rig.outputs)}
     except PamidError as error:
         return None, [Finding("rig", False, str(error))]
@@ -127,18 +182,50 @@ def _against_rig(recording: Recording, rig_name: str | None) -> tuple[Rig | None
     strange = [c for c in recording.columns if c not in wanted.values() and c not in references]
     missing = [c for c in rig.inputs if wanted[c] is None and c not in rig.optional]
     seen = [c for c in rig.outputs if wanted[c] is not None]
-    found = [Finding("input", False, f"the input {c!r} of rig {rig.name!r} is missing. "
-                     f"{nearest(c, recording.columns)}".rstrip()) for c in missing]
+    found = [
+        Finding(
+            "input",
+            False,
+            f"the input {c!r} of rig {rig.name!r} is missing. "
+            f"{nearest(c, recording.columns)}".rstrip(),
+        )
+        for c in missing
+    ]
     if not seen:
-        found.append(Finding("output", False, f"none of the outputs of rig {rig.name!r} is there: "
-                             f"{', '.join(rig.outputs)}"))
-    found += [Finding("output", False, f"{c} is not recorded: what only it shows stays unknown", advice=True)
-              for c in rig.outputs if wanted[c] is None and seen]
-    found += [Finding("column", False, f"rig {rig.name!r} does not know the column {c!r}; it is kept and not used. "
-                      f"{nearest(c, wanted)}".rstrip(), advice=True) for c in strange]
+        found.append(
+            Finding(
+                "output",
+                False,
+                f"none of the outputs of rig {rig.name!r} is there: {', '.join(rig.outputs)}",
+            )
+        )
+    found += [
+        Finding(
+            "output", False, f"{c} is not recorded: what only it shows stays unknown", advice=True
+        )
+        for c in rig.outputs
+        if wanted[c] is None and seen
+    ]
+    found += [
+        Finding(
+            "column",
+            False,
+            f"rig {rig.name!r} does not know the column {c!r}; it is kept and not used. "
+            f"{nearest(c, wanted)}".rstrip(),
+            advice=True,
+        )
+        for c in strange
+    ]
     known = [f"{p.outside_name}" for p in rig.parameters]
-    found += [Finding("known", False, f"[known] {key!r} is no parameter of rig {rig.name!r}. {nearest(key, known)}"
-                      .rstrip()) for key in recording.known if key not in known]
+    found += [
+        Finding(
+            "known",
+            False,
+            f"[known] {key!r} is no parameter of rig {rig.name!r}. {nearest(key, known)}".rstrip(),
+        )
+        for key in recording.known
+        if key not in known
+    ]
     if not missing and seen:
         try:
             require_lesson(rig, recording)
@@ -148,7 +235,8 @@ def _against_rig(recording: Recording, rig_name: str | None) -> tuple[Rig | None
 
 
 def _every_problem(path: Path, first: PamidError) -> list[Finding]:
-    """The problem that stopped the reader, and those of the other stages that can still be tried."""
+    """The problem that stopped the reader, and those of the other stages that can still be
+    tried."""
     said: dict[str, Finding] = {first.message: Finding(first.code, False, str(first))}
 
     def attempt(stage: Callable[[], Any]) -> Any:
@@ -169,10 +257,18 @@ def _every_problem(path: Path, first: PamidError) -> list[Finding]:
         if first.code != "sampling-period":
             attempt(lambda: sidecar_of(path, names, time))
     if time.size < MIN_SAMPLES and first.code != "empty":
-        said.setdefault("short", Finding("too-short", False, f"{time.size} samples, at least {MIN_SAMPLES} are needed"))
-    suffixes = [n for n in names[1:] if n and "_" in n and split_column(n)[1] == NONE and not is_unit(n)]
-    said |= {n: Finding("unit", False, f"column {n!r} ends in no unit pamid knows", advice=True)
-             for n in suffixes if not n.rsplit("_", 1)[1].isdigit()}
+        said.setdefault(
+            "short",
+            Finding("too-short", False, f"{time.size} samples, at least {MIN_SAMPLES} are needed"),
+        )
+    suffixes = [
+        n for n in names[1:] if n and "_" in n and split_column(n)[1] == NONE and not is_unit(n)
+    ]
+    said |= {
+        n: Finding("unit", False, f"column {n!r} ends in no unit pamid knows", advice=True)
+        for n in suffixes
+        if not n.rsplit("_", 1)[1].isdigit()
+    }
     return list(said.values())
 
 
@@ -188,7 +284,7 @@ def _time_column(path: Path) -> FloatArray:
     return found[np.isfinite(found)]
 
 
-# ---- rig and effect files ----------------------------------------------------------------------------------------
+# ---- rig and effect files ----------------------------------------------------------------------
 
 
 def _python(path: Path) -> tuple[dict[str, Any], list[Finding]]:
@@ -196,14 +292,22 @@ def _python(path: Path) -> tuple[dict[str, Any], list[Finding]]:
         module = library.load_file(path)
     except PamidError as error:
         return {"kind": "python"}, [Finding("file", False, str(error))]
-    own = [v for v in vars(module).values() if isinstance(v, type) and v.__module__ == module.__name__]
+    own = [
+        v for v in vars(module).values() if isinstance(v, type) and v.__module__ == module.__name__
+    ]
     rigs = [v for v in own if issubclass(v, Rig)]
     effects = [v for v in own if issubclass(v, Effect)]
     kind = "rig" if rigs else "effect" if effects else "python"
     about = {"kind": kind, "rigs": [r.name for r in rigs], "effects": [e.name for e in effects]}
     if kind == "python":
-        return about, [Finding("file", False,
-                               "it holds neither a rig nor an effect (a class derived from pamid.Rig or pamid.Effect)")]
+        return about, [
+            Finding(
+                "file",
+                False,
+                "it holds neither a rig nor an effect (a class derived from pamid.Rig or "
+                "pamid.Effect)",
+            )
+        ]
     found: list[Finding] = []
     if len(rigs) > 1:
         found.append(Finding("file", False, f"it holds {len(rigs)} rigs; keep one rig in one file"))
@@ -212,8 +316,15 @@ def _python(path: Path) -> tuple[dict[str, Any], list[Finding]]:
         others = [r() for r in library.rigs().values()]
         found += _named(effect.name, effect_findings(effect, others))
         if effect.name in catalogue:
-            found.append(Finding("name", False, f"{effect.name!r} is the name of an effect of the catalogue, which it "
-                                 "would replace", advice=True))
+            found.append(
+                Finding(
+                    "name",
+                    False,
+                    f"{effect.name!r} is the name of an effect of the catalogue, which it "
+                    "would replace",
+                    advice=True,
+                )
+            )
     for rig in rigs:
         found += _rig(path, rig, {**catalogue, **{e.name: e for e in effects}})
     return about, found
@@ -226,7 +337,11 @@ def _rig(path: Path, kind: type[Rig], effects: dict[str, type[Effect]]) -> list[
     except PamidError as error:
         return [Finding("declarations", False, str(error))]
     except Exception as error:  # a rig's own __init__ may do anything
-        return [Finding("declarations", False, f"{kind.__name__}() failed: {type(error).__name__}: {error}")]
+        return [
+            Finding(
+                "declarations", False, f"{kind.__name__}() failed: {type(error).__name__}: {error}"
+            )
+        ]
     return _named(rig.name, rig_findings(rig, effects.values()))
 
 
@@ -234,7 +349,7 @@ def _named(name: str, found: list[Finding]) -> list[Finding]:
     return [Finding(f.check, f.ok, f"{name}: {f.detail}", f.advice) for f in found]
 
 
-# ---- text --------------------------------------------------------------------------------------------------------
+# ---- text --------------------------------------------------------------------------------------
 
 
 def inspection_text(said: dict[str, Any]) -> str:
@@ -242,29 +357,48 @@ def inspection_text(said: dict[str, Any]) -> str:
     lines = []
     if "samples" in said:
         loop = f", {said['loop']} loop" if said["loop"] else ""
-        lines.append(f"{said['file']}: {said['samples']} samples, {said['duration_s']:g} s at "
-                     f"{said['sampling_period_s']:g} s{loop}")
-        lines += [f"  {name:<22} {c['low']:>11.5g} .. {c['high']:<11.5g} {'' if c['unit'] == NONE else c['unit']:<4} "
-                  f"rest {c['rest_value']:.5g} for {c['rest_s']:.3g} s{_texture(said['quality']['channels'][name])}"
-                  for name, c in said["columns"].items()]
+        lines.append(
+            f"{said['file']}: {said['samples']} samples, {said['duration_s']:g} s at "
+            f"{said['sampling_period_s']:g} s{loop}"
+        )
+        lines += [
+            f"  {name:<22} {c['low']:>11.5g} .. {c['high']:<11.5g} "
+            f"{'' if c['unit'] == NONE else c['unit']:<4} "
+            f"rest {c['rest_value']:.5g} for {c['rest_s']:.3g} "
+            f"s{_texture(said['quality']['channels'][name])}"
+            for name, c in said["columns"].items()
+        ]
     else:
         lines.append(f"{said['file']}:")
-    for title, chosen in (("wrong  ", lambda f: not f["ok"] and not f["advice"]),
-                          ("note   ", lambda f: not f["ok"] and f["advice"])):
+    for title, chosen in (
+        ("wrong  ", lambda f: not f["ok"] and not f["advice"]),
+        ("note   ", lambda f: not f["ok"] and f["advice"]),
+    ):
         lines += [f"{title}{f['check']}: {f['detail']}" for f in said["findings"] if chosen(f)]
     fine: dict[str, list[str]] = {}
     for f in said["findings"]:
         if f["ok"]:
             fine.setdefault(f["check"], []).append(f["detail"])
-    lines += [f"ok     {check}: {details[0] if len(details) == 1 else f'at {len(details)} places'}"
-              for check, details in fine.items()]
+    lines += [
+        f"ok     {check}: {details[0] if len(details) == 1 else f'at {len(details)} places'}"
+        for check, details in fine.items()
+    ]
     wrong = sum(not f["ok"] and not f["advice"] for f in said["findings"])
     notes = sum(not f["ok"] and f["advice"] for f in said["findings"])
     counted = f"{notes} {'note' if notes == 1 else 'notes'}; " if notes else ""
-    lines.append(counted + ("nothing is wrong" if said["ok"] else f"{wrong} {'problem' if wrong == 1 else 'problems'}"))
+    lines.append(
+        counted
+        + (
+            "nothing is wrong"
+            if said["ok"]
+            else f"{wrong} {'problem' if wrong == 1 else 'problems'}"
+        )
+    )
     return "\n".join(lines)
 
 
 def _texture(channel: dict[str, float]) -> str:
     """Noise and step of a column, where they show."""
-    return "".join(f", {what} {channel[what]:.2g}" for what in ("noise", "step") if channel[what] > 0.0)
+    return "".join(
+        f", {what} {channel[what]:.2g}" for what in ("noise", "step") if channel[what] > 0.0
+    )

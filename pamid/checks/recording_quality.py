@@ -1,9 +1,11 @@
-"""Can a recording be trusted? Everything about its quality that can be seen before a model is fitted.
+"""Can a recording be trusted? Everything about its quality that can be seen before a model is
+fitted.
 
-    examine(recording, rig)    issues, the worst first: what, where (s), how to mend it, with numbers
-    channel_figures(recording, rig)   step, noise and span of every column
+    examine(recording, rig)    issues, the worst first: what, where (s), how to mend it, with
+    numbers channel_figures(recording, rig)   step, noise and span of every column
 
-What a file must not be at all (gaps in the stamps, cells that are no numbers) is refused when it is read.
+What a file must not be at all (gaps in the stamps, cells that are no numbers) is refused when it is
+read.
 """
 
 from __future__ import annotations
@@ -45,14 +47,16 @@ __all__ = ["Issue", "channel_figures", "examine"]
 
 FloatArray = NDArray[np.float64]
 
-STEPPED = 0.9              # of the time a column stands still between jumps: it is sent
-SENT = ("command", "reference", "setpoint", "external")   # how columns begin that are sent, where no rig says so
+STEPPED = 0.9  # of the time a column stands still between jumps: it is sent
+# how columns begin that are sent, where no rig says so
+SENT = ("command", "reference", "setpoint", "external")
 FEW_STEPS, FEW_LEVELS, FEW_SAMPLES = 10, 2, 500
-TIMID = 0.1                # of the usual amplitude
-IDLE = 0.5                 # of the time without any change of what is sent
-AT_LIMITS = 0.6            # of the time
-VACUUM_PA = -105e3         # gauge: below there is nothing
-VENTED_PA = (94e3, 106e3)  # what an absolute sensor shows of a vented muscle, up to 600 m above the sea
+TIMID = 0.1  # of the usual amplitude
+IDLE = 0.5  # of the time without any change of what is sent
+AT_LIMITS = 0.6  # of the time
+VACUUM_PA = -105e3  # gauge: below there is nothing
+# what an absolute sensor shows of a vented muscle, up to 600 m above the sea
+VENTED_PA = (94e3, 106e3)
 PRESSURES_PA = (1.5e4, 3e7)  # of what is driven by fluids, gauge or absolute
 
 
@@ -73,7 +77,11 @@ def examine(recording: Recording, rig: Rig | None = None) -> tuple[Issue, ...]:
     if rig is not None:
         against, judged = _against(recording, rig, thorough=True)
         found = [f for f in found if not judged.get(f.kind, set()) & set(f.columns)] + against
-    return tuple(sorted(found, key=lambda issue: (issue.severity != "wrong", -issue.figures.get("share", 1.0))))
+    return tuple(
+        sorted(
+            found, key=lambda issue: (issue.severity != "wrong", -issue.figures.get("share", 1.0))
+        )
+    )
 
 
 def blocking(recording: Recording, rig: Rig) -> tuple[Issue, ...]:
@@ -85,13 +93,24 @@ def blocking(recording: Recording, rig: Rig) -> tuple[Issue, ...]:
 
 def _absurd(recording: Recording) -> Issue | None:
     names = tuple(name for name, values in recording.columns.items() if not measurable(values))
-    return Issue("range", names, "wrong", f"{', '.join(names)}: no sensor shows numbers of this size",
-                 "Look at how the log was written and read.") if names else None
+    return (
+        Issue(
+            "range",
+            names,
+            "wrong",
+            f"{', '.join(names)}: no sensor shows numbers of this size",
+            "Look at how the log was written and read.",
+        )
+        if names
+        else None
+    )
 
 
-def _against(recording: Recording, rig: Rig, thorough: bool) -> tuple[list[Issue], dict[str, set[str]]]:
-    """What only the rig can tell, and what need not be guessed without it: kind of issue -> columns. thorough: also
-    what it takes many runs of the model to name."""
+def _against(
+    recording: Recording, rig: Rig, thorough: bool
+) -> tuple[list[Issue], dict[str, set[str]]]:
+    """What only the rig can tell, and what need not be guessed without it: kind of issue ->
+    columns. thorough: also what it takes many runs of the model to name."""
     from pamid.checks import rig_consistency as quality_rig  # the engine is needed only here
     from pamid.checks import scale_slips as quality_scale  # the engine is needed only here
 
@@ -111,29 +130,47 @@ def _against(recording: Recording, rig: Rig, thorough: bool) -> tuple[list[Issue
 
 def channel_figures(recording: Recording, rig: Rig | None = None) -> dict[str, dict[str, float]]:
     """Per column: span, step (0: none shows), noise; in the column's unit."""
-    return {s.name: {"span": s.span, "step": s.step, "noise": s.noise} for s in signals_of(recording, rig)}
+    return {
+        s.name: {"span": s.span, "step": s.step, "noise": s.noise}
+        for s in signals_of(recording, rig)
+    }
 
 
 def signals_of(recording: Recording, rig: Rig | None = None) -> list[Signal]:
     """Every column with its noise and step."""
     sent = _sent_columns(recording, rig)
-    return [signal_of(name, recording.time, values, name in sent) for name, values in recording.columns.items()]
+    return [
+        signal_of(name, recording.time, values, name in sent)
+        for name, values in recording.columns.items()
+    ]
 
 
 def _sent_columns(recording: Recording, rig: Rig | None) -> set[str]:
-    """Columns that are sent, not measured: the rig's inputs and references, or what is called so."""
+    """Columns that are sent, not measured: the rig's inputs and references, or what is called
+    so."""
     if rig is None:
-        return {name for name, values in recording.columns.items()
-                if name.startswith(SENT) or 0.0 < np.mean(values[1:] != values[:-1]) < 1.0 - STEPPED}
+        return {
+            name
+            for name, values in recording.columns.items()
+            if name.startswith(SENT) or 0.0 < np.mean(values[1:] != values[:-1]) < 1.0 - STEPPED
+        }
     told = [*rig.inputs, *(loop.reference for loop in rig.loops)]
-    return {column for name in told if (column := match_column(recording.columns, name)) is not None}
+    return {
+        column for name in told if (column := match_column(recording.columns, name)) is not None
+    }
 
 
 def _levels(measured: Sequence[Signal], rig: Rig | None) -> list[Issue]:
-    """Dead, coarse and noisy channels; where most show nothing, the rig rests and no sensor is to blame."""
+    """Dead, coarse and noisy channels; where most show nothing, the rig rests and no sensor is to
+    blame."""
     moving = 2 * sum(shows_only_noise(s) for s in measured) < len(measured)
     usual = {} if rig is None else rig.noise
-    return [issue for s in measured if s.span > 0.0 for issue in level_of(s, moving, usual.get(s.name, 0.0))]
+    return [
+        issue
+        for s in measured
+        if s.span > 0.0
+        for issue in level_of(s, moving, usual.get(s.name, 0.0))
+    ]
 
 
 def _moves(signal: Signal, signals: Sequence[Signal]) -> bool:
@@ -142,7 +179,9 @@ def _moves(signal: Signal, signals: Sequence[Signal]) -> bool:
 
 
 def _constant(recording: Recording, signals: Sequence[Signal], rig: Rig | None) -> list[Issue]:
-    spare = set() if rig is None else {match_column(recording.columns, name) for name in rig.optional}
+    spare = (
+        set() if rig is None else {match_column(recording.columns, name) for name in rig.optional}
+    )
     found = []
     for s in signals:
         if s.span == 0.0 and s.name not in spare:
@@ -150,22 +189,44 @@ def _constant(recording: Recording, signals: Sequence[Signal], rig: Rig | None) 
             hint = PLUGGED if dead else ""
             if s.sent and rig is not None and any(o.sent and o.span > 0.0 for o in signals):
                 continue  # another input is at work
-            found.append(Issue("dead" if dead else "constant", (s.name,), "advice",
-                               f"{s.name} is constant ({s.values[0]:g}{s.unit}) throughout", hint, (),
-                               {"value": float(s.values[0])}))
+            found.append(
+                Issue(
+                    "dead" if dead else "constant",
+                    (s.name,),
+                    "advice",
+                    f"{s.name} is constant ({s.values[0]:g}{s.unit}) throughout",
+                    hint,
+                    (),
+                    {"value": float(s.values[0])},
+                )
+            )
     return found
 
 
 def _held_and_clipped(measured: Sequence[Signal]) -> list[Issue]:
-    """What makes samples stand still: a slow sensor, lost rows, a limit, a dead channel; then bridges and spikes."""
+    """What makes samples stand still: a slow sensor, lost rows, a limit, a dead channel; then
+    bridges and spikes."""
     found: list[Issue] = []
     slow = {s.name: every for s in measured if (every := sampled_slowly(s)) > 1}
     for every in sorted(set(slow.values())):
         columns = tuple(name for name, n in slow.items() if n == every)
         period = every * float(np.diff(measured[0].time).mean())
-        said = f"{', '.join(columns)}: a new value only every {every} samples ({1.0 / period:.4g} Hz), held between"
-        found.append(Issue("sampled-slowly", columns, "advice", said, "Ingest the raw log with the period of its "
-                           "slowest channel, or leave `period_s` out.", (), {"every_samples": float(every)}))
+        said = (
+            f"{', '.join(columns)}: a new value only every {every} samples ({1.0 / period:.4g} "
+            "Hz), held between"
+        )
+        found.append(
+            Issue(
+                "sampled-slowly",
+                columns,
+                "advice",
+                said,
+                "Ingest the raw log with the period of its "
+                "slowest channel, or leave `period_s` out.",
+                (),
+                {"every_samples": float(every)},
+            )
+        )
     free = [s for s in measured if s.name not in slow]
     if not free:
         return found
@@ -183,15 +244,26 @@ def _rows_held(signals: Sequence[Signal]) -> Mask:
     held = np.logical_and.reduce([s.still for s in signals])
     starts, stops = runs_of(held)
     expected = held.size * math.prod(repeat_chance(s) for s in signals)
-    if expected < CHANCE or held.sum() > 10.0 * max(expected, 1.0) and any(s.white for s in signals):
+    if (
+        expected < CHANCE
+        or held.sum() > 10.0 * max(expected, 1.0)
+        and any(s.white for s in signals)
+    ):
         return held
     moving = np.zeros(starts.size, dtype=bool)
     for s in signals:
         d = np.abs(np.diff(s.values))
-        before, behind, after = (d[np.clip(k, 0, d.size - 1)] for k in (starts - 2, stops - 1, stops))
+        before, behind, after = (
+            d[np.clip(k, 0, d.size - 1)] for k in (starts - 2, stops - 1, stops)
+        )
         least = max(5.0 * s.step, 1e-4 * s.span)
         beside = np.maximum(before, after)
-        moving |= (np.minimum(before, after) > least) & (behind > 1.6 * beside) & (starts > 1) & (stops < held.size - 1)
+        moving |= (
+            (np.minimum(before, after) > least)
+            & (behind > 1.6 * beside)
+            & (starts > 1)
+            & (stops < held.size - 1)
+        )
     return covered(held.size, starts[moving], stops[moving])
 
 
@@ -202,18 +274,32 @@ def _dropped(measured: Sequence[Signal], held: Mask) -> list[Issue]:
     windows = windows_of(measured[0].time, starts, stops)
     columns = tuple(s.name for s in measured)
     which = "all measured channels" if len(columns) > 1 else columns[0]
-    return [Issue("dropped", columns, "advice", f"{int(held.sum())} samples were lost and filled by repeating the last "
-                  f"one in {which}, {share_words(float(held.mean()))}",
-                  "Look at the logger's load and the bus; ingest the raw log without filling, or leave these stretches "
-                  "out.", windows, {"samples": float(held.sum()), "share": float(held.mean()),
-                                    "longest_samples": float((stops - starts).max())})]
+    return [
+        Issue(
+            "dropped",
+            columns,
+            "advice",
+            f"{int(held.sum())} samples were lost and filled by repeating the last "
+            f"one in {which}, {share_words(float(held.mean()))}",
+            "Look at the logger's load and the bus; ingest the raw log without filling, or leave "
+            "these stretches "
+            "out.",
+            windows,
+            {
+                "samples": float(held.sum()),
+                "share": float(held.mean()),
+                "longest_samples": float((stops - starts).max()),
+            },
+        )
+    ]
 
 
-# ---- pressures ---------------------------------------------------------------------------------------------------
+# ---- pressures ---------------------------------------------------------------------------------
 
 
 def _pressures(measured: Sequence[Signal]) -> list[Issue]:
-    """Pressures that cannot be what their name says: another unit, absolute instead of gauge, below the vacuum."""
+    """Pressures that cannot be what their name says: another unit, absolute instead of gauge, below
+    the vacuum."""
     found = []
     for s in measured:
         symbol = split_column(s.name)[1]
@@ -222,13 +308,30 @@ def _pressures(measured: Sequence[Signal]) -> list[Issue]:
         y = np.asarray(to_si(s.values, symbol))
         size = float(np.quantile(np.abs(y), 0.99))
         if float(np.quantile(y, 0.01)) < VACUUM_PA:
-            found.append(Issue("pressure", (s.name,), "advice", f"{s.name} falls to {s.values.min():.5g}{s.unit}, "
-                               "below the vacuum", "Is its sign or its unit another one?", (),
-                               {"low_pa": float(y.min())}))
+            found.append(
+                Issue(
+                    "pressure",
+                    (s.name,),
+                    "advice",
+                    f"{s.name} falls to {s.values.min():.5g}{s.unit}, below the vacuum",
+                    "Is its sign or its unit another one?",
+                    (),
+                    {"low_pa": float(y.min())},
+                )
+            )
         elif not PRESSURES_PA[0] < size < PRESSURES_PA[1]:
-            found.append(Issue("unit", (s.name,), "advice", f"{s.name} reaches {np.abs(s.values).max():.4g}{s.unit}, "
-                               "unusual for a pressure that drives something",
-                               "Are its values in another unit, such as bar or Pa?", (), {"size_pa": size}))
+            found.append(
+                Issue(
+                    "unit",
+                    (s.name,),
+                    "advice",
+                    f"{s.name} reaches {np.abs(s.values).max():.4g}{s.unit}, "
+                    "unusual for a pressure that drives something",
+                    "Are its values in another unit, such as bar or Pa?",
+                    (),
+                    {"size_pa": size},
+                )
+            )
         else:
             found += _vented(s, y)
     return found
@@ -244,13 +347,22 @@ def _vented(s: Signal, y: FloatArray) -> list[Issue]:
     long = (stops - starts) * float(np.diff(s.time).mean()) >= 0.2
     if not long.any():
         return []
-    return [Issue("absolute-pressure", (s.name,), "advice", f"{s.name} rests at {floor / 1e3:.0f} kPa and never falls "
-                  "below: a vented volume on an absolute sensor", "Recordings hold gauge pressures: set pressure = "
-                  "\"absolute\" in the mapping of `pamid ingest`.", windows_of(s.time, starts[long], stops[long]),
-                  {"floor_kpa": floor / 1e3})]
+    return [
+        Issue(
+            "absolute-pressure",
+            (s.name,),
+            "advice",
+            f"{s.name} rests at {floor / 1e3:.0f} kPa and never falls "
+            "below: a vented volume on an absolute sensor",
+            "Recordings hold gauge pressures: set pressure = "
+            '"absolute" in the mapping of `pamid ingest`.',
+            windows_of(s.time, starts[long], stops[long]),
+            {"floor_kpa": floor / 1e3},
+        )
+    ]
 
 
-# ---- what is sent ------------------------------------------------------------------------------------------------
+# ---- what is sent ------------------------------------------------------------------------------
 
 
 def _sent(recording: Recording, rig: Rig | None) -> list[Issue]:
@@ -258,8 +370,17 @@ def _sent(recording: Recording, rig: Rig | None) -> list[Issue]:
     found = []
     if len(recording) < FEW_SAMPLES:
         length = len(recording) * recording.sampling_period_s
-        found.append(Issue("short", (), "advice", f"{len(recording)} samples ({length:.3g} s) leave little to be held "
-                           "out", "Record for longer.", (), {"samples": float(len(recording))}))
+        found.append(
+            Issue(
+                "short",
+                (),
+                "advice",
+                f"{len(recording)} samples ({length:.3g} s) leave little to be held out",
+                "Record for longer.",
+                (),
+                {"samples": float(len(recording))},
+            )
+        )
     for name in _asked(recording, rig):
         found += _excitation(recording, name, _usual(rig, name))
     commands = [name for name in _sent_columns(recording, rig) if name.startswith("command")]
@@ -267,10 +388,18 @@ def _sent(recording: Recording, rig: Rig | None) -> list[Issue]:
         size = np.abs(recording.columns[name])
         at = size >= size.max()
         if np.unique(size).size > FEW_LEVELS and at.mean() > AT_LIMITS:
-            found.append(Issue("at-limits", (name,), "advice", f"{name} stands at its limit of {size.max():g} "
-                               f"for {at.mean():.0%} of the time", "Lower the gains or ask for less: a command at its "
-                               "limit says little about the rig.", windows_of(recording.time, *runs_of(at)),
-                               {"share": float(at.mean())}))
+            found.append(
+                Issue(
+                    "at-limits",
+                    (name,),
+                    "advice",
+                    f"{name} stands at its limit of {size.max():g} for {at.mean():.0%} of the time",
+                    "Lower the gains or ask for less: a command at its "
+                    "limit says little about the rig.",
+                    windows_of(recording.time, *runs_of(at)),
+                    {"share": float(at.mean())},
+                )
+            )
     return found
 
 
@@ -280,9 +409,16 @@ def _asked(recording: Recording, rig: Rig | None) -> list[str]:
         references = [n for n in recording.columns if n.startswith("reference")]
         commands = [n for n in recording.columns if n.startswith("command")]
     else:
-        references = [c for loop in rig.loops if (c := match_column(recording.columns, loop.reference)) is not None]
-        commands = [c for n in rig.inputs if n not in rig.optional
-                    and (c := match_column(recording.columns, n)) is not None]
+        references = [
+            c
+            for loop in rig.loops
+            if (c := match_column(recording.columns, loop.reference)) is not None
+        ]
+        commands = [
+            c
+            for n in rig.inputs
+            if n not in rig.optional and (c := match_column(recording.columns, n)) is not None
+        ]
     return references if references and recording.loop != "open" else commands
 
 
@@ -290,8 +426,14 @@ def _usual(rig: Rig | None, column: str) -> float:
     """The usual amplitude of an excitation, SI; 0 where nobody says."""
     if rig is None:
         return 0.0
-    return max((float(to_si(size, split_column(name)[1])) for name, size in rig.excited.items()
-                if match_column([column], name) is not None), default=0.0)
+    return max(
+        (
+            float(to_si(size, split_column(name)[1]))
+            for name, size in rig.excited.items()
+            if match_column([column], name) is not None
+        ),
+        default=0.0,
+    )
 
 
 def _excitation(recording: Recording, name: str, usual: float) -> list[Issue]:
@@ -313,10 +455,20 @@ def _excitation(recording: Recording, name: str, usual: float) -> list[Issue]:
     longest = int(np.argmax(stops - starts)) if starts.size else -1
     windows: tuple[tuple[float, float], ...] = ()
     if longest >= 0 and stops[longest] - starts[longest] > IDLE * values.size:
-        windows = windows_of(recording.time, starts[longest : longest + 1], stops[longest : longest + 1])
+        windows = windows_of(
+            recording.time, starts[longest : longest + 1], stops[longest : longest + 1]
+        )
         said.append("does not change for most of the time")
     if not said:
         return []
-    return [Issue("excitation", (name,), "advice", f"{name} {' and '.join(said)}",
-                  "`pamid generate-aprbs` makes an excitation that covers range and frequencies.", windows, numbers)]
-
+    return [
+        Issue(
+            "excitation",
+            (name,),
+            "advice",
+            f"{name} {' and '.join(said)}",
+            "`pamid generate-aprbs` makes an excitation that covers range and frequencies.",
+            windows,
+            numbers,
+        )
+    ]

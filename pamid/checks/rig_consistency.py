@@ -1,8 +1,10 @@
-"""What a recording claims that its rig contradicts: columns exchanged, signs turned, units mistaken, channels late.
+"""What a recording claims that its rig contradicts: columns exchanged, signs turned, units
+mistaken, channels late.
 
-The judge is the data sheet's model run on the recorded commands. It is off by a lot, but not in its signs: shapes are
-compared (correlation, block by block without level and trend), never sizes, except for units, where a factor of 6 and
-more is needed. Two like channels are told apart by their difference, whose sign an exchange turns.
+The judge is the data sheet's model run on the recorded commands. It is off by a lot, but not in its
+signs: shapes are compared (correlation, block by block without level and trend), never sizes,
+except for units, where a factor of 6 and more is needed. Two like channels are told apart by their
+difference, whose sign an exchange turns.
 """
 
 from __future__ import annotations
@@ -22,32 +24,38 @@ from pamid.model.assembly import Assembly
 from pamid.model.rig import Rig
 from pamid.recording.noise import noise_level
 from pamid.recording.recording import Recording, match_column
-from pamid.simulation.simulate import free_run, input_table, known_values, measured_outputs, output_table
+from pamid.simulation.simulate import (
+    free_run,
+    input_table,
+    known_values,
+    measured_outputs,
+    output_table,
+)
 from pamid.simulation.windows import stated_noise
 
 Array = NDArray[np.float64]
 
 MOST_SAMPLES = 20000
 BLOCKS = 20
-CONTRARY = -0.5            # correlation below which a sign is looked at
-GAIN = 1.0                 # by which the sum of all correlations must grow
-TELLING = 0.85             # correlation from which sizes and delays are compared
-WRONG_UNIT, NEAR_UNIT = 6.0, 1.7   # factors: surely another unit, and that unit
-ATMOSPHERE_PA = (80e3, 125e3)      # by which absolute pressures lie above gauge
-STIR = 2.0                 # times its noise: what stirs less in the model, too, is at rest
-RATE_OVER = 8              # samples: rates are compared, since they show more sharply when something happens
+CONTRARY = -0.5  # correlation below which a sign is looked at
+GAIN = 1.0  # by which the sum of all correlations must grow
+TELLING = 0.85  # correlation from which sizes and delays are compared
+WRONG_UNIT, NEAR_UNIT = 6.0, 1.7  # factors: surely another unit, and that unit
+ATMOSPHERE_PA = (80e3, 125e3)  # by which absolute pressures lie above gauge
+STIR = 2.0  # times its noise: what stirs less in the model, too, is at rest
+# samples: rates are compared, since they show more sharply when something happens
+RATE_OVER = 8
 LATE_SAMPLES, LATE_S, LONGEST_LAG_S = 3, 0.005, 0.4
-BETTER = 0.005             # by which a delay must raise the correlation
+BETTER = 0.005  # by which a delay must raise the correlation
 
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
     """A recording beside the data sheet's run on its commands; SI.
 
-    names, inputs: the rig's outputs and inputs; y, u: as measured (samples x these); model: outputs of the run (NaN
-    where it ran away);
-    simulate: outputs at other inputs, other parameters (default: p) and a clock that runs so many times slower, None
-    where they run away.
+    names, inputs: the rig's outputs and inputs; y, u: as measured (samples x these); model: outputs
+    of the run (NaN where it ran away); simulate: outputs at other inputs, other parameters
+    (default: p) and a clock that runs so many times slower, None where they run away.
     """
 
     names: tuple[str, ...]
@@ -72,7 +80,9 @@ class Evidence:
         """Correlations of every output with the model, and of the differences of like outputs."""
         ours, theirs = shapes(self.y), shapes(self.model)
         single = np.array([_correlation(a, b) for a, b in zip(ours, theirs, strict=True)])
-        double = np.array([_correlation(ours[i] - ours[j], theirs[i] - theirs[j]) for i, j in self.pairs])
+        double = np.array(
+            [_correlation(ours[i] - ours[j], theirs[i] - theirs[j]) for i, j in self.pairs]
+        )
         return single, double
 
     @property
@@ -89,11 +99,12 @@ class Change:
     after: Evidence
 
 
-def contradictions(recording: Recording, rig: Rig,
-                   evidence: Evidence | None) -> tuple[list[Issue], dict[str, set[str]], Evidence | None]:
-    """Everything in which the recording contradicts the rig; which kinds of issue need not be guessed from the values
-    alone, in which columns, since the rig can tell; and the evidence with all of it set right. Little where the rig
-    cannot be run on it."""
+def contradictions(
+    recording: Recording, rig: Rig, evidence: Evidence | None
+) -> tuple[list[Issue], dict[str, set[str]], Evidence | None]:
+    """Everything in which the recording contradicts the rig; which kinds of issue need not be
+    guessed from the values alone, in which columns, since the rig can tell; and the evidence with
+    all of it set right. Little where the rig cannot be run on it."""
     found = _percent(recording, rig)
     if evidence is None or not evidence.ran:
         return found, {}, None
@@ -107,13 +118,22 @@ def contradictions(recording: Recording, rig: Rig,
     columns = recorded_as(mended.names, recording)
     judged = {c for c, alike in zip(columns, mended.agreement()[0], strict=True) if alike > TELLING}
     noise = np.maximum(noise_level(mended.y), stated_noise(rig, mended.names))
-    resting = {c for c, still in zip(columns, mended.model.std(axis=0) < STIR * noise, strict=True) if still}
+    resting = {
+        c
+        for c, still in zip(columns, mended.model.std(axis=0) < STIR * noise, strict=True)
+        if still
+    }
     told = {"unit": judged, "pressure": judged, "absolute-pressure": judged, "dead": resting}
-    return found + units + _offsets(mended, recording, rig) + _delays(mended, recording, rig), told, mended
+    return (
+        found + units + _offsets(mended, recording, rig) + _delays(mended, recording, rig),
+        told,
+        mended,
+    )
 
 
 def evidence_of(recording: Recording, rig: Rig) -> Evidence | None:
-    """The recording beside the data sheet's run; None where the rig cannot be run on it, which is said elsewhere."""
+    """The recording beside the data sheet's run; None where the rig cannot be run on it, which is
+    said elsewhere."""
     try:
         return _evidence(recording, rig)
     except PamidError:
@@ -124,38 +144,54 @@ def _evidence(recording: Recording, rig: Rig) -> Evidence | None:
     whole = Assembly(rig)
     names = measured_outputs(whole, recording)
     assembly = Assembly(rig, outputs=names)
-    p, _ = known_values(assembly, {k: v for k, v in recording.known.items()
-                                   if k in {b.full_name for b in assembly.parameters}})
-    u, y = input_table(assembly, recording)[:MOST_SAMPLES], output_table(names, recording)[:MOST_SAMPLES]
+    p, _ = known_values(
+        assembly,
+        {
+            k: v
+            for k, v in recording.known.items()
+            if k in {b.full_name for b in assembly.parameters}
+        },
+    )
+    u, y = (
+        input_table(assembly, recording)[:MOST_SAMPLES],
+        output_table(names, recording)[:MOST_SAMPLES],
+    )
     order = [assembly.program.outputs.index(n) for n in names]
     period = recording.sampling_period_s
 
     def simulate(inputs: Array, values: Array = p, clock: float = 1.0) -> Array | None:
         run = free_run(assembly, np.ascontiguousarray(inputs), values, clock * period)
-        return None if run.blown_up >= 0 or not np.isfinite(run.outputs).all() else run.outputs[:, order]
+        return (
+            None
+            if run.blown_up >= 0 or not np.isfinite(run.outputs).all()
+            else run.outputs[:, order]
+        )
 
     found = simulate(u)
     model = np.full_like(y, np.nan) if found is None else found
     return Evidence(names, tuple(assembly.traced.inputs), y, u, model, simulate, assembly, p)
 
 
-# ---- signs and exchanges -----------------------------------------------------------------------------------------
+# ---- signs and exchanges -----------------------------------------------------------------------
 
 
 def _best_change(evidence: Evidence) -> Change | None:
-    """The one change that makes recording and model agree best, if something runs clearly against the model."""
+    """The one change that makes recording and model agree best, if something runs clearly against
+    the model."""
     single, double = evidence.agreement()
     if min(single.min(), double.min(initial=1.0)) > CONTRARY:
         return None
     before = evidence.score
-    scored = [(change.after.score - before, change) for change in _changes(evidence, single, double)]
+    scored = [
+        (change.after.score - before, change) for change in _changes(evidence, single, double)
+    ]
     gain, best = max(scored, key=lambda pair: pair[0], default=(0.0, None))
     return best if best is not None and gain > GAIN else None
 
 
 def _changes(e: Evidence, single: Array, double: Array) -> Iterator[Change]:
-    """Every sign turned and every two like columns exchanged that could be the matter; inputs come first, since one of
-    them explains what else would take several outputs."""
+    """Every sign turned and every two like columns exchanged that could be the matter; inputs come
+    first, since one of them explains what else would take several outputs."""
     for j, name in enumerate(e.inputs):
         if e.u[:, j].min() < 0.0 < e.u[:, j].max():
             turned = e.u.copy()
@@ -186,49 +222,83 @@ def _with_inputs(e: Evidence, kind: str, columns: tuple[str, ...], u: Array) -> 
 
 def _told(change: Change, before: Evidence, recording: Recording, rig: Rig) -> Issue:
     columns = recorded_as(change.columns, recording)
-    numbers = {"agreement_as_recorded": before.score / _most(before), "agreement_mended":
-               change.after.score / _most(before)}
-    figures = (f"agreement with rig {rig.name!r} {numbers['agreement_as_recorded']:.2f} as recorded, "
-               f"{numbers['agreement_mended']:.2f} the other way")
+    numbers = {
+        "agreement_as_recorded": before.score / _most(before),
+        "agreement_mended": change.after.score / _most(before),
+    }
+    figures = (
+        f"agreement with rig {rig.name!r} {numbers['agreement_as_recorded']:.2f} as recorded, "
+        f"{numbers['agreement_mended']:.2f} the other way"
+    )
     if change.kind == "exchanged":
-        return Issue("exchanged", columns, "wrong", f"{columns[0]} and {columns[1]} are exchanged: {figures}",
-                     f"Exchange the two columns in the mapping of `pamid ingest`; if rig {rig.name!r} really is "
-                     "plugged so, change the rig file.", (), numbers)
+        return Issue(
+            "exchanged",
+            columns,
+            "wrong",
+            f"{columns[0]} and {columns[1]} are exchanged: {figures}",
+            f"Exchange the two columns in the mapping of `pamid ingest`; if rig {rig.name!r} "
+            "really is "
+            "plugged so, change the rig file.",
+            (),
+            numbers,
+        )
     other = ""
     if len(before.names) == 1 and change.columns[0] in before.inputs:
         other = f" (or that of {recorded_as(before.names, recording)[0]})"
-    return Issue("sign", columns, "wrong", f"{columns[0]} has the opposite sign{other}: {figures}",
-                 f"Set sign = -1 for it in the mapping of `pamid ingest`; if rig {rig.name!r} really is built so, "
-                 "change the rig file.", (), numbers)
+    return Issue(
+        "sign",
+        columns,
+        "wrong",
+        f"{columns[0]} has the opposite sign{other}: {figures}",
+        f"Set sign = -1 for it in the mapping of `pamid ingest`; if rig {rig.name!r} really is "
+        "built so, "
+        "change the rig file.",
+        (),
+        numbers,
+    )
 
 
 def _most(e: Evidence) -> int:
     return len(e.names) + len(e.pairs)
 
 
-# ---- units, pressures, delays ------------------------------------------------------------------------------------
+# ---- units, pressures, delays ------------------------------------------------------------------
 
 
 def _units(e: Evidence, recording: Recording, rig: Rig) -> tuple[Evidence, list[Issue]]:
-    """Outputs whose size fits another unit of the same quantity, and the evidence with these set right."""
+    """Outputs whose size fits another unit of the same quantity, and the evidence with these set
+    right."""
     y = e.y.copy()
     mistaken: dict[tuple[str, str], dict[str, float]] = {}
     columns = recorded_as(e.names, recording)
     for k, (ours, theirs) in enumerate(zip(shapes(e.y), shapes(e.model), strict=True)):
         symbol = split_column(columns[k])[1]
         gain = float((ours * theirs).sum() / max(float((theirs * theirs).sum()), 1e-300))
-        if _correlation(ours, theirs) < TELLING or abs(math.log(max(gain, 1e-12))) < math.log(WRONG_UNIT):
+        if _correlation(ours, theirs) < TELLING or abs(math.log(max(gain, 1e-12))) < math.log(
+            WRONG_UNIT
+        ):
             continue
         for other in (split_column(f"signal_{suffix}")[1] for suffix in suffixes_for(symbol)):
-            factor = unit(symbol).factor / unit(other).factor  # values in the other unit look this much too large
+            # values in the other unit look this much too large
+            factor = unit(symbol).factor / unit(other).factor
             if abs(math.log(gain / factor)) < math.log(NEAR_UNIT):
                 y[:, k] /= factor
                 mistaken.setdefault((symbol, other), {})[columns[k]] = gain
                 break
-    found = [Issue("unit", tuple(gains), "wrong", f"{listed(list(gains))}: {np.mean(list(gains.values())):.3g} times "
-                   f"what the data sheet of rig {rig.name!r} leads to; the values look like {other}, not {symbol}",
-                   f"Set unit = \"{other}\" in the mapping of `pamid ingest`.", (),
-                   {"gain": float(np.mean(list(gains.values())))}) for (symbol, other), gains in mistaken.items()]
+    found = [
+        Issue(
+            "unit",
+            tuple(gains),
+            "wrong",
+            f"{listed(list(gains))}: {np.mean(list(gains.values())):.3g} times "
+            f"what the data sheet of rig {rig.name!r} leads to; the values look like {other}, not "
+            f"{symbol}",
+            f'Set unit = "{other}" in the mapping of `pamid ingest`.',
+            (),
+            {"gain": float(np.mean(list(gains.values())))},
+        )
+        for (symbol, other), gains in mistaken.items()
+    ]
     return replace(e, y=y), found
 
 
@@ -241,9 +311,18 @@ def _percent(recording: Recording, rig: Rig) -> list[Issue]:
             continue
         size = float(np.quantile(np.abs(recording.columns[column]), 0.95))
         if 20.0 * usual < size < 200.0 * usual:
-            found.append(Issue("unit", (column,), "wrong", f"{column} reaches {size:.3g}, where {usual:g} is usual for "
-                               f"rig {rig.name!r}: it looks like percent", "Divide it by 100: unit = \"percent\" in "
-                               "the mapping of `pamid ingest`.", (), {"size": size, "usual": usual}))
+            found.append(
+                Issue(
+                    "unit",
+                    (column,),
+                    "wrong",
+                    f"{column} reaches {size:.3g}, where {usual:g} is usual for "
+                    f"rig {rig.name!r}: it looks like percent",
+                    'Divide it by 100: unit = "percent" in the mapping of `pamid ingest`.',
+                    (),
+                    {"size": size, "usual": usual},
+                )
+            )
     return found
 
 
@@ -252,17 +331,30 @@ def _offsets(e: Evidence, recording: Recording, rig: Rig) -> list[Issue]:
     lifted: dict[str, float] = {}
     for k, (ours, theirs) in enumerate(zip(shapes(e.y), shapes(e.model), strict=True)):
         above = float(np.median(e.y[:, k] - e.model[:, k]))
-        if (rig.outputs[e.names[k]] == "Pa" and _correlation(ours, theirs) > TELLING
-                and ATMOSPHERE_PA[0] < above < ATMOSPHERE_PA[1]):
+        if (
+            rig.outputs[e.names[k]] == "Pa"
+            and _correlation(ours, theirs) > TELLING
+            and ATMOSPHERE_PA[0] < above < ATMOSPHERE_PA[1]
+        ):
             lifted[recorded_as((e.names[k],), recording)[0]] = above
     if not lifted:
         return []
     columns, above = tuple(lifted), float(np.mean(list(lifted.values())))
     many = "lies" if len(columns) == 1 else "lie"
-    return [Issue("absolute-pressure", columns, "advice", f"{listed(columns)} {many} {above / 1e3:.0f} kPa above "
-                  f"what the data sheet of rig {rig.name!r} leads to, as absolute pressures do",
-                  "Set pressure = \"absolute\" in the mapping of `pamid ingest`; if they are gauge pressures, state "
-                  "supply and initial pressure under [known].", (), {"above_kpa": above / 1e3})]
+    return [
+        Issue(
+            "absolute-pressure",
+            columns,
+            "advice",
+            f"{listed(columns)} {many} {above / 1e3:.0f} kPa above "
+            f"what the data sheet of rig {rig.name!r} leads to, as absolute pressures do",
+            'Set pressure = "absolute" in the mapping of `pamid ingest`; if they are gauge '
+            "pressures, state "
+            "supply and initial pressure under [known].",
+            (),
+            {"above_kpa": above / 1e3},
+        )
+    ]
 
 
 def _delays(e: Evidence, recording: Recording, rig: Rig) -> list[Issue]:
@@ -271,23 +363,41 @@ def _delays(e: Evidence, recording: Recording, rig: Rig) -> list[Issue]:
     late: dict[int, list[str]] = {}
     for name, ours, theirs in zip(e.names, e.y.T, e.model.T, strict=True):
         lag, at_once, shifted = _lag(ours, theirs, max(1, round(LONGEST_LAG_S / period)))
-        if (abs(lag) >= LATE_SAMPLES and abs(lag) * period >= LATE_S and shifted > TELLING
-                and shifted - at_once > max(BETTER, 0.5 * (1.0 - shifted))):
+        if (
+            abs(lag) >= LATE_SAMPLES
+            and abs(lag) * period >= LATE_S
+            and shifted > TELLING
+            and shifted - at_once > max(BETTER, 0.5 * (1.0 - shifted))
+        ):
             late.setdefault(lag, []).append(name)
     found = []
     for lag, names in sorted(late.items()):
         columns, delay = recorded_as(names, recording), lag * period
         many = "answers" if len(columns) == 1 else "answer"
-        hint = ("A load heavier than the data sheet's answers late, too: state it below [known]. A dead time or a lag "
-                "is for `pamid diagnose` to find; if clocks differ, shift the channel in the raw log." if lag > 0 else
-                "No rig answers before it is asked: shift the channel, or the command, in the raw log.")
-        found.append(Issue("delay", columns, "advice", f"{listed(columns)} {many} {abs(1e3 * delay):.3g} ms "
-                           f"{'after' if lag > 0 else 'before'} the data sheet's model of rig {rig.name!r}", hint, (),
-                           {"delay_s": delay}))
+        hint = (
+            "A load heavier than the data sheet's answers late, too: state it below [known]. A "
+            "dead time or a lag "
+            "is for `pamid diagnose` to find; if clocks differ, shift the channel in the raw log."
+            if lag > 0
+            else "No rig answers before it is asked: shift the channel, or the command, in the "
+            "raw log."
+        )
+        found.append(
+            Issue(
+                "delay",
+                columns,
+                "advice",
+                f"{listed(columns)} {many} {abs(1e3 * delay):.3g} ms "
+                f"{'after' if lag > 0 else 'before'} the data sheet's model of rig {rig.name!r}",
+                hint,
+                (),
+                {"delay_s": delay},
+            )
+        )
     return found
 
 
-# ---- shapes ------------------------------------------------------------------------------------------------------
+# ---- shapes ------------------------------------------------------------------------------------
 
 
 def shapes(table: Array) -> Array:
@@ -307,7 +417,8 @@ def _correlation(a: Array, b: Array) -> float:
 
 
 def _lag(ours: Array, theirs: Array, most: int) -> tuple[int, float, float]:
-    """By how many samples ours comes later, and the correlations of the rates at once and so shifted."""
+    """By how many samples ours comes later, and the correlations of the rates at once and so
+    shifted."""
     a, b = ((rate := y[RATE_OVER:] - y[:-RATE_OVER]) - rate.mean() for y in (ours, theirs))
     most = min(most, a.size // 4)
     size = a.size + most

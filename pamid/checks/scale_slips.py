@@ -1,10 +1,10 @@
-"""What is off by orders of magnitude between a recording and its rig: the clock, a parameter, a column, a sign; and
-sensors that show nothing.
+"""What is off by orders of magnitude between a recording and its rig: the clock, a parameter, a
+column, a sign; and sensors that show nothing.
 
-A data sheet is off by tens of per cent, a slip of the pen by powers of ten. So a slip is looked for where the data
-sheet's run misses by as much as the signal moves, and believed where setting it right brings run and recording
-together. Shapes are compared, block by block without level and trend: what integrates drifts away with the best of
-data sheets.
+A data sheet is off by tens of per cent, a slip of the pen by powers of ten. So a slip is looked for
+where the data sheet's run misses by as much as the signal moves, and believed where setting it
+right brings run and recording together. Shapes are compared, block by block without level and
+trend: what integrates drifts away with the best of data sheets.
 """
 
 from __future__ import annotations
@@ -24,18 +24,25 @@ from pamid.recording.recording import Recording
 
 Array = NDArray[np.float64]
 
-FAR = 20.0                 # times the period that a rig states: not its clock
-CLOCKS = {1e-3: "milliseconds: divide them by 1000", 1e-6: "microseconds: divide them by 1e6",
-          1e-9: "nanoseconds: divide them by 1e9", 60.0: "minutes: multiply them by 60",
-          3600.0: "hours: multiply them by 3600"}    # what sets the stamps right -> what they look like
-NEAR = {True: 20.0, False: 3.0}   # factor to which a clock is recognised by the period alone: prefixes, other units
-MENDED, BETTER = 0.9, 0.3  # error with a slip set right: of that of a run that rests, and of the error before
-LIVELY = 20.0              # times its noise and print: what moves so much in the model is no rest
+FAR = 20.0  # times the period that a rig states: not its clock
+CLOCKS = {
+    1e-3: "milliseconds: divide them by 1000",
+    1e-6: "microseconds: divide them by 1e6",
+    1e-9: "nanoseconds: divide them by 1e9",
+    60.0: "minutes: multiply them by 60",
+    # what sets the stamps right -> what they look like
+    3600.0: "hours: multiply them by 3600",
+}
+# factor to which a clock is recognised by the period alone: prefixes, other units
+NEAR = {True: 20.0, False: 3.0}
+# error with a slip set right: of that of a run that rests, and of the error before
+MENDED, BETTER = 0.9, 0.3
+LIVELY = 20.0  # times its noise and print: what moves so much in the model is no rest
 POWERS = (1, 2, 3, 4, 5, 6)
-LEAST, MOST = 1e-3, 1e12   # errors, of the signal's motion, that are told apart
-SLIPS = 3                  # told at most
-LEAST_MOTION = 2.0         # times its noise: a channel that shows something
-TRIED = 4000               # samples on which they are looked for
+LEAST, MOST = 1e-3, 1e12  # errors, of the signal's motion, that are told apart
+SLIPS = 3  # told at most
+LEAST_MOTION = 2.0  # times its noise: a channel that shows something
+TRIED = 4000  # samples on which they are looked for
 
 
 @dataclass(frozen=True)
@@ -56,7 +63,8 @@ class Slip:
 
 
 def errors(y: Array, model: Array | None) -> Array:
-    """Per channel: how far the model is off, over how much the signal moves (both without level and trend)."""
+    """Per channel: how far the model is off, over how much the signal moves (both without level and
+    trend)."""
     if model is None or not np.isfinite(model).all():
         return np.full(y.shape[1], MOST)
     ours, theirs = shapes(y), shapes(model)
@@ -69,18 +77,25 @@ def size_of(error: Array) -> float:
     return float(np.exp(np.log(error).mean()))
 
 
-# ---- the clock ---------------------------------------------------------------------------------------------------
+# ---- the clock ---------------------------------------------------------------------------------
 
 
 def stated_period(rig: Rig) -> float | None:
     """The sampling period (s) that a rig says is usual for it; None where it says nothing."""
-    return next((float(kind.__dict__["period_s"]) for kind in type(rig).__mro__
-                 if kind is not Rig and "period_s" in kind.__dict__), None)
+    return next(
+        (
+            float(kind.__dict__["period_s"])
+            for kind in type(rig).__mro__
+            if kind is not Rig and "period_s" in kind.__dict__
+        ),
+        None,
+    )
 
 
 def clock(recording: Recording, rig: Rig, evidence: Evidence | None) -> list[Issue]:
-    """Stamps that are no seconds: far from the period that the rig states; where it states none, those with which the
-    data sheet's run comes far nearer to what was measured once they are divided by a thousand and so on."""
+    """Stamps that are no seconds: far from the period that the rig states; where it states none,
+    those with which the data sheet's run comes far nearer to what was measured once they are
+    divided by a thousand and so on."""
     period, usual = recording.sampling_period_s, stated_period(rig)
     counted = period == 1.0 and bool(np.all(recording.time == np.round(recording.time)))
     if usual is not None:
@@ -100,8 +115,17 @@ def clock(recording: Recording, rig: Rig, evidence: Evidence | None) -> list[Iss
         said = f"at which rig {rig.name!r} would behave quite differently"
         looks, ratio = CLOCKS[found], 1.0 / found
     hint = f"The stamps look like {looks}." if looks else "Are the stamps seconds?"
-    return [Issue("clock", ("time_s",), "wrong", f"samples are {period:g} s apart, {said}", hint, (),
-                  {"period_s": period, "ratio": ratio})]
+    return [
+        Issue(
+            "clock",
+            ("time_s",),
+            "wrong",
+            f"samples are {period:g} s apart, {said}",
+            hint,
+            (),
+            {"period_s": period, "ratio": ratio},
+        )
+    ]
 
 
 def _better_clock(e: Evidence) -> float | None:
@@ -114,35 +138,50 @@ def _better_clock(e: Evidence) -> float | None:
     return best if after[best] < min(MENDED, BETTER * before) else None
 
 
-# ---- sensors -----------------------------------------------------------------------------------------------------
+# ---- sensors -----------------------------------------------------------------------------------
 
 
 def unplugged(recording: Recording, rig: Rig, e: Evidence) -> list[Issue]:
-    """Sensors that show one number throughout while another one moves, and should move themselves."""
+    """Sensors that show one number throughout while another one moves, and should move
+    themselves."""
     still = np.ptp(e.y, axis=0) == 0.0
     if not e.ran or still.all():
         return []
     found = []
     for k, (name, column) in enumerate(zip(e.names, recorded_as(e.names, recording), strict=True)):
         moves = float(np.ptp(from_si(e.model[:, k], split_column(name)[1])))
-        if still[k] and np.ptp(recording.columns[column]) == 0.0 and moves > LIVELY * rig.noise.get(name, 0.0):
+        if (
+            still[k]
+            and np.ptp(recording.columns[column]) == 0.0
+            and moves > LIVELY * rig.noise.get(name, 0.0)
+        ):
             value, symbol = float(recording.columns[column][0]), split_column(column)[1]
             shown = f"{value:g}" if symbol == NONE else f"{value:g} {symbol}"
-            found.append(Issue("dead", (column,), "wrong", f"{column} is constant ({shown}) throughout, where the "
-                               f"model of rig {rig.name!r} moves", f"{PLUGGED} Leave the column out if it was not "
-                               "measured.", (), {"value": value}))
+            found.append(
+                Issue(
+                    "dead",
+                    (column,),
+                    "wrong",
+                    f"{column} is constant ({shown}) throughout, where the "
+                    f"model of rig {rig.name!r} moves",
+                    f"{PLUGGED} Leave the column out if it was not measured.",
+                    (),
+                    {"value": value},
+                )
+            )
     return found
 
 
-# ---- parameters and columns --------------------------------------------------------------------------------------
+# ---- parameters and columns --------------------------------------------------------------------
 
 
 def slips(e: Evidence, recording: Recording) -> list[Slip]:
-    """What, multiplied by a power of ten, of either sign, takes away most of the error where the data sheet's run
-    misses by more than the signal moves; the best first, those that are as good beside it. Empty where nothing does,
-    or nothing is so far off.
+    """What, multiplied by a power of ten, of either sign, takes away most of the error where the
+    data sheet's run misses by more than the signal moves; the best first, those that are as good
+    beside it. Empty where nothing does, or nothing is so far off.
 
-    A run that rests would miss by little more than the motion, too: a slip has to be better than that.
+    A run that rests would miss by little more than the motion, too: a slip has to be better than
+    that.
     """
     e = replace(e, y=e.y[:TRIED], u=e.u[:TRIED], model=e.model[:TRIED])
     bad = _missed(e)
@@ -161,19 +200,25 @@ def slips(e: Evidence, recording: Recording) -> list[Slip]:
 
 
 def _missed(e: Evidence) -> NDArray[np.bool_]:
-    """Channels that the data sheet's run misses by more than they move, where they move beyond their noise."""
-    return np.asarray((errors(e.y, e.model) > 1.0) & (e.y.std(axis=0) > LEAST_MOTION * noise_level(e.y)))
+    """Channels that the data sheet's run misses by more than they move, where they move beyond
+    their noise."""
+    return np.asarray(
+        (errors(e.y, e.model) > 1.0) & (e.y.std(axis=0) > LEAST_MOTION * noise_level(e.y))
+    )
 
 
 def _misses(y: Array, model: Array | None) -> Array:
-    """Errors of every channel (measures x channels), over how much it moves: of the shapes, and of the values."""
+    """Errors of every channel (measures x channels), over how much it moves: of the shapes, and of
+    the values."""
     if model is None or not np.isfinite(model).all():
         return np.full((2, y.shape[1]), MOST)
     plain = np.sqrt(((y - model) ** 2).mean(axis=0)) / np.maximum(y.std(axis=0), 1e-300)
     return np.stack([errors(y, model), np.clip(plain, LEAST, MOST)])
 
 
-def _tries(e: Evidence, recording: Recording) -> Iterator[tuple[str, str, float, Array, Array | None]]:
+def _tries(
+    e: Evidence, recording: Recording
+) -> Iterator[tuple[str, str, float, Array, Array | None]]:
     powers = [10.0**k for p in POWERS for k in (-p, p)]
     either = [-1.0, *powers, *(-f for f in powers)]
     for k, b in enumerate(e.assembly.parameters):
@@ -203,8 +248,17 @@ def far_off(recording: Recording, rig: Rig, e: Evidence) -> list[Issue]:
         return []
     most = float(error[bad[0]])
     told = "runs away" if most == MOST else f"misses by {most:.2g} times what the signal moves"
-    return [Issue("far-off", tuple(columns[i] for i in bad), "advice", f"{columns[bad[0]]}: the data sheet of rig "
-                  f"{rig.name!r} {told}", advice(slips(e, recording)), (), {"error": most})]
+    return [
+        Issue(
+            "far-off",
+            tuple(columns[i] for i in bad),
+            "advice",
+            f"{columns[bad[0]]}: the data sheet of rig {rig.name!r} {told}",
+            advice(slips(e, recording)),
+            (),
+            {"error": most},
+        )
+    ]
 
 
 def advice(found: list[Slip]) -> str:

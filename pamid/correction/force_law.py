@@ -5,11 +5,13 @@
             super().__init__()
             self.static_force = force_law(Path(__file__).parent / "muscle_20mm")
 
-The network is written out as an equation, so it is compiled with the rig and its derivatives are exact. Its inputs are
-one pressure (gauge) and one dimensionless contraction, its output a force, in any order and any unit of these.
+The network is written out as an equation, so it is compiled with the rig and its derivatives are
+exact. Its inputs are one pressure (gauge) and one dimensionless contraction, its output a force, in
+any order and any unit of these.
 
-Outside the range it was trained in the law goes on along its tangent plane at the edge, without a kink. Held at the
-edge it would leave the joint without stiffness there, and the bare network bends off.
+Outside the range it was trained in the law goes on along its tangent plane at the edge, without a
+kink. Held at the edge it would leave the joint without stiffness there, and the bare network bends
+off.
 """
 
 import warnings
@@ -30,10 +32,12 @@ from pamid.symbolic.vocabulary import ZERO, Expr, clip
 
 Array = NDArray[np.float64]
 
-POINTS = 121      # per input, of the grid on which a law is checked
-BEYOND = 0.2      # how far that grid goes past each end of the scaled range [-1, 1]: a tenth of the range
+POINTS = 121  # per input, of the grid on which a law is checked
+# how far that grid goes past each end of the scaled range [-1, 1]: a tenth of the range
+BEYOND = 0.2
 TOLERANCE = 5e-3  # of the trained range of forces: what a law may move the wrong way
-NUDGE = 1e-4      # scaled; along it, towards the inside, the check takes the tangent plane by a difference
+# scaled; along it, towards the inside, the check takes the tangent plane by a difference
+NUDGE = 1e-4
 
 
 @runtime_checkable
@@ -61,8 +65,9 @@ class ForceLaw:
         inside = [symbol("state", f"input {k}") for k in range(len(scaled))]
         output = cast(Static, self.trained.network).expression(self.trained.weights, inside)
         slopes = gradients([output])[0]
-        total, *tangent = substitute([output, *(slopes.get(x, ZERO) for x in inside)],
-                                     dict(zip(inside, held, strict=True)))
+        total, *tangent = substitute(
+            [output, *(slopes.get(x, ZERO) for x in inside)], dict(zip(inside, held, strict=True))
+        )
         for slope, x, edge in zip(tangent, scaled, held, strict=True):
             total = total + slope * (x - edge)
         a, b = _force_si(self.trained)
@@ -70,10 +75,12 @@ class ForceLaw:
 
 
 def force_law(source: TrainedNetwork | Path | str, *, strict: bool = True) -> ForceLaw:
-    """The force law of a trained network, or of the folder it was saved in, after `check_force_law`.
+    """The force law of a trained network, or of the folder it was saved in, after
+    `check_force_law`.
 
-    DataError where its inputs and output are not contraction, pressure and force, where it has memory, or where it is
-    not monotone (with `strict=False` the latter is a warning); FileError as `load_network`.
+    DataError where its inputs and output are not contraction, pressure and force, where it has
+    memory, or where it is not monotone (with `strict=False` the latter is a warning); FileError as
+    `load_network`.
     """
     trained = source if isinstance(source, TrainedNetwork) else load_network(source)
     check_force_law(trained, strict=strict)
@@ -83,11 +90,12 @@ def force_law(source: TrainedNetwork | Path | str, *, strict: bool = True) -> Fo
 def check_force_law(
     trained: TrainedNetwork, *, tolerance: float = TOLERANCE, strict: bool = True
 ) -> tuple[float, float]:
-    """Check that the force grows with pressure and falls with contraction, in the trained range and a tenth beyond.
+    """Check that the force grows with pressure and falls with contraction, in the trained range and
+    a tenth beyond.
 
-    Returns the largest move the wrong way (N) along pressure and along contraction. More than `tolerance` of the range
-    of forces is a DataError that says where and by how much; with `strict=False` a warning. A force below zero counts
-    as none: a rig's muscle does not push.
+    Returns the largest move the wrong way (N) along pressure and along contraction. More than
+    `tolerance` of the range of forces is a DataError that says where and by how much; with
+    `strict=False` a warning. A force below zero counts as none: a rig's muscle does not push.
     """
     order = _order(trained)
     low, high = _force_si(trained)
@@ -95,11 +103,18 @@ def check_force_law(
     axis = order.index("Pa")
     found = [_worst(forces, axis, 1.0), _worst(forces, 1 - axis, -1.0)]
     allowed = tolerance * (high - low)
-    said = [_said(trained, k, places, forces) for k, (by, places) in zip((axis, 1 - axis), found, strict=True)
-            if by > allowed]
+    said = [
+        _said(trained, k, places, forces)
+        for k, (by, places) in zip((axis, 1 - axis), found, strict=True)
+        if by > allowed
+    ]
     if said:
-        message = f"The force law moves the wrong way by more than {allowed:.3g} N: {'; '.join(said)}."
-        hint = "Train with fewer sets or more starts, add data there, or accept it with strict=False."
+        message = (
+            f"The force law moves the wrong way by more than {allowed:.3g} N: {'; '.join(said)}."
+        )
+        hint = (
+            "Train with fewer sets or more starts, add data there, or accept it with strict=False."
+        )
         if strict:
             raise DataError(message, hint)
         warnings.warn(message, stacklevel=2)
@@ -110,7 +125,8 @@ Place = tuple[int, int]
 
 
 def _worst(forces: Array, axis: int, sign: float) -> tuple[float, tuple[Place, Place]]:
-    """How far the force falls (sign 1; rises: -1) below its highest value before, and between which grid points."""
+    """How far the force falls (sign 1; rises: -1) below its highest value before, and between which
+    grid points."""
     along = np.moveaxis(sign * forces, axis, 0)
     fall = np.maximum.accumulate(along, axis=0) - along
     end, other = np.unravel_index(int(np.argmax(fall)), fall.shape)
@@ -126,8 +142,10 @@ def _said(trained: TrainedNetwork, axis: int, places: tuple[Place, Place], force
     moved, held = trained.input_names[axis], trained.input_names[1 - axis]
     verb = "falls" if forces[end] < forces[begin] else "grows"
     return (
-        f"at {held} = {steps[1 - axis][begin[1 - axis]]:.4g} it {verb} from {forces[begin]:.4g} N to "
-        f"{forces[end]:.4g} N between {moved} = {steps[axis][begin[axis]]:.4g} and {steps[axis][end[axis]]:.4g}"
+        f"at {held} = {steps[1 - axis][begin[1 - axis]]:.4g} it {verb} from {forces[begin]:.4g} N "
+        "to "
+        f"{forces[end]:.4g} N between {moved} = {steps[axis][begin[axis]]:.4g} and "
+        f"{steps[axis][end[axis]]:.4g}"
     )
 
 
@@ -145,18 +163,21 @@ def _steps() -> Array:
 
 
 def _order(trained: TrainedNetwork) -> list[str]:
-    """SI units of the inputs, ("1", "Pa") or the other way round; DataError where the network is no force law."""
+    """SI units of the inputs, ("1", "Pa") or the other way round; DataError where the network is no
+    force law."""
     symbols = [split_column(name)[1] for name in trained.input_names]
     order = ["1" if compatible(s, "1") else "Pa" if compatible(s, "Pa") else s for s in symbols]
     if sorted(order) != ["1", "Pa"] or not compatible(split_column(trained.output_name)[1], "N"):
         raise DataError(
-            f"A force law gives a force from a contraction and a pressure, not {trained.output_name!r} from "
+            "A force law gives a force from a contraction and a pressure, not "
+            f"{trained.output_name!r} from "
             f"{', '.join(trained.input_names)}.",
             "Name the signals with their units: contraction, pressure_kpa; force_n.",
         )
     if not isinstance(trained.network, Static):
         raise DataError(
-            f"A network of kind {getattr(trained.network, 'kind', '?')!r} has memory and is no static force law.",
+            f"A network of kind {getattr(trained.network, 'kind', '?')!r} has memory and is no "
+            "static force law.",
             "Train an anfis.",
         )
     return order
@@ -165,7 +186,10 @@ def _order(trained: TrainedNetwork) -> list[str]:
 def _si(trained: TrainedNetwork, end: str) -> list[float]:
     """One end of every input's range in SI."""
     values = getattr(trained.input_scaling, end)
-    return [float(to_si(v, split_column(n)[1])) for v, n in zip(values, trained.input_names, strict=True)]
+    return [
+        float(to_si(v, split_column(n)[1]))
+        for v, n in zip(values, trained.input_names, strict=True)
+    ]
 
 
 def _force_si(trained: TrainedNetwork) -> tuple[float, float]:

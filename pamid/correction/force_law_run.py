@@ -1,4 +1,5 @@
-"""What `pamid force-law` writes: the judged law of a measured force map as figures, a picture and a rig file."""
+"""What `pamid force-law` writes: the judged law of a measured force map as figures, a picture and a
+rig file."""
 
 from __future__ import annotations
 
@@ -31,40 +32,68 @@ def law_json(found: Judged, rig: str, strict: bool) -> dict[str, Any]:
         "schema": SCHEMA,
         "finding": found.finding,
         "advice": found.advice,
-        "map": {"path": str(points.path), "points": len(points), "slack_points": int(points.slack.sum()),
-                **{name: {"low": float(values.min()), "high": float(values.max())} for name, values in ranges}},
+        "map": {
+            "path": str(points.path),
+            "points": len(points),
+            "slack_points": int(points.slack.sum()),
+            **{
+                name: {"low": float(values.min()), "high": float(values.max())}
+                for name, values in ranges
+            },
+        },
         "held_out_every": found.every,
-        "anfis": {"sets": getattr(network, "sets", None), "n_weights": network.n_weights,
-                  "rms_n": rms(off), "worst_n": float(np.abs(off).max()),
-                  "rms_n_each_way": [rms(off[way :: found.every]) for way in range(found.every)],
-                  "contraction_held_out_rms_n": found.rms_n(found.by_contraction),
-                  "rms_n_trained_on_all": rms(points.force_n, pulls(ForceLaw(found.trained), points))},
-        "laws": [{"law": law, "scale": scale, "rms_n": rms(points.force_n, found.printed[law]),
-                  "worst_n": float(np.abs(points.force_n - found.printed[law]).max()),
-                  "scaled_rms_n": found.rms_n(found.by_point, law),
-                  "scaled_worst_n": float(np.abs(points.force_n - found.by_point.scaled[law]).max()),
-                  "contraction_held_out_scaled_rms_n": found.rms_n(found.by_contraction, law)}
-                 for law, scale in found.scale.items()],
-        "monotone": {"ok": found.monotone, "wrong_way_along_pressure_n": found.wrong_way[0],
-                     "wrong_way_along_contraction_n": found.wrong_way[1], "words": found.guard},
+        "anfis": {
+            "sets": getattr(network, "sets", None),
+            "n_weights": network.n_weights,
+            "rms_n": rms(off),
+            "worst_n": float(np.abs(off).max()),
+            "rms_n_each_way": [rms(off[way :: found.every]) for way in range(found.every)],
+            "contraction_held_out_rms_n": found.rms_n(found.by_contraction),
+            "rms_n_trained_on_all": rms(points.force_n, pulls(ForceLaw(found.trained), points)),
+        },
+        "laws": [
+            {
+                "law": law,
+                "scale": scale,
+                "rms_n": rms(points.force_n, found.printed[law]),
+                "worst_n": float(np.abs(points.force_n - found.printed[law]).max()),
+                "scaled_rms_n": found.rms_n(found.by_point, law),
+                "scaled_worst_n": float(np.abs(points.force_n - found.by_point.scaled[law]).max()),
+                "contraction_held_out_scaled_rms_n": found.rms_n(found.by_contraction, law),
+            }
+            for law, scale in found.scale.items()
+        ],
+        "monotone": {
+            "ok": found.monotone,
+            "wrong_way_along_pressure_n": found.wrong_way[0],
+            "wrong_way_along_contraction_n": found.wrong_way[1],
+            "words": found.guard,
+        },
         "training": dict(found.trained.summary),
         "rig": {"file": RIG_FILE, "name": f"{rig}-measured", "derives_from": rig, "strict": strict},
     }
 
 
 def write_law(run: Run, found: Judged, rig: str, strict: bool) -> dict[str, Any]:
-    """Network, figures, picture and rig file into the run folder; returns what force-law.json holds."""
+    """Network, figures, picture and rig file into the run folder; returns what force-law.json
+    holds."""
     about = law_json(found, rig, strict)
     content, network = network_files(found.trained)
     names = (WEIGHTS_FILE, NETWORK_FILE, FIGURE_FILE, RIG_FILE, LAW_FILE)
-    contents = (content, json_bytes(network, NETWORK_FILE), _picture(found), rig_text(rig, strict).encode(),
-                json_bytes(about, LAW_FILE))
+    contents = (
+        content,
+        json_bytes(network, NETWORK_FILE),
+        _picture(found),
+        rig_text(rig, strict).encode(),
+        json_bytes(about, LAW_FILE),
+    )
     write_together(dict(zip(run.claim(*names), contents, strict=True)))
     return about
 
 
 def rig_text(rig: str, strict: bool) -> str:
-    """A rig file that derives from a rig of the catalogue and takes its muscle force from the network beside it."""
+    """A rig file that derives from a rig of the catalogue and takes its muscle force from the
+    network beside it."""
     base = rigs()[rig]
     return f'''"""The rig {rig} with the muscle force of a measured map: the network beside this file."""
 
@@ -82,20 +111,32 @@ class {base.__name__}Measured({base.__name__}):
     def __init__(self) -> None:
         super().__init__()
         self.static_force = force_law(Path(__file__).parent, strict={strict})
-'''
+'''  # noqa: E501
 
 
 def _picture(found: Judged) -> bytes:
     points, best, scale = found.map, found.best, found.scale[found.best]
     pressures = np.unique(points.pressure_kpa)
-    wanted = np.linspace(pressures[0], pressures[-1], LEVELS + 1)[1:]  # at the lowest there is little to see
+    # at the lowest there is little to see
+    wanted = np.linspace(pressures[0], pressures[-1], LEVELS + 1)[1:]
     levels = np.unique(pressures[np.abs(pressures - wanted[:, None]).argmin(axis=1)])
     along = np.linspace(points.contraction.min(), points.contraction.max(), STEPS)
     shape = (len(levels), STEPS)
-    lines = ForceMap(points.path, np.tile(along, len(levels)), np.repeat(levels, STEPS), np.zeros(len(levels) * STEPS))
+    lines = ForceMap(
+        points.path,
+        np.tile(along, len(levels)),
+        np.repeat(levels, STEPS),
+        np.zeros(len(levels) * STEPS),
+    )
     network, held = ForceLaw(found.trained), found.by_point
-    sides = (Side("ANFIS", pulls(network, lines).reshape(shape), held.anfis - points.force_n),
-             Side(f"{best} x {scale:.3g}", scale * pulls(LAWS[best], lines).reshape(shape),
-                  held.scaled[best] - points.force_n))
-    return force_map_picture(points.contraction, points.pressure_kpa, points.force_n, along, levels, sides,
-                             found.finding).png
+    sides = (
+        Side("ANFIS", pulls(network, lines).reshape(shape), held.anfis - points.force_n),
+        Side(
+            f"{best} x {scale:.3g}",
+            scale * pulls(LAWS[best], lines).reshape(shape),
+            held.scaled[best] - points.force_n,
+        ),
+    )
+    return force_map_picture(
+        points.contraction, points.pressure_kpa, points.force_n, along, levels, sides, found.finding
+    ).png

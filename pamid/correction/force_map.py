@@ -1,16 +1,19 @@
 """A measured force map of a muscle: an ANFIS is trained on it and judged beside the analytic laws.
 
-A map is a CSV file with one header row and one row per point: `contraction` (share of the length at rest),
-`pressure_kpa` (gauge) and `force_n`, or other units of these; further columns are left alone.
+A map is a CSV file with one header row and one row per point: `contraction` (share of the length at
+rest), `pressure_kpa` (gauge) and `force_n`, or other units of these; further columns are left
+alone.
 
-Every k-th point is held out, in all k ways, so that every point is predicted once by laws that have not seen it: the
-ANFIS, and each analytic law with its one factor `scale` fitted to the other points. Then all points near one
-contraction are held out at a time: few contractions are measured, many pressures, and a rig moves between them.
+Every k-th point is held out, in all k ways, so that every point is predicted once by laws that have
+not seen it: the ANFIS, and each analytic law with its one factor `scale` fitted to the other
+points. Then all points near one contraction are held out at a time: few contractions are measured,
+many pressures, and a rig moves between them.
 
-Where a muscle is slack the load cell reads nothing and does not say how slack it is. There the ANFIS learns what the
-nearest analytic law says, moved to the pulling points by a factor and an offset: a force below zero, which a rig takes
-for none. Trained to zero it waves about zero instead, and moves the wrong way: with 3 x 3 sets by 110 N on the
-map of a 20 mm muscle (Martens, Boblan 2017), taught in this way by none.
+Where a muscle is slack the load cell reads nothing and does not say how slack it is. There the
+ANFIS learns what the nearest analytic law says, moved to the pulling points by a factor and an
+offset: a force below zero, which a rig takes for none. Trained to zero it waves about zero instead,
+and moves the wrong way: with 3 x 3 sets by 110 N on the map of a 20 mm muscle (Martens, Boblan
+2017), taught in this way by none.
 """
 
 from __future__ import annotations
@@ -41,15 +44,17 @@ Array = NDArray[np.float64]
 Told = Callable[[str], None]
 
 CONTRACTION, PRESSURE, FORCE = COLUMNS = ("contraction", "pressure_kpa", "force_n")
-SLACK = TOLERANCE   # of the largest force: readings up to it are those of a slack muscle
+SLACK = TOLERANCE  # of the largest force: readings up to it are those of a slack muscle
 ITERATIONS = 200
-BANDS = 10          # spacings of the contractions that are held out one at a time, of the map's range
+# spacings of the contractions that are held out one at a time, of the map's range
+BANDS = 10
 _HEADER = f"The first line names the columns, separated by commas: {','.join(COLUMNS)}."
 
 
 @dataclass(frozen=True, eq=False)
 class ForceMap:
-    """Points (points,) of contraction (1), gauge pressure (kPa) and force (N); unused: columns left alone."""
+    """Points (points,) of contraction (1), gauge pressure (kPa) and force (N); unused: columns left
+    alone."""
 
     path: Path
     contraction: Array
@@ -67,13 +72,15 @@ class ForceMap:
 
     def part(self, rows: NDArray[np.bool_]) -> ForceMap:
         """These points alone."""
-        return ForceMap(self.path, self.contraction[rows], self.pressure_kpa[rows], self.force_n[rows])
+        return ForceMap(
+            self.path, self.contraction[rows], self.pressure_kpa[rows], self.force_n[rows]
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class HeldOut:
-    """Forces (points,), N, that the ANFIS and every scaled analytic law give for points they have not seen; `rows`:
-    which points have been held out, nothing is said of the others."""
+    """Forces (points,), N, that the ANFIS and every scaled analytic law give for points they have
+    not seen; `rows`: which points have been held out, nothing is said of the others."""
 
     rows: NDArray[np.bool_]
     anfis: Array
@@ -82,12 +89,14 @@ class HeldOut:
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """The ANFIS trained on all points, what was predicted of points held out, and what the law's guard finds.
+    """The ANFIS trained on all points, what was predicted of points held out, and what the law's
+    guard finds.
 
-    by_point: every k-th point held out. by_contraction: all points near one contraction, for each but the outermost.
-    printed, scale: each analytic law as it is (points,), N, and its factor fitted to all points, the law nearest to the
-    points held out first. wrong_way: largest move (N) the wrong way along pressure and along contraction; guard: the
-    same in words; monotone: within what is allowed.
+    by_point: every k-th point held out. by_contraction: all points near one contraction, for each
+    but the outermost. printed, scale: each analytic law as it is (points,), N, and its factor
+    fitted to all points, the law nearest to the points held out first. wrong_way: largest move (N)
+    the wrong way along pressure and along contraction; guard: the same in words; monotone: within
+    what is allowed.
     """
 
     map: ForceMap
@@ -107,38 +116,54 @@ class Judged:
         return next(iter(self.scale))
 
     def rms_n(self, held: HeldOut, law: str = "") -> float | None:
-        """RMS error of a scaled law, or of the ANFIS, on what was held out; None where nothing was."""
+        """RMS error of a scaled law, or of the ANFIS, on what was held out; None where nothing
+        was."""
         said = held.scaled[law] if law else held.anfis
         return rms(self.map.force_n[held.rows], said[held.rows]) if held.rows.any() else None
 
     @property
     def finding(self) -> str:
-        """How far the ANFIS and the best analytic law are off, on points and on contractions they have not seen."""
+        """How far the ANFIS and the best analytic law are off, on points and on contractions they
+        have not seen."""
         own, other = self.rms_n(self.by_point), self.rms_n(self.by_point, self.best)
-        text = (f"On points held out, the ANFIS is off by {own:.3g} N RMS and the best analytic law, {self.best} x "
-                f"{self.scale[self.best]:.3g}, by {other:.3g} N")
+        text = (
+            f"On points held out, the ANFIS is off by {own:.3g} N RMS and the best analytic law, "
+            f"{self.best} x "
+            f"{self.scale[self.best]:.3g}, by {other:.3g} N"
+        )
         own, other = self.rms_n(self.by_contraction), self.rms_n(self.by_contraction, self.best)
-        return text if own is None else f"{text}; on whole contractions held out, by {own:.3g} and {other:.3g} N"
+        return (
+            text
+            if own is None
+            else f"{text}; on whole contractions held out, by {own:.3g} and {other:.3g} N"
+        )
 
     @property
     def advice(self) -> list[str]:
         """What follows where the ANFIS is not the better law."""
+
         def worse(held: HeldOut) -> bool:
             return (self.rms_n(held) or 0.0) > (self.rms_n(held, self.best) or 0.0)
 
         if worse(self.by_point):
-            return ["This map does not need a network: the analytic law with its factor serves as well."]
+            return [
+                "This map does not need a network: the analytic law with its factor serves as well."
+            ]
         if worse(self.by_contraction):
-            return ["Between the contractions measured, the ANFIS is the worse of the two: measure some in between, or "
-                    "take fewer --sets."]
+            return [
+                "Between the contractions measured, the ANFIS is the worse of the two: measure "
+                "some in between, or "
+                "take fewer --sets."
+            ]
         return []
 
 
-# ---- reading -----------------------------------------------------------------------------------------------------
+# ---- reading -----------------------------------------------------------------------------------
 
 
 def read_map(path: Path) -> ForceMap:
-    """Read a force map; FileError with column or line where the file is wrong, DataError where it cannot be learnt."""
+    """Read a force map; FileError with column or line where the file is wrong, DataError where it
+    cannot be learnt."""
     try:
         names = read_header(path)
         used = [_column(path, names, wanted) for wanted in COLUMNS]
@@ -148,58 +173,84 @@ def read_map(path: Path) -> ForceMap:
             raise FileError(error.message, _HEADER, code="empty") from None
         raise
     si = [to_si(values, split_column(name)[1]) for name, values in zip(used, table.T, strict=True)]
-    contraction, pressure, force = (np.ascontiguousarray(from_si(values, split_column(wanted)[1]))
-                                    for values, wanted in zip(si, COLUMNS, strict=True))
+    contraction, pressure, force = (
+        np.ascontiguousarray(from_si(values, split_column(wanted)[1]))
+        for values, wanted in zip(si, COLUMNS, strict=True)
+    )
     if np.abs(contraction).max() >= 1.0:
-        raise FileError(f"{path}: {used[0]} reaches {table[np.abs(contraction).argmax(), 0]:g}: no muscle shortens by "
-                        "its whole length.", "It is a share of the length at rest; name per cent contraction_percent.",
-                        code="unit")
+        raise FileError(
+            f"{path}: {used[0]} reaches {table[np.abs(contraction).argmax(), 0]:g}: no muscle "
+            "shortens by "
+            "its whole length.",
+            "It is a share of the length at rest; name per cent contraction_percent.",
+            code="unit",
+        )
     for name, values in zip(used, (contraction, pressure, force), strict=True):
         if np.ptp(values) <= 1e-9 * np.abs(values).max():
-            raise DataError(f"{path}: {name} is the same at all {len(values)} points ({values[0]:g}).",
-                            "A force map covers several contractions and several pressures.", code="not-excited")
+            raise DataError(
+                f"{path}: {name} is the same at all {len(values)} points ({values[0]:g}).",
+                "A force map covers several contractions and several pressures.",
+                code="not-excited",
+            )
     return ForceMap(path, contraction, pressure, force, tuple(n for n in names if n not in used))
 
 
 def _column(path: Path, names: list[str], wanted: str) -> str:
     """The column that holds a quantity, in whatever unit."""
     stem, symbol_ = split_column(wanted)
-    same = [n for n in names if split_column(n)[0] == stem and compatible(split_column(n)[1], symbol_)]
+    same = [
+        n for n in names if split_column(n)[0] == stem and compatible(split_column(n)[1], symbol_)
+    ]
     if len(same) > 1:
-        raise FileError(f"{path}, line 1: {stem} is there twice: {', '.join(same)}.", "Drop one.", code="header")
+        raise FileError(
+            f"{path}, line 1: {stem} is there twice: {', '.join(same)}.", "Drop one.", code="header"
+        )
     try:
         found = match_column(names, wanted)
     except FileError as error:
         raise FileError(f"{path}, line 1: {error.message}", error.hint, code=error.code) from None
     if found is None:
-        raise FileError(f"{path}, line 1: there is no column {wanted!r}.", nearest(wanted, names) or _HEADER,
-                        code="missing-column")
+        raise FileError(
+            f"{path}, line 1: there is no column {wanted!r}.",
+            nearest(wanted, names) or _HEADER,
+            code="missing-column",
+        )
     return found
 
 
 def _cells(path: Path, names: list[str], used: list[str]) -> Array:
     """(points, len(used)); the slow reader of recordings says which cell is wrong, if one is."""
     try:
-        rows = [row for row in csv.reader(read_lines(path, MAP)) if any(cell.strip() for cell in row)][1:]
+        rows = [
+            row for row in csv.reader(read_lines(path, MAP)) if any(cell.strip() for cell in row)
+        ][1:]
         table = np.array([[float(row[names.index(name)]) for name in used] for row in rows])
         if not rows or not np.isfinite(table).all() or any(len(row) != len(names) for row in rows):
             raise ValueError
     except (ValueError, IndexError, csv.Error) as error:
         explain_cells(path, names)
-        raise FileError(f"{path} cannot be read as comma-separated numbers: {error}.", _HEADER) from error
+        raise FileError(
+            f"{path} cannot be read as comma-separated numbers: {error}.", _HEADER
+        ) from error
     check_range(path, used, table)
     return table
 
 
-# ---- judging -----------------------------------------------------------------------------------------------------
+# ---- judging -----------------------------------------------------------------------------------
 
 
 def forces(law: Law, at: ForceMap) -> Array:
     """What a law says (points,), N; below zero where the muscle is slack."""
     contraction, pressure = symbol("state", "contraction"), symbol("state", "pressure")
     pull = [law(contraction, pressure)]
-    return np.array([_number(substitute(pull, {contraction: expression(e), pressure: expression(1e3 * p)})[0])
-                     for e, p in zip(at.contraction.tolist(), at.pressure_kpa.tolist(), strict=True)])
+    return np.array(
+        [
+            _number(
+                substitute(pull, {contraction: expression(e), pressure: expression(1e3 * p)})[0]
+            )
+            for e, p in zip(at.contraction.tolist(), at.pressure_kpa.tolist(), strict=True)
+        ]
+    )
 
 
 def pulls(law: Law, at: ForceMap) -> Array:
@@ -213,20 +264,34 @@ def scale_of(said: Array, measured: Array) -> float:
     return max(float(pull @ measured / (pull @ pull)), 0.0) if pull.any() else 0.0
 
 
-def judge(points: ForceMap, *, sets: int = 3, every: int = 3, seed: int = 0, told: Told = lambda text: None) -> Judged:
+def judge(
+    points: ForceMap,
+    *,
+    sets: int = 3,
+    every: int = 3,
+    seed: int = 0,
+    told: Told = lambda text: None,
+) -> Judged:
     """Train and judge on what is held out, then train on all points.
 
-    DataError where the points are too few for the sets, or are not several contractions and pressures.
+    DataError where the points are too few for the sets, or are not several contractions and
+    pressures.
     """
     _check_size(points, sets, every)
     said = {name: forces(law, points) for name, law in LAWS.items()}
 
     def held_out(group: NDArray[np.intp], names: range) -> HeldOut:
-        held = HeldOut(np.isin(group, names), np.zeros(len(points)), {law: np.zeros(len(points)) for law in LAWS})
+        held = HeldOut(
+            np.isin(group, names),
+            np.zeros(len(points)),
+            {law: np.zeros(len(points)) for law in LAWS},
+        )
         for rows in (group == name for name in names if name in group):
             rest = {law: values[~rows] for law, values in said.items()}
             told(f"{rows.sum()} of {len(points)} points held out")
-            held.anfis[rows] = pulls(ForceLaw(_train(points.part(~rows), rest, sets, seed)), points.part(rows))
+            held.anfis[rows] = pulls(
+                ForceLaw(_train(points.part(~rows), rest, sets, seed)), points.part(rows)
+            )
             for law, values in rest.items():
                 factor = scale_of(values, points.force_n[~rows])
                 held.scaled[law][rows] = factor * np.maximum(said[law][rows], 0.0)
@@ -238,11 +303,20 @@ def judge(points: ForceMap, *, sets: int = 3, every: int = 3, seed: int = 0, tol
     trained = _train(points, said, sets, seed)
     wrong_way, complaint = _guarded(trained)
     order = sorted(LAWS, key=lambda law: rms(points.force_n, by_point.scaled[law]))
-    return Judged(points, every, trained, by_point, by_contraction,
-                  {law: np.maximum(said[law], 0.0) for law in order},
-                  {law: scale_of(said[law], points.force_n) for law in order}, wrong_way, not complaint,
-                  complaint or "The force grows with pressure and falls with contraction, in the range of the map and "
-                  f"a tenth beyond, to within {max(wrong_way):.2g} N.")
+    return Judged(
+        points,
+        every,
+        trained,
+        by_point,
+        by_contraction,
+        {law: np.maximum(said[law], 0.0) for law in order},
+        {law: scale_of(said[law], points.force_n) for law in order},
+        wrong_way,
+        not complaint,
+        complaint
+        or "The force grows with pressure and falls with contraction, in the range of the map and "
+        f"a tenth beyond, to within {max(wrong_way):.2g} N.",
+    )
 
 
 def _guarded(trained: TrainedNetwork) -> tuple[tuple[float, float], str]:
@@ -257,13 +331,21 @@ def _check_size(points: ForceMap, sets: int, every: int) -> None:
     weights = Anfis(2, sets).n_weights
     needed = -(-weights * every // (every - 1))
     if len(points) < needed:
-        raise DataError(f"{points.path}: {len(points)} points are too few for {sets} x {sets} sets: {weights} weights "
-                        f"need {needed}, as one in {every} is held out.",
-                        "Measure more points, or take fewer --sets (2 is the least).", code="too-short")
+        raise DataError(
+            f"{points.path}: {len(points)} points are too few for {sets} x {sets} sets: {weights} "
+            "weights "
+            f"need {needed}, as one in {every} is held out.",
+            "Measure more points, or take fewer --sets (2 is the least).",
+            code="too-short",
+        )
     for name, values in ((CONTRACTION, points.contraction), (PRESSURE, points.pressure_kpa)):
         if (different := len(np.unique(values))) < sets:
-            raise DataError(f"{points.path}: {different} different values of {name} are too few for {sets} sets.",
-                            "Measure more of them, or take fewer --sets (2 is the least).", code="not-excited")
+            raise DataError(
+                f"{points.path}: {different} different values of {name} are too few for {sets} "
+                "sets.",
+                "Measure more of them, or take fewer --sets (2 is the least).",
+                code="not-excited",
+            )
 
 
 def _train(points: ForceMap, said: dict[str, Array], sets: int, seed: int) -> TrainedNetwork:
@@ -272,14 +354,24 @@ def _train(points: ForceMap, said: dict[str, Array], sets: int, seed: int) -> Tr
     nearest_law = min(moved, key=lambda values: rms(points.force_n, np.maximum(values, 0.0)))
     taught = np.where(points.slack, np.minimum(points.force_n, nearest_law), points.force_n)
     signals = {CONTRACTION: points.contraction, PRESSURE: points.pressure_kpa}
-    return train_on_signals(Anfis(2, sets), signals, taught, output_name=FORCE, period_s=1.0, iterations=ITERATIONS,
-                            seed=seed)[0]
+    return train_on_signals(
+        Anfis(2, sets),
+        signals,
+        taught,
+        output_name=FORCE,
+        period_s=1.0,
+        iterations=ITERATIONS,
+        seed=seed,
+    )[0]
 
 
 def _moved(points: ForceMap, said: Array) -> Array:
-    """A law's forces (points,), N, with the factor and the offset that suit the pulling points best."""
+    """A law's forces (points,), N, with the factor and the offset that suit the pulling points
+    best."""
     terms = np.column_stack([said, np.ones_like(said)])
-    return np.asarray(terms @ np.linalg.lstsq(terms[~points.slack], points.force_n[~points.slack])[0])
+    return np.asarray(
+        terms @ np.linalg.lstsq(terms[~points.slack], points.force_n[~points.slack])[0]
+    )
 
 
 def _number(value: Expr) -> float:

@@ -1,12 +1,13 @@
-"""The model that a run found, rebuilt from its folder: rig, effects and their values, with a network where one was
-trained. What leaves the laboratory starts from it, and `simulate_identified` says what it has to give.
+"""The model that a run found, rebuilt from its folder: rig, effects and their values, with a
+network where one was trained. What leaves the laboratory starts from it, and `simulate_identified`
+says what it has to give.
 
-A run folder is data: nothing in it is executed. A rig or effect file is code: it is run only where the caller names it
-again, and only if it still is what the run was made with.
+A run folder is data: nothing in it is executed. A rig or effect file is code: it is run only where
+the caller names it again, and only if it still is what the run was made with.
 
-The whole model is one set of equations. A network at the output is added to its channel behind them. One at a port is
-given what the uncorrected model puts out, which runs beside the corrected one under names that begin with
-"uncorrected."; its value is held over a sample.
+The whole model is one set of equations. A network at the output is added to its channel behind
+them. One at a port is given what the uncorrected model puts out, which runs beside the corrected
+one under names that begin with "uncorrected."; its value is held over a sample.
 """
 
 from __future__ import annotations
@@ -50,17 +51,17 @@ WHICH = ("best", "cause", "network", "refitted")
 REMEDY = "Run `pamid fit` or `pamid diagnose` again."
 BESIDE = "uncorrected."
 GIVEN, MEMORY, VALUE = "network.given_", "network.memory", "network"
-PERIODS_AGREE = 0.01      # share by which an excitation's period may differ from the model's
-MOST_SUBSTEPS = 4096      # of a sample, in a file that is to be believed
+PERIODS_AGREE = 0.01  # share by which an excitation's period may differ from the model's
+MOST_SUBSTEPS = 4096  # of a sample, in a file that is to be believed
 
 
 @dataclass(frozen=True, eq=False)
 class ModelNetwork:
-    """A trained network and its place: behind `channel`, or at a port's entry. sources: what each of its inputs is, an
-    input or output of the model by name.
+    """A trained network and its place: behind `channel`, or at a port's entry. sources: what each
+    of its inputs is, an input or output of the model by name.
 
-    in_loop: it corrects a model in its own control loop, whose motion it is given with derivatives that look ahead;
-    then it has no sources, and only a finished run can be corrected.
+    in_loop: it corrects a model in its own control loop, whose motion it is given with derivatives
+    that look ahead; then it has no sources, and only a finished run can be corrected.
     """
 
     trained: TrainedNetwork
@@ -70,14 +71,17 @@ class ModelNetwork:
     in_loop: bool = False
 
     def value(self, known: Mapping[str, Expr]) -> tuple[Expr, tuple[Cell, ...]]:
-        """Its value in its own unit, from inputs and outputs of a model by name (SI), held over a sample; its cells.
+        """Its value in its own unit, from inputs and outputs of a model by name (SI), held over a
+        sample; its cells.
 
         Scaled inputs lead with GIVEN, what it remembers with MEMORY; the scaled output is VALUE.
         """
         t, given = self.trained, []
         ranges = zip(self.sources, t.input_scaling.low, t.input_scaling.high, strict=True)
         for i, (name, low, high) in enumerate(ranges):
-            scaled = (from_si(known[name], split_column(name)[1]) - low) * (2.0 / (high - low)) - 1.0
+            scaled = (from_si(known[name], split_column(name)[1]) - low) * (
+                2.0 / (high - low)
+            ) - 1.0
             given.append(Cell(f"{GIVEN}{i}", scaled, scaled, sampled=True))
         output, cells = t.network.equations(t.weights, [c.here for c in given], MEMORY)
         held = Cell(VALUE, output, output, sampled=True)
@@ -87,7 +91,8 @@ class ModelNetwork:
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """A rig with its effects and the values that a run found for them; beside it perhaps a network for what is left.
+    """A rig with its effects and the values that a run found for them; beside it perhaps a network
+    for what is left.
 
     assembly     what the values belong to, the input for a network at a port included
     values       of every parameter, SI, in the assembly's order
@@ -116,7 +121,8 @@ class Identified:
 
     @cached_property
     def equations(self) -> Traced:
-        """Rates, outputs and cells of the whole model, network and uncorrected model included (SI)."""
+        """Rates, outputs and cells of the whole model, network and uncorrected model included
+        (SI)."""
         own = self.assembly.traced
         if self.network is None or self.network.in_loop:
             return own
@@ -124,7 +130,11 @@ class Identified:
             value, cells = self.network.value(signals_of(own))
             unit = split_column(self.network.channel)[1]
             behind = to_si(from_si(own.outputs[self.network.channel], unit) + value, unit)
-            return replace(own, outputs={**own.outputs, self.network.channel: behind}, cells=(*own.cells, *cells))
+            return replace(
+                own,
+                outputs={**own.outputs, self.network.channel: behind},
+                cells=(*own.cells, *cells),
+            )
         assert self.beside is not None
         before = beside(self.beside[0].traced, own, BESIDE)
         value, cells = self.network.value(signals_of(before))
@@ -150,7 +160,10 @@ class Identified:
         """Initial state (SI), in the order of `lowered.states`."""
         begin = self.assembly.begin(self.values)
         if self.beside is not None:
-            begin |= {f"{BESIDE}{name}": value for name, value in self.beside[0].begin(self.beside[1]).items()}
+            begin |= {
+                f"{BESIDE}{name}": value
+                for name, value in self.beside[0].begin(self.beside[1]).items()
+            }
         return np.array([begin.get(name, 0.0) for name in self.lowered.states])
 
     @cached_property
@@ -173,7 +186,9 @@ class Identified:
         return build_program(lowered, self.inputs, tuple(self.constants), names, frozenset())
 
     def knowing(self, known: Mapping[str, float]) -> Identified:
-        """The same model where these parameters (outside names and units) are known to be otherwise."""
+        """The same model where these parameters (outside names and units) are known to be
+        otherwise."""
+
         def put(assembly: Assembly, values: Array) -> Array:
             told = {assembly.index_of(name): value for name, value in known.items()}
             out = values.copy()
@@ -186,38 +201,58 @@ class Identified:
 
     def closed(self, controller: Mapping[str, float]) -> Identified:
         """The same model with this controller in its loop: references in the place of commands."""
-        return replace(self, assembly=replace(self.assembly, controller=tuple(sorted(controller.items()))))
+        return replace(
+            self, assembly=replace(self.assembly, controller=tuple(sorted(controller.items())))
+        )
 
 
-def simulate_identified(model: Identified, u: Array, extra: Mapping[str, Expr] | None = None) -> Array:
-    """Outputs, then what is extra (samples x both, SI), for inputs u (samples x inputs, SI) held over each sample, from
-    the model's start. DataError where it becomes unstable; UsageError where its network needs the loop."""
+def simulate_identified(
+    model: Identified, u: Array, extra: Mapping[str, Expr] | None = None
+) -> Array:
+    """Outputs, then what is extra (samples x both, SI), for inputs u (samples x inputs, SI) held
+    over each sample, from the model's start. DataError where it becomes unstable; UsageError where
+    its network needs the loop."""
     if model.network is not None and model.network.in_loop and not model.assembly.controller:
-        raise UsageError("This network corrects the model in its own control loop, not on given commands.",
-                         "Leave it out with --which refitted, give references instead of commands, or train one that "
-                         "goes inside with train-residual --at PORT.")
+        raise UsageError(
+            "This network corrects the model in its own control loop, not on given commands.",
+            "Leave it out with --which refitted, give references instead of commands, or train "
+            "one that "
+            "goes inside with train-residual --at PORT.",
+        )
     program = model.program_with(extra or {})
     memory = program.memory(model.start, stepping=model.stepping, period_s=model.period_s)
     p = np.array(list(model.constants.values()))
     Y, _, bad = program.run(memory, u, p, period_s=model.period_s, stepping=model.stepping)
     if bad >= 0:
-        raise DataError(f"The model of {model.name!r} became unstable at {bad * model.period_s:.3f} s.",
-                        "Lower the amplitude.")
+        raise DataError(
+            f"The model of {model.name!r} became unstable at {bad * model.period_s:.3f} s.",
+            "Lower the amplitude.",
+        )
     return Y
 
 
-def record_identified(model: Identified, excitation: Recording, known: Mapping[str, float] | None = None, *,
-                      noise: float = 1.0, seed: int = 0) -> VirtualRecording:
-    """What the model's sensors would have recorded on an excitation; what is known, or what the excitation states as
-    known, holds.
+def record_identified(
+    model: Identified,
+    excitation: Recording,
+    known: Mapping[str, float] | None = None,
+    *,
+    noise: float = 1.0,
+    seed: int = 0,
+) -> VirtualRecording:
+    """What the model's sensors would have recorded on an excitation; what is known, or what the
+    excitation states as known, holds.
 
-    References run it in its control loop: the excitation's controller, else that of the run's recordings, else the
-    rig's. Columns in their own units.
+    References run it in its control loop: the excitation's controller, else that of the run's
+    recordings, else the rig's. Columns in their own units.
     """
     rig, n = model.assembly.rig, len(excitation)
     if abs(excitation.sampling_period_s - model.period_s) > PERIODS_AGREE * model.period_s:
-        raise DataError(f"{excitation.path} is sampled every {excitation.sampling_period_s:g} s, the model's sample is "
-                        f"{model.period_s:g} s.", "Make the excitation with the model's period.")
+        raise DataError(
+            f"{excitation.path} is sampled every {excitation.sampling_period_s:g} s, the model's "
+            "sample is "
+            f"{model.period_s:g} s.",
+            "Make the excitation with the model's period.",
+        )
     known = {**excitation.known, **(known or {})}
     model, closed = model.knowing(known), in_its_loop(rig, excitation)
     settings = {**rig.controller, **model.controller, **excitation.controller} if closed else {}
@@ -226,18 +261,31 @@ def record_identified(model: Identified, excitation: Recording, known: Mapping[s
     u = noisy_inputs(input_table(model.assembly, excitation, model.inputs), model.inputs, jitter)
     commands = [q.command for q in rig.loops] if closed else []
     Y = simulate_identified(model, u, {c: symbol("cell", c) for c in commands})
-    clean = {name: from_si(Y[:, i], split_column(name)[1]) for i, name in enumerate((*model.outputs, *commands))}
+    clean = {
+        name: from_si(Y[:, i], split_column(name)[1])
+        for i, name in enumerate((*model.outputs, *commands))
+    }
     if model.network is not None and model.network.in_loop:
         clean = _corrected_in_loop(model, excitation, clean)
-    columns = {**excitation.columns, **{name: values + jitter.get(name, 0.0) for name, values in clean.items()}}
-    meta: dict[str, Any] = {"recording": {"rig": model.source, "loop": "closed" if closed else "open",
-                                          "sampling_period_s": excitation.sampling_period_s}}
+    columns = {
+        **excitation.columns,
+        **{name: values + jitter.get(name, 0.0) for name, values in clean.items()},
+    }
+    meta: dict[str, Any] = {
+        "recording": {
+            "rig": model.source,
+            "loop": "closed" if closed else "open",
+            "sampling_period_s": excitation.sampling_period_s,
+        }
+    }
     meta |= {"known": known} if known else {}
     meta |= {"controller": settings} if closed else {}
     return VirtualRecording(columns, meta, [a.label for a in model.effects])
 
 
-def _corrected_in_loop(model: Identified, excitation: Recording, found: dict[str, Array]) -> dict[str, Array]:
+def _corrected_in_loop(
+    model: Identified, excitation: Recording, found: dict[str, Array]
+) -> dict[str, Array]:
     """Columns of a run in the control loop with the network's correction on its channel."""
     assert model.network is not None
     rig, trained, signals = model.assembly.rig, model.network.trained, dict(found)
@@ -249,16 +297,20 @@ def _corrected_in_loop(model: Identified, excitation: Recording, found: dict[str
     return {**found, model.network.channel: found[model.network.channel] + trained.predict(signals)}
 
 
-# ---- reading a run -----------------------------------------------------------------------------------------------
+# ---- reading a run -----------------------------------------------------------------------------
 
 
-def load_identified(run_folder: Path, *, which: str = "best", rig: str | None = None,
-                    effects: tuple[str, ...] = ()) -> Identified:
-    """The model of a run; FileError where the folder is damaged or its rig or effect files are not named here.
+def load_identified(
+    run_folder: Path, *, which: str = "best", rig: str | None = None, effects: tuple[str, ...] = ()
+) -> Identified:
+    """The model of a run; FileError where the folder is damaged or its rig or effect files are not
+    named here.
 
-    which          "cause" (of a diagnosis), "network" (the refitted model with the network that was trained on the
+    which          "cause" (of a diagnosis), "network" (the refitted model with the network that was
+    trained on the
                    run), "refitted", or "best": the first of these that the run has
-    rig, effects   paths of the rig file and the effect files that the run was made with; they are run
+    rig, effects   paths of the rig file and the effect files that the run was made with; they are
+    run
     """
     if which not in WHICH:
         raise UsageError(f"--which {which!r}: take one of {', '.join(WHICH)}.")
@@ -268,16 +320,30 @@ def load_identified(run_folder: Path, *, which: str = "best", rig: str | None = 
         raise FileError(f"{path} is not a fit's.", REMEDY)
     if "model" not in fit:
         raise FileError(f"{path} does not hold its model.", f"An older version wrote it. {REMEDY}")
-    has = {"cause": "cause" in fit, "network": (run_folder / NETWORK_FILE).exists(), "refitted": True}
+    has = {
+        "cause": "cause" in fit,
+        "network": (run_folder / NETWORK_FILE).exists(),
+        "refitted": True,
+    }
     chosen = next(name for name, found in has.items() if found) if which == "best" else which
     if not has[chosen]:
-        raise FileError(f"{run_folder} has no {chosen}.", f"It has {', '.join(filter(has.get, has))}.", code="missing")
+        raise FileError(
+            f"{run_folder} has no {chosen}.",
+            f"It has {', '.join(filter(has.get, has))}.",
+            code="missing",
+        )
     with _sound(path):
         noted = {str(one["path"]): str(one["sha256"]) for one in record["inputs"]}
         source = str(record["options"].get("rig") or fit["rig"])
         if (made := rig_again(source, rig, noted)).name != fit["rig"]:
-            raise FileError(f"The run is of the rig {fit['rig']!r}, not of {made.name!r}.", "Name its own.", code="rig")
-        catalogue = effects_again(tuple(map(str, record["options"].get("effects", ()))), effects, noted)
+            raise FileError(
+                f"The run is of the rig {fit['rig']!r}, not of {made.name!r}.",
+                "Name its own.",
+                code="rig",
+            )
+        catalogue = effects_again(
+            tuple(map(str, record["options"].get("effects", ()))), effects, noted
+        )
         model = _model(made, fit, "cause" if chosen == "cause" else "model", catalogue, path)
         model = replace(model, source=rig or source, sha256=sha256_of(path))
     if chosen != "network":
@@ -286,9 +352,13 @@ def load_identified(run_folder: Path, *, which: str = "best", rig: str | None = 
         return _with_network(model, run_folder, fit)
 
 
-def _model(rig: Rig, fit: dict[str, Any], part: str, catalogue: dict[str, type[Effect]], path: Path) -> Identified:
+def _model(
+    rig: Rig, fit: dict[str, Any], part: str, catalogue: dict[str, type[Effect]], path: Path
+) -> Identified:
     told = fit[part]
-    assembly = Assembly(rig, tuple(attach(rig, str(label), catalogue) for label in told["effects"]), background=True)
+    assembly = Assembly(
+        rig, tuple(attach(rig, str(label), catalogue) for label in told["effects"]), background=True
+    )
     values = {str(key): float(value) for key, value in told["values"].items()}
     if set(values) != set(assembly.keys):
         odd = sorted(set(values) ^ set(assembly.keys))
@@ -309,15 +379,22 @@ def _with_network(model: Identified, folder: Path, fit: dict[str, Any]) -> Ident
     about, trained = read_json(folder / NETWORK_FILE), load_network(folder)
     enters, offered = about["enters"], {name: name for name in model.assembly.rig.inputs}
     offered |= {derived(c, "refitted"): str(c) for c in fit["channels"]}
-    if (about["model"] == "loop" or enters == "output") and trained.output_name not in model.assembly.rig.outputs:
-        _refuse(folder / NETWORK_FILE, f"its output {trained.output_name!r} is no output of the model")
+    if (
+        about["model"] == "loop" or enters == "output"
+    ) and trained.output_name not in model.assembly.rig.outputs:
+        _refuse(
+            folder / NETWORK_FILE, f"its output {trained.output_name!r} is no output of the model"
+        )
     if about["model"] == "loop":
         return replace(model, network=ModelNetwork(trained, trained.output_name, in_loop=True))
     for name in trained.input_names:
         if name not in offered:
-            raise FileError(f"{folder / NETWORK_FILE}: its input {name!r} is neither an input of the rig nor an output "
-                            "of the refitted model, so that it cannot run beside it.",
-                            f"Train it with --inputs out of {', '.join(offered)}.")
+            raise FileError(
+                f"{folder / NETWORK_FILE}: its input {name!r} is neither an input of the rig nor "
+                "an output "
+                "of the refitted model, so that it cannot run beside it.",
+                f"Train it with --inputs out of {', '.join(offered)}.",
+            )
     sources = tuple(offered[name] for name in trained.input_names)
     if enters == "output":
         return replace(model, network=ModelNetwork(trained, trained.output_name, sources=sources))
@@ -333,8 +410,13 @@ def _with_network(model: Identified, folder: Path, fit: dict[str, Any]) -> Ident
             p[i] = model.values[model.assembly.keys[key]]
     if not np.isfinite(p).all():
         _refuse(folder / NETWORK_FILE, "a parameter is not finite")
-    return replace(model, assembly=corrected, values=p, network=ModelNetwork(trained, "", entry, sources),
-                   beside=(model.assembly, model.values))
+    return replace(
+        model,
+        assembly=corrected,
+        values=p,
+        network=ModelNetwork(trained, "", entry, sources),
+        beside=(model.assembly, model.values),
+    )
 
 
 @contextmanager
@@ -343,7 +425,11 @@ def _sound(path: Path) -> Iterator[None]:
     try:
         yield
     except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
-        _refuse(path, f"it lacks entries, or they are not what they should be ({type(error).__name__}: {error})")
+        _refuse(
+            path,
+            f"it lacks entries, or they are not what they should be ({type(error).__name__}: "
+            f"{error})",
+        )
 
 
 def _refuse(path: Path, what: str) -> NoReturn:

@@ -1,14 +1,16 @@
-"""A network whose value is added where a value passes through a port of the rig: inside the equations, not behind them.
+"""A network whose value is added where a value passes through a port of the rig: inside the
+equations, not behind them.
 
-The first paper's equation has its network's output among the torques; what it trains on is a difference of angles. Here
-the target is what is missing at the port over the fitted part: the latent value that the smoother finds there, and with
-it the parameters of the model, which had bent to what is missing. The network sees what the uncorrected model has (a
-correction that is fed forward) and its value enters as one more input of the rig, held over a sample.
+The first paper's equation has its network's output among the torques; what it trains on is a
+difference of angles. Here the target is what is missing at the port over the fitted part: the
+latent value that the smoother finds there, and with it the parameters of the model, which had bent
+to what is missing. The network sees what the uncorrected model has (a correction that is fed
+forward) and its value enters as one more input of the rig, held over a sample.
 
-Why the parameters move with it: Elman 6-10-1, 4 starts, 60 steps, seeds 0 and 10; held-out MAE with the parameters
-held and moved, on 60 s of a twin with a dead band of its valves, at its command: angle 0.74, 0.85 and 0.41, 0.43 deg
-(1.8 uncorrected), forces 10, 12 and 5.6, 6.4 N; with dry friction, at its joint: 0.10, 0.15 and 0.11, 0.11 deg (0.13),
-forces 3.5, 3.7 and 3.1, 2.9 N.
+Why the parameters move with it: Elman 6-10-1, 4 starts, 60 steps, seeds 0 and 10; held-out MAE with
+the parameters held and moved, on 60 s of a twin with a dead band of its valves, at its command:
+angle 0.74, 0.85 and 0.41, 0.43 deg (1.8 uncorrected), forces 10, 12 and 5.6, 6.4 N; with dry
+friction, at its joint: 0.10, 0.15 and 0.11, 0.11 deg (0.13), forces 3.5, 3.7 and 3.1, 2.9 N.
 """
 
 from __future__ import annotations
@@ -57,8 +59,8 @@ from pamid.symbolic.vocabulary import Expr, Number
 
 Array = NDArray[np.float64]
 
-ADDED = "value_of_the_network"     # the rig's further input
-AGAIN = 1e-3                       # share by which a model fitted again may differ in its errors
+ADDED = "value_of_the_network"  # the rig's further input
+AGAIN = 1e-3  # share by which a model fitted again may differ in its errors
 
 
 @dataclass(frozen=True)
@@ -73,27 +75,37 @@ class Entry:
         return f"{self.port}_{self.place}" if self.place else self.port
 
     def attachment(self, effect: Effect) -> Attachment:
-        return Attachment(effect, (self.port,), "latent", self.place)  # one label: both act in the same order
+        # one label: both act in the same order
+        return Attachment(effect, (self.port,), "latent", self.place)
 
 
 def entry_of(rig: Rig, name: str) -> Entry:
-    """The entry named `port`, or `port_place` where the port has several; UsageError where there is none."""
-    entries = {e.name: e for n, port in rig.ports.items() for e in (Entry(n, place) for place in port.places or ("",))}
+    """The entry named `port`, or `port_place` where the port has several; UsageError where there is
+    none."""
+    entries = {
+        e.name: e
+        for n, port in rig.ports.items()
+        for e in (Entry(n, place) for place in port.places or ("",))
+    }
     if name in entries:
         return entries[name]
     several = [e.name for e in entries.values() if e.port == name]
     hint = f"Say which: {' or '.join(several)}." if several else nearest(name, [*entries, "output"])
-    raise UsageError(f"--at {name!r}: the rig {rig.name!r} has {'several of it' if several else 'no such port'}.",
-                     hint or f"Take output or one of {', '.join(entries)}.")
+    raise UsageError(
+        f"--at {name!r}: the rig {rig.name!r} has "
+        f"{'several of it' if several else 'no such port'}.",
+        hint or f"Take output or one of {', '.join(entries)}.",
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class PortCorrection:
-    """A network for what is missing at a port, and what becomes of every channel (rows of residual.csv).
+    """A network for what is missing at a port, and what becomes of every channel (rows of
+    residual.csv).
 
-    parameters: those of the corrected model that were fitted, by name in its unit; outputs: corrected channels in their
-    units; beside: the same network at the output, None where it was interrupted; mae: by channel, refitted,
-    with_network, and with_output_network where that acts.
+    parameters: those of the corrected model that were fitted, by name in its unit; outputs:
+    corrected channels in their units; beside: the same network at the output, None where it was
+    interrupted; mae: by channel, refitted, with_network, and with_output_network where that acts.
     """
 
     entry: Entry
@@ -111,7 +123,7 @@ class PortCorrection:
         return self.training.why == "interrupted" or self.beside is None
 
 
-# ---- the model of a run ------------------------------------------------------------------------------------------
+# ---- the model of a run ------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -125,48 +137,72 @@ class Origin:
     def model(self, told: Callable[[str], None] = lambda text: None) -> GreyBox:
         """The model, fitted again; DataError where it is not the run's any more."""
         earlier = read_posterior(Path(self.fit["from"]["path"])) if "from" in self.fit else None
-        found = fit_model(self.evidence, self.attached, seed=int(self.fit["seed"]), told=told, earlier=earlier)
+        found = fit_model(
+            self.evidence, self.attached, seed=int(self.fit["seed"]), told=told, earlier=earlier
+        )
         for c, now in zip(self.evidence.channels, channel_mae(list(found.held_out)), strict=True):
             now, before = from_si(now, split_column(c)[1]), self.fit["mae"][c]["refitted"]
             if not np.isclose(now, before, rtol=AGAIN):
-                raise DataError(f"The model fitted again is not the run's: MAE of {c} {now:.4g}, in {FIT_FILE} "
-                                f"{before:.4g}.", "Another version wrote the run: fit it anew.")
+                raise DataError(
+                    f"The model fitted again is not the run's: MAE of {c} {now:.4g}, in {FIT_FILE} "
+                    f"{before:.4g}.",
+                    "Another version wrote the run: fit it anew.",
+                )
         return found
 
 
 def origin_of(folder: Path, rig: str | None = None) -> Origin:
-    """Read a run's recordings again. FileError where one has moved or changed, or where the rig is a file that nobody
-    names here: it is code, and is run."""
+    """Read a run's recordings again. FileError where one has moved or changed, or where the rig is
+    a file that nobody names here: it is code, and is run."""
     record, fit = Run.open(folder).record, read_json(folder / FIT_FILE)
     try:
-        known = {str(one["path"]): str(one["sha256"]) for part in (record, *record["steps"]) for one in part["inputs"]}
+        known = {
+            str(one["path"]): str(one["sha256"])
+            for part in (record, *record["steps"])
+            for one in part["inputs"]
+        }
         roles = {str(one["path"]): str(one["role"]) for one in fit["recordings"]}
         known |= {str(one["path"]): str(one["sha256"]) for one in fit["recordings"]}
-        name, labels = str(record["options"].get("rig") or fit["rig"]), [str(label) for label in fit["effects"]]
+        name, labels = (
+            str(record["options"].get("rig") or fit["rig"]),
+            [str(label) for label in fit["effects"]],
+        )
     except (KeyError, TypeError, AttributeError):
-        raise FileError(f"{folder} does not tell its recordings, rig and effects.",
-                        "Run `pamid fit` or `pamid diagnose` again.", code="damaged") from None
+        raise FileError(
+            f"{folder} does not tell its recordings, rig and effects.",
+            "Run `pamid fit` or `pamid diagnose` again.",
+            code="damaged",
+        ) from None
     for path in roles:
         for one in (path, str(Path(path).with_suffix(".toml"))):
             if one in known:
                 _require_unchanged(one, known[one], folder)
     made = rig_again(name, rig, known)
     recordings = {path: read_recording(Path(path)) for path in roles}
-    evidence = gather(made, [r for path, r in recordings.items() if roles[path] != "held-out"],
-                      [r for path, r in recordings.items() if roles[path] == "held-out"])
+    evidence = gather(
+        made,
+        [r for path, r in recordings.items() if roles[path] != "held-out"],
+        [r for path, r in recordings.items() if roles[path] == "held-out"],
+    )
     return Origin(evidence, tuple(attach(made, label, effects()) for label in labels), fit)
 
 
 def _require_unchanged(path: str, sha256: str, folder: Path) -> None:
     if not Path(path).is_file():
-        raise FileError(f"{path}, to which {folder} was fitted, is not there.",
-                        "Put it back; a path that is not absolute counts from where the run was made.", code="missing")
+        raise FileError(
+            f"{path}, to which {folder} was fitted, is not there.",
+            "Put it back; a path that is not absolute counts from where the run was made.",
+            code="missing",
+        )
     if sha256_of(path) != sha256:
-        raise FileError(f"{path} was changed since {folder} was fitted to it (its SHA-256 differs).",
-                        "Put the old one back, or fit again.", code="changed")
+        raise FileError(
+            f"{path} was changed since {folder} was fitted to it (its SHA-256 differs).",
+            "Put the old one back, or fit again.",
+            code="changed",
+        )
 
 
-# ---- what is missing there ---------------------------------------------------------------------------------------
+# ---- what is missing there ---------------------------------------------------------------------
 
 
 @dataclass(eq=False)
@@ -183,14 +219,23 @@ class _AtEntry(Smoother):
 
 
 def missing_at(model: GreyBox, replays: tuple[Replay, ...], entry: Entry) -> tuple[Array, Array]:
-    """What is missing at an entry over these replays of the model, one after the other (samples, SI), and all of the
-    model's parameters beside it (SI); ConvergenceError where no path follows the data."""
-    smoother = _AtEntry(model.evidence, contender_from(model.assembly, model.fit, replays), (entry.port,),
-                        place=entry.place)
+    """What is missing at an entry over these replays of the model, one after the other (samples,
+    SI), and all of the model's parameters beside it (SI); ConvergenceError where no path follows
+    the data."""
+    smoother = _AtEntry(
+        model.evidence,
+        contender_from(model.assembly, model.fit, replays),
+        (entry.port,),
+        place=entry.place,
+    )
     likely, size, time_s = smoother.best
-    if not np.isfinite(smoother.evidence_at(size, time_s, ROUNDS) if np.isfinite(likely) else likely):
-        raise ConvergenceError(f"What is missing at {entry.name} cannot be found: the model does not follow its data.",
-                               "Try another port.")
+    if not np.isfinite(
+        smoother.evidence_at(size, time_s, ROUNDS) if np.isfinite(likely) else likely
+    ):
+        raise ConvergenceError(
+            f"What is missing at {entry.name} cannot be found: the model does not follow its data.",
+            "Try another port.",
+        )
     found = []
     for path in smoother.paths:
         middle = np.array([0.5 * (w.start + w.stop - 1) for w in path.slices])
@@ -200,7 +245,7 @@ def missing_at(model: GreyBox, replays: tuple[Replay, ...], entry: Entry) -> tup
     return np.concatenate(found), p
 
 
-# ---- the corrected model -----------------------------------------------------------------------------------------
+# ---- the corrected model -----------------------------------------------------------------------
 
 
 class _Added(Effect):
@@ -233,7 +278,8 @@ class Corrected:
         return entered(self.model.assembly, self.entry)
 
     def replayed(self, values: Array) -> list[Replay]:
-        """Replays of all fitted and held-out tracks with these values (SI; rows of residual.csv) added."""
+        """Replays of all fitted and held-out tracks with these values (SI; rows of residual.csv)
+        added."""
         m, a, first, found = self.model, self.assembly, 0, []
         p, column = transferred(a, (m.assembly, self.p)), a.traced.inputs.index(ADDED)
         for t in (*m.evidence.tracks(a), *m.evidence.tracks(a, held_out=True)):
@@ -244,34 +290,62 @@ class Corrected:
         return found
 
 
-def train_at_port(leftover: Leftover, model: GreyBox, entry: Entry, told: Callable[[str], None] = lambda text: None,
-                  **course: Unpack[Course]) -> PortCorrection:
-    """Train on what is missing at the entry over the fitted part, judge on the held-out windows; beside it the same
-    network, trained alike, on what is left of the channel. Errors as in `train_network`; FileError where residual.csv
-    is not of this model."""
+def train_at_port(
+    leftover: Leftover,
+    model: GreyBox,
+    entry: Entry,
+    told: Callable[[str], None] = lambda text: None,
+    **course: Unpack[Course],
+) -> PortCorrection:
+    """Train on what is missing at the entry over the fitted part, judge on the held-out windows;
+    beside it the same network, trained alike, on what is left of the channel. Errors as in
+    `train_network`; FileError where residual.csv is not of this model."""
     e = model.evidence
     unit = "" if (u := display_unit(e.rig.ports[entry.port].unit)) == NONE else u
     told(f"looking for what is missing at {entry.name}")
     with threadpool_limits(limits=1, user_api="blas"):
-        fitted = tuple(replay(model.assembly, model.fit.p, t, model.fit.stepping, e.noise)
-                       for t in e.tracks(model.assembly))
+        fitted = tuple(
+            replay(model.assembly, model.fit.p, t, model.fit.stepping, e.noise)
+            for t in e.tracks(model.assembly)
+        )
         missing, p = missing_at(model, fitted, entry)
     target = np.zeros(len(leftover.target))
     if len(missing) + sum(len(r.track) for r in model.held_out) != len(target):
-        raise FileError(f"{RESIDUAL_FILE} has {len(target)} rows, the recordings have others.", "Fit again.")
+        raise FileError(
+            f"{RESIDUAL_FILE} has {len(target)} rows, the recordings have others.", "Fit again."
+        )
     target[: len(missing)] = from_si(missing, unit)
-    trained, training, values = train_network(leftover, with_unit("missing", unit), target, **course)
+    trained, training, values = train_network(
+        leftover, with_unit("missing", unit), target, **course
+    )
     beside = None
     if training.why != "interrupted":
         beside = _at_output(leftover, **course)
     told("simulating with the network")
     runs = Corrected(model, entry, p).replayed(to_si(values, unit))
-    outputs = {c: from_si(np.concatenate([r.model[:, k] for r in runs]), split_column(c)[1])
-               for k, c in enumerate(e.channels)}
-    notes = () if all(r.finite for r in runs) else (
-        f"With the network's value at {entry.name} the model became unstable in some windows; they count as zero.",)
-    return PortCorrection(entry, named_values(model, p), leftover, trained, training, beside, outputs,
-                          _compared(leftover, outputs, beside), (*leftover.notes, *notes))
+    outputs = {
+        c: from_si(np.concatenate([r.model[:, k] for r in runs]), split_column(c)[1])
+        for k, c in enumerate(e.channels)
+    }
+    notes = (
+        ()
+        if all(r.finite for r in runs)
+        else (
+            f"With the network's value at {entry.name} the model became unstable in some windows; "
+            "they count as zero.",
+        )
+    )
+    return PortCorrection(
+        entry,
+        named_values(model, p),
+        leftover,
+        trained,
+        training,
+        beside,
+        outputs,
+        _compared(leftover, outputs, beside),
+        (*leftover.notes, *notes),
+    )
 
 
 def named_values(model: GreyBox, p: Array) -> dict[str, float]:
@@ -281,7 +355,8 @@ def named_values(model: GreyBox, p: Array) -> dict[str, float]:
 
 
 def _at_output(leftover: Leftover, **course: Unpack[Course]) -> Correction | None:
-    """The same network for what is left of the channel, from its beginning; None where it is interrupted."""
+    """The same network for what is left of the channel, from its beginning; None where it is
+    interrupted."""
     course["checkpoint"], course["resume"] = None, False
     try:
         found = train_correction(leftover, **course)
@@ -290,11 +365,16 @@ def _at_output(leftover: Leftover, **course: Unpack[Course]) -> Correction | Non
     return None if found.interrupted else found
 
 
-def _compared(leftover: Leftover, outputs: dict[str, Array], beside: Correction | None) -> dict[str, dict[str, float]]:
+def _compared(
+    leftover: Leftover, outputs: dict[str, Array], beside: Correction | None
+) -> dict[str, dict[str, float]]:
     """Held-out MAE of every channel by the model and the corrected ones."""
     found = {}
     for channel, corrected in outputs.items():
-        models = {"refitted": leftover.columns[derived(channel, "refitted")], "with_network": corrected}
+        models = {
+            "refitted": leftover.columns[derived(channel, "refitted")],
+            "with_network": corrected,
+        }
         if beside is not None and channel == leftover.channel:
             models["with_output_network"] = leftover.columns[leftover.modelled] + beside.values
         found[channel] = held_out_mae(leftover, channel, **models)
@@ -302,9 +382,14 @@ def _compared(leftover: Leftover, outputs: dict[str, Array], beside: Correction 
 
 
 def write_port_correction(run: Run, found: PortCorrection) -> dict[str, Any]:
-    """network.npz, network.json, trace.csv and every corrected channel in residual.csv; returns network.json."""
-    about = {"enters": {"port": found.entry.name}, "model": found.leftover.model,
-             "target": f"what is missing at {found.entry.name} of {MODELS[found.leftover.model]}",
-             "parameters": found.parameters,
-             "mae": {c: {**mae, "part": "held-out"} for c, mae in found.mae.items()}, "notes": list(found.notes)}
+    """network.npz, network.json, trace.csv and every corrected channel in residual.csv; returns
+    network.json."""
+    about = {
+        "enters": {"port": found.entry.name},
+        "model": found.leftover.model,
+        "target": f"what is missing at {found.entry.name} of {MODELS[found.leftover.model]}",
+        "parameters": found.parameters,
+        "mae": {c: {**mae, "part": "held-out"} for c, mae in found.mae.items()},
+        "notes": list(found.notes),
+    }
     return write_network(run, found.trained, found.training, about, found.outputs)

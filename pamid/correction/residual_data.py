@@ -1,9 +1,11 @@
-"""What a fitted model leaves over of one channel, read from a run folder and laid out for a network.
+"""What a fitted model leaves over of one channel, read from a run folder and laid out for a
+network.
 
-Where residual.csv holds the model in its own control loop, that is the model to be corrected, as in the first paper:
-target = measured - angle_loop, inputs = reference, command_loop, angle_loop, velocity_loop, acceleration_loop, one
-record per stretch of recording. Otherwise it is the replay on recorded commands: inputs = inputs of the rig and every
-refitted output, one record per window. Inputs never are measured outputs: what they would tell, a model cannot know.
+Where residual.csv holds the model in its own control loop, that is the model to be corrected, as in
+the first paper: target = measured - angle_loop, inputs = reference, command_loop, angle_loop,
+velocity_loop, acceleration_loop, one record per stretch of recording. Otherwise it is the replay on
+recorded commands: inputs = inputs of the rig and every refitted output, one record per window.
+Inputs never are measured outputs: what they would tell, a model cannot know.
 """
 
 from __future__ import annotations
@@ -27,15 +29,19 @@ from pamid.recording.file_checks import HUGE
 Array = NDArray[np.float64]
 
 KEYS = ("time_s", "recording", "part", "window")
-MODELS = {"loop": "the refitted model in its own control loop", "replay": "the refitted model on recorded commands"}
+MODELS = {
+    "loop": "the refitted model in its own control loop",
+    "replay": "the refitted model on recorded commands",
+}
 _BLANK = re.compile(r"(?<=,)(?=,)")
 _REMEDY = "Run `pamid fit` or `pamid diagnose` again."
-_PERIODS_AGREE = 0.01      # share by which the sampling periods of the recordings may differ
+_PERIODS_AGREE = 0.01  # share by which the sampling periods of the recordings may differ
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """Successive rows of residual.csv that a network runs over from a zero state; part 0 is fitted, part 1 held out."""
+    """Successive rows of residual.csv that a network runs over from a zero state; part 0 is fitted,
+    part 1 held out."""
 
     rows: slice
     part: int
@@ -43,9 +49,11 @@ class Stretch:
 
 @dataclass(frozen=True, eq=False)
 class Leftover:
-    """channel: its column; model: a key of MODELS; columns: residual.csv by name; modelled: the model's column.
+    """channel: its column; model: a key of MODELS; columns: residual.csv by name; modelled: the
+    model's column.
 
-    inputs: the columns a network is given; washout: rows at the start of every stretch that are not scored.
+    inputs: the columns a network is given; washout: rows at the start of every stretch that are not
+    scored.
     """
 
     channel: str
@@ -71,14 +79,16 @@ class Leftover:
         return [s for s in self.stretches if s.part == part]
 
 
-def read_leftover(folder: Path, channel: str | None = None, inputs: Sequence[str] = (), *,
-                  replay: bool = False) -> Leftover:
-    """Lay out `channel` (default angle_deg, else the first one) of a run for a network with these inputs.
+def read_leftover(
+    folder: Path, channel: str | None = None, inputs: Sequence[str] = (), *, replay: bool = False
+) -> Leftover:
+    """Lay out `channel` (default angle_deg, else the first one) of a run for a network with these
+    inputs.
 
     replay: the model on recorded commands, though there be one in its own loop.
 
-    FileError where the run holds no residual or a damaged one, UsageError for a channel or input it does not have,
-    DataError where a part is missing or nothing varies.
+    FileError where the run holds no residual or a damaged one, UsageError for a channel or input it
+    does not have, DataError where a part is missing or nothing varies.
     """
     fit = _read_fit(folder / FIT_FILE)
     channels = [str(c) for c in fit["channels"]]
@@ -86,24 +96,38 @@ def read_leftover(folder: Path, channel: str | None = None, inputs: Sequence[str
     if channel is None:
         channel = "angle_deg" if "angle_deg" in channels else channels[0]
     if channel not in channels:
-        raise UsageError(f"--channel {channel!r}: this run has no such channel.",
-                         nearest(channel, channels) or f"Its channels: {', '.join(channels)}.")
+        raise UsageError(
+            f"--channel {channel!r}: this run has no such channel.",
+            nearest(channel, channels) or f"Its channels: {', '.join(channels)}.",
+        )
     for name in (channel, derived(channel, "refitted")):
         if name not in columns:
-            raise FileError(f"{folder / RESIDUAL_FILE} lacks the column {name!r}.", _REMEDY, code="damaged")
+            raise FileError(
+                f"{folder / RESIDUAL_FILE} lacks the column {name!r}.", _REMEDY, code="damaged"
+            )
     spans = _spans(columns)
     model, usual, notes = _model_of(columns, channel, channels, spans, replay)
     if model == "loop":
         stretches, washout = spans, 0
     else:
         stretches, washout = _windows(columns, spans)
-    stretches = [s for s in stretches if not np.isnan(columns[channel][s.rows]).all()]   # recorded there
+    # recorded there
+    stretches = [s for s in stretches if not np.isnan(columns[channel][s.rows]).all()]
     for part, word in ((0, "to train on (part 0)"), (1, "held out to judge by (part 1)")):
         if not any(s.part == part for s in stretches):
             raise DataError(f"{folder / RESIDUAL_FILE}: nothing is {word}.", _REMEDY)
     chosen, dropped = _inputs(columns, channels, tuple(inputs) or usual, stretches)
-    return Leftover(channel, model, columns, derived(channel, "loop" if model == "loop" else "refitted"), chosen,
-                    tuple(stretches), washout, _period(fit, columns), (*notes, *dropped))
+    return Leftover(
+        channel,
+        model,
+        columns,
+        derived(channel, "loop" if model == "loop" else "refitted"),
+        chosen,
+        tuple(stretches),
+        washout,
+        _period(fit, columns),
+        (*notes, *dropped),
+    )
 
 
 def derived(channel: str, kind: str) -> str:
@@ -116,17 +140,27 @@ def read_columns(path: Path) -> dict[str, Array]:
     """residual.csv by column; FileError where it is missing or damaged."""
     names, body = split_table(path)
     try:
-        if any(",," in line for line in body):      # channels that a recording lacks
+        if any(",," in line for line in body):  # channels that a recording lacks
             body = [_BLANK.sub("nan", line) for line in body]
         table = np.loadtxt(body, delimiter=",", ndmin=2, comments=None)
     except ValueError as error:
         raise FileError(f"{path}, below the header: {error}.", _REMEDY, code="damaged") from None
-    if table.shape[1:] != (len(names),) or len(set(names)) != len(names) or names[: len(KEYS)] != list(KEYS):
-        raise FileError(f"{path}: its header does not fit a residual table that begins with {', '.join(KEYS)}.",
-                        _REMEDY, code="damaged")
+    if (
+        table.shape[1:] != (len(names),)
+        or len(set(names)) != len(names)
+        or names[: len(KEYS)] != list(KEYS)
+    ):
+        raise FileError(
+            f"{path}: its header does not fit a residual table that begins with {', '.join(KEYS)}.",
+            _REMEDY,
+            code="damaged",
+        )
     if (np.abs(table) > HUGE).any():
-        raise FileError(f"{path} holds a number beyond {HUGE:g}, which no sensor and no model shows.", _REMEDY,
-                        code="damaged")
+        raise FileError(
+            f"{path} holds a number beyond {HUGE:g}, which no sensor and no model shows.",
+            _REMEDY,
+            code="damaged",
+        )
     return {name: np.ascontiguousarray(column) for name, column in zip(names, table.T, strict=True)}
 
 
@@ -137,7 +171,9 @@ def split_table(path: Path) -> tuple[list[str], list[str]]:
     except FileNotFoundError:
         raise FileError(f"{path} does not exist.", _REMEDY, code="missing") from None
     except (OSError, UnicodeDecodeError) as error:
-        raise FileError(f"{path} cannot be read as text: {error}.", _REMEDY, code="damaged") from None
+        raise FileError(
+            f"{path} cannot be read as text: {error}.", _REMEDY, code="damaged"
+        ) from None
     body = [line for line in lines[1:] if line]
     if not body:
         raise FileError(f"{path} has no rows.", _REMEDY, code="damaged")
@@ -146,7 +182,11 @@ def split_table(path: Path) -> tuple[list[str], list[str]]:
 
 def _read_fit(path: Path) -> dict[str, Any]:
     fit = read_json(path)
-    if not isinstance(fit, dict) or fit.get("schema") != "pamid.fit/1" or not _texts(fit.get("channels")):
+    if (
+        not isinstance(fit, dict)
+        or fit.get("schema") != "pamid.fit/1"
+        or not _texts(fit.get("channels"))
+    ):
         raise FileError(f"{path} is no pamid.fit/1 with channels.", _REMEDY, code="damaged")
     return fit
 
@@ -162,10 +202,15 @@ def _period(fit: dict[str, Any], columns: dict[str, Array]) -> float:
         known = [float(one["period_s"]) for one in fit["recordings"]]
         used = sorted({known[int(i)] for i in np.unique(columns["recording"])})
     except (KeyError, IndexError, TypeError, ValueError):
-        raise FileError(f"{FIT_FILE} does not give the period_s of every recording.", _REMEDY, code="damaged") from None
+        raise FileError(
+            f"{FIT_FILE} does not give the period_s of every recording.", _REMEDY, code="damaged"
+        ) from None
     if not one_period(used):
-        raise DataError(f"The recordings are sampled every {used[0]:g} to {used[-1]:g} s; a network needs one period.",
-                        "Resample them, or fit them in runs of their own.")
+        raise DataError(
+            f"The recordings are sampled every {used[0]:g} to {used[-1]:g} s; a network needs one "
+            "period.",
+            "Resample them, or fit them in runs of their own.",
+        )
     return used[0]
 
 
@@ -177,13 +222,21 @@ def one_period(periods: Iterable[float]) -> bool:
 
 def _spans(columns: dict[str, Array]) -> list[Stretch]:
     """Rows of one recording and part in succession."""
-    change = (np.diff(columns["recording"]) != 0) | (np.diff(columns["part"]) != 0) | (np.diff(columns["time_s"]) <= 0)
+    change = (
+        (np.diff(columns["recording"]) != 0)
+        | (np.diff(columns["part"]) != 0)
+        | (np.diff(columns["time_s"]) <= 0)
+    )
     edges = [0, *(np.flatnonzero(change) + 1).tolist(), len(columns["part"])]
-    return [Stretch(slice(a, b), int(columns["part"][a])) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    return [
+        Stretch(slice(a, b), int(columns["part"][a]))
+        for a, b in zip(edges[:-1], edges[1:], strict=True)
+    ]
 
 
 def _windows(columns: dict[str, Array], spans: list[Stretch]) -> tuple[list[Stretch], int]:
-    """The scored rows of every window, behind as many unscored ones as every window has; that number.
+    """The scored rows of every window, behind as many unscored ones as every window has; that
+    number.
 
     The model's own start-up lies there, and the network's may.
     """
@@ -201,11 +254,12 @@ def _windows(columns: dict[str, Array], spans: list[Stretch]) -> tuple[list[Stre
     return [Stretch(slice(first - washout, last), part) for _, first, last, part in found], washout
 
 
-# ---- model and inputs --------------------------------------------------------------------------------------------
+# ---- model and inputs --------------------------------------------------------------------------
 
 
-def _model_of(columns: dict[str, Array], channel: str, channels: list[str], spans: list[Stretch],
-              replay: bool) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
+def _model_of(
+    columns: dict[str, Array], channel: str, channels: list[str], spans: list[Stretch], replay: bool
+) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
     """Which model is to be corrected, its usual inputs, and what is to be said about that."""
     loops = _loop_blocks(list(columns))
     for block in loops:
@@ -213,47 +267,82 @@ def _model_of(columns: dict[str, Array], channel: str, channels: list[str], span
             continue
         if all(np.ptp(columns[block[2]][s.rows]) > 0 for s in spans):
             return "loop", (block[0], block[4], block[1], block[2], block[3]), ()
-        return "replay", _rig_inputs(columns, channels, loops), (
-            "In its own control loop the refitted model could not be simulated; the replay is corrected instead.",)
+        return (
+            "replay",
+            _rig_inputs(columns, channels, loops),
+            (
+                "In its own control loop the refitted model could not be simulated; the replay is "
+                "corrected instead.",
+            ),
+        )
     return "replay", _rig_inputs(columns, channels, loops), ()
 
 
 def _loop_blocks(header: list[str]) -> list[tuple[str, ...]]:
     """(reference, reading, velocity, acceleration, command) of every controller's loop.
 
-    residual.csv ends, but for networks, with the references and then four loop columns per controller.
+    residual.csv ends, but for networks, with the references and then four loop columns per
+    controller.
     """
-    first = next((i for i, name in enumerate(header) if split_column(name)[0].endswith("_loop")), len(header))
+    first = next(
+        (i for i, name in enumerate(header) if split_column(name)[0].endswith("_loop")), len(header)
+    )
     count = len([name for name in header[first:] if split_column(name)[0].endswith("_loop")]) // 4
-    return [(header[first - count + k], *header[first + 4 * k : first + 4 * k + 4]) for k in range(count)]
+    return [
+        (header[first - count + k], *header[first + 4 * k : first + 4 * k + 4])
+        for k in range(count)
+    ]
 
 
-def _rig_inputs(columns: dict[str, Array], channels: list[str], loops: list[tuple[str, ...]]) -> tuple[str, ...]:
+def _rig_inputs(
+    columns: dict[str, Array], channels: list[str], loops: list[tuple[str, ...]]
+) -> tuple[str, ...]:
     """Recorded inputs of the rig, then the refitted outputs."""
     kinds = ("data_sheet", "refitted", "cause", "network")
-    other = {*KEYS, *channels, *(derived(c, k) for c in channels for k in kinds), *(n for b in loops for n in b)}
-    return (*(name for name in columns if name not in other),
-            *(derived(c, "refitted") for c in channels if derived(c, "refitted") in columns))
+    other = {
+        *KEYS,
+        *channels,
+        *(derived(c, k) for c in channels for k in kinds),
+        *(n for b in loops for n in b),
+    }
+    return (
+        *(name for name in columns if name not in other),
+        *(derived(c, "refitted") for c in channels if derived(c, "refitted") in columns),
+    )
 
 
-def _inputs(columns: dict[str, Array], channels: list[str], wanted: tuple[str, ...],
-            stretches: list[Stretch]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _inputs(
+    columns: dict[str, Array],
+    channels: list[str],
+    wanted: tuple[str, ...],
+    stretches: list[Stretch],
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """The inputs that vary where the network is trained, and a note on each that does not."""
     measured = {*channels, *(derived(c, "network") for c in channels)}
     offered = [name for name in columns if name not in measured and name not in KEYS]
     for name in wanted:
         if name in measured:
-            raise UsageError(f"--inputs {name}: the inputs come from the model, {name} is measured or corrected.",
-                             f"Take {derived(name, 'refitted')}." if name in channels else "")
+            raise UsageError(
+                f"--inputs {name}: the inputs come from the model, {name} is measured or "
+                "corrected.",
+                f"Take {derived(name, 'refitted')}." if name in channels else "",
+            )
         if name not in offered:
-            raise UsageError(f"--inputs {name}: {RESIDUAL_FILE} has no such signal.",
-                             nearest(name, offered) or f"It offers: {', '.join(offered)}.")
+            raise UsageError(
+                f"--inputs {name}: {RESIDUAL_FILE} has no such signal.",
+                nearest(name, offered) or f"It offers: {', '.join(offered)}.",
+            )
     for name in sorted({n for n in wanted if wanted.count(n) > 1}):
         raise UsageError(f"--inputs {name} is given twice.")
     rows = np.concatenate([np.arange(s.rows.start, s.rows.stop) for s in stretches if s.part == 0])
     flat = [n for n in wanted if np.ptp(columns[n][rows]) <= 1e-12 * np.abs(columns[n][rows]).max()]
     kept = tuple(n for n in wanted if n not in flat)
     if not kept:
-        raise DataError(f"Every input is constant over the training part: {', '.join(wanted)}.", "Name --inputs.")
-    return kept, tuple(f"Input {n} is constant ({columns[n][rows[0]]:g}) over the training part and left out."
-                       for n in flat)
+        raise DataError(
+            f"Every input is constant over the training part: {', '.join(wanted)}.",
+            "Name --inputs.",
+        )
+    return kept, tuple(
+        f"Input {n} is constant ({columns[n][rows[0]]:g}) over the training part and left out."
+        for n in flat
+    )

@@ -1,1 +1,2 @@
-"""The diagnosis: where the gap lies, which effect causes it, how far it shrinks. One file per question."""
+"""The diagnosis: where the gap lies, which effect causes it, how far it shrinks. One file per
+question."""

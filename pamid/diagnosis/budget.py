@@ -1,5 +1,5 @@
-"""The gap budget: what the data sheet leaves, what retuned parameters leave, the noise floor, and how far a black box
-without physics would get on the same windows."""
+"""The gap budget: what the data sheet leaves, what retuned parameters leave, the noise floor, and
+how far a black box without physics would get on the same windows."""
 
 from __future__ import annotations
 
@@ -21,16 +21,17 @@ from pamid.simulation.replay import Replay, replay
 
 Array = NDArray[np.float64]
 
-POINTS = 120           # per window: the network sees the replay thinned to this
+POINTS = 120  # per window: the network sees the replay thinned to this
 ITERATIONS = 30
-INPUTS = 12            # of the network, at most
-NOTHING_LEFT = 1.05    # floors of error below which a network is not asked
-NO_GAP = 0.10          # a structural gap below this share of the floor is none
+INPUTS = 12  # of the network, at most
+NOTHING_LEFT = 1.05  # floors of error below which a network is not asked
+NO_GAP = 0.10  # a structural gap below this share of the floor is none
 
 
 @dataclass(frozen=True)
 class Budget:
-    """Mean absolute errors per held-out window and channel (SI): data sheet, refitted baseline, floor, black box."""
+    """Mean absolute errors per held-out window and channel (SI): data sheet, refitted baseline,
+    floor, black box."""
 
     model: GreyBox
     baseline: Contender
@@ -59,11 +60,17 @@ class Budget:
 
 
 def gap_budget(evidence: Evidence, *, seed: int, crew: Crew, told: Callable[[str], None]) -> Budget:
-    """Fit the baseline (parameters and background), replay it, and set the floor and the ceiling beside it."""
+    """Fit the baseline (parameters and background), replay it, and set the floor and the ceiling
+    beside it."""
     model = crew.one(_Baseline(evidence, told), seed)
     told("black box on what is left")
-    return Budget(model, contender_from(model.assembly, model.fit, model.held_out), _losses(model.data_sheet),
-                  _losses(model.floor), crew.one(_BlackBox(model), seed))
+    return Budget(
+        model,
+        contender_from(model.assembly, model.fit, model.held_out),
+        _losses(model.data_sheet),
+        _losses(model.floor),
+        crew.one(_BlackBox(model), seed),
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,8 +97,10 @@ class _BlackBox(Work[int, Array]):
 
     def __call__(self, item: int) -> Plain:
         m = self.model
-        training = [replay(m.assembly, m.fit.p, t, m.fit.stepping, m.evidence.noise)
-                    for t in m.evidence.tracks(m.assembly)]
+        training = [
+            replay(m.assembly, m.fit.p, t, m.fit.stepping, m.evidence.noise)
+            for t in m.evidence.tracks(m.assembly)
+        ]
         return {"left": black_box(training, list(m.held_out), item, seen_mean(_losses(m.floor)))}
 
     def restored(self, item: int, found: Plain) -> Array:
@@ -104,12 +113,14 @@ def _losses(replays: tuple[Replay, ...]) -> Array:
 
 
 def black_box(training: list[Replay], held_out: list[Replay], seed: int, floor: Array) -> Array:
-    """Mean absolute error per held-out window and channel after an Elman network has been put on the residual.
+    """Mean absolute error per held-out window and channel after an Elman network has been put on
+    the residual.
 
-    One network per channel, started afresh in every window as the replay is; its inputs are the rig's inputs and the
-    model's outputs with their rates, of many their leading principal components. Trained on the windows the parameters
-    were fitted on. Where it does harm on what was held out, or where next to nothing is left above the floor (per
-    channel), the error without it stands.
+    One network per channel, started afresh in every window as the replay is; its inputs are the
+    rig's inputs and the model's outputs with their rates, of many their leading principal
+    components. Trained on the windows the parameters were fitted on. Where it does harm on what was
+    held out, or where next to nothing is left above the floor (per channel), the error without it
+    stands.
     """
     from pamid.networks.elman import Elman
     from pamid.networks.training import train
@@ -133,11 +144,20 @@ def black_box(training: list[Replay], held_out: list[Replay], seed: int, floor: 
         target = [rows_in[i][1][:, c] for i in having]
         scale = np.concatenate(target).std() + 1e-300
         network = Elman(turn.shape[1], 8)
-        done = train(network, [inputs[i] for i in having], [t / (2.0 * scale) for t in target],
-                     iterations=ITERATIONS, seed=seed)
+        done = train(
+            network,
+            [inputs[i] for i in having],
+            [t / (2.0 * scale) for t in target],
+            iterations=ITERATIONS,
+            seed=seed,
+        )
         guesses = [network.simulate(done.weights, x) for x in unseen]
-        left = np.array([np.minimum(np.abs((y[:, c] - 2.0 * scale * g)[scored]).mean(), 1e300)
-                         for g, (_, y, scored) in zip(guesses, rows_out, strict=True)])
+        left = np.array(
+            [
+                np.minimum(np.abs((y[:, c] - 2.0 * scale * g)[scored]).mean(), 1e300)
+                for g, (_, y, scored) in zip(guesses, rows_out, strict=True)
+            ]
+        )
         if seen_mean(left) < seen_mean(without):
             result[:, c] = left
     return result
@@ -152,6 +172,11 @@ def _windows(r: Replay) -> list[tuple[Array, Array, NDArray[np.bool_]]]:
         rate = np.gradient(model, axis=0) if len(model) > 2 else np.zeros_like(model)
         x = np.concatenate([r.track.u[w.start : w.stop], model, rate], axis=1)[::step]
         left = np.where(r.seen, r.residual[w.start : w.stop], np.nan)[::step]
-        out.append((np.ascontiguousarray(x), np.ascontiguousarray(left),
-                    r.scored[w.start : w.stop][::step]))
+        out.append(
+            (
+                np.ascontiguousarray(x),
+                np.ascontiguousarray(left),
+                r.scored[w.start : w.stop][::step],
+            )
+        )
     return out

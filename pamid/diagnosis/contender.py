@@ -1,4 +1,5 @@
-"""Models in contest: each fitted on the same windows with the same weights, judged on windows nobody fitted."""
+"""Models in contest: each fitted on the same windows with the same weights, judged on windows
+nobody fitted."""
 
 from __future__ import annotations
 
@@ -21,8 +22,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Contender:
-    """A model that was fitted and replayed. squares, absolutes: mean loss per held-out window and channel (SI), NaN
-    where a channel was not recorded."""
+    """A model that was fitted and replayed. squares, absolutes: mean loss per held-out window and
+    channel (SI), NaN where a channel was not recorded."""
 
     assembly: Assembly
     fit: Fit
@@ -32,10 +33,15 @@ class Contender:
 
     @cached_property
     def fitted_squares(self) -> Array:
-        """Mean squared residual per window of the fit and channel (SI); empty where the fit failed."""
+        """Mean squared residual per window of the fit and channel (SI); empty where the fit
+        failed."""
         problem = self.fit.problem
-        return np.concatenate([[(r[w.start : w.stop] ** 2).mean(axis=0) for w in problem.windows(t)]
-                               for t, r in zip(problem.tracks, self.fit.residuals, strict=True)])
+        return np.concatenate(
+            [
+                [(r[w.start : w.stop] ** 2).mean(axis=0) for w in problem.windows(t)]
+                for t, r in zip(problem.tracks, self.fit.residuals, strict=True)
+            ]
+        )
 
     @property
     def attached(self) -> tuple[Attachment, ...]:
@@ -47,8 +53,11 @@ class Contender:
 
     @property
     def finite(self) -> bool:
-        return (bool(self.fit.residuals) and all(r.finite for r in self.replays)
-                and not bool(np.isinf(self.squares).any()))
+        return (
+            bool(self.fit.residuals)
+            and all(r.finite for r in self.replays)
+            and not bool(np.isinf(self.squares).any())
+        )
 
     @property
     def family(self) -> str:
@@ -72,18 +81,26 @@ class Contender:
 def replayed(evidence: Evidence, assembly: Assembly, fitted: Fit) -> Contender:
     """Replay a fitted model over everything held out."""
     tracks = evidence.tracks(assembly, held_out=True)
-    return contender_from(assembly, fitted, tuple(replay(assembly, fitted.p, t, fitted.stepping, evidence.noise)
-                                                  for t in tracks))
+    return contender_from(
+        assembly,
+        fitted,
+        tuple(replay(assembly, fitted.p, t, fitted.stepping, evidence.noise) for t in tracks),
+    )
 
 
 def contender_from(assembly: Assembly, fitted: Fit, replays: tuple[Replay, ...]) -> Contender:
-    return Contender(assembly, fitted, replays, np.concatenate([r.losses(2) for r in replays]),
-                     np.concatenate([r.losses(1) for r in replays]))
+    return Contender(
+        assembly,
+        fitted,
+        replays,
+        np.concatenate([r.losses(2) for r in replays]),
+        np.concatenate([r.losses(1) for r in replays]),
+    )
 
 
 def transferred(assembly: Assembly, *found: tuple[Assembly, Array]) -> Array:
-    """The assembly's data-sheet values with the parameters it shares with other models taken from theirs; where several
-    have one, the last."""
+    """The assembly's data-sheet values with the parameters it shares with other models taken from
+    theirs; where several have one, the last."""
     out = assembly.values()
     for source, p in found:
         for key in source.keys.keys() & assembly.keys.keys():
@@ -98,27 +115,49 @@ def set_within_bounds(assembly: Assembly, p: Array, first: dict[str, float]) -> 
         p[assembly.keys[key]] = min(max(value, bound.low), bound.high)
 
 
-def refit(evidence: Evidence, assembly: Assembly, base: Fit, *, p: Array | None = None,
-          first: dict[str, float] | None = None, iterations: int = 15) -> Fit:
-    """Fit all parameters jointly from p (default: the data sheet); `first`: further starting values (SI) by key.
+def refit(
+    evidence: Evidence,
+    assembly: Assembly,
+    base: Fit,
+    *,
+    p: Array | None = None,
+    first: dict[str, float] | None = None,
+    iterations: int = 15,
+) -> Fit:
+    """Fit all parameters jointly from p (default: the data sheet); `first`: further starting values
+    (SI) by key.
 
-    First with the baseline's weights, then with those of its own, smaller residuals: a model that explains the gap
-    is not held to its priors by the size of the gap it removed.
+    First with the baseline's weights, then with those of its own, smaller residuals: a model that
+    explains the gap is not held to its priors by the size of the gap it removed.
     """
     tracks = evidence.tracks(assembly)
     problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
     p = assembly.values() if p is None else p.copy()
     set_within_bounds(assembly, p, first or {})
-    done = fit(problem, p=p, starts=base.starts, weights=base.weights, pulls=base.pulls, iterations=iterations,
-               tolerance=2e-2)
+    done = fit(
+        problem,
+        p=p,
+        starts=base.starts,
+        weights=base.weights,
+        pulls=base.pulls,
+        iterations=iterations,
+        tolerance=2e-2,
+    )
     for _ in range(2):
         if not done.residuals:
             break
         own = residual_weights(done.residuals, evidence.noise, problem.window)
         if (own.root < 1.2 * done.weights.root).all():
             break
-        done = fit(problem, p=done.p, starts=done.starts, weights=own, stepping=done.stepping, iterations=iterations,
-                   tolerance=2e-2)
+        done = fit(
+            problem,
+            p=done.p,
+            starts=done.starts,
+            weights=own,
+            stepping=done.stepping,
+            iterations=iterations,
+            tolerance=2e-2,
+        )
     return done
 
 
@@ -129,11 +168,13 @@ def resamples(count: int, draws: int, seed: int) -> NDArray[np.intp]:
     return ((starts[:, :, None] + np.arange(2)) % count).reshape(draws, -1)[:, :count]
 
 
-def bootstrap_losses(contenders: list[Contender], chosen: NDArray[np.bool_], seed: int, draws: int = 1000) -> Array:
+def bootstrap_losses(
+    contenders: list[Contender], chosen: NDArray[np.bool_], seed: int, draws: int = 1000
+) -> Array:
     """Log losses on resampled windows, contenders x draws (paired: the same windows for all).
 
-    Windows are those that choose among the held-out ones and those of the fit: an effect brings few parameters, and
-    its gain where it was fitted is a witness, too.
+    Windows are those that choose among the held-out ones and those of the fit: an effect brings few
+    parameters, and its gain where it was fitted is a witness, too.
     """
     own = resamples(int(chosen.sum()), draws, seed)
     fitted = resamples(len(contenders[0].fitted_squares), draws, seed + 1)
@@ -145,8 +186,8 @@ def bootstrap_losses(contenders: list[Contender], chosen: NDArray[np.bool_], see
 
 
 def _drawn_means(squares: Array, rows: NDArray[np.intp]) -> Array:
-    """Mean per draw and channel; a channel that no window of a draw has counts as it does on the whole, one that no
-    window has at all not at all."""
+    """Mean per draw and channel; a channel that no window of a draw has counts as it does on the
+    whole, one that no window has at all not at all."""
     found = seen_mean(squares[rows], axis=1)
     if np.isnan(found).any():
         whole = seen_mean(squares)

@@ -1,8 +1,10 @@
-"""From figures to a verdict: is there a gap beyond tolerances, does the best model explain it, is its name right?
+"""From figures to a verdict: is there a gap beyond tolerances, does the best model explain it, is
+its name right?
 
-The grounds are dimensionless, so that one judgement serves every rig. Each question is answered by a probability, a
-logistic function of the grounds whose weights were fitted to the calibration cases of `pamid trial` (an independent
-plant, seeds used for nothing else) and stand in calibration.json with the digest of those cases.
+The grounds are dimensionless, so that one judgement serves every rig. Each question is answered by
+a probability, a logistic function of the grounds whose weights were fitted to the calibration cases
+of `pamid trial` (an independent plant, seeds used for nothing else) and stand in calibration.json
+with the digest of those cases.
 """
 
 from __future__ import annotations
@@ -25,9 +27,9 @@ from pamid.simulation.replay import spread_of
 
 Array = NDArray[np.float64]
 
-WORTH = 0.05            # of the gap: what an effect has to remove to be worth looking beyond it
-LEAST = 0.02            # of the error: what a cause has to remove to be named at all
-UNBACKED = 0.5          # most that is given to a cause that the held-out windows do not back
+WORTH = 0.05  # of the gap: what an effect has to remove to be worth looking beyond it
+LEAST = 0.02  # of the error: what a cause has to remove to be named at all
+UNBACKED = 0.5  # most that is given to a cause that the held-out windows do not back
 QUESTIONS = ("gap", "known", "first", "further")
 
 
@@ -35,39 +37,50 @@ QUESTIONS = ("gap", "known", "first", "further")
 class Grounds:
     """What a verdict rests on, all on the windows that choose."""
 
-    visible: float       # refitted error over the floor, worst channel
-    gap: float           # refitted error above the floor, in floors, summed over channels
-    of_signal: float     # refitted error over the standard deviation of the signal, worst channel
-    left: float          # share of the gap that remains with the best model
-    ceiling: float       # share of the gap that the black box leaves
-    shrinkage: float     # of the error, by the best model
-    gain: float          # log squared error per channel that the best model gains on the baseline
-    sure: float          # ... in standard errors
-    helps: float         # share of resamples in which the first effect helps at all
-    margin: float        # share of the gap by which the best of another family is worse than the first
-    margin_gain: float   # ... in log squared error per channel
-    margin_sure: float   # ... in standard errors
-    wins: float          # share of resamples won by the family of the first
-    missing: float       # latent evidence before, nats per sample
-    unexplained: float   # latent evidence beside the best model, nats per sample
-    at_port: float       # latent evidence at the port of the first over the largest one
-    strain: float        # largest strain of a parameter of the rig in the best model
-    pull: float          # largest pull of the background in the best model
-    channels: int        # measured
+    visible: float  # refitted error over the floor, worst channel
+    gap: float  # refitted error above the floor, in floors, summed over channels
+    of_signal: float  # refitted error over the standard deviation of the signal, worst channel
+    left: float  # share of the gap that remains with the best model
+    ceiling: float  # share of the gap that the black box leaves
+    shrinkage: float  # of the error, by the best model
+    gain: float  # log squared error per channel that the best model gains on the baseline
+    sure: float  # ... in standard errors
+    helps: float  # share of resamples in which the first effect helps at all
+    # share of the gap by which the best of another family is worse than the first
+    margin: float
+    margin_gain: float  # ... in log squared error per channel
+    margin_sure: float  # ... in standard errors
+    wins: float  # share of resamples won by the family of the first
+    missing: float  # latent evidence before, nats per sample
+    unexplained: float  # latent evidence beside the best model, nats per sample
+    at_port: float  # latent evidence at the port of the first over the largest one
+    strain: float  # largest strain of a parameter of the rig in the best model
+    pull: float  # largest pull of the background in the best model
+    channels: int  # measured
 
 
 def at_the_floor(budget: Budget, seed: int) -> bool:
     """The refitted model is at the floor in every channel, within 10 %, with 95 % confidence."""
+
     def high(left: Array, floor: Array) -> float:
         seen = ~np.isnan(floor)
         return moving_block_interval(left[seen], floor[seen], seed=seed)[1]
 
-    return all(high(left, floor) < 1.0 + NO_GAP for left, floor in zip(budget.baseline.absolutes.T, budget.floor.T,
-                                                                       strict=True))
+    return all(
+        high(left, floor) < 1.0 + NO_GAP
+        for left, floor in zip(budget.baseline.absolutes.T, budget.floor.T, strict=True)
+    )
 
 
-def weigh(budget: Budget, chosen: NDArray[np.bool_], ranking: tuple[Contender, ...], best: Contender | None,
-          located: Located, after: Located, seed: int) -> Grounds:
+def weigh(
+    budget: Budget,
+    chosen: NDArray[np.bool_],
+    ranking: tuple[Contender, ...],
+    best: Contender | None,
+    located: Located,
+    after: Located,
+    seed: int,
+) -> Grounds:
     """The grounds for a verdict; without any candidate those of the baseline alone."""
     base, rows = budget.baseline, chosen
     gap = budget.excess(base.absolutes, rows)
@@ -78,31 +91,50 @@ def weigh(budget: Budget, chosen: NDArray[np.bool_], ranking: tuple[Contender, .
     losses = bootstrap_losses([base, model, first, other], chosen, seed)
     gain, margin = losses[0] - losses[1], losses[3] - losses[2]
     channels = base.squares.shape[1]
-    everyone = bootstrap_losses(list(ranking), chosen, seed).argmin(axis=0) if ranking else np.zeros(0, int)
+    everyone = (
+        bootstrap_losses(list(ranking), chosen, seed).argmin(axis=0)
+        if ranking
+        else np.zeros(0, int)
+    )
     families = [c.family == first.family for c in ranking] if ranking else []
     before = located.most
     groups = {base.assembly.rig.group_of(k) for k in first.attached[-1].ports} if ranking else set()
-    here = max((v for k, v in located.gains.items()
-                if ranking and base.assembly.rig.group_of(k) in groups), default=0.0)
+    here = max(
+        (
+            v
+            for k, v in located.gains.items()
+            if ranking and base.assembly.rig.group_of(k) in groups
+        ),
+        default=0.0,
+    )
     strains = [e.strain for e in estimates(model.fit) if not e.bound.owner]
     return Grounds(
-        visible=float(np.nanmax(error / seen_mean(budget.floor[rows]))), gap=gap,
+        visible=float(np.nanmax(error / seen_mean(budget.floor[rows]))),
+        gap=gap,
         of_signal=float(np.nanmax(error / spread)),
         left=budget.excess(model.absolutes, rows) / gap if gap > 0.0 else 0.0,
         ceiling=budget.excess(budget.black_box, rows) / gap if gap > 0.0 else 0.0,
         shrinkage=budget.shrinkage(model.absolutes, rows),
-        gain=float(gain.mean()) / channels, sure=in_errors(gain), helps=float((losses[2] < losses[0]).mean()),
-        margin=(budget.excess(other.absolutes, rows) - budget.excess(first.absolutes, rows)) / max(gap, 1e-9),
-        margin_gain=float(margin.mean()) / channels, margin_sure=in_errors(margin),
+        gain=float(gain.mean()) / channels,
+        sure=in_errors(gain),
+        helps=float((losses[2] < losses[0]).mean()),
+        margin=(budget.excess(other.absolutes, rows) - budget.excess(first.absolutes, rows))
+        / max(gap, 1e-9),
+        margin_gain=float(margin.mean()) / channels,
+        margin_sure=in_errors(margin),
         wins=float(np.mean(np.array(families)[everyone])) if ranking else 0.0,
-        missing=before / base.samples, unexplained=after.most / base.samples,
-        at_port=here / before if before > 0.0 else 1.0, strain=max(strains, default=0.0),
-        pull=max(background_pull(model.fit).values(), default=0.0), channels=channels)
+        missing=before / base.samples,
+        unexplained=after.most / base.samples,
+        at_port=here / before if before > 0.0 else 1.0,
+        strain=max(strains, default=0.0),
+        pull=max(background_pull(model.fit).values(), default=0.0),
+        channels=channels,
+    )
 
 
 def is_backed(budget: Budget, model: Contender, reporting: NDArray[np.bool_], seed: int) -> bool:
-    """Does the error shrink on the windows that only report, and on everything held out with 95 % confidence? A single
-    window has no say."""
+    """Does the error shrink on the windows that only report, and on everything held out with 95 %
+    confidence? A single window has no say."""
     before, after = (budget.channel_losses(c.absolutes) for c in (budget.baseline, model))
     own = not reporting.any() or after[reporting].sum() < (1.0 - LEAST) * before[reporting].sum()
     return own and (len(before) < 2 or shrinkage_interval(before, after, seed=seed)[0] > 0.0)
@@ -114,13 +146,21 @@ def in_errors(draws: Array) -> float:
 
 
 def features(g: Grounds) -> dict[str, float]:
-    """The grounds as the logistic functions take them: ratios in decades, everything within the range of the trial."""
-    return {"visible": decades(g.visible, 1.0, 100.0), "missing": decades(g.missing, 1e-2, 1e3),
-            "of_signal": decades(g.of_signal, 1e-3, 1.0), "sure": within(g.sure, 0.0, 20.0) / 10.0,
-            "shrinkage": within(g.shrinkage, -0.2, 1.0), "left": within(g.left, 0.0, 1.2),
-            "margin": within(g.margin, 0.0, 1.0), "margin_sure": within(g.margin_sure, 0.0, 20.0) / 10.0,
-            "wins": g.wins, "at_port": g.at_port,
-            "unexplained": decades((g.unexplained + 1e-3) / (g.missing + 1e-3), 1e-3, 3.0)}
+    """The grounds as the logistic functions take them: ratios in decades, everything within the
+    range of the trial."""
+    return {
+        "visible": decades(g.visible, 1.0, 100.0),
+        "missing": decades(g.missing, 1e-2, 1e3),
+        "of_signal": decades(g.of_signal, 1e-3, 1.0),
+        "sure": within(g.sure, 0.0, 20.0) / 10.0,
+        "shrinkage": within(g.shrinkage, -0.2, 1.0),
+        "left": within(g.left, 0.0, 1.2),
+        "margin": within(g.margin, 0.0, 1.0),
+        "margin_sure": within(g.margin_sure, 0.0, 20.0) / 10.0,
+        "wins": g.wins,
+        "at_port": g.at_port,
+        "unexplained": decades((g.unexplained + 1e-3) / (g.missing + 1e-3), 1e-3, 3.0),
+    }
 
 
 def within(value: float, low: float, high: float) -> float:
@@ -133,20 +173,23 @@ def decades(value: float, low: float, high: float) -> float:
 
 @dataclass(frozen=True)
 class Line:
-    """A logistic function of the features; a question is answered with yes from the probability `yes` on."""
+    """A logistic function of the features; a question is answered with yes from the probability
+    `yes` on."""
 
     bias: float
     weights: dict[str, float]
     yes: float
 
     def probability(self, x: dict[str, float]) -> float:
-        return float(1.0 / (1.0 + np.exp(-self.bias - sum(w * x[k] for k, w in self.weights.items()))))
+        return float(
+            1.0 / (1.0 + np.exp(-self.bias - sum(w * x[k] for k, w in self.weights.items())))
+        )
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """lines: one per question; spread: of the logarithm of the error ratio from recording to recording, per root of the
-    shrinkage; cases: where from."""
+    """lines: one per question; spread: of the logarithm of the error ratio from recording to
+    recording, per root of the shrinkage; cases: where from."""
 
     lines: dict[str, Line]
     spread: float
@@ -157,13 +200,16 @@ class Calibration:
 def calibration() -> Calibration:
     """What the calibration cases taught."""
     found = json.loads((files("pamid.diagnosis") / "calibration.json").read_text(encoding="utf-8"))
-    return Calibration({q: Line(**found["lines"][q]) for q in QUESTIONS}, float(found["spread"]), found["cases"])
+    return Calibration(
+        {q: Line(**found["lines"][q]) for q in QUESTIONS}, float(found["spread"]), found["cases"]
+    )
 
 
 @dataclass(frozen=True)
 class Judged:
-    """verdict, and the probabilities behind it: a structural gap; a cause that the catalogue knows and that is rightly
-    among the named; the first of the ranking (or one that looks like it here) being it."""
+    """verdict, and the probabilities behind it: a structural gap; a cause that the catalogue knows
+    and that is rightly among the named; the first of the ranking (or one that looks like it here)
+    being it."""
 
     verdict: str
     gap: float
@@ -172,11 +218,12 @@ class Judged:
 
 
 def judge(g: Grounds, *, ambiguous: bool, backed: bool = True, empty: bool = False) -> Judged:
-    """The verdict on these grounds; ambiguous: members of several families are tied; backed: see `is_backed`; empty:
-    the best model makes nothing of what was recorded.
+    """The verdict on these grounds; ambiguous: members of several families are tied; backed: see
+    `is_backed`; empty: the best model makes nothing of what was recorded.
 
-    A first candidate that is as good as certain is named also where the gap by itself would not raise an alarm. No
-    cause is named that the held-out windows do not back, or of recordings that show nothing of the model.
+    A first candidate that is as good as certain is named also where the gap by itself would not
+    raise an alarm. No cause is named that the held-out windows do not back, or of recordings that
+    show nothing of the model.
     """
     c, x = calibration(), features(g)
     gap, known, first = (c.lines[q].probability(x) for q in ("gap", "known", "first"))
@@ -193,8 +240,8 @@ def judge(g: Grounds, *, ambiguous: bool, backed: bool = True, empty: bool = Fal
 
 
 def probabilities(judged: Judged, wins: list[float]) -> list[float]:
-    """One per candidate: the first has its own, the others share in proportion to their wins what is left of the
-    probability that the catalogue knows the cause."""
+    """One per candidate: the first has its own, the others share in proportion to their wins what
+    is left of the probability that the catalogue knows the cause."""
     if not wins:
         return []
     others = np.array(wins[1:]) + 1e-3
@@ -203,11 +250,12 @@ def probabilities(judged: Judged, wins: list[float]) -> list[float]:
 
 
 def forecast_interval(before: Array, after: Array, seed: int = 0) -> tuple[float, float]:
-    """95 % interval of the shrinkage to expect on a fresh recording, from losses per window before and after.
+    """95 % interval of the shrinkage to expect on a fresh recording, from losses per window before
+    and after.
 
-    The moving-block interval of these windows and, added in squares on the logarithm of the error ratio, what another
-    recording brings beyond them: measured on the calibration cases, in proportion to the root of the shrinkage. The
-    widest possible with one window.
+    The moving-block interval of these windows and, added in squares on the logarithm of the error
+    ratio, what another recording brings beyond them: measured on the calibration cases, in
+    proportion to the root of the shrinkage. The widest possible with one window.
     """
     if len(before) < 2:
         return -1.0, 1.0

@@ -1,4 +1,5 @@
-"""A diagnosis into a run folder: the figures, the verdict, and what is known of an unknown effect."""
+"""A diagnosis into a run folder: the figures, the verdict, and what is known of an unknown
+effect."""
 
 from __future__ import annotations
 
@@ -18,12 +19,20 @@ from pamid.parallel.jobs import Crew
 from pamid.simulation.data_split import Evidence
 
 
-def diagnose_into(run: Run, evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: int = 0, jobs: int = 1,
-                  told: Callable[[str], None] = lambda text: None, crew: Crew | None = None) -> dict[str, Any]:
-    """Diagnose and write fit.json, residual.csv, missing.csv (the points of an unknown effect), next-experiment.csv
-    (where there is something left to measure, with its TOML; a further one per further setting) and diagnosis.json;
-    returns the last. crew: who does the jobs (default: `jobs` processes of this machine); those that failed are named
-    in `failed_jobs`."""
+def diagnose_into(
+    run: Run,
+    evidence: Evidence,
+    catalogue: dict[str, type[Effect]],
+    *,
+    seed: int = 0,
+    jobs: int = 1,
+    told: Callable[[str], None] = lambda text: None,
+    crew: Crew | None = None,
+) -> dict[str, Any]:
+    """Diagnose and write fit.json, residual.csv, missing.csv (the points of an unknown effect),
+    next-experiment.csv (where there is something left to measure, with its TOML; a further one per
+    further setting) and diagnosis.json; returns the last. crew: who does the jobs (default: `jobs`
+    processes of this machine); those that failed are named in `failed_jobs`."""
     crew = crew or Crew(jobs)
     found = diagnose(evidence, catalogue, seed=seed, told=told, crew=crew)
     unknown, missing = None, None
@@ -35,8 +44,10 @@ def diagnose_into(run: Run, evidence: Evidence, catalogue: dict[str, type[Effect
     proposal = crew.one(Proposing(), found)
     result = diagnosis_json(found, unknown, seed, proposal) | {"failed_jobs": crew.failed_jobs}
     write_json(run.path(FIT_FILE), models_json(found, seed))
-    write_atomically(run.path(RESIDUAL_FILE),
-                     residual_csv(found.budget.model, found.cause.replays if found.cause else ()))
+    write_atomically(
+        run.path(RESIDUAL_FILE),
+        residual_csv(found.budget.model, found.cause.replays if found.cause else ()),
+    )
     if missing is not None:
         write_atomically(run.path("missing.csv"), missing_csv(missing))
     if proposal is not None:

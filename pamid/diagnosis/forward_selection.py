@@ -1,5 +1,5 @@
-"""Further effects beside a first one: greedy addition where something is still missing, with a backward check and
-swaps of the first for its rivals."""
+"""Further effects beside a first one: greedy addition where something is still missing, with a
+backward check and swaps of the first for its rivals."""
 
 from __future__ import annotations
 
@@ -15,23 +15,26 @@ from pamid.estimation.fit_model import model_with
 from pamid.model.attachment import Attachment
 
 MOST_CAUSES = 3
-FEW_MORE = 4            # candidates refitted beside a first cause
-LITTLE = 0.005          # of the first latent evidence: where no more is missing, no further effect is looked for
-ENOUGH = 0.5            # nats per sample: where more than this is missing one is looked for in any case
-PLAIN = 0.15            # ... and where less than this is, none
-OPEN = 0.5              # of the largest latent evidence: ports at which it is looked for
-TRACE = 0.02            # of the gap: what an effect has to remove to be named beside another one
-RIVALS = 2              # of the first cause, tried in its place beside the second
+FEW_MORE = 4  # candidates refitted beside a first cause
+# of the first latent evidence: where no more is missing, no further effect is looked for
+LITTLE = 0.005
+# nats per sample: where more than this is missing one is looked for in any case
+ENOUGH = 0.5
+PLAIN = 0.15  # ... and where less than this is, none
+OPEN = 0.5  # of the largest latent evidence: ports at which it is looked for
+TRACE = 0.02  # of the gap: what an effect has to remove to be named beside another one
+RIVALS = 2  # of the first cause, tried in its place beside the second
 
 
 @dataclass(frozen=True)
 class Newcomer:
     """An effect weighed beside the ones already found, all on the windows that choose.
 
-    removed, of_left: what it removes, in shares of the gap and of what the others leave; gain: log squared error per
-    channel, sure: in standard errors; margin: standard errors by which it beats the next of another family; at_port:
-    latent evidence at its port over the largest one; unexplained: that one, nats per sample; probability of being real;
-    taken: is it part of the answer?
+    removed, of_left: what it removes, in shares of the gap and of what the others leave; gain: log
+    squared error per channel, sure: in standard errors; margin: standard errors by which it beats
+    the next of another family; at_port: latent evidence at its port over the largest one;
+    unexplained: that one, nats per sample; probability of being real; taken: is it part of the
+    answer?
     """
 
     effect: str
@@ -48,16 +51,21 @@ class Newcomer:
 
     def features(self) -> dict[str, float]:
         """As the logistic function takes them."""
-        return {"removed": decades(self.removed, 1e-3, 1.0), "of_left": within(self.of_left, -0.2, 1.0),
-                "gain": within(self.gain, -0.2, 2.0), "sure": within(self.sure, 0.0, 20.0) / 10.0,
-                "margin": within(self.margin, 0.0, 10.0) / 10.0, "at_port": self.at_port,
-                "unexplained": decades(self.unexplained, 1e-2, 1e2)}
+        return {
+            "removed": decades(self.removed, 1e-3, 1.0),
+            "of_left": within(self.of_left, -0.2, 1.0),
+            "gain": within(self.gain, -0.2, 2.0),
+            "sure": within(self.sure, 0.0, 20.0) / 10.0,
+            "margin": within(self.margin, 0.0, 10.0) / 10.0,
+            "at_port": self.at_port,
+            "unexplained": decades(self.unexplained, 1e-2, 1e2),
+        }
 
 
 @dataclass(frozen=True, eq=False)
 class Extended:
-    """A model with all that has to stand beside its first effect; after: what is still missing where; newcomers: the
-    further effects that were weighed, in order."""
+    """A model with all that has to stand beside its first effect; after: what is still missing
+    where; newcomers: the further effects that were weighed, in order."""
 
     best: Contender
     after: Located
@@ -67,8 +75,8 @@ class Extended:
 def extended(search: Search, ranking: tuple[Contender, ...], located: Located) -> Extended:
     """The first of the ranking with what has to stand beside it.
 
-    A further effect is looked for where something is still missing. After each one the earlier ones are left out in
-    turn: an effect that the newcomer has made needless goes.
+    A further effect is looked for where something is still missing. After each one the earlier ones
+    are left out in turn: an effect that the newcomer has made needless goes.
     """
     best, weighed = settled(search, ranking[0]), list[Newcomer]()
     while True:
@@ -88,17 +96,26 @@ def extended(search: Search, ranking: tuple[Contender, ...], located: Located) -
     return Extended(best, after, tuple(weighed))
 
 
-def _candidates(search: Search, best: Contender, located: Located, after: Located) -> list[Contender]:
-    """Refitted models with one more effect, of another family and where something is still missing, best first."""
+def _candidates(
+    search: Search, best: Contender, located: Located, after: Located
+) -> list[Contender]:
+    """Refitted models with one more effect, of another family and where something is still missing,
+    best first."""
     taken = {search.family(a) for a in best.attached}
-    open_ports = {port for k in located.classes for port in k if after.gains[k[0]] > OPEN * after.most}
-    others = [a for a in search.candidates if search.family(a) not in taken and open_ports & set(a.ports)]
+    open_ports = {
+        port for k in located.classes for port in k if after.gains[k[0]] > OPEN * after.most
+    }
+    others = [
+        a for a in search.candidates if search.family(a) not in taken and open_ports & set(a.ports)
+    ]
     more = run_round(search, best, others, FEW_MORE)[0] if others else []
     losses = search.losses(more).mean(axis=1) if more else []
     return [more[i] for i in sorted(range(len(more)), key=lambda i: (losses[i], more[i].label))]
 
 
-def _weighed(search: Search, best: Contender, more: list[Contender], located: Located, after: Located) -> Newcomer:
+def _weighed(
+    search: Search, best: Contender, more: list[Contender], located: Located, after: Located
+) -> Newcomer:
     newest = more[0]
     other = next((c for c in more if c.family != newest.family), best)
     losses = search.losses([best, newest, other])
@@ -107,20 +124,32 @@ def _weighed(search: Search, best: Contender, more: list[Contender], located: Lo
     removed = left - search.excess(newest)
     ports = set(newest.attached[-1].ports)
     here = max(after.gains[k[0]] for k in located.classes if ports & set(k))
-    found = Newcomer(newest.attached[-1].label, newest.family, removed / max(gap, 1e-9), removed / max(left, 1e-9),
-                     float(gain.mean()) / newest.squares.shape[1], in_errors(gain), in_errors(margin),
-                     here / after.most, after.most / best.samples)
+    found = Newcomer(
+        newest.attached[-1].label,
+        newest.family,
+        removed / max(gap, 1e-9),
+        removed / max(left, 1e-9),
+        float(gain.mean()) / newest.squares.shape[1],
+        in_errors(gain),
+        in_errors(margin),
+        here / after.most,
+        after.most / best.samples,
+    )
     line = calibration().lines["further"]
     probability = line.probability(found.features())
-    return replace(found, probability=probability, taken=probability >= line.yes and found.removed >= TRACE)
+    return replace(
+        found, probability=probability, taken=probability >= line.yes and found.removed >= TRACE
+    )
 
 
 def _without_needless(search: Search, best: Contender) -> Contender:
-    """Backward check: the model without any effect but the newest, if that one is missed by nobody."""
+    """Backward check: the model without any effect but the newest, if that one is missed by
+    nobody."""
     for a in best.attached[:-1]:
         smaller = _refitted(search, tuple(k for k in best.attached if k is not a), best)
         if smaller.finite and search.excess(smaller) - search.excess(best) < WORTH * search.excess(
-                search.budget.baseline):
+            search.budget.baseline
+        ):
             return smaller
     return best
 
@@ -131,13 +160,17 @@ def _swapped(search: Search, ranking: tuple[Contender, ...], best: Contender) ->
         return best
     taken = {search.family(a) for a in best.attached[1:]}
     rivals = [c for c in ranking[1:] if c.family not in taken][:RIVALS]
-    options = [best, *(_refitted(search, (*r.attached, *best.attached[1:]), r, best) for r in rivals)]
+    options = [
+        best,
+        *(_refitted(search, (*r.attached, *best.attached[1:]), r, best) for r in rivals),
+    ]
     stable = [c for c in options if c.finite]
     return stable[int(np.argmin(search.losses(stable).mean(axis=1)))]
 
 
 def _refitted(search: Search, attached: tuple[Attachment, ...], *found: Contender) -> Contender:
-    """A model with these effects, refitted from what these others have found, the last of them first."""
+    """A model with these effects, refitted from what these others have found, the last of them
+    first."""
     assembly = model_with(search.evidence, attached, search.budget.sizes)
     p = transferred(assembly, *((c.assembly, c.fit.p) for c in found))
     work = Refitting(search.evidence, search.budget.baseline.fit, search.budget.sizes)

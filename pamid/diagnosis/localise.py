@@ -21,14 +21,17 @@ from pamid.symbolic.vocabulary import Expr
 Array = NDArray[np.float64]
 
 BINS = 12
-CONCENTRATED = 0.15    # a regime is told if it holds this much more of the gap than of the time
-BOUND = 0.01           # of the gap: what a bound has to bring, unless it is zero or the end of the range
-PLAIN = 0.002          # of the gap: what a signal has to bring beyond the one before it, the plainest being first
-SAME = 0.5             # of the samples of two regimes: they are one
+CONCENTRATED = 0.15  # a regime is told if it holds this much more of the gap than of the time
+# of the gap: what a bound has to bring, unless it is zero or the end of the range
+BOUND = 0.01
+# of the gap: what a signal has to bring beyond the one before it, the plainest being first
+PLAIN = 0.002
+SAME = 0.5  # of the samples of two regimes: they are one
 MOST = 4
-STILL = 0.02           # of the usual speed
-TOLD = ("motion", "actuator-force", "flow")             # kinds of port whose signals a regime is told in, best first
-VALUES = {"flow": "flow", "actuator-force": "force"}    # ... and whose own value is one of them
+STILL = 0.02  # of the usual speed
+# kinds of port whose signals a regime is told in, best first
+TOLD = ("motion", "actuator-force", "flow")
+VALUES = {"flow": "flow", "actuator-force": "force"}  # ... and whose own value is one of them
 
 
 @dataclass(frozen=True)
@@ -45,7 +48,8 @@ class Regime:
 
 @dataclass(frozen=True)
 class _Stretch:
-    """A regime with what it is chosen by: gain over its share of the time, and the samples inside."""
+    """A regime with what it is chosen by: gain over its share of the time, and the samples
+    inside."""
 
     regime: Regime
     gain: float
@@ -57,18 +61,23 @@ class _Stretch:
 
 
 def _excess(before: Replay, after: Replay | None, noise: Array) -> Array:
-    """Squared error per sample that the cause (or the noise alone) does not account for, in noise variances."""
+    """Squared error per sample that the cause (or the noise alone) does not account for, in noise
+    variances."""
     loss = ((before.residual / noise) ** 2).sum(axis=1)
     rest = ((after.residual / noise) ** 2).sum(axis=1) if after is not None else float(len(noise))
     return np.where(before.scored, loss - rest, 0.0)
 
 
 def regimes(evidence: Evidence, base: Contender, after: Contender | None) -> list[Regime]:
-    """At most four stretches of values that hold much more of the gap of `base` than of the time, best first; of two
-    that hold about the same samples only the better one."""
+    """At most four stretches of values that hold much more of the gap of `base` than of the time,
+    best first; of two that hold about the same samples only the better one."""
     befores = base.replays
-    gap = np.concatenate([_excess(b, after.replays[i] if after else None, evidence.noise)[b.scored]
-                          for i, b in enumerate(befores)])
+    gap = np.concatenate(
+        [
+            _excess(b, after.replays[i] if after else None, evidence.noise)[b.scored]
+            for i, b in enumerate(befores)
+        ]
+    )
     if gap.sum() <= 0.0:
         return []
     inner = inner_signals(base)
@@ -87,12 +96,19 @@ def regimes(evidence: Evidence, base: Contender, after: Contender | None) -> lis
 
 
 def _stretch(name: str, unit: str, x: Array, gap: Array) -> _Stretch | None:
-    """The stretch of x with the largest share of the gap beyond its share of the time; None where none stands out.
+    """The stretch of x with the largest share of the gap beyond its share of the time; None where
+    none stands out.
 
     Zero is always among the edges: forwards and backwards, opening and closing.
     """
-    edges = np.unique(np.concatenate([np.quantile(x, np.linspace(0.0, 1.0, BINS + 1)),
-                                      [0.0] if x.min() < 0.0 < x.max() else []]))
+    edges = np.unique(
+        np.concatenate(
+            [
+                np.quantile(x, np.linspace(0.0, 1.0, BINS + 1)),
+                [0.0] if x.min() < 0.0 < x.max() else [],
+            ]
+        )
+    )
     if len(edges) < 4:
         return None
     count = len(edges) - 1
@@ -109,7 +125,7 @@ def _stretch(name: str, unit: str, x: Array, gap: Array) -> _Stretch | None:
     return _Stretch(regime, share - spent, (place >= i) & (place < j))
 
 
-# ---- signals a regime can be told in -----------------------------------------------------------------------------
+# ---- signals a regime can be told in -----------------------------------------------------------
 
 
 def measured_signals(evidence: Evidence, r: Replay) -> dict[str, tuple[Array, str]]:
@@ -121,9 +137,15 @@ def measured_signals(evidence: Evidence, r: Replay) -> dict[str, tuple[Array, st
         stem, _ = split_column(channel)
         unit = display_unit(evidence.rig.outputs[channel])
         y = r.track.y[:, i] if r.seen[i] else r.model[:, i]
-        smooth, rate = savgol_filter(y, length, 2), savgol_filter(y, length, 2, deriv=1, delta=period)
+        smooth, rate = (
+            savgol_filter(y, length, 2),
+            savgol_filter(y, length, 2, deriv=1, delta=period),
+        )
         out[stem] = (from_si(smooth, unit), unit)
-        out["velocity" if stem in ("angle", "position") else f"{stem}_rate"] = (from_si(rate, unit), f"{unit}/s")
+        out["velocity" if stem in ("angle", "position") else f"{stem}_rate"] = (
+            from_si(rate, unit),
+            f"{unit}/s",
+        )
     for i, name in enumerate(evidence.rig.inputs):
         stem, unit = split_column(name)
         if name not in evidence.rig.optional:
@@ -133,8 +155,8 @@ def measured_signals(evidence: Evidence, r: Replay) -> dict[str, tuple[Array, st
 
 @dataclass(frozen=True)
 class _Inner:
-    """Signals at the ports of a model: its equations with these as further outputs, their names and units, and the
-    name of the velocity whose sign tells a reversal."""
+    """Signals at the ports of a model: its equations with these as further outputs, their names and
+    units, and the name of the velocity whose sign tells a reversal."""
 
     program: Program
     names: tuple[str, ...]
@@ -143,8 +165,8 @@ class _Inner:
 
 
 def inner_signals(base: Contender) -> _Inner:
-    """What the model offers at its ports, and what flows and pulls there; the same signal only at its first port, and
-    without its place where all places share it."""
+    """What the model offers at its ports, and what flows and pulls there; the same signal only at
+    its first port, and without its place where all places share it."""
     rig = base.assembly.rig
     found: dict[Expr, tuple[str, str, list[str]]] = {}
     turning = []
@@ -153,16 +175,25 @@ def inner_signals(base: Contender) -> _Inner:
         port = rig.ports[q.port]
         own = [("value", q.value)] if port.kind in VALUES else []
         for key, value in (*own, *q.signals):
-            if isinstance(value, Expr) and {space for space, _ in symbols([value])} & {"state", "input"}:
+            if isinstance(value, Expr) and {space for space, _ in symbols([value])} & {
+                "state",
+                "input",
+            }:
                 name = f"{q.port}_{_quantity(port, key)}"
                 first, _, places = found.setdefault(value, (name, port.unit_of(key), []))
                 places += [q.place] if q.place and name == first else []
                 turning += [value] if port.kind == "motion" and key == "velocity" else []
-    names = {value: f"{name}_{places[0]}" if len(places) == 1 else name
-             for value, (name, _, places) in found.items()}
+    names = {
+        value: f"{name}_{places[0]}" if len(places) == 1 else name
+        for value, (name, _, places) in found.items()
+    }
     assembly = replace(base.assembly, sensitive=frozenset())
-    return _Inner(assembly.program_with({f"at.{names[value]}": value for value in found}), tuple(names.values()),
-                  tuple(unit for _, unit, _ in found.values()), names[turning[0]] if turning else "")
+    return _Inner(
+        assembly.program_with({f"at.{names[value]}": value for value in found}),
+        tuple(names.values()),
+        tuple(unit for _, unit, _ in found.values()),
+        names[turning[0]] if turning else "",
+    )
 
 
 def _quantity(port: Port, key: str) -> str:
@@ -176,7 +207,9 @@ def _quantity(port: Port, key: str) -> str:
 
 def _followed(base: Contender, r: Replay, inner: _Inner) -> dict[str, tuple[Array, str]]:
     """The signals at the ports along a replay, and the time since the last reversal."""
-    found = followed(inner.program, base.assembly, base.fit.p, r.track, r.windows, r.entered, base.fit.stepping)
+    found = followed(
+        inner.program, base.assembly, base.fit.p, r.track, r.windows, r.entered, base.fit.stepping
+    )
     table = found[:, found.shape[1] - len(inner.names) :]
     out = {}
     for name, unit, x in zip(inner.names, inner.units, table.T, strict=True):
@@ -188,7 +221,8 @@ def _followed(base: Contender, r: Replay, inner: _Inner) -> dict[str, tuple[Arra
 
 
 def _since_reversal(velocity: Array) -> Array:
-    """Samples since the velocity last changed its sign; what is slower than 2 % of the usual speed keeps the last."""
+    """Samples since the velocity last changed its sign; what is slower than 2 % of the usual speed
+    keeps the last."""
     moving = np.abs(velocity) > STILL * np.percentile(np.abs(velocity), 95.0)
     place = np.arange(len(velocity))
     last = np.maximum.accumulate(np.where(moving, place, 0))
@@ -197,7 +231,7 @@ def _since_reversal(velocity: Array) -> Array:
     return (place - np.maximum.accumulate(np.where(turned, place, 0))).astype(np.float64)
 
 
-# ---- bands and windows -------------------------------------------------------------------------------------------
+# ---- bands and windows -------------------------------------------------------------------------
 
 
 def frequency_band(before: list[Replay], after: list[Replay] | None, noise: Array) -> list[float]:
@@ -205,17 +239,23 @@ def frequency_band(before: list[Replay], after: list[Replay] | None, noise: Arra
     power, axis = None, None
     for i, b in enumerate(before):
         n = min(len(b.track), max(256, round(8.0 / b.track.period_s)))
-        axis, here = welch(b.residual / noise, 1.0 / b.track.period_s, nperseg=n, axis=0, detrend="constant")
+        axis, here = welch(
+            b.residual / noise, 1.0 / b.track.period_s, nperseg=n, axis=0, detrend="constant"
+        )
         here = here.sum(axis=1)
         if after is not None:
-            here = here - welch(after[i].residual / noise, 1.0 / b.track.period_s, nperseg=n, axis=0)[1].sum(axis=1)
+            here = here - welch(
+                after[i].residual / noise, 1.0 / b.track.period_s, nperseg=n, axis=0
+            )[1].sum(axis=1)
         here = np.maximum(here, 0.0)
         power = here if power is None or len(power) != len(here) else power + here
     if power is None or axis is None or power.sum() <= 0.0:
         return []
     share = np.cumsum(power[1:]) / power[1:].sum()
-    return [float(axis[1:][np.searchsorted(share, 0.1)]), float(axis[1:][min(np.searchsorted(share, 0.9),
-                                                                           len(share) - 1)])]
+    return [
+        float(axis[1:][np.searchsorted(share, 0.1)]),
+        float(axis[1:][min(np.searchsorted(share, 0.9), len(share) - 1)]),
+    ]
 
 
 def worst_windows(before: list[Replay], budget: Budget, count: int = 3) -> list[list[float]]:
@@ -224,7 +264,11 @@ def worst_windows(before: list[Replay], budget: Budget, count: int = 3) -> list[
     for b in before:
         for w in b.windows:
             first = b.track.first
-            spans.append((float(losses[at]), [(first + w.start) * b.track.period_s,
-                                              (first + w.stop) * b.track.period_s]))
+            spans.append(
+                (
+                    float(losses[at]),
+                    [(first + w.start) * b.track.period_s, (first + w.stop) * b.track.period_s],
+                )
+            )
             at += 1
     return [s for _, s in sorted(spans, key=lambda e: -e[0])[:count]]

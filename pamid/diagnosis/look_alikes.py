@@ -1,4 +1,5 @@
-"""Which effects these recordings cannot tell apart: measured on the refitted models' own predictions."""
+"""Which effects these recordings cannot tell apart: measured on the refitted models' own
+predictions."""
 
 from __future__ import annotations
 
@@ -10,13 +11,18 @@ from pamid.simulation.data_split import Evidence
 
 Array = NDArray[np.float64]
 
-ALIKE = 0.25     # predictions differ by less than this share of what either changes against the baseline
-UNSEEN = 0.5     # ... or by less than half the sensor noise
+# predictions differ by less than this share of what either changes against the baseline
+ALIKE = 0.25
+UNSEEN = 0.5  # ... or by less than half the sensor noise
 
 
 def distance(one: Contender, other: Contender, noise: Array) -> float:
-    """RMS difference of two models' held-out predictions, in noise standard deviations (worst channel)."""
-    gaps = [((a.model - b.model) / noise)[a.scored] for a, b in zip(one.replays, other.replays, strict=True)]
+    """RMS difference of two models' held-out predictions, in noise standard deviations (worst
+    channel)."""
+    gaps = [
+        ((a.model - b.model) / noise)[a.scored]
+        for a, b in zip(one.replays, other.replays, strict=True)
+    ]
     return float(np.sqrt((np.concatenate(gaps) ** 2).mean(axis=0)).max())
 
 
@@ -27,7 +33,9 @@ def alike(evidence: Evidence, baseline: Contender, one: Contender, other: Conten
     return apart < max(ALIKE * reach, UNSEEN)
 
 
-def look_alike_classes(evidence: Evidence, baseline: Contender, contenders: list[Contender]) -> list[list[str]]:
+def look_alike_classes(
+    evidence: Evidence, baseline: Contender, contenders: list[Contender]
+) -> list[list[str]]:
     """Classes of two and more, by single linkage, in the order of the contenders."""
     classes: list[list[Contender]] = []
     for c in contenders:

@@ -1,4 +1,5 @@
-"""A refitted model that still misses by more than the signal moves explains nothing, whatever lowers its error."""
+"""A refitted model that still misses by more than the signal moves explains nothing, whatever
+lowers its error."""
 
 from __future__ import annotations
 
@@ -13,22 +14,26 @@ from pamid.diagnosis.contender import Contender
 from pamid.simulation.data_split import Evidence
 from pamid.simulation.replay import spread_of
 
-BEYOND = 3.0        # times its noise: an error that is none of the sensor's
+BEYOND = 3.0  # times its noise: an error that is none of the sensor's
 
 
 def doubt(evidence: Evidence, base: Contender, best: Contender | None) -> dict[str, Any] | None:
-    """Held-out error over the spread of the signal, by channel, where units or signs are in doubt, the slips of the
-    pen that would explain it, and a sentence; None where the refitted model follows what was measured.
+    """Held-out error over the spread of the signal, by channel, where units or signs are in doubt,
+    the slips of the pen that would explain it, and a sentence; None where the refitted model
+    follows what was measured.
 
-    They are in doubt where the best model still misses by more than the spread, or where the refitted one does and a
-    slip sets it right.
+    They are in doubt where the best model still misses by more than the spread, or where the
+    refitted one does and a slip sets it right.
     """
     spread = spread_of(base.replays)
 
     def far(c: Contender) -> dict[str, float]:
         error = np.sqrt(seen_mean(c.squares))
-        return {name: float(e / s) for name, e, s, n in
-                zip(evidence.channels, error, spread, evidence.noise, strict=True) if e > max(s, BEYOND * n)}
+        return {
+            name: float(e / s)
+            for name, e, s, n in zip(evidence.channels, error, spread, evidence.noise, strict=True)
+            if e > max(s, BEYOND * n)
+        }
 
     refitted = far(base)
     if not refitted:
@@ -38,5 +43,8 @@ def doubt(evidence: Evidence, base: Contender, best: Contender | None) -> dict[s
     found = slips(beside[0], evidence.recordings[0]) if beside else []
     if not left and not found:
         return None
-    return {"error_over_spread": left or refitted, "advice": advice(found),
-            "slips": [{"kind": s.kind, "name": s.name, "factor": s.factor} for s in found]}
+    return {
+        "error_over_spread": left or refitted,
+        "advice": advice(found),
+        "slips": [{"kind": s.kind, "name": s.name, "factor": s.factor} for s in found],
+    }

@@ -1,5 +1,5 @@
-"""What one would guess of the held-out windows without a model: a model that does no better has explained nothing of
-what was recorded, however much an effect improves it."""
+"""What one would guess of the held-out windows without a model: a model that does no better has
+explained nothing of what was recorded, however much an effect improves it."""
 
 from __future__ import annotations
 
@@ -13,15 +13,19 @@ from pamid.simulation.replay import Replay, warm_up
 
 Array = NDArray[np.float64]
 
-CLOSE = 2.0     # floors of error: what a line follows as well, a model this close to the noise has followed, too
+# floors of error: what a line follows as well, a model this close to the noise has followed, too
+CLOSE = 2.0
 
 
 def explains_nothing(budget: Budget, model: Contender, seed: int) -> bool:
-    """In no channel is the model surely better, by a tenth, than the median of what was measured; nor, where it is far
-    from the noise, than a guess from the part of a window on which its start was estimated: its median, or a line."""
-    middle, start, line = (np.concatenate([losses[i] for losses in map(_guesses, model.replays)]) for i in range(3))
+    """In no channel is the model surely better, by a tenth, than the median of what was measured;
+    nor, where it is far from the noise, than a guess from the part of a window on which its start
+    was estimated: its median, or a line."""
+    middle, start, line = (
+        np.concatenate([losses[i] for losses in map(_guesses, model.replays)]) for i in range(3)
+    )
     for c, floor in enumerate(seen_mean(budget.floor)):
-        seen = ~np.isnan(model.absolutes[:, c])     # a recording may lack the channel
+        seen = ~np.isnan(model.absolutes[:, c])  # a recording may lack the channel
         own, flat = model.absolutes[seen, c], middle[seen, c]
         guess = min(line[seen, c], start[seen, c], key=np.sum)
         if _better(own, flat, seed) and (own.mean() < CLOSE * floor or _better(own, guess, seed)):
@@ -31,13 +35,16 @@ def explains_nothing(budget: Budget, model: Contender, seed: int) -> bool:
 
 def _better(own: Array, guess: Array, seed: int) -> bool:
     """With 95 % confidence; windows whose guess is exact tell nothing of a model."""
-    return bool(guess.sum() > 0.0 and own.sum() < (1.0 - NO_GAP) * guess.sum()
-                and moving_block_interval(own, guess + 1e-9 * guess.mean(), seed=seed)[1] < 1.0 - NO_GAP)
+    return bool(
+        guess.sum() > 0.0
+        and own.sum() < (1.0 - NO_GAP) * guess.sum()
+        and moving_block_interval(own, guess + 1e-9 * guess.mean(), seed=seed)[1] < 1.0 - NO_GAP
+    )
 
 
 def _guesses(replay: Replay) -> tuple[Array, Array, Array]:
-    """Mean absolute errors per window and channel (SI) of the median of everything scored, of that of the window's
-    first part, and of the line through it."""
+    """Mean absolute errors per window and channel (SI) of the median of everything scored, of that
+    of the window's first part, and of the line through it."""
     y, scored = replay.track.y, replay.scored
     middle, rows = np.median(y[scored], axis=0), []
     for w in replay.windows:
@@ -46,7 +53,11 @@ def _guesses(replay: Replay) -> tuple[Array, Array, Array]:
         slope, level = np.polyfit(t[:first], left[:first], 1)
         rest = left[scored[w.start : w.stop]]
         after = t[scored[w.start : w.stop], None]
-        rows.append([np.abs(rest - guess).mean(axis=0)
-                     for guess in (middle, np.median(left[:first], axis=0), level + slope * after)])
+        rows.append(
+            [
+                np.abs(rest - guess).mean(axis=0)
+                for guess in (middle, np.median(left[:first], axis=0), level + slope * after)
+            ]
+        )
     middles, starts, lines = np.array(rows).transpose(1, 0, 2)
     return middles, starts, lines

@@ -1,8 +1,10 @@
-"""What to measure next: the experiment that would set apart the models still in question, found by simulating it.
+"""What to measure next: the experiment that would set apart the models still in question, found by
+simulating it.
 
-The better ranked model of a pair records a virtual experiment without noise; what the other one leaves of it is taken
-first as that model was fitted, then re-adjusted as far as the recordings it was fitted to allow. The re-adjustment can
-only bring it nearer, so an experiment whose first figure lies below the best second one is done with.
+The better ranked model of a pair records a virtual experiment without noise; what the other one
+leaves of it is taken first as that model was fitted, then re-adjusted as far as the recordings it
+was fitted to allow. The re-adjustment can only bring it nearer, so an experiment whose first figure
+lies below the best second one is done with.
 """
 
 from __future__ import annotations
@@ -35,16 +37,17 @@ from pamid.simulation.windows import Runner, Track, track_of
 Array = NDArray[np.float64]
 
 MOST_MODELS = 3
-BEYOND = 0.5             # of the recorded span: how far a rig without a loop may leave it
-WAYS = ((1.0, 1), (1.0, 2), (1.0, 4), (0.5, 1), (0.5, 2), (0.25, 1))    # share of the recorded range, times faster
-STRETCH_S = 10.0         # of every old recording that a re-adjustment looks at
-STEPS, CALM = 3, 2e-2    # of a re-adjustment, twice
-VISIBLE = 1.0            # noise standard deviations
+BEYOND = 0.5  # of the recorded span: how far a rig without a loop may leave it
+# share of the recorded range, times faster
+WAYS = ((1.0, 1), (1.0, 2), (1.0, 4), (0.5, 1), (0.5, 2), (0.25, 1))
+STRETCH_S = 10.0  # of every old recording that a re-adjustment looks at
+STEPS, CALM = 3, 2e-2  # of a re-adjustment, twice
+VISIBLE = 1.0  # noise standard deviations
 
 
 def next_experiment(d: Diagnosis) -> Proposal | None:
-    """The entry of the menu with the largest expected separation per root of its minutes; None where no two models are
-    in question or none of the entries can be simulated."""
+    """The entry of the menu with the largest expected separation per root of its minutes; None
+    where no two models are in question or none of the entries can be simulated."""
     pairs = in_question(d)
     if not pairs:
         return None
@@ -55,7 +58,10 @@ def next_experiment(d: Diagnosis) -> Proposal | None:
             ever_nearer = separations(d.evidence, way, e, pairs)
             race.append((next(ever_nearer), ever_nearer, way, e))
     while race:
-        k = max(range(len(race)), key=lambda i: _rms(race[i][0]) / np.sqrt(race[i][3].minutes_on(race[i][2])))
+        k = max(
+            range(len(race)),
+            key=lambda i: _rms(race[i][0]) / np.sqrt(race[i][3].minutes_on(race[i][2])),
+        )
         apart, ever_nearer, way, e = race[k]
         nearer = next(ever_nearer, None)
         if nearer is None:
@@ -75,16 +81,25 @@ class Proposing(Work[Diagnosis, Proposal | None]):
         return {} if found is None else vars(found)
 
     def restored(self, item: Diagnosis, found: Plain) -> Proposal | None:
-        return Proposal(**{**found, "separates": tuple(found["separates"]), "settings": tuple(found["settings"])}
-                        ) if found else None
+        return (
+            Proposal(
+                **{
+                    **found,
+                    "separates": tuple(found["separates"]),
+                    "settings": tuple(found["settings"]),
+                }
+            )
+            if found
+            else None
+        )
 
     def name(self, item: Diagnosis) -> str:
         return ""
 
 
 def in_question(d: Diagnosis) -> list[tuple[Contender, Contender]]:
-    """Pairs of models to set apart, the better ranked one first, one model of each family: all that are tied against
-    each other, else the chosen one against its nearest rivals."""
+    """Pairs of models to set apart, the better ranked one first, one model of each family: all that
+    are tied against each other, else the chosen one against its nearest rivals."""
     if d.verdict == "no-structural-gap" or d.empty or not d.ranking:
         return []
     best = d.cause or d.ranking[0]
@@ -98,44 +113,66 @@ def in_question(d: Diagnosis) -> list[tuple[Contender, Contender]]:
 
 
 def bench_of(evidence: Evidence) -> Bench:
-    """The bench that the recordings were made on: its loop or its inputs, their range (2nd to 98th percentile)."""
+    """The bench that the recordings were made on: its loop or its inputs, their range (2nd to 98th
+    percentile)."""
     rig, recordings, model = evidence.rig, evidence.recordings, _like(evidence)
     period = model.sampling_period_s
-    recorded = {name for name in (*recordings[0].columns, *rig.inputs, *rig.outputs)
-                if all(r.has(name) for r in recordings)}
+    recorded = {
+        name
+        for name in (*recordings[0].columns, *rig.inputs, *rig.outputs)
+        if all(r.has(name) for r in recordings)
+    }
     held = {q.reference: q.reference if q.reference in recorded else q.reading for q in rig.loops}
-    closed = bool(held) and recorded >= set(held.values()) and bool(rig.controller or model.controller)
-    sent = [n for n in rig.inputs if n not in rig.optional or n in recorded and n in {q.command for q in rig.loops}]
+    closed = (
+        bool(held) and recorded >= set(held.values()) and bool(rig.controller or model.controller)
+    )
+    sent = [
+        n
+        for n in rig.inputs
+        if n not in rig.optional or n in recorded and n in {q.command for q in rig.loops}
+    ]
     driven = {}
     for column, like in held.items() if closed else ((n, n) for n in sent):
         low, high = np.percentile(np.concatenate([r.signal(like) for r in recordings]), [2.0, 98.0])
         driven[column] = (0.5 * float(low + high), 0.5 * float(high - low))
     longest = min(max(len(r) for r in recordings), MOST_SAMPLES) * period
-    return Bench(rig, driven, period, tuple(q.command for q in rig.loops) if closed else (),
-                 tuple(n for n in rig.optional if n.startswith("external_")), _settings(evidence),
-                 1.0 if closed else longest / PASS_S)
+    return Bench(
+        rig,
+        driven,
+        period,
+        tuple(q.command for q in rig.loops) if closed else (),
+        tuple(n for n in rig.optional if n.startswith("external_")),
+        _settings(evidence),
+        1.0 if closed else longest / PASS_S,
+    )
 
 
 def _like(evidence: Evidence) -> Recording:
-    """The recording after which an experiment is set up: the first one that was commanded, if any."""
+    """The recording after which an experiment is set up: the first one that was commanded, if
+    any."""
     commands = [q.command for q in evidence.rig.loops]
-    return next((r for r in evidence.recordings if all(r.has(c) for c in commands)), evidence.recordings[0])
+    return next(
+        (r for r in evidence.recordings if all(r.has(c) for c in commands)), evidence.recordings[0]
+    )
 
 
 def _settings(evidence: Evidence) -> dict[str, float]:
-    """[known] of an experiment: as before, but nothing that only holds for a test without commands."""
+    """[known] of an experiment: as before, but nothing that only holds for a test without
+    commands."""
     model = _like(evidence)
     return model.known if all(model.has(q.command) for q in evidence.rig.loops) else {}
 
 
 def benches(evidence: Evidence, bench: Bench, e: Experiment, model: Contender) -> list[Bench]:
-    """The ways to run an experiment: as it is where a loop holds the rig, else those of several amplitudes and rates
-    that leave it about where it was recorded."""
+    """The ways to run an experiment: as it is where a loop holds the rig, else those of several
+    amplitudes and rates that leave it about where it was recorded."""
     if bench.command:
         return [bench]
     out = []
     for share, passes in WAYS:
-        way = replace(bench, driven={k: (c, share * h) for k, (c, h) in bench.driven.items()}, passes=passes)
+        way = replace(
+            bench, driven={k: (c, share * h) for k, (c, h) in bench.driven.items()}, passes=passes
+        )
         made = [_recorded(evidence, model, way, e.signals(way), s) for s in e.settings(way)]
         if all(r is not None and _stays(evidence, r) for r in made):
             out.append(way)
@@ -152,22 +189,45 @@ def _stays(evidence: Evidence, made: Recording) -> bool:
     return True
 
 
-def _recorded(evidence: Evidence, c: Contender, bench: Bench, columns: dict[str, Array],
-              setting: dict[str, float]) -> Recording | None:
-    """What the model would record without noise, in its own loop where references are sent; None if it blows up."""
+def _recorded(
+    evidence: Evidence,
+    c: Contender,
+    bench: Bench,
+    columns: dict[str, Array],
+    setting: dict[str, float],
+) -> Recording | None:
+    """What the model would record without noise, in its own loop where references are sent; None if
+    it blows up."""
     known = {**bench.known, **setting}
     closed = any(q.reference in columns for q in bench.rig.loops)
     samples = len(next(iter(columns.values())))
-    excitation = Recording("experiment", Path(FILE), "", bench.period_s * np.arange(samples, dtype=np.float64), columns,
-                           bench.period_s, "closed" if closed else "open", known=known,
-                           controller=_controller(evidence) if closed else {})
-    model = replace(c.assembly, controller=tuple(sorted(excitation.controller.items())),
-                    sensitive=frozenset()) if closed else c.assembly
+    excitation = Recording(
+        "experiment",
+        Path(FILE),
+        "",
+        bench.period_s * np.arange(samples, dtype=np.float64),
+        columns,
+        bench.period_s,
+        "closed" if closed else "open",
+        known=known,
+        controller=_controller(evidence) if closed else {},
+    )
+    model = (
+        replace(
+            c.assembly,
+            controller=tuple(sorted(excitation.controller.items())),
+            sensitive=frozenset(),
+        )
+        if closed
+        else c.assembly
+    )
     values, places = known_values(model, known)
     p = c.fit.p.copy()
     p[places] = values[places]
     try:
-        return replace(excitation, columns=virtual_recording(model, excitation, p, noise=0.0, fineness=1))
+        return replace(
+            excitation, columns=virtual_recording(model, excitation, p, noise=0.0, fineness=1)
+        )
     except DataError:
         return None
 
@@ -176,20 +236,27 @@ def _controller(evidence: Evidence) -> dict[str, float]:
     return {**evidence.rig.controller, **_like(evidence).controller}
 
 
-# ---- how far apart -----------------------------------------------------------------------------------------------
+# ---- how far apart -----------------------------------------------------------------------------
 
 
-def separations(evidence: Evidence, bench: Bench, e: Experiment,
-                pairs: list[tuple[Contender, Contender]]) -> Iterator[Array]:
-    """RMS difference per channel of the nearest pair, in noise standard deviations: ever smaller over all channels
-    together, the last one with all re-adjusted; zeros where a model cannot be simulated."""
+def separations(
+    evidence: Evidence, bench: Bench, e: Experiment, pairs: list[tuple[Contender, Contender]]
+) -> Iterator[Array]:
+    """RMS difference per channel of the nearest pair, in noise standard deviations: ever smaller
+    over all channels together, the last one with all re-adjusted; zeros where a model cannot be
+    simulated."""
     made: dict[str, list[Recording | None]] = {}
     views, apart = [], []
     for truth, other in pairs:
         if truth.label not in made:
-            made[truth.label] = [_recorded(evidence, truth, bench, e.signals(bench), s) for s in e.settings(bench)]
-        tracks = tuple(track_of(other.assembly, r, evidence.channels, evidence.jump)
-                       for r in made[truth.label] if r is not None)
+            made[truth.label] = [
+                _recorded(evidence, truth, bench, e.signals(bench), s) for s in e.settings(bench)
+            ]
+        tracks = tuple(
+            track_of(other.assembly, r, evidence.channels, evidence.jump)
+            for r in made[truth.label]
+            if r is not None
+        )
         view = _View(other, evidence.noise, tracks)
         if len(tracks) < len(made[truth.label]) or not view.left:
             yield np.zeros(len(evidence.channels))
@@ -228,8 +295,11 @@ class _View:
     def problem(self) -> Problem:
         """The new recordings alone; the background stays as it was fitted."""
         bounds, f = self.model.assembly.parameters, self.model.fit
-        return Problem(self.model.assembly, self.tracks,
-                       tuple(i for i in f.problem.free if not bounds[i].nuisance))
+        return Problem(
+            self.model.assembly,
+            self.tracks,
+            tuple(i for i in f.problem.free if not bounds[i].nuisance),
+        )
 
     def misfit(self, left: tuple[Array, ...]) -> Array:
         """RMS per channel of residuals (samples x channels), in noise standard deviations."""
@@ -237,8 +307,8 @@ class _View:
 
     @cached_property
     def left(self) -> tuple[Array, ...]:
-        """Model less recording, as the model was fitted, every window from the start that suits it best; () if it
-        blows up."""
+        """Model less recording, as the model was fitted, every window from the start that suits it
+        best; () if it blows up."""
         c = self.model
         out: list[Array] = []
         alone = Weights(self.noise, np.ones_like(self.noise))
@@ -258,37 +328,69 @@ class _View:
         return tuple(out)
 
     def readjusted(self) -> tuple[Array, ...]:
-        """What is left after some steps of a fit to the new recordings and a stretch of the old ones, which counts as
-        much as all of them."""
+        """What is left after some steps of a fit to the new recordings and a stretch of the old
+        ones, which counts as much as all of them."""
         f, known = self.model.fit, self.model.fit.problem.tracks
         old = [t.part(0, min(len(t), round(STRETCH_S / t.period_s))) for t in known]
         share = sum(map(len, known)) / sum(map(len, old))
         problem = replace(self.problem, tracks=(*old, *self.tracks))
-        counts = [np.full(len(problem.windows(t)), share if k < len(old) else 1.0)
-                  for k, t in enumerate(problem.tracks)]
+        counts = [
+            np.full(len(problem.windows(t)), share if k < len(old) else 1.0)
+            for k, t in enumerate(problem.tracks)
+        ]
         problem = replace(problem, importance=np.concatenate(counts))
         left = self.left
-        done = fit(problem, p=f.p, stepping=self.stepping, iterations=STEPS, tolerance=CALM,
-                   weights=residual_weights(left, self.noise, problem.window))
+        done = fit(
+            problem,
+            p=f.p,
+            stepping=self.stepping,
+            iterations=STEPS,
+            tolerance=CALM,
+            weights=residual_weights(left, self.noise, problem.window),
+        )
         if done.residuals:
             left = done.residuals
-            done = fit(problem, p=done.p, starts=done.starts, pulls=done.pulls, stepping=self.stepping,
-                       weights=residual_weights(left, self.noise, problem.window), iterations=STEPS, tolerance=CALM)
+            done = fit(
+                problem,
+                p=done.p,
+                starts=done.starts,
+                pulls=done.pulls,
+                stepping=self.stepping,
+                weights=residual_weights(left, self.noise, problem.window),
+                iterations=STEPS,
+                tolerance=CALM,
+            )
         return done.residuals[len(old) :]
 
 
-def _proposal(d: Diagnosis, bench: Bench, e: Experiment, pairs: list[tuple[Contender, Contender]],
-              apart: Array) -> Proposal:
+def _proposal(
+    d: Diagnosis,
+    bench: Bench,
+    e: Experiment,
+    pairs: list[tuple[Contender, Contender]],
+    apart: Array,
+) -> Proposal:
     names = tuple(dict.fromkeys(c.attached[0].label for pair in pairs for c in pair))
     columns, settings = e.signals(bench), tuple(s for s in e.settings(bench) if s)
-    return Proposal(e.name, _why(d, e, settings, apart), names, _rms(apart), e.minutes_on(bench), columns,
-                    sent_with(d.evidence, bench, columns), settings)
+    return Proposal(
+        e.name,
+        _why(d, e, settings, apart),
+        names,
+        _rms(apart),
+        e.minutes_on(bench),
+        columns,
+        sent_with(d.evidence, bench, columns),
+        settings,
+    )
 
 
 def sent_with(evidence: Evidence, bench: Bench, columns: dict[str, Array]) -> dict[str, Any]:
-    """What is stated beside columns sent to a bench: loop, period, rig, what is known and the controller's settings."""
+    """What is stated beside columns sent to a bench: loop, period, rig, what is known and the
+    controller's settings."""
     closed = any(q.reference in columns for q in bench.rig.loops)
-    meta: dict[str, Any] = {"recording": {"loop": "closed" if closed else "open", "sampling_period_s": bench.period_s}}
+    meta: dict[str, Any] = {
+        "recording": {"loop": "closed" if closed else "open", "sampling_period_s": bench.period_s}
+    }
     first = _like(evidence)
     if first.rig is not None:
         meta["recording"]["rig"] = first.rig
@@ -300,10 +402,16 @@ def _why(d: Diagnosis, e: Experiment, settings: tuple[dict[str, float], ...], ap
     """What is sent, what changes between repetitions, and where the models should part."""
     told = [e.why]
     if settings:
-        told.append("with " + " and then ".join(", ".join(f"{k} = {v:g}" for k, v in s.items()) for s in settings))
+        told.append(
+            "with "
+            + " and then ".join(", ".join(f"{k} = {v:g}" for k, v in s.items()) for s in settings)
+        )
     worst = int(np.argmax(apart))
-    told.append(f"simulated on the fitted models, the nearest two differ most in {d.evidence.channels[worst]}, by "
-                f"{apart[worst]:.2g} times its noise")
+    told.append(
+        "simulated on the fitted models, the nearest two differ most in "
+        f"{d.evidence.channels[worst]}, by "
+        f"{apart[worst]:.2g} times its noise"
+    )
     if apart[worst] < VISIBLE:
         told.append("nothing on the menu sets them apart clearly")
     return "; ".join(told)

@@ -1,7 +1,8 @@
-"""Where something is missing: the evidence for a latent value at each port, and how the ports share it.
+"""Where something is missing: the evidence for a latent value at each port, and how the ports share
+it.
 
-A port at which a small, slow value explains every channel wins over one that has to follow each sensor's error by
-itself.
+A port at which a small, slow value explains every channel wins over one that has to follow each
+sensor's error by itself.
 """
 
 from __future__ import annotations
@@ -20,21 +21,22 @@ from pamid.parallel.jobs import Crew, Failed, Work
 from pamid.parallel.store import Plain
 from pamid.simulation.data_split import Evidence
 
-ALIKE = 0.98                # ports with this share of another one's evidence: these recordings do not tell them apart
-PLAYERS = 2                 # ports whose joint evidence is computed
-CROWDED = 20                # ports from which on only outstanding ones are looked at closely
-OUTSTANDING = 0.15          # of the largest evidence with the parameters held
+# ports with this share of another one's evidence: these recordings do not tell them apart
+ALIKE = 0.98
+PLAYERS = 2  # ports whose joint evidence is computed
+CROWDED = 20  # ports from which on only outstanding ones are looked at closely
+OUTSTANDING = 0.15  # of the largest evidence with the parameters held
 
 Ports = tuple[str, ...]
-Found = tuple[float, float, float]      # log evidence, size, time constant
+Found = tuple[float, float, float]  # log evidence, size, time constant
 
 
 @dataclass(frozen=True)
 class Located:
     """Log evidence gained (nats) by a latent value at each port.
 
-    classes: ports about which these recordings say the same, the leading one first, strongest class first; worth: each
-    class's Shapley value (nats), by its leading port.
+    classes: ports about which these recordings say the same, the leading one first, strongest class
+    first; worth: each class's Shapley value (nats), by its leading port.
     """
 
     gains: dict[str, float]
@@ -43,7 +45,8 @@ class Located:
     smoothers: dict[str, Smoother] = field(compare=False, repr=False)
 
     def shares(self, rig: Rig, named: str = "") -> dict[str, float]:
-        """Every port group's share of the whole: the groups of a class divide its worth unless one is named."""
+        """Every port group's share of the whole: the groups of a class divide its worth unless one
+        is named."""
         out = {rig.group_of(name): 0.0 for name in rig.ports}
         for members in self.classes:
             groups = list(dict.fromkeys(rig.group_of(name) for name in members))
@@ -66,8 +69,8 @@ class Located:
 
 @dataclass(frozen=True, eq=False)
 class _Smoothing(Work[Ports, Found]):
-    """The log evidence for latent values at ports (none: of the model as it is) with their most likely size and time
-    constant; moving: do the parameters?"""
+    """The log evidence for latent values at ports (none: of the model as it is) with their most
+    likely size and time constant; moving: do the parameters?"""
 
     what = "looking for what is missing at"
     evidence: Evidence
@@ -90,17 +93,23 @@ class _Smoothing(Work[Ports, Found]):
         return " and ".join(item) or "no port"
 
 
-def locate(evidence: Evidence, base: Contender, crew: Crew, ports: list[str] | None = None) -> Located:
+def locate(
+    evidence: Evidence, base: Contender, crew: Crew, ports: list[str] | None = None
+) -> Located:
     """Evidence for a latent value at every port, and Shapley values of the classes of ports.
 
-    With `ports` only these are tried, and nothing is shared out. Joint evidence is computed for the leading classes
-    only.
+    With `ports` only these are tried, and nothing is shared out. Joint evidence is computed for the
+    leading classes only.
     """
     work = _Smoothing(evidence, base, True)
     names = ports or list(evidence.rig.ports)
     smoothers = {name: work.smoother((name,)) for name in names}
-    twins = {name: next(k for k in names if smoothers[k].assembly.program is smoothers[name].assembly.program)
-             for name in names}     # a value enters the equations there as it does here
+    twins = {
+        name: next(
+            k for k in names if smoothers[k].assembly.program is smoothers[name].assembly.program
+        )
+        for name in names
+    }  # a value enters the equations there as it does here
     own = [name for name in names if twins[name] == name]
     known: dict[Ports, Found] = {}
     found_at = _found_at(work, own, crew, known)
@@ -113,17 +122,23 @@ def locate(evidence: Evidence, base: Contender, crew: Crew, ports: list[str] | N
     if ports is not None:
         return Located(gains, found, {}, smoothers)
     players = [leader for leader in classes if gains[leader] > 0.0][:PLAYERS]
-    value: dict[frozenset[str], float] = {frozenset(): 0.0} | {frozenset((k,)): gains[k] for k in players}
+    value: dict[frozenset[str], float] = {frozenset(): 0.0} | {
+        frozenset((k,)): gains[k] for k in players
+    }
     for size in range(2, len(players) + 1):
         together = list(combinations(players, size))
         for members, joint in zip(together, _gains(work, together, crew, known), strict=True):
-            value[frozenset(members)] = max([joint, *(value[frozenset(members) - {m}] for m in members)])
+            value[frozenset(members)] = max(
+                [joint, *(value[frozenset(members) - {m}] for m in members)]
+            )
     return Located(gains, found, shapley(players, value), smoothers)
 
 
-def _found_at(work: _Smoothing, names: list[str], crew: Crew, known: dict[Ports, Found]) -> dict[str, float]:
-    """Evidence gained at each of these ports. Of many only those that stand out with the parameters held are looked at
-    with the parameters moving."""
+def _found_at(
+    work: _Smoothing, names: list[str], crew: Crew, known: dict[Ports, Found]
+) -> dict[str, float]:
+    """Evidence gained at each of these ports. Of many only those that stand out with the parameters
+    held are looked at with the parameters moving."""
     rough: dict[str, float] = {}
     if len(names) > CROWDED:
         held = replace(work, moving=False)
@@ -135,8 +150,11 @@ def _found_at(work: _Smoothing, names: list[str], crew: Crew, known: dict[Ports,
     return {name: full.get(name, share * rough.get(name, 0.0)) for name in names}
 
 
-def _gains(work: _Smoothing, items: list[Ports], crew: Crew, known: dict[Ports, Found]) -> list[float]:
-    """Log evidence beyond that without a latent value; 0 where neither path can be followed, or the job failed.
+def _gains(
+    work: _Smoothing, items: list[Ports], crew: Crew, known: dict[Ports, Found]
+) -> list[float]:
+    """Log evidence beyond that without a latent value; 0 where neither path can be followed, or the
+    job failed.
 
     known: what was found without one, if it was.
     """
@@ -147,8 +165,12 @@ def _gains(work: _Smoothing, items: list[Ports], crew: Crew, known: dict[Ports, 
     if isinstance(nothing, Failed):
         raise PamidError(f"{nothing.job} failed: {nothing.why}", code="jobs")
     known[()] = nothing
-    return [max(f[0] - nothing[0], 0.0) if not isinstance(f, Failed) and np.isfinite([f[0], nothing[0]]).all() else 0.0
-            for f in (found[ports] for ports in items)]
+    return [
+        max(f[0] - nothing[0], 0.0)
+        if not isinstance(f, Failed) and np.isfinite([f[0], nothing[0]]).all()
+        else 0.0
+        for f in (found[ports] for ports in items)
+    ]
 
 
 def shapley(players: list[str], value: dict[frozenset[str], float]) -> dict[str, float]:
@@ -157,7 +179,12 @@ def shapley(players: list[str], value: dict[frozenset[str], float]) -> dict[str,
     out = {}
     for one in players:
         others = [q for q in players if q != one]
-        out[one] = sum(factorial(k) * factorial(n - k - 1) / factorial(n)
-                       * (value[frozenset((*c, one))] - value[frozenset(c)])
-                       for k in range(n) for c in combinations(others, k))
+        out[one] = sum(
+            factorial(k)
+            * factorial(n - k - 1)
+            / factorial(n)
+            * (value[frozenset((*c, one))] - value[frozenset(c)])
+            for k in range(n)
+            for c in combinations(others, k)
+        )
     return out

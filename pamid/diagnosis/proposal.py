@@ -1,4 +1,5 @@
-"""An experiment that a diagnosis proposes, as figures and as the recordings to be sent to the rig."""
+"""An experiment that a diagnosis proposes, as figures and as the recordings to be sent to the
+rig."""
 
 from __future__ import annotations
 
@@ -14,7 +15,8 @@ from pamid.recording.recording import write_recording
 
 Array = NDArray[np.float64]
 
-NEXT_FILES = ("next-experiment.csv", "next-experiment-2.csv")    # of an experiment that is made in several settings
+# of an experiment that is made in several settings
+NEXT_FILES = ("next-experiment.csv", "next-experiment-2.csv")
 FILE = NEXT_FILES[0]
 
 
@@ -22,12 +24,12 @@ FILE = NEXT_FILES[0]
 class Proposal:
     """The experiment to make.
 
-    separates            effects in question
-    expected_separation  smallest rms difference of two of their models on it over all channels, in noise standard
+    separates            effects in question expected_separation  smallest rms difference of two of
+    their models on it over all channels, in noise standard
                          deviations
-    minutes              at the rig
-    columns, meta        the excitation as `write_recording` takes it
-    settings             [known] values of each repetition, where they change; () where it is made once, as it is
+    minutes              at the rig columns, meta        the excitation as `write_recording` takes
+    it settings             [known] values of each repetition, where they change; () where it is
+    made once, as it is
     """
 
     name: str
@@ -43,28 +45,44 @@ class Proposal:
     def time(self) -> Array:
         """Sampling instants, s."""
         samples = len(next(iter(self.columns.values())))
-        return float(self.meta["recording"]["sampling_period_s"]) * np.arange(samples, dtype=np.float64)
+        return float(self.meta["recording"]["sampling_period_s"]) * np.arange(
+            samples, dtype=np.float64
+        )
 
     @property
     def files(self) -> dict[str, dict[str, Any]]:
-        """A file per repetition, for a recording states one setting: its name, and the tables of the TOML beside it."""
+        """A file per repetition, for a recording states one setting: its name, and the tables of
+        the TOML beside it."""
         every = self.settings or ({},)
-        return {name: self._stating(one) for name, one in zip(NEXT_FILES[: len(every)], every, strict=True)}
+        return {
+            name: self._stating(one)
+            for name, one in zip(NEXT_FILES[: len(every)], every, strict=True)
+        }
 
     def _stating(self, setting: dict[str, float]) -> dict[str, Any]:
         known = {**self.meta.get("known", {}), **setting}
         return {**self.meta, "known": known} if known else self.meta
 
     def write(self, claim: Callable[..., list[Path]]) -> None:
-        """Write all its files, each with the TOML beside it; claim: where those of these names go (`Run.claim`)."""
+        """Write all its files, each with the TOML beside it; claim: where those of these names go
+        (`Run.claim`)."""
         for name, meta in self.files.items():
-            write_recording(claim(name, str(Path(name).with_suffix(".toml")))[0], self.time, self.columns, meta)
+            write_recording(
+                claim(name, str(Path(name).with_suffix(".toml")))[0], self.time, self.columns, meta
+            )
 
 
 def proposal_json(p: Proposal | None) -> dict[str, Any] | None:
     """`next_experiment` of diagnosis.json."""
     if p is None:
         return None
-    return {"name": p.name, "why": p.why, "separates": list(p.separates),
-            "expected_separation": p.expected_separation, "minutes": p.minutes, "excitation": FILE,
-            "excitations": list(p.files), "settings": list(p.settings)}
+    return {
+        "name": p.name,
+        "why": p.why,
+        "separates": list(p.separates),
+        "expected_separation": p.expected_separation,
+        "minutes": p.minutes,
+        "excitation": FILE,
+        "excitations": list(p.files),
+        "settings": list(p.settings),
+    }

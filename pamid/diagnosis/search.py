@@ -1,4 +1,5 @@
-"""One round of the search: screen all candidates on top of a model, refit the promising ones, order them."""
+"""One round of the search: screen all candidates on top of a model, refit the promising ones, order
+them."""
 
 from __future__ import annotations
 
@@ -25,8 +26,9 @@ from pamid.simulation.data_split import Evidence
 Array = NDArray[np.float64]
 Told = Callable[[str], None]
 
-SLIGHT = 0.1            # in log squared error per channel: less is not worth another parameter
-SURE = 3.0              # standard errors by which a more elaborate effect, or one of two alike, has to win
+SLIGHT = 0.1  # in log squared error per channel: less is not worth another parameter
+# standard errors by which a more elaborate effect, or one of two alike, has to win
+SURE = 3.0
 
 
 @dataclass(frozen=True)
@@ -68,8 +70,13 @@ class _Screening(Work[Attachment, Screened]):
 
     def restored(self, item: Attachment, found: Plain) -> Screened:
         attached = (*self.ground.baseline.attached, item)
-        return Screened(item, model_with(self.evidence, attached, self.sizes) if found["fits"] else None,
-                        found["first"], found["gain"], found["why"])
+        return Screened(
+            item,
+            model_with(self.evidence, attached, self.sizes) if found["fits"] else None,
+            found["first"],
+            found["gain"],
+            found["why"],
+        )
 
     def name(self, item: Attachment) -> str:
         return item.label
@@ -77,7 +84,8 @@ class _Screening(Work[Attachment, Screened]):
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """A model to refit. p: where from (SI; default: the data sheet); first: further starting values (SI) by key."""
+    """A model to refit. p: where from (SI; default: the data sheet); first: further starting values
+    (SI) by key."""
 
     attached: tuple[Attachment, ...]
     p: Array | None = None
@@ -99,45 +107,69 @@ class Refitting(Work[Start, Contender]):
         return contender_plain(replayed(self.evidence, assembly, done))
 
     def restored(self, item: Start, found: Plain) -> Contender:
-        return contender_of(self.evidence, model_with(self.evidence, item.attached, self.sizes), found)
+        return contender_of(
+            self.evidence, model_with(self.evidence, item.attached, self.sizes), found
+        )
 
     def name(self, item: Start) -> str:
         return " + ".join(a.label for a in item.attached)
 
 
-def run_round(search: Search, base: Contender, candidates: list[Attachment],
-              most: int) -> tuple[list[Contender], list[tuple[str, str]], str]:
-    """Screen all candidates on top of `base`, refit the promising ones, replay them on what was held out.
+def run_round(
+    search: Search, base: Contender, candidates: list[Attachment], most: int
+) -> tuple[list[Contender], list[tuple[str, str]], str]:
+    """Screen all candidates on top of `base`, refit the promising ones, replay them on what was
+    held out.
 
     Returns the models, what failed and why, and the family of the screen's own first choice.
     """
     evidence, sizes, run = search.evidence, search.budget.sizes, search.crew.run
     ground = Ground.of(base, len(search.candidates))
     tried = run(_Screening(evidence, ground, sizes, search.clues), candidates, search.told)
-    found = [Screened(a, None, {}, -np.inf, s.why) if isinstance(s, Failed) else s
-             for a, s in zip(candidates, tried, strict=True)]
+    found = [
+        Screened(a, None, {}, -np.inf, s.why) if isinstance(s, Failed) else s
+        for a, s in zip(candidates, tried, strict=True)
+    ]
     promising = sent_on({a.label: search.family(a) for a in candidates}, found, most, ground.held)
     starts = [_start(s, base) for s in promising]
     refitted = run(Refitting(evidence, base.fit, sizes), starts, search.told)
     contenders = [c for c in refitted if not isinstance(c, Failed)]
-    failed = [(s.attachment.label, s.why) for s in found if s.assembly is None or not np.isfinite(s.gain)]
-    failed += [(s.attached[-1].label, c.why) for s, c in zip(starts, refitted, strict=True) if isinstance(c, Failed)]
-    failed += [(c.attached[-1].label, "became unstable on held-out recordings") for c in contenders if not c.finite]
-    return [c for c in contenders if c.finite], failed, search.family(promising[0].attachment) if promising else ""
+    failed = [
+        (s.attachment.label, s.why) for s in found if s.assembly is None or not np.isfinite(s.gain)
+    ]
+    failed += [
+        (s.attached[-1].label, c.why)
+        for s, c in zip(starts, refitted, strict=True)
+        if isinstance(c, Failed)
+    ]
+    failed += [
+        (c.attached[-1].label, "became unstable on held-out recordings")
+        for c in contenders
+        if not c.finite
+    ]
+    return (
+        [c for c in contenders if c.finite],
+        failed,
+        search.family(promising[0].attachment) if promising else "",
+    )
 
 
 def _start(s: Screened, base: Contender) -> Start:
-    """Where a screened candidate is refitted from: what the model below it has found, or the data sheet."""
+    """Where a screened candidate is refitted from: what the model below it has found, or the data
+    sheet."""
     assert s.assembly is not None
     p = transferred(s.assembly, (base.assembly, base.fit.p)) if base.attached else None
     return Start(s.assembly.attachments, p, s.first)
 
 
-def ranked(search: Search, contenders: list[Contender]) -> tuple[tuple[Contender, ...], list[float]]:
+def ranked(
+    search: Search, contenders: list[Contender]
+) -> tuple[tuple[Contender, ...], list[float]]:
     """Contenders in order, and the share of resamples that each wins (not yet a probability).
 
-    Order is by mean log loss on the selection windows, but a simpler member of the first one's family stands before it
-    unless the gain is sure and worth it; the wins of the kin it was preferred to count for it.
+    Order is by mean log loss on the selection windows, but a simpler member of the first one's
+    family stands before it unless the gain is sure and worth it; the wins of the kin it was
+    preferred to count for it.
     """
     if not contenders:
         return (), []
@@ -153,7 +185,8 @@ def ranked(search: Search, contenders: list[Contender]) -> tuple[tuple[Contender
 
 
 def _simplest(search: Search, ranking: list[Contender]) -> Contender:
-    """The first, unless a simpler member of its family is as good: simpler unless the gain is sure and worth it."""
+    """The first, unless a simpler member of its family is as good: simpler unless the gain is sure
+    and worth it."""
     best = ranking[0]
     kin = [c for c in ranking if c.family == best.family and _plainness(c) < _plainness(best)]
     if not kin:
@@ -172,13 +205,16 @@ def _simplest(search: Search, ranking: list[Contender]) -> Contender:
 
 
 def _plainness(c: Contender) -> tuple[int, bool]:
-    """Fewer parameters first; of equally many, an effect at home at its port before one of the general catalogue."""
+    """Fewer parameters first; of equally many, an effect at home at its port before one of the
+    general catalogue."""
     return c.free_count, not c.attached[-1].effect.kinds
 
 
-def tied_with_first(search: Search, ranking: tuple[Contender, ...], classes: list[list[str]]) -> tuple[Contender, ...]:
-    """The first and those that neither the selection windows nor their predictions tell from it; those that predict
-    alike have to be surely worse to be told from it."""
+def tied_with_first(
+    search: Search, ranking: tuple[Contender, ...], classes: list[list[str]]
+) -> tuple[Contender, ...]:
+    """The first and those that neither the selection windows nor their predictions tell from it;
+    those that predict alike have to be surely worse to be told from it."""
     if not ranking:
         return ()
     losses = search.losses(list(ranking))
@@ -194,7 +230,8 @@ def tied_with_first(search: Search, ranking: tuple[Contender, ...], classes: lis
 
 
 def settled(search: Search, best: Contender) -> Contender:
-    """The winner with integration steps that doubling no longer changes, refitted where they had to be finer."""
+    """The winner with integration steps that doubling no longer changes, refitted where they had to
+    be finer."""
     return search.crew.one(_Settling(search.evidence), best)
 
 
@@ -212,8 +249,16 @@ class _Settling(Work[Contender, Contender]):
             if rechecked(best.assembly, best.fit, tracks, self.evidence.noise)[1] <= COARSE:
                 break
             f = best.fit
-            finer = fit(f.problem, p=f.p, starts=f.starts, weights=f.weights, pulls=f.pulls,
-                        stepping=f.stepping.doubled(), iterations=15, tolerance=2e-2)
+            finer = fit(
+                f.problem,
+                p=f.p,
+                starts=f.starts,
+                weights=f.weights,
+                pulls=f.pulls,
+                stepping=f.stepping.doubled(),
+                iterations=15,
+                tolerance=2e-2,
+            )
             best = replayed(self.evidence, best.assembly, finer)
         return {} if best is item else contender_plain(best)
 

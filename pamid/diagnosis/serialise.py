@@ -1,4 +1,5 @@
-"""Models as plain data, and back: what is told of them is what a job has found; the rest is made of the evidence."""
+"""Models as plain data, and back: what is told of them is what a job has found; the rest is made of
+the evidence."""
 
 from __future__ import annotations
 
@@ -20,55 +21,110 @@ from pamid.simulation.windows import Track, Window
 
 
 def contender_plain(c: Contender) -> Plain:
-    """A model that was fitted to the evidence, all its parameters jointly, and replayed over what was held out."""
+    """A model that was fitted to the evidence, all its parameters jointly, and replayed over what
+    was held out."""
     return {"fit": _fit_plain(c.fit), "replays": [_replay_plain(r) for r in c.replays]}
 
 
 def contender_of(evidence: Evidence, assembly: Assembly, found: Plain) -> Contender:
     held = evidence.tracks(assembly, held_out=True)
-    return contender_from(assembly, _fit_of(evidence, assembly, found["fit"]), _replays_of(held, found["replays"]))
+    return contender_from(
+        assembly, _fit_of(evidence, assembly, found["fit"]), _replays_of(held, found["replays"])
+    )
 
 
 def grey_box_plain(g: GreyBox) -> Plain:
     """A model of `fit_model` without effects, bootstrap and earlier fit."""
-    return {"fit": _fit_plain(g.fit), "recheck": g.recheck, "held_out": [_replay_plain(r) for r in g.held_out],
-            "data_sheet": [_replay_plain(r) for r in g.data_sheet],
-            "floor": [{**_replay_plain(r), "measured": r.led.y} for r in g.floor],
-            "sizes": [[port, signal, size] for (port, signal), size in g.assembly.sizes.items()]}
+    return {
+        "fit": _fit_plain(g.fit),
+        "recheck": g.recheck,
+        "held_out": [_replay_plain(r) for r in g.held_out],
+        "data_sheet": [_replay_plain(r) for r in g.data_sheet],
+        "floor": [{**_replay_plain(r), "measured": r.led.y} for r in g.floor],
+        "sizes": [[port, signal, size] for (port, signal), size in g.assembly.sizes.items()],
+    }
 
 
 def grey_box_of(evidence: Evidence, found: Plain) -> GreyBox:
-    assembly = model_with(evidence, (), {(port, signal): size for port, signal, size in found["sizes"]})
+    assembly = model_with(
+        evidence, (), {(port, signal): size for port, signal, size in found["sizes"]}
+    )
     held = evidence.tracks(assembly, held_out=True)
-    replays, sheet, floor = (_replays_of(held, found[part]) for part in ("held_out", "data_sheet", "floor"))
-    return GreyBox(evidence, assembly, _fit_of(evidence, assembly, found["fit"]), found["recheck"], replays, sheet,
-                   floor)
+    replays, sheet, floor = (
+        _replays_of(held, found[part]) for part in ("held_out", "data_sheet", "floor")
+    )
+    return GreyBox(
+        evidence,
+        assembly,
+        _fit_of(evidence, assembly, found["fit"]),
+        found["recheck"],
+        replays,
+        sheet,
+        floor,
+    )
 
 
 def _fit_plain(f: Fit) -> Plain:
-    return {"p": f.p, "starts": f.starts, "sigma": f.weights.sigma, "correlated": f.weights.correlated, "cost": f.cost,
-            "covariance": f.covariance, "iterations": f.iterations, "converged": f.converged, "why": f.why,
-            "substeps": f.stepping.substeps, "implicit": f.stepping.implicit, "pulls": f.pulls,
-            "residuals": f.residuals, "held": f.held}
+    return {
+        "p": f.p,
+        "starts": f.starts,
+        "sigma": f.weights.sigma,
+        "correlated": f.weights.correlated,
+        "cost": f.cost,
+        "covariance": f.covariance,
+        "iterations": f.iterations,
+        "converged": f.converged,
+        "why": f.why,
+        "substeps": f.stepping.substeps,
+        "implicit": f.stepping.implicit,
+        "pulls": f.pulls,
+        "residuals": f.residuals,
+        "held": f.held,
+    }
 
 
 def _fit_of(evidence: Evidence, assembly: Assembly, found: dict[str, Any]) -> Fit:
     tracks = evidence.tracks(assembly)
     problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
-    return Fit(problem, found["p"], tuple(found["starts"]), Weights(found["sigma"], found["correlated"]),
-               found["cost"], found["covariance"], found["iterations"], found["converged"], found["why"],
-               Stepping(found["substeps"], found["implicit"]), tuple(found["pulls"]), tuple(found["residuals"]),
-               found["held"])
+    return Fit(
+        problem,
+        found["p"],
+        tuple(found["starts"]),
+        Weights(found["sigma"], found["correlated"]),
+        found["cost"],
+        found["covariance"],
+        found["iterations"],
+        found["converged"],
+        found["why"],
+        Stepping(found["substeps"], found["implicit"]),
+        tuple(found["pulls"]),
+        tuple(found["residuals"]),
+        found["held"],
+    )
 
 
 def _replay_plain(r: Replay) -> Plain:
-    return {"whole": r.whole, "cuts": np.array([(w.start, w.stop) for w in r.cuts]), "carried": r.carried,
-            "starts": r.starts, "finite": r.finite}
+    return {
+        "whole": r.whole,
+        "cuts": np.array([(w.start, w.stop) for w in r.cuts]),
+        "carried": r.carried,
+        "starts": r.starts,
+        "finite": r.finite,
+    }
 
 
 def _replays_of(tracks: tuple[Track, ...], found: list[Plain]) -> tuple[Replay, ...]:
-    return tuple(Replay(_measured(t, f), f["whole"], tuple(Window(*w) for w in f["cuts"].tolist()), f["carried"],
-                        f["starts"], f["finite"]) for t, f in zip(tracks, found, strict=True))
+    return tuple(
+        Replay(
+            _measured(t, f),
+            f["whole"],
+            tuple(Window(*w) for w in f["cuts"].tolist()),
+            f["carried"],
+            f["starts"],
+            f["finite"],
+        )
+        for t, f in zip(tracks, found, strict=True)
+    )
 
 
 def _measured(track: Track, found: Plain) -> Track:

@@ -1,4 +1,5 @@
-"""One track's path in slices: the states at the start of each, the data about them linearised, what is known before.
+"""One track's path in slices: the states at the start of each, the data about them linearised, what
+is known before.
 
 The system over all slices is block-tridiagonal; the parameters border it.
 """
@@ -17,15 +18,17 @@ from pamid.simulation.windows import Runner, Window, cut
 
 Array = NDArray[np.float64]
 
-SLICE_S = 0.1               # length of the slices over which a latent value is constant
-STIFF = 1e-4                # standard deviation of a state's jump between slices, in standard deviations of the state
-FREE = 1e3                  # ... at most of its jump where a window begins
+SLICE_S = 0.1  # length of the slices over which a latent value is constant
+# standard deviation of a state's jump between slices, in standard deviations of the state
+STIFF = 1e-4
+FREE = 1e3  # ... at most of its jump where a window begins
 
 
 class Linear(NamedTuple):
-    """The data about one track's path and the parameters, linearised: information of the parameters (k x k), of the
-    states at the start of every slice (slices x n x n), between them (slices x n x k), their gradients, state at the
-    end of the slice, its derivatives by start and parameters, squared error in noise variances."""
+    """The data about one track's path and the parameters, linearised: information of the parameters
+    (k x k), of the states at the start of every slice (slices x n x n), between them (slices x n x
+    k), their gradients, state at the end of the slice, its derivatives by start and parameters,
+    squared error in noise variances."""
 
     H: Array
     D: Array
@@ -46,8 +49,9 @@ class Followed(NamedTuple):
 
 
 class Prior(NamedTuple):
-    """What is known before: information of the joints between slices (slices-1 x n) and of the first value (n), decay
-    of the states over a slice (n), log determinant of the latent values' part."""
+    """What is known before: information of the joints between slices (slices-1 x n) and of the
+    first value (n), decay of the states over a slice (n), log determinant of the latent values'
+    part."""
 
     joint: Array
     first: Array
@@ -61,8 +65,8 @@ class Path:
 
     runner: Runner
     slices: list[Window]
-    opens: NDArray[np.bool_]        # slices that begin a window: the rig's states may jump there
-    x: Array                        # slices x states
+    opens: NDArray[np.bool_]  # slices that begin a window: the rig's states may jump there
+    x: Array  # slices x states
 
     def follow(self, p: Array, noise: Array) -> Followed:
         """Where the slices end, and their squared error; p: parameters (SI)."""
@@ -73,7 +77,9 @@ class Path:
             Y, _, fine = self.runner.run(memory, window, values, False)
             if not fine:
                 return Followed(end, np.inf)
-            cost += float(np.nansum(((Y - self.runner.track.y[window.start : window.stop]) / noise) ** 2))
+            cost += float(
+                np.nansum(((Y - self.runner.track.y[window.start : window.stop]) / noise) ** 2)
+            )
             end[i] = memory.x[: end.shape[1]]
         return Followed(end, cost)
 
@@ -85,7 +91,13 @@ class Path:
         own_root = root if seen.all() else np.where(seen, root, 0.0)
         memory, first = runner.memory(values), 0 if moving else k
         D, B, S = np.zeros((count, n, n)), np.zeros((count, n, k)), np.zeros((count, n, k + n))
-        gx, end, H, g, cost = np.zeros((count, n)), np.zeros((count, n)), np.zeros((k, k)), np.zeros(k), 0.0
+        gx, end, H, g, cost = (
+            np.zeros((count, n)),
+            np.zeros((count, n)),
+            np.zeros((k, k)),
+            np.zeros(k),
+            0.0,
+        )
         by = np.concatenate([slope, np.ones(n)])[first:]
         A = np.zeros((0, k + n))
         for i, window in enumerate(self.slices):
@@ -100,7 +112,14 @@ class Path:
                 A = np.zeros((len(J), k + n))
             A[:, first:] = J[:, : len(by)] * by
             N, v = A.T @ A, A.T @ r
-            H, g, D[i], B[i], gx[i], cost = H + N[:k, :k], g + v[:k], N[k:, k:], N[k:, :k], v[k:], cost + float(r @ r)
+            H, g, D[i], B[i], gx[i], cost = (
+                H + N[:k, :k],
+                g + v[:k],
+                N[k:, k:],
+                N[k:, :k],
+                v[k:],
+                cost + float(r @ r),
+            )
             end[i], S[i, :, first:] = memory.x[:n], memory.S[:n, : len(by)] * by
         return Linear(H, D, B, g, gx, end, S[:, :, k:], S[:, :, :k], cost)
 
@@ -115,12 +134,19 @@ class Path:
         first, decay = np.zeros(len(spread)), np.ones(len(spread))
         joint[:, missing], first[missing] = 1.0 / (size**2 * (1.0 - keep**2)), 1.0 / size**2
         decay[missing] = keep
-        return Prior(joint, first, decay, float(np.log(joint[:, missing]).sum() + np.log(first[missing]).sum()))
+        return Prior(
+            joint,
+            first,
+            decay,
+            float(np.log(joint[:, missing]).sum() + np.log(first[missing]).sum()),
+        )
 
-    def eliminated(self, one: Linear, prior: Prior,
-                   damping: float) -> tuple[Array, Array, Array, Array, Array, float]:
-        """What the track adds to the parameters' information and gradient once its states are eliminated, the states'
-        gradient, the solutions for [B | gx], and the log determinant of the states' information against the prior's.
+    def eliminated(
+        self, one: Linear, prior: Prior, damping: float
+    ) -> tuple[Array, Array, Array, Array, Array, float]:
+        """What the track adds to the parameters' information and gradient once its states are
+        eliminated, the states' gradient, the solutions for [B | gx], and the log determinant of the
+        states' information against the prior's.
 
         The system is scaled to a unit diagonal: states in pascals and radians stand side by side.
         """
@@ -142,11 +168,19 @@ class Path:
         scale = 1.0 / np.sqrt(np.einsum("kii->ki", D) + 1e-300)
         D *= scale[:, :, None] * scale[:, None, :]
         off *= scale[1:, :, None] * scale[:-1, None, :]
-        z, log_det = eliminate(D, off, scale[:, :, None] * np.concatenate([B, gx[:, :, None]], axis=2), damping)
+        z, log_det = eliminate(
+            D, off, scale[:, :, None] * np.concatenate([B, gx[:, :, None]], axis=2), damping
+        )
         z *= scale[:, :, None]
         X, x, flat = z[:, :, :k], z[:, :, k], B.reshape(-1, k).T
-        return (H - flat @ X.reshape(-1, k), g - flat @ x.ravel(), gx, X, x,
-                log_det - 2.0 * float(np.log(scale).sum()) - prior.log_det)
+        return (
+            H - flat @ X.reshape(-1, k),
+            g - flat @ x.ravel(),
+            gx,
+            X,
+            x,
+            log_det - 2.0 * float(np.log(scale).sum()) - prior.log_det,
+        )
 
 
 def surprise(x: Array, linear: Followed | Linear, prior: Prior) -> float:
@@ -166,7 +200,9 @@ def slices_of(r: Replay) -> tuple[list[Window], NDArray[np.bool_]]:
     return slices, np.array(opens)
 
 
-def start_path(runner: Runner, values: Array, r: Replay, slices: list[Window], opens: NDArray[np.bool_]) -> Array:
+def start_path(
+    runner: Runner, values: Array, r: Replay, slices: list[Window], opens: NDArray[np.bool_]
+) -> Array:
     """States at the start of every slice along the replay, latent values zero."""
     values = runner.parameters(values)
     memory = runner.memory(values)

@@ -1,10 +1,12 @@
-"""A model with latent values at some of its ports, smoothed together with its states over held-out recordings.
+"""A model with latent values at some of its ports, smoothed together with its states over held-out
+recordings.
 
-At every place of a port an unknown value is added that wanders as an Ornstein-Uhlenbeck process (a Matern-1/2 Gaussian
-process in time). States, value and the model's parameters, within what the fit knows of them, are found together, slice
-by slice, by Gauss-Newton on a block-tridiagonal system that the parameters border: the Kalman smoother of the
-linearised model, with its Laplace evidence. The parameters move, too, because those of the fit have already bent to
-what is missing. After Rogers and Friis (2022), Vibration 3; Engelhardt, Froehlich and Kschischo (2016), Sci. Rep. 6.
+At every place of a port an unknown value is added that wanders as an Ornstein-Uhlenbeck process (a
+Matern-1/2 Gaussian process in time). States, value and the model's parameters, within what the fit
+knows of them, are found together, slice by slice, by Gauss-Newton on a block-tridiagonal system
+that the parameters border: the Kalman smoother of the linearised model, with its Laplace evidence.
+The parameters move, too, because those of the fit have already bent to what is missing. After
+Rogers and Friis (2022), Vibration 3; Engelhardt, Froehlich and Kschischo (2016), Sci. Rep. 6.
 """
 
 from __future__ import annotations
@@ -18,7 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.diagnosis.contender import Contender, transferred
-from pamid.diagnosis.smoothed_trajectory import Followed, Linear, Path, Prior, slices_of, start_path, surprise
+from pamid.diagnosis.smoothed_trajectory import (
+    Followed,
+    Linear,
+    Path,
+    Prior,
+    slices_of,
+    start_path,
+    surprise,
+)
 from pamid.estimation.gauss_newton import Scale
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
@@ -30,16 +40,18 @@ from pamid.symbolic.vocabulary import Expr, Number
 
 Array = NDArray[np.float64]
 
-ROUNDS = 20                 # Gauss-Newton steps at most, damped as the ground demands
-CALM = 1e-3                 # of the cost: a gain below it ends them
-TRUSTED = 0.1               # of the cost: what a step that was not taken may promise
-LEAST_DAMPING = 1e-10       # of a diagonal scaled to one
-SIZES = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)   # standard deviations tried, in sizes of the port's value
-TIMES_S = (0.1, 1.0)        # time constants tried
+ROUNDS = 20  # Gauss-Newton steps at most, damped as the ground demands
+CALM = 1e-3  # of the cost: a gain below it ends them
+TRUSTED = 0.1  # of the cost: what a step that was not taken may promise
+LEAST_DAMPING = 1e-10  # of a diagonal scaled to one
+# standard deviations tried, in sizes of the port's value
+SIZES = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
+TIMES_S = (0.1, 1.0)  # time constants tried
 
 
 class Latent(Effect):
-    """A value that is simply missing: it wanders and is not explained. Sizes are those of the port's value."""
+    """A value that is simply missing: it wanders and is not explained. Sizes are those of the
+    port's value."""
 
     name = "latent"
     family = "latent"
@@ -54,8 +66,8 @@ class Latent(Effect):
 
 
 class _Step(NamedTuple):
-    """Of the parameters (in prior spreads) and of every track's states; what it promises to gain; log determinant of
-    the information against the priors'."""
+    """Of the parameters (in prior spreads) and of every track's states; what it promises to gain;
+    log determinant of the information against the priors'."""
 
     s: Array
     x: list[Array]
@@ -65,20 +77,25 @@ class _Step(NamedTuple):
 
 @dataclass(eq=False)
 class Smoother:
-    """The model of `base` with latent values at `ports`, linearised about its best path over the held-out replays."""
+    """The model of `base` with latent values at `ports`, linearised about its best path over the
+    held-out replays."""
 
     evidence: Evidence
     base: Contender
     ports: tuple[str, ...]
     linear: list[Linear] | None = None
-    moved: bool = False                 # was it linearised by the parameters, too?
+    moved: bool = False  # was it linearised by the parameters, too?
 
     @cached_property
     def assembly(self) -> Assembly:
         b, rig = self.base.assembly, self.evidence.rig
-        added = tuple(Attachment(Latent(size_at(b, port)), (port,), f"latent.{i}") for i, port in
-                      enumerate(self.ports))
-        return Assembly(rig, (*b.attachments, *added), background=True, sizes=b.sizes, outputs=b.outputs).for_fitting()
+        added = tuple(
+            Attachment(Latent(size_at(b, port)), (port,), f"latent.{i}")
+            for i, port in enumerate(self.ports)
+        )
+        return Assembly(
+            rig, (*b.attachments, *added), background=True, sizes=b.sizes, outputs=b.outputs
+        ).for_fitting()
 
     @cached_property
     def free(self) -> tuple[int, ...]:
@@ -99,12 +116,16 @@ class Smoother:
     @cached_property
     def fitted(self) -> Array:
         """Those that move, in prior spreads."""
-        return np.clip(self.scale.inside(self.values[list(self.free)]), self.scale.low, self.scale.high)
+        return np.clip(
+            self.scale.inside(self.values[list(self.free)]), self.scale.low, self.scale.high
+        )
 
     @cached_property
     def known(self) -> Array:
         """What the fit knows of them, as information: little where what it left is large."""
-        found: Array = np.linalg.pinv(self.base.fit.covariance, hermitian=True).astype(np.float64, copy=False)
+        found: Array = np.linalg.pinv(self.base.fit.covariance, hermitian=True).astype(
+            np.float64, copy=False
+        )
         return found
 
     @cached_property
@@ -129,30 +150,48 @@ class Smoother:
     def _path(self, i: int, r: Replay) -> Path:
         runner = Runner(self.assembly, r.track, self.base.fit.stepping, self.free, whole=True)
         slices, opens = slices_of(r)
-        return Path(runner, slices, opens, start_path(runner, self.parameters(self.s), r, slices, opens))
+        return Path(
+            runner, slices, opens, start_path(runner, self.parameters(self.s), r, slices, opens)
+        )
 
     @cached_property
     def rough(self) -> tuple[float, float, float]:
-        """(log evidence, size, time constant) as `best`, but with the parameters held: several times as fast."""
+        """(log evidence, size, time constant) as `best`, but with the parameters held: several
+        times as fast."""
         if not self.ports:
             return self.evidence_at(1.0, 1.0, ROUNDS, moving=False), 1.0, 1.0
-        size = max((self.evidence_at(s, TIMES_S[0], trusted=1.0, moving=False), s) for s in SIZES)[1]
+        size = max((self.evidence_at(s, TIMES_S[0], trusted=1.0, moving=False), s) for s in SIZES)[
+            1
+        ]
         self.evidence_at(size, TIMES_S[0], ROUNDS, moving=False)
         return max((self.evidence_at(s, t, moving=False), s, t) for s, t in _near(size))
 
     @cached_property
     def best(self) -> tuple[float, float, float]:
-        """(log evidence, size, time constant): the most likely size and time constant of a coarse grid."""
+        """(log evidence, size, time constant): the most likely size and time constant of a coarse
+        grid."""
         _, size, time_s = self.rough
         found = self.evidence_at(size, time_s, ROUNDS)
-        return max((self.evidence_at(s, t), s, t) for s, t in _near(size)) if self.ports else (found, size, time_s)
+        return (
+            max((self.evidence_at(s, t), s, t) for s, t in _near(size))
+            if self.ports
+            else (found, size, time_s)
+        )
 
-    def evidence_at(self, size: float, time_s: float, rounds: int = 0, trusted: float = TRUSTED,
-                    moving: bool = True) -> float:
-        """Log evidence (nats, up to a constant shared by all ports) with values of this size and time constant.
+    def evidence_at(
+        self,
+        size: float,
+        time_s: float,
+        rounds: int = 0,
+        trusted: float = TRUSTED,
+        moving: bool = True,
+    ) -> float:
+        """Log evidence (nats, up to a constant shared by all ports) with values of this size and
+        time constant.
 
-        With rounds > 0 parameters and paths are improved first, else the last linearisation serves. trusted: share of
-        the cost that a further step may promise and be believed. moving: do the parameters?
+        With rounds > 0 parameters and paths are improved first, else the last linearisation serves.
+        trusted: share of the cost that a further step may promise and be believed. moving: do the
+        parameters?
         """
         priors = [path.prior(self.missing, size, time_s) for path in self.paths]
         linear = self.linear
@@ -194,10 +233,14 @@ class Smoother:
 
     def _cost(self, linear: Sequence[Followed | Linear], priors: list[Prior]) -> float:
         away = self.s - self.fitted
-        return float(away @ self.known @ away) + sum(one.cost + surprise(path.x, one, prior) for path, one, prior
-                                                     in zip(self.paths, linear, priors, strict=True))
+        return float(away @ self.known @ away) + sum(
+            one.cost + surprise(path.x, one, prior)
+            for path, one, prior in zip(self.paths, linear, priors, strict=True)
+        )
 
-    def _step(self, linear: list[Linear], priors: list[Prior], damping: float, moving: bool) -> _Step:
+    def _step(
+        self, linear: list[Linear], priors: list[Prior], damping: float, moving: bool
+    ) -> _Step:
         """Damped Gauss-Newton step; parameters at a bound that would leave it stay."""
         s, k = self.s, len(self.s)
         H, g, log_det, parts = self.known, self.known @ (s - self.fitted), 0.0, []
@@ -205,7 +248,9 @@ class Smoother:
             more, right, gx, X, x, det = path.eliminated(one, prior, damping)
             H, g, log_det = H + more, g + right, log_det + det
             parts.append((gx, X, x))
-        free = moving & ~(((s <= self.scale.low + 1e-12) & (g > 0)) | ((s >= self.scale.high - 1e-12) & (g < 0)))
+        free = moving & ~(
+            ((s <= self.scale.low + 1e-12) & (g > 0)) | ((s >= self.scale.high - 1e-12) & (g < 0))
+        )
         ds = np.zeros(k)
         A = H[np.ix_(free, free)]
         if free.any():

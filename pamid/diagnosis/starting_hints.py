@@ -1,4 +1,5 @@
-"""What the gap tells an effect about where to begin: lines of its spectrum, and how far the signals at a port go."""
+"""What the gap tells an effect about where to begin: lines of its spectrum, and how far the signals
+at a port go."""
 
 from __future__ import annotations
 
@@ -36,16 +37,32 @@ def gather_clues(evidence: Evidence, base: Contender) -> Clues:
 
 
 def _reach(base: Contender) -> dict[str, dict[str, float]]:
-    """Largest magnitudes where windows begin: there the states are near those of the recording; later on a model that
-    knows no limit runs past it."""
+    """Largest magnitudes where windows begin: there the states are near those of the recording;
+    later on a model that knows no limit runs past it."""
     assembly, fit = base.assembly, base.fit
-    wanted = {f"{q.where}.{name}": (q.port, name, value) for q in assembly.traced.passages
-              for name, value in q.signals if isinstance(value, Expr)}
+    wanted = {
+        f"{q.where}.{name}": (q.port, name, value)
+        for q in assembly.traced.passages
+        for name, value in q.signals
+        if isinstance(value, Expr)
+    }
     program = assembly.program_with({key: value for key, (_, _, value) in wanted.items()})
-    places = [(t, fit.problem.windows(t), x) for t, x in zip(fit.problem.tracks, fit.starts, strict=True)]
+    places = [
+        (t, fit.problem.windows(t), x) for t, x in zip(fit.problem.tracks, fit.starts, strict=True)
+    ]
     places += [(r.track, list(r.windows), r.entered) for r in base.replays]
-    seen = [followed(program, assembly, fit.p, track, [Window(w.start, w.start + 1) for w in windows], x, fit.stepping)
-            for track, windows, x in places]
+    seen = [
+        followed(
+            program,
+            assembly,
+            fit.p,
+            track,
+            [Window(w.start, w.start + 1) for w in windows],
+            x,
+            fit.stepping,
+        )
+        for track, windows, x in places
+    ]
     most = np.abs(np.concatenate(seen)).max(axis=0)[len(program.outputs) - len(wanted) :]
     reach: dict[str, dict[str, float]] = {}
     for (port, name, _), far in zip(wanted.values(), most, strict=True):
@@ -62,7 +79,7 @@ def spectrum_peaks(before: list[Replay], noise: Array, count: int = 3) -> tuple[
     power = (np.abs(np.fft.rfft(r, n, axis=0)) ** 2).sum(axis=1)
     axis = np.fft.rfftfreq(n, b.track.period_s)
     power[axis < SLOWEST_HZ] = 0.0
-    width = min(401, len(power) - 1 + len(power) % 2)     # odd; of a short recording all there is
+    width = min(401, len(power) - 1 + len(power) % 2)  # odd; of a short recording all there is
     smooth = np.convolve(power, np.ones(width) / width, "same")
     contrast = power / (smooth + 1e-12 * power.max() + 1e-300)
     peaks = []

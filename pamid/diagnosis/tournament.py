@@ -10,7 +10,15 @@ from numpy.typing import NDArray
 
 from pamid.diagnosis.budget import Budget, gap_budget
 from pamid.diagnosis.contender import Contender, replayed
-from pamid.diagnosis.decision import Grounds, Judged, at_the_floor, is_backed, judge, probabilities, weigh
+from pamid.diagnosis.decision import (
+    Grounds,
+    Judged,
+    at_the_floor,
+    is_backed,
+    judge,
+    probabilities,
+    weigh,
+)
 from pamid.diagnosis.forward_selection import Extended, Newcomer, extended
 from pamid.diagnosis.look_alikes import look_alike_classes
 from pamid.diagnosis.misfit_beyond_range import doubt
@@ -25,19 +33,21 @@ from pamid.model.effect import Effect
 from pamid.parallel.jobs import Crew
 from pamid.simulation.data_split import Evidence, selection_part
 
-REACH = 0.3         # of the largest latent evidence: of many candidates those at ports with less are not screened
+# of the largest latent evidence: of many candidates those at ports with less are not screened
+REACH = 0.3
 
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """Everything found. ranking: contenders best first, with probabilities; cause: the chosen model, or None.
+    """Everything found. ranking: contenders best first, with probabilities; cause: the chosen
+    model, or None.
 
     best: the best model whatever the verdict; located: where something is missing before it.
     """
 
     evidence: Evidence
     budget: Budget
-    chosen: NDArray[np.bool_]                 # held-out windows that chose; the others report
+    chosen: NDArray[np.bool_]  # held-out windows that chose; the others report
     verdict: str
     ranking: tuple[Contender, ...] = ()
     probability: tuple[float, ...] = ()
@@ -48,10 +58,10 @@ class Diagnosis:
     grounds: Grounds | None = None
     judged: Judged | None = None
     classes: tuple[tuple[str, ...], ...] = ()
-    screened: str = ""                        # family that the screen alone would have named
-    newcomers: tuple[Newcomer, ...] = ()      # further effects that were weighed beside the first
-    empty: bool = False                       # the best model makes nothing of what was recorded
-    units: dict[str, Any] | None = None       # why units and signs are in doubt
+    screened: str = ""  # family that the screen alone would have named
+    newcomers: tuple[Newcomer, ...] = ()  # further effects that were weighed beside the first
+    empty: bool = False  # the best model makes nothing of what was recorded
+    units: dict[str, Any] | None = None  # why units and signs are in doubt
 
     @property
     def cause(self) -> Contender | None:
@@ -66,21 +76,44 @@ class Diagnosis:
         return {c.attached[-1].label: c for c in self.ranking}
 
 
-def diagnose(evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: int = 0, jobs: int = 1,
-             told: Told = lambda text: None, crew: Crew | None = None) -> Diagnosis:
-    """Find where the gap lies, which effect causes it and how far it shrinks. told: what is going on, in words; crew:
-    who does the jobs (default: `jobs` processes of this machine)."""
+def diagnose(
+    evidence: Evidence,
+    catalogue: dict[str, type[Effect]],
+    *,
+    seed: int = 0,
+    jobs: int = 1,
+    told: Told = lambda text: None,
+    crew: Crew | None = None,
+) -> Diagnosis:
+    """Find where the gap lies, which effect causes it and how far it shrinks. told: what is going
+    on, in words; crew: who does the jobs (default: `jobs` processes of this machine)."""
     crew = crew or Crew(jobs)
     budget = gap_budget(evidence, seed=seed, crew=crew, told=told)
     base = budget.baseline
     chosen = selection_part(list(base.replays))
     if at_the_floor(budget, seed):
-        return Diagnosis(evidence, budget, chosen, "no-structural-gap", empty=explains_nothing(budget, base, seed))
-    search = Search(evidence, budget, chosen, attachments(evidence.rig, catalogue.values()),
-                     gather_clues(evidence, base), seed, crew, told)
+        return Diagnosis(
+            evidence,
+            budget,
+            chosen,
+            "no-structural-gap",
+            empty=explains_nothing(budget, base, seed),
+        )
+    search = Search(
+        evidence,
+        budget,
+        chosen,
+        attachments(evidence.rig, catalogue.values()),
+        gather_clues(evidence, base),
+        seed,
+        crew,
+        told,
+    )
     told("looking where something is missing")
     located = locate(evidence, base, crew)
-    contenders, failed, screened = run_round(search, base, within_reach(search.candidates, located), MOST)
+    contenders, failed, screened = run_round(
+        search, base, within_reach(search.candidates, located), MOST
+    )
     ranking, wins = ranked(search, contenders)
     classes = look_alike_classes(evidence, base, list(ranking[:8]))
     found = extended(search, ranking, located) if ranking else Extended(base, located)
@@ -89,14 +122,39 @@ def diagnose(evidence: Evidence, catalogue: dict[str, type[Effect]], *, seed: in
     grounds = weigh(budget, chosen, ranking, best, located, found.after, seed)
     tied = tied_with_first(search, ranking, classes)
     empty = explains_nothing(budget, best or base, seed)
-    judged = judge(grounds, ambiguous=best is not None and len(best.attached) == 1
-                   and len({c.family for c in tied}) > 1,
-                   backed=best is None or is_backed(budget, best, ~chosen, seed), empty=empty)
+    judged = judge(
+        grounds,
+        ambiguous=best is not None
+        and len(best.attached) == 1
+        and len({c.family for c in tied}) > 1,
+        backed=best is None or is_backed(budget, best, ~chosen, seed),
+        empty=empty,
+    )
     units = doubt(evidence, base, best)
-    verdict = "unknown-effect" if units and judged.verdict in ("explained", "ambiguous") else judged.verdict
-    return Diagnosis(evidence, budget, chosen, verdict, ranking, tuple(probabilities(judged, wins)),
-                     tuple(failed), tied, best, located, grounds, judged, tuple(tuple(k) for k in classes),
-                     screened, found.newcomers, empty, units)
+    verdict = (
+        "unknown-effect"
+        if units and judged.verdict in ("explained", "ambiguous")
+        else judged.verdict
+    )
+    return Diagnosis(
+        evidence,
+        budget,
+        chosen,
+        verdict,
+        ranking,
+        tuple(probabilities(judged, wins)),
+        tuple(failed),
+        tied,
+        best,
+        located,
+        grounds,
+        judged,
+        tuple(tuple(k) for k in classes),
+        screened,
+        found.newcomers,
+        empty,
+        units,
+    )
 
 
 def _freed(evidence: Evidence, best: Contender) -> Contender:
@@ -109,8 +167,8 @@ def _freed(evidence: Evidence, best: Contender) -> Contender:
 
 
 def within_reach(candidates: list[Attachment], located: Located) -> list[Attachment]:
-    """The candidates to screen: all of few; on a rig with many like ports those that act where something is missing,
-    and enough of them."""
+    """The candidates to screen: all of few; on a rig with many like ports those that act where
+    something is missing, and enough of them."""
     if len(candidates) <= CROWDED:
         return candidates
     there = [max(located.gains[port] for port in a.ports) for a in candidates]
@@ -118,10 +176,11 @@ def within_reach(candidates: list[Attachment], located: Located) -> list[Attachm
     return [a for a, gain in zip(candidates, there, strict=True) if gain >= enough]
 
 
-def _with_best(ranking: tuple[Contender, ...], wins: list[float],
-               best: Contender | None) -> tuple[tuple[Contender, ...], list[float]]:
-    """The ranking led by the best model's first effect: a single one as it was settled, also where the backward check
-    brought it up; beside others as it was fitted alone."""
+def _with_best(
+    ranking: tuple[Contender, ...], wins: list[float], best: Contender | None
+) -> tuple[tuple[Contender, ...], list[float]]:
+    """The ranking led by the best model's first effect: a single one as it was settled, also where
+    the backward check brought it up; beside others as it was fitted alone."""
     if best is None:
         return ranking, wins
     if len(best.attached) > 1:
@@ -130,7 +189,9 @@ def _with_best(ranking: tuple[Contender, ...], wins: list[float],
     order = sorted(range(len(ranking)), key=lambda i: ranking[i].label != best.label)
     known = ranking[order[0]].label == best.label
     rest = [ranking[i] for i in (order[1:] if known else order)]
-    share = wins if known and order[0] == 0 else [max(wins), *(wins[i] for i in (order[1:] if known else order))]
+    share = (
+        wins
+        if known and order[0] == 0
+        else [max(wins), *(wins[i] for i in (order[1:] if known else order))]
+    )
     return (best, *rest), share
-
-

@@ -1,5 +1,6 @@
-"""Does the cause hold elsewhere? Errors before and after on every held-out recording that was made under other
-conditions than those the parameters were fitted on: another inertia or pressure, controller, loop or amplitude."""
+"""Does the cause hold elsewhere? Errors before and after on every held-out recording that was made
+under other conditions than those the parameters were fitted on: another inertia or pressure,
+controller, loop or amplitude."""
 
 from __future__ import annotations
 
@@ -11,12 +12,14 @@ from pamid.base.units import as_column
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.simulation.data_split import Span
 
-AMPLITUDE = 1.5     # factor by which the spread of an output has to differ to count as another amplitude
+# factor by which the spread of an output has to differ to count as another amplitude
+AMPLITUDE = 1.5
 
 
 def transfer(d: Diagnosis) -> list[dict[str, Any]]:
-    """One entry per held-out recording under other conditions: the head of its sha256, what differs and, per channel,
-    the errors in its unit and the shrinkage. Windows that chose the effect are left out."""
+    """One entry per held-out recording under other conditions: the head of its sha256, what differs
+    and, per channel, the errors in its unit and the shrinkage. Windows that chose the effect are
+    left out."""
     if d.cause is None:
         return []
     out, at = [], 0
@@ -31,27 +34,41 @@ def transfer(d: Diagnosis) -> list[dict[str, Any]]:
         for i, channel in enumerate(d.evidence.channels):
             if not span.recording.has(channel):
                 continue
-            was, now = d.budget.baseline.absolutes[rows, i].mean(), d.cause.absolutes[rows, i].mean()
-            entry[channel] = {"mae_refitted": as_column(channel, was), "mae_with_cause": as_column(channel, now),
-                              "shrinkage": float(1.0 - now / was)}
+            was, now = (
+                d.budget.baseline.absolutes[rows, i].mean(),
+                d.cause.absolutes[rows, i].mean(),
+            )
+            entry[channel] = {
+                "mae_refitted": as_column(channel, was),
+                "mae_with_cause": as_column(channel, now),
+                "shrinkage": float(1.0 - now / was),
+            }
         out.append(entry)
     return out
 
 
 def differences(d: Diagnosis, span: Span) -> dict[str, Any]:
-    """What this recording has that no fitted recording had: values known for it, loop, controller, amplitude."""
+    """What this recording has that no fitted recording had: values known for it, loop, controller,
+    amplitude."""
     fitted = [s.recording for s in d.evidence.fit]
     own = span.recording
-    new: dict[str, Any] = {k: v for k, v in own.known.items() if all(r.known.get(k) != v for r in fitted)}
+    new: dict[str, Any] = {
+        k: v for k, v in own.known.items() if all(r.known.get(k) != v for r in fitted)
+    }
     if all(r.loop != own.loop for r in fitted):
         new["loop"] = own.loop
     if own.controller and all(r.controller != own.controller for r in fitted):
-        new["controller"] = {k: v for k, v in own.controller.items() if all(r.controller.get(k) != v for r in fitted)}
+        new["controller"] = {
+            k: v for k, v in own.controller.items() if all(r.controller.get(k) != v for r in fitted)
+        }
     channel = next((c for c in d.evidence.channels if all(r.has(c) for r in (own, *fitted))), None)
     if channel is None:
         return new
     spread = own.si(channel)[span.start : span.stop].std()
-    ratios = [spread / max(s.recording.si(channel)[s.start : s.stop].std(), 1e-300) for s in d.evidence.fit]
+    ratios = [
+        spread / max(s.recording.si(channel)[s.start : s.stop].std(), 1e-300)
+        for s in d.evidence.fit
+    ]
     if all(not 1.0 / AMPLITUDE < r < AMPLITUDE for r in ratios):
         new["amplitude"] = float(min(ratios, key=lambda r: abs(np.log(r))))
     return new

@@ -1,7 +1,8 @@
-"""An effect no file of the catalogue explains: which force is missing, against what, and a short formula for it.
+"""An effect no file of the catalogue explains: which force is missing, against what, and a short
+formula for it.
 
-The missing term is the latent value that the smoother finds at the port. A sparse regression then describes it; the
-formula is a description, never the verdict.
+The missing term is the latent value that the smoother finds at the port. A sparse regression then
+describes it; the formula is a description, never the verdict.
 """
 
 from __future__ import annotations
@@ -27,17 +28,19 @@ from pamid.symbolic.vocabulary import Expr
 Array = NDArray[np.float64]
 
 BAGS = 24
-REMEMBERS = 0.5        # of its variance: what no function of the port's signals describes depends on the past
-MOST_ROWS = 4000       # of missing.csv
-THRESHOLD = 0.08       # of the largest coefficient (regressors scaled to unit size)
+# of its variance: what no function of the port's signals describes depends on the past
+REMEMBERS = 0.5
+MOST_ROWS = 4000  # of missing.csv
+THRESHOLD = 0.08  # of the largest coefficient (regressors scaled to unit size)
 
 
 @dataclass(frozen=True)
 class Missing:
-    """A latent value at one port with the formula that describes it best; fit: share of its variance described.
+    """A latent value at one port with the formula that describes it best; fit: share of its
+    variance described.
 
-    values (n,), signals and time_s: one entry per slice, in the units people read (`units`, "value" among them);
-    recording: its index among the recordings, as in residual.csv.
+    values (n,), signals and time_s: one entry per slice, in the units people read (`units`, "value"
+    among them); recording: its index among the recordings, as in residual.csv.
     """
 
     port: str
@@ -58,13 +61,16 @@ def describe_unknown(d: Diagnosis, *, seed: int = 0) -> dict[str, Any] | None:
 
 
 def find_missing(d: Diagnosis, *, seed: int = 0, crew: Crew | None = None) -> Missing | None:
-    """The missing term where the recordings most want it; of ports that they cannot tell apart, where it comes closest
-    to a function of what that port offers. None where nothing is missing, or no function of these signals fits."""
+    """The missing term where the recordings most want it; of ports that they cannot tell apart,
+    where it comes closest to a function of what that port offers. None where nothing is missing, or
+    no function of these signals fits."""
     if d.located is None or d.located.most <= 0.0:
         return None
     names = list(d.located.classes[0])
     work = _Describing(d.evidence, d.located.smoothers[names[0]].base, seed, d.located.smoothers)
-    found = [m for m in (crew or Crew()).run(work, names) if m is not None and not isinstance(m, Failed)]
+    found = [
+        m for m in (crew or Crew()).run(work, names) if m is not None and not isinstance(m, Failed)
+    ]
     return max(found, key=lambda m: m.fit, default=None)
 
 
@@ -88,30 +94,50 @@ class _Describing(Work[str, Missing | None]):
 
 
 def described(d: Diagnosis, best: Missing | None) -> dict[str, Any] | None:
-    """Port, formula, variables, inclusion frequency, parity, dissipation and memory of the missing term."""
+    """Port, formula, variables, inclusion frequency, parity, dissipation and memory of the missing
+    term."""
     if d.located is None or d.located.most <= 0.0:
         return None
     rig = d.evidence.rig
     if best is None:
-        return {"port": rig.group_of(d.located.port), "formula": "", "variables": [], "inclusion": 0.0,
-                "described": 0.0, "dissipative": False, "parity": "none", "memory": False}
+        return {
+            "port": rig.group_of(d.located.port),
+            "formula": "",
+            "variables": [],
+            "inclusion": 0.0,
+            "described": 0.0,
+            "dissipative": False,
+            "parity": "none",
+            "memory": False,
+        }
     kept = [i for i in np.argsort(-np.abs(best.weights)) if best.weights[i] != 0.0]
     size, unit = best.values.std(), best.units["value"]
     formula = " ".join(f"{best.weights[i] * size:+.3g} {best.names[i]}" for i in kept)
     speed = best.signals.get("velocity")
-    return {"port": rig.group_of(best.port), "formula": f"missing [{unit or '1'}] = {formula.lstrip('+')}",
-            "variables": list(dict.fromkeys(w for i in kept for w in best.signals if w in best.names[i])),
-            "inclusion": float(min(best.inclusion[i] for i in kept)), "described": best.fit,
-            "dissipative": bool(speed is not None and np.mean(best.values * speed) < 0.0),
-            "parity": parity(best), "memory": bool(best.fit < REMEMBERS)}
+    return {
+        "port": rig.group_of(best.port),
+        "formula": f"missing [{unit or '1'}] = {formula.lstrip('+')}",
+        "variables": list(
+            dict.fromkeys(w for i in kept for w in best.signals if w in best.names[i])
+        ),
+        "inclusion": float(min(best.inclusion[i] for i in kept)),
+        "described": best.fit,
+        "dissipative": bool(speed is not None and np.mean(best.values * speed) < 0.0),
+        "parity": parity(best),
+        "memory": bool(best.fit < REMEMBERS),
+    }
 
 
 def missing_csv(m: Missing) -> bytes:
-    """missing.csv: time_s, recording, the port's signals and the missing value, every k-th slice, at most 4000 rows."""
+    """missing.csv: time_s, recording, the port's signals and the missing value, every k-th slice,
+    at most 4000 rows."""
     step = -(-len(m.values) // MOST_ROWS)
-    columns = {"time_s": m.time_s, "recording": m.recording,
-               **{with_unit(name, m.units[name]): x for name, x in m.signals.items()},
-               with_unit("missing", m.units["value"]): m.values}
+    columns = {
+        "time_s": m.time_s,
+        "recording": m.recording,
+        **{with_unit(name, m.units[name]): x for name, x in m.signals.items()},
+        with_unit("missing", m.units["value"]): m.values,
+    }
     rows = np.stack([x.astype(np.float64) for x in columns.values()], axis=1)[::step]
     line = ",".join(["%.9g"] * len(columns)) + "\n"
     return (",".join(columns) + "\n" + (line * len(rows)) % tuple(rows.ravel().tolist())).encode()
@@ -122,7 +148,9 @@ def _missing_at(smoother: Smoother, seed: int) -> Missing | None:
     recording, time_s, values, signals = missing_value(smoother)
     if len(values) < 40 or not values.std() > 0.0 or not signals:
         return None
-    units = {k: "" if (u := display_unit(port.unit_of(k))) == NONE else u for k in ("value", *signals)}
+    units = {
+        k: "" if (u := display_unit(port.unit_of(k))) == NONE else u for k in ("value", *signals)
+    }
     values = from_si(values, units["value"])
     signals = {k: from_si(x, units[k]) for k, x in signals.items()}
     names, columns = regressors(signals, units)
@@ -130,13 +158,23 @@ def _missing_at(smoother: Smoother, seed: int) -> Missing | None:
     if not weights.any():
         return None
     rest = values - columns @ weights * values.std()
-    return Missing(smoother.ports[0], recording, time_s, values, signals, units, names, weights, inclusion,
-                   float(1.0 - rest.var() / values.var()))
+    return Missing(
+        smoother.ports[0],
+        recording,
+        time_s,
+        values,
+        signals,
+        units,
+        names,
+        weights,
+        inclusion,
+        float(1.0 - rest.var() / values.var()),
+    )
 
 
 def missing_value(smoother: Smoother) -> tuple[NDArray[np.intp], Array, Array, dict[str, Array]]:
-    """Recording (index), time (s), missing value (SI) at the first place of a port over the held-out recordings, one
-    per slice, and the means of the port's signals (SI) over it."""
+    """Recording (index), time (s), missing value (SI) at the first place of a port over the
+    held-out recordings, one per slice, and the means of the port's signals (SI) over it."""
     _, size, time_s = smoother.best
     smoother.evidence_at(size, time_s, ROUNDS)
     assembly, port = smoother.assembly, smoother.ports[0]
@@ -150,18 +188,27 @@ def missing_value(smoother: Smoother) -> tuple[NDArray[np.intp], Array, Array, d
     for path, span in zip(smoother.paths, smoother.evidence.held_out, strict=True):
         track = path.runner.track
         values.append(size_at(smoother.base.assembly, port) * path.x[:, smoother.missing[0]])
-        rows += [_signals(program, path.runner, x, path.runner.parameters(p), over)[first:]
-                 for x, over in zip(path.x, path.slices, strict=True)]
-        times.append(np.array([(track.first + over.start) * track.period_s for over in path.slices]))
+        rows += [
+            _signals(program, path.runner, x, path.runner.parameters(p), over)[first:]
+            for x, over in zip(path.x, path.slices, strict=True)
+        ]
+        times.append(
+            np.array([(track.first + over.start) * track.period_s for over in path.slices])
+        )
         own = next(i for i, r in enumerate(recordings) if r is span.recording)
         numbers.append(np.full(len(path.slices), own))
     table = np.array(rows)
-    return (np.concatenate(numbers), np.concatenate(times), np.concatenate(values),
-            {k.removeprefix("at."): table[:, i] for i, k in enumerate(extra)})
+    return (
+        np.concatenate(numbers),
+        np.concatenate(times),
+        np.concatenate(values),
+        {k.removeprefix("at."): table[:, i] for i, k in enumerate(extra)},
+    )
 
 
 def parity(m: Missing) -> str:
-    """Is the missing value an odd or an even function of what moves it? "odd", "even" or "mixed"."""
+    """Is the missing value an odd or an even function of what moves it? "odd", "even" or
+    "mixed"."""
     name = "velocity" if "velocity" in m.signals else next(iter(m.signals))
     x, y = m.signals[name] - np.median(m.signals[name]), m.values - m.values.mean()
     bins = np.quantile(np.abs(x), np.linspace(0.0, 1.0, 9))
@@ -179,12 +226,19 @@ def _signals(program: Program, runner: Runner, x: Array, p: Array, over: Window)
     """Mean of every output over a slice that begins at state x."""
     track = runner.track
     memory = program.memory(x, stepping=runner.stepping, period_s=track.period_s)
-    return program.run(memory, track.u[over.start : over.stop], p, period_s=track.period_s, stepping=runner.stepping,
-                       time_s=(track.first + over.start) * track.period_s)[0].mean(axis=0)
+    return program.run(
+        memory,
+        track.u[over.start : over.stop],
+        p,
+        period_s=track.period_s,
+        stepping=runner.stepping,
+        time_s=(track.first + over.start) * track.period_s,
+    )[0].mean(axis=0)
 
 
 def regressors(signals: dict[str, Array], units: dict[str, str]) -> tuple[list[str], Array]:
-    """Candidate terms of the formula, each scaled to unit size: powers, signs, products with a sign of motion."""
+    """Candidate terms of the formula, each scaled to unit size: powers, signs, products with a sign
+    of motion."""
     names, columns = ["1"], [np.ones(len(next(iter(signals.values()))))]
     for name, x in signals.items():
         size = np.percentile(np.abs(x), 95.0)
@@ -204,14 +258,17 @@ def regressors(signals: dict[str, Array], units: dict[str, str]) -> tuple[list[s
 
 
 def sparse_formula(columns: Array, target: Array, seed: int) -> tuple[Array, Array]:
-    """Sparse coefficients (target in its own standard deviations) and how often each term is kept over bags."""
+    """Sparse coefficients (target in its own standard deviations) and how often each term is kept
+    over bags."""
     import pysindy
 
     y = (target / target.std())[:, None]
     random = np.random.default_rng(seed)
 
     def chosen(rows: NDArray[np.intp]) -> Array:
-        optimizer = pysindy.STLSQ(threshold=THRESHOLD, alpha=1e-3 * len(rows), normalize_columns=False)
+        optimizer = pysindy.STLSQ(
+            threshold=THRESHOLD, alpha=1e-3 * len(rows), normalize_columns=False
+        )
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # an empty support is an answer here
             optimizer.fit(columns[rows], y[rows])
@@ -219,6 +276,9 @@ def sparse_formula(columns: Array, target: Array, seed: int) -> tuple[Array, Arr
 
     everything = np.arange(len(target))
     blocks = np.array_split(everything, max(4, len(target) // 20))
-    kept = [chosen(np.concatenate([blocks[k] for k in random.integers(0, len(blocks), len(blocks))])) != 0.0
-            for _ in range(BAGS)]
+    kept = [
+        chosen(np.concatenate([blocks[k] for k in random.integers(0, len(blocks), len(blocks))]))
+        != 0.0
+        for _ in range(BAGS)
+    ]
     return chosen(everything), np.mean(kept, axis=0)

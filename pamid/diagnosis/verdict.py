@@ -22,16 +22,28 @@ Array = NDArray[np.float64]
 SCHEMA = "pamid.diagnosis/1"
 
 
-def diagnosis_json(d: Diagnosis, unknown: dict[str, Any] | None, seed: int,
-                   proposal: Proposal | None = None) -> dict[str, Any]:
+def diagnosis_json(
+    d: Diagnosis, unknown: dict[str, Any] | None, seed: int, proposal: Proposal | None = None
+) -> dict[str, Any]:
     """diagnosis.json, section 4 of the contract."""
     base = d.budget.baseline
     after = list(d.cause.replays) if d.cause else None
     shares = _where_shares(d)
     final = d.cause or base
-    parameters = {e.name: {"value": e.value, "low": e.low, "high": e.high, "prior": e.prior, "strain": e.strain,
-                           "unit": e.bound.unit, "word": e.word, "at_bound": e.at_bound}
-                  for e in estimates(final.fit) if not e.bound.owner}
+    parameters = {
+        e.name: {
+            "value": e.value,
+            "low": e.low,
+            "high": e.high,
+            "prior": e.prior,
+            "strain": e.strain,
+            "unit": e.bound.unit,
+            "word": e.word,
+            "at_bound": e.at_bound,
+        }
+        for e in estimates(final.fit)
+        if not e.bound.owner
+    }
     port = d.cause.group if d.cause else (unknown or {}).get("port") or shares[0]["port"]
     return {
         "schema": SCHEMA,
@@ -40,8 +52,21 @@ def diagnosis_json(d: Diagnosis, unknown: dict[str, Any] | None, seed: int,
         "remark": remark(d),
         "causes": causes(d),
         "ranking": [_ranked(d, c, p, seed) for c, p in zip(d.ranking, d.probability, strict=True)]
-        + [{"effect": label, "family": "", "port": "", "probability": 0.0, "held_out": {}, "shrinkage": 0.0,
-            "low": 0.0, "high": 0.0, "converged": False, "why": why} for label, why in d.failed],
+        + [
+            {
+                "effect": label,
+                "family": "",
+                "port": "",
+                "probability": 0.0,
+                "held_out": {},
+                "shrinkage": 0.0,
+                "low": 0.0,
+                "high": 0.0,
+                "converged": False,
+                "why": why,
+            }
+            for label, why in d.failed
+        ],
         "where": {
             "port": port,
             "ports": shares,
@@ -60,7 +85,9 @@ def diagnosis_json(d: Diagnosis, unknown: dict[str, Any] | None, seed: int,
         "units": d.units,
         "further": [vars(n) for n in d.newcomers],
         "grounds": vars(d.grounds) if d.grounds else None,
-        "confidence": {k: v for k, v in vars(d.judged).items() if k != "verdict"} if d.judged else None,
+        "confidence": {k: v for k, v in vars(d.judged).items() if k != "verdict"}
+        if d.judged
+        else None,
     }
 
 
@@ -72,34 +99,51 @@ def groups(d: Diagnosis) -> list[str]:
 def _where_shares(d: Diagnosis) -> list[dict[str, Any]]:
     """Every port group's share of the gap, largest first."""
     named = d.cause.group if d.cause and len(d.cause.attached) == 1 else ""
-    found = (d.located.shares(d.evidence.rig, named) if d.located
-             else dict.fromkeys(groups(d), 1.0 / len(groups(d))))
+    found = (
+        d.located.shares(d.evidence.rig, named)
+        if d.located
+        else dict.fromkeys(groups(d), 1.0 / len(groups(d)))
+    )
     return [{"port": g, "share": v} for g, v in sorted(found.items(), key=lambda e: (-e[1], e[0]))]
 
 
 def causes(d: Diagnosis) -> list[dict[str, Any]]:
-    """What the verdict adds, strongest first; for "ambiguous" the members that cannot be told apart."""
+    """What the verdict adds, strongest first; for "ambiguous" the members that cannot be told
+    apart."""
     if d.cause is None:
         return []
     if d.verdict == "ambiguous":
         first_of_family = list({c.family: c for c in reversed(d.tied)}.values())[::-1]
-        return [_cause(c, c.attached[-1].label, 1.0 / len(first_of_family)) for c in first_of_family]
+        return [
+            _cause(c, c.attached[-1].label, 1.0 / len(first_of_family)) for c in first_of_family
+        ]
     labels = [a.label for a in d.cause.attached]
     shares = _cause_shares(d, labels)
-    return [_cause(d.cause, label, shares[label]) for label in sorted(labels, key=lambda k: -shares[k])]
+    return [
+        _cause(d.cause, label, shares[label]) for label in sorted(labels, key=lambda k: -shares[k])
+    ]
 
 
 def _cause_shares(d: Diagnosis, labels: list[str]) -> dict[str, float]:
-    """Shapley shares where every effect was also fitted alone; of two and more the singles decide the rest."""
+    """Shapley shares where every effect was also fitted alone; of two and more the singles decide
+    the rest."""
     if len(labels) == 1:
         return {labels[0]: 1.0}
     assert d.cause is not None
     whole = d.budget.shrinkage(d.cause.absolutes, d.chosen)
-    alone = {k: max(d.budget.shrinkage(d.singles[k].absolutes, d.chosen), 0.0) if k in d.singles else 0.0
-             for k in labels}
+    alone = {
+        k: max(d.budget.shrinkage(d.singles[k].absolutes, d.chosen), 0.0) if k in d.singles else 0.0
+        for k in labels
+    }
     # two effects: phi_i = (v_i + v - v_j)/2, exact; three: the same with the others' mean
-    phi = {k: max(0.0, 0.5 * (alone[k] + whole - sum(v for j, v in alone.items() if j != k) / (len(labels) - 1)))
-           for k in labels}
+    phi = {
+        k: max(
+            0.0,
+            0.5
+            * (alone[k] + whole - sum(v for j, v in alone.items() if j != k) / (len(labels) - 1)),
+        )
+        for k in labels
+    }
     total = sum(phi.values())
     return {k: v / total if total > 0 else 1.0 / len(labels) for k, v in phi.items()}
 
@@ -107,23 +151,53 @@ def _cause_shares(d: Diagnosis, labels: list[str]) -> dict[str, float]:
 def _cause(c: Contender, label: str, share: float) -> dict[str, Any]:
     attached = next(a for a in c.attached if a.label == label)
     rig = c.assembly.rig
-    found = {e.bound.name: {"value": e.value, "low": e.low, "high": e.high, "unit": e.bound.unit, "word": e.word}
-             for e in estimates(c.fit) if e.bound.owner == label}
-    return {"effect": label, "family": attached.family(rig),
-            "port": attached.group(rig), "parameters": found, "share": share}
+    found = {
+        e.bound.name: {
+            "value": e.value,
+            "low": e.low,
+            "high": e.high,
+            "unit": e.bound.unit,
+            "word": e.word,
+        }
+        for e in estimates(c.fit)
+        if e.bound.owner == label
+    }
+    return {
+        "effect": label,
+        "family": attached.family(rig),
+        "port": attached.group(rig),
+        "parameters": found,
+        "share": share,
+    }
 
 
 def _ranked(d: Diagnosis, c: Contender, probability: float, seed: int) -> dict[str, Any]:
     rows = d.reporting if d.reporting.any() else d.chosen
-    losses, base = d.budget.channel_losses(c.absolutes), d.budget.channel_losses(d.budget.baseline.absolutes)
+    losses, base = (
+        d.budget.channel_losses(c.absolutes),
+        d.budget.channel_losses(d.budget.baseline.absolutes),
+    )
     low, high = forecast_interval(base[rows], losses[rows], seed)
     held = {}
     for i, channel in enumerate(d.evidence.channels):
-        held[channel] = {"mae_before": as_column(channel, float(seen_mean(d.budget.baseline.absolutes[rows, i]))),
-                         "mae_after": as_column(channel, float(seen_mean(c.absolutes[rows, i])))}
-    return {"effect": c.attached[-1].label, "family": c.family, "port": c.group, "probability": probability,
-            "held_out": held, "shrinkage": d.budget.shrinkage(c.absolutes, rows), "low": low, "high": high,
-            "converged": c.fit.converged, "why": c.fit.why}
+        held[channel] = {
+            "mae_before": as_column(
+                channel, float(seen_mean(d.budget.baseline.absolutes[rows, i]))
+            ),
+            "mae_after": as_column(channel, float(seen_mean(c.absolutes[rows, i]))),
+        }
+    return {
+        "effect": c.attached[-1].label,
+        "family": c.family,
+        "port": c.group,
+        "probability": probability,
+        "held_out": held,
+        "shrinkage": d.budget.shrinkage(c.absolutes, rows),
+        "low": low,
+        "high": high,
+        "converged": c.fit.converged,
+        "why": c.fit.why,
+    }
 
 
 def how_far(d: Diagnosis, i: int, seed: int) -> dict[str, float | None]:
@@ -134,15 +208,21 @@ def how_far(d: Diagnosis, i: int, seed: int) -> dict[str, float | None]:
     before = b.baseline.absolutes[rows, i]
     after = (d.cause or b.baseline).absolutes[rows, i]
     low, high = forecast_interval(before, after, seed)
-    return {"mae_data_sheet": as_column(channel, b.data_sheet[rows, i].mean()),
-            "mae_refitted": as_column(channel, before.mean()), "mae_with_cause": as_column(channel, after.mean()),
-            "noise_floor": as_column(channel, b.floor[rows, i].mean()),
-            "black_box": as_column(channel, b.black_box[rows, i].mean()),
-            "shrinkage": float(1.0 - after.mean() / before.mean()), "low": low, "high": high}
+    return {
+        "mae_data_sheet": as_column(channel, b.data_sheet[rows, i].mean()),
+        "mae_refitted": as_column(channel, before.mean()),
+        "mae_with_cause": as_column(channel, after.mean()),
+        "noise_floor": as_column(channel, b.floor[rows, i].mean()),
+        "black_box": as_column(channel, b.black_box[rows, i].mean()),
+        "shrinkage": float(1.0 - after.mean() / before.mean()),
+        "low": low,
+        "high": high,
+    }
 
 
 def _isolable(d: Diagnosis) -> dict[str, Any]:
-    """What these sensors cannot separate by structure, what the recordings leave tied, and sensors that would help."""
+    """What these sensors cannot separate by structure, what the recordings leave tied, and sensors
+    that would help."""
     found = isolability(d.evidence.rig, d.evidence.channels)
     together = [list(g) for g in found.groups if len(g) > 1]
     port = d.evidence.rig.group_of
@@ -150,31 +230,49 @@ def _isolable(d: Diagnosis) -> dict[str, Any]:
     for tied in ([c.group for c in d.tied], [port(name) for name in leading]):
         if len(set(tied)) > 1 and not any(set(tied) <= set(g) for g in together):
             together.append(list(dict.fromkeys(tied)))
-    return {"indistinguishable": together, "redundancy": found.redundancy, "unseen": list(found.unseen),
-            "sensors": [{"sensor": s.sensor, "splits": [list(g) for g in s.splits]} for s in found.sensors]}
+    return {
+        "indistinguishable": together,
+        "redundancy": found.redundancy,
+        "unseen": list(found.unseen),
+        "sensors": [
+            {"sensor": s.sensor, "splits": [list(g) for g in s.splits]} for s in found.sensors
+        ],
+    }
 
 
 def _background(d: Diagnosis, final: Contender) -> dict[str, dict[str, float]]:
-    """Pull of every background term, and a share of the data sheet's gap in proportion to its squared pull."""
+    """Pull of every background term, and a share of the data sheet's gap in proportion to its
+    squared pull."""
     pulls = background_pull(final.fit)
     sheet, refitted = np.nansum(d.budget.data_sheet), np.nansum(d.budget.baseline.absolutes)
     gained = max(0.0, 1.0 - refitted / sheet) if sheet > 0 else 0.0
     everything = sum(e.strain**2 for e in estimates(final.fit) if not e.bound.owner) + sum(
-        v**2 for v in pulls.values())
-    return {k: {"pull": v, "share_of_gap": gained * v**2 / everything if everything > 0 else 0.0}
-            for k, v in pulls.items()}
+        v**2 for v in pulls.values()
+    )
+    return {
+        k: {"pull": v, "share_of_gap": gained * v**2 / everything if everything > 0 else 0.0}
+        for k, v in pulls.items()
+    }
 
 
 def remark(d: Diagnosis) -> str:
-    """What is wrong with the recordings, or with how they were read, where no verdict on the model means anything."""
+    """What is wrong with the recordings, or with how they were read, where no verdict on the model
+    means anything."""
     if d.units and (d.units["slips"] or not d.empty):
         channel, share = max(d.units["error_over_spread"].items(), key=lambda pair: pair[1])
-        return f"The refitted model misses {channel} by {share:.2g} times what it moves. {d.units['advice']}"
+        return (
+            f"The refitted model misses {channel} by {share:.2g} times what it moves. "
+            f"{d.units['advice']}"
+        )
     if not d.empty:
         return ""
-    return ("The recordings show nothing that this model could have made of its input: it predicts them no better than "
-            "their own mean or a straight line does. Check that every column is the channel that it is named after, "
-            "that all were recorded together on one clock, and that the input acted on the rig.")
+    return (
+        "The recordings show nothing that this model could have made of its input: it predicts "
+        "them no better than "
+        "their own mean or a straight line does. Check that every column is the channel that it "
+        "is named after, "
+        "that all were recorded together on one clock, and that the input acted on the rig."
+    )
 
 
 def sentence(d: Diagnosis, unknown: dict[str, Any] | None) -> str:
@@ -182,10 +280,16 @@ def sentence(d: Diagnosis, unknown: dict[str, Any] | None) -> str:
     if said := remark(d):
         return said
     if d.verdict == "no-structural-gap":
-        return "Nothing beyond retuned parameters and ordinary tolerances: no structural gap was found."
+        return (
+            "Nothing beyond retuned parameters and ordinary tolerances: no structural gap was "
+            "found."
+        )
     if d.verdict == "unknown-effect" or d.cause is None:
         where = f" It enters at the {unknown['port']}." if unknown else ""
-        return f"Something material is missing from the model, and no effect of the catalogue explains it.{where}"
+        return (
+            "Something material is missing from the model, and no effect of the catalogue "
+            f"explains it.{where}"
+        )
     rows = d.reporting if d.reporting.any() else d.chosen
     share = 100.0 * d.budget.shrinkage(d.cause.absolutes, rows)
     if d.verdict == "ambiguous":

@@ -1,19 +1,21 @@
 """Play between the joint and what it carries.
 
 What it is
-    Behind the joint the load sits in a keyway, a gear or a coupling with play: inside the gap nothing is transmitted,
-    outside it a damped spring takes over, which pushes but never sticks. A chain under the pull of two muscles has no
-    play; this is outboard of the wheel.
+    Behind the joint the load sits in a keyway, a gear or a coupling with play: inside the gap
+    nothing is transmitted, outside it a damped spring takes over, which pushes but never sticks. A
+    chain under the pull of two muscles has no play; this is outboard of the wheel.
 What it looks like
-    Knocks of force and acceleration when the motion reverses; a resonance whose frequency falls at small amplitude; a
-    joint that moves lightly for the width of the gap.
+    Knocks of force and acceleration when the motion reverses; a resonance whose frequency falls at
+    small amplitude; a joint that moves lightly for the width of the gap.
 Looks like it
-    An outboard mass without play (frequency independent of amplitude); dry friction (sticks instead of running free).
+    An outboard mass without play (frequency independent of amplitude); dry friction (sticks instead
+    of running free).
 Equation
-    as two-mass, with the pull w^2 d + 2 damping w q' only where the spring is loaded, d = q beyond +-half gap
+    as two-mass, with the pull w^2 d + 2 damping w q' only where the spring is loaded, d = q beyond
+    +-half gap
 References
-    Nordin, Galic, Gutman (1997), Int. J. Adaptive Control and Signal Processing 11(1), 49-63; Nordin, Gutman (2002),
-    Automatica 38(10), 1633-1649.
+    Nordin, Galic, Gutman (1997), Int. J. Adaptive Control and Signal Processing 11(1), 49-63;
+    Nordin, Gutman (2002), Automatica 38(10), 1633-1649.
 """
 
 from __future__ import annotations
@@ -38,10 +40,28 @@ class Backlash(Effect):
     states = (State("twist", "rad"), State("twisting", "rad/s"))
     parameters = (
         SHARE,
-        Parameter("half_gap", 0.006, low=0.0005, high=0.05, spread=3.0, log=True, size="position", tries=(0.02,),
-                  source="gaps of 0.1-2 deg, typically 0.5 deg"),
-        Parameter("frequency", 12.0, low=2.0, high=25.0, spread=2.0, log=True, unit="Hz", tries=(5.0,),
-                  source="in contact: 300 N m/rad with 0.01-0.08 kg m2"),
+        Parameter(
+            "half_gap",
+            0.006,
+            low=0.0005,
+            high=0.05,
+            spread=3.0,
+            log=True,
+            size="position",
+            tries=(0.02,),
+            source="gaps of 0.1-2 deg, typically 0.5 deg",
+        ),
+        Parameter(
+            "frequency",
+            12.0,
+            low=2.0,
+            high=25.0,
+            spread=2.0,
+            log=True,
+            unit="Hz",
+            tries=(5.0,),
+            source="in contact: 300 N m/rad with 0.01-0.08 kg m2",
+        ),
         DAMPING,
     )
     look_alikes = ("two-mass", "coulomb-friction")

@@ -1,20 +1,25 @@
 """Force taken by the stretched bladder of a muscle.
 
 What it is
-    A muscle that shortens grows wide, and the rubber in it has to be stretched before the braid pulls. The force lost
-    to it depends on the contraction, not on the pressure; it rises steeply first and levels off, as rubber does. A part
-    is lost at rest already, where the bladder is pressed against the braid.
+    A muscle that shortens grows wide, and the rubber in it has to be stretched before the braid
+    pulls. The force lost to it depends on the contraction, not on the pressure; it rises steeply
+    first and levels off, as rubber does. A part is lost at rest already, where the bladder is
+    pressed against the braid.
 What it looks like
-    Force over pressure is a straight line that starts late: the pressure at which the muscle begins to pull grows with
-    the contraction, the slope stays the braid's. The farther it has contracted, the sooner it goes slack.
+    Force over pressure is a straight line that starts late: the pressure at which the muscle begins
+    to pull grows with the contraction, the slope stays the braid's. The farther it has contracted,
+    the sooner it goes slack.
 Looks like it
-    A threshold pressure, the same at every length; another braid angle or force scale, which turn the lines instead of
-    shifting them; an offset of the load cell, which a slack muscle shows as well. Force maps at three lengths tell.
+    A threshold pressure, the same at every length; another braid angle or force scale, which turn
+    the lines instead of shifting them; an offset of the load cell, which a slack muscle shows as
+    well. Force maps at three lengths tell.
 Equation
-    force -= level (at_rest + 1 - exp(-contraction/reach)); below rest length the straight line on from there
+    force -= level (at_rest + 1 - exp(-contraction/reach)); below rest length the straight line on
+    from there
 References
-    Chou, Hannaford (1996), IEEE Trans. Robotics and Automation 12(1), 90-102; Davis, Tsagarakis, Canderle, Caldwell
-    (2003), Int. J. Robotics Research 22(3-4), 213-227; Martens, Boblan (2017), Actuators 6(4), 33.
+    Chou, Hannaford (1996), IEEE Trans. Robotics and Automation 12(1), 90-102; Davis, Tsagarakis,
+    Canderle, Caldwell (2003), Int. J. Robotics Research 22(3-4), 213-227; Martens, Boblan (2017),
+    Actuators 6(4), 33.
 """
 
 from __future__ import annotations
@@ -34,12 +39,36 @@ class BladderElasticity(Effect):
     general_kinds = ("actuator-force",)
     signals = ("position", "pressure")
     parameters = (
-        Parameter("level", 0.2, low=0.0, high=1.0, spread=0.2, size="value", null=0.0, label="{value}",
-                  source="measured maps of 10 and 20 mm muscles: 130-220 N of 400-1800 N"),
-        Parameter("reach", 0.2, low=0.03, high=2.0, spread=2.0, log=True, size="position", tries=(0.5,),
-                  source="the same maps: 1-6 % of contraction"),
-        Parameter("at_rest", 0.2, low=0.0, high=1.0, spread=0.3,
-                  source="the same maps: first force at 35-65 kPa, a tenth to a half of the level"),
+        Parameter(
+            "level",
+            0.2,
+            low=0.0,
+            high=1.0,
+            spread=0.2,
+            size="value",
+            null=0.0,
+            label="{value}",
+            source="measured maps of 10 and 20 mm muscles: 130-220 N of 400-1800 N",
+        ),
+        Parameter(
+            "reach",
+            0.2,
+            low=0.03,
+            high=2.0,
+            spread=2.0,
+            log=True,
+            size="position",
+            tries=(0.5,),
+            source="the same maps: 1-6 % of contraction",
+        ),
+        Parameter(
+            "at_rest",
+            0.2,
+            low=0.0,
+            high=1.0,
+            spread=0.3,
+            source="the same maps: first force at 35-65 kPa, a tenth to a half of the level",
+        ),
     )
     look_alikes = ("threshold-pressure", "offset")
 

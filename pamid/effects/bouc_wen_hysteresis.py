@@ -1,18 +1,21 @@
 """Hysteresis with one smooth internal variable.
 
 What it is
-    A deflection follows the motion, bends over and saturates. Depending on distance and direction only, it is
-    independent of the rate; unlike slip elements it forgets where it turned, so minor loops do not close.
+    A deflection follows the motion, bends over and saturates. Depending on distance and direction
+    only, it is independent of the rate; unlike slip elements it forgets where it turned, so minor
+    loops do not close.
 What it looks like
-    Smooth fat loops between force and position, saturating after a few reaches; in a muscle wider at high pressure.
+    Smooth fat loops between force and position, saturating after a few reaches; in a muscle wider
+    at high pressure.
 Looks like it
-    Maxwell-slip and Prandtl-Ishlinskii loops (apart only in minor loops); dry friction, which has next to no reach;
-    viscous damping, whose loop widens with the rate.
+    Maxwell-slip and Prandtl-Ishlinskii loops (apart only in minor loops); dry friction, which has
+    next to no reach; viscous damping, whose loop widens with the rate.
 Equation
     value -= level z; dz/dt = (v - shape |v| z - (1 - shape) v |z|) / reach; in a muscle level times
     (0.2 + 0.8 p/6 bar)
 References
-    Wen (1976), J. Eng. Mech. Div. ASCE 102(2), 249-263; Ikhouane, Rodellar (2007), Systems with Hysteresis, Wiley.
+    Wen (1976), J. Eng. Mech. Div. ASCE 102(2), 249-263; Ikhouane, Rodellar (2007), Systems with
+    Hysteresis, Wiley.
 """
 
 from __future__ import annotations
@@ -35,14 +38,43 @@ class BoucWenHysteresis(Effect):
     signals = ("velocity",)
     states = (State("z"),)
     parameters = (
-        Parameter("level", 0.05, low=0.0, high=0.25, spread=0.05, size="value", null=0.0, label="{value}",
-                  source="20-80 N at 6 bar; data sheet: at most 3 % of 1500 N"),
-        Parameter("reach", 0.06, low=0.015, high=0.5, spread=2.5, log=True, size="position", tries=(0.03, 0.2),
-                  source="0.2-1 % of contraction"),
-        Parameter("shape", 0.7, low=0.5, high=1.0, spread=0.2,
-                  source="0.5: unloads with the full stiffness, 1: Dahl"),
+        Parameter(
+            "level",
+            0.05,
+            low=0.0,
+            high=0.25,
+            spread=0.05,
+            size="value",
+            null=0.0,
+            label="{value}",
+            source="20-80 N at 6 bar; data sheet: at most 3 % of 1500 N",
+        ),
+        Parameter(
+            "reach",
+            0.06,
+            low=0.015,
+            high=0.5,
+            spread=2.5,
+            log=True,
+            size="position",
+            tries=(0.03, 0.2),
+            source="0.2-1 % of contraction",
+        ),
+        Parameter(
+            "shape",
+            0.7,
+            low=0.5,
+            high=1.0,
+            spread=0.2,
+            source="0.5: unloads with the full stiffness, 1: Dahl",
+        ),
     )
-    look_alikes = ("maxwell-slip-hysteresis", "prandtl-ishlinskii-hysteresis", "coulomb-friction", "dahl-friction")
+    look_alikes = (
+        "maxwell-slip-hysteresis",
+        "prandtl-ishlinskii-hysteresis",
+        "coulomb-friction",
+        "dahl-friction",
+    )
     absorbed_by = ("damping",)
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> tuple[Number, dict[str, Number]]:

@@ -1,21 +1,23 @@
 """A chain or belt that stretches under the pull of the muscle.
 
 What it is
-    Chain, cord or belt in series with the muscle give under load: the muscle is shorter than the angle says and pulls
-    less. Solved with one secant step for the pull at which muscle and chain agree. The muscle's own damping then sits
-    behind a spring: the pull comes late.
+    Chain, cord or belt in series with the muscle give under load: the muscle is shorter than the
+    angle says and pulls less. Solved with one secant step for the pull at which muscle and chain
+    agree. The muscle's own damping then sits behind a spring: the pull comes late.
 What it looks like
-    A joint softer than the muscles alone would make it, by 2-10 %, the more so at high pressure where they are stiff.
+    A joint softer than the muscles alone would make it, by 2-10 %, the more so at high pressure
+    where they are stiff.
 Looks like it
-    A softer muscle or a smaller force scale: nearly the same in statics; the dependence on pressure separates them,
-    given force sensors. Slack is not modelled: two pulling muscles keep the chain taut.
+    A softer muscle or a smaller force scale: nearly the same in statics; the dependence on pressure
+    separates them, given force sensors. Slack is not modelled: two pulling muscles keep the chain
+    taut.
 Equation
-    F = law at contraction + compliance F; with F0 the pull unstretched and F1 the one at the stretch of F0:
-    F = F0 - F0 (F0 - F1)/(2 F0 - F1), lagged by compliance x drag x F/F0 (drag: the muscle's own damping force per
-    contraction rate, where the rig tells it)
+    F = law at contraction + compliance F; with F0 the pull unstretched and F1 the one at the
+    stretch of F0: F = F0 - F0 (F0 - F1)/(2 F0 - F1), lagged by compliance x drag x F/F0 (drag: the
+    muscle's own damping force per contraction rate, where the rig tells it)
 References
-    Spong (1987), J. Dyn. Syst. Meas. Control 109(4), 310-319; Tondu (2012), J. Intelligent Material Systems and
-    Structures 23(3), 225-253.
+    Spong (1987), J. Dyn. Syst. Meas. Control 109(4), 310-319; Tondu (2012), J. Intelligent Material
+    Systems and Structures 23(3), 225-253.
 """
 
 from __future__ import annotations
@@ -34,15 +36,25 @@ class ChainStretch(Effect):
     kinds = ("transmission",)
     signals = ("position", "pressure", "law")
     parameters = (
-        Parameter("compliance", 2.0, low=0.0, high=12.0, spread=2.0, unit="percent/kN", null=0.0,
-                  source="chains and belts of 1e5-1e6 N/m on a 250 mm muscle: 0.4-4 %/kN"),
+        Parameter(
+            "compliance",
+            2.0,
+            low=0.0,
+            high=12.0,
+            spread=2.0,
+            unit="percent/kN",
+            null=0.0,
+            source="chains and belts of 1e5-1e6 N/m on a 250 mm muscle: 0.4-4 %/kN",
+        ),
     )
     look_alikes = ("two-mass", "force-asymmetry")
     absorbed_by = ("scale", "contraction_0")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         pull = maximum(value, 0.0)
-        lost = at.law(at.position, at.pressure) - at.law(at.position + p.compliance * pull, at.pressure)
+        lost = at.law(at.position, at.pressure) - at.law(
+            at.position + p.compliance * pull, at.pressure
+        )
         share = pull / maximum(pull + lost, 1.0)
         settled = value - share * lost
         return lag(settled, p.compliance * at.drag * share) if at.offers("drag") else settled

@@ -1,19 +1,22 @@
 """The readings carry the time of another clock.
 
 What it is
-    Commands and readings were stamped by two clocks: one started later (`start`), or runs faster (`skew_ppm`, parts
-    per million). All readings are then late, or early, by start + skew * time.
+    Commands and readings were stamped by two clocks: one started later (`start`), or runs faster
+    (`skew_ppm`, parts per million). All readings are then late, or early, by start + skew * time.
 What it looks like
-    Every channel, slow or fast, is shifted by the same time; the residual resembles the derivative of the signal. With
-    a skew the shift grows along the recording, so that its end fits worse than its start.
+    Every channel, slow or fast, is shifted by the same time; the residual resembles the derivative
+    of the signal. With a skew the shift grows along the recording, so that its end fits worse than
+    its start.
 Looks like it
-    Dead time of the actuator, which readings late by a constant equal exactly: that part is left to it, and only a
-    shift that grows, or readings that come early, are put down to a clock; a lag of one sensor, which spares the rest.
+    Dead time of the actuator, which readings late by a constant equal exactly: that part is left to
+    it, and only a shift that grows, or readings that come early, are put down to a clock; a lag of
+    one sensor, which spares the rest.
 Equation
-    reading(t) := reading(t - late),   late = start + skew * t;   early readings: reading - late * rate
+    reading(t) := reading(t - late),   late = start + skew * t;   early readings: reading - late *
+    rate
 References
-    IEEE 1588-2019, Precision Clock Synchronization Protocol; Mills (1991), Internet time synchronization: the network
-    time protocol, IEEE Transactions on Communications 39(10).
+    IEEE 1588-2019, Precision Clock Synchronization Protocol; Mills (1991), Internet time
+    synchronization: the network time protocol, IEEE Transactions on Communications 39(10).
 """
 
 from __future__ import annotations
@@ -35,16 +38,33 @@ class ClockSkew(Effect):
     everywhere = True
     parameters = (
         # only early readings: all readings late by a constant are a dead time, to the last digit
-        Parameter("start", -0.006, low=-0.03, high=0.0, unit="s", spread=0.01, null=0.0, tries=(0.0,),
-                  source="estimate: logs aligned by hand are off by 1-10 samples"),
-        Parameter("skew_ppm", 50.0, low=-500.0, high=500.0, spread=100.0, null=0.0,
-                  source="estimate: quartz clocks differ by 10-200 parts per million"),
+        Parameter(
+            "start",
+            -0.006,
+            low=-0.03,
+            high=0.0,
+            unit="s",
+            spread=0.01,
+            null=0.0,
+            tries=(0.0,),
+            source="estimate: logs aligned by hand are off by 1-10 samples",
+        ),
+        Parameter(
+            "skew_ppm",
+            50.0,
+            low=-500.0,
+            high=500.0,
+            spread=100.0,
+            null=0.0,
+            source="estimate: quartz clocks differ by 10-200 parts per million",
+        ),
     )
     look_alikes = ("dead-time", "angle-sensor-lag", "first-order-lag")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         late = p.start + p.skew_ppm * 1e-6 * at.time
         after = delay(value, maximum(late, 0.0), LONGEST_S)
-        # the past is remembered, the future is not: a reading that is early is led by its own slope, where it is known
+        # the past is remembered, the future is not: a reading that is early is led by its own
+        # slope, where it is known
         early = value - at.rate * late if at.offers("rate") else value
         return where(late >= 0.0, after, early)

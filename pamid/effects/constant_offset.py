@@ -1,18 +1,19 @@
 """A constant force that the model does not know.
 
 What it is
-    A tilted guide, a counterweight that does not quite balance, an amplifier whose zero is off, a preloaded cable.
+    A tilted guide, a counterweight that does not quite balance, an amplifier whose zero is off, a
+    preloaded cable.
 What it looks like
-    Motion one way needs more force than the other, at every place and every speed; without drive the mechanism creeps
-    to one side unless friction holds it.
+    Motion one way needs more force than the other, at every place and every speed; without drive
+    the mechanism creeps to one side unless friction holds it.
 Looks like it
-    An offset of the command (the same for a drive without gain); a spring far from its rest; friction that differs
-    between the two directions.
+    An offset of the command (the same for a drive without gain); a spring far from its rest;
+    friction that differs between the two directions.
 Equation
     value += level
 References
-    Janot, Gautier, Brunot (2019), Data set and reference models of EMPS, Workshop on Nonlinear System Identification
-    Benchmarks, Eindhoven.
+    Janot, Gautier, Brunot (2019), Data set and reference models of EMPS, Workshop on Nonlinear
+    System Identification Benchmarks, Eindhoven.
 """
 
 from __future__ import annotations
@@ -30,8 +31,18 @@ class ConstantOffset(Effect):
     family = "offset"
     general_kinds = ("motion",)
     parameters = (
-        Parameter("level", 0.02, low=-0.5, high=0.5, spread=0.1, size="value", null=0.0, label="{value}",
-                  tries=(-0.02,), source="estimate: tilt, preload and amplifier zero, 1-10 % of the force"),
+        Parameter(
+            "level",
+            0.02,
+            low=-0.5,
+            high=0.5,
+            spread=0.1,
+            size="value",
+            null=0.0,
+            label="{value}",
+            tries=(-0.02,),
+            source="estimate: tilt, preload and amplifier zero, 1-10 % of the force",
+        ),
     )
     look_alikes = ("offset", "linear-stiffness", "gravity")
     absorbed_by = ("offset",)

@@ -1,14 +1,16 @@
 """Dry friction in a joint or guide.
 
 What it is
-    A force of constant size against the motion. At rest it holds: up to its level the contact only gives elastically
-    by a small presliding distance, so the mechanism really sticks and does not creep.
+    A force of constant size against the motion. At rest it holds: up to its level the contact only
+    gives elastically by a small presliding distance, so the mechanism really sticks and does not
+    creep.
 What it looks like
-    The arm stops short of its target on the side it came from; flat tops at reversals; the width of the torque loop
-    depends neither on pressure nor on rate.
+    The arm stops short of its target on the side it came from; flat tops at reversals; the width of
+    the torque loop depends neither on pressure nor on rate.
 Looks like it
-    Stribeck and LuGre friction (the same family, apart only at creep speed); muscle hysteresis, whose width grows
-    with pressure; a valve dead-band, where the pressure stays while the arm sticks.
+    Stribeck and LuGre friction (the same family, apart only at creep speed); muscle hysteresis,
+    whose width grows with pressure; a valve dead-band, where the pressure stays while the arm
+    sticks.
 Equation
     value -= level * stop(position, give) / give
 References
@@ -31,12 +33,34 @@ class CoulombFriction(Effect):
     kinds = ("motion",)
     signals = ("position",)
     parameters = (
-        Parameter("level", 0.03, low=0.0, high=0.5, spread=0.1, size="value", null=0.0, label="{value}",
-                  source="shaft bearings and chain: 0.05-1 N m on a 10 N m joint"),
-        Parameter("give", 0.001, low=0.0001, high=0.02, spread=3.0, log=True, size="position",
-                  source="presliding of 0.5-2 mrad"),
+        Parameter(
+            "level",
+            0.03,
+            low=0.0,
+            high=0.5,
+            spread=0.1,
+            size="value",
+            null=0.0,
+            label="{value}",
+            source="shaft bearings and chain: 0.05-1 N m on a 10 N m joint",
+        ),
+        Parameter(
+            "give",
+            0.001,
+            low=0.0001,
+            high=0.02,
+            spread=3.0,
+            log=True,
+            size="position",
+            source="presliding of 0.5-2 mrad",
+        ),
     )
-    look_alikes = ("stribeck-friction", "lugre-friction", "maxwell-slip-hysteresis", "valve-dead-band")
+    look_alikes = (
+        "stribeck-friction",
+        "lugre-friction",
+        "maxwell-slip-hysteresis",
+        "valve-dead-band",
+    )
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         return value - p.level * stop(at.position, p.give) * (1.0 / p.give)

@@ -1,13 +1,14 @@
 """Drag that grows with the cube of speed.
 
 What it is
-    A force against the motion that is next to nothing at ordinary speed and steep at the top: turbulent air in a narrow
-    guide, a fan load, or the first odd term of any smooth law that bends upwards.
+    A force against the motion that is next to nothing at ordinary speed and steep at the top:
+    turbulent air in a narrow guide, a fan load, or the first odd term of any smooth law that bends
+    upwards.
 What it looks like
     Slow and middle strokes fit; only the fastest ones fall short, and they do so sharply.
 Looks like it
-    Quadratic drag, a little less steep; saturation of the drive, which trims the fastest strokes as well; dry friction
-    seen through a viscous fit, which bends the other way.
+    Quadratic drag, a little less steep; saturation of the drive, which trims the fastest strokes as
+    well; dry friction seen through a viscous fit, which bends the other way.
 Equation
     value -= drag * velocity^3
 References
@@ -30,8 +31,16 @@ class CubicDrag(Effect):
     general_kinds = ("motion",)
     signals = ("velocity",)
     parameters = (
-        Parameter("drag", 0.05, low=0.0, high=2.0, spread=0.2, size="value/velocity/velocity/velocity", null=0.0,
-                  source="estimate: 2-20 % of the force at full speed"),
+        Parameter(
+            "drag",
+            0.05,
+            low=0.0,
+            high=2.0,
+            spread=0.2,
+            size="value/velocity/velocity/velocity",
+            null=0.0,
+            source="estimate: 2-20 % of the force at full speed",
+        ),
     )
     look_alikes = ("quadratic-drag", "viscous-friction", "saturation")
 

@@ -1,14 +1,14 @@
 """A spring that hardens or softens with the stroke.
 
 What it is
-    The part of a spring that grows with the cube of the distance from rest: membranes, clamped plates, rubber, a
-    spring run near its block length. Positive hardens, negative softens.
+    The part of a spring that grows with the cube of the distance from rest: membranes, clamped
+    plates, rubber, a spring run near its block length. Positive hardens, negative softens.
 What it looks like
-    The frequency of free swings rises (or falls) with their amplitude; a sine drive shows its third harmonic; the
-    resonance peak leans over, and jumps.
+    The frequency of free swings rises (or falls) with their amplitude; a sine drive shows its third
+    harmonic; the resonance peak leans over, and jumps.
 Looks like it
-    A linear spring (frequency does not depend on amplitude); backlash, whose frequency rises with amplitude as well,
-    most of all at small ones; an end stop, which acts only beyond a place.
+    A linear spring (frequency does not depend on amplitude); backlash, whose frequency rises with
+    amplitude as well, most of all at small ones; an end stop, which acts only beyond a place.
 Equation
     value -= hardening * (position - rest) * min((position - rest)**2, reach**2)
 References
@@ -31,13 +31,37 @@ class CubicStiffness(Effect):
     general_kinds = ("motion",)
     signals = ("position",)
     parameters = (
-        Parameter("hardening", 0.1, low=-0.25, high=5.0, spread=0.5, size="value/position/position/position",
-                  null=0.0, tries=(-0.1,), source="estimate: 1-50 % of the force at full stroke"),
-        Parameter("rest", 0.0, low=-1.0, high=1.0, spread=0.3, size="position",
-                  source="estimate: near the origin of the coordinate"),
-        Parameter("reach", 2.0, low=1.0, high=2.0, size="position", fitted=False,
-                  source="twice the stroke: farther out the spring goes on as a straight line, so that one that "
-                         "softens does not run away faster than exponentially"),
+        Parameter(
+            "hardening",
+            0.1,
+            low=-0.25,
+            high=5.0,
+            spread=0.5,
+            size="value/position/position/position",
+            null=0.0,
+            tries=(-0.1,),
+            source="estimate: 1-50 % of the force at full stroke",
+        ),
+        Parameter(
+            "rest",
+            0.0,
+            low=-1.0,
+            high=1.0,
+            spread=0.3,
+            size="position",
+            source="estimate: near the origin of the coordinate",
+        ),
+        Parameter(
+            "reach",
+            2.0,
+            low=1.0,
+            high=2.0,
+            size="position",
+            fitted=False,
+            source="twice the stroke: farther out the spring goes on as a straight line, so that "
+            "one that "
+            "softens does not run away faster than exponentially",
+        ),
     )
     look_alikes = ("linear-stiffness", "end-stop", "backlash")
 

@@ -1,20 +1,20 @@
 """Dry friction with an elastic start, after Dahl.
 
 What it is
-    Surfaces touch through asperities that bend before they slide. The force builds up over a short distance towards
-    its level and never passes it; there is no breakaway peak.
+    Surfaces touch through asperities that bend before they slide. The force builds up over a short
+    distance towards its level and never passes it; there is no breakaway peak.
 What it looks like
-    After every reversal the force changes gradually over the reach instead of jumping; small motions about a point
-    behave like a spring with loss, with rounded loops that drift a little.
+    After every reversal the force changes gradually over the reach instead of jumping; small
+    motions about a point behave like a spring with loss, with rounded loops that drift a little.
 Looks like it
-    Coulomb friction (the same with a sharp corner: the two part only where the reach is large against the motion);
-    LuGre and Stribeck friction, which add a peak at low speed; hysteresis of a spring or muscle, spread over a far
-    larger distance.
+    Coulomb friction (the same with a sharp corner: the two part only where the reach is large
+    against the motion); LuGre and Stribeck friction, which add a peak at low speed; hysteresis of a
+    spring or muscle, spread over a far larger distance.
 Equation
     value -= level * z / reach,   dz/dt = velocity - |velocity| z / reach
 References
-    Dahl (1968), A solid friction model, Aerospace Corporation, TOR-0158(3107-18)-1; Dahl (1976), Solid friction
-    damping of mechanical vibrations, AIAA Journal 14(12).
+    Dahl (1968), A solid friction model, Aerospace Corporation, TOR-0158(3107-18)-1; Dahl (1976),
+    Solid friction damping of mechanical vibrations, AIAA Journal 14(12).
 """
 
 from __future__ import annotations
@@ -33,10 +33,27 @@ class DahlFriction(Effect):
     general_kinds = ("motion",)
     signals = ("position",)
     parameters = (
-        Parameter("level", 0.03, low=0.0, high=0.5, spread=0.1, size="value", null=0.0, label="{value}",
-                  source="estimate: guides and bearings, 1-15 % of the drive's force"),
-        Parameter("reach", 0.01, low=0.0003, high=0.3, spread=4.0, log=True, size="position",
-                  source="estimate: ball bearings 10-100 um, seals up to a millimetre"),
+        Parameter(
+            "level",
+            0.03,
+            low=0.0,
+            high=0.5,
+            spread=0.1,
+            size="value",
+            null=0.0,
+            label="{value}",
+            source="estimate: guides and bearings, 1-15 % of the drive's force",
+        ),
+        Parameter(
+            "reach",
+            0.01,
+            low=0.0003,
+            high=0.3,
+            spread=4.0,
+            log=True,
+            size="position",
+            source="estimate: ball bearings 10-100 um, seals up to a millimetre",
+        ),
     )
     look_alikes = ("coulomb-friction", "stribeck-friction", "lugre-friction", "bouc-wen-hysteresis")
 

@@ -1,14 +1,17 @@
 """Dead time: what is sent arrives later, unchanged.
 
 What it is
-    Computing, bus and driver take a fixed time before the actuator sees the command (or the logger the reading).
-    One sample is the least a sampled loop can have; slow buses and valve drivers add tens of milliseconds.
+    Computing, bus and driver take a fixed time before the actuator sees the command (or the logger
+    the reading). One sample is the least a sampled loop can have; slow buses and valve drivers add
+    tens of milliseconds.
 What it looks like
-    Pressure and angle both come late by the same time at every frequency: pure phase, no loss of amplitude. The
-    residual is proportional to the rate of the signal. A loop with little damping starts to ring.
+    Pressure and angle both come late by the same time at every frequency: pure phase, no loss of
+    amplitude. The residual is proportional to the rate of the signal. A loop with little damping
+    starts to ring.
 Looks like it
-    A tube lag, which also rounds the corners; a lag of the angle sensor, which leaves the pressures on time; muscle
-    damping taken too high. A step of the command with pressures logged at 1 kHz separates them.
+    A tube lag, which also rounds the corners; a lag of the angle sensor, which leaves the pressures
+    on time; muscle damping taken too high. A step of the command with pressures logged at 1 kHz
+    separates them.
 Equation
     value = delay(value, delay_s)
 References
@@ -34,8 +37,17 @@ class DeadTime(Effect):
     kinds = ("command",)
     general_kinds = ("reading",)
     parameters = (
-        Parameter("delay", 0.012, low=0.0, high=LONGEST_S, spread=0.02, unit="s", null=0.0, tries=(0.003, 0.022, 0.035),
-                  source="estimate: one sample (3 ms) to the 45 ms of slow buses and drivers"),
+        Parameter(
+            "delay",
+            0.012,
+            low=0.0,
+            high=LONGEST_S,
+            spread=0.02,
+            unit="s",
+            null=0.0,
+            tries=(0.003, 0.022, 0.035),
+            source="estimate: one sample (3 ms) to the 45 ms of slow buses and drivers",
+        ),
     )
     look_alikes = ("tube-lag", "angle-sensor-lag")
 

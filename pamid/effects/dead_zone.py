@@ -1,18 +1,20 @@
 """A value that has no effect until it leaves a band about zero.
 
 What it is
-    A spool valve whose lands overlap, an amplifier that does not react to small commands, a loose coupling ahead of a
-    sensor. Inside the band nothing gets through, outside it the rest.
+    A spool valve whose lands overlap, an amplifier that does not react to small commands, a loose
+    coupling ahead of a sensor. Inside the band nothing gets through, outside it the rest.
 What it looks like
-    Small commands do nothing; every reversal is followed by a pause; a controller settles with an error of its own
-    or hunts slowly about the target.
+    Small commands do nothing; every reversal is followed by a pause; a controller settles with an
+    error of its own or hunts slowly about the target.
 Looks like it
-    Dry friction (there the actuator's force still moves while the mechanism sticks); backlash, which depends on where
-    the motion came from; quantisation, which repeats the flat at every level.
+    Dry friction (there the actuator's force still moves while the mechanism sticks); backlash,
+    which depends on where the motion came from; quantisation, which repeats the flat at every
+    level.
 Equation
     value -= min(max(value, -half_width), half_width)
 References
-    Tao, Kokotovic (1996), Adaptive Control of Systems with Actuator and Sensor Nonlinearities, Wiley.
+    Tao, Kokotovic (1996), Adaptive Control of Systems with Actuator and Sensor Nonlinearities,
+    Wiley.
 """
 
 from __future__ import annotations
@@ -30,8 +32,16 @@ class DeadZone(Effect):
     family = "saturation"
     general_kinds = ("command", "reading")
     parameters = (
-        Parameter("half_width", 0.05, low=0.0, high=0.5, spread=0.15, size="value", null=0.0,
-                  source="estimate: overlapped spools 2-10 % of the command"),
+        Parameter(
+            "half_width",
+            0.05,
+            low=0.0,
+            high=0.5,
+            spread=0.15,
+            size="value",
+            null=0.0,
+            source="estimate: overlapped spools 2-10 % of the command",
+        ),
     )
     look_alikes = ("coulomb-friction", "backlash", "valve-dead-band", "quantisation")
 

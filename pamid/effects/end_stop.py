@@ -1,12 +1,14 @@
 """A mechanical end of travel.
 
 What it is
-    Beyond a limit of travel, the same on both sides, a stiff buffer pushes back; its damping grows with the
-    penetration, so that it takes up load without a jump and never pulls.
+    Beyond a limit of travel, the same on both sides, a stiff buffer pushes back; its damping grows
+    with the penetration, so that it takes up load without a jump and never pulls.
 What it looks like
-    Position clipped although force and pressure keep moving; a residual on one side of large motions only; a rebound.
+    Position clipped although force and pressure keep moving; a residual on one side of large
+    motions only; a rebound.
 Looks like it
-    A force limit, slack of the weaker muscle or a saturated reading: the force (or the pressure) tells.
+    A force limit, slack of the weaker muscle or a saturated reading: the force (or the pressure)
+    tells.
 Equation
     d = max(0, |position| - limit); value -= sign(position) stiffness d max(0, 1 + (dd/dt)/speed)
 References
@@ -21,7 +23,7 @@ from pamid.model.effect import Effect, Hints
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, absolute, maximum, sign
 
-TRIED = (0.8, 0.9, 0.98)    # of the travel
+TRIED = (0.8, 0.9, 0.98)  # of the travel
 
 
 class EndStop(Effect):
@@ -31,18 +33,47 @@ class EndStop(Effect):
     kinds = ("motion",)
     signals = ("position", "velocity")
     parameters = (
-        Parameter("stiffness", 50.0, low=0.0, high=150.0, spread=50.0, size="value/position", null=0.0,
-                  source="200-5000 N m/rad on a joint"),
-        Parameter("limit", 0.85, low=0.2, high=2.0, spread=0.3, size="position",
-                  source="35-60 deg on a joint that turns +-40 deg"),
-        Parameter("speed", 1.0, low=0.5, high=5.0, spread=2.0, log=True, size="velocity", fitted=False,
-                  source="estimate: buffers of 0.5-20 N m s/rad"),
+        Parameter(
+            "stiffness",
+            50.0,
+            low=0.0,
+            high=150.0,
+            spread=50.0,
+            size="value/position",
+            null=0.0,
+            source="200-5000 N m/rad on a joint",
+        ),
+        Parameter(
+            "limit",
+            0.85,
+            low=0.2,
+            high=2.0,
+            spread=0.3,
+            size="position",
+            source="35-60 deg on a joint that turns +-40 deg",
+        ),
+        Parameter(
+            "speed",
+            1.0,
+            low=0.5,
+            high=5.0,
+            spread=2.0,
+            log=True,
+            size="velocity",
+            fitted=False,
+            source="estimate: buffers of 0.5-20 N m s/rad",
+        ),
     )
     look_alikes = ("force-compensator", "cubic-stiffness")
 
     def starts(self, hints: Hints) -> list[dict[str, float]]:
-        """Stops somewhat within the travel: outside it nothing is seen of them, and no slope leads back."""
-        return [{"limit": share * hints.reach["position"]} for share in TRIED if "position" in hints.reach]
+        """Stops somewhat within the travel: outside it nothing is seen of them, and no slope leads
+        back."""
+        return [
+            {"limit": share * hints.reach["position"]}
+            for share in TRIED
+            if "position" in hints.reach
+        ]
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         side = sign(at.position)

@@ -1,13 +1,15 @@
 """A periodic force from outside.
 
 What it is
-    A motor, a pump or a shaking base pushes on the mechanism at a fixed frequency, whatever the command does. Sine and
-    cosine amplitudes hold size and phase with respect to the start of the recording.
+    A motor, a pump or a shaking base pushes on the mechanism at a fixed frequency, whatever the
+    command does. Sine and cosine amplitudes hold size and phase with respect to the start of the
+    recording.
 What it looks like
-    A line in the spectrum of the residual that does not move with reference, speed or pressure and is there at rest.
+    A line in the spectrum of the residual that does not move with reference, speed or pressure and
+    is there at rest.
 Looks like it
-    Ringing of a flexible mode (starts with the motion and fades); the line of a pulsed valve (in the pressures first);
-    a chain that runs rough (periodic in position, not in time).
+    Ringing of a flexible mode (starts with the motion and fades); the line of a pulsed valve (in
+    the pressures first); a chain that runs rough (periodic in position, not in time).
 Equation
     value += sine sin(2 pi frequency t) + cosine cos(2 pi frequency t)
 References
@@ -32,12 +34,39 @@ class ExternalVibration(Effect):
     family = "external-disturbance"
     kinds = ("motion",)
     parameters = (
-        Parameter("sine", 0.03, low=-0.4, high=0.4, spread=0.05, size="value", null=0.0, label="sine_{value}",
-                  source="0.1-2 N m on a 10 N m joint"),
-        Parameter("cosine", 0.0, low=-0.4, high=0.4, spread=0.05, size="value", null=0.0, label="cosine_{value}",
-                  source="0.1-2 N m on a 10 N m joint"),
-        Parameter("frequency", 5.0, low=1.0, high=60.0, spread=3.0, log=True, unit="Hz", tries=(1.5, 12.0, 25.0),
-                  source="1-50 Hz; the peaks of the residual's spectrum are tried first"),
+        Parameter(
+            "sine",
+            0.03,
+            low=-0.4,
+            high=0.4,
+            spread=0.05,
+            size="value",
+            null=0.0,
+            label="sine_{value}",
+            source="0.1-2 N m on a 10 N m joint",
+        ),
+        Parameter(
+            "cosine",
+            0.0,
+            low=-0.4,
+            high=0.4,
+            spread=0.05,
+            size="value",
+            null=0.0,
+            label="cosine_{value}",
+            source="0.1-2 N m on a 10 N m joint",
+        ),
+        Parameter(
+            "frequency",
+            5.0,
+            low=1.0,
+            high=60.0,
+            spread=3.0,
+            log=True,
+            unit="Hz",
+            tries=(1.5, 12.0, 25.0),
+            source="1-50 Hz; the peaks of the residual's spectrum are tried first",
+        ),
     )
     look_alikes = ("two-mass", "pwm-quantisation")
 
@@ -46,7 +75,8 @@ class ExternalVibration(Effect):
         return value + p.sine * sin(turn) + p.cosine * cos(turn)
 
     def starts(self, hints: Hints) -> list[dict[str, float]]:
-        """One start per peak of the gap's spectrum: a frequency off by more than 1/duration never finds its way."""
+        """One start per peak of the gap's spectrum: a frequency off by more than 1/duration never
+        finds its way."""
         frequency = next(q for q in self.parameters if q.name == "frequency")
         inside = [f for f in hints.peaks_hz if frequency.low <= f <= frequency.high]
         return [{"frequency": f} for f in inside[:TRIED_PEAKS]]

@@ -1,18 +1,20 @@
 """A first-order lag of a filter, an amplifier or a sensor.
 
 What it is
-    The value follows its input with a time constant: an electronic low-pass filter, a heater or coil that takes time,
-    a sensor with inertia. On a command it belongs to the actuator, on a reading to the sensor.
+    The value follows its input with a time constant: an electronic low-pass filter, a heater or
+    coil that takes time, a sensor with inertia. On a command it belongs to the actuator, on a
+    reading to the sensor.
 What it looks like
-    Fast motion comes late and smaller, slow motion is untouched; steps arrive as exponentials. As a residual it
-    resembles the derivative of the signal.
+    Fast motion comes late and smaller, slow motion is untouched; steps arrive as exponentials. As a
+    residual it resembles the derivative of the signal.
 Looks like it
-    Dead time (late, but not smaller; the two part above 1/(2 pi time constant)); clock skew; more damping in the
-    mechanism, which other sensors see as well.
+    Dead time (late, but not smaller; the two part above 1/(2 pi time constant)); clock skew; more
+    damping in the mechanism, which other sensors see as well.
 Equation
     time_constant * d(out)/dt = value - out,   value := out
 References
-    Doebelin (2004), Measurement Systems: Application and Design, 5th edition, McGraw-Hill, chapter 3.
+    Doebelin (2004), Measurement Systems: Application and Design, 5th edition, McGraw-Hill, chapter
+    3.
 """
 
 from __future__ import annotations
@@ -31,8 +33,17 @@ class FirstOrderLag(Effect):
     families: ClassVar[dict[str, str]] = {"command": "command-timing"}
     general_kinds: ClassVar[tuple[str, ...]] = ("command", "reading")
     parameters = (
-        Parameter("time_constant", 0.01, low=0.0, high=0.3, unit="s", spread=0.03, null=0.0, tries=(0.05,),
-                  source="estimate: filters and amplifiers 1-50 ms, thermal sensors up to seconds"),
+        Parameter(
+            "time_constant",
+            0.01,
+            low=0.0,
+            high=0.3,
+            unit="s",
+            spread=0.03,
+            null=0.0,
+            tries=(0.05,),
+            source="estimate: filters and amplifiers 1-50 ms, thermal sensors up to seconds",
+        ),
     )
     look_alikes: ClassVar[tuple[str, ...]] = ("dead-time", "clock-skew")
 

@@ -1,18 +1,19 @@
 """A loss in proportion to what is stored.
 
 What it is
-    Heat that goes to the surroundings, a charge that runs off through a resistance, a laminar leak: the rate of loss
-    is proportional to the distance from where it ends (the ambient).
+    Heat that goes to the surroundings, a charge that runs off through a resistance, a laminar leak:
+    the rate of loss is proportional to the distance from where it ends (the ambient).
 What it looks like
-    Left alone, the stored quantity falls exponentially towards the ambient; a constant inflow holds it at a level
-    instead of letting it rise.
+    Left alone, the stored quantity falls exponentially towards the ambient; a constant inflow holds
+    it at a level instead of letting it rise.
 Looks like it
-    A leak through an orifice (falls with the square root, so faster at the end); an overflow (only above a level); a
-    gain error of the inflow, if the level hardly varies.
+    A leak through an orifice (falls with the square root, so faster at the end); an overflow (only
+    above a level); a gain error of the inflow, if the level hardly varies.
 Equation
     value -= rate * (stored - ambient)
 References
-    Bergman, Lavine, Incropera, DeWitt (2011), Fundamentals of Heat and Mass Transfer, 7th edition, Wiley, chapter 5.
+    Bergman, Lavine, Incropera, DeWitt (2011), Fundamentals of Heat and Mass Transfer, 7th edition,
+    Wiley, chapter 5.
 """
 
 from __future__ import annotations
@@ -31,10 +32,26 @@ class FirstOrderLoss(Effect):
     general_kinds = ("rate",)
     signals = ("stored",)
     parameters = (
-        Parameter("rate", 0.1, low=0.0, high=5.0, spread=0.5, size="value/stored", null=0.0,
-                  source="estimate: 1 / time constant, a tenth of the store's own rate"),
-        Parameter("ambient", 0.0, low=-1.0, high=1.0, spread=0.3, size="stored",
-                  source="estimate: where the loss ends; zero for a level above the outlet or a gauge pressure"),
+        Parameter(
+            "rate",
+            0.1,
+            low=0.0,
+            high=5.0,
+            spread=0.5,
+            size="value/stored",
+            null=0.0,
+            source="estimate: 1 / time constant, a tenth of the store's own rate",
+        ),
+        Parameter(
+            "ambient",
+            0.0,
+            low=-1.0,
+            high=1.0,
+            spread=0.3,
+            size="stored",
+            source="estimate: where the loss ends; zero for a level above the outlet or a gauge "
+            "pressure",
+        ),
     )
     look_alikes = ("leak", "overflow", "gain-error")
 

@@ -1,14 +1,14 @@
 """Valves of the two muscles that do not flow alike.
 
 What it is
-    Nominally equal valves differ in conductance; fittings and silencers add to it. Half of the mismatch is given to
-    the first muscle and taken from the second.
+    Nominally equal valves differ in conductance; fittings and silencers add to it. Half of the
+    mismatch is given to the first muscle and taken from the second.
 What it looks like
-    The joint turns faster one way than the other at equal commands; fill and vent times of the two muscles differ by
-    the same factor.
+    The joint turns faster one way than the other at equal commands; fill and vent times of the two
+    muscles differ by the same factor.
 Looks like it
-    Unequal muscles (asymmetry of force or length), which show at rest too; a fill and a vent conductance that differ,
-    which is the same in both muscles.
+    Unequal muscles (asymmetry of force or length), which show at rest too; a fill and a vent
+    conductance that differ, which is the same in both muscles.
 Equation
     flow *= 1 + mismatch * side / 2, side = +1 for the first muscle, -1 for the second
 References
@@ -31,8 +31,15 @@ class FlowMismatch(Effect):
     kinds = ("flow",)
     signals = ("side",)
     parameters = (
-        Parameter("mismatch", 0.12, low=-0.6, high=0.6, spread=0.15, null=0.0,
-                  source="estimate: conductances of like valves within +-20 %"),
+        Parameter(
+            "mismatch",
+            0.12,
+            low=-0.6,
+            high=0.6,
+            spread=0.15,
+            null=0.0,
+            source="estimate: conductances of like valves within +-20 %",
+        ),
     )
     look_alikes = ("force-asymmetry", "length-asymmetry")
 

@@ -1,19 +1,19 @@
 """Two muscles of unequal strength.
 
 What it is
-    Specimens of one type differ by 5-10 % in force. Half of the difference is given to the first muscle and taken
-    from the second; their common scale is a parameter of the rig.
+    Specimens of one type differ by 5-10 % in force. Half of the difference is given to the first
+    muscle and taken from the second; their common scale is a parameter of the rig.
 What it looks like
-    At equal pressures the joint does not stand in the middle, and the place where it stands moves with the pressure;
-    the answers to a command and to its mirror image differ.
+    At equal pressures the joint does not stand in the middle, and the place where it stands moves
+    with the pressure; the answers to a command and to its mirror image differ.
 Looks like it
-    Unequal lengths or an offset of the angle sensor: there the middle does not move with pressure. A sweep of both
-    pressures together separates them; nothing else does as well.
+    Unequal lengths or an offset of the angle sensor: there the middle does not move with pressure.
+    A sweep of both pressures together separates them; nothing else does as well.
 Equation
     force *= 1 + asymmetry * side / 2, side = +1 for the first muscle, -1 for the second
 References
-    Tondu, Lopez (2000), IEEE Control Systems Magazine 20(2), 15-38; Tondu (2012), J. Intelligent Material Systems and
-    Structures 23(3), 225-253.
+    Tondu, Lopez (2000), IEEE Control Systems Magazine 20(2), 15-38; Tondu (2012), J. Intelligent
+    Material Systems and Structures 23(3), 225-253.
 """
 
 from __future__ import annotations
@@ -32,8 +32,15 @@ class ForceAsymmetry(Effect):
     kinds = ("actuator-force",)
     signals = ("side",)
     parameters = (
-        Parameter("asymmetry", 0.05, low=-0.4, high=0.4, spread=0.07, null=0.0,
-                  source="specimens differ by 5-10 %, up to 19 % from the chart"),
+        Parameter(
+            "asymmetry",
+            0.05,
+            low=-0.4,
+            high=0.4,
+            spread=0.07,
+            null=0.0,
+            source="specimens differ by 5-10 %, up to 19 % from the chart",
+        ),
     )
     look_alikes = ("length-asymmetry", "angle-sensor-offset")
 

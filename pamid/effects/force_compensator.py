@@ -1,13 +1,14 @@
 """A safety valve that limits the force of a muscle.
 
 What it is
-    Muscles with a built-in force compensator blow off air when the pull exceeds a limit (1200 N at 20 mm bore). It is
-    a vent that opens with the force, not a clamp: the pressure falls.
+    Muscles with a built-in force compensator blow off air when the pull exceeds a limit (1200 N at
+    20 mm bore). It is a vent that opens with the force, not a clamp: the pressure falls.
 What it looks like
-    Above the limit the pressure drops although the valve is filling, and the force stays near the limit.
+    Above the limit the pressure drops although the valve is filling, and the force stays near the
+    limit.
 Looks like it
-    An end stop or a saturated command (the pressure stays up); a leak, which does not wait for a force. Within the
-    usual range of the founding rig the limit is never reached.
+    An end stop or a saturated command (the pressure stays up); a leak, which does not wait for a
+    force. Within the usual range of the founding rig the limit is never reached.
 Equation
     rate -= opening * smooth_step((force - limit) / blend) * outflow
 References
@@ -22,7 +23,7 @@ from pamid.model.effect import Effect, Hints
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, smooth_step
 
-TRIED = (0.8, 0.9, 0.98)    # of the largest force
+TRIED = (0.8, 0.9, 0.98)  # of the largest force
 
 
 class ForceCompensator(Effect):
@@ -32,18 +33,42 @@ class ForceCompensator(Effect):
     kinds = ("rate",)
     signals = ("force", "outflow")
     parameters = (
-        Parameter("opening", 2.0, low=0.0, high=5.0, spread=2.0, null=0.0,
-                  source="estimate: 1-5 times the conductance of the vent valve"),
-        Parameter("limit", 1200.0, low=300.0, high=1500.0, spread=300.0, unit="N",
-                  source="maker: 1200 N at 20 mm bore, 400 N at 10 mm"),
-        Parameter("blend", 80.0, low=40.0, high=200.0, unit="N", fitted=False,
-                  source="estimate: 50-100 N from shut to open"),
+        Parameter(
+            "opening",
+            2.0,
+            low=0.0,
+            high=5.0,
+            spread=2.0,
+            null=0.0,
+            source="estimate: 1-5 times the conductance of the vent valve",
+        ),
+        Parameter(
+            "limit",
+            1200.0,
+            low=300.0,
+            high=1500.0,
+            spread=300.0,
+            unit="N",
+            source="maker: 1200 N at 20 mm bore, 400 N at 10 mm",
+        ),
+        Parameter(
+            "blend",
+            80.0,
+            low=40.0,
+            high=200.0,
+            unit="N",
+            fitted=False,
+            source="estimate: 50-100 N from shut to open",
+        ),
     )
     look_alikes = ("end-stop", "leak")
 
     def starts(self, hints: Hints) -> list[dict[str, float]]:
-        """Limits below the largest force: above it nothing is seen of them, and no slope leads back."""
-        return [{"limit": share * hints.reach["force"]} for share in TRIED if "force" in hints.reach]
+        """Limits below the largest force: above it nothing is seen of them, and no slope leads
+        back."""
+        return [
+            {"limit": share * hints.reach["force"]} for share in TRIED if "force" in hints.reach
+        ]
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         return value - p.opening * smooth_step((at.force - p.limit) / p.blend) * at.outflow

@@ -1,17 +1,19 @@
 """A gain that is not what the data sheet says.
 
 What it is
-    A wrong calibration factor: of an amplifier, a valve, a sensor; a wrong number of encoder lines or gear teeth.
+    A wrong calibration factor: of an amplifier, a valve, a sensor; a wrong number of encoder lines
+    or gear teeth.
 What it looks like
-    The error is a fixed share of the value, with the same sign on both sides and at every frequency.
+    The error is a fixed share of the value, with the same sign on both sides and at every
+    frequency.
 Looks like it
-    Any parameter of the rig that scales the same quantity (mass, area, motor constant): then it is a parameter and no
-    missing effect; an offset, if the recording covers only one side of zero.
+    Any parameter of the rig that scales the same quantity (mass, area, motor constant): then it is
+    a parameter and no missing effect; an offset, if the recording covers only one side of zero.
 Equation
     value *= 1 + gain
 References
-    Doebelin (2004), Measurement Systems: Application and Design, 5th edition, McGraw-Hill; JCGM 200:2012,
-    International Vocabulary of Metrology.
+    Doebelin (2004), Measurement Systems: Application and Design, 5th edition, McGraw-Hill; JCGM
+    200:2012, International Vocabulary of Metrology.
 """
 
 from __future__ import annotations
@@ -29,8 +31,16 @@ class GainError(Effect):
     family = "sensor-gain"
     general_kinds: ClassVar[tuple[str, ...]] = ("command", "reading")
     parameters = (
-        Parameter("gain", 0.03, low=-0.3, high=0.3, spread=0.05, null=0.0, tries=(-0.03,),
-                  source="estimate: uncalibrated sensors and amplifiers 1-5 %"),
+        Parameter(
+            "gain",
+            0.03,
+            low=-0.3,
+            high=0.3,
+            spread=0.05,
+            null=0.0,
+            tries=(-0.03,),
+            source="estimate: uncalibrated sensors and amplifiers 1-5 %",
+        ),
     )
     look_alikes: ClassVar[tuple[str, ...]] = ("offset", "saturation")
 

@@ -1,19 +1,20 @@
 """Weight of an arm that does not turn in a horizontal plane.
 
 What it is
-    A tilted axis or a vertical plane lets the weight of arm and load pull towards its lowest position. Two
-    coefficients, of the sine and the cosine of the angle, hold size and direction, so that the zero of the angle may
-    lie anywhere.
+    A tilted axis or a vertical plane lets the weight of arm and load pull towards its lowest
+    position. Two coefficients, of the sine and the cosine of the angle, hold size and direction, so
+    that the zero of the angle may lie anywhere.
 What it looks like
-    A static torque that depends on the angle alone: opposite drifts on the two sides of the lowest position, equal in
-    newton metres at every pressure.
+    A static torque that depends on the angle alone: opposite drifts on the two sides of the lowest
+    position, equal in newton metres at every pressure.
 Looks like it
-    A constant offset or a soft spring over a small range of angles; unequal muscles. Tests at two stiffnesses of the
-    joint separate them: the angle error of a torque goes with 1/stiffness.
+    A constant offset or a soft spring over a small range of angles; unequal muscles. Tests at two
+    stiffnesses of the joint separate them: the angle error of a torque goes with 1/stiffness.
 Equation
     value -= sine sin(position) + cosine cos(position)
 References
-    Siciliano, Sciavicco, Villani, Oriolo (2009), Robotics: Modelling, Planning and Control, Springer.
+    Siciliano, Sciavicco, Villani, Oriolo (2009), Robotics: Modelling, Planning and Control,
+    Springer.
 """
 
 from __future__ import annotations
@@ -33,10 +34,28 @@ class Gravity(Effect):
     signals = ("position",)
     unit = "N m"
     parameters = (
-        Parameter("sine", 0.05, low=-0.6, high=0.6, spread=0.1, size="value", null=0.0, label="sine_{value}",
-                  source="m g l of 0.5-3.5 N m, tilted by 1-5 deg or hanging"),
-        Parameter("cosine", 0.0, low=-0.6, high=0.6, spread=0.1, size="value", null=0.0, label="cosine_{value}",
-                  source="m g l of 0.5-3.5 N m, tilted by 1-5 deg or hanging"),
+        Parameter(
+            "sine",
+            0.05,
+            low=-0.6,
+            high=0.6,
+            spread=0.1,
+            size="value",
+            null=0.0,
+            label="sine_{value}",
+            source="m g l of 0.5-3.5 N m, tilted by 1-5 deg or hanging",
+        ),
+        Parameter(
+            "cosine",
+            0.0,
+            low=-0.6,
+            high=0.6,
+            spread=0.1,
+            size="value",
+            null=0.0,
+            label="cosine_{value}",
+            source="m g l of 0.5-3.5 N m, tilted by 1-5 deg or hanging",
+        ),
     )
     look_alikes = ("linear-stiffness", "constant-offset", "force-asymmetry", "length-asymmetry")
 

@@ -1,13 +1,15 @@
 """Air that heats and cools.
 
 What it is
-    Fast filling compresses the air faster than it can give off heat: the pressure first overshoots its isothermal
-    value (up to 1.4 times the rate), then creeps back as the wall takes the heat, within 0.3-2 s. Venting mirrors it.
+    Fast filling compresses the air faster than it can give off heat: the pressure first overshoots
+    its isothermal value (up to 1.4 times the rate), then creeps back as the wall takes the heat,
+    within 0.3-2 s. Venting mirrors it.
 What it looks like
-    After a valve shuts, the pressure goes back by 2-10 % of the preceding change, opposite to its sign, and stays.
+    After a valve shuts, the pressure goes back by 2-10 % of the preceding change, opposite to its
+    sign, and stays.
 Looks like it
-    A polytropic exponent above 1 (the fast half of the same thing, without the way back); a leak, which always falls;
-    creep of the muscle, in which the angle moves and the pressure hardly.
+    A polytropic exponent above 1 (the fast half of the same thing, without the way back); a leak,
+    which always falls; creep of the muscle, in which the angle moves and the pressure hardly.
 Equation
     rate += de/dt, de/dt = gain * rate - e / time_constant; e the excess pressure
 References
@@ -32,10 +34,26 @@ class HeatTransfer(Effect):
     unit = "Pa/s"
     states = (State("excess", "Pa"),)
     parameters = (
-        Parameter("gain", 0.2, low=0.0, high=0.4, spread=0.15, null=0.0,
-                  source="0: isothermal, 0.4: adiabatic at first"),
-        Parameter("time_constant", 0.6, low=0.1, high=3.0, spread=2.5, log=True, unit="s", tries=(0.2, 1.5),
-                  source="derived: 30-100 W/(m2 K) on a 20 mm muscle give 0.35-1.2 s"),
+        Parameter(
+            "gain",
+            0.2,
+            low=0.0,
+            high=0.4,
+            spread=0.15,
+            null=0.0,
+            source="0: isothermal, 0.4: adiabatic at first",
+        ),
+        Parameter(
+            "time_constant",
+            0.6,
+            low=0.1,
+            high=3.0,
+            spread=2.5,
+            log=True,
+            unit="s",
+            tries=(0.2, 1.5),
+            source="derived: 30-100 W/(m2 K) on a 20 mm muscle give 0.35-1.2 s",
+        ),
     )
     look_alikes = ("leak", "muscle-creep")
     absorbed_by = ("polytropic",)

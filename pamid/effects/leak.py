@@ -1,17 +1,18 @@
 """A leak to the surroundings.
 
 What it is
-    Fittings, a worn seat or a small hole let the stored quantity escape all the time. Where the port offers the flow
-    through its own open outlet (a vent valve), the leak is a share of that; elsewhere it follows an orifice: the
-    square root of what is stored, turning laminar near empty.
+    Fittings, a worn seat or a small hole let the stored quantity escape all the time. Where the
+    port offers the flow through its own open outlet (a vent valve), the leak is a share of that;
+    elsewhere it follows an orifice: the square root of what is stored, turning laminar near empty.
 What it looks like
-    The level or pressure falls by itself with everything shut, monotonically and down to the surroundings, and the
-    controller keeps topping it up.
+    The level or pressure falls by itself with everything shut, monotonically and down to the
+    surroundings, and the controller keeps topping it up.
 Looks like it
-    Heat exchange after a fast change, which fades within seconds; creep of the muscle, in which the pressure stays.
-    A minute of holding with shut valves settles it.
+    Heat exchange after a fast change, which fades within seconds; creep of the muscle, in which the
+    pressure stays. A minute of holding with shut valves settles it.
 Equation
-    rate -= share * outflow, or share * reference * s / sqrt(s + 0.01) with s = stored / reference (share per second)
+    rate -= share * outflow, or share * reference * s / sqrt(s + 0.01) with s = stored / reference
+    (share per second)
 References
     ISO 6358-1:2013; Beater (2007), Pneumatic Drives, Springer.
 """
@@ -32,10 +33,26 @@ class Leak(Effect):
     kinds = ("rate",)
     signals = ("stored",)
     parameters = (
-        Parameter("share", 0.01, low=0.0, high=0.2, spread=0.02, null=0.0, tries=(0.05,),
-                  source="1e-4 to 2e-2 of an open vent (1e-2 empties a muscle in 30 s); of the stored quantity per s"),
-        Parameter("reference", 1.0, low=0.1, high=10.0, size="stored", fitted=False,
-                  source="typical stored quantity; only sets the scale of the orifice law"),
+        Parameter(
+            "share",
+            0.01,
+            low=0.0,
+            high=0.2,
+            spread=0.02,
+            null=0.0,
+            tries=(0.05,),
+            source="1e-4 to 2e-2 of an open vent (1e-2 empties a muscle in 30 s); of the stored "
+            "quantity per s",
+        ),
+        Parameter(
+            "reference",
+            1.0,
+            low=0.1,
+            high=10.0,
+            size="stored",
+            fitted=False,
+            source="typical stored quantity; only sets the scale of the orifice law",
+        ),
     )
     look_alikes = ("heat-transfer", "muscle-creep", "first-order-loss", "overflow")
 

@@ -1,18 +1,18 @@
 """Two muscles of unequal length.
 
 What it is
-    Clamping and chain leave one muscle longer than the other when the joint stands in the middle: its contraction is
-    larger by half the difference, the other one's smaller.
+    Clamping and chain leave one muscle longer than the other when the joint stands in the middle:
+    its contraction is larger by half the difference, the other one's smaller.
 What it looks like
     An angle away from the middle at equal pressures, the same at every pressure.
 Looks like it
-    An offset of the angle sensor, exactly: the two are one thing to every experiment without an absolute mechanical
-    reference. Unequal strength: there the middle moves with the pressure.
+    An offset of the angle sensor, exactly: the two are one thing to every experiment without an
+    absolute mechanical reference. Unequal strength: there the middle moves with the pressure.
 Equation
     force += law(contraction + side * difference / 2, p) - law(contraction, p)
 References
-    Tondu, Lopez (2000), IEEE Control Systems Magazine 20(2), 15-38; Tondu (2012), J. Intelligent Material Systems and
-    Structures 23(3), 225-253.
+    Tondu, Lopez (2000), IEEE Control Systems Magazine 20(2), 15-38; Tondu (2012), J. Intelligent
+    Material Systems and Structures 23(3), 225-253.
 """
 
 from __future__ import annotations
@@ -31,8 +31,15 @@ class LengthAsymmetry(Effect):
     kinds = ("actuator-force",)
     signals = ("position", "pressure", "side", "law")
     parameters = (
-        Parameter("difference", 0.01, low=-0.05, high=0.05, spread=0.01, null=0.0,
-                  source="estimate: contractions differ by +-1 %"),
+        Parameter(
+            "difference",
+            0.01,
+            low=-0.05,
+            high=0.05,
+            spread=0.01,
+            null=0.0,
+            source="estimate: contractions differ by +-1 %",
+        ),
     )
     look_alikes = ("angle-sensor-offset", "force-asymmetry")
 

@@ -1,13 +1,15 @@
 """A spring beside the mechanism.
 
 What it is
-    A hose, a cable loom, a bellows, a return spring: a force in proportion to the distance from where it is slack.
+    A hose, a cable loom, a bellows, a return spring: a force in proportion to the distance from
+    where it is slack.
 What it looks like
-    More force is needed the farther the mechanism stands from one place; released, it drifts back there; the resonance
-    lies higher than mass and drive explain.
+    More force is needed the farther the mechanism stands from one place; released, it drifts back
+    there; the resonance lies higher than mass and drive explain.
 Looks like it
-    A constant offset (the same force everywhere: record two positions); gravity on a joint, which is a sine of the
-    angle; a smaller mass, which moves the resonance the same way but leaves statics alone.
+    A constant offset (the same force everywhere: record two positions); gravity on a joint, which
+    is a sine of the angle; a smaller mass, which moves the resonance the same way but leaves
+    statics alone.
 Equation
     value -= stiffness * (position - rest)
 References
@@ -30,10 +32,26 @@ class LinearStiffness(Effect):
     general_kinds = ("motion",)
     signals = ("position",)
     parameters = (
-        Parameter("stiffness", 0.1, low=-1.0, high=5.0, spread=0.5, size="value/position", null=0.0,
-                  source="estimate: hoses and looms 1-20 % of the force over the stroke; negative: an unstable rest"),
-        Parameter("rest", 0.0, low=-1.0, high=1.0, spread=0.3, size="position",
-                  source="estimate: near the origin of the coordinate"),
+        Parameter(
+            "stiffness",
+            0.1,
+            low=-1.0,
+            high=5.0,
+            spread=0.5,
+            size="value/position",
+            null=0.0,
+            source="estimate: hoses and looms 1-20 % of the force over the stroke; negative: an "
+            "unstable rest",
+        ),
+        Parameter(
+            "rest",
+            0.0,
+            low=-1.0,
+            high=1.0,
+            spread=0.3,
+            size="position",
+            source="estimate: near the origin of the coordinate",
+        ),
     )
     look_alikes = ("cubic-stiffness", "constant-offset", "gravity")
     absorbed_by = ("stiffness",)

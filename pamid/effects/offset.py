@@ -3,16 +3,16 @@
 What it is
     A sensor that reads something at nothing, an amplifier that drives a little at command zero.
 What it looks like
-    The same error at every value and every speed. On a reading the model fits after a shift of the axis; on a command
-    the mechanism moves at command zero.
+    The same error at every value and every speed. On a reading the model fits after a shift of the
+    axis; on a command the mechanism moves at command zero.
 Looks like it
-    A gain error, if the recording covers one side of zero only; a constant force on the mechanism; an initial state
-    that was not at rest.
+    A gain error, if the recording covers one side of zero only; a constant force on the mechanism;
+    an initial state that was not at rest.
 Equation
     value += level
 References
-    Doebelin (2004), Measurement Systems: Application and Design, 5th edition, McGraw-Hill; JCGM 200:2012,
-    International Vocabulary of Metrology.
+    Doebelin (2004), Measurement Systems: Application and Design, 5th edition, McGraw-Hill; JCGM
+    200:2012, International Vocabulary of Metrology.
 """
 
 from __future__ import annotations
@@ -31,8 +31,17 @@ class Offset(Effect):
     families: ClassVar[dict[str, str]] = {"command": "offset"}
     general_kinds: ClassVar[tuple[str, ...]] = ("command", "reading")
     parameters = (
-        Parameter("level", 0.02, low=-0.5, high=0.5, spread=0.1, size="value", null=0.0, tries=(-0.02,),
-                  source="estimate: zero errors of 0.5-5 % of the range"),
+        Parameter(
+            "level",
+            0.02,
+            low=-0.5,
+            high=0.5,
+            spread=0.1,
+            size="value",
+            null=0.0,
+            tries=(-0.02,),
+            source="estimate: zero errors of 0.5-5 % of the range",
+        ),
     )
     look_alikes: ClassVar[tuple[str, ...]] = ("gain-error", "constant-offset")
 

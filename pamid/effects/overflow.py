@@ -1,18 +1,18 @@
 """A loss that begins above a level.
 
 What it is
-    A tank that spills over its rim, a relief valve that lifts, a battery that gasses: what is stored beyond a level is
-    lost, the faster the more there is of it.
+    A tank that spills over its rim, a relief valve that lifts, a battery that gasses: what is
+    stored beyond a level is lost, the faster the more there is of it.
 What it looks like
     The stored quantity hardly rises above one level whatever flows in; below it the model is right.
 Looks like it
-    A saturated sensor (the reading stops, the store does not: what flows out goes on rising); a leak or first-order
-    loss, which acts at every level; saturation of the inflow.
+    A saturated sensor (the reading stops, the store does not: what flows out goes on rising); a
+    leak or first-order loss, which acts at every level; saturation of the inflow.
 Equation
     value -= gain * max(stored - level, 0)
 References
-    Schoukens, Mattson, Wigren, Noel (2016), Cascaded tanks benchmark combining soft and hard nonlinearities, Workshop
-    on Nonlinear System Identification Benchmarks, Brussels.
+    Schoukens, Mattson, Wigren, Noel (2016), Cascaded tanks benchmark combining soft and hard
+    nonlinearities, Workshop on Nonlinear System Identification Benchmarks, Brussels.
 """
 
 from __future__ import annotations
@@ -31,10 +31,27 @@ class Overflow(Effect):
     general_kinds = ("rate",)
     signals = ("stored",)
     parameters = (
-        Parameter("gain", 5.0, low=0.0, high=50.0, spread=10.0, size="value/stored", null=0.0,
-                  source="estimate: several times the store's own rate, or the rim would not hold the level"),
-        Parameter("level", 0.8, low=0.1, high=1.2, spread=0.3, size="stored", tries=(0.6,),
-                  source="estimate: seen only if it lies below the largest level"),
+        Parameter(
+            "gain",
+            5.0,
+            low=0.0,
+            high=50.0,
+            spread=10.0,
+            size="value/stored",
+            null=0.0,
+            source="estimate: several times the store's own rate, or the rim would not hold the "
+            "level",
+        ),
+        Parameter(
+            "level",
+            0.8,
+            low=0.1,
+            high=1.2,
+            spread=0.3,
+            size="stored",
+            tries=(0.6,),
+            source="estimate: seen only if it lies below the largest level",
+        ),
     )
     look_alikes = ("first-order-loss", "leak", "saturation")
 

@@ -1,18 +1,21 @@
 """Muscle hysteresis as a sum of stops, with unequal branches.
 
 What it is
-    Eight equal stops of evenly spaced widths give a loop whose curvature is spread over the whole reach. Measured
-    muscle loops are often fatter on one branch; an asymmetry weighs the contracting against the extending branch.
+    Eight equal stops of evenly spaced widths give a loop whose curvature is spread over the whole
+    reach. Measured muscle loops are often fatter on one branch; an asymmetry weighs the contracting
+    against the extending branch.
 What it looks like
-    Rate-independent loops that keep widening with the stroke up to the reach; loading and unloading branches differ.
+    Rate-independent loops that keep widening with the stroke up to the reach; loading and unloading
+    branches differ.
 Looks like it
-    Maxwell-slip and Bouc-Wen loops (symmetric, most of the bend near the reversal); dry friction, which has no reach.
+    Maxwell-slip and Bouc-Wen loops (symmetric, most of the bend near the reversal); dry friction,
+    which has no reach.
 Equation
     h = mean_j stop(contraction, r_j)/r_j, r_j = j reach/8; force -= A(p) h (1 + asymmetry h);
     A = level (0.2 + 0.8 p/6 bar)
 References
-    Kuhnen (2003), European J. Control 9(4), 407-418; Liu, Zang, Lin, Liu, Zhao (2017), Strojniski vestnik - J. Mech.
-    Eng. 63(1), 56-64.
+    Kuhnen (2003), European J. Control 9(4), 407-418; Liu, Zang, Lin, Liu, Zhao (2017), Strojniski
+    vestnik - J. Mech. Eng. 63(1), 56-64.
 """
 
 from __future__ import annotations
@@ -34,14 +37,43 @@ class PrandtlIshlinskiiHysteresis(Effect):
     kinds = ("actuator-force",)
     signals = ("position",)
     parameters = (
-        Parameter("level", 0.05, low=0.0, high=0.25, spread=0.05, size="value", null=0.0, label="{value}",
-                  source="20-80 N at 6 bar; data sheet: at most 3 % of 1500 N"),
-        Parameter("reach", 0.2, low=0.02, high=1.0, spread=2.5, log=True, size="position", tries=(0.06, 0.5),
-                  source="estimate: widths up to half of the stroke"),
-        Parameter("asymmetry", 0.0, low=-0.6, high=0.6, spread=0.3,
-                  source="estimate; measured loops of muscles are asymmetric"),
+        Parameter(
+            "level",
+            0.05,
+            low=0.0,
+            high=0.25,
+            spread=0.05,
+            size="value",
+            null=0.0,
+            label="{value}",
+            source="20-80 N at 6 bar; data sheet: at most 3 % of 1500 N",
+        ),
+        Parameter(
+            "reach",
+            0.2,
+            low=0.02,
+            high=1.0,
+            spread=2.5,
+            log=True,
+            size="position",
+            tries=(0.06, 0.5),
+            source="estimate: widths up to half of the stroke",
+        ),
+        Parameter(
+            "asymmetry",
+            0.0,
+            low=-0.6,
+            high=0.6,
+            spread=0.3,
+            source="estimate; measured loops of muscles are asymmetric",
+        ),
     )
-    look_alikes = ("maxwell-slip-hysteresis", "bouc-wen-hysteresis", "thread-friction", "coulomb-friction")
+    look_alikes = (
+        "maxwell-slip-hysteresis",
+        "bouc-wen-hysteresis",
+        "thread-friction",
+        "coulomb-friction",
+    )
     absorbed_by = ("damping",)
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

@@ -5,12 +5,13 @@ What it is
 What it looks like
     The error of the readings is proportional to the gauge pressure; angle and forces do not see it.
 Looks like it
-    An offset of the sensors (needs a wide range of pressures to tell apart); a force scale or supply pressure that is
-    off by the same share, as long as no force is measured.
+    An offset of the sensors (needs a wide range of pressures to tell apart); a force scale or
+    supply pressure that is off by the same share, as long as no force is measured.
 Equation
     pressure *= 1 + gain
 References
-    Doebelin (2004), Measurement Systems: Application and Design, 5th edition, McGraw-Hill, chapter 6.
+    Doebelin (2004), Measurement Systems: Application and Design, 5th edition, McGraw-Hill, chapter
+    6.
 """
 
 from __future__ import annotations
@@ -26,7 +27,15 @@ class PressureSensorGain(GainError):
     general_kinds = ()
     unit = "Pa"
     parameters = (
-        Parameter("gain", 0.03, low=-0.15, high=0.15, spread=0.03, null=0.0, tries=(-0.03,),
-                  source="estimate: 1-3 % uncalibrated"),
+        Parameter(
+            "gain",
+            0.03,
+            low=-0.15,
+            high=0.15,
+            spread=0.03,
+            null=0.0,
+            tries=(-0.03,),
+            source="estimate: 1-3 % uncalibrated",
+        ),
     )
     look_alikes = ("pressure-sensor-offset",)

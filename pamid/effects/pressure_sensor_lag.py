@@ -1,19 +1,19 @@
 """The pressures are read late: a lag in the sensor, its tube or its filter.
 
 What it is
-    A pressure sensor behind a thin tube or a low-pass filter: the reading follows the pressure in the muscle with a
-    time constant.
+    A pressure sensor behind a thin tube or a low-pass filter: the reading follows the pressure in
+    the muscle with a time constant.
 What it looks like
-    Pressures rise and fall more gently than filling and venting allow, while angle and forces are where they should
-    be.
+    Pressures rise and fall more gently than filling and venting allow, while angle and forces are
+    where they should be.
 Looks like it
-    Tube lag (there the muscle itself fills late, so angle and force are late too); dead time (shifted, not rounded);
-    a larger dead volume, which slows the pressure at its true place.
+    Tube lag (there the muscle itself fills late, so angle and force are late too); dead time
+    (shifted, not rounded); a larger dead volume, which slows the pressure at its true place.
 Equation
     time_constant * d(out)/dt = pressure - out,   pressure := out
 References
-    Beater (2007), Pneumatic Drives: System Design, Modelling and Control, Springer; Doebelin (2004), Measurement
-    Systems: Application and Design, 5th edition, McGraw-Hill, chapter 6.
+    Beater (2007), Pneumatic Drives: System Design, Modelling and Control, Springer; Doebelin
+    (2004), Measurement Systems: Application and Design, 5th edition, McGraw-Hill, chapter 6.
 """
 
 from __future__ import annotations
@@ -29,7 +29,16 @@ class PressureSensorLag(FirstOrderLag):
     general_kinds = ()
     unit = "Pa"
     parameters = (
-        Parameter("time_constant", 0.008, low=0.0, high=0.08, unit="s", spread=0.015, null=0.0, tries=(0.03,),
-                  source="estimate: 2-20 ms with a short sensing tube"),
+        Parameter(
+            "time_constant",
+            0.008,
+            low=0.0,
+            high=0.08,
+            unit="s",
+            spread=0.015,
+            null=0.0,
+            tries=(0.03,),
+            source="estimate: 2-20 ms with a short sensing tube",
+        ),
     )
     look_alikes = ("tube-lag", "dead-time", "clock-skew")

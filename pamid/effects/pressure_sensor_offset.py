@@ -5,12 +5,13 @@ What it is
 What it looks like
     The readings at rest, vented, are not zero; angle and forces do not see it.
 Looks like it
-    A gain error of the sensors (grows with pressure: without a wide range of pressures the two are one); a wrong
-    supply or initial pressure. Five seconds of vented muscles at the start settle it.
+    A gain error of the sensors (grows with pressure: without a wide range of pressures the two are
+    one); a wrong supply or initial pressure. Five seconds of vented muscles at the start settle it.
 Equation
     pressure += offset
 References
-    Doebelin (2004), Measurement Systems: Application and Design, 5th edition, McGraw-Hill, chapter 6.
+    Doebelin (2004), Measurement Systems: Application and Design, 5th edition, McGraw-Hill, chapter
+    6.
 """
 
 from __future__ import annotations
@@ -27,7 +28,17 @@ class PressureSensorOffset(Offset):
     general_kinds = ()
     unit = "Pa"
     parameters = (
-        Parameter("level", 5.0, low=-40.0, high=40.0, unit="kPa", spread=8.0, null=0.0, tries=(-5.0,), label="offset",
-                  source="estimate: 2-10 kPa for 10 bar sensors"),
+        Parameter(
+            "level",
+            5.0,
+            low=-40.0,
+            high=40.0,
+            unit="kPa",
+            spread=8.0,
+            null=0.0,
+            tries=(-5.0,),
+            label="offset",
+            source="estimate: 2-10 kPa for 10 bar sensors",
+        ),
     )
     look_alikes = ("pressure-sensor-gain",)

@@ -1,23 +1,23 @@
 """Pulse-width modulation: the duty comes in steps, and the flow comes in pulses.
 
 What it is
-    A pulse is a whole number of controller ticks long, so that the duty is rounded to one tick per pulse period
-    (10 % for 3 ms in 30 ms). The timer reads the duty once per period, and between the pulses the valve is shut: the
-    mean is right, the moment is not.
+    A pulse is a whole number of controller ticks long, so that the duty is rounded to one tick per
+    pulse period (10 % for 3 ms in 30 ms). The timer reads the duty once per period, and between the
+    pulses the valve is shut: the mean is right, the moment is not.
 What it looks like
-    Plateaus of pressure rate in a slow ramp of the command; a limit cycle of one step of the duty; a line at the
-    pulse frequency (33 Hz for 30 ms) in the pressures, which the angle hardly shows.
+    Plateaus of pressure rate in a slow ramp of the command; a limit cycle of one step of the duty;
+    a line at the pulse frequency (33 Hz for 30 ms) in the pressures, which the angle hardly shows.
 Looks like it
-    Quantised readings (steps in the reading, none in the pressure rate); switching delays of the valve, which leave
-    a gap at zero only. Both halves are kept apart: `step` rounds the duty, `ripple` (0 to 1) turns its mean into
-    pulses. Risers of the staircase take a fifth of a step, so that a fit has a slope to follow; the pulses are
-    averaged exactly over each sample.
+    Quantised readings (steps in the reading, none in the pressure rate); switching delays of the
+    valve, which leave a gap at zero only. Both halves are kept apart: `step` rounds the duty,
+    `ripple` (0 to 1) turns its mean into pulses. Risers of the staircase take a fifth of a step, so
+    that a fit has a slope to follow; the pulses are averaged exactly over each sample.
 Equation
     duty = value - q saw(value/q), q = step * full
     value = duty + ripple (pulses(duty at the start of the period, t) - duty)
 References
-    van Varseveld, Bone (1997), IEEE/ASME Trans. Mechatronics 2(3); Peterchev, Sanders (2003), IEEE Trans. Power
-    Electronics 18(1).
+    van Varseveld, Bone (1997), IEEE/ASME Trans. Mechatronics 2(3); Peterchev, Sanders (2003), IEEE
+    Trans. Power Electronics 18(1).
 """
 
 from __future__ import annotations
@@ -26,21 +26,34 @@ from typing import Any
 
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, absolute, delay, expression, floor, maximum, minimum, sign, where
+from pamid.symbolic.vocabulary import (
+    Expr,
+    Number,
+    absolute,
+    delay,
+    expression,
+    floor,
+    maximum,
+    minimum,
+    sign,
+    where,
+)
 
 LONGEST_PERIOD_S = 0.1
 RISER = 0.2  # share of a step taken by its riser
 
 
 def rounding_error(x: Expr) -> Expr:
-    """x minus x rounded to whole numbers, with risers of finite width: continuous, period 1, within +-0.5."""
+    """x minus x rounded to whole numbers, with risers of finite width: continuous, period 1, within
+    +-0.5."""
     off = x - floor(x + 0.5)
     beyond = sign(off) * (0.5 - absolute(off)) * ((1.0 - RISER) / RISER)
     return where(absolute(off) < 0.5 * (1.0 - RISER), off, beyond)
 
 
 def pulses(duty: Expr, begun_s: Expr, length_s: Number, period_s: Number) -> Expr:
-    """Share of the next `length_s` during which a pulse of duty * period is on, `begun_s` into the period (s)."""
+    """Share of the next `length_s` during which a pulse of duty * period is on, `begun_s` into the
+    period (s)."""
     on = duty * period_s
     this = minimum(maximum(on - begun_s, 0.0), length_s)
     following = minimum(maximum(begun_s + length_s - period_s, 0.0), on)
@@ -53,16 +66,53 @@ class PwmQuantisation(Effect):
     family = "valve-dead-band"
     kinds = ("command",)
     parameters = (
-        Parameter("step", 0.1, low=0.0, high=0.34, spread=0.08, null=0.0, tries=(0.033, 0.06, 0.2),
-                  source="one 3 ms tick in a pulse period of 9-90 ms"),
-        Parameter("ripple", 0.0, low=0.0, high=1.0, spread=0.5, null=0.0, tries=(1.0,),
-                  source="0: averaged valve, 1: true pulses"),
-        Parameter("phase", 0.0, low=0.0, high=1.0, spread=0.5, fitted=False,
-                  source="of the first pulse in the recording, in periods; unknown unless logged"),
-        Parameter("full", 1.0, low=0.1, high=10.0, size="value", fitted=False,
-                  source="command that opens the valve all the time"),
-        Parameter("pulse_period", 0.03, low=0.01, high=LONGEST_PERIOD_S, unit="s", fitted=False,
-                  source="estimate: ten samples of 3 ms"),
+        Parameter(
+            "step",
+            0.1,
+            low=0.0,
+            high=0.34,
+            spread=0.08,
+            null=0.0,
+            tries=(0.033, 0.06, 0.2),
+            source="one 3 ms tick in a pulse period of 9-90 ms",
+        ),
+        Parameter(
+            "ripple",
+            0.0,
+            low=0.0,
+            high=1.0,
+            spread=0.5,
+            null=0.0,
+            tries=(1.0,),
+            source="0: averaged valve, 1: true pulses",
+        ),
+        Parameter(
+            "phase",
+            0.0,
+            low=0.0,
+            high=1.0,
+            spread=0.5,
+            fitted=False,
+            source="of the first pulse in the recording, in periods; unknown unless logged",
+        ),
+        Parameter(
+            "full",
+            1.0,
+            low=0.1,
+            high=10.0,
+            size="value",
+            fitted=False,
+            source="command that opens the valve all the time",
+        ),
+        Parameter(
+            "pulse_period",
+            0.03,
+            low=0.01,
+            high=LONGEST_PERIOD_S,
+            unit="s",
+            fitted=False,
+            source="estimate: ten samples of 3 ms",
+        ),
     )
     look_alikes = ("valve-switching", "valve-dead-band", "quantisation")
 
@@ -72,5 +122,9 @@ class PwmQuantisation(Effect):
         turns = expression(at.time) / p.pulse_period + p.phase
         begun = (turns - floor(turns)) * p.pulse_period
         latched = delay(duty, begun, LONGEST_PERIOD_S)
-        on = sign(latched) * p.full * pulses(absolute(latched) / p.full, begun, expression(at.period), p.pulse_period)
+        on = (
+            sign(latched)
+            * p.full
+            * pulses(absolute(latched) / p.full, begun, expression(at.period), p.pulse_period)
+        )
         return duty + p.ripple * (on - duty)

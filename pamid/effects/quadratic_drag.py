@@ -1,18 +1,20 @@
 """Drag that grows with the square of speed.
 
 What it is
-    A body that pushes a fluid aside, a piston that presses oil through an orifice, a fan: the force against the motion
-    grows with the square of the speed.
+    A body that pushes a fluid aside, a piston that presses oil through an orifice, a fan: the force
+    against the motion grows with the square of the speed.
 What it looks like
-    Nothing is felt at slow speed; the fastest strokes fall short; halving the amplitude quarters the missing force.
-    Large swings die out faster than small ones.
+    Nothing is felt at slow speed; the fastest strokes fall short; halving the amplitude quarters
+    the missing force. Large swings die out faster than small ones.
 Looks like it
-    Viscous friction (a straight line; the two part only where fast and slow strokes are both recorded); dry friction
-    bends the other way; saturation of the drive also trims the fastest strokes, but at rest as well.
+    Viscous friction (a straight line; the two part only where fast and slow strokes are both
+    recorded); dry friction bends the other way; saturation of the drive also trims the fastest
+    strokes, but at rest as well.
 Equation
     value -= drag * velocity * |velocity|
 References
-    Hoerner (1965), Fluid-Dynamic Drag, published by the author; Merritt (1967), Hydraulic Control Systems, Wiley.
+    Hoerner (1965), Fluid-Dynamic Drag, published by the author; Merritt (1967), Hydraulic Control
+    Systems, Wiley.
 """
 
 from __future__ import annotations
@@ -31,8 +33,16 @@ class QuadraticDrag(Effect):
     general_kinds = ("motion",)
     signals = ("velocity",)
     parameters = (
-        Parameter("drag", 0.05, low=0.0, high=2.0, spread=0.2, size="value/velocity/velocity", null=0.0,
-                  source="estimate: 2-20 % of the force at full speed"),
+        Parameter(
+            "drag",
+            0.05,
+            low=0.0,
+            high=2.0,
+            spread=0.2,
+            size="value/velocity/velocity",
+            null=0.0,
+            source="estimate: 2-20 % of the force at full speed",
+        ),
     )
     look_alikes = ("viscous-friction", "coulomb-friction", "saturation")
 

@@ -1,19 +1,21 @@
 """A value that comes in steps.
 
 What it is
-    An encoder with few counts, a converter with few bits, a command sent as a whole number. The steps are drawn with
-    a short ramp between them, as noise of a twentieth of a step rounds off their corners on the average.
+    An encoder with few counts, a converter with few bits, a command sent as a whole number. The
+    steps are drawn with a short ramp between them, as noise of a twentieth of a step rounds off
+    their corners on the average.
 What it looks like
-    Plateaus and jumps of one size; a histogram of the signal shows needles; its derivative is a comb. The error looks
-    like noise of even spread, a step wide, once the signal moves through many steps.
+    Plateaus and jumps of one size; a histogram of the signal shows needles; its derivative is a
+    comb. The error looks like noise of even spread, a step wide, once the signal moves through many
+    steps.
 Looks like it
-    Sensor noise (no needles in the histogram); a dead zone (one flat only, about zero); dry friction, if the plateaus
-    are where the motion reverses.
+    Sensor noise (no needles in the histogram); a dead zone (one flat only, about zero); dry
+    friction, if the plateaus are where the motion reverses.
 Equation
     value := quantum * round(value / quantum)
 References
-    Widrow, Kollar (2008), Quantization Noise: Roundoff Error in Digital Computation, Signal Processing, Control, and
-    Communications, Cambridge University Press.
+    Widrow, Kollar (2008), Quantization Noise: Roundoff Error in Digital Computation, Signal
+    Processing, Control, and Communications, Cambridge University Press.
 """
 
 from __future__ import annotations
@@ -33,8 +35,17 @@ class Quantisation(Effect):
     family = "saturation"
     general_kinds = ("command", "reading")
     parameters = (
-        Parameter("quantum", 0.01, low=0.0, high=0.2, spread=0.05, size="value", null=0.0, tries=(0.05,),
-                  source="estimate: 8 bits over the range are 0.8 % of its half"),
+        Parameter(
+            "quantum",
+            0.01,
+            low=0.0,
+            high=0.2,
+            spread=0.05,
+            size="value",
+            null=0.0,
+            tries=(0.05,),
+            source="estimate: 8 bits over the range are 0.8 % of its half",
+        ),
     )
     look_alikes = ("dead-zone",)
 

@@ -1,18 +1,20 @@
 """A value of which one side is cut off.
 
 What it is
-    A diode, a check valve, an amplifier or pump that works one way only: the negative side does not get through.
-    `share` is the part of it that is lost (1: all of it).
+    A diode, a check valve, an amplifier or pump that works one way only: the negative side does not
+    get through. `share` is the part of it that is lost (1: all of it).
 What it looks like
-    One half of every swing is missing; the mean moves with the amplitude; even harmonics of a sine drive appear.
+    One half of every swing is missing; the mean moves with the amplitude; even harmonics of a sine
+    drive appear.
 Looks like it
-    An offset (does not grow with the amplitude); saturation (acts on both sides); friction or damping that differs
-    between the directions, which shows in the speed and not in the command.
+    An offset (does not grow with the amplitude); saturation (acts on both sides); friction or
+    damping that differs between the directions, which shows in the speed and not in the command.
 Equation
     value -= share * min(value, 0)
 References
-    Gelb, Vander Velde (1968), Multiple-Input Describing Functions and Nonlinear System Design, McGraw-Hill;
-    Schoukens, Ljung (2019), Nonlinear System Identification: A User-Oriented Road Map, IEEE Control Systems 39(6).
+    Gelb, Vander Velde (1968), Multiple-Input Describing Functions and Nonlinear System Design,
+    McGraw-Hill; Schoukens, Ljung (2019), Nonlinear System Identification: A User-Oriented Road Map,
+    IEEE Control Systems 39(6).
 """
 
 from __future__ import annotations
@@ -30,7 +32,16 @@ class Rectification(Effect):
     family = "saturation"
     general_kinds = ("command", "reading")
     parameters = (
-        Parameter("share", 1.0, low=0.0, high=1.0, spread=0.5, null=0.0, tries=(0.3,), source="1: an ideal diode"),
+        Parameter(
+            "share",
+            1.0,
+            low=0.0,
+            high=1.0,
+            spread=0.5,
+            null=0.0,
+            tries=(0.3,),
+            source="1: an ideal diode",
+        ),
     )
     look_alikes = ("saturation", "offset", "gain-error")
 

@@ -1,19 +1,21 @@
 """A value that cannot go beyond a limit.
 
 What it is
-    A drive at its current limit, a valve fully open, a sensor at the end of its range. Beyond the limit only a part of
-    the change gets through, usually none; `share` is the part that is lost (1: a hard limit).
+    A drive at its current limit, a valve fully open, a sensor at the end of its range. Beyond the
+    limit only a part of the change gets through, usually none; `share` is the part that is lost (1:
+    a hard limit).
 What it looks like
-    Flat tops at the same height on both sides; small signals are untouched, large ones are trimmed, and whatever
-    follows is slower than the model says.
+    Flat tops at the same height on both sides; small signals are untouched, large ones are trimmed,
+    and whatever follows is slower than the model says.
 Looks like it
-    A smaller gain (trims small signals as well); quadratic drag (trims fast motion only); an end stop, where the
-    position is limited and not the force.
+    A smaller gain (trims small signals as well); quadratic drag (trims fast motion only); an end
+    stop, where the position is limited and not the force.
 Equation
     value -= share * (max(value - limit, 0) + min(value + limit, 0))
 References
-    Tao, Kokotovic (1996), Adaptive Control of Systems with Actuator and Sensor Nonlinearities, Wiley; Gelb, Vander
-    Velde (1968), Multiple-Input Describing Functions and Nonlinear System Design, McGraw-Hill.
+    Tao, Kokotovic (1996), Adaptive Control of Systems with Actuator and Sensor Nonlinearities,
+    Wiley; Gelb, Vander Velde (1968), Multiple-Input Describing Functions and Nonlinear System
+    Design, McGraw-Hill.
 """
 
 from __future__ import annotations
@@ -31,8 +33,16 @@ class Saturation(Effect):
     family = "saturation"
     general_kinds = ("command", "reading")
     parameters = (
-        Parameter("limit", 0.8, low=0.05, high=1.5, spread=0.3, size="value", tries=(0.5,),
-                  source="estimate: seen only if it lies below the largest value"),
+        Parameter(
+            "limit",
+            0.8,
+            low=0.05,
+            high=1.5,
+            spread=0.3,
+            size="value",
+            tries=(0.5,),
+            source="estimate: seen only if it lies below the largest value",
+        ),
         Parameter("share", 1.0, low=0.0, high=1.0, spread=0.5, null=0.0, source="1: a hard limit"),
     )
     look_alikes = ("gain-error", "dead-zone", "quadratic-drag", "end-stop")

@@ -1,17 +1,19 @@
 """Dry friction that falls with speed.
 
 What it is
-    Breaking away takes more force than sliding: the level falls from `breakaway` times the sliding level at rest to
-    the sliding level itself within a characteristic speed. At rest it sticks like plain dry friction.
+    Breaking away takes more force than sliding: the level falls from `breakaway` times the sliding
+    level at rest to the sliding level itself within a characteristic speed. At rest it sticks like
+    plain dry friction.
 What it looks like
-    Jerky motion at a slow reference (below a few degrees per second), stick-slip; a hunting limit cycle with integral
-    action; at working speed the same as plain dry friction.
+    Jerky motion at a slow reference (below a few degrees per second), stick-slip; a hunting limit
+    cycle with integral action; at working speed the same as plain dry friction.
 Looks like it
     Coulomb and LuGre friction (same family, apart only at creep speed and in presliding).
 Equation
     value -= level (1 + (breakaway - 1) exp(-(velocity/speed)^2)) stop(position, give)/give
 References
-    Bo, Pavelescu (1982), Wear 82(3), 277-289; Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica 30(7).
+    Bo, Pavelescu (1982), Wear 82(3), 277-289; Armstrong-Helouvry, Dupont, Canudas de Wit (1994),
+    Automatica 30(7).
 """
 
 from __future__ import annotations
@@ -36,13 +38,46 @@ class StribeckFriction(Effect):
     kinds = ("motion",)
     signals = ("position", "velocity")
     parameters = (
-        Parameter("level", 0.03, low=0.0, high=0.4, spread=0.1, size="value", null=0.0, label="{value}",
-                  source="shaft bearings and chain: 0.05-1 N m on a 10 N m joint"),
-        Parameter("breakaway", 1.5, low=1.0, high=2.5, spread=0.4, source="1.1-2 times the sliding friction"),
-        Parameter("speed", 0.025, low=0.005, high=0.2, spread=2.5, log=True, size="velocity", tries=(0.1,),
-                  source="0.01-0.2 rad/s on a joint that reaches 2 rad/s"),
-        Parameter("give", 0.0015, low=0.0007, high=0.02, spread=3.0, log=True, size="position",
-                  source="presliding of 0.5-2 mrad"),
+        Parameter(
+            "level",
+            0.03,
+            low=0.0,
+            high=0.4,
+            spread=0.1,
+            size="value",
+            null=0.0,
+            label="{value}",
+            source="shaft bearings and chain: 0.05-1 N m on a 10 N m joint",
+        ),
+        Parameter(
+            "breakaway",
+            1.5,
+            low=1.0,
+            high=2.5,
+            spread=0.4,
+            source="1.1-2 times the sliding friction",
+        ),
+        Parameter(
+            "speed",
+            0.025,
+            low=0.005,
+            high=0.2,
+            spread=2.5,
+            log=True,
+            size="velocity",
+            tries=(0.1,),
+            source="0.01-0.2 rad/s on a joint that reaches 2 rad/s",
+        ),
+        Parameter(
+            "give",
+            0.0015,
+            low=0.0007,
+            high=0.02,
+            spread=3.0,
+            log=True,
+            size="position",
+            source="presliding of 0.5-2 mrad",
+        ),
     )
     look_alikes = ("coulomb-friction", "lugre-friction", "maxwell-slip-hysteresis")
 

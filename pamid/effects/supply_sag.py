@@ -1,14 +1,16 @@
 """A supply that gives way under flow.
 
 What it is
-    Hose, regulator and fittings in front of the valves have a resistance of their own: the pressure at the valves
-    falls with the total flow drawn. Solved with one step of the secant rule for the flow that drops its own supply.
+    Hose, regulator and fittings in front of the valves have a resistance of their own: the pressure
+    at the valves falls with the total flow drawn. Solved with one step of the secant rule for the
+    flow that drops its own supply.
 What it looks like
-    Fast filling is slower than the valve alone would allow, slow filling is not; muscles filled together slow each
-    other down; a gauge at the valve block dips.
+    Fast filling is slower than the valve alone would allow, slow filling is not; muscles filled
+    together slow each other down; a gauge at the valve block dips.
 Looks like it
-    A smaller fill conductance (the larger part is absorbed by it); a lower supply pressure, which also lowers the end
-    value. Fill alone and together, at small and large openings, to separate them.
+    A smaller fill conductance (the larger part is absorbed by it); a lower supply pressure, which
+    also lowers the end value. Fill alone and together, at small and large openings, to separate
+    them.
 Equation
     supply -> supply - (sag / 3 l/s) * drawn, for the flow drawn at that very pressure
 References
@@ -27,15 +29,24 @@ TYPICAL_FLOW_M3_S = 3e-3  # ANR; both fill valves of the founding rig wide open
 
 
 class SupplySag(Effect):
-    """Supply pressure lost in proportion to the flow drawn; `sag` is what is lost at 3 l/s (ANR)."""
+    """Supply pressure lost in proportion to the flow drawn; `sag` is what is lost at 3 l/s
+    (ANR)."""
 
     family = "supply-sag"
     kinds = ("flow",)
     signals = ("supply", "drawn", "fill")
-    everywhere = True       # all valves draw on one supply
+    everywhere = True  # all valves draw on one supply
     parameters = (
-        Parameter("sag", 45.0, low=0.0, high=150.0, spread=40.0, unit="kPa", null=0.0,
-                  source="estimate: 0.1-0.6 bar lost at the full flow of 3 l/s"),
+        Parameter(
+            "sag",
+            45.0,
+            low=0.0,
+            high=150.0,
+            spread=40.0,
+            unit="kPa",
+            null=0.0,
+            source="estimate: 0.1-0.6 bar lost at the full flow of 3 l/s",
+        ),
     )
     look_alikes = ("tube-lag", "flow-mismatch")
     absorbed_by = ("conductance_in", "supply_pressure")

@@ -1,18 +1,20 @@
 """Dry friction between the threads of a braided muscle.
 
 What it is
-    Crossing threads slide over each other under the pressure of the air: dry friction strictly in proportion to
-    pressure, with one short presliding reach.
+    Crossing threads slide over each other under the pressure of the air: dry friction strictly in
+    proportion to pressure, with one short presliding reach.
 What it looks like
-    Loops of contraction whose width divided by pressure is constant; none at all in a vented muscle.
+    Loops of contraction whose width divided by pressure is constant; none at all in a vented
+    muscle.
 Looks like it
-    Joint friction (width independent of pressure): loops at 2 and at 5 bar separate the two. Maxwell-slip and other
-    hysteresis of the muscle, which keep some width without pressure and bend over a longer reach.
+    Joint friction (width independent of pressure): loops at 2 and at 5 bar separate the two.
+    Maxwell-slip and other hysteresis of the muscle, which keep some width without pressure and bend
+    over a longer reach.
 Equation
     force -= level (p/6 bar) stop(contraction, give)/give
 References
-    Tondu, Lopez (2000), IEEE Control Systems Magazine 20(2), 15-38; Chou, Hannaford (1996), IEEE Trans. Robotics and
-    Automation 12(1), 90-102.
+    Tondu, Lopez (2000), IEEE Control Systems Magazine 20(2), 15-38; Chou, Hannaford (1996), IEEE
+    Trans. Robotics and Automation 12(1), 90-102.
 """
 
 from __future__ import annotations
@@ -32,10 +34,27 @@ class ThreadFriction(Effect):
     kinds = ("actuator-force",)
     signals = ("position", "pressure")
     parameters = (
-        Parameter("level", 0.04, low=0.0, high=0.25, spread=0.05, size="value", null=0.0, label="{value}",
-                  source="thread friction of 10-60 N at working pressure"),
-        Parameter("give", 0.006, low=0.002, high=0.1, spread=3.0, log=True, size="position",
-                  source="estimate: presliding of 0.05 % of contraction"),
+        Parameter(
+            "level",
+            0.04,
+            low=0.0,
+            high=0.25,
+            spread=0.05,
+            size="value",
+            null=0.0,
+            label="{value}",
+            source="thread friction of 10-60 N at working pressure",
+        ),
+        Parameter(
+            "give",
+            0.006,
+            low=0.002,
+            high=0.1,
+            spread=3.0,
+            log=True,
+            size="position",
+            source="estimate: presliding of 0.05 % of contraction",
+        ),
     )
     look_alikes = ("maxwell-slip-hysteresis", "bouc-wen-hysteresis", "coulomb-friction")
     absorbed_by = ("damping",)

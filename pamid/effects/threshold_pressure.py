@@ -1,18 +1,19 @@
 """Pressure spent on the membrane before the muscle pulls.
 
 What it is
-    The membrane must be pressed against the braid first: up to a threshold the pressure does no work. The chart of
-    the maker contains an average threshold; this is the difference of the specimen.
+    The membrane must be pressed against the braid first: up to a threshold the pressure does no
+    work. The chart of the maker contains an average threshold; this is the difference of the
+    specimen.
 What it looks like
     No change of force at low pressure, then the usual slope; the emptier muscle goes slack early.
 Looks like it
-    A pressure gauge with an offset (it shows at atmosphere too); a force scale (it has no dead region); a dead-band
-    of the valve, where the pressure itself stays.
+    A pressure gauge with an offset (it shows at atmosphere too); a force scale (it has no dead
+    region); a dead-band of the valve, where the pressure itself stays.
 Equation
     force += law(contraction, p - clip(p, 0, threshold)) - law(contraction, p)
 References
-    Davis, Tsagarakis, Canderle, Caldwell (2003), Int. J. Robotics Research 22(3-4), 213-227; Martens, Boblan (2017),
-    Actuators 6(4), 33.
+    Davis, Tsagarakis, Canderle, Caldwell (2003), Int. J. Robotics Research 22(3-4), 213-227;
+    Martens, Boblan (2017), Actuators 6(4), 33.
 """
 
 from __future__ import annotations
@@ -31,8 +32,16 @@ class ThresholdPressure(Effect):
     kinds = ("actuator-force",)
     signals = ("position", "pressure", "law")
     parameters = (
-        Parameter("threshold", 20.0, low=0.0, high=100.0, spread=20.0, unit="kPa", null=0.0,
-                  source="0.2-0.6 bar without load; specimens differ by 0.1-0.3 bar from the chart"),
+        Parameter(
+            "threshold",
+            20.0,
+            low=0.0,
+            high=100.0,
+            spread=20.0,
+            unit="kPa",
+            null=0.0,
+            source="0.2-0.6 bar without load; specimens differ by 0.1-0.3 bar from the chart",
+        ),
     )
     look_alikes = ("pressure-sensor-offset", "force-asymmetry")
     absorbed_by = ("scale", "contraction_0")

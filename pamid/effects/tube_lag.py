@@ -1,18 +1,20 @@
 """A tube between valve and actuator.
 
 What it is
-    Tube and fittings store and throttle air, so the flow into the muscle follows the flow through the valve with a
-    lag: 3 ms per metre of sound travel and 5-30 ms of filling for a metre of 4 mm tube.
+    Tube and fittings store and throttle air, so the flow into the muscle follows the flow through
+    the valve with a lag: 3 ms per metre of sound travel and 5-30 ms of filling for a metre of 4 mm
+    tube.
 What it looks like
-    Corners of the pressure are rounded after every opening and closing; a gauge at the valve shows the step before
-    the muscle does.
+    Corners of the pressure are rounded after every opening and closing; a gauge at the valve shows
+    the step before the muscle does.
 Looks like it
-    Dead time, which shifts without rounding; a lag of the pressure gauge, which leaves the angle on time; a smaller
-    conductance, which slows the whole rise and not only its beginning.
+    Dead time, which shifts without rounding; a lag of the pressure gauge, which leaves the angle on
+    time; a smaller conductance, which slows the whole rise and not only its beginning.
 Equation
     flow = lag(flow, time_constant)
 References
-    Richer, Hurmuzlu (2000), J. Dyn. Syst. Meas. Control 122(3), 416-425; Beater (2007), Pneumatic Drives, Springer.
+    Richer, Hurmuzlu (2000), J. Dyn. Syst. Meas. Control 122(3), 416-425; Beater (2007), Pneumatic
+    Drives, Springer.
 """
 
 from __future__ import annotations
@@ -30,8 +32,17 @@ class TubeLag(Effect):
     family = "tube-lag"
     kinds = ("flow",)
     parameters = (
-        Parameter("time_constant", 0.015, low=0.0, high=0.06, spread=0.015, unit="s", null=0.0, tries=(0.005, 0.035),
-                  source="estimate: two volumes and a resistance, 5-30 ms"),
+        Parameter(
+            "time_constant",
+            0.015,
+            low=0.0,
+            high=0.06,
+            spread=0.015,
+            unit="s",
+            null=0.0,
+            tries=(0.005, 0.035),
+            source="estimate: two volumes and a resistance, 5-30 ms",
+        ),
     )
     look_alikes = ("dead-time", "pressure-sensor-lag")
     absorbed_by = ("conductance_in", "conductance_out")

@@ -1,14 +1,15 @@
 """An arm that swings behind its joint.
 
 What it is
-    A share of the inertia sits behind something elastic: a slender arm, a coupling, a mount. Measured at the joint,
-    this outboard part swings at its own frequency and pulls back on the joint.
+    A share of the inertia sits behind something elastic: a slender arm, a coupling, a mount.
+    Measured at the joint, this outboard part swings at its own frequency and pulls back on the
+    joint.
 What it looks like
-    Ringing at a frequency that depends neither on pressure nor on amplitude; an anti-resonance followed by a resonance
-    in the frequency response of the angle; more of it with the heavy load.
+    Ringing at a frequency that depends neither on pressure nor on amplitude; an anti-resonance
+    followed by a resonance in the frequency response of the angle; more of it with the heavy load.
 Looks like it
-    Muscle damping set too high or dead time, which ring without an anti-resonance and at a frequency that follows the
-    pressure; backlash, whose frequency falls at small amplitude.
+    Muscle damping set too high or dead time, which ring without an anti-resonance and at a
+    frequency that follows the pressure; backlash, whose frequency falls at small amplitude.
 Equation
     q'' = -w^2 q - 2 damping w q' - a, w = 2 pi frequency; a = T_out/J,
     T_out = (T + share J (w^2 q + 2 damping w q')) / (1 - share)
@@ -25,10 +26,26 @@ from pamid.model.effect import Effect, State
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number
 
-SHARE = Parameter("share", 0.6, low=0.0, high=0.95, spread=0.35, null=0.0, tries=(0.85,),
-                  source="load behind the joint: 0.5-0.92 of the inertia")
-DAMPING = Parameter("damping", 0.02, low=0.003, high=0.5, spread=2.5, log=True, tries=(0.1,),
-                    source="damping ratio of metal arms and couplings: 0.005-0.05")
+SHARE = Parameter(
+    "share",
+    0.6,
+    low=0.0,
+    high=0.95,
+    spread=0.35,
+    null=0.0,
+    tries=(0.85,),
+    source="load behind the joint: 0.5-0.92 of the inertia",
+)
+DAMPING = Parameter(
+    "damping",
+    0.02,
+    low=0.003,
+    high=0.5,
+    spread=2.5,
+    log=True,
+    tries=(0.1,),
+    source="damping ratio of metal arms and couplings: 0.005-0.05",
+)
 
 
 def with_outboard(torque: Expr, inertia: Expr, share: Expr, pull: Expr) -> tuple[Expr, Expr]:
@@ -49,8 +66,17 @@ class TwoMass(Effect):
     states = (State("twist", "rad"), State("twisting", "rad/s"))
     parameters = (
         SHARE,
-        Parameter("frequency", 8.0, low=1.5, high=25.0, spread=2.0, log=True, unit="Hz", tries=(3.5, 15.0),
-                  source="30-1000 N m/rad with a load of 0.08 kg m2: 3-18 Hz"),
+        Parameter(
+            "frequency",
+            8.0,
+            low=1.5,
+            high=25.0,
+            spread=2.0,
+            log=True,
+            unit="Hz",
+            tries=(3.5, 15.0),
+            source="30-1000 N m/rad with a load of 0.08 kg m2: 3-18 Hz",
+        ),
         DAMPING,
     )
     look_alikes = ("backlash", "chain-stretch", "dead-time", "external-vibration")

@@ -1,18 +1,19 @@
 """A valve that does not open at small commands.
 
 What it is
-    Overlapping spools and stiction keep a proportional valve shut until the command exceeds a threshold; the rest of
-    the range is stretched so that full command still opens it fully.
+    Overlapping spools and stiction keep a proportional valve shut until the command exceeds a
+    threshold; the rest of the range is stretched so that full command still opens it fully.
 What it looks like
-    The pressure stays flat for small commands of either sign; the loop stops short of its target by up to
-    dead band / gain, or hunts across it.
+    The pressure stays flat for small commands of either sign; the loop stops short of its target by
+    up to dead band / gain, or hunts across it.
 Looks like it
-    Switching delays of an on-off valve (the same family: there the flow jumps in at the threshold); dry friction, in
-    which the pressure moves while the arm sticks.
+    Switching delays of an on-off valve (the same family: there the flow jumps in at the threshold);
+    dry friction, in which the pressure moves while the arm sticks.
 Equation
     value = sign(value) max(0, |value| - dead_band) / (1 - dead_band)
 References
-    Richer, Hurmuzlu (2000), J. Dyn. Syst. Meas. Control 122(3), 416-425; Beater (2007), Pneumatic Drives, Springer.
+    Richer, Hurmuzlu (2000), J. Dyn. Syst. Meas. Control 122(3), 416-425; Beater (2007), Pneumatic
+    Drives, Springer.
 """
 
 from __future__ import annotations
@@ -31,8 +32,15 @@ class ValveDeadBand(DeadZone):
     kinds = ("command",)
     general_kinds = ()  # type: ignore[assignment]
     parameters = (
-        Parameter("dead_band", 0.05, low=0.0, high=0.3, spread=0.05, null=0.0,
-                  source="estimate: 2-10 % of full command, up to 30 % for coarse spools"),
+        Parameter(
+            "dead_band",
+            0.05,
+            low=0.0,
+            high=0.3,
+            spread=0.05,
+            null=0.0,
+            source="estimate: 2-10 % of full command, up to 30 % for coarse spools",
+        ),
     )
     look_alikes = ("valve-switching", "pwm-quantisation", "coulomb-friction")  # type: ignore[assignment]
 

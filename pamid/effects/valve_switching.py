@@ -1,18 +1,21 @@
 """Opening and closing delays of a pulsed on-off valve.
 
 What it is
-    An on-off valve driven by pulses opens t_on after the pulse begins and closes t_off after it ends. Pulses shorter
-    than t_on do nothing, longer ones pass as pulse - t_on + t_off, and pauses shorter than t_off never close it.
-    Here averaged over the pulse period; the jumps are spread over 2 % of duty, as a half-lifted armature does.
+    An on-off valve driven by pulses opens t_on after the pulse begins and closes t_off after it
+    ends. Pulses shorter than t_on do nothing, longer ones pass as pulse - t_on + t_off, and pauses
+    shorter than t_off never close it. Here averaged over the pulse period; the jumps are spread
+    over 2 % of duty, as a half-lifted armature does.
 What it looks like
-    No flow below a duty of t_on / period (7 % for 2 ms in 30 ms), then a jump; a steady offset of the angle of
-    several tenths of a degree under proportional control, with the pressures flat.
+    No flow below a duty of t_on / period (7 % for 2 ms in 30 ms), then a jump; a steady offset of
+    the angle of several tenths of a degree under proportional control, with the pressures flat.
 Looks like it
-    A valve dead-band or coarse pulse widths (same family); dry friction, where pressures move and the arm does not.
+    A valve dead-band or coarse pulse widths (same family); dry friction, where pressures move and
+    the arm does not.
 Equation
     duty = |value|/full -> 0 below t_on/T, else min(1, duty + (t_off - t_on)/T); T the pulse period
 References
-    van Varseveld, Bone (1997), IEEE/ASME Trans. Mechatronics 2(3); Verrelst et al. (2005), Autonomous Robots 18(2).
+    van Varseveld, Bone (1997), IEEE/ASME Trans. Mechatronics 2(3); Verrelst et al. (2005),
+    Autonomous Robots 18(2).
 """
 
 from __future__ import annotations
@@ -32,14 +35,45 @@ class ValveSwitching(Effect):
     family = "valve-dead-band"
     kinds = ("command",)
     parameters = (
-        Parameter("t_on", 0.002, low=0.0, high=0.008, spread=0.002, unit="s", null=0.0, tries=(0.0005, 0.004),
-                  source="fast on-off valves: about 1 ms with speed-up driver, 2-4 ms without"),
-        Parameter("t_off", 0.001, low=0.0, high=0.008, spread=0.002, unit="s", null=0.0,
-                  source="fast on-off valves: about 1 ms with speed-up driver, 2-4 ms without"),
-        Parameter("full", 1.0, low=0.1, high=10.0, size="value", fitted=False,
-                  source="command that opens the valve all the time"),
-        Parameter("pulse_period", 0.03, low=0.01, high=0.1, unit="s", fitted=False,
-                  source="estimate: ten samples of 3 ms"),
+        Parameter(
+            "t_on",
+            0.002,
+            low=0.0,
+            high=0.008,
+            spread=0.002,
+            unit="s",
+            null=0.0,
+            tries=(0.0005, 0.004),
+            source="fast on-off valves: about 1 ms with speed-up driver, 2-4 ms without",
+        ),
+        Parameter(
+            "t_off",
+            0.001,
+            low=0.0,
+            high=0.008,
+            spread=0.002,
+            unit="s",
+            null=0.0,
+            source="fast on-off valves: about 1 ms with speed-up driver, 2-4 ms without",
+        ),
+        Parameter(
+            "full",
+            1.0,
+            low=0.1,
+            high=10.0,
+            size="value",
+            fitted=False,
+            source="command that opens the valve all the time",
+        ),
+        Parameter(
+            "pulse_period",
+            0.03,
+            low=0.01,
+            high=0.1,
+            unit="s",
+            fitted=False,
+            source="estimate: ten samples of 3 ms",
+        ),
     )
     look_alikes = ("valve-dead-band", "pwm-quantisation", "coulomb-friction")
 
@@ -48,4 +82,8 @@ class ValveSwitching(Effect):
         lost, gained = p.t_on / p.pulse_period, p.t_off / p.pulse_period
         opens = gained * smooth_step((duty - lost) * (1.0 / JUMP_WIDTH))
         stays = lost * smooth_step((duty - 1.0 + gained) * (1.0 / JUMP_WIDTH) + 1.0)
-        return sign(value) * p.full * minimum(maximum(0.0, duty - lost) + opens + stays, maximum(1.0, duty))
+        return (
+            sign(value)
+            * p.full
+            * minimum(maximum(0.0, duty - lost) + opens + stays, maximum(1.0, duty))
+        )

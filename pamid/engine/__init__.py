@@ -1,1 +1,2 @@
-"""Equations to compiled simulation and exact sensitivities; nothing else in pamid knows numba or LLVM."""
+"""Equations to compiled simulation and exact sensitivities; nothing else in pamid knows numba or
+LLVM."""

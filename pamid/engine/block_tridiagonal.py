@@ -14,8 +14,8 @@ Array = NDArray[np.float64]
 def eliminate(D: Array, off: Array, rhs: Array, damping: float) -> tuple[Array, float]:
     """Solve the system; also the log determinant of its matrix.
 
-    D (w,n,n): diagonal blocks; off (w-1,n,n): off[i] couples block i+1 (rows) to i (columns); rhs (w,n,m).
-    damping: share of the diagonal added to it.
+    D (w,n,n): diagonal blocks; off (w-1,n,n): off[i] couples block i+1 (rows) to i (columns); rhs
+    (w,n,m). damping: share of the diagonal added to it.
     """
     w, n, _ = D.shape
     M, z = np.ascontiguousarray(D).copy(), np.ascontiguousarray(rhs).copy()
@@ -25,7 +25,8 @@ def eliminate(D: Array, off: Array, rhs: Array, damping: float) -> tuple[Array, 
 
 @njit("float64(float64[:, :, ::1], float64[:, :, ::1], float64[:, :, ::1])", cache=True, nogil=True)
 def _eliminate(M, off, z):  # type: ignore[no-untyped-def]
-    """Block elimination in place: z becomes the solution, M its pivots' factors; returns log |det|."""
+    """Block elimination in place: z becomes the solution, M its pivots' factors; returns log
+    |det|."""
     w, n, _ = M.shape
     m = z.shape[2]
     pivots = np.zeros((w, n), np.int64)
@@ -37,7 +38,7 @@ def _eliminate(M, off, z):  # type: ignore[no-untyped-def]
             log_det += np.log(np.abs(M[i, j, j]))
         if i + 1 == w:
             break
-        for r in range(n):                       # M[i]^-1 [off[i]' | z[i]]
+        for r in range(n):  # M[i]^-1 [off[i]' | z[i]]
             for c in range(n):
                 carried[r, c] = off[i, c, r]
             for c in range(m):

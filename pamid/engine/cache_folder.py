@@ -1,4 +1,5 @@
-"""A place for compiled code where the user has no home that can be written, as in a container or a system service."""
+"""A place for compiled code where the user has no home that can be written, as in a container or a
+system service."""
 
 from __future__ import annotations
 
@@ -14,7 +15,7 @@ def home_cache() -> Path | None:
     """The user's folder for caches; None where the user has no home."""
     try:
         return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
-    except RuntimeError:        # neither HOME nor an entry for this user in the password file
+    except RuntimeError:  # neither HOME nor an entry for this user in the password file
         return None
 
 

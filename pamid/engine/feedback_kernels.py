@@ -1,15 +1,19 @@
-"""Compiled passes through a tanh layer that sees its network's own earlier outputs (external dynamics).
+"""Compiled passes through a tanh layer that sees its network's own earlier outputs (external
+dynamics).
 
-The layer is y(k) = l . tanh(drive(k) + F [y(k-s), y(k-2s), ..., y(k-ls)]) + c, where drive(k) = W taps(k) + b holds
-all that comes from outside. Sensitivities go through the fed-back outputs:
-    dy(k)/dw = direct(k) + sum_j g_j(k) dy(k-js)/dw,   g_j(k) = sum_i l_i (1 - x_i^2) F_ij,   x = tanh(...)
-Since only the output is fed back, one row per sample is carried on, and the Jacobian itself is the memory.
+The layer is y(k) = l . tanh(drive(k) + F [y(k-s), y(k-2s), ..., y(k-ls)]) + c, where drive(k) = W
+taps(k) + b holds all that comes from outside. Sensitivities go through the fed-back outputs:
+    dy(k)/dw = direct(k) + sum_j g_j(k) dy(k-js)/dw,   g_j(k) = sum_i l_i (1 - x_i^2) F_ij,   x =
+    tanh(...)
+Since only the output is fed back, one row per sample is carried on, and the Jacobian itself is the
+memory.
 
-Column order of the Jacobian: unit by unit, and within unit i its q tap weights, its l feedback weights, its bias; then
-follow the h output weights and the output bias.
+Column order of the Jacobian: unit by unit, and within unit i its q tap weights, its l feedback
+weights, its bias; then follow the h output weights and the output bias.
 
-Arrays are float64 and C-contiguous; n samples, h hidden units, q taps from outside, l fed-back outputs, s samples
-between these, reach r = l s, per unit q + l + 1 weights, p = h (q + l + 1) + h + 1 weights in all.
+Arrays are float64 and C-contiguous; n samples, h hidden units, q taps from outside, l fed-back
+outputs, s samples between these, reach r = l s, per unit q + l + 1 weights, p = h (q + l + 1) + h +
+1 weights in all.
 """
 
 import math
@@ -19,12 +23,15 @@ from pamid.engine.numba_cache import njit
 
 @njit(
     "void(float64[:, ::1], float64[::1], float64, float64[:, ::1], int64, float64[::1])",
-    cache=True, nogil=True, fastmath={"contract"},
+    cache=True,
+    nogil=True,
+    fastmath={"contract"},
 )
 def run_outputs(feedback, output, output_bias, drive, stride, y):
     """Simulate n steps.
 
-    `feedback` (h, l), `output` (h,), `drive` (n, h); `y` (r + n,) holds r earlier outputs and receives n new ones.
+    `feedback` (h, l), `output` (h,), `drive` (n, h); `y` (r + n,) holds r earlier outputs and
+    receives n new ones.
     """
     h, lags = feedback.shape
     reach = lags * stride
@@ -39,15 +46,20 @@ def run_outputs(feedback, output, output_bias, drive, stride, y):
 
 
 @njit(
-    "void(float64[:, ::1], float64[::1], float64, float64[:, ::1], float64[:, ::1], int64, float64[::1],"
+    "void(float64[:, ::1], float64[::1], float64, float64[:, ::1], float64[:, ::1], int64, "
+    "float64[::1],"
     " float64[::1], float64[:, ::1])",
-    cache=True, nogil=True, fastmath={"contract"},
+    cache=True,
+    nogil=True,
+    fastmath={"contract"},
 )
-def run_output_sensitivities(feedback, output, output_bias, drive, taps, stride, hidden, y, jacobian):
+def run_output_sensitivities(
+    feedback, output, output_bias, drive, taps, stride, hidden, y, jacobian
+):
     """Simulate n steps and write the output's exact derivative with respect to every weight.
 
-    As `run_outputs`, with `taps` (n, q); `hidden` (h,) is scratch; `jacobian` (r + n, p) holds dy/dw of the r earlier
-    outputs and receives that of the n new ones.
+    As `run_outputs`, with `taps` (n, q); `hidden` (h,) is scratch; `jacobian` (r + n, p) holds
+    dy/dw of the r earlier outputs and receives that of the n new ones.
     """
     h, lags = feedback.shape
     q = taps.shape[1]
@@ -75,7 +87,7 @@ def run_output_sensitivities(feedback, output, output_bias, drive, taps, stride,
                     row[c] += gain * earlier[c]
         for i in range(h):
             slope = output[i] * (1.0 - hidden[i] * hidden[i])
-            own = row[i * per_unit:(i + 1) * per_unit]
+            own = row[i * per_unit : (i + 1) * per_unit]
             for j in range(q):
                 own[j] += slope * seen[j]
             for j in range(lags):

@@ -1,11 +1,13 @@
 """The generic sweep through time: compiled once, serves every model through function addresses.
 
-One sweep carries values and, on request, exact sensitivities of the discrete recursion (not of the differential
-equation): the derivative of what was computed. Explicit Runge-Kutta of order 4, or the L-stable SDIRK2 of Alexander
-(1977) for stiff models, one or more steps per sample, inputs held over the sample.
+One sweep carries values and, on request, exact sensitivities of the discrete recursion (not of the
+differential equation): the derivative of what was computed. Explicit Runge-Kutta of order 4, or the
+L-stable SDIRK2 of Alexander (1977) for stiff models, one or more steps per sample, inputs held over
+the sample.
 
-Rows of the sensitivity matrix: states, cells, past cells. Function numbers: 0 rates, 1 outputs, 2.. cell phases;
-each has three addresses: plain, with partials, and the sparse product of its partials with the sensitivities.
+Rows of the sensitivity matrix: states, cells, past cells. Function numbers: 0 rates, 1 outputs, 2..
+cell phases; each has three addresses: plain, with partials, and the sparse product of its partials
+with the sensitivities.
 """
 
 from __future__ import annotations
@@ -22,7 +24,8 @@ from pamid.engine.numba_cache import njit
 
 GAMMA = 1.0 - 1.0 / np.sqrt(2.0)
 BLOWN_UP = 1e15
-intrinsic: Any = _intrinsic   # numba's own annotation keeps the typing context that a call leaves out
+# numba's own annotation keeps the typing context that a call leaves out
+intrinsic: Any = _intrinsic
 
 
 def _data(context, builder, kind, value):  # type: ignore[no-untyped-def]
@@ -32,7 +35,8 @@ def _data(context, builder, kind, value):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def _call(typingctx, address, x, c, b, u, k, p, t, out):  # type: ignore[no-untyped-def]
-    """Call the compiled function at `address` with seven arrays; the inputs start k numbers into u."""
+    """Call the compiled function at `address` with seven arrays; the inputs start k numbers into
+    u."""
     signature = types.void(types.intp, x, c, b, u, types.intp, p, t, out)
 
     def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
@@ -47,16 +51,23 @@ def _call(typingctx, address, x, c, b, u, k, p, t, out):  # type: ignore[no-unty
 
 @intrinsic
 def _multiply(typingctx, address, partials, skip, S, D, at, n):  # type: ignore[no-untyped-def]
-    """Call a compiled sparse product D = P S; partials stand `skip`, the result `at` numbers into their arrays."""
+    """Call a compiled sparse product D = P S; partials stand `skip`, the result `at` numbers into
+    their arrays."""
     signature = types.void(types.intp, partials, types.intp, S, D, types.intp, types.intp)
 
     def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
         word = ir.IntType(64)
         kind = ir.FunctionType(ir.VoidType(), [word] * 4)
-        first = builder.add(_data(context, builder, sig.args[1], args[1]), builder.mul(args[2], word(8)))
-        result = builder.add(_data(context, builder, sig.args[4], args[4]), builder.mul(args[5], word(8)))
-        builder.call(builder.inttoptr(args[0], kind.as_pointer()),
-                     [first, _data(context, builder, sig.args[3], args[3]), result, args[6]])
+        first = builder.add(
+            _data(context, builder, sig.args[1], args[1]), builder.mul(args[2], word(8))
+        )
+        result = builder.add(
+            _data(context, builder, sig.args[4], args[4]), builder.mul(args[5], word(8))
+        )
+        builder.call(
+            builder.inttoptr(args[0], kind.as_pointer()),
+            [first, _data(context, builder, sig.args[3], args[3]), result, args[6]],
+        )
         return context.get_dummy_value()
 
     return signature, codegen
@@ -64,7 +75,8 @@ def _multiply(typingctx, address, partials, skip, S, D, at, n):  # type: ignore[
 
 @njit(cache=True, inline="always")
 def _rows(address, f, out, n, direct_at, direct, p_column, S, D):  # type: ignore[no-untyped-def]
-    """D[i] = sum_j partial(i, j) S[j] + direct parameter columns, for function f; its partials follow n values."""
+    """D[i] = sum_j partial(i, j) S[j] + direct parameter columns, for function f; its partials
+    follow n values."""
     _multiply(address[3 * f + 2], out, n, S, D, 0, S.shape[1])
     for e in range(direct_at[f], direct_at[f + 1]):
         k = p_column[direct[e, 1]]
@@ -73,9 +85,31 @@ def _rows(address, f, out, n, direct_at, direct, p_column, S, D):  # type: ignor
 
 
 @njit(cache=True, inline="always")
-def _update_cells(address, n_phase, phase_first, phase_delay, direct_at, direct, sens, x, c, b, u, row, p, t, out, S,
-                  D, p_column, buffers, buffer_S, heads):  # type: ignore[no-untyped-def]
-    """All cells at the start of a step. Delay lines sit between phases: push the input, read at the delay."""
+def _update_cells(
+    address,
+    n_phase,
+    phase_first,
+    phase_delay,
+    direct_at,
+    direct,
+    sens,
+    x,
+    c,
+    b,
+    u,
+    row,
+    p,
+    t,
+    out,
+    S,
+    D,
+    p_column,
+    buffers,
+    buffer_S,
+    heads,
+):  # type: ignore[no-untyped-def]
+    """All cells at the start of a step. Delay lines sit between phases: push the input, read at the
+    delay."""
     nx, nc, ns = x.shape[0], c.shape[0], S.shape[1]
     for i in range(nc):
         b[i] = c[i]
@@ -92,7 +126,9 @@ def _update_cells(address, n_phase, phase_first, phase_delay, direct_at, direct,
         for i in range(n):
             c[at + i] = out[i]
         if sens:
-            _rows(address, f, out, n + (2 if delayed >= 0 else 0), direct_at, direct, p_column, S, D)
+            _rows(
+                address, f, out, n + (2 if delayed >= 0 else 0), direct_at, direct, p_column, S, D
+            )
             for i in range(n):
                 for k in range(ns):
                     S[nx + at + i, k] = D[i, k]
@@ -116,13 +152,38 @@ def _update_cells(address, n_phase, phase_first, phase_delay, direct_at, direct,
                 slope = (buffers[delayed, far] - buffers[delayed, near]) / t[1]
                 for k in range(ns):
                     buffer_S[delayed, head, k] = D[n, k]
-                    S[nx + cell, k] = ((1.0 - part) * buffer_S[delayed, near, k] + part * buffer_S[delayed, far, k]
-                                       + slope * D[n + 1, k])
+                    S[nx + cell, k] = (
+                        (1.0 - part) * buffer_S[delayed, near, k]
+                        + part * buffer_S[delayed, far, k]
+                        + slope * D[n + 1, k]
+                    )
 
 
 @njit(cache=True, inline="always")
-def _rk4(address, direct_at, direct, sens, x, c, b, u, row, p, t, h, out, S, D, p_column, x0, acc, s, d, s0,
-         total):  # type: ignore[no-untyped-def]
+def _rk4(
+    address,
+    direct_at,
+    direct,
+    sens,
+    x,
+    c,
+    b,
+    u,
+    row,
+    p,
+    t,
+    h,
+    out,
+    S,
+    D,
+    p_column,
+    x0,
+    acc,
+    s,
+    d,
+    s0,
+    total,
+):  # type: ignore[no-untyped-def]
     nx = x.shape[0]
     size = nx * S.shape[1]
     for i in range(nx):
@@ -163,8 +224,9 @@ def _matrix(out, pattern, columns, nx, gh, M):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def _newton(address, pattern, columns, x, c, b, u, row, p, t, gh, out, base, M, pivots, r, q,
-            before):  # type: ignore[no-untyped-def]
+def _newton(
+    address, pattern, columns, x, c, b, u, row, p, t, gh, out, base, M, pivots, r, q, before
+):  # type: ignore[no-untyped-def]
     """Solve x = base + gh f(x) in place by damped Newton; says whether it converged to round-off.
 
     Damping by affine-invariant monotonicity (Deuflhard 2004, section 3.3).
@@ -203,9 +265,38 @@ def _newton(address, pattern, columns, x, c, b, u, row, p, t, gh, out, base, M, 
 
 
 @njit(cache=True)
-def _sdirk2(address, pattern, columns, direct_at, direct, sens, x, c, b, u, row, p, t, h, out, S, D, p_column, x0, k1,
-            S0, A, M, pivots, r, q, before, base):  # type: ignore[no-untyped-def]
-    """Two implicit stages with damped Newton to round-off; sensitivities by the implicit function theorem.
+def _sdirk2(
+    address,
+    pattern,
+    columns,
+    direct_at,
+    direct,
+    sens,
+    x,
+    c,
+    b,
+    u,
+    row,
+    p,
+    t,
+    h,
+    out,
+    S,
+    D,
+    p_column,
+    x0,
+    k1,
+    S0,
+    A,
+    M,
+    pivots,
+    r,
+    q,
+    before,
+    base,
+):  # type: ignore[no-untyped-def]
+    """Two implicit stages with damped Newton to round-off; sensitivities by the implicit function
+    theorem.
 
     Where Newton does not converge the state becomes NaN, so that the sweep reports it.
     """
@@ -220,7 +311,9 @@ def _sdirk2(address, pattern, columns, direct_at, direct, sens, x, c, b, u, row,
         carry = 0.0 if stage == 0 else (1.0 - GAMMA) * h
         for i in range(nx):
             base[i] = x0[i] + carry * k1[i]
-        solved = _newton(address, pattern, columns, x, c, b, u, row, p, t, gh, out, base, M, pivots, r, q, before)
+        solved = _newton(
+            address, pattern, columns, x, c, b, u, row, p, t, gh, out, base, M, pivots, r, q, before
+        )
         if not solved:
             x[:] = np.nan
             return
@@ -244,11 +337,38 @@ def _sdirk2(address, pattern, columns, direct_at, direct, sens, x, c, b, u, row,
 
 
 @njit(cache=True, nogil=True)
-def sweep(address, n_phase, phase_first, phase_delay, pattern, columns, direct_at, direct,
-          x, c, b, u, p, p_column, S, buffers, buffer_S, heads,
-          time_s, period_s, substeps, implicit, begin, join, sens, Y, JY, weights):  # type: ignore[no-untyped-def]
-    """Run over the rows of u (samples x inputs); fills Y (samples x outputs) and JY (samples x outputs x columns),
-    the latter times `weights` (outputs).
+def sweep(
+    address,
+    n_phase,
+    phase_first,
+    phase_delay,
+    pattern,
+    columns,
+    direct_at,
+    direct,
+    x,
+    c,
+    b,
+    u,
+    p,
+    p_column,
+    S,
+    buffers,
+    buffer_S,
+    heads,
+    time_s,
+    period_s,
+    substeps,
+    implicit,
+    begin,
+    join,
+    sens,
+    Y,
+    JY,
+    weights,
+):  # type: ignore[no-untyped-def]
+    """Run over the rows of u (samples x inputs); fills Y (samples x outputs) and JY (samples x
+    outputs x columns), the latter times `weights` (outputs).
 
     State, cells, buffers and sensitivities are carried in place, so that the next call continues.
     Returns the first sample at which the state is no longer finite, or -1.
@@ -273,8 +393,29 @@ def sweep(address, n_phase, phase_first, phase_delay, pattern, columns, direct_a
             t[4] = 1.0 if begin and k == 0 and sub == 0 else 0.0
             t[5] = 1.0 if join and k == 0 and sub == 0 else 0.0
             if nc > 0:
-                _update_cells(address, n_phase, phase_first, phase_delay, direct_at, direct, sens, x, c, b, u, row, p,
-                              t, out, S, D, p_column, buffers, buffer_S, heads)
+                _update_cells(
+                    address,
+                    n_phase,
+                    phase_first,
+                    phase_delay,
+                    direct_at,
+                    direct,
+                    sens,
+                    x,
+                    c,
+                    b,
+                    u,
+                    row,
+                    p,
+                    t,
+                    out,
+                    S,
+                    D,
+                    p_column,
+                    buffers,
+                    buffer_S,
+                    heads,
+                )
             if sub == 0:
                 _call(address[4 if sens else 3], x, c, b, u, row, p, t, out)
                 for i in range(ny):
@@ -289,11 +430,61 @@ def sweep(address, n_phase, phase_first, phase_delay, pattern, columns, direct_a
                         for j in range(ns):
                             JY[k, i, j] *= weights[i]
             if implicit:
-                _sdirk2(address, pattern, columns, direct_at, direct, sens, x, c, b, u, row, p, t, h, out, S, D,
-                        p_column, x0, k1, S0, A, M, pivots, r, q, before, base)
+                _sdirk2(
+                    address,
+                    pattern,
+                    columns,
+                    direct_at,
+                    direct,
+                    sens,
+                    x,
+                    c,
+                    b,
+                    u,
+                    row,
+                    p,
+                    t,
+                    h,
+                    out,
+                    S,
+                    D,
+                    p_column,
+                    x0,
+                    k1,
+                    S0,
+                    A,
+                    M,
+                    pivots,
+                    r,
+                    q,
+                    before,
+                    base,
+                )
             else:
-                _rk4(address, direct_at, direct, sens, x, c, b, u, row, p, t, h, out, S, D, p_column, x0, k1, s, d, s0,
-                     total)
+                _rk4(
+                    address,
+                    direct_at,
+                    direct,
+                    sens,
+                    x,
+                    c,
+                    b,
+                    u,
+                    row,
+                    p,
+                    t,
+                    h,
+                    out,
+                    S,
+                    D,
+                    p_column,
+                    x0,
+                    k1,
+                    s,
+                    d,
+                    s0,
+                    total,
+                )
         for i in range(nx):
             if not abs(x[i]) < BLOWN_UP:
                 Y[k + 1 :] = np.nan

@@ -1,12 +1,13 @@
 """LLVM IR to addresses of machine code, through a cache on disk.
 
-The cache holds object files named by the sha256 of everything that went into them, each led by its own digest: a
-file that is damaged, half-written or from another machine is compiled again, never loaded. Deleting the folder is
-always safe, and two processes may share it (files are replaced whole).
+The cache holds object files named by the sha256 of everything that went into them, each led by its
+own digest: a file that is damaged, half-written or from another machine is compiled again, never
+loaded. Deleting the folder is always safe, and two processes may share it (files are replaced
+whole).
 
-What is loaded runs, and a digest of itself vouches for nothing that somebody else has written: folder and file must be
-no links, belong to the user or root, and be writable by nobody else. Otherwise models are compiled in memory, which
-costs time and nothing else.
+What is loaded runs, and a digest of itself vouches for nothing that somebody else has written:
+folder and file must be no links, belong to the user or root, and be writable by nobody else.
+Otherwise models are compiled in memory, which costs time and nothing else.
 """
 
 from __future__ import annotations
@@ -44,14 +45,30 @@ def _target() -> llvm.TargetMachine:
         llvm.initialize_native_target()
         llvm.initialize_native_asmprinter()
         features = llvm.get_host_cpu_features().flatten()
-        _machine.append(llvm.Target.from_default_triple().create_target_machine(
-            cpu=llvm.get_host_cpu_name(), features=features, opt=2, reloc="pic", codemodel="jitdefault", jit=True))
+        _machine.append(
+            llvm.Target.from_default_triple().create_target_machine(
+                cpu=llvm.get_host_cpu_name(),
+                features=features,
+                opt=2,
+                reloc="pic",
+                codemodel="jitdefault",
+                jit=True,
+            )
+        )
     return _machine[0]
 
 
 def _key(ir_text: str) -> str:
-    what = "\n".join([_VERSION, llvmlite.__version__, llvm.get_default_triple(), llvm.get_host_cpu_name(),
-                      llvm.get_host_cpu_features().flatten(), ir_text])
+    what = "\n".join(
+        [
+            _VERSION,
+            llvmlite.__version__,
+            llvm.get_default_triple(),
+            llvm.get_host_cpu_name(),
+            llvm.get_host_cpu_features().flatten(),
+            ir_text,
+        ]
+    )
     return hashlib.sha256(what.encode()).hexdigest()
 
 
@@ -70,7 +87,8 @@ def _read(path: Path) -> bytes | None:
     """The code in a file of the cache; None where there is none that can be believed."""
     try:
         _require_private(path.parent)
-        # what is looked at is what is read, whatever becomes of the name meanwhile; a pipe must not block
+        # what is looked at is what is read, whatever becomes of the name meanwhile; a pipe must not
+        # block
         flags = (getattr(os, name, 0) for name in ("O_NOFOLLOW", "O_NONBLOCK", "O_BINARY"))
         with os.fdopen(os.open(path, os.O_RDONLY | sum(flags)), "rb") as file:
             found = os.fstat(file.fileno())
@@ -92,11 +110,14 @@ def _require_private(folder: Path) -> None:
 
 @lru_cache
 def _say_once(folder: Path) -> None:
-    logging.getLogger("pamid").debug("%s is not the user's alone: models are compiled in memory", folder)
+    logging.getLogger("pamid").debug(
+        "%s is not the user's alone: models are compiled in memory", folder
+    )
 
 
 def _write(path: Path, code: bytes) -> None:
-    """Best effort: a cache that cannot be written, or is not the user's alone, costs time, nothing else."""
+    """Best effort: a cache that cannot be written, or is not the user's alone, costs time, nothing
+    else."""
     with suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         _require_private(path.parent)
@@ -111,7 +132,8 @@ def _write(path: Path, code: bytes) -> None:
 
 
 def addresses(ir_text: str, names: list[str]) -> list[int]:
-    """Addresses of the named functions of a module given as text; compiled, or taken from the cache."""
+    """Addresses of the named functions of a module given as text; compiled, or taken from the
+    cache."""
     key = _key(ir_text)
     with _lock:
         engine = _loaded.get(key)
@@ -132,5 +154,9 @@ def addresses(ir_text: str, names: list[str]) -> list[int]:
 
 def _new_machine() -> llvm.TargetMachine:
     return llvm.Target.from_default_triple().create_target_machine(
-        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=2, codemodel="jitdefault",
-        jit=True)
+        cpu=llvm.get_host_cpu_name(),
+        features=llvm.get_host_cpu_features().flatten(),
+        opt=2,
+        codemodel="jitdefault",
+        jit=True,
+    )

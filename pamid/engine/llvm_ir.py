@@ -1,7 +1,8 @@
 """Expressions as LLVM IR text: one straight-line function per group of equations.
 
-Every function has the same signature, seven addresses: states, cells, past cells, inputs, parameters, ticks, out.
-`out` receives the values and, where derivatives are asked for, the non-zero partials row by row.
+Every function has the same signature, seven addresses: states, cells, past cells, inputs,
+parameters, ticks, out. `out` receives the values and, where derivatives are asked for, the non-zero
+partials row by row.
 """
 
 from __future__ import annotations
@@ -15,15 +16,25 @@ from pamid.symbolic.vocabulary import Expr
 
 SPACES = ("state", "cell", "past", "input", "parameter", "tick")
 _ARRAY = {space: i for i, space in enumerate(SPACES)} | {"derived": SPACES.index("parameter")}
-_CALLS = {"sqrt": "llvm.sqrt.f64", "exp": "llvm.exp.f64", "log": "llvm.log.f64", "sin": "llvm.sin.f64",
-          "cos": "llvm.cos.f64", "floor": "llvm.floor.f64", "abs": "llvm.fabs.f64", "tanh": "tanh"}
+_CALLS = {
+    "sqrt": "llvm.sqrt.f64",
+    "exp": "llvm.exp.f64",
+    "log": "llvm.log.f64",
+    "sin": "llvm.sin.f64",
+    "cos": "llvm.cos.f64",
+    "floor": "llvm.floor.f64",
+    "abs": "llvm.fabs.f64",
+    "tanh": "tanh",
+}
 _ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 _COMPARE = {"lt": "olt", "le": "ole"}
 
 DECLARATIONS = "\n".join(
     [f"declare double @{name}(double)" for name in _CALLS.values()]
-    + ["declare double @llvm.pow.f64(double, double)",
-       "declare <8 x double> @llvm.fmuladd.v8f64(<8 x double>, <8 x double>, <8 x double>)"]
+    + [
+        "declare double @llvm.pow.f64(double, double)",
+        "declare <8 x double> @llvm.fmuladd.v8f64(<8 x double>, <8 x double>, <8 x double>)",
+    ]
 )
 LANES = 8  # sensitivity columns handled at once; matrices are padded to a multiple of it
 
@@ -76,7 +87,9 @@ def function_text(name: str, roots: list[Expr], index: Callable[[str, str], int]
             names[node] = fresh(f"select i1 {flag}, double {a[0]}, double {a[1]}")
         elif node.op in _COMPARE:
             truths[node] = fresh(f"fcmp {_COMPARE[node.op]} double {a[0]}, {a[1]}")
-            names[node] = fresh(f"select i1 {truths[node]}, double {_constant(1.0)}, double {_constant(0.0)}")
+            names[node] = fresh(
+                f"select i1 {truths[node]}, double {_constant(1.0)}, double {_constant(0.0)}"
+            )
         elif node.op == "where":
             names[node] = fresh(f"select i1 {truth(node.args[0])}, double {a[1]}, double {a[2]}")
         else:
@@ -88,12 +101,17 @@ def function_text(name: str, roots: list[Expr], index: Callable[[str, str], int]
 
 
 def hoist(groups: list[list[Expr]]) -> tuple[list[list[Expr]], list[Expr]]:
-    """Replace what depends on parameters only by symbols of the space "derived"; returns these expressions too."""
+    """Replace what depends on parameters only by symbols of the space "derived"; returns these
+    expressions too."""
     every = [root for group in groups for root in group]
     nodes = walk(every)
     fixed: dict[Expr, bool] = {}
     for node in nodes:
-        fixed[node] = node.value[0] == "parameter" if node.op == "symbol" else all(fixed[a] for a in node.args)
+        fixed[node] = (
+            node.value[0] == "parameter"
+            if node.op == "symbol"
+            else all(fixed[a] for a in node.args)
+        )
     top: dict[Expr, Expr] = {}
 
     def take(node: Expr) -> None:
@@ -113,7 +131,8 @@ def hoist(groups: list[list[Expr]]) -> tuple[list[list[Expr]], list[Expr]]:
 def with_partials(
     roots: list[Expr], column: Callable[[str, str], int], parameters: frozenset[str] | None = None
 ) -> tuple[list[Expr], list[int], list[int]]:
-    """Roots followed by their non-zero partials, and the sparse pattern of these: row pointers and columns."""
+    """Roots followed by their non-zero partials, and the sparse pattern of these: row pointers and
+    columns."""
     values, pointer, columns = list(roots), [0], []
     for gradient in gradients(roots, parameters):
         entries = sorted(((column(*s.value), d) for s, d in gradient.items()), key=lambda e: e[0])
@@ -124,33 +143,64 @@ def with_partials(
 
 
 def product_text(name: str, pointer: list[int], columns: list[int], rows_of_S: int) -> str:
-    """LLVM IR of D = P S for a fixed sparsity: addresses of the partials, S and D, and the padded column count.
+    """LLVM IR of D = P S for a fixed sparsity: addresses of the partials, S and D, and the padded
+    column count.
 
-    pointer, columns: the pattern of `with_partials`; entries of columns >= rows_of_S belong to parameters and are left
-    to the caller. One pass over the columns, eight at a time, rows written out.
+    pointer, columns: the pattern of `with_partials`; entries of columns >= rows_of_S belong to
+    parameters and are left to the caller. One pass over the columns, eight at a time, rows written
+    out.
     """
-    lines = [f"define void @{name}(i64 %pa, i64 %sa, i64 %da, i64 %n) {{", "entry:",
-             "%p = inttoptr i64 %pa to ptr", "%s = inttoptr i64 %sa to ptr", "%d = inttoptr i64 %da to ptr"]
+    lines = [
+        f"define void @{name}(i64 %pa, i64 %sa, i64 %da, i64 %n) {{",
+        "entry:",
+        "%p = inttoptr i64 %pa to ptr",
+        "%s = inttoptr i64 %sa to ptr",
+        "%d = inttoptr i64 %da to ptr",
+    ]
     used = sorted({c for c in columns if c < rows_of_S})
-    entries = [[(e, columns[e]) for e in range(pointer[i], pointer[i + 1]) if columns[e] < rows_of_S]
-               for i in range(len(pointer) - 1)]
+    entries = [
+        [(e, columns[e]) for e in range(pointer[i], pointer[i + 1]) if columns[e] < rows_of_S]
+        for i in range(len(pointer) - 1)
+    ]
     for e, _ in (pair for row in entries for pair in row):
-        lines += [f"%q{e} = getelementptr double, ptr %p, i64 {e}", f"%w{e} = load double, ptr %q{e}",
-                  f"%i{e} = insertelement <8 x double> poison, double %w{e}, i64 0",
-                  f"%v{e} = shufflevector <8 x double> %i{e}, <8 x double> poison, <8 x i32> zeroinitializer"]
+        lines += [
+            f"%q{e} = getelementptr double, ptr %p, i64 {e}",
+            f"%w{e} = load double, ptr %q{e}",
+            f"%i{e} = insertelement <8 x double> poison, double %w{e}, i64 0",
+            f"%v{e} = shufflevector <8 x double> %i{e}, <8 x double> poison, <8 x i32> "
+            "zeroinitializer",
+        ]
     lines += [f"%so{c} = mul i64 %n, {c}" for c in used]
     lines += [f"%do{i} = mul i64 %n, {i}" for i in range(len(entries))]
     lines += ["br label %loop", "loop:", "%k = phi i64 [0, %entry], [%next, %loop]"]
     for c in used:
-        lines += [f"%sk{c} = add i64 %so{c}, %k", f"%sp{c} = getelementptr double, ptr %s, i64 %sk{c}",
-                  f"%S{c} = load <8 x double>, ptr %sp{c}, align 8"]
+        lines += [
+            f"%sk{c} = add i64 %so{c}, %k",
+            f"%sp{c} = getelementptr double, ptr %s, i64 %sk{c}",
+            f"%S{c} = load <8 x double>, ptr %sp{c}, align 8",
+        ]
     for i, row in enumerate(entries):
         value = "zeroinitializer"
         for e, c in row:
-            lines.append(f"%r{e} = call <8 x double> @llvm.fmuladd.v8f64(<8 x double> %v{e}, <8 x double> %S{c}, "
-                         f"<8 x double> {value})")
+            lines.append(
+                f"%r{e} = call <8 x double> @llvm.fmuladd.v8f64(<8 x double> %v{e}, <8 x double> "
+                f"%S{c}, "
+                f"<8 x double> {value})"
+            )
             value = f"%r{e}"
-        lines += [f"%dk{i} = add i64 %do{i}, %k", f"%dp{i} = getelementptr double, ptr %d, i64 %dk{i}",
-                  f"store <8 x double> {value}, ptr %dp{i}, align 8"]
-    return "\n".join([*lines, f"%next = add i64 %k, {LANES}", "%more = icmp slt i64 %next, %n",
-                      "br i1 %more, label %loop, label %exit", "exit:", "ret void", "}"])
+        lines += [
+            f"%dk{i} = add i64 %do{i}, %k",
+            f"%dp{i} = getelementptr double, ptr %d, i64 %dk{i}",
+            f"store <8 x double> {value}, ptr %dp{i}, align 8",
+        ]
+    return "\n".join(
+        [
+            *lines,
+            f"%next = add i64 %k, {LANES}",
+            "%more = icmp slt i64 %next, %n",
+            "br i1 %more, label %loop, label %exit",
+            "exit:",
+            "ret void",
+            "}",
+        ]
+    )

@@ -8,7 +8,14 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.engine.llvm_ir import DECLARATIONS, LANES, function_text, hoist, product_text, with_partials
+from pamid.engine.llvm_ir import (
+    DECLARATIONS,
+    LANES,
+    function_text,
+    hoist,
+    product_text,
+    with_partials,
+)
 from pamid.symbolic.memory_cells import TICKS, Lowered, cell_update
 from pamid.symbolic.vocabulary import Expr, expression
 
@@ -17,9 +24,11 @@ Array = NDArray[np.float64]
 
 @dataclass
 class Memory:
-    """Everything a run carries from one call to the next: states, cells, delay lines and their sensitivities.
+    """Everything a run carries from one call to the next: states, cells, delay lines and their
+    sensitivities.
 
-    x (nx), cells (nc), buffers (delays, length), S (nx + 2 nc, columns), heads (delays); begin until the first run.
+    x (nx), cells (nc), buffers (delays, length), S (nx + 2 nc, columns), heads (delays); begin
+    until the first run.
     """
 
     x: Array
@@ -30,16 +39,26 @@ class Memory:
     buffer_S: Array
     heads: NDArray[np.int64]
     begin: bool = True
-    join: bool = False      # the state was set anew since the last run
+    join: bool = False  # the state was set anew since the last run
 
     def copy(self) -> Memory:
-        return Memory(self.x.copy(), self.cells.copy(), self.past.copy(), self.S.copy(), self.buffers.copy(),
-                      self.buffer_S.copy(), self.heads.copy(), self.begin, self.join)
+        return Memory(
+            self.x.copy(),
+            self.cells.copy(),
+            self.past.copy(),
+            self.S.copy(),
+            self.buffers.copy(),
+            self.buffer_S.copy(),
+            self.heads.copy(),
+            self.begin,
+            self.join,
+        )
 
 
 @dataclass(frozen=True)
 class Stepping:
-    """How a sample is integrated: steps per sample, and whether the L-stable implicit step is used."""
+    """How a sample is integrated: steps per sample, and whether the L-stable implicit step is
+    used."""
 
     substeps: int = 1
     implicit: bool = False
@@ -50,7 +69,8 @@ class Stepping:
 
 @dataclass(frozen=True)
 class Program:
-    """Compiled equations. `states`, `inputs`, `parameters`, `outputs` give the order of every array."""
+    """Compiled equations. `states`, `inputs`, `parameters`, `outputs` give the order of every
+    array."""
 
     states: tuple[str, ...]
     inputs: tuple[str, ...]
@@ -63,28 +83,50 @@ class Program:
     sensitive: frozenset[str]
     _address: NDArray[np.int64] = field(repr=False)
     _phase: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]] = field(repr=False)
-    _pattern: tuple[NDArray[np.int64], NDArray[np.int64]] = field(repr=False)   # of the rates: rows, columns
-    _direct: tuple[NDArray[np.int64], NDArray[np.int64]] = field(repr=False)    # partials by parameters, per function
+    # of the rates: rows, columns
+    _pattern: tuple[NDArray[np.int64], NDArray[np.int64]] = field(repr=False)
+    # partials by parameters, per function
+    _direct: tuple[NDArray[np.int64], NDArray[np.int64]] = field(repr=False)
 
-    def memory(self, x: Array, columns: int = 0, *, stepping: Stepping | None = None, period_s: float = 1.0) -> Memory:
-        """Fresh memory at state x with room for `columns` sensitivities (all zero), padded to full lanes."""
+    def memory(
+        self, x: Array, columns: int = 0, *, stepping: Stepping | None = None, period_s: float = 1.0
+    ) -> Memory:
+        """Fresh memory at state x with room for `columns` sensitivities (all zero), padded to full
+        lanes."""
         columns = -(-columns // LANES) * LANES
         nx, nc = len(self.states), len(self.cells)
         step = period_s / (stepping or Stepping()).substeps
         size = max([int(np.ceil(d / step)) + 3 for d in self.delays], default=1)
         nd = len(self.delays)
-        return Memory(np.array(x, float), np.zeros(nc), np.zeros(nc), np.zeros((nx + 2 * nc, columns)),
-                      np.zeros((nd, size)), np.zeros((nd, size, columns)), np.zeros(nd, np.int64))
+        return Memory(
+            np.array(x, float),
+            np.zeros(nc),
+            np.zeros(nc),
+            np.zeros((nx + 2 * nc, columns)),
+            np.zeros((nd, size)),
+            np.zeros((nd, size, columns)),
+            np.zeros(nd, np.int64),
+        )
 
-    def run(self, memory: Memory, u: Array, p: Array, *, period_s: float, time_s: float = 0.0,
-            stepping: Stepping | None = None, columns: NDArray[np.int64] | None = None,
-            weights: Array | None = None) -> tuple[Array, Array, int]:
+    def run(
+        self,
+        memory: Memory,
+        u: Array,
+        p: Array,
+        *,
+        period_s: float,
+        time_s: float = 0.0,
+        stepping: Stepping | None = None,
+        columns: NDArray[np.int64] | None = None,
+        weights: Array | None = None,
+    ) -> tuple[Array, Array, int]:
         """Simulate over the rows of u (samples x inputs), carrying `memory` on.
 
-        columns: for each parameter its sensitivity column or -1; None runs without sensitivities. The Jacobian is as
-        wide as the memory's (padded) sensitivities. weights: factor per output on its sensitivities.
-        Returns outputs (samples x outputs), their sensitivities (samples x outputs x columns; empty without), and the
-        first sample at which the state blew up (-1: none).
+        columns: for each parameter its sensitivity column or -1; None runs without sensitivities.
+        The Jacobian is as wide as the memory's (padded) sensitivities. weights: factor per output
+        on its sensitivities. Returns outputs (samples x outputs), their sensitivities (samples x
+        outputs x columns; empty without), and the first sample at which the state blew up (-1:
+        none).
         """
         from pamid.engine.integrator import sweep
 
@@ -92,8 +134,11 @@ class Program:
         if memory.S.shape[1] == 0:
             columns = None  # the vector loop needs at least one lane
         if columns is not None and not self.sensitive.issuperset(
-                name for name, k in zip(self.parameters, columns, strict=True) if k >= 0):
-            raise ValueError("sensitivities were asked for by parameters that the model was not compiled for")
+            name for name, k in zip(self.parameters, columns, strict=True) if k >= 0
+        ):
+            raise ValueError(
+                "sensitivities were asked for by parameters that the model was not compiled for"
+            )
         n, ns = u.shape[0], memory.S.shape[1] if columns is not None else 0
         Y = np.empty((n, len(self.outputs)))
         JY = np.empty((n, len(self.outputs), ns) if columns is not None else (1, 1, 0))
@@ -101,20 +146,55 @@ class Program:
         buffer_S = memory.buffer_S if columns is not None else memory.buffer_S[:, :, :0].copy()
         chosen = columns if columns is not None else np.full(len(self.parameters), -1, np.int64)
         phase_n, phase_first, phase_delay = self._phase
-        bad = sweep(self._address, phase_n, phase_first, phase_delay, *self._pattern, *self._direct,
-                    memory.x, memory.cells, memory.past, np.ascontiguousarray(u, float), self._prepared(p), chosen,
-                    S, memory.buffers, buffer_S, memory.heads,
-                    float(time_s), float(period_s), step.substeps, step.implicit, memory.begin, memory.join,
-                    columns is not None, Y, JY, np.ones(len(self.outputs)) if weights is None else weights)
+        bad = sweep(
+            self._address,
+            phase_n,
+            phase_first,
+            phase_delay,
+            *self._pattern,
+            *self._direct,
+            memory.x,
+            memory.cells,
+            memory.past,
+            np.ascontiguousarray(u, float),
+            self._prepared(p),
+            chosen,
+            S,
+            memory.buffers,
+            buffer_S,
+            memory.heads,
+            float(time_s),
+            float(period_s),
+            step.substeps,
+            step.implicit,
+            memory.begin,
+            memory.join,
+            columns is not None,
+            Y,
+            JY,
+            np.ones(len(self.outputs)) if weights is None else weights,
+        )
         memory.begin = memory.join = False
         return Y, JY, int(bad)
 
-    def rate_matrix(self, memory: Memory, u: Array, p: Array, *, period_s: float, time_s: float = 0.0) -> Array:
+    def rate_matrix(
+        self, memory: Memory, u: Array, p: Array, *, period_s: float, time_s: float = 0.0
+    ) -> Array:
         """df/dx (nx x nx) where `memory` stands, at the held input u (inputs,)."""
         from pamid.engine.integrator import rate_matrix
 
-        return rate_matrix(self._address, *self._pattern, memory.x, memory.cells, memory.past,
-                           np.ascontiguousarray(u, float), self._prepared(p), time_s, period_s, period_s)
+        return rate_matrix(
+            self._address,
+            *self._pattern,
+            memory.x,
+            memory.cells,
+            memory.past,
+            np.ascontiguousarray(u, float),
+            self._prepared(p),
+            time_s,
+            period_s,
+            period_s,
+        )
 
     def _prepared(self, p: Array) -> Array:
         """Parameters followed by what depends on them alone."""
@@ -126,9 +206,15 @@ class Program:
 
 
 @lru_cache(maxsize=256)
-def build_program(lowered: Lowered, inputs: tuple[str, ...], parameters: tuple[str, ...],
-                  outputs: tuple[str, ...], sensitive: frozenset[str] | None = None) -> Program:
-    """Compile lowered equations (from the cache on disk where they were compiled before; in one process only once).
+def build_program(
+    lowered: Lowered,
+    inputs: tuple[str, ...],
+    parameters: tuple[str, ...],
+    outputs: tuple[str, ...],
+    sensitive: frozenset[str] | None = None,
+) -> Program:
+    """Compile lowered equations (from the cache on disk where they were compiled before; in one
+    process only once).
 
     sensitive: parameters that sensitivities may be asked for (default: all); fewer are cheaper.
     """
@@ -158,15 +244,23 @@ def build_program(lowered: Lowered, inputs: tuple[str, ...], parameters: tuple[s
     place |= {("derived", str(i)): len(parameters) + i for i in range(len(derived))}
     for i, roots in enumerate(groups):
         _, pointer, columns = tables[i]
-        parts += [function_text(f"f{i}", values[i][: len(roots)], index), function_text(f"d{i}", values[i], index),
-                  product_text(f"s{i}", pointer, columns, nx + 2 * nc)]
+        parts += [
+            function_text(f"f{i}", values[i][: len(roots)], index),
+            function_text(f"d{i}", values[i], index),
+            product_text(f"s{i}", pointer, columns, nx + 2 * nc),
+        ]
         names += [f"f{i}", f"d{i}", f"s{i}"]
         pattern = (pointer, columns) if i == 0 else pattern
-        direct += [(row, columns[e] - nx - 2 * nc, e) for row in range(len(roots))
-                   for e in range(pointer[row], pointer[row + 1]) if columns[e] >= nx + 2 * nc]
+        direct += [
+            (row, columns[e] - nx - 2 * nc, e)
+            for row in range(len(roots))
+            for e in range(pointer[row], pointer[row + 1])
+            if columns[e] >= nx + 2 * nc
+        ]
         direct_at.append(len(direct))
         most = max(most, len(columns))
-    from pamid.engine.jit_cache import addresses  # LLVM is loaded when a model is compiled, not with the package
+    # LLVM is loaded when a model is compiled, not with the package
+    from pamid.engine.jit_cache import addresses
 
     parts.append(function_text("prepare", derived, index))
     address = addresses("\n".join(parts), [*names, "prepare"])
@@ -174,20 +268,32 @@ def build_program(lowered: Lowered, inputs: tuple[str, ...], parameters: tuple[s
     def whole(values: object) -> NDArray[np.int64]:
         return np.array(values, np.int64)
 
-    room = np.full(most, -1, np.int64)       # the driver sizes its scratch by this array
+    room = np.full(most, -1, np.int64)  # the driver sizes its scratch by this array
     room[: len(pattern[1])] = pattern[1]
-    return Program(lowered.states, inputs, parameters, outputs, tuple(c.name for c in cells), tuple(delays),
-                   parts[1].count("\n"), len(derived),
-                   frozenset(parameters) if sensitive is None else sensitive, whole(address),
-                   (whole(phase_n), whole(phase_first), whole(phase_delay)),
-                   (whole(pattern[0]), room), (whole(direct_at), whole(direct).reshape(-1, 3)))
+    return Program(
+        lowered.states,
+        inputs,
+        parameters,
+        outputs,
+        tuple(c.name for c in cells),
+        tuple(delays),
+        parts[1].count("\n"),
+        len(derived),
+        frozenset(parameters) if sensitive is None else sensitive,
+        whole(address),
+        (whole(phase_n), whole(phase_first), whole(phase_delay)),
+        (whole(pattern[0]), room),
+        (whole(direct_at), whole(direct).reshape(-1, 3)),
+    )
 
 
-def _phases(lowered: Lowered) -> tuple[list[list[Expr]], list[int], list[int], list[int], list[float]]:
+def _phases(
+    lowered: Lowered,
+) -> tuple[list[list[Expr]], list[int], list[int], list[int], list[float]]:
     """Cut the ordered cells after every delay line: the driver moves the line between two phases.
 
-    Inside a phase a cell may read another one's new value only if that one stands in an earlier phase; where it
-    reads one of its own phase the new value is written out.
+    Inside a phase a cell may read another one's new value only if that one stands in an earlier
+    phase; where it reads one of its own phase the new value is written out.
     """
     from pamid.symbolic.expression import substitute
 

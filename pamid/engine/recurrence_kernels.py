@@ -1,15 +1,18 @@
-"""Compiled passes through a recurrent tanh layer: the state alone, and the state with its exact sensitivities.
+"""Compiled passes through a recurrent tanh layer: the state alone, and the state with its exact
+sensitivities.
 
-The layer is x(k+1) = tanh(C x(k) + I u(k) + b) with output y(k) = l . x(k+1) + c.
-Sensitivities are carried forward in time (real-time recurrent learning): with S = dx/dw and the slopes
-d = 1 - x(k+1)^2,
+The layer is x(k+1) = tanh(C x(k) + I u(k) + b) with output y(k) = l . x(k+1) + c. Sensitivities are
+carried forward in time (real-time recurrent learning): with S = dx/dw and the slopes d = 1 -
+x(k+1)^2,
     S(k+1) = diag(d) C S(k) + direct(k).
-The direct part is sparse: weight (i, .) enters unit i only, so it touches h + m + 1 entries of row i and is added
-afterwards instead of being part of the dense product. That product, with the output l . S(k+1) beside it, is where
-the time goes: it is written in vectors of `LANES` columns, `ROWS` results at a time, all kept in registers.
+The direct part is sparse: weight (i, .) enters unit i only, so it touches h + m + 1 entries of row
+i and is added afterwards instead of being part of the dense product. That product, with the output
+l . S(k+1) beside it, is where the time goes: it is written in vectors of `LANES` columns, `ROWS`
+results at a time, all kept in registers.
 
-Column order of S and of the first h (h + m + 1) columns of the Jacobian: unit by unit, and within unit i its h
-context weights, its m input weights, its bias; then follow the h output weights and the output bias.
+Column order of S and of the first h (h + m + 1) columns of the Jacobian: unit by unit, and within
+unit i its h context weights, its m input weights, its bias; then follow the h output weights and
+the output bias.
 
 Arrays are float64 and C-contiguous; n samples, h hidden units, m inputs, p = h (h + m + 1).
 """
@@ -26,18 +29,23 @@ from numba.extending import intrinsic as _intrinsic
 from pamid.engine.numba_cache import njit
 from pamid.engine.simd import LANES, WORD, Vectors
 
-ROWS = 5    # results held at once: with their factors they fit into sixteen registers
-intrinsic: Any = _intrinsic   # numba's own annotation keeps the typing context that a call leaves out
+ROWS = 5  # results held at once: with their factors they fit into sixteen registers
+# numba's own annotation keeps the typing context that a call leaves out
+intrinsic: Any = _intrinsic
 
 
 @intrinsic
 def _carry(typingctx, matrix, before, after, output, jacobian, first, h, p):  # type: ignore[no-untyped-def]
-    """after = matrix @ before, and output @ after to the p numbers of `jacobian` from place `first` on."""
-    signature = types.void(matrix, before, after, output, jacobian, types.intp, types.intp, types.intp)
+    """after = matrix @ before, and output @ after to the p numbers of `jacobian` from place `first`
+    on."""
+    signature = types.void(
+        matrix, before, after, output, jacobian, types.intp, types.intp, types.intp
+    )
 
     def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
         factors, old, new, weights, rows = (
-            context.make_array(sig.args[i])(context, builder, args[i]).data for i in range(5))
+            context.make_array(sig.args[i])(context, builder, args[i]).data for i in range(5)
+        )
         first, h, p = args[5:]
         v = Vectors(builder)
 
@@ -50,7 +58,9 @@ def _carry(typingctx, matrix, before, after, output, jacobian, first, h, p):  # 
             with cgutils.for_range(builder, h) as loop:
                 value = v.load(old, place(loop.index, column))
                 for i, held in zip(places, sums, strict=True):
-                    v.add(held, v.spread(factors, builder.add(builder.mul(i, h), loop.index)), value)
+                    v.add(
+                        held, v.spread(factors, builder.add(builder.mul(i, h), loop.index)), value
+                    )
             for i, held in zip(places, sums, strict=True):
                 value = builder.load(held)
                 v.store(value, new, place(i, column))
@@ -72,9 +82,13 @@ def _carry(typingctx, matrix, before, after, output, jacobian, first, h, p):  # 
 
 
 def _weighing(finish):  # type: ignore[no-untyped-def]
-    """Code for values = finish(values + matrix @ seen), with the matrix's columns (count, wide) one after the other."""
+    """Code for values = finish(values + matrix @ seen), with the matrix's columns (count, wide) one
+    after the other."""
+
     def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
-        factors, x, to = (context.make_array(sig.args[i])(context, builder, args[i]).data for i in range(3))
+        factors, x, to = (
+            context.make_array(sig.args[i])(context, builder, args[i]).data for i in range(3)
+        )
         v = Vectors(builder)
         with cgutils.for_range(builder, builder.sdiv(args[4], WORD(LANES))) as tile:
             column = builder.mul(tile.index, WORD(LANES))
@@ -97,19 +111,23 @@ def _weigh(typingctx, columns, seen, values, count, wide):  # type: ignore[no-un
 @intrinsic
 def _activate(typingctx, columns, seen, values, count, wide):  # type: ignore[no-untyped-def]
     """values = tanh(values + matrix @ seen); `columns` (count, wide)."""
-    return types.void(columns, seen, values, types.intp, types.intp), _weighing(lambda v, x: v.tanh(x))
+    return types.void(columns, seen, values, types.intp, types.intp), _weighing(
+        lambda v, x: v.tanh(x)
+    )
 
 
 @njit(
     "void(float64[:, ::1], float64[:, ::1], float64[::1], float64[:, ::1])",
-    cache=True, nogil=True, fastmath={"contract"},
+    cache=True,
+    nogil=True,
+    fastmath={"contract"},
 )
 def run_states(columns, inputs, state, states):
     """Simulate n steps.
 
-    `columns` (h + m + 1, wide) are those of [C, I, b], padded with zeros to whole vectors; `inputs` (n, m); `state`
-    (h,) holds x before the first step and is left at x after the last one; `states` (n, at least h) receives x after
-    every step.
+    `columns` (h + m + 1, wide) are those of [C, I, b], padded with zeros to whole vectors; `inputs`
+    (n, m); `state` (h,) holds x before the first step and is left at x after the last one; `states`
+    (n, at least h) receives x after every step.
     """
     h, m = state.shape[0], inputs.shape[1]
     seen, fresh = np.ones(h + m + 1), np.empty(columns.shape[1])
@@ -125,16 +143,20 @@ def run_states(columns, inputs, state, states):
 
 
 @njit(
-    "void(float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[::1], float64[::1],"
+    "void(float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[::1], "
+    "float64[::1],"
     " float64[::1])",
-    cache=True, nogil=True, fastmath={"contract"},
+    cache=True,
+    nogil=True,
+    fastmath={"contract"},
 )
 def run_bend(columns, change, inputs, states, output, output_change, bend):
-    """Second derivative of the output along a change of the weights, exactly (a Taylor series through time).
+    """Second derivative of the output along a change of the weights, exactly (a Taylor series
+    through time).
 
-    `columns` and `change` (h + m + 1, wide) are those of [C, I, b] and of a change of it, `inputs` (n, m), `states` (n,
-    at least h) as from `run_states` from a zero state; `output` and `output_change` (h,). `bend` (n,) receives
-    d2 y / d s2 at s = 0 for weights w + s change.
+    `columns` and `change` (h + m + 1, wide) are those of [C, I, b] and of a change of it, `inputs`
+    (n, m), `states` (n, at least h) as from `run_states` from a zero state; `output` and
+    `output_change` (h,). `bend` (n,) receives d2 y / d s2 at s = 0 for weights w + s change.
     """
     h, m, wide = output.shape[0], inputs.shape[1], columns.shape[1]
     seen, dx, ddx, twice = np.ones(h + m + 1), np.zeros(h), np.zeros(h), np.zeros(h)
@@ -161,17 +183,21 @@ def run_bend(columns, change, inputs, states, output, output_change, bend):
 
 
 @njit(
-    "void(float64[:, ::1], float64[:, ::1], float64[::1], float64, float64[:, ::1], float64[::1], float64[:, :, ::1],"
+    "void(float64[:, ::1], float64[:, ::1], float64[::1], float64, float64[:, ::1], float64[::1], "
+    "float64[:, :, ::1],"
     " float64[::1], float64[::1])",
-    cache=True, nogil=True, fastmath={"contract"},
+    cache=True,
+    nogil=True,
+    fastmath={"contract"},
 )
 def run_sensitivities(units, columns, output, output_bias, inputs, state, sensitivity, y, jacobian):
     """Simulate n steps and write the output's exact derivative with respect to every weight.
 
-    As `run_states`, with `units` (h, h + m + 1), that is [C, I, b], beside its `columns`; `sensitivity` (2, h, at least
-    p, a multiple of LANES) holds dx/dw before the first step in sensitivity[0], which is left at its value after the
-    last; `y` (n,) receives the output, `jacobian` (n (p + h + 1) + LANES,) the rows of dy/dw one after the other (the
-    last numbers are scratch: a row's last vector may reach into the next row, which is written after it).
+    As `run_states`, with `units` (h, h + m + 1), that is [C, I, b], beside its `columns`;
+    `sensitivity` (2, h, at least p, a multiple of LANES) holds dx/dw before the first step in
+    sensitivity[0], which is left at its value after the last; `y` (n,) receives the output,
+    `jacobian` (n (p + h + 1) + LANES,) the rows of dy/dw one after the other (the last numbers are
+    scratch: a row's last vector may reach into the next row, which is written after it).
     """
     h, per_unit = units.shape
     m, wide, p = inputs.shape[1], sensitivity.shape[2], h * per_unit
@@ -192,7 +218,7 @@ def run_sensitivities(units, columns, output, output_bias, inputs, state, sensit
         _carry(matrix, before, after, output, jacobian, first, h, wide)
         for i in range(h):
             slope = 1.0 - fresh[i] * fresh[i]
-            own, row = after[i, i * per_unit:(i + 1) * per_unit], jacobian[first + i * per_unit:]
+            own, row = after[i, i * per_unit : (i + 1) * per_unit], jacobian[first + i * per_unit :]
             for j in range(per_unit):
                 own[j] += slope * seen[j]
             for j in range(per_unit):
@@ -207,20 +233,26 @@ def run_sensitivities(units, columns, output, output_bias, inputs, state, sensit
 
 
 @njit(
-    "void(float64[:, ::1], float64[::1], float64[:, ::1], float64[:, ::1], float64[::1], float64[:, ::1])",
-    cache=True, nogil=True, fastmath={"contract"},
+    "void(float64[:, ::1], float64[::1], float64[:, ::1], float64[:, ::1], float64[::1], "
+    "float64[:, ::1])",
+    cache=True,
+    nogil=True,
+    fastmath={"contract"},
 )
 def run_adjoint(rows, output, states, inputs, weighing, gradient):
-    """Add d(sum of weighing y)/dw for the weights [C, I, b] to `gradient` (h, h + m + 1), going back in time.
+    """Add d(sum of weighing y)/dw for the weights [C, I, b] to `gradient` (h, h + m + 1), going
+    back in time.
 
-    `rows` (h, wide) are those of C, padded with zeros to whole vectors; `states` (n, at least h) as from `run_states`
-    from a zero state, `inputs` (n, m), `weighing` (n,).
+    `rows` (h, wide) are those of C, padded with zeros to whole vectors; `states` (n, at least h) as
+    from `run_states` from a zero state, `inputs` (n, m), `weighing` (n,).
     """
     h, m, wide = rows.shape[0], inputs.shape[1], rows.shape[1]
     adjoint, entering, seen = np.zeros(wide), np.empty(h), np.ones(h + m + 1)
     for k in range(states.shape[0] - 1, -1, -1):
         for i in range(h):
-            entering[i] = (weighing[k] * output[i] + adjoint[i]) * (1.0 - states[k, i] * states[k, i])
+            entering[i] = (weighing[k] * output[i] + adjoint[i]) * (
+                1.0 - states[k, i] * states[k, i]
+            )
             seen[i] = states[k - 1, i] if k > 0 else 0.0
         for j in range(m):
             seen[h + j] = inputs[k, j]

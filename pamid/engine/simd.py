@@ -1,4 +1,5 @@
-"""Arithmetic on vectors of doubles inside compiled functions, for loops that a compiler would not keep in registers."""
+"""Arithmetic on vectors of doubles inside compiled functions, for loops that a compiler would not
+keep in registers."""
 
 from __future__ import annotations
 
@@ -8,19 +9,23 @@ from typing import Any
 from llvmlite import ir
 from numba.core import cgutils
 
-LANES = 8                   # doubles in a vector: one register, or two or four of a narrower machine
+# doubles in a vector: one register, or two or four of a narrower machine
+LANES = 8
 WORD = ir.IntType(64)
 _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
 _WORDS = ir.VectorType(WORD, LANES)
-_ROUNDING = 1.5 * 2.0**52   # added and taken away again, it leaves a whole number, whose bits stand last
-_BIAS = 1023                # of the exponent of a double
-_LARGEST = 20.0             # tanh is 1 from here on
-_TERMS = 13                 # of the series of exp within +- ln(2) / 2: error 4e-18
-_LN2 = (float.fromhex("0x1.62e42fee00000p-1"), float.fromhex("0x1.a39ef35793c76p-33"))   # high and low part
+# added and taken away again, it leaves a whole number, whose bits stand last
+_ROUNDING = 1.5 * 2.0**52
+_BIAS = 1023  # of the exponent of a double
+_LARGEST = 20.0  # tanh is 1 from here on
+_TERMS = 13  # of the series of exp within +- ln(2) / 2: error 4e-18
+# high and low part
+_LN2 = (float.fromhex("0x1.62e42fee00000p-1"), float.fromhex("0x1.a39ef35793c76p-33"))
 
 
 class Vectors:
-    """Writes vector instructions through an llvmlite `builder`; places count doubles from a base address."""
+    """Writes vector instructions through an llvmlite `builder`; places count doubles from a base
+    address."""
 
     def __init__(self, builder: Any) -> None:
         self.builder = builder
@@ -36,7 +41,10 @@ class Vectors:
 
     def spread(self, base: Any, place: Any) -> Any:
         """One double in every lane."""
-        nothing, number = ir.Constant(_VECTOR, ir.Undefined), self.builder.load(self.builder.gep(base, [place]))
+        nothing, number = (
+            ir.Constant(_VECTOR, ir.Undefined),
+            self.builder.load(self.builder.gep(base, [place])),
+        )
         lane = self.builder.insert_element(nothing, number, ir.Constant(ir.IntType(32), 0))
         same = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
         return self.builder.shuffle_vector(lane, nothing, same)
@@ -54,11 +62,14 @@ class Vectors:
     def fma(self, a: Any, b: Any, c: Any) -> Any:
         kind = ir.FunctionType(_VECTOR, [_VECTOR] * 3)
         return self.builder.call(
-            cgutils.get_or_insert_function(self.builder.module, kind, f"llvm.fmuladd.v{LANES}f64"), [a, b, c])
+            cgutils.get_or_insert_function(self.builder.module, kind, f"llvm.fmuladd.v{LANES}f64"),
+            [a, b, c],
+        )
 
     def tanh(self, a: Any) -> Any:
         b, one = self.builder, self.constant(1.0)
-        for bound, beyond in ((_LARGEST, ">"), (-_LARGEST, "<")):   # what is not a number stays as it is
+        # what is not a number stays as it is
+        for bound, beyond in ((_LARGEST, ">"), (-_LARGEST, "<")):
             a = b.select(b.fcmp_ordered(beyond, a, self.constant(bound)), self.constant(bound), a)
         e = self._exp(b.fmul(a, self.constant(2.0)))
         return b.fsub(one, b.fdiv(self.constant(2.0), b.fadd(e, one)))

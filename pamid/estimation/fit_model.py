@@ -31,13 +31,14 @@ from pamid.symbolic.expression import symbol
 
 Array = NDArray[np.float64]
 
-COARSE = 0.2           # noise standard deviations by which doubled sub-steps may change an output
-PERTURBED = 1e-3       # relative change of a parameter for the closed loop's perturbation band
+COARSE = 0.2  # noise standard deviations by which doubled sub-steps may change an output
+PERTURBED = 1e-3  # relative change of a parameter for the closed loop's perturbation band
 
 
 @dataclass(frozen=True, eq=False)
 class GreyBox:
-    """A fitted model with its replays. recheck: change of the outputs by doubled sub-steps, in noise sd."""
+    """A fitted model with its replays. recheck: change of the outputs by doubled sub-steps, in
+    noise sd."""
 
     evidence: Evidence
     assembly: Assembly
@@ -51,31 +52,50 @@ class GreyBox:
 
 
 def model_with(evidence: Evidence, attached: tuple[Attachment, ...], sizes: Sizes) -> Assembly:
-    """The model that is fitted and compared: rig, background, these effects, the measured channels."""
-    return Assembly(evidence.rig, attached, background=True, sizes=sizes, outputs=evidence.channels).for_fitting()
+    """The model that is fitted and compared: rig, background, these effects, the measured
+    channels."""
+    return Assembly(
+        evidence.rig, attached, background=True, sizes=sizes, outputs=evidence.channels
+    ).for_fitting()
 
 
-def fit_model(evidence: Evidence, attached: tuple[Attachment, ...] = (), *, seed: int = 0, draws: int = 0,
-              jobs: int = 1, told: Callable[[str], None] = lambda text: None,
-              earlier: Posterior | None = None, crew: Crew | None = None) -> GreyBox:
-    """Fit the rig (with effects) to the evidence; integration refined until doubled sub-steps change nothing.
+def fit_model(
+    evidence: Evidence,
+    attached: tuple[Attachment, ...] = (),
+    *,
+    seed: int = 0,
+    draws: int = 0,
+    jobs: int = 1,
+    told: Callable[[str], None] = lambda text: None,
+    earlier: Posterior | None = None,
+    crew: Crew | None = None,
+) -> GreyBox:
+    """Fit the rig (with effects) to the evidence; integration refined until doubled sub-steps
+    change nothing.
 
-    earlier: what another fit has left known of the same rig; it takes the place of the data sheet's prior. draws: of
-    the bootstrap; crew: who does them (default: `jobs` processes of this machine).
+    earlier: what another fit has left known of the same rig; it takes the place of the data sheet's
+    prior. draws: of the bootstrap; crew: who does them (default: `jobs` processes of this machine).
     """
     if earlier is not None:
         earlier.require_new(evidence)
     plain = Assembly(evidence.rig)
-    sizes = port_sizes(plain, [(t.u, Runner(plain, t, Stepping()).parameters(plain.values()), t.period_s)
-                               for t in evidence.tracks(plain)])
+    sizes = port_sizes(
+        plain,
+        [
+            (t.u, Runner(plain, t, Stepping()).parameters(plain.values()), t.period_s)
+            for t in evidence.tracks(plain)
+        ],
+    )
     assembly = model_with(evidence, attached, sizes)
     tracks, held = evidence.tracks(assembly), evidence.tracks(assembly, held_out=True)
     problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
     if earlier is not None:
         problem = replace(problem, prior=earlier.prior(problem))
     told("fitting")
-    fitted = freed(fit_robustly(problem, progress=lambda i, cost: told(f"fitting, step {i}, cost {cost:.5g}")),
-                   evidence.noise)
+    fitted = freed(
+        fit_robustly(problem, progress=lambda i, cost: told(f"fitting, step {i}, cost {cost:.5g}")),
+        evidence.noise,
+    )
     replays, change = rechecked(assembly, fitted, held, evidence.noise)
     for _ in range(3):
         if change <= COARSE:
@@ -84,21 +104,37 @@ def fit_model(evidence: Evidence, attached: tuple[Attachment, ...] = (), *, seed
         fitted = freed(fit_robustly(problem, stepping=fitted.stepping.doubled()), evidence.noise)
         replays, change = rechecked(assembly, fitted, held, evidence.noise)
     told("noise floor")
-    floor = tuple(noise_floor(assembly, fitted.p, r, fitted.stepping, evidence.noise, seed + i)
-                  for i, r in enumerate(replays))
-    sheet = tuple(replay(assembly, assembly.values(), t, fitted.stepping, evidence.noise) for t in held)
-    return GreyBox(evidence, assembly, fitted, change, replays, sheet, floor,
-                   bootstrap(fitted, draws, seed=seed, jobs=jobs, crew=crew) if draws else None, earlier)
+    floor = tuple(
+        noise_floor(assembly, fitted.p, r, fitted.stepping, evidence.noise, seed + i)
+        for i, r in enumerate(replays)
+    )
+    sheet = tuple(
+        replay(assembly, assembly.values(), t, fitted.stepping, evidence.noise) for t in held
+    )
+    return GreyBox(
+        evidence,
+        assembly,
+        fitted,
+        change,
+        replays,
+        sheet,
+        floor,
+        bootstrap(fitted, draws, seed=seed, jobs=jobs, crew=crew) if draws else None,
+        earlier,
+    )
 
 
-def rechecked(assembly: Assembly, fitted: Fit, held: tuple[Track, ...],
-               noise: Array) -> tuple[tuple[Replay, ...], float]:
-    """Held-out replays, and by how much doubled sub-steps change them: worst channel, in noise standard deviations or
-    in quarters of what the model leaves, whichever is larger (a step finer than the model is wrong buys nothing)."""
+def rechecked(
+    assembly: Assembly, fitted: Fit, held: tuple[Track, ...], noise: Array
+) -> tuple[tuple[Replay, ...], float]:
+    """Held-out replays, and by how much doubled sub-steps change them: worst channel, in noise
+    standard deviations or in quarters of what the model leaves, whichever is larger (a step finer
+    than the model is wrong buys nothing)."""
     once = tuple(replay(assembly, fitted.p, t, fitted.stepping, noise) for t in held)
     twice = [replay(assembly, fitted.p, t, fitted.stepping.doubled(), noise) for t in held]
     change = []
-    with np.errstate(over="ignore", invalid="ignore"):  # a model that runs away: the change is no number, not small
+    # a model that runs away: the change is no number, not small
+    with np.errstate(over="ignore", invalid="ignore"):
         for a, b in zip(once, twice, strict=True):
             left = np.sqrt((a.residual[a.scored] ** 2).mean(axis=0))
             moved = np.sqrt(((a.model - b.model)[a.scored] ** 2).mean(axis=0))
@@ -109,39 +145,80 @@ def rechecked(assembly: Assembly, fitted: Fit, held: tuple[Track, ...],
 def fit_json(g: GreyBox, seed: int) -> dict[str, Any]:
     """fit.json: parameters with intervals and words, errors per channel on what was held out."""
     e = g.evidence
-    figures = {"data_sheet": channel_mae(list(g.data_sheet)), "refitted": channel_mae(list(g.held_out)),
-               "noise_floor": channel_mae(list(g.floor))}
+    figures = {
+        "data_sheet": channel_mae(list(g.data_sheet)),
+        "refitted": channel_mae(list(g.held_out)),
+        "noise_floor": channel_mae(list(g.floor)),
+    }
     return {
-        "schema": "pamid.fit/1", "rig": e.rig.name, "effects": [a.label for a in g.assembly.attachments],
+        "schema": "pamid.fit/1",
+        "rig": e.rig.name,
+        "effects": [a.label for a in g.assembly.attachments],
         "seed": seed,
-        "recordings": [{"name": r.name, "path": str(r.path), "sha256": r.sha256, "role": _role(e, r),
-                        "samples": len(r), "period_s": r.sampling_period_s, "loop": r.loop,
-                        "controller": r.controller, "lacks": e.lacking(r)} for r in e.recordings],
-        "channels": list(e.channels), "converged": g.fit.converged, "why": g.fit.why,
+        "recordings": [
+            {
+                "name": r.name,
+                "path": str(r.path),
+                "sha256": r.sha256,
+                "role": _role(e, r),
+                "samples": len(r),
+                "period_s": r.sampling_period_s,
+                "loop": r.loop,
+                "controller": r.controller,
+                "lacks": e.lacking(r),
+            }
+            for r in e.recordings
+        ],
+        "channels": list(e.channels),
+        "converged": g.fit.converged,
+        "why": g.fit.why,
         "iterations": g.fit.iterations,
-        "stepping": {"substeps": g.fit.stepping.substeps, "implicit": g.fit.stepping.implicit,
-                     "recheck": g.recheck},
+        "stepping": {
+            "substeps": g.fit.stepping.substeps,
+            "implicit": g.fit.stepping.implicit,
+            "recheck": g.recheck,
+        },
         "noise": {c: as_column(c, e.noise[i]) for i, c in enumerate(e.channels)},
-        "parameters": {x.name: {"value": x.value, "low": x.low, "high": x.high, "prior": x.prior,
-                                "unit": x.bound.unit, "word": x.word, "at_bound": x.at_bound, "strain": x.strain,
-                                "source": x.bound.source}
-                       for x in estimates(g.fit, g.draws) if not x.bound.nuisance},
+        "parameters": {
+            x.name: {
+                "value": x.value,
+                "low": x.low,
+                "high": x.high,
+                "prior": x.prior,
+                "unit": x.bound.unit,
+                "word": x.word,
+                "at_bound": x.at_bound,
+                "strain": x.strain,
+                "source": x.bound.source,
+            }
+            for x in estimates(g.fit, g.draws)
+            if not x.bound.nuisance
+        },
         "intervals": "block bootstrap" if g.draws is not None else "Jacobian",
         "background": {k: {"pull": v} for k, v in background_pull(g.fit).items()},
-        "mae": {c: {k: as_column(c, v[i]) for k, v in figures.items()} for i, c in enumerate(e.channels)},
+        "mae": {
+            c: {k: as_column(c, v[i]) for k, v in figures.items()} for i, c in enumerate(e.channels)
+        },
         "closed_loop": closed_loop_figures(g),
         **combinations_json(g.fit, g.draws),
         "posterior": posterior_json(g.fit),
         "model": model_json(g.assembly, g.fit),
-        **({} if g.earlier is None else {"from": from_json(g.earlier, g.earlier.remarks(g.fit.problem))}),
+        **(
+            {}
+            if g.earlier is None
+            else {"from": from_json(g.earlier, g.earlier.remarks(g.fit.problem))}
+        ),
     }
 
 
 def model_json(a: Assembly, fitted: Fit) -> dict[str, Any]:
-    """What rebuilds a fitted model to the last bit: its effects, every parameter (SI) by key, and its steps."""
-    return {"effects": [one.label for one in a.attachments],
-            "stepping": {"substeps": fitted.stepping.substeps, "implicit": fitted.stepping.implicit},
-            "values": {b.key: float(v) for b, v in zip(a.parameters, agreed(fitted), strict=True)}}
+    """What rebuilds a fitted model to the last bit: its effects, every parameter (SI) by key, and
+    its steps."""
+    return {
+        "effects": [one.label for one in a.attachments],
+        "stepping": {"substeps": fitted.stepping.substeps, "implicit": fitted.stepping.implicit},
+        "values": {b.key: float(v) for b, v in zip(a.parameters, agreed(fitted), strict=True)},
+    }
 
 
 def _role(e: Evidence, recording: Recording) -> str:
@@ -150,21 +227,26 @@ def _role(e: Evidence, recording: Recording) -> str:
     return "both" if fit and held else "fit" if fit else "held-out"
 
 
-# ---- the model in its own loop -----------------------------------------------------------------------------------
+# ---- the model in its own loop -----------------------------------------------------------------
 
 
 def loop_run(g: GreyBox, r: Recording, p: Array) -> dict[str, Array] | None:
     """The model under its own controller over a whole recording; columns in their own units.
 
-    None where the recording has no controller or no reference. Keys: the controlled reading, its velocity and
-    acceleration, and the command.
+    None where the recording has no controller or no reference. Keys: the controlled reading, its
+    velocity and acceleration, and the command.
     """
     rig = g.evidence.rig
     if r.loop != "closed" or not rig.loops or not all(r.has(q.reference) for q in rig.loops):
         return None
     settings = {**rig.controller, **r.controller}
-    a = Assembly(rig, g.assembly.attachments, background=True, sizes=g.assembly.sizes,
-                 controller=tuple(sorted(settings.items())))
+    a = Assembly(
+        rig,
+        g.assembly.attachments,
+        background=True,
+        sizes=g.assembly.sizes,
+        controller=tuple(sorted(settings.items())),
+    )
     t = g.assembly.keys
     values = a.values(r.known)
     for key, i in a.keys.items():
@@ -181,8 +263,9 @@ def loop_run(g: GreyBox, r: Recording, p: Array) -> dict[str, Array] | None:
 
 
 def closed_loop_figures(g: GreyBox) -> dict[str, Any] | None:
-    """MAE of the model in its own loop over the held-out part, with the band a 0.1 % change of conductance-like
-    (logarithmic) parameters moves it by; None where no recording was made in a closed loop."""
+    """MAE of the model in its own loop over the held-out part, with the band a 0.1 % change of
+    conductance-like (logarithmic) parameters moves it by; None where no recording was made in a
+    closed loop."""
     runs = {"data_sheet": g.assembly.values(), "refitted": g.fit.p}
     errors: dict[str, dict[str, list[float]]] = {}
     for span in g.evidence.held_out:
@@ -199,13 +282,20 @@ def closed_loop_figures(g: GreyBox) -> dict[str, Any] | None:
     for column, by in errors.items():
         refitted = float(np.mean(by["refitted"])) if by.get("refitted") else None
         moved = by.get("moved", [])
-        band = max((abs(m - refitted) for m in moved), default=0.0) if refitted is not None else None
-        out[column] = {"data_sheet": float(np.mean(by["data_sheet"])) if by.get("data_sheet") else None,
-                       "refitted": refitted, "band": band}
+        band = (
+            max((abs(m - refitted) for m in moved), default=0.0) if refitted is not None else None
+        )
+        out[column] = {
+            "data_sheet": float(np.mean(by["data_sheet"])) if by.get("data_sheet") else None,
+            "refitted": refitted,
+            "band": band,
+        }
     return out
 
 
-def _collect(errors: dict[str, dict[str, list[float]]], name: str, found: dict[str, Array] | None, span: Span) -> None:
+def _collect(
+    errors: dict[str, dict[str, list[float]]], name: str, found: dict[str, Array] | None, span: Span
+) -> None:
     if found is None:
         return
     for column, values in found.items():
@@ -214,15 +304,19 @@ def _collect(errors: dict[str, dict[str, list[float]]], name: str, found: dict[s
             errors.setdefault(column, {}).setdefault(name, []).append(float(gap.mean()))
 
 
-# ---- residual.csv ------------------------------------------------------------------------------------------------
+# ---- residual.csv ------------------------------------------------------------------------------
 
 
 def residual_table(g: GreyBox, cause: tuple[Replay, ...] = ()) -> tuple[list[str], Array]:
-    """Header and rows of residual.csv: measured, data sheet, refitted (and with the cause) over everything."""
+    """Header and rows of residual.csv: measured, data sheet, refitted (and with the cause) over
+    everything."""
     e, header, rows = g.evidence, ["time_s", "recording", "part", "window"], []
     spans = [(0, s) for s in e.fit] + [(1, s) for s in e.held_out]
     fitted = [replay(g.assembly, g.fit.p, t, g.fit.stepping, e.noise) for t in e.tracks(g.assembly)]
-    sheet = [replay(g.assembly, g.assembly.values(), t, g.fit.stepping, e.noise) for t in e.tracks(g.assembly)]
+    sheet = [
+        replay(g.assembly, g.assembly.values(), t, g.fit.stepping, e.noise)
+        for t in e.tracks(g.assembly)
+    ]
     fitted += g.held_out
     sheet += g.data_sheet
     for c in e.channels:
@@ -230,7 +324,11 @@ def residual_table(g: GreyBox, cause: tuple[Replay, ...] = ()) -> tuple[list[str
         header += [c, with_unit(f"{stem}_data_sheet", unit), with_unit(f"{stem}_refitted", unit)]
         header += [with_unit(f"{stem}_cause", unit)] if cause else []
     inputs = [n for n in e.rig.inputs if all(r.has(n) for r in e.recordings)]
-    loops = [q for q in e.rig.loops if all(r.loop == "closed" and r.has(q.reference) for r in e.recordings)]
+    loops = [
+        q
+        for q in e.rig.loops
+        if all(r.loop == "closed" and r.has(q.reference) for r in e.recordings)
+    ]
     header += inputs + [q.reference for q in loops]
     for q in loops:
         header += loop_names(q, len(loops) > 1)
@@ -242,10 +340,17 @@ def residual_table(g: GreyBox, cause: tuple[Replay, ...] = ()) -> tuple[list[str
         for w, cutout in enumerate(fitted[i].windows):
             inside = np.arange(cutout.start, cutout.stop)
             window[inside[fitted[i].scored[inside]]] = w
-        table: list[Array] = [r.time[s.start : s.stop], np.full(n, float(own)), np.full(n, float(part)), window]
+        table: list[Array] = [
+            r.time[s.start : s.stop],
+            np.full(n, float(own)),
+            np.full(n, float(part)),
+            window,
+        ]
         for k, c in enumerate(e.channels):
-            table += [from_si(y, split_column(c)[1]) for y in
-                      (fitted[i].track.y[:, k], sheet[i].model[:, k], fitted[i].model[:, k])]
+            table += [
+                from_si(y, split_column(c)[1])
+                for y in (fitted[i].track.y[:, k], sheet[i].model[:, k], fitted[i].model[:, k])
+            ]
             if cause:
                 after = cause[i - len(e.fit)].model[:, k] if part else fitted[i].model[:, k]
                 table.append(from_si(after, split_column(c)[1]))
@@ -256,7 +361,8 @@ def residual_table(g: GreyBox, cause: tuple[Replay, ...] = ()) -> tuple[list[str
 
 
 def _loop_columns(g: GreyBox, span: Span, loops: list[Loop]) -> list[Array]:
-    """Angle, velocity, acceleration and command of the refitted model in its own loop over a span."""
+    """Angle, velocity, acceleration and command of the refitted model in its own loop over a
+    span."""
     if not loops:
         return []
     found = loop_run(g, span.recording, g.fit.p)
@@ -266,17 +372,24 @@ def _loop_columns(g: GreyBox, span: Span, loops: list[Loop]) -> list[Array]:
         if found is None:
             out += [np.zeros(n)] * 4
             continue
-        out += [c[span.start : span.stop] for c in loop_motion(found[q.reading], found[q.command], period)]
+        out += [
+            c[span.start : span.stop]
+            for c in loop_motion(found[q.reading], found[q.command], period)
+        ]
     return out
 
 
 def loop_names(q: Loop, several: bool) -> list[str]:
-    """Columns of a model in its own loop: reading, its velocity and acceleration, command; of several loops each
-    leads with its reading's name."""
+    """Columns of a model in its own loop: reading, its velocity and acceleration, command; of
+    several loops each leads with its reading's name."""
     stem, unit = split_column(q.reading)
     of = f"{stem}_" if several else ""
-    return [with_unit(f"{stem}_loop", unit), with_unit(f"{of}velocity_loop", f"{unit}/s"),
-            with_unit(f"{of}acceleration_loop", f"{unit}/s2"), f"{q.command}_loop"]
+    return [
+        with_unit(f"{stem}_loop", unit),
+        with_unit(f"{of}velocity_loop", f"{unit}/s"),
+        with_unit(f"{of}acceleration_loop", f"{unit}/s2"),
+        f"{q.command}_loop",
+    ]
 
 
 def loop_motion(reading: Array, command: Array, period_s: float) -> list[Array]:
@@ -291,5 +404,5 @@ def residual_csv(g: GreyBox, cause: tuple[Replay, ...] = ()) -> bytes:
     line = ",".join(["%.12g"] + ["%.9g"] * (len(header) - 1)) + "\n"
     body = (line * len(rows)) % tuple(rows.ravel().tolist())
     if np.isnan(rows).any():
-        body = body.replace("nan", "")    # a channel that this recording lacks
+        body = body.replace("nan", "")  # a channel that this recording lacks
     return (",".join(header) + "\n" + body).encode()

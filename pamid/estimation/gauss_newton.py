@@ -1,9 +1,11 @@
-"""Grey-box fit on recorded commands: multiple shooting, weighted least squares with priors, exact Jacobians.
+"""Grey-box fit on recorded commands: multiple shooting, weighted least squares with priors, exact
+Jacobians.
 
-Unknowns are the free parameters and the rig's state at the start of every window. Windows are joined softly (a weak
-pull to where the window before ended), so a slow drift of an integrating state does not drown everything else.
-Residuals are weighted by their own size and correlation time, not by the sensor noise alone: where a model is wrong
-its residuals are large and alike for a long time, and counting each sample as a witness would overrule every prior.
+Unknowns are the free parameters and the rig's state at the start of every window. Windows are
+joined softly (a weak pull to where the window before ended), so a slow drift of an integrating
+state does not drown everything else. Residuals are weighted by their own size and correlation time,
+not by the sensor noise alone: where a model is wrong its residuals are large and alike for a long
+time, and counting each sample as a witness would overrule every prior.
 """
 
 from __future__ import annotations
@@ -23,7 +25,16 @@ from pamid.estimation.residual_weights import Weights, residual_weights
 from pamid.model.assembly import Assembly
 from pamid.model.bound_parameter import Bound
 from pamid.simulation.simulate import choose_stepping
-from pamid.simulation.windows import PULL, Runner, Track, Window, cut, estimate_start, noise_of, stated_noise
+from pamid.simulation.windows import (
+    PULL,
+    Runner,
+    Track,
+    Window,
+    cut,
+    estimate_start,
+    noise_of,
+    stated_noise,
+)
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, float], None]
@@ -34,8 +45,9 @@ CALM = 0.02  # squared step of the parameters in their posterior: two in a row b
 
 @dataclass(frozen=True, eq=False)
 class Problem:
-    """What is fitted to what. free: places of the fitted parameters; importance: a factor per window, sheet: another
-    draw of the data sheet in prior spreads (bootstrap); prior: what an earlier fit has told of them beside it."""
+    """What is fitted to what. free: places of the fitted parameters; importance: a factor per
+    window, sheet: another draw of the data sheet in prior spreads (bootstrap); prior: what an
+    earlier fit has told of them beside it."""
 
     assembly: Assembly
     tracks: tuple[Track, ...]
@@ -75,12 +87,12 @@ class Problem:
 
 @dataclass(frozen=True)
 class Fit:
-    """Result of a fit. p: all parameters (SI); covariance of the free ones in prior spreads (see `Scale`); held: half
-    the gradient of the cost by them where a bound holds the fit, else 0."""
+    """Result of a fit. p: all parameters (SI); covariance of the free ones in prior spreads (see
+    `Scale`); held: half the gradient of the cost by them where a bound holds the fit, else 0."""
 
     problem: Problem
     p: Array
-    starts: tuple[Array, ...]     # per track: windows x rig states
+    starts: tuple[Array, ...]  # per track: windows x rig states
     weights: Weights
     cost: float
     covariance: Array
@@ -88,23 +100,31 @@ class Fit:
     converged: bool
     why: str
     stepping: Stepping
-    pulls: tuple[Array, ...] = ()  # per track: information of the joints between windows, per rig state
-    residuals: tuple[Array, ...] = field(repr=False, default=())   # per track: samples x channels, model - measured
+    # per track: information of the joints between windows, per rig state
+    pulls: tuple[Array, ...] = ()
+    # per track: samples x channels, model - measured
+    residuals: tuple[Array, ...] = field(repr=False, default=())
     held: Array = field(repr=False, default_factory=lambda: np.zeros(0))
 
 
 class Scale:
-    """Parameters in units of their prior spread around their prior mean (logarithms where the prior is)."""
+    """Parameters in units of their prior spread around their prior mean (logarithms where the prior
+    is)."""
 
     def __init__(self, bounds: list[Bound], centre: Array) -> None:
         self.log = np.array([b.log for b in bounds], bool)
         self.spread = np.array([b.spread for b in bounds])
-        self.centre = np.where(self.log, np.log(np.where(self.log, np.maximum(centre, 1e-300), 1.0)), centre)
+        self.centre = np.where(
+            self.log, np.log(np.where(self.log, np.maximum(centre, 1e-300), 1.0)), centre
+        )
         low, high = np.array([b.low for b in bounds]), np.array([b.high for b in bounds])
         with np.errstate(divide="ignore"):
             raw_low = np.where(self.log, np.log(np.where(self.log, np.maximum(low, 0.0), 1.0)), low)
             raw_high = np.where(self.log, np.log(np.where(self.log, high, 1.0)), high)
-        self.low, self.high = (raw_low - self.centre) / self.spread, (raw_high - self.centre) / self.spread
+        self.low, self.high = (
+            (raw_low - self.centre) / self.spread,
+            (raw_high - self.centre) / self.spread,
+        )
 
     def inside(self, p: Array) -> Array:
         raw = np.where(self.log, np.log(np.where(self.log, np.maximum(p, 1e-300), 1.0)), p)
@@ -120,12 +140,18 @@ class Scale:
 
 def free_parameters(assembly: Assembly, tracks: tuple[Track, ...]) -> tuple[int, ...]:
     """Fitted parameters that at least one recording leaves open."""
-    return tuple(i for i, b in enumerate(assembly.parameters)
-                 if b.fitted and any(i not in t.known for t in tracks))
+    return tuple(
+        i
+        for i, b in enumerate(assembly.parameters)
+        if b.fitted and any(i not in t.known for t in tracks)
+    )
 
 
-def initial_starts(problem: Problem, p: Array, weights: Weights, stepping: Stepping) -> tuple[Array, ...]:
-    """State at the start of every window, one window after the other (moving-horizon estimation)."""
+def initial_starts(
+    problem: Problem, p: Array, weights: Weights, stepping: Stepping
+) -> tuple[Array, ...]:
+    """State at the start of every window, one window after the other (moving-horizon
+    estimation)."""
     out = []
     for track in problem.tracks:
         runner = Runner(problem.assembly, track, stepping)
@@ -134,8 +160,15 @@ def initial_starts(problem: Problem, p: Array, weights: Weights, stepping: Stepp
         rows: list[Array] = []
         for window in problem.windows(track):
             carried = memory.x[: runner.rig_states].copy()
-            x, usable = estimate_start(runner, memory, window, values, 1.0 / weights.sigma, carried,
-                                       track.jump if rows else None)
+            x, usable = estimate_start(
+                runner,
+                memory,
+                window,
+                values,
+                1.0 / weights.sigma,
+                carried,
+                track.jump if rows else None,
+            )
             x = x if usable else rows[-1] if rows else carried
             runner.enter(memory, x)
             runner.run(memory, window, values, False)
@@ -154,13 +187,23 @@ class _Normal:
     cost: float
     H: Array
     g: Array
-    blocks: list[tuple[Array, Array, Array, Array]]   # per track: D (w,n,n), off (w-1,n,n), B (w,n,k), gx (w,n)
+    # per track: D (w,n,n), off (w-1,n,n), B (w,n,k), gx (w,n)
+    blocks: list[tuple[Array, Array, Array, Array]]
     residuals: list[Array]
     fine: bool
 
 
-def _evaluate(problem: Problem, scale: Scale, s: Array, p: Array, starts: tuple[Array, ...], weights: Weights,
-              pulls: tuple[Array, ...], stepping: Stepping, derivatives: bool) -> _Normal:
+def _evaluate(
+    problem: Problem,
+    scale: Scale,
+    s: Array,
+    p: Array,
+    starts: tuple[Array, ...],
+    weights: Weights,
+    pulls: tuple[Array, ...],
+    stepping: Stepping,
+    derivatives: bool,
+) -> _Normal:
     k = len(problem.free)
     values = p.copy()
     values[list(problem.free)] = scale.outside(s)
@@ -201,20 +244,30 @@ def _evaluate(problem: Problem, scale: Scale, s: Array, p: Array, starts: tuple[
             B[w] += N[k:, :k]
             gx[w] += v[k:]
             if joint:
-                end = memory.S[:n, : k + n].copy()          # d end / d (parameters, start)
+                end = memory.S[:n, : k + n].copy()  # d end / d (parameters, start)
                 end[:, :k] *= slope
                 _add_joint(w, end, jump, pulls[i], H, g, (D, off, B, gx))
         at += len(windows)
         blocks.append((D, off, B, gx))
         residuals.append(left)
-        if derivatives and not (np.isfinite(H).all() and np.isfinite(B).all() and np.isfinite(D).all()):
+        if derivatives and not (
+            np.isfinite(H).all() and np.isfinite(B).all() and np.isfinite(D).all()
+        ):
             return _Normal(np.inf, H, g, blocks, residuals, False)
     return _Normal(cost, H, g, blocks, residuals, fine)
 
 
-def _add_joint(w: int, end: Array, jump: Array, pull: Array, H: Array, g: Array,
-               block: tuple[Array, Array, Array, Array]) -> None:
-    """Normal equations of the soft joint between window w and the next; end: d end of w / d (parameters, start)."""
+def _add_joint(
+    w: int,
+    end: Array,
+    jump: Array,
+    pull: Array,
+    H: Array,
+    g: Array,
+    block: tuple[Array, Array, Array, Array],
+) -> None:
+    """Normal equations of the soft joint between window w and the next; end: d end of w / d
+    (parameters, start)."""
     D, off, B, gx = block
     k = len(g)
     P = pull[:, None]
@@ -229,8 +282,11 @@ def _add_joint(w: int, end: Array, jump: Array, pull: Array, H: Array, g: Array,
     gx[w + 1] += pull * jump
 
 
-def _eliminated(block: tuple[Array, Array, Array, Array], damping: float) -> tuple[Array, Array, Array, Array]:
-    """Solve the block-tridiagonal part for [B | gx]: returns (T^-1 B, T^-1 gx, B' T^-1 B, B' T^-1 gx)."""
+def _eliminated(
+    block: tuple[Array, Array, Array, Array], damping: float
+) -> tuple[Array, Array, Array, Array]:
+    """Solve the block-tridiagonal part for [B | gx]: returns (T^-1 B, T^-1 gx, B' T^-1 B, B' T^-1
+    gx)."""
     D, off, B, gx = block
     k = B.shape[2]
     out, _ = eliminate(D, off, np.concatenate([B, gx[:, :, None]], axis=2), damping)
@@ -238,8 +294,11 @@ def _eliminated(block: tuple[Array, Array, Array, Array], damping: float) -> tup
     return X, x, np.einsum("wnk,wnl->kl", B, X), np.einsum("wnk,wn->k", B, x)
 
 
-def _reduced(normal: _Normal, s: Array, scale: Scale, damping: float) -> tuple[Array, Array, Array, list[Any]]:
-    """Hessian and gradient of the scaled parameters alone, which of them a bound holds, and the starts' parts."""
+def _reduced(
+    normal: _Normal, s: Array, scale: Scale, damping: float
+) -> tuple[Array, Array, Array, list[Any]]:
+    """Hessian and gradient of the scaled parameters alone, which of them a bound holds, and the
+    starts' parts."""
     H, g = normal.H.copy(), normal.g.copy()
     parts = [_eliminated(block, damping) for block in normal.blocks]
     for _, _, inner, right in parts:
@@ -249,8 +308,11 @@ def _reduced(normal: _Normal, s: Array, scale: Scale, damping: float) -> tuple[A
     return H, g, held, parts
 
 
-def _step(normal: _Normal, s: Array, scale: Scale, damping: float) -> tuple[Array, list[Array], Array]:
-    """Damped Gauss-Newton step in (scaled parameters, window starts) within the bounds; reduced Hessian."""
+def _step(
+    normal: _Normal, s: Array, scale: Scale, damping: float
+) -> tuple[Array, list[Array], Array]:
+    """Damped Gauss-Newton step in (scaled parameters, window starts) within the bounds; reduced
+    Hessian."""
     H, g, held, parts = _reduced(normal, s, scale, damping)
     ds = np.zeros(len(s))
     free = np.logical_not(held)
@@ -262,14 +324,25 @@ def _step(normal: _Normal, s: Array, scale: Scale, damping: float) -> tuple[Arra
     return ds, [-(x + X @ ds) for X, x, _, _ in parts], H
 
 
-def fit(problem: Problem, *, p: Array | None = None, starts: tuple[Array, ...] | None = None,
-        weights: Weights | None = None, iterations: int = 40, tolerance: float = 1e-4,
-        stepping: Stepping | None = None, pulls: tuple[Array, ...] = (), progress: Progress | None = None,
-        probe: bool = False) -> Fit:
-    """Levenberg-Marquardt from p (default: `Problem.start`) with fixed weights (default: the sensor noise).
+def fit(
+    problem: Problem,
+    *,
+    p: Array | None = None,
+    starts: tuple[Array, ...] | None = None,
+    weights: Weights | None = None,
+    iterations: int = 40,
+    tolerance: float = 1e-4,
+    stepping: Stepping | None = None,
+    pulls: tuple[Array, ...] = (),
+    progress: Progress | None = None,
+    probe: bool = False,
+) -> Fit:
+    """Levenberg-Marquardt from p (default: `Problem.start`) with fixed weights (default: the sensor
+    noise).
 
     The priors are the problem's, whatever p is. Not converging is an outcome: `converged`, `why`.
-    probe: only the cost and the parameters matter; the last step is then not differentiated and has no covariance.
+    probe: only the cost and the parameters matter; the last step is then not differentiated and has
+    no covariance.
     """
     a = problem.assembly
     p = problem.start() if p is None else p.copy()
@@ -283,25 +356,50 @@ def fit(problem: Problem, *, p: Array | None = None, starts: tuple[Array, ...] |
     pulls = pulls or tuple(np.zeros(len(a.rig.states)) for _ in problem.tracks)
     now = _evaluate(problem, scale, s, p, starts, weights, pulls, step, True)
     if not now.fine:
-        return Fit(problem, p, starts, weights, np.inf, np.eye(len(free)), 0, False,
-                   "the model became unstable at its starting parameters", step)
+        return Fit(
+            problem,
+            p,
+            starts,
+            weights,
+            np.inf,
+            np.eye(len(free)),
+            0,
+            False,
+            "the model became unstable at its starting parameters",
+            step,
+        )
     if not known_pulls:
-        # by how much less a residual counts than sensor noise: by as much a wrong model's states may depart
+        # by how much less a residual counts than sensor noise: by as much a wrong model's states
+        # may depart
         off = float(np.exp(-np.log(problem.noise * weights.root).mean()))
-        pulls = tuple(np.maximum(PULL * np.einsum("wii->wi", b[0]).mean(axis=0), 1.0 / (off * t.jump) ** 2)
-                      for b, t in zip(now.blocks, problem.tracks, strict=True))
+        pulls = tuple(
+            np.maximum(PULL * np.einsum("wii->wi", b[0]).mean(axis=0), 1.0 / (off * t.jump) ** 2)
+            for b, t in zip(now.blocks, problem.tracks, strict=True)
+        )
         now = _evaluate(problem, scale, s, p, starts, weights, pulls, step, True)
     damping, count, calm, why, converged = 1e-3, 0, 0, "iterations used up", False
     for count in range(1, iterations + 1):
         ds, dx, H = _step(now, s, scale, damping)
-        new_s = np.clip(problem.prior.moved(s, ds), scale.low, scale.high) if problem.prior else s + ds
+        new_s = (
+            np.clip(problem.prior.moved(s, ds), scale.low, scale.high) if problem.prior else s + ds
+        )
         new_starts = tuple(x + d for x, d in zip(starts, dx, strict=True))
-        trial = _evaluate(problem, scale, new_s, p, new_starts, weights, pulls, step,
-                          not (probe and count == iterations))
+        trial = _evaluate(
+            problem,
+            scale,
+            new_s,
+            p,
+            new_starts,
+            weights,
+            pulls,
+            step,
+            not (probe and count == iterations),
+        )
         if trial.cost < now.cost:
             gain = now.cost - trial.cost
             s, starts, now, damping = new_s, new_starts, trial, max(damping * 0.2, 1e-9)
-            calm = calm + 1 if damping < 1e-2 and float(ds @ H @ ds) < CALM else 0  # a short leash is no rest
+            # a short leash is no rest
+            calm = calm + 1 if damping < 1e-2 and float(ds @ H @ ds) < CALM else 0
             if calm == 2 or gain < tolerance * (1.0 + 1e-3 * now.cost):
                 converged, why = True, ""
                 break
@@ -314,15 +412,41 @@ def fit(problem: Problem, *, p: Array | None = None, starts: tuple[Array, ...] |
             progress(count, now.cost)
     p[free] = scale.outside(s)
     if probe:
-        return Fit(problem, p, starts, weights, now.cost, np.eye(len(free)), count, converged, why, step, pulls)
+        return Fit(
+            problem,
+            p,
+            starts,
+            weights,
+            now.cost,
+            np.eye(len(free)),
+            count,
+            converged,
+            why,
+            step,
+            pulls,
+        )
     H, g, held, _ = _reduced(now, s, scale, 0.0)
     covariance: Array = np.linalg.pinv(H, hermitian=True).astype(np.float64, copy=False)
-    return Fit(problem, p, starts, weights, now.cost, covariance, count, converged, why, step,
-               pulls, tuple(now.residuals), np.where(held, g, 0.0))
+    return Fit(
+        problem,
+        p,
+        starts,
+        weights,
+        now.cost,
+        covariance,
+        count,
+        converged,
+        why,
+        step,
+        pulls,
+        tuple(now.residuals),
+        np.where(held, g, 0.0),
+    )
 
 
 def careful_stepping(problem: Problem, p: Array) -> Stepping:
-    """The most careful of the steppings that the recordings ask for: implicit before explicit, then finer."""
+    """The most careful of the steppings that the recordings ask for: implicit before explicit, then
+    finer."""
     a = problem.assembly
     found = []
     for track in problem.tracks:
@@ -331,18 +455,43 @@ def careful_stepping(problem: Problem, p: Array) -> Stepping:
     return max(found, key=lambda s: (s.implicit, s.substeps))
 
 
-def fit_robustly(problem: Problem, *, progress: Progress | None = None, rounds: int = 3,
-                 stepping: Stepping | None = None) -> Fit:
-    """Fit with weights that follow the residuals: from the data sheet's misfit down to what the model leaves."""
+def fit_robustly(
+    problem: Problem,
+    *,
+    progress: Progress | None = None,
+    rounds: int = 3,
+    stepping: Stepping | None = None,
+) -> Fit:
+    """Fit with weights that follow the residuals: from the data sheet's misfit down to what the
+    model leaves."""
     noise = problem.noise
-    fitted = fit(problem, iterations=1, weights=Weights(noise, np.ones_like(noise)), stepping=stepping)
-    weights = (residual_weights(fitted.residuals, noise, problem.window) if fitted.residuals
-               else Weights(noise, np.full_like(noise, 30.0)))
-    fitted = fit(problem, weights=weights, progress=progress, tolerance=1e-2, iterations=15, stepping=fitted.stepping)
+    fitted = fit(
+        problem, iterations=1, weights=Weights(noise, np.ones_like(noise)), stepping=stepping
+    )
+    weights = (
+        residual_weights(fitted.residuals, noise, problem.window)
+        if fitted.residuals
+        else Weights(noise, np.full_like(noise, 30.0))
+    )
+    fitted = fit(
+        problem,
+        weights=weights,
+        progress=progress,
+        tolerance=1e-2,
+        iterations=15,
+        stepping=fitted.stepping,
+    )
     for _ in range(rounds - 1):
         if not fitted.residuals:
             break
         weights = residual_weights(fitted.residuals, noise, problem.window)
-        fitted = fit(problem, p=fitted.p, starts=fitted.starts, weights=weights,
-                     stepping=fitted.stepping, progress=progress, tolerance=1e-3)
+        fitted = fit(
+            problem,
+            p=fitted.p,
+            starts=fitted.starts,
+            weights=weights,
+            stepping=fitted.stepping,
+            progress=progress,
+            tolerance=1e-3,
+        )
     return fitted

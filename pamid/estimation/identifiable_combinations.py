@@ -1,8 +1,9 @@
 """What recordings tell of parameters together where they do not tell them one by one.
 
-A rig may declare combinations by name (`Rig.combinations`), such as an inertia about a joint. Beside that, parameters
-that are loose by themselves and tight once the others are given are found from the fit's covariance against the data
-sheet's prior, and the simplest product, quotient or sum of them that is known is named.
+A rig may declare combinations by name (`Rig.combinations`), such as an inertia about a joint.
+Beside that, parameters that are loose by themselves and tight once the others are given are found
+from the fit's covariance against the data sheet's prior, and the simplest product, quotient or sum
+of them that is known is named.
 """
 
 from __future__ import annotations
@@ -22,15 +23,17 @@ from pamid.estimation.quantities import NEW, Quantity, Space, Terms, agreed, own
 
 Array = NDArray[np.float64]
 
-GIVEN = 1.0 / 3.0     # by how much knowing the others must narrow a parameter to call it tied to them
-JOINED = 0.05         # share that two parameters must have in common in what is known, to be tied
-PLAINER = 3.0         # how much looser a combination may be to be named for its plainness
-MOST = 3000           # sets of parameters that are tried
+# by how much knowing the others must narrow a parameter to call it tied to them
+GIVEN = 1.0 / 3.0
+JOINED = 0.05  # share that two parameters must have in common in what is known, to be tied
+PLAINER = 3.0  # how much looser a combination may be to be named for its plainness
+MOST = 3000  # sets of parameters that are tried
 
 
 @dataclass(frozen=True)
 class Combination:
-    """A function of several parameters, in its own unit. members: the fitted parameters in it; word as of them."""
+    """A function of several parameters, in its own unit. members: the fitted parameters in it; word
+    as of them."""
 
     name: str
     value: float
@@ -45,18 +48,20 @@ class Combination:
 
 @dataclass(frozen=True)
 class Tie:
-    """Parameters that are known only in combination: how many combinations of them are, and the named ones."""
+    """Parameters that are known only in combination: how many combinations of them are, and the
+    named ones."""
 
     parameters: tuple[str, ...]
     directions: int
     known: tuple[str, ...]
 
 
-_Candidate = tuple[float, int, Array, Terms]            # score, rank, derivatives, terms
+_Candidate = tuple[float, int, Array, Terms]  # score, rank, derivatives, terms
 
 
 def combinations_of(fitted: Fit, draws: Array | None = None) -> tuple[list[Combination], list[Tie]]:
-    """Declared combinations that hold a fitted parameter, and the groups of parameters known only in combination."""
+    """Declared combinations that hold a fitted parameter, and the groups of parameters known only
+    in combination."""
     space = Space(fitted.problem, agreed(fitted), fitted.covariance)
     own = own_of(space, fitted.problem.assembly)
     told = {q.name: _combination(space, q, draws, True) for q in own}
@@ -66,7 +71,9 @@ def combinations_of(fitted: Fit, draws: Array | None = None) -> tuple[list[Combi
         found = _named(space, group, known, own)
         for q in found:
             told.setdefault(q.name, _combination(space, q, draws, False))
-        ties.append(Tie(tuple(space.names[k] for k in group), known.shape[1], tuple(q.name for q in found)))
+        ties.append(
+            Tie(tuple(space.names[k] for k in group), known.shape[1], tuple(q.name for q in found))
+        )
     return list(told.values()), ties
 
 
@@ -89,7 +96,8 @@ def tied_text(found: dict[str, Any]) -> list[str]:
 
 
 def _groups(space: Space) -> Iterator[list[int]]:
-    """Parameters that are not settled by themselves, but are once the others are given, and tied to one another."""
+    """Parameters that are not settled by themselves, but are once the others are given, and tied to
+    one another."""
     loose = [k for k in space.own if space.covariance[k, k] > SETTLED**2]
     if not loose:
         return
@@ -108,14 +116,15 @@ def _groups(space: Space) -> Iterator[list[int]]:
 
 
 def _known(space: Space, group: list[int]) -> Array:
-    """Orthonormal directions in the group's scaled parameters that are settled, (parameters, directions)."""
+    """Orthonormal directions in the group's scaled parameters that are settled, (parameters,
+    directions)."""
     values, vectors = np.linalg.eigh(space.covariance[np.ix_(group, group)])
     return np.asarray(vectors[:, values < SETTLED**2])
 
 
 def _named(space: Space, group: list[int], known: Array, own: list[Quantity]) -> list[Quantity]:
-    """Combinations that span what is known of a group: declared ones first, then quotients with those and the
-    plainest of parameters, tightest first."""
+    """Combinations that span what is known of a group: declared ones first, then quotients with
+    those and the plainest of parameters, tightest first."""
     chosen: list[Quantity] = []
     basis = np.zeros((len(group), 0))
 
@@ -129,7 +138,11 @@ def _named(space: Space, group: list[int], known: Array, own: list[Quantity]) ->
         basis = np.linalg.qr(np.column_stack([basis, direction]))[0]
         return True
 
-    near = [q for q in own if float(np.linalg.norm(q.slope[group])) > 0.5 * float(np.linalg.norm(q.slope))]
+    near = [
+        q
+        for q in own
+        if float(np.linalg.norm(q.slope[group])) > 0.5 * float(np.linalg.norm(q.slope))
+    ]
     for q in sorted(near, key=lambda q: space.share(q.slope, q.slope_prior)):
         if space.share(q.slope, q.slope_prior) < SETTLED and adds(q.slope):
             chosen.append(q)
@@ -145,19 +158,26 @@ def _quotients(space: Space, own: list[Quantity], singles: list[Quantity]) -> It
     """Settled quotients and products of a declared combination and another one or a parameter."""
     own, singles = [q for q in own if q.log], [q for q in singles if q.log]
     for i, a in enumerate(own):
-        for rank, b in [(1, b) for b in own[i + 1:]] + [(2, b) for b in singles]:
+        for rank, b in [(1, b) for b in own[i + 1 :]] + [(2, b) for b in singles]:
             for n in (-1.0, 1.0):
                 slope, share = space.share_together([(a, 1.0), (b, n)])
                 if share < SETTLED:
                     yield rank * share, rank, slope, [(a, 1.0), (b, n)]
 
 
-def _plainest(space: Space, group: list[int], known: Array, singles: list[Quantity]) -> Iterator[_Candidate]:
-    """Products of powers (or sums) of as few parameters as what is known allows, with plain powers where they serve."""
-    unknown = np.linalg.svd(known)[0][:, known.shape[1]:]
+def _plainest(
+    space: Space, group: list[int], known: Array, singles: list[Quantity]
+) -> Iterator[_Candidate]:
+    """Products of powers (or sums) of as few parameters as what is known allows, with plain powers
+    where they serve."""
+    unknown = np.linalg.svd(known)[0][:, known.shape[1] :]
     for support in islice(subsets(range(len(group)), unknown.shape[1] + 1), MOST):
         direction = np.linalg.svd(unknown[list(support)].T)[2][-1]
-        among = [(singles[i], w) for i, w in zip(support, direction.tolist(), strict=True) if abs(w) > 1e-6]
+        among = [
+            (singles[i], w)
+            for i, w in zip(support, direction.tolist(), strict=True)
+            if abs(w) > 1e-6
+        ]
         log = all(q.log for q, _ in among)
         powers = [w / float((q.slope / q.value if log else q.slope).sum()) for q, w in among]
         first = max((abs(w), n) for (_, w), n in zip(among, powers, strict=True))[1]
@@ -172,7 +192,8 @@ def _plainest(space: Space, group: list[int], known: Array, singles: list[Quanti
 
 
 def _combination(space: Space, q: Quantity, draws: Array | None, declared: bool) -> Combination:
-    """The quantity with its interval: delta method (of the logarithm where there is one), or from draws."""
+    """The quantity with its interval: delta method (of the logarithm where there is one), or from
+    draws."""
     reach = NORMAL_95 * space.spread(q.slope)
     low, high = q.value - reach, q.value + reach
     if q.log:
@@ -183,4 +204,6 @@ def _combination(space: Space, q: Quantity, draws: Array | None, declared: bool)
         low, high = (float(x) for x in np.percentile(drawn, [2.5, 97.5]))
         share = float(drawn.std() / np.linalg.norm(q.slope_prior))
     members = tuple(space.names[k] for k in np.flatnonzero(q.slope))
-    return Combination(q.name, q.value, low, high, q.prior, q.unit, word_for(share), members, declared)
+    return Combination(
+        q.name, q.value, low, high, q.prior, q.unit, word_for(share), members, declared
+    )

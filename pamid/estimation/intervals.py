@@ -1,4 +1,5 @@
-"""What a fit says about its parameters: value, interval, a word, strain, bounds; from the Jacobian or the bootstrap."""
+"""What a fit says about its parameters: value, interval, a word, strain, bounds; from the Jacobian
+or the bootstrap."""
 
 from __future__ import annotations
 
@@ -14,12 +15,13 @@ from pamid.parallel.store import Plain
 
 Array = NDArray[np.float64]
 NORMAL_95 = 1.959964
-SETTLED, SILENT = 0.3, 0.9     # posterior over prior standard deviation
+SETTLED, SILENT = 0.3, 0.9  # posterior over prior standard deviation
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """A fitted parameter in its outside unit. word: settled | weak | silent; strain: |value - prior| in prior sd."""
+    """A fitted parameter in its outside unit. word: settled | weak | silent; strain: |value -
+    prior| in prior sd."""
 
     bound: Bound
     value: float
@@ -41,7 +43,8 @@ def word_for(share: float) -> str:
 
 
 def estimates(fitted: Fit, draws: Array | None = None) -> list[Estimate]:
-    """One per free parameter. draws (bootstrap draws x free, scaled) replace the Jacobian's intervals."""
+    """One per free parameter. draws (bootstrap draws x free, scaled) replace the Jacobian's
+    intervals."""
     a, free, scale = fitted.problem.assembly, list(fitted.problem.free), fitted.problem.scale
     s = scale.inside(fitted.p[free])
     deviation = np.sqrt(np.maximum(fitted.covariance.diagonal(), 0.0))
@@ -55,17 +58,38 @@ def estimates(fitted: Fit, draws: Array | None = None) -> list[Estimate]:
     for k, i in enumerate(free):
         b = a.parameters[i]
         word = word_for(float(deviation[k]))
-        edge = 1e-6 * max(1.0, abs(float(scale.high[k] - scale.low[k])) if np.isfinite(scale.high[k]) else 1.0)
-        at = "low" if s[k] <= scale.low[k] + edge else "high" if s[k] >= scale.high[k] - edge else None
-        out.append(Estimate(b, float(fitted.p[i] / b.factor), float(low[k] / b.factor), float(high[k] / b.factor),
-                            b.value / b.factor, word, at, float(abs(s[k]))))
+        edge = 1e-6 * max(
+            1.0, abs(float(scale.high[k] - scale.low[k])) if np.isfinite(scale.high[k]) else 1.0
+        )
+        at = (
+            "low"
+            if s[k] <= scale.low[k] + edge
+            else "high"
+            if s[k] >= scale.high[k] - edge
+            else None
+        )
+        out.append(
+            Estimate(
+                b,
+                float(fitted.p[i] / b.factor),
+                float(low[k] / b.factor),
+                float(high[k] / b.factor),
+                b.value / b.factor,
+                word,
+                at,
+                float(abs(s[k])),
+            )
+        )
     return out
 
 
-def bootstrap(fitted: Fit, count: int, *, seed: int = 0, jobs: int = 1, crew: Crew | None = None) -> Array:
-    """Refits with windows drawn with replacement, and with what was known before drawn anew: the data sheet and what an
-    earlier fit told (a parameter of which the recordings say nothing keeps the width of its prior). Draws x free
-    parameters in prior spreads; one that fails is missing. crew: who does the refits (default: `jobs` processes)."""
+def bootstrap(
+    fitted: Fit, count: int, *, seed: int = 0, jobs: int = 1, crew: Crew | None = None
+) -> Array:
+    """Refits with windows drawn with replacement, and with what was known before drawn anew: the
+    data sheet and what an earlier fit told (a parameter of which the recordings say nothing keeps
+    the width of its prior). Draws x free parameters in prior spreads; one that fails is missing.
+    crew: who does the refits (default: `jobs` processes)."""
     found = (crew or Crew(jobs)).run(_Drawing(fitted, seed), range(count))
     return np.array([draw for draw in found if not isinstance(draw, Failed)])
 
@@ -79,12 +103,30 @@ class _Drawing(Work[int, Array]):
     seed: int
 
     def __call__(self, item: int) -> Plain:
-        f, problem, random = self.fitted, self.fitted.problem, np.random.default_rng([self.seed, item])
+        f, problem, random = (
+            self.fitted,
+            self.fitted.problem,
+            np.random.default_rng([self.seed, item]),
+        )
         windows = sum(len(problem.windows(t)) for t in problem.tracks)
-        importance = np.bincount(random.integers(0, windows, windows), minlength=windows).astype(float)
-        again: Problem = replace(problem, importance=importance, sheet=random.standard_normal(len(problem.free)),
-                                 prior=problem.prior and problem.prior.drawn(random))
-        done = fit(again, p=f.p, starts=f.starts, weights=f.weights, stepping=f.stepping, iterations=8, tolerance=1e-2)
+        importance = np.bincount(random.integers(0, windows, windows), minlength=windows).astype(
+            float
+        )
+        again: Problem = replace(
+            problem,
+            importance=importance,
+            sheet=random.standard_normal(len(problem.free)),
+            prior=problem.prior and problem.prior.drawn(random),
+        )
+        done = fit(
+            again,
+            p=f.p,
+            starts=f.starts,
+            weights=f.weights,
+            stepping=f.stepping,
+            iterations=8,
+            tolerance=1e-2,
+        )
         return {"scaled": problem.scale.inside(done.p[list(problem.free)])}
 
     def restored(self, item: int, found: Plain) -> Array:

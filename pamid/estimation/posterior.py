@@ -1,8 +1,9 @@
-"""What a fit leaves known, kept in its fit.json, and taken up by a later fit of the same rig as its prior.
+"""What a fit leaves known, kept in its fit.json, and taken up by a later fit of the same rig as its
+prior.
 
-All free parameters are carried with their full covariance: after a gravity test only combinations are known. Numbers
-stand in prior spreads around each parameter's centre (logarithms where the prior is); centre and spread are kept
-beside them, because those of an effect follow the recordings.
+All free parameters are carried with their full covariance: after a gravity test only combinations
+are known. Numbers stand in prior spreads around each parameter's centre (logarithms where the prior
+is); centre and spread are kept beside them, because those of an effect follow the recordings.
 """
 
 from __future__ import annotations
@@ -25,16 +26,17 @@ from pamid.simulation.data_split import Evidence
 
 Array = NDArray[np.float64]
 REMEDY = "Fit it anew with `pamid fit`."
-OWN_TIME = ":drift"      # background terms counted from a recording's own beginning
+OWN_TIME = ":drift"  # background terms counted from a recording's own beginning
 
 
 @dataclass(frozen=True, eq=False)
 class Posterior:
-    """Posterior of an earlier fit, from the fit.json at path. value (k,), covariance (k, k) and gradient at bounds
-    (k,) in spreads (k,) around centre (k,), by key; others: the rig's other parameters as they were in it (SI).
+    """Posterior of an earlier fit, from the fit.json at path. value (k,), covariance (k, k) and
+    gradient at bounds (k,) in spreads (k,) around centre (k,), by key; others: the rig's other
+    parameters as they were in it (SI).
 
-    fitted: sha256 of all recordings it rests on; ridges: groups of parameters known only in combination, none of which
-    the rig declares.
+    fitted: sha256 of all recordings it rests on; ridges: groups of parameters known only in
+    combination, none of which the rig declares.
     """
 
     path: Path
@@ -52,19 +54,25 @@ class Posterior:
     ridges: tuple[tuple[str, ...], ...]
 
     def prior(self, problem: Problem) -> Prior:
-        """The same as a prior of this problem; what the earlier fit did not have keeps its data sheet alone."""
+        """The same as a prior of this problem; what the earlier fit did not have keeps its data
+        sheet alone."""
         scale, places = problem.scale, self._places(problem)
         here, there = [k for k, _ in places], [i for _, i in places]
         stretch = self.spread[there] / scale.spread[here]
         size = len(problem.free)
         at, gradient, information = np.zeros(size), np.zeros(size), np.zeros((size, size))
         whole = np.linalg.inv(self.covariance[np.ix_(there, there)])
-        slope = whole @ (self.covariance @ self.held)[there]      # of the carried ones, the others marginalised
-        at[here] = (self.centre[there] - scale.centre[here]) / scale.spread[here] + self.value[there] * stretch
+        # of the carried ones, the others marginalised
+        slope = whole @ (self.covariance @ self.held)[there]
+        at[here] = (self.centre[there] - scale.centre[here]) / scale.spread[here] + self.value[
+            there
+        ] * stretch
         gradient[here] = (slope - self.value[there]) / stretch
         information[np.ix_(here, here)] = (whole - np.eye(len(here))) / np.outer(stretch, stretch)
         covariance: Array = np.linalg.inv(np.eye(size) + information).astype(np.float64, copy=False)
-        return Prior.about(at, information, gradient, straight(problem, self._values(problem, at), covariance))
+        return Prior.about(
+            at, information, gradient, straight(problem, self._values(problem, at), covariance)
+        )
 
     def _values(self, problem: Problem, at: Array) -> Array:
         """All parameters (SI) of the problem as they were in the earlier fit."""
@@ -76,72 +84,125 @@ class Posterior:
         return p
 
     def _places(self, problem: Problem) -> list[tuple[int, int]]:
-        """(place among the problem's free parameters, place here) of everything that is carried over."""
+        """(place among the problem's free parameters, place here) of everything that is carried
+        over."""
         keys = [problem.assembly.parameters[i].key for i in problem.free]
         where = {key: i for i, key in enumerate(self.keys) if not key.endswith(OWN_TIME)}
         places = [(k, where[key]) for k, key in enumerate(keys) if key in where]
         for k, i in places:
             if self.log[i] != bool(problem.scale.log[k]):
-                raise FileError(f"{self.path}: the prior of {keys[k]!r} is of another kind than the rig's now.", REMEDY)
+                raise FileError(
+                    f"{self.path}: the prior of {keys[k]!r} is of another kind than the rig's now.",
+                    REMEDY,
+                )
         return places
 
     def remarks(self, problem: Problem) -> list[str]:
         """What a reader must know of the way from that fit to this one, a sentence each."""
         bounds = problem.assembly.parameters
         carried = {self.keys[i] for _, i in self._places(problem)}
-        told = [f"{key} was held at its {'low' if slope > 0.0 else 'high'} bound in {self.path.parent}: what it would "
-                "be beyond is guessed." for key, slope in zip(self.keys, self.held, strict=True) if slope]
-        told += [f"{', '.join(group)} were known only in combination, and the rig declares none of it: intervals may "
-                 "come out too narrow." for group in self.ridges]
+        told = [
+            f"{key} was held at its {'low' if slope > 0.0 else 'high'} bound in "
+            f"{self.path.parent}: what it would "
+            "be beyond is guessed."
+            for key, slope in zip(self.keys, self.held, strict=True)
+            if slope
+        ]
+        told += [
+            f"{', '.join(group)} were known only in combination, and the rig declares none of it: "
+            "intervals may "
+            "come out too narrow."
+            for group in self.ridges
+        ]
         lost = [key for key in self.keys if key not in carried and not key.endswith(OWN_TIME)]
-        told += [f"Not carried over, for this fit does not have them free: {', '.join(lost)}."] if lost else []
+        told += (
+            [f"Not carried over, for this fit does not have them free: {', '.join(lost)}."]
+            if lost
+            else []
+        )
         if any(key.endswith(OWN_TIME) for key in self.keys):
             told.append("Drifts belong to a recording's own time and begin anew.")
-        fresh = [bounds[i].key for i in problem.free
-                 if bounds[i].key not in carried and not bounds[i].key.endswith(OWN_TIME)]
-        return told + ([f"New in this fit, with the data sheet's prior: {', '.join(fresh)}."] if fresh else [])
+        fresh = [
+            bounds[i].key
+            for i in problem.free
+            if bounds[i].key not in carried and not bounds[i].key.endswith(OWN_TIME)
+        ]
+        return told + (
+            [f"New in this fit, with the data sheet's prior: {', '.join(fresh)}."] if fresh else []
+        )
 
     def require_new(self, evidence: Evidence) -> None:
-        """FileError for another rig; DataError where a recording would count twice or is no longer unseen."""
+        """FileError for another rig; DataError where a recording would count twice or is no longer
+        unseen."""
         if self.rig not in [getattr(kind, "name", "") for kind in type(evidence.rig).__mro__]:
-            raise FileError(f"{self.path} is a fit of the rig {self.rig!r}, not of {evidence.rig.name!r}.",
-                            "A fit can begin from one of the same rig, or of the rig that it derives from.")
-        for what, spans in (("its evidence would count twice", evidence.fit), ("it is not unseen", evidence.held_out)):
+            raise FileError(
+                f"{self.path} is a fit of the rig {self.rig!r}, not of {evidence.rig.name!r}.",
+                "A fit can begin from one of the same rig, or of the rig that it derives from.",
+            )
+        for what, spans in (
+            ("its evidence would count twice", evidence.fit),
+            ("it is not unseen", evidence.held_out),
+        ):
             for span in spans:
                 if span.recording.sha256 in self.fitted:
-                    raise DataError(f"{span.recording.path}: {self.path.parent} rests on this recording already; "
-                                    f"{what}.", "Give each recording to one stage only.")
+                    raise DataError(
+                        f"{span.recording.path}: {self.path.parent} rests on this recording "
+                        "already; "
+                        f"{what}.",
+                        "Give each recording to one stage only.",
+                    )
 
 
 def posterior_json(fitted: Fit) -> dict[str, Any]:
     """The part of fit.json that a later fit reads. covariance: lower triangle, row by row."""
-    scale, bounds, free = fitted.problem.scale, fitted.problem.assembly.parameters, list(fitted.problem.free)
-    others = {b.key: float(v) for i, (b, v) in enumerate(zip(bounds, agreed(fitted), strict=True))
-              if i not in free and not b.owner}
-    return {"keys": [bounds[i].key for i in free], "log": scale.log.tolist(), "centre": scale.centre.tolist(),
-            "spread": scale.spread.tolist(), "value": scale.inside(fitted.p[free]).tolist(),
-            "held": fitted.held.tolist(), "others": others,
-            "covariance": [row[: k + 1].tolist() for k, row in enumerate(fitted.covariance)]}
+    scale, bounds, free = (
+        fitted.problem.scale,
+        fitted.problem.assembly.parameters,
+        list(fitted.problem.free),
+    )
+    others = {
+        b.key: float(v)
+        for i, (b, v) in enumerate(zip(bounds, agreed(fitted), strict=True))
+        if i not in free and not b.owner
+    }
+    return {
+        "keys": [bounds[i].key for i in free],
+        "log": scale.log.tolist(),
+        "centre": scale.centre.tolist(),
+        "spread": scale.spread.tolist(),
+        "value": scale.inside(fitted.p[free]).tolist(),
+        "held": fitted.held.tolist(),
+        "others": others,
+        "covariance": [row[: k + 1].tolist() for k, row in enumerate(fitted.covariance)],
+    }
 
 
 def read_posterior(folder: Path) -> Posterior:
-    """The posterior in a run's fit.json. FileError where it is damaged or too old, ConvergenceError where the fit
-    never came to an end."""
+    """The posterior in a run's fit.json. FileError where it is damaged or too old, ConvergenceError
+    where the fit never came to an end."""
     Run.open(folder)
     path = folder / FIT_FILE
     content = read_json(path)
     if not isinstance(content, dict) or content.get("schema") != "pamid.fit/1":
         raise FileError(f"{path} is not a fit's.", REMEDY)
     if not content.get("converged"):
-        raise ConvergenceError(f"{path}: that fit did not converge ({content.get('why') or 'no reason given'}), so "
-                               "nothing can be built on it.", "Fit it with other recordings first.")
+        raise ConvergenceError(
+            f"{path}: that fit did not converge ({content.get('why') or 'no reason given'}), so "
+            "nothing can be built on it.",
+            "Fit it with other recordings first.",
+        )
     if "posterior" not in content:
         raise FileError(f"{path} holds no posterior.", f"An older version wrote it. {REMEDY}")
     told = content["posterior"]
     try:
-        keys, log, rows = tuple(map(str, told["keys"])), tuple(map(bool, told["log"])), told["covariance"]
-        centre, spread, value, held = (np.array(told[name], np.float64)
-                                       for name in ("centre", "spread", "value", "held"))
+        keys, log, rows = (
+            tuple(map(str, told["keys"])),
+            tuple(map(bool, told["log"])),
+            told["covariance"],
+        )
+        centre, spread, value, held = (
+            np.array(told[name], np.float64) for name in ("centre", "spread", "value", "held")
+        )
         others = {str(key): float(number) for key, number in told["others"].items()}
         lower = np.zeros((len(keys), len(keys)))
         for k, row in enumerate(rows):
@@ -150,7 +211,9 @@ def read_posterior(folder: Path) -> Posterior:
         fitted |= set(map(str, content.get("from", {}).get("recordings", [])))
         own = [set(c["members"]) for c in content.get("combinations", {}).values() if c["declared"]]
         groups = [tuple(map(str, tie["parameters"])) for tie in content.get("tied", [])]
-        ridges = tuple(group for group in groups if not any(members & set(group) for members in own))
+        ridges = tuple(
+            group for group in groups if not any(members & set(group) for members in own)
+        )
     except (KeyError, TypeError, ValueError, AttributeError, IndexError):
         _refuse(path, "it lacks entries, or they are not numbers")
     lists = (centre, spread, value, held)
@@ -162,8 +225,21 @@ def read_posterior(folder: Path) -> Posterior:
         _refuse(path, "a number is not finite")
     if (spread <= 0.0).any() or (keys and np.linalg.eigvalsh(covariance)[0] <= 0.0):
         _refuse(path, "a spread is not positive, or the covariance is none")
-    return Posterior(path, sha256_of(path), str(content.get("rig")), keys, log, centre, spread, value, held, covariance,
-                     others, frozenset(fitted), ridges)
+    return Posterior(
+        path,
+        sha256_of(path),
+        str(content.get("rig")),
+        keys,
+        log,
+        centre,
+        spread,
+        value,
+        held,
+        covariance,
+        others,
+        frozenset(fitted),
+        ridges,
+    )
 
 
 def _refuse(path: Path, what: str) -> NoReturn:
@@ -172,5 +248,9 @@ def _refuse(path: Path, what: str) -> NoReturn:
 
 def from_json(posterior: Posterior, remarks: list[str]) -> dict[str, Any]:
     """The part of fit.json that says what the fit began from."""
-    return {"path": str(posterior.path.parent), "sha256": posterior.sha256,
-            "recordings": sorted(posterior.fitted), "remarks": remarks}
+    return {
+        "path": str(posterior.path.parent),
+        "sha256": posterior.sha256,
+        "recordings": sorted(posterior.fitted),
+        "remarks": remarks,
+    }

@@ -1,5 +1,5 @@
-"""What is known of the parameters before a fit, in prior spreads of the data sheet (`fitting.Scale`): the data sheet
-itself and, where there was one, an earlier fit."""
+"""What is known of the parameters before a fit, in prior spreads of the data sheet
+(`fitting.Scale`): the data sheet itself and, where there was one, an earlier fit."""
 
 from __future__ import annotations
 
@@ -10,22 +10,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Coordinates = Callable[[Array], tuple[Array, Array]]     # scaled parameters -> coordinates (k,), derivatives (k, k)
+# scaled parameters -> coordinates (k,), derivatives (k, k)
+Coordinates = Callable[[Array], tuple[Array, Array]]
 
-NEWTON = 4     # steps from one set of coordinates back to the other
+NEWTON = 4  # steps from one set of coordinates back to the other
 
 
 def terms_of_sheet(s: Array, drawn: Array | None = None) -> tuple[float, Array, Array]:
-    """Cost, information and half the cost's gradient of the data sheet at scaled parameters s (k,); drawn: where
-    another draw of it would lie (k,)."""
+    """Cost, information and half the cost's gradient of the data sheet at scaled parameters s (k,);
+    drawn: where another draw of it would lie (k,)."""
     away = s.copy() if drawn is None else s - drawn
     return float(away @ away), np.eye(len(s)), away
 
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """What the recordings of an earlier fit have told, beside the data sheet: |root (x - x at) + away|^2 for the k free
-    parameters in coordinates x in which it is straight."""
+    """What the recordings of an earlier fit have told, beside the data sheet: |root (x - x at) +
+    away|^2 for the k free parameters in coordinates x in which it is straight."""
 
     at: Array
     coordinates: Coordinates
@@ -33,24 +34,30 @@ class Prior:
     away: Array
 
     @classmethod
-    def about(cls, at: Array, information: Array, gradient: Array, coordinates: Coordinates) -> Prior:
-        """From the information (k, k) and half the cost's gradient (k,) of those recordings at scaled parameters
-        `at`."""
+    def about(
+        cls, at: Array, information: Array, gradient: Array, coordinates: Coordinates
+    ) -> Prior:
+        """From the information (k, k) and half the cost's gradient (k,) of those recordings at
+        scaled parameters `at`."""
         turn = np.linalg.inv(coordinates(at)[1])
         values, vectors = np.linalg.eigh(turn.T @ information @ turn)
         told = values > 1e-9 * max(float(values[-1]), 1e-9)
         roots, vectors = np.sqrt(values[told]), vectors[:, told]
-        return cls(at, coordinates, roots[:, None] * vectors.T, vectors.T @ (turn.T @ gradient) / roots)
+        return cls(
+            at, coordinates, roots[:, None] * vectors.T, vectors.T @ (turn.T @ gradient) / roots
+        )
 
     def terms(self, s: Array, drawn: Array | None = None) -> tuple[float, Array, Array]:
-        """Cost, information and half the cost's gradient at s, the data sheet's (see `terms_of_sheet`) included."""
+        """Cost, information and half the cost's gradient at s, the data sheet's (see
+        `terms_of_sheet`) included."""
         cost, information, gradient = terms_of_sheet(s, drawn)
         x, turned = self.coordinates(s)
         left, J = self.root @ (x - self.coordinates(self.at)[0]) + self.away, self.root @ turned
         return cost + float(left @ left), information + J.T @ J, gradient + J.T @ left
 
     def moved(self, s: Array, ds: Array) -> Array:
-        """s + ds, but straight in the prior's coordinates: a stiff ridge is not left by a long step along it."""
+        """s + ds, but straight in the prior's coordinates: a stiff ridge is not left by a long step
+        along it."""
         x, turned = self.coordinates(s)
         goal, found = x + turned @ ds, s + ds
         for _ in range(NEWTON):

@@ -1,5 +1,5 @@
-"""Functions of several parameters and what a posterior says of them: derivatives, spreads, names; and the coordinates
-in which such a posterior is straight."""
+"""Functions of several parameters and what a posterior says of them: derivatives, spreads, names;
+and the coordinates in which such a posterior is straight."""
 
 from __future__ import annotations
 
@@ -18,17 +18,20 @@ from pamid.model.assembly import Assembly
 from pamid.model.trace import Names
 
 Array = NDArray[np.float64]
-Measure = Callable[[Array], float]     # all parameters (SI) -> the quantity, in its own unit
+Measure = Callable[[Array], float]  # all parameters (SI) -> the quantity, in its own unit
 
-NEW = 0.2             # part of a direction that must not follow from those before
-STEP = 1e-5           # of a prior spread, for derivatives
-TOGETHER = 0.9        # correlation with a logarithm from which on a positive parameter is taken by its own
-LOOSE, FLOOR = 0.5, 1e-3   # relative: above this deviation a parameter has no logarithm; lowest value of one
+NEW = 0.2  # part of a direction that must not follow from those before
+STEP = 1e-5  # of a prior spread, for derivatives
+# correlation with a logarithm from which on a positive parameter is taken by its own
+TOGETHER = 0.9
+# relative: above this deviation a parameter has no logarithm; lowest value of one
+LOOSE, FLOOR = 0.5, 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Quantity:
-    """A function of the parameters and its derivatives by the scaled ones, at the fit and at the data sheet."""
+    """A function of the parameters and its derivatives by the scaled ones, at the fit and at the
+    data sheet."""
 
     name: str
     unit: str
@@ -37,14 +40,15 @@ class Quantity:
     prior: float
     slope: Array
     slope_prior: Array
-    log: bool         # positive whatever the parameters
+    log: bool  # positive whatever the parameters
 
 
-Terms = list[tuple[Quantity, float]]                   # quantities and their powers (or weights)
+Terms = list[tuple[Quantity, float]]  # quantities and their powers (or weights)
 
 
 class Space:
-    """The fit's parameters in prior spreads of the data sheet, without the background (which is marginalised)."""
+    """The fit's parameters in prior spreads of the data sheet, without the background (which is
+    marginalised)."""
 
     def __init__(self, problem: Problem, p: Array, covariance: Array) -> None:
         bounds = problem.assembly.parameters
@@ -67,8 +71,19 @@ class Space:
         sheet = np.zeros(len(self.s))
         value, prior, slope = of(self.at(self.s)), of(self.at(sheet)), self.slope(of, self.s)
         if log is None:
-            log = bool((slope >= 0.0).all()) and all(self.bounds[k].low >= 0.0 for k in np.flatnonzero(slope))
-        return Quantity(name, unit, of, value, prior, slope, self.slope(of, sheet), log and min(value, prior) > 0.0)
+            log = bool((slope >= 0.0).all()) and all(
+                self.bounds[k].low >= 0.0 for k in np.flatnonzero(slope)
+            )
+        return Quantity(
+            name,
+            unit,
+            of,
+            value,
+            prior,
+            slope,
+            self.slope(of, sheet),
+            log and min(value, prior) > 0.0,
+        )
 
     def slope(self, of: Measure, s: Array) -> Array:
         """Derivatives at s by the scaled parameters, by central differences."""
@@ -85,16 +100,24 @@ class Space:
         return self.quantity(self.names[k], self.bounds[k].unit, lambda p: float(p[i] / factor))
 
     def together(self, terms: Terms) -> Quantity:
-        """Product of powers of quantities (a x b^2 / c), or where one may not be positive their weighted sum."""
+        """Product of powers of quantities (a x b^2 / c), or where one may not be positive their
+        weighted sum."""
         if not all(q.log for q, _ in terms):
-            name = " ".join(f"{'-' if n < 0.0 else '+'} {_times(q.name, abs(n))}" for q, n in terms).removeprefix("+ ")
-            return self.quantity(name, "", lambda p: math.fsum(n * q.of(p) for q, n in terms), False)
+            name = " ".join(
+                f"{'-' if n < 0.0 else '+'} {_times(q.name, abs(n))}" for q, n in terms
+            ).removeprefix("+ ")
+            return self.quantity(
+                name, "", lambda p: math.fsum(n * q.of(p) for q, n in terms), False
+            )
         above = " x ".join(_power(q.name, n) for q, n in terms if n > 0.0)
         below = "".join(f" / {_power(q.name, -n)}" for q, n in terms if n < 0.0)
-        return self.quantity(above + below, "", lambda p: math.prod(q.of(p) ** n for q, n in terms), True)
+        return self.quantity(
+            above + below, "", lambda p: math.prod(q.of(p) ** n for q, n in terms), True
+        )
 
     def share_together(self, terms: Terms) -> tuple[Array, float]:
-        """Derivatives of what `together` makes of these (of its logarithm if it is a product), and its share."""
+        """Derivatives of what `together` makes of these (of its logarithm if it is a product), and
+        its share."""
         log = all(q.log for q, _ in terms)
         here, there = np.zeros(len(self.s)), np.zeros(len(self.s))
         for q, n in terms:
@@ -137,9 +160,10 @@ def declared(assembly: Assembly) -> dict[str, Measure]:
 def straight(problem: Problem, p: Array, covariance: Array) -> Coordinates:
     """Coordinates in which what a fit with this posterior (SI, scaled) knows is straight.
 
-    Scaled parameters, but for as many as the rig's combinations can replace, by their logarithms where they are
-    positive: a ridge along which masses and centres may slide is curved in those. So is one along which a friction
-    goes with the scale of all inertias: a positive parameter tied to a logarithm gives way to its own.
+    Scaled parameters, but for as many as the rig's combinations can replace, by their logarithms
+    where they are positive: a ridge along which masses and centres may slide is curved in those. So
+    is one along which a friction goes with the scale of all inertias: a positive parameter tied to
+    a logarithm gives way to its own.
     """
     space = Space(problem, p, covariance)
     chosen: list[tuple[int, Quantity]] = []
@@ -164,9 +188,16 @@ def straight(problem: Problem, p: Array, covariance: Array) -> Coordinates:
     turn = coordinates(space.s)[1]
     together = turn @ covariance @ turn.T
     spread = np.sqrt(together.diagonal())
-    logs = space.scale.log | np.isin(np.arange(len(spread)), [pivot for pivot, q in chosen if q.log])
-    for k in (k for k in space.own if not space.scale.log[k] and all(k != pivot for pivot, _ in chosen)):
-        q, shared = space.single(k), np.abs(together[k] / (spread[k] * spread))[logs].max(initial=0.0)
+    logs = space.scale.log | np.isin(
+        np.arange(len(spread)), [pivot for pivot, q in chosen if q.log]
+    )
+    for k in (
+        k for k in space.own if not space.scale.log[k] and all(k != pivot for pivot, _ in chosen)
+    ):
+        q, shared = (
+            space.single(k),
+            np.abs(together[k] / (spread[k] * spread))[logs].max(initial=0.0),
+        )
         if q.log and shared > TOGETHER and space.spread(q.slope) < LOOSE * q.value:
             chosen.append((k, q))
     return coordinates

@@ -14,7 +14,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Weights:
-    """sigma: size of the residual per channel (SI); correlated: samples per independent residual, per channel."""
+    """sigma: size of the residual per channel (SI); correlated: samples per independent residual,
+    per channel."""
 
     sigma: Array
     correlated: Array
@@ -25,11 +26,11 @@ class Weights:
 
 
 def residual_weights(residuals: tuple[Array, ...], noise: Array, window: int) -> Weights:
-    """Size and correlation of residuals per channel (NaN where it was not recorded): rms (at least the noise) and
-    integrated autocorrelation time.
+    """Size and correlation of residuals per channel (NaN where it was not recorded): rms (at least
+    the noise) and integrated autocorrelation time.
 
-    window: samples per window. The correlation counts up to an eighth of it: what is slower, the windows' own starts
-    take up.
+    window: samples per window. The correlation counts up to an eighth of it: what is slower, the
+    windows' own starts take up.
     """
     rms = np.sqrt(seen_mean(np.concatenate(residuals) ** 2))
     most = window / 8.0

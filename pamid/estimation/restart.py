@@ -1,9 +1,9 @@
 """A way out of a trap: a fit whose window starts were found before its parameters were.
 
-The states in which windows begin are estimated once, with the parameters at hand, and then fitted along. Where
-something sticks (friction, play) such a start may hold no derivative by which it could move on: the fit ends short of
-the optimum, and an interval drawn there misses the truth. Estimated anew with the parameters found, starts are right or
-nearly so, and the fit goes on to the end.
+The states in which windows begin are estimated once, with the parameters at hand, and then fitted
+along. Where something sticks (friction, play) such a start may hold no derivative by which it could
+move on: the fit ends short of the optimum, and an interval drawn there misses the truth. Estimated
+anew with the parameters found, starts are right or nearly so, and the fit goes on to the end.
 """
 
 from __future__ import annotations
@@ -16,25 +16,37 @@ from pamid.estimation.residual_weights import residual_weights
 
 Array = NDArray[np.float64]
 
-TRAPPED = 0.5       # of the cost: what a fit from new starts must come below for the old one to have been a trap
-LOOK = 3            # iterations that tell
-ROUNDS = 2          # of weights that follow the residuals
+# of the cost: what a fit from new starts must come below for the old one to have been a trap
+TRAPPED = 0.5
+LOOK = 3  # iterations that tell
+ROUNDS = 2  # of weights that follow the residuals
 
 
 def freed(fitted: Fit, noise: Array) -> Fit:
-    """The fit; where it sat in a trap, the one that it comes to from starts estimated anew. noise: of the sensors, per
-    channel (SI)."""
+    """The fit; where it sat in a trap, the one that it comes to from starts estimated anew. noise:
+    of the sensors, per channel (SI)."""
     problem = fitted.problem
     if not fitted.residuals:
         return fitted
-    tried = fit(problem, p=fitted.p, weights=fitted.weights, stepping=fitted.stepping, pulls=fitted.pulls,
-                iterations=LOOK, probe=True)
+    tried = fit(
+        problem,
+        p=fitted.p,
+        weights=fitted.weights,
+        stepping=fitted.stepping,
+        pulls=fitted.pulls,
+        iterations=LOOK,
+        probe=True,
+    )
     if not tried.cost < TRAPPED * fitted.cost:
         return fitted
-    tried = fit(problem, p=fitted.p, weights=fitted.weights, stepping=fitted.stepping, pulls=fitted.pulls)
+    tried = fit(
+        problem, p=fitted.p, weights=fitted.weights, stepping=fitted.stepping, pulls=fitted.pulls
+    )
     for _ in range(ROUNDS):
         weights = residual_weights(tried.residuals, noise, problem.window)
-        again = fit(problem, p=tried.p, starts=tried.starts, weights=weights, stepping=tried.stepping)
+        again = fit(
+            problem, p=tried.p, starts=tried.starts, weights=weights, stepping=tried.stepping
+        )
         if not again.residuals:
             break
         tried = again

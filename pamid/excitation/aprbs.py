@@ -19,7 +19,8 @@ CELLS = 4  # sizes and paces of changes are each told apart in so many classes
 _STEP = 1e-9  # of the range: smaller changes are rounding, not steps
 _RESTLESS = 0.95  # of the samples: a signal that moves longer is read from turn to turn
 _RIPPLE = 0.05  # of the range: turns of a moving signal by less are part of a larger change
-_ALIKE, _SELDOM = 1.5, 0.01  # factor within which sizes or paces count as one; share of time that counts as never
+# factor within which sizes or paces count as one; share of time that counts as never
+_ALIKE, _SELDOM = 1.5, 0.01
 _SINGULAR, _POOR, _NO_EVEN = 1e8, 30.0, 10.0  # condition numbers
 
 
@@ -27,12 +28,13 @@ _SINGULAR, _POOR, _NO_EVEN = 1e8, 30.0, 10.0  # condition numbers
 class Changes:
     """Amplitude against frequency: the changes of a signal by size and by pace.
 
-    A change runs from where the signal sets out to where it sets out again, a hold at its end included; the last one,
-    cut by the end, is left out. Its pace is that of the sine that goes up in the same time, 1/(2 time).
+    A change runs from where the signal sets out to where it sets out again, a hold at its end
+    included; the last one, cut by the end, is left out. Its pace is that of the sine that goes up
+    in the same time, 1/(2 time).
 
-    size, pace_hz   of the changes, shape (n,); size as a share of the range
-    edges_hz        of the classes of pace, all of one ratio, shape (5,); those of size are quarters of the range
-    share           of time by size (rows, smallest first) and pace (slowest first), shape (4, 4), sums to 1
+    size, pace_hz   of the changes, shape (n,); size as a share of the range edges_hz        of the
+    classes of pace, all of one ratio, shape (5,); those of size are quarters of the range share
+    of time by size (rows, smallest first) and pace (slowest first), shape (4, 4), sums to 1
     """
 
     size: FloatArray
@@ -49,28 +51,37 @@ class Changes:
         """Small or large, slow or fast changes that do not occur, where both kinds of each do."""
         half = CELLS // 2
         there = self.share.reshape(2, half, 2, half).sum(axis=(1, 3)) > _SELDOM
-        sizes = [word for word, found in zip(("small", "large"), there.any(axis=1), strict=True) if not found]
-        return sizes + [f"{size} {pace}" for size, row in zip(("small", "large"), there, strict=True)
-                        for pace, found in zip(("slow", "fast"), row, strict=True) if not found and size not in sizes]
+        sizes = [
+            word
+            for word, found in zip(("small", "large"), there.any(axis=1), strict=True)
+            if not found
+        ]
+        return sizes + [
+            f"{size} {pace}"
+            for size, row in zip(("small", "large"), there, strict=True)
+            for pace, found in zip(("slow", "fast"), row, strict=True)
+            if not found and size not in sizes
+        ]
 
 
 @dataclass(frozen=True)
 class Coverage:
-    """How well a signal covers amplitude and frequency. Amplitudes in the unit of the signal, s and Hz.
+    """How well a signal covers amplitude and frequency. Amplitudes in the unit of the signal, s and
+    Hz.
 
-    low, high         range asked for (default: the extremes visited)
-    histogram         share of time in each of 20 equal bins of the range, sums to 1 (less if the signal leaves it)
-    evenness          entropy of the histogram over that of an even one: 1 = every level equally often, 0 = one level
-    visited           share of the bins that were visited at all
-    steps             number of changes of level (of direction or of hold, for a signal with ramps)
-    levels            number of different levels held
-    shortest_hold_s, longest_hold_s   between changes, the rest at the start and the cut end left out
-    power_95_hz       95 % of the power of the changing part lies below
-    band_20db_hz      lowest and highest frequency within 20 dB of the strongest
-    moving            never at rest: its steps are then turns, its holds the times between them
-    crest             highest deviation from the mean over the rms: 1 two levels, 1.41 a sine
-    library_condition how well 1, v, v^2 and v^3 (v: the signal over its half range) are told apart: condition number of
-                      these columns at unit length, without the rest at the start; None where they are not
+    low, high         range asked for (default: the extremes visited) histogram         share of
+    time in each of 20 equal bins of the range, sums to 1 (less if the signal leaves it) evenness
+    entropy of the histogram over that of an even one: 1 = every level equally often, 0 = one level
+    visited           share of the bins that were visited at all steps             number of changes
+    of level (of direction or of hold, for a signal with ramps) levels            number of
+    different levels held shortest_hold_s, longest_hold_s   between changes, the rest at the start
+    and the cut end left out power_95_hz       95 % of the power of the changing part lies below
+    band_20db_hz      lowest and highest frequency within 20 dB of the strongest moving
+    never at rest: its steps are then turns, its holds the times between them crest
+    highest deviation from the mean over the rms: 1 two levels, 1.41 a sine library_condition how
+    well 1, v, v^2 and v^3 (v: the signal over its half range) are told apart: condition number of
+                      these columns at unit length, without the rest at the start; None where they
+                      are not
     even_condition    the same of 1 and v^2 alone
     changes           sizes and paces of the changes; None if there are fewer than two
     """
@@ -98,57 +109,89 @@ class Coverage:
     def sentences(self) -> tuple[str, ...]:
         """What the signal covers and what it cannot excite, in plain words."""
         said = [
-            f"{self.steps} turns between {self.low:g} and {self.high:g}, {self.shortest_hold_s:.3g} to "
-            f"{self.longest_hold_s:.3g} s apart; crest factor {self.crest:.3g}." if self.moving else
-            f"{self.steps} steps between {self.low:g} and {self.high:g}, on {_many(self.levels, 'level')}; held "
+            f"{self.steps} turns between {self.low:g} and {self.high:g}, "
+            f"{self.shortest_hold_s:.3g} to "
+            f"{self.longest_hold_s:.3g} s apart; crest factor {self.crest:.3g}."
+            if self.moving
+            else f"{self.steps} steps between {self.low:g} and {self.high:g}, on "
+            f"{_many(self.levels, 'level')}; held "
             f"{self.shortest_hold_s:.3g} to {self.longest_hold_s:.3g} s each.",
-            f"Amplitude: {self.visited:.0%} of the range is visited, evenness {self.evenness:.2f} of 1.",
-            f"Frequency: 95 % of the power lies below {self.power_95_hz:.2g} Hz; within 20 dB of the strongest from "
+            f"Amplitude: {self.visited:.0%} of the range is visited, evenness {self.evenness:.2f} "
+            "of 1.",
+            f"Frequency: 95 % of the power lies below {self.power_95_hz:.2g} Hz; within 20 dB of "
+            "the strongest from "
             f"{self.band_20db_hz[0]:.2g} to {self.band_20db_hz[1]:.2g} Hz.",
         ]
         if self.changes is not None:
             (small, large), (slow, fast) = self.changes.most
-            said.append(f"Changes: mostly by {small:.0%} to {large:.0%} of the range at {slow:.2g} to {fast:.2g} Hz; "
-                        f"{np.count_nonzero(self.changes.share)} of {CELLS**2} combinations of size and pace occur.")
+            said.append(
+                f"Changes: mostly by {small:.0%} to {large:.0%} of the range at {slow:.2g} to "
+                f"{fast:.2g} Hz; "
+                f"{np.count_nonzero(self.changes.share)} of {CELLS**2} combinations of size and "
+                "pace occur."
+            )
         if self.library_condition is not None:
-            said.append(f"Curvature: condition number {self.library_condition:.2g} of 1, u, u², u³.")
+            said.append(
+                f"Curvature: condition number {self.library_condition:.2g} of 1, u, u², u³."
+            )
         return (*said, *self.blind_spots())
 
     def blind_spots(self) -> list[str]:
         """What it cannot show, then what it hardly shows, a sentence each."""
         blind = []
         if self.even_condition is None or self.even_condition > _NO_EVEN:
-            blind.append("Cannot show: even nonlinearities (with two levels the square of the signal is constant).")
+            blind.append(
+                "Cannot show: even nonlinearities (with two levels the square of the signal is "
+                "constant)."
+            )
         elif not self.moving and self.levels < 6:
             blind.append(f"Hardly shows: the shape of a curve between its {self.levels} levels.")
         elif self.library_condition is None or self.library_condition > _POOR:
-            blind.append("Hardly shows: the shape of a curve; the signal stays too much at a few levels.")
+            blind.append(
+                "Hardly shows: the shape of a curve; the signal stays too much at a few levels."
+            )
         if self.changes is not None:
             blind += self._missing_changes(self.changes)
         if self.visited < 0.8:
-            blind.append(f"Cannot show: what happens in the {1 - self.visited:.0%} of the range where it never stays.")
+            blind.append(
+                f"Cannot show: what happens in the {1 - self.visited:.0%} of the range where it "
+                "never stays."
+            )
         if self.bandwidth_hz is not None and self.band_20db_hz[1] < self.bandwidth_hz:
             blind.append(
-                f"Cannot show: dynamics between {self.band_20db_hz[1]:.2g} and {self.bandwidth_hz:.2g} Hz; hold the "
+                f"Cannot show: dynamics between {self.band_20db_hz[1]:.2g} and "
+                f"{self.bandwidth_hz:.2g} Hz; hold the "
                 "levels for a shorter time or let them change faster."
             )
         if self.steps < 20:
-            blind.append(f"Hardly shows: anything that varies from step to step; there are only {self.steps} steps.")
+            blind.append(
+                "Hardly shows: anything that varies from step to step; there are only "
+                f"{self.steps} steps."
+            )
         what = "swings" if self.moving else "holds"
         slow = max(self.longest_hold_s, 0.5 / self.band_20db_hz[0] if self.moving else 0.0)
-        blind.append(f"Hardly shows: effects slower than its {what} (creep, leaks, heating over more than {slow:.2g} "
-                     f"s) and, over {self.duration_s:.3g} s, drift slower than {self.duration_s / 5:.2g} s.")
+        blind.append(
+            f"Hardly shows: effects slower than its {what} (creep, leaks, heating over more than "
+            f"{slow:.2g} "
+            f"s) and, over {self.duration_s:.3g} s, drift slower than {self.duration_s / 5:.2g} s."
+        )
         return sorted(blind, key=lambda spot: spot.startswith("Hardly"))
 
     def _missing_changes(self, changes: Changes) -> list[str]:
         (small, large), (slow, fast) = changes.most
         missing = " and ".join(changes.missing())
         if large < _ALIKE * small:
-            return [f"Cannot show: what depends on the size of a change; nearly all are {large:.0%} of the range."]
+            return [
+                f"Cannot show: what depends on the size of a change; nearly all are {large:.0%} "
+                "of the range."
+            ]
         if fast < _ALIKE * slow or not missing:
             return []
         middle = changes.edges_hz[CELLS // 2]
-        return [f"Cannot show: {missing} changes (large: above half of the range; fast: above {middle:.2g} Hz)."]
+        return [
+            f"Cannot show: {missing} changes (large: above half of the range; fast: above "
+            f"{middle:.2g} Hz)."
+        ]
 
 
 def aprbs(
@@ -164,14 +207,16 @@ def aprbs(
 ) -> FloatArray:
     """An amplitude-modulated pseudo-random step signal, shape (round(duration_s / period_s),).
 
-    amplitude   levels lie within offset +- amplitude, in the unit of the signal
-    hold_s      shortest and longest time at one level, drawn uniformly; the last one is cut by the end
-    levels      None: as many levels as holds, spread over the range by a Latin hypercube (independent uniform draws
-                if latin is False); a number >= 2: that many equidistant levels, each as often as the others
+    amplitude   levels lie within offset +- amplitude, in the unit of the signal hold_s
+    shortest and longest time at one level, drawn uniformly; the last one is cut by the end levels
+    None: as many levels as holds, spread over the range by a Latin hypercube (independent uniform
+    draws
+                if latin is False); a number >= 2: that many equidistant levels, each as often as
+                the others
     rate_limit  largest slope in units per second (None: jumps)
 
-    The signal starts at 0 and rests there for the shortest hold, so that a rig can be started from rest. The same seed
-    gives the same signal. UsageError for a request that makes no sense.
+    The signal starts at 0 and rests there for the shortest hold, so that a rig can be started from
+    rest. The same seed gives the same signal. UsageError for a request that makes no sense.
     """
     check_request(duration_s, period_s, amplitude, hold_s, levels, rate_limit)
     random = np.random.default_rng(seed)
@@ -186,19 +231,26 @@ def aprbs(
     return signal if rate_limit is None else slew(signal, rate_limit * period_s)
 
 
-def coverage(signal: ArrayLike, period_s: float, *, span: tuple[float, float] | None = None,
-             bandwidth_hz: float | None = None) -> Coverage:
+def coverage(
+    signal: ArrayLike,
+    period_s: float,
+    *,
+    span: tuple[float, float] | None = None,
+    bandwidth_hz: float | None = None,
+) -> Coverage:
     """How well `signal` (shape (n,), one sample every period_s) covers amplitude and frequency.
 
-    span: the range to be covered, default the extremes of the signal; bandwidth_hz: up to where the rig is to be known.
-    DataError for a constant signal or fewer than 8 samples.
+    span: the range to be covered, default the extremes of the signal; bandwidth_hz: up to where the
+    rig is to be known. DataError for a constant signal or fewer than 8 samples.
     """
     values = np.asarray(signal, dtype=float)
     if values.ndim != 1 or values.size < 8 or not np.isfinite(values).all():
         raise DataError("Coverage needs at least 8 finite samples in a row.", code="too-short")
     low, high = span if span is not None else (float(values.min()), float(values.max()))
     if not high > low or np.ptp(values) == 0:
-        raise DataError(f"The signal is constant ({values[0]:g}): it excites nothing.", code="not-excited")
+        raise DataError(
+            f"The signal is constant ({values[0]:g}): it excites nothing.", code="not-excited"
+        )
     shares = np.histogram(values, BINS, (low, high))[0] / values.size
     filled = shares[shares > 0]
     moving, starts = _changes(values)
@@ -211,19 +263,28 @@ def coverage(signal: ArrayLike, period_s: float, *, span: tuple[float, float] | 
     excited = values[int(starts[0]) if starts.size else 0 :]
     library = np.vander((2.0 * excited - low - high) / (high - low), 4, increasing=True)
     return Coverage(
-        low=low, high=high,
+        low=low,
+        high=high,
         histogram=tuple(float(share) for share in shares),
-        evenness=float(-np.sum(filled * np.log(filled)) / math.log(BINS)) if filled.size > 1 else 0.0,
+        evenness=float(-np.sum(filled * np.log(filled)) / math.log(BINS))
+        if filled.size > 1
+        else 0.0,
         visited=float(np.count_nonzero(shares) / BINS),
         steps=int(starts.size),
         levels=int(np.unique(np.round(held / ((high - low) * 1e-6))).size),
-        shortest_hold_s=float(inner.min()), longest_hold_s=float(inner.max()),
+        shortest_hold_s=float(inner.min()),
+        longest_hold_s=float(inner.max()),
         power_95_hz=float(frequency[np.searchsorted(below, 0.95)]),
         band_20db_hz=(float(frequency[strong[0]]), float(frequency[strong[-1]])),
-        duration_s=values.size * period_s, sampling_period_s=period_s, moving=moving, crest=crest(values),
-        library_condition=_condition(library), even_condition=_condition(library[:, ::2]),
-        changes=_by_size_and_pace(values, _turns(values, moving), period_s, high - low), bandwidth_hz=bandwidth_hz,
-    )  # fmt: skip
+        duration_s=values.size * period_s,
+        sampling_period_s=period_s,
+        moving=moving,
+        crest=crest(values),
+        library_condition=_condition(library),
+        even_condition=_condition(library[:, ::2]),
+        changes=_by_size_and_pace(values, _turns(values, moving), period_s, high - low),
+        bandwidth_hz=bandwidth_hz,
+    )
 
 
 def crest(signal: FloatArray) -> float:
@@ -232,28 +293,50 @@ def crest(signal: FloatArray) -> float:
     return float(np.abs(changing).max() / np.sqrt(np.mean(changing**2)))
 
 
-def check_request(duration_s: float, period_s: float, amplitude: float, hold_s: tuple[float, float],
-                  levels: int | None = None, rate_limit: float | None = None) -> None:
+def check_request(
+    duration_s: float,
+    period_s: float,
+    amplitude: float,
+    hold_s: tuple[float, float],
+    levels: int | None = None,
+    rate_limit: float | None = None,
+) -> None:
     """UsageError for a signal with holds that makes no sense; arguments as those of `aprbs`."""
-    for name, value in {"duration": duration_s, "period": period_s, "amplitude": amplitude, "hold": hold_s[0]}.items():
+    for name, value in {
+        "duration": duration_s,
+        "period": period_s,
+        "amplitude": amplitude,
+        "hold": hold_s[0],
+    }.items():
         if not (math.isfinite(value) and value > 0):
             raise UsageError(f"The {name} is {value:g}; it must be positive.")
     if duration_s / period_s > MOST_SAMPLES:
-        raise UsageError(f"{duration_s:g} s are more than {MOST_SAMPLES:g} samples.", "Make several excitations.")
+        raise UsageError(
+            f"{duration_s:g} s are more than {MOST_SAMPLES:g} samples.", "Make several excitations."
+        )
     if not (hold_s[0] <= hold_s[1] < math.inf):
-        raise UsageError(f"Holds run from {hold_s[0]:g} to {hold_s[1]:g} s.", "Give the shorter time first.")
+        raise UsageError(
+            f"Holds run from {hold_s[0]:g} to {hold_s[1]:g} s.", "Give the shorter time first."
+        )
     if hold_s[0] < period_s:
-        raise UsageError(f"A hold of {hold_s[0]:g} s is shorter than one sample, {period_s:g} s.", "Make it longer.")
+        raise UsageError(
+            f"A hold of {hold_s[0]:g} s is shorter than one sample, {period_s:g} s.",
+            "Make it longer.",
+        )
     if duration_s < 2 * hold_s[1]:
-        raise UsageError(f"{duration_s:g} s have no room for holds of up to {hold_s[1]:g} s.",
-                         "Make it longer or the holds shorter.")
+        raise UsageError(
+            f"{duration_s:g} s have no room for holds of up to {hold_s[1]:g} s.",
+            "Make it longer or the holds shorter.",
+        )
     if levels is not None and levels < 2:
         raise UsageError(f"{levels} level(s) excite nothing.", "Give --levels 3 or more.")
     if rate_limit is not None and not (math.isfinite(rate_limit) and rate_limit > 0):
         raise UsageError(f"The rate limit is {rate_limit:g}; it must be positive.")
 
 
-def _unit_levels(count: int, levels: int | None, latin: bool, random: np.random.Generator) -> FloatArray:
+def _unit_levels(
+    count: int, levels: int | None, latin: bool, random: np.random.Generator
+) -> FloatArray:
     """`count` levels in [-1, 1]."""
     if levels is None and latin:
         return 2.0 * (random.permutation(count) + random.random(count)) / count - 1.0
@@ -280,7 +363,8 @@ def slew(signal: FloatArray, most: float) -> FloatArray:
 
 
 def _changes(values: FloatArray) -> tuple[bool, NDArray[np.intp]]:
-    """Is it always moving? and samples at which a level is reached: after a jump, at the end of a ramp, at a turn."""
+    """Is it always moving? and samples at which a level is reached: after a jump, at the end of a
+    ramp, at a turn."""
     moved = np.abs(np.diff(values)) > _STEP * float(np.ptp(values))
     if moved.mean() > _RESTLESS:
         return True, _turns(values, True)[1:]
@@ -289,7 +373,8 @@ def _changes(values: FloatArray) -> tuple[bool, NDArray[np.intp]]:
 
 
 def _turns(values: FloatArray, moving: bool) -> NDArray[np.intp]:
-    """Samples from which a signal sets out, from rest or back; of a moving one without its ripple."""
+    """Samples from which a signal sets out, from rest or back; of a moving one without its
+    ripple."""
     step = np.diff(values)
     way = np.where(np.abs(step) > _STEP * float(np.ptp(values)), np.sign(step), 0.0)
     begins = np.flatnonzero((way != 0.0) & (way != np.append(0.0, way[:-1])))
@@ -297,14 +382,19 @@ def _turns(values: FloatArray, moving: bool) -> NDArray[np.intp]:
         return begins
     kept: list[int] = []
     for turn in begins.tolist():
-        if len(kept) > 1 and (values[turn] - values[kept[-1]]) * (values[kept[-1]] - values[kept[-2]]) > 0.0:
+        if (
+            len(kept) > 1
+            and (values[turn] - values[kept[-1]]) * (values[kept[-1]] - values[kept[-2]]) > 0.0
+        ):
             kept[-1] = turn
         elif not kept or abs(values[turn] - values[kept[-1]]) >= _RIPPLE * np.ptp(values):
             kept.append(turn)
     return np.array(kept)
 
 
-def _by_size_and_pace(values: FloatArray, turns: NDArray[np.intp], period_s: float, span: float) -> Changes | None:
+def _by_size_and_pace(
+    values: FloatArray, turns: NDArray[np.intp], period_s: float, span: float
+) -> Changes | None:
     if turns.size < 3:
         return None
     size, times = np.abs(np.diff(values[turns])) / span, np.diff(turns) * period_s
@@ -334,7 +424,8 @@ def _condition(library: FloatArray) -> float | None:
 
 
 def spectrum(values: FloatArray, period_s: float) -> tuple[FloatArray, FloatArray]:
-    """Frequencies (Hz) and power density by Welch's method (Hann windows, half overlapping), without the mean."""
+    """Frequencies (Hz) and power density by Welch's method (Hann windows, half overlapping),
+    without the mean."""
     size = min(values.size, max(64, values.size // 8))
     window = np.hanning(size)
     centred = values - values.mean()

@@ -1,8 +1,9 @@
-"""Signals to send: shapes of time for the experiments of the menu, and excitations with settings, for several columns.
+"""Signals to send: shapes of time for the experiments of the menu, and excitations with settings,
+for several columns.
 
-An excitation keeps within a rate limit: one of steps is slowed down to it, a smooth one that would be bent is refused.
-Columns with random signals are sent together, each with a seed of its own; with the others they take turns, the rest of
-them waiting at the offset, so that what answers is known.
+An excitation keeps within a rate limit: one of steps is slowed down to it, a smooth one that would
+be bent is refused. Columns with random signals are sent together, each with a seed of its own; with
+the others they take turns, the rest of them waiting at the offset, so that what answers is known.
 """
 
 from __future__ import annotations
@@ -20,16 +21,19 @@ from pamid.excitation.aprbs import aprbs, check_request, crest, slew
 
 Array = NDArray[np.float64]
 
-FASTEST_HZ = 15.0        # of the menu's multisine, and at most a tenth of the sampling rate
+FASTEST_HZ = 15.0  # of the menu's multisine, and at most a tenth of the sampling rate
 PULSES_S, GAP_S = (0.03, 0.06, 0.12, 0.25, 0.5), 1.5
-LOOPS_S, STEEPEST = 14.0, 0.5   # of the torque loops: seconds, and slope in highest torques per second
-SMALLEST_DUTY = 1.0 / 15.0      # of a staircase: its first step over its last
-LONGEST_ORDER = 20              # of a PRBS: a million levels
-CLIPPINGS, CLIP = (100, 1000), (0.75, 0.99)  # of a multisine: how often; where, over the peak, first and last
-CLIPPED = 2**26                 # samples that all clippings together may take
+# of the torque loops: seconds, and slope in highest torques per second
+LOOPS_S, STEEPEST = 14.0, 0.5
+SMALLEST_DUTY = 1.0 / 15.0  # of a staircase: its first step over its last
+LONGEST_ORDER = 20  # of a PRBS: a million levels
+# of a multisine: how often; where, over the peak, first and last
+CLIPPINGS, CLIP = (100, 1000), (0.75, 0.99)
+CLIPPED = 2**26  # samples that all clippings together may take
 
-BAND_HZ = (0.1, 10.0)           # usual; its upper end at most a tenth of the sampling rate
-APART = 0.5 * (3.0 - 5.0**0.5)  # golden section: parts of a pass at which shapes of several columns begin never meet
+BAND_HZ = (0.1, 10.0)  # usual; its upper end at most a tenth of the sampling rate
+# golden section: parts of a pass at which shapes of several columns begin never meet
+APART = 0.5 * (3.0 - 5.0**0.5)
 
 #: signal -> the settings it takes, with their usual values
 SETTINGS: dict[str, dict[str, Any]] = {
@@ -45,11 +49,12 @@ IN_TURN = ("chirp", "steps", "staircase", "torque-loops")
 SMOOTH = ("multisine", "chirp", "torque-loops")
 
 
-# ---- shapes ------------------------------------------------------------------------------------------------------
+# ---- shapes ------------------------------------------------------------------------------------
 
 
 def through(t: Array, *knots: tuple[float, float]) -> Array:
-    """Straight lines through (seconds from the knot before, value), from 0 at 0; the last value stays."""
+    """Straight lines through (seconds from the knot before, value), from 0 at 0; the last value
+    stays."""
     times = np.cumsum([0.0, *(wait for wait, _ in knots)])
     return np.interp(t, times, [0.0, *(value for _, value in knots)])
 
@@ -66,13 +71,28 @@ def odd_multisine(t: Array, seed: int = 11) -> Array:
 
 def slow_reversals(t: Array) -> Array:
     """Triangles nested in one another, with stops."""
-    return through(t, (1.5, 1.0), (0.5, 1.0), (3.0, -1.0), (0.5, -1.0), (2.0, 0.5), (1.5, -0.5), (0.5, -0.5),
-                   (1.5, 0.25), (1.0, -0.25), (0.5, -0.25), (0.5, 0.0))
+    return through(
+        t,
+        (1.5, 1.0),
+        (0.5, 1.0),
+        (3.0, -1.0),
+        (0.5, -1.0),
+        (2.0, 0.5),
+        (1.5, -0.5),
+        (0.5, -0.5),
+        (1.5, 0.25),
+        (1.0, -0.25),
+        (0.5, -0.25),
+        (0.5, 0.0),
+    )
 
 
 def speed_runs(t: Array) -> Array:
     """There and back at 4, 0.8, 0.4 and 0.08 of the half range per second."""
-    fast, middle = [(0.25, 1.0), (0.5, -1.0), (0.25, 0.0), (0.5, 0.0)], [(1.25, 1.0), (2.5, -1.0), (1.25, 0.0)]
+    fast, middle = (
+        [(0.25, 1.0), (0.5, -1.0), (0.25, 0.0), (0.5, 0.0)],
+        [(1.25, 1.0), (2.5, -1.0), (1.25, 0.0)],
+    )
     return through(t, *fast, *middle, (1.0, 0.4), (1.0, 0.0), (2.5, 0.2), (2.5, 0.0))
 
 
@@ -98,47 +118,79 @@ def valve_pulses(t: Array) -> Array:
 
 def torque_loops(t: Array) -> Array:
     """Up and down within 14 s: a loop of 3/8, then one of 1 with a smaller one inside."""
-    return through(t, (1.0, 0.375), (2.0, -0.375), (1.0, 0.0), (2.0, 1.0), (1.0, 0.5), (1.0, 1.0), (4.0, -1.0),
-                   (2.0, 0.0))
+    return through(
+        t,
+        (1.0, 0.375),
+        (2.0, -0.375),
+        (1.0, 0.0),
+        (2.0, 1.0),
+        (1.0, 0.5),
+        (1.0, 1.0),
+        (4.0, -1.0),
+        (2.0, 0.0),
+    )
 
 
-# ---- signals with settings ---------------------------------------------------------------------------------------
+# ---- signals with settings ---------------------------------------------------------------------
 
 
-def prbs(duration_s: float, period_s: float, amplitude: float, hold_s: tuple[float, float] = (0.1, 1.0), seed: int = 0,
-         offset: float = 0.0, part: float = 0.0) -> Array:
+def prbs(
+    duration_s: float,
+    period_s: float,
+    amplitude: float,
+    hold_s: tuple[float, float] = (0.1, 1.0),
+    seed: int = 0,
+    offset: float = 0.0,
+    part: float = 0.0,
+) -> Array:
     """A pseudo-random binary sequence of greatest length, shape (round(duration_s / period_s),).
 
-    hold_s  shortest and longest time at one level: their ratio, rounded, is the order n of the shift register, whose
+    hold_s  shortest and longest time at one level: their ratio, rounded, is the order n of the
+    shift register, whose
             sequence of 2^n - 1 shortest times is repeated
-    part    of that sequence by which this one begins later: parts of one sequence that are sent together are as good
+    part    of that sequence by which this one begins later: parts of one sequence that are sent
+    together are as good
             as independent, if they lie further apart than the rig remembers
 
-    The two levels are offset +- amplitude; like `aprbs` it starts at 0 and rests there for the shortest hold.
+    The two levels are offset +- amplitude; like `aprbs` it starts at 0 and rests there for the
+    shortest hold.
     """
     from scipy.signal import max_len_seq
 
     check_request(duration_s, period_s, amplitude, hold_s)
     order = round(hold_s[1] / hold_s[0])
     if not 2 <= order <= LONGEST_ORDER:
-        raise UsageError(f"Holds of {hold_s[0]:g} to {hold_s[1]:g} s make a PRBS of order {order}.",
-                         f"The longest hold is 2 to {LONGEST_ORDER} times the shortest.")
+        raise UsageError(
+            f"Holds of {hold_s[0]:g} to {hold_s[1]:g} s make a PRBS of order {order}.",
+            f"The longest hold is 2 to {LONGEST_ORDER} times the shortest.",
+        )
     count, clock = round(duration_s / period_s), round(hold_s[0] / period_s)
     first = np.random.default_rng(seed).integers(1, 2**order)
     later = round(part * (2**order - 1))
-    bits, _ = max_len_seq(order, state=[int(first) >> k & 1 for k in range(order)], length=later + -(-count // clock))
+    bits, _ = max_len_seq(
+        order, state=[int(first) >> k & 1 for k in range(order)], length=later + -(-count // clock)
+    )
     levels = offset + amplitude * (2.0 * bits[later:] - 1.0)
     return np.concatenate([np.zeros(clock), np.repeat(levels, clock)])[:count]
 
 
-def multisine(duration_s: float, period_s: float, amplitude: float, band_hz: tuple[float, float], periods: int = 2,
-              seed: int | list[int] = 0, offset: float = 0.0) -> Array:
-    """Odd harmonics of equal height from band_hz[0] to band_hz[1], shape (round(duration_s / period_s),).
+def multisine(
+    duration_s: float,
+    period_s: float,
+    amplitude: float,
+    band_hz: tuple[float, float],
+    periods: int = 2,
+    seed: int | list[int] = 0,
+    offset: float = 0.0,
+) -> Array:
+    """Odd harmonics of equal height from band_hz[0] to band_hz[1], shape (round(duration_s /
+    period_s),).
 
-    Phases are drawn and then improved by clipping, until offset +- amplitude holds as much power as it can: crest
-    factor 1.41 to 1.5 for bands of a decade or more, up to 1.65 for narrow ones and for 10 000 harmonics and more (a
-    sine has 1.41). What a rig answers between the odd harmonics it has bent itself. `periods` equal periods fill the
-    duration; the signal begins where it is next to the offset.
+    Phases are drawn and then improved by clipping, until offset +- amplitude holds as much power as
+    it can: crest factor 1.41 to 1.5 for bands of a decade or more, up to 1.65 for narrow ones and
+    for 10 000 harmonics and more (a sine has 1.41). What a rig answers between the odd harmonics it
+    has bent itself. `periods` equal periods fill the duration; the signal begins where it is next
+    to the offset.
     """
     count = _samples(duration_s, period_s, amplitude, band_hz)
     if not 1 <= periods <= count // 8:
@@ -146,10 +198,15 @@ def multisine(duration_s: float, period_s: float, amplitude: float, band_hz: tup
     one = count // periods
     base = 1.0 / (one * period_s)
     lines = np.arange(1, one // 2, 2)
-    lines = lines[(lines * base >= band_hz[0] * (1.0 - 1e-9)) & (lines * base <= band_hz[1] * (1.0 + 1e-9))]
+    lines = lines[
+        (lines * base >= band_hz[0] * (1.0 - 1e-9)) & (lines * base <= band_hz[1] * (1.0 + 1e-9))
+    ]
     if not lines.size:
-        raise UsageError(f"Odd harmonics lie {2.0 * base:.3g} Hz apart: none from {band_hz[0]:g} to {band_hz[1]:g} Hz.",
-                         "Take fewer periods, a longer signal or a wider band.")
+        raise UsageError(
+            f"Odd harmonics lie {2.0 * base:.3g} Hz apart: none from {band_hz[0]:g} to "
+            f"{band_hz[1]:g} Hz.",
+            "Take fewer periods, a longer signal or a wider band.",
+        )
     spectrum = np.zeros(one // 2 + 1, dtype=complex)
     spectrum[lines] = np.exp(1j * _flat_phases(lines, np.random.default_rng(seed)))
     wave = np.fft.irfft(spectrum, one)
@@ -157,29 +214,48 @@ def multisine(duration_s: float, period_s: float, amplitude: float, band_hz: tup
     return np.asarray(offset + amplitude * np.resize(wave / np.abs(wave).max(), count))
 
 
-def chirp(duration_s: float, period_s: float, amplitude: float, band_hz: tuple[float, float], sweep: str = "log",
-          offset: float = 0.0) -> Array:
-    """A sine about the offset whose frequency climbs through the band, "linear" or "log", shape (n,).
+def chirp(
+    duration_s: float,
+    period_s: float,
+    amplitude: float,
+    band_hz: tuple[float, float],
+    sweep: str = "log",
+    offset: float = 0.0,
+) -> Array:
+    """A sine about the offset whose frequency climbs through the band, "linear" or "log", shape
+    (n,).
 
-    Frequencies are lowered by up to a part of a cycle, so that it ends where it began, at the offset.
+    Frequencies are lowered by up to a part of a cycle, so that it ends where it began, at the
+    offset.
     """
     from scipy.signal import chirp as swept
 
     count = _samples(duration_s, period_s, amplitude, band_hz)
     low, high = band_hz
     length = count * period_s
-    cycles = length * ((high - low) / math.log(high / low) if sweep == "log" else 0.5 * (low + high))
+    cycles = length * (
+        (high - low) / math.log(high / low) if sweep == "log" else 0.5 * (low + high)
+    )
     if cycles < 1.0:
-        raise UsageError(f"{length:g} s have no room for one cycle of a sweep from {low:g} to {high:g} Hz.")
+        raise UsageError(
+            f"{length:g} s have no room for one cycle of a sweep from {low:g} to {high:g} Hz."
+        )
     whole = math.floor(cycles * (1.0 + 1e-12)) / cycles
     method = {"log": "logarithmic", "linear": "linear"}[sweep]
     wave = swept(period_s * np.arange(count), low * whole, length, high * whole, method, phi=-90)
     return np.asarray(offset + amplitude * wave)
 
 
-def steps(duration_s: float, period_s: float, amplitude: float, hold_s: tuple[float, float] = (2.0, 2.0),
-          seed: int = 0, offset: float = 0.0) -> Array:
-    """Steps to offset + amplitude and offset - amplitude by turns, shape (n,), a rest at the offset before and after.
+def steps(
+    duration_s: float,
+    period_s: float,
+    amplitude: float,
+    hold_s: tuple[float, float] = (2.0, 2.0),
+    seed: int = 0,
+    offset: float = 0.0,
+) -> Array:
+    """Steps to offset + amplitude and offset - amplitude by turns, shape (n,), a rest at the offset
+    before and after.
 
     hold_s: shortest and longest time at one level, drawn uniformly.
     """
@@ -187,37 +263,54 @@ def steps(duration_s: float, period_s: float, amplitude: float, hold_s: tuple[fl
     count = round(duration_s / period_s)
     heights = np.resize([1.0, -1.0], math.ceil(duration_s / hold_s[0]))
     rest = np.zeros(max(1, round(hold_s[0] / period_s)))
-    held = np.repeat(heights, _lengths(heights.size, hold_s, period_s, seed))[: count - 2 * rest.size]
+    held = np.repeat(heights, _lengths(heights.size, hold_s, period_s, seed))[
+        : count - 2 * rest.size
+    ]
     return offset + amplitude * np.concatenate([rest, held, rest])
 
 
-def staircase(period_s: float, amplitude: float, levels: int = 8, hold_s: tuple[float, float] = (1.0, 1.0),
-              seed: int = 0, offset: float = 0.0) -> Array:
-    """There and back at heights that grow from a fifteenth of the amplitude to all of it, each by the same factor; a
-    rest at the offset before and after. Small commands weigh as much as large ones, and nothing drifts away."""
+def staircase(
+    period_s: float,
+    amplitude: float,
+    levels: int = 8,
+    hold_s: tuple[float, float] = (1.0, 1.0),
+    seed: int = 0,
+    offset: float = 0.0,
+) -> Array:
+    """There and back at heights that grow from a fifteenth of the amplitude to all of it, each by
+    the same factor; a rest at the offset before and after. Small commands weigh as much as large
+    ones, and nothing drifts away."""
     heights = np.geomspace(SMALLEST_DUTY, 1.0, max(levels, 2))
     stairs = np.concatenate([[0.0], np.stack([heights, -heights], axis=1).ravel(), [0.0]])
     check_request(stairs.size * hold_s[1], period_s, amplitude, hold_s, levels)
     return offset + amplitude * np.repeat(stairs, _lengths(stairs.size, hold_s, period_s, seed))
 
 
-def _samples(duration_s: float, period_s: float, amplitude: float, band_hz: tuple[float, float]) -> int:
+def _samples(
+    duration_s: float, period_s: float, amplitude: float, band_hz: tuple[float, float]
+) -> int:
     check_request(duration_s, period_s, amplitude, (period_s, period_s))
     if not 0.0 < band_hz[0] < band_hz[1] < 0.5 / period_s:
-        raise UsageError(f"The band is {band_hz[0]:g} to {band_hz[1]:g} Hz; it must rise and end below half of the "
-                         f"sampling rate, {0.5 / period_s:g} Hz.")
+        raise UsageError(
+            f"The band is {band_hz[0]:g} to {band_hz[1]:g} Hz; it must rise and end below half of "
+            "the "
+            f"sampling rate, {0.5 / period_s:g} Hz."
+        )
     return round(duration_s / period_s)
 
 
-def _lengths(count: int, hold_s: tuple[float, float], period_s: float, seed: int) -> NDArray[np.int64]:
+def _lengths(
+    count: int, hold_s: tuple[float, float], period_s: float, seed: int
+) -> NDArray[np.int64]:
     """Holds in samples."""
     drawn = np.random.default_rng(seed).uniform(*hold_s, count)
     return np.maximum(1, np.round(drawn / period_s)).astype(np.int64)
 
 
 def _flat_phases(lines: NDArray[np.int64], random: np.random.Generator) -> Array:
-    """Phases of these harmonics, drawn and improved by clipping the wave and taking the phases of what is left: van der
-    Ouderaa, Schoukens and Renneboog (1988), with a limit that rises to the peak."""
+    """Phases of these harmonics, drawn and improved by clipping the wave and taking the phases of
+    what is left: van der Ouderaa, Schoukens and Renneboog (1988), with a limit that rises to the
+    peak."""
     phases = random.uniform(0.0, 2.0 * np.pi, lines.size)
     grid = 2 ** math.ceil(math.log2(16 * int(lines[-1])))
     best, lowest = phases, math.inf
@@ -232,12 +325,13 @@ def _flat_phases(lines: NDArray[np.int64], random: np.random.Generator) -> Array
     return best
 
 
-# ---- several columns ---------------------------------------------------------------------------------------------
+# ---- several columns ---------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A signal and its settings, as the functions above take them; `plan_for` gives those not named their usual values.
+    """A signal and its settings, as the functions above take them; `plan_for` gives those not named
+    their usual values.
 
     duration_s  of all columns, those that take turns share it; 0: as long as one pass takes
     rate_limit  largest slope in units of a column per second (None: jumps)
@@ -263,36 +357,59 @@ class Plan:
 
 @dataclass(frozen=True, eq=False)
 class Sent:
-    """A column: samples (n,), the samples in which it is excited, the seed of its own or the part of the sequence."""
+    """A column: samples (n,), the samples in which it is excited, the seed of its own or the part
+    of the sequence."""
 
     samples: Array
     turn: slice
     own: dict[str, Any]
 
 
-def plan_for(signal: str, period_s: float, *, rate_limit: float | None = None, offset: float = 0.0, seed: int = 0,
-             **given: Any) -> Plan:
-    """A plan; settings of value None count as not given. UsageError for a setting that the signal does not take."""
+def plan_for(
+    signal: str,
+    period_s: float,
+    *,
+    rate_limit: float | None = None,
+    offset: float = 0.0,
+    seed: int = 0,
+    **given: Any,
+) -> Plan:
+    """A plan; settings of value None count as not given. UsageError for a setting that the signal
+    does not take."""
     if signal not in SETTINGS:
-        raise UsageError(f"There is no signal {signal!r}.",
-                         nearest(signal, SETTINGS) or f"Signals: {', '.join(SETTINGS)}.")
+        raise UsageError(
+            f"There is no signal {signal!r}.",
+            nearest(signal, SETTINGS) or f"Signals: {', '.join(SETTINGS)}.",
+        )
     asked = {name: value for name, value in given.items() if value is not None}
     for name in asked:
         if name not in SETTINGS[signal]:
-            takers = " and ".join(other for other, settings in SETTINGS.items() if name in settings) or "no signal"
-            raise UsageError(f"{name} says nothing to the signal {signal}.", f"It belongs to {takers}.")
+            takers = (
+                " and ".join(other for other, settings in SETTINGS.items() if name in settings)
+                or "no signal"
+            )
+            raise UsageError(
+                f"{name} says nothing to the signal {signal}.", f"It belongs to {takers}."
+            )
     if not (math.isfinite(period_s) and period_s > 0.0):
         raise UsageError(f"The period is {period_s:g}; it must be positive.")
     if rate_limit is not None and not (math.isfinite(rate_limit) and rate_limit > 0.0):
         raise UsageError(f"The rate limit is {rate_limit:g}; it must be positive.")
     fastest = min(BAND_HZ[1], 0.1 / period_s)
     usual = {**SETTINGS[signal], "band_hz": (fastest * BAND_HZ[0] / BAND_HZ[1], fastest)}
-    return Plan(signal, period_s, **{name: usual[name] for name in SETTINGS[signal]} | asked, rate_limit=rate_limit,
-                offset=offset, seed=seed)
+    return Plan(
+        signal,
+        period_s,
+        **{name: usual[name] for name in SETTINGS[signal]} | asked,
+        rate_limit=rate_limit,
+        offset=offset,
+        seed=seed,
+    )
 
 
 def draw(plan: Plan, amplitudes: Mapping[str, float]) -> dict[str, Sent]:
-    """The columns, each with its amplitude, all of one length; the first one of random signals is what it is alone."""
+    """The columns, each with its amplitude, all of one length; the first one of random signals is
+    what it is alone."""
     turns = len(amplitudes) if plan.signal in IN_TURN else 1
     duration = plan.duration_s / turns
     if plan.signal == "torque-loops" and not plan.duration_s:
@@ -303,8 +420,13 @@ def draw(plan: Plan, amplitudes: Mapping[str, float]) -> dict[str, Sent]:
         own = _own(plan, k)
         wave = _MAKERS[plan.signal](replace(plan, duration_s=duration), amplitude, **own)
         before, after = (k, turns - 1 - k) if turns > 1 else (0, 0)
-        samples = np.concatenate([np.full(before * len(wave), plan.offset), wave,
-                                  np.full(after * len(wave), plan.offset)])
+        samples = np.concatenate(
+            [
+                np.full(before * len(wave), plan.offset),
+                wave,
+                np.full(after * len(wave), plan.offset),
+            ]
+        )
         if plan.rate_limit is not None:
             samples = _within(plan, column, amplitude, samples, plan.rate_limit)
         drawn[column] = Sent(samples, slice(before * len(wave), (before + 1) * len(wave)), own)
@@ -326,8 +448,10 @@ def _within(plan: Plan, column: str, amplitude: float, samples: Array, limit: fl
     fastest = float(np.abs(np.diff(samples)).max()) / plan.period_s
     if fastest > limit * (1.0 + 1e-9):
         other = "--duration longer" if plan.signal == "torque-loops" else "--band lower"
-        raise UsageError(f"{column} moves at up to {fastest:.4g} units per s; the rate limit is {limit:g}.",
-                         f"Make --amplitude at most {amplitude * limit / fastest:.3g}, or {other}.")
+        raise UsageError(
+            f"{column} moves at up to {fastest:.4g} units per s; the rate limit is {limit:g}.",
+            f"Make --amplitude at most {amplitude * limit / fastest:.3g}, or {other}.",
+        )
     return samples
 
 
@@ -338,9 +462,15 @@ def _torque_loops(p: Plan, amplitude: float) -> Array:
 
 
 _MAKERS: dict[str, Callable[..., Array]] = {
-    "aprbs": lambda p, a, seed: aprbs(p.duration_s, p.period_s, a, p.hold_s, p.levels, seed=seed, offset=p.offset),
-    "prbs": lambda p, a, seed, part: prbs(p.duration_s, p.period_s, a, p.hold_s, seed, p.offset, part),
-    "multisine": lambda p, a, seed: multisine(p.duration_s, p.period_s, a, p.band_hz, p.periods, seed, p.offset),
+    "aprbs": lambda p, a, seed: aprbs(
+        p.duration_s, p.period_s, a, p.hold_s, p.levels, seed=seed, offset=p.offset
+    ),
+    "prbs": lambda p, a, seed, part: prbs(
+        p.duration_s, p.period_s, a, p.hold_s, seed, p.offset, part
+    ),
+    "multisine": lambda p, a, seed: multisine(
+        p.duration_s, p.period_s, a, p.band_hz, p.periods, seed, p.offset
+    ),
     "chirp": lambda p, a: chirp(p.duration_s, p.period_s, a, p.band_hz, p.sweep, p.offset),
     "steps": lambda p, a, seed: steps(p.duration_s, p.period_s, a, p.hold_s, seed, p.offset),
     "staircase": lambda p, a, seed: staircase(p.period_s, a, p.levels, p.hold_s, seed, p.offset),

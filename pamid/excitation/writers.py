@@ -1,14 +1,15 @@
-"""Excitations as files for whoever sends them: a CSV, Simulink, a PLC, a C program; and the note beside each.
+"""Excitations as files for whoever sends them: a CSV, Simulink, a PLC, a C program; and the note
+beside each.
 
-format      suffix  content
-csv         .csv    a recording: time_s and the columns, 9 significant digits
-mat         .mat    From Workspace: a structure with time per column, named as the column
+format      suffix  content csv         .csv    a recording: time_s and the columns, 9 significant
+digits mat         .mat    From Workspace: a structure with time per column, named as the column
 mat-file    .mat    From File: matrix `excitation` of MAT version 4, rows time and columns
-mat-matrix  .mat    From Workspace: matrix `excitation`, columns time and columns
-st          .st     IEC 61131-3 structured text: per column the change points, arrays of TIME (or LTIME) and REAL
-h           .h      C99: per column all samples and the change points, `static const double`
+mat-matrix  .mat    From Workspace: matrix `excitation`, columns time and columns st          .st
+IEC 61131-3 structured text: per column the change points, arrays of TIME (or LTIME) and REAL h
+.h      C99: per column all samples and the change points, `static const double`
 
-All are held until the next sample or change point (zero-order hold). MAT and C carry every bit of the numbers.
+All are held until the next sample or change point (zero-order hold). MAT and C carry every bit of
+the numbers.
 """
 
 from __future__ import annotations
@@ -40,7 +41,8 @@ PER_LINE = 8
 
 @dataclass(frozen=True)
 class Format:
-    """How an excitation is written: suffix, the bytes of it, and what to heed where it is played."""
+    """How an excitation is written: suffix, the bytes of it, and what to heed where it is
+    played."""
 
     suffix: str
     content: Callable[[Signals], bytes] | None  # None: as a recording
@@ -49,8 +51,8 @@ class Format:
 
 @dataclass(frozen=True, eq=False)
 class Signals:
-    """What is sent: columns (n,) in the unit of their names, one sample every period_s; stem: of the file to write;
-    about: a line for its comments."""
+    """What is sent: columns (n,) in the unit of their names, one sample every period_s; stem: of
+    the file to write; about: a line for its comments."""
 
     columns: Mapping[str, Array]
     period_s: float
@@ -68,37 +70,54 @@ class Signals:
 
 
 def format_of(path: Path, chosen: str | None = None) -> str:
-    """The format to write a path in: the one chosen, else the one of its suffix, else CSV. UsageError where the suffix
-    belongs to another."""
+    """The format to write a path in: the one chosen, else the one of its suffix, else CSV.
+    UsageError where the suffix belongs to another."""
     suffix = path.suffix.lower()
     by_suffix = {form.suffix: name for name, form in reversed(FORMATS.items())}
     if chosen is None:
         return by_suffix.get(suffix, "csv")
     if suffix in by_suffix and suffix != FORMATS[chosen].suffix:
-        raise UsageError(f"--format {chosen} does not go into a {suffix} file.",
-                         f"Write --output {quoted(path.with_suffix(FORMATS[chosen].suffix))}.")
+        raise UsageError(
+            f"--format {chosen} does not go into a {suffix} file.",
+            f"Write --output {quoted(path.with_suffix(FORMATS[chosen].suffix))}.",
+        )
     return chosen
 
 
-def write_excitation(path: Path, columns: Mapping[str, Array], period_s: float, about: Mapping[str, Any], *,
-                     form: str = "csv", meta: Mapping[str, Any] | None = None,
-                     others: Mapping[Path, bytes] | None = None) -> dict[str, Any]:
-    """Write an excitation, the JSON note beside it, the tables of `meta` as TOML beside it and `others`: all or none.
+def write_excitation(
+    path: Path,
+    columns: Mapping[str, Array],
+    period_s: float,
+    about: Mapping[str, Any],
+    *,
+    form: str = "csv",
+    meta: Mapping[str, Any] | None = None,
+    others: Mapping[Path, bytes] | None = None,
+) -> dict[str, Any]:
+    """Write an excitation, the JSON note beside it, the tables of `meta` as TOML beside it and
+    `others`: all or none.
 
-    about: what to note of it, from the rig on; the note is returned. FileError for columns that are not finite or
-    whose names cannot be told apart in this format.
+    about: what to note of it, from the rig on; the note is returned. FileError for columns that are
+    not finite or whose names cannot be told apart in this format.
     """
     from importlib.metadata import version
 
     generator = f"pamid {version('pamid')} generate-aprbs"
     made = [f"{word} {about[word]}" for word in ("signal", "experiment", "seed") if word in about]
     signals = Signals(columns, period_s, path.stem, ", ".join([generator, *made, HELD]))
-    files = recording_files(path, signals.time, signals.columns, meta)  # first: it refuses what is not finite
+    # first: it refuses what is not finite
+    files = recording_files(path, signals.time, signals.columns, meta)
     chosen = FORMATS[form]
     if chosen.content is not None:
         files[path] = chosen.content(signals)
         about = {**about, "format": form, "interpolation": f"hold: {chosen.heed}"}
-    note = {"schema": SCHEMA, "generator": generator, "file": path.name, "sha256": _sha256(files[path]), **about}
+    note = {
+        "schema": SCHEMA,
+        "generator": generator,
+        "file": path.name,
+        "sha256": _sha256(files[path]),
+        **about,
+    }
     files = {**(others or {}), **files, path.with_suffix(".json"): json_bytes(note, path.stem)}
     make_folder(path.parent)
     write_together(files)
@@ -116,14 +135,24 @@ def _sha256(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-# ---- Simulink ----------------------------------------------------------------------------------------------------
+# ---- Simulink ----------------------------------------------------------------------------------
 
 
 def _mat_structures(signals: Signals) -> bytes:
     time = signals.time[:, None]
-    return _mat({word: {"time": time, "signals": {"values": signals.columns[column][:, None], "dimensions": 1.0,
-                                                  "label": column}}
-                 for column, word in _words(signals.columns, "").items()})
+    return _mat(
+        {
+            word: {
+                "time": time,
+                "signals": {
+                    "values": signals.columns[column][:, None],
+                    "dimensions": 1.0,
+                    "label": column,
+                },
+            }
+            for column, word in _words(signals.columns, "").items()
+        }
+    )
 
 
 def _mat_rows(signals: Signals) -> bytes:
@@ -143,23 +172,37 @@ def _mat(variables: dict[str, Any], version: str = "5") -> bytes:
     return data if version == "4" else MAT_HEADER.ljust(116) + data[116:]
 
 
-# ---- structured text ---------------------------------------------------------------------------------------------
+# ---- structured text ---------------------------------------------------------------------------
 
 
 def _structured_text(signals: Signals) -> bytes:
-    lines = [f"(* {_comment(signals.about)}. *)",
-             "(* Send value[k] from time[k] on; hold the last value up to the end. *)", "VAR_GLOBAL CONSTANT"]
+    lines = [
+        f"(* {_comment(signals.about)}. *)",
+        "(* Send value[k] from time[k] on; hold the last value up to the end. *)",
+        "VAR_GLOBAL CONSTANT",
+    ]
     words = _words(signals.columns, signals.stem)
     points = {column: change_points(samples) for column, samples in signals.columns.items()}
     every = np.concatenate([[signals.samples], *points.values()])
-    unit, name = (1_000_000, "TIME") if not (_nanoseconds(every, signals.period_s) % 1_000_000).any() else (1, "LTIME")
+    unit, name = (
+        (1_000_000, "TIME")
+        if not (_nanoseconds(every, signals.period_s) % 1_000_000).any()
+        else (1, "LTIME")
+    )
     for column, word in words.items():
         at = points[column]
         stamps = [_stamp(int(n) // unit, name) for n in _nanoseconds(at, signals.period_s)]
         values = [_real(value) for value in signals.columns[column][at].tolist()]
-        lines += [f"    (* {_comment(f'{column}: {_unit(column)}')} *)", f"    {word}_count : DINT := {at.size};",
-                  f"    {word}_time : ARRAY[1..{at.size}] OF {name} := [", _rows(stamps, "        "), "    ];",
-                  f"    {word}_value : ARRAY[1..{at.size}] OF REAL := [", _rows(values, "        "), "    ];"]
+        lines += [
+            f"    (* {_comment(f'{column}: {_unit(column)}')} *)",
+            f"    {word}_count : DINT := {at.size};",
+            f"    {word}_time : ARRAY[1..{at.size}] OF {name} := [",
+            _rows(stamps, "        "),
+            "    ];",
+            f"    {word}_value : ARRAY[1..{at.size}] OF REAL := [",
+            _rows(values, "        "),
+            "    ];",
+        ]
     end = _stamp(int(_nanoseconds(np.array([signals.samples]), signals.period_s)[0]) // unit, name)
     lines += [f"    {_word(signals.stem)}_end : {name} := {end};", "END_VAR", ""]
     return "\n".join(lines).encode()
@@ -174,32 +217,50 @@ def _stamp(number: int, name: str) -> str:
 
 
 def _real(value: float) -> str:
-    """A literal of a REAL: the shortest that is read as this number with 24 bits; it needs a point."""
+    """A literal of a REAL: the shortest that is read as this number with 24 bits; it needs a
+    point."""
     mantissa, _, exponent = str(np.float32(value)).partition("e")
-    return (mantissa if "." in mantissa else f"{mantissa}.0") + (f"E{int(exponent)}" if exponent else "")
+    return (mantissa if "." in mantissa else f"{mantissa}.0") + (
+        f"E{int(exponent)}" if exponent else ""
+    )
 
 
-# ---- C -----------------------------------------------------------------------------------------------------------
+# ---- C -----------------------------------------------------------------------------------------
 
 
 def _c_header(signals: Signals) -> bytes:
     words, stem = _words(signals.columns, signals.stem), _word(signals.stem)
     guard = f"{stem.upper()}_H"
-    lines = [f"/* {_comment(signals.about)}. C99. */", f"#ifndef {guard}", f"#define {guard}", "",
-             f"#define {stem.upper()}_SAMPLES {signals.samples}",
-             f"#define {stem.upper()}_PERIOD_S {signals.period_s!r} /* s */"]
+    lines = [
+        f"/* {_comment(signals.about)}. C99. */",
+        f"#ifndef {guard}",
+        f"#define {guard}",
+        "",
+        f"#define {stem.upper()}_SAMPLES {signals.samples}",
+        f"#define {stem.upper()}_PERIOD_S {signals.period_s!r} /* s */",
+    ]
     for column, word in words.items():
         samples, at = signals.columns[column], change_points(signals.columns[column])
         unit = _comment(_unit(column))
-        lines += ["", f"/* {_comment(column)}: {unit}, one value per sample */", *_c_array(word, samples),
-                  "", f"#define {word.upper()}_CHANGES {at.size}",
-                  f"/* its change points: s, and the value from then on, {unit} */",
-                  *_c_array(f"{word}_change_s", signals.time[at]), *_c_array(f"{word}_change", samples[at])]
+        lines += [
+            "",
+            f"/* {_comment(column)}: {unit}, one value per sample */",
+            *_c_array(word, samples),
+            "",
+            f"#define {word.upper()}_CHANGES {at.size}",
+            f"/* its change points: s, and the value from then on, {unit} */",
+            *_c_array(f"{word}_change_s", signals.time[at]),
+            *_c_array(f"{word}_change", samples[at]),
+        ]
     return "\n".join([*lines, "", "#endif", ""]).encode()
 
 
 def _c_array(name: str, values: Array) -> list[str]:
-    return [f"static const double {name}[{values.size}] = {{", _rows([repr(v) for v in values.tolist()], "    "), "};"]
+    return [
+        f"static const double {name}[{values.size}] = {{",
+        _rows([repr(v) for v in values.tolist()], "    "),
+        "};",
+    ]
 
 
 def _comment(text: str) -> str:
@@ -209,14 +270,17 @@ def _comment(text: str) -> str:
     return " ".join(text.split())
 
 
-# ---- names and numbers -------------------------------------------------------------------------------------------
+# ---- names and numbers -------------------------------------------------------------------------
 
 
 def _words(columns: Mapping[str, Array], stem: str) -> dict[str, str]:
     """A name per column that C, MATLAB and structured text (which hears no capitals) take."""
     words = {column: _word(f"{stem}_{column}" if stem else column) for column in columns}
     if len({word.lower() for word in words.values()}) < len(words):
-        raise FileError(f"The columns {', '.join(columns)} have the same name in this format.", "Write a CSV instead.")
+        raise FileError(
+            f"The columns {', '.join(columns)} have the same name in this format.",
+            "Write a CSV instead.",
+        )
     return words
 
 
@@ -235,13 +299,26 @@ def _rows(texts: list[str], indent: str) -> str:
     return ",\n".join(indent + row for row in rows)
 
 
-_SIMULINK = ("From Workspace: tick off 'Interpolate data', sample time = sampling_period_s, after the last value hold "
-             "the final value")
+_SIMULINK = (
+    "From Workspace: tick off 'Interpolate data', sample time = sampling_period_s, after the last "
+    "value hold "
+    "the final value"
+)
 FORMATS: dict[str, Format] = {
     "csv": Format(".csv", None, ""),
     "mat": Format(".mat", _mat_structures, _SIMULINK),
-    "mat-file": Format(".mat", _mat_rows, "From File: interpolation zero-order hold, sample time = sampling_period_s"),
+    "mat-file": Format(
+        ".mat",
+        _mat_rows,
+        "From File: interpolation zero-order hold, sample time = sampling_period_s",
+    ),
     "mat-matrix": Format(".mat", _mat_columns, _SIMULINK),
-    "st": Format(".st", _structured_text, "change points, each value until the next one; REAL has 24 bits"),
-    "h": Format(".h", _c_header, "samples, each for sampling_period_s, or change points, each until the next one"),
+    "st": Format(
+        ".st", _structured_text, "change points, each value until the next one; REAL has 24 bits"
+    ),
+    "h": Format(
+        ".h",
+        _c_header,
+        "samples, each for sampling_period_s, or change points, each until the next one",
+    ),
 }

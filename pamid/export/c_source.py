@@ -1,4 +1,5 @@
-"""A step as C99: one header, one source, no allocation, no globals, the whole state in one struct."""
+"""A step as C99: one header, one source, no allocation, no globals, the whole state in one
+struct."""
 
 from __future__ import annotations
 
@@ -32,20 +33,34 @@ def c_files(step: Step) -> dict[str, str]:
 def comment(text: str) -> str:
     """`text` as it may stand in a C comment."""
     plain = text.encode("ascii", "replace").decode()
-    return re.sub(r"\s+", " ", plain).replace("*/", "* /").replace("/*", "/ *").replace("\\", "/").replace("??", "? ?")
+    return (
+        re.sub(r"\s+", " ", plain)
+        .replace("*/", "* /")
+        .replace("/*", "/ *")
+        .replace("\\", "/")
+        .replace("??", "? ?")
+    )
 
 
-# ---- header ------------------------------------------------------------------------------------------------------
+# ---- header ------------------------------------------------------------------------------------
 
 
 def header(step: Step) -> str:
     name = model_name(step)
     return Template(asset("model.h")).substitute(
-        model=name, MODEL=name.upper(), title=comment(step.name), period=repr(step.period_s),
-        inputs=len(step.inputs), outputs=len(step.outputs), parameters=len(step.parameters),
-        places="\n".join(_places(step, kind, what) for kind, what in (
-            ("U", step.inputs), ("Y", step.outputs), ("P", step.parameters))),
-        fields="\n".join(f"    {line}" for line in _fields(step)))
+        model=name,
+        MODEL=name.upper(),
+        title=comment(step.name),
+        period=repr(step.period_s),
+        inputs=len(step.inputs),
+        outputs=len(step.outputs),
+        parameters=len(step.parameters),
+        places="\n".join(
+            _places(step, kind, what)
+            for kind, what in (("U", step.inputs), ("Y", step.outputs), ("P", step.parameters))
+        ),
+        fields="\n".join(f"    {line}" for line in _fields(step)),
+    )
 
 
 def _places(step: Step, kind: str, variables: tuple[Variable, ...]) -> str:
@@ -53,43 +68,73 @@ def _places(step: Step, kind: str, variables: tuple[Variable, ...]) -> str:
     if not variables:
         return ""
     words = identifiers(v.name.upper() for v in variables)
-    lines = [f"    {model_name(step).upper()}_{kind}_{word}{',' if v is not variables[-1] else ''}   /* {_about(v)} */"
-             for word, v in zip(words, variables, strict=True)]
+    lines = [
+        f"    {model_name(step).upper()}_{kind}_{word}{',' if v is not variables[-1] else ''}   "
+        f"/* {_about(v)} */"
+        for word, v in zip(words, variables, strict=True)
+    ]
     return "\n".join(["enum {", *lines, "};"])
 
 
 def _about(v: Variable) -> str:
-    told = [v.name, v.unit or "-", *([v.about] if v.about else []), *(["acts on the start only"] if v.fixed else [])]
+    told = [
+        v.name,
+        v.unit or "-",
+        *([v.about] if v.about else []),
+        *(["acts on the start only"] if v.fixed else []),
+    ]
     return comment(", ".join(told))
 
 
 def _fields(step: Step) -> list[str]:
-    sizes = {"p": (len(step.parameters), "parameters, in the units of their names"),
-             "derived": (len(step.derived), "what follows from them"), "x": (len(step.states), "states, SI"),
-             "cells": (len(step.updates), "memories"), "lines": (sum(step.lines), "delay lines")}
-    found = [f"double {name}[{size}];   /* {told} */" for name, (size, told) in sizes.items() if size]
+    sizes = {
+        "p": (len(step.parameters), "parameters, in the units of their names"),
+        "derived": (len(step.derived), "what follows from them"),
+        "x": (len(step.states), "states, SI"),
+        "cells": (len(step.updates), "memories"),
+        "lines": (sum(step.lines), "delay lines"),
+    }
+    found = [
+        f"double {name}[{size}];   /* {told} */" for name, (size, told) in sizes.items() if size
+    ]
     if step.lines:
         found.append(f"int heads[{len(step.lines)}];")
     return [*found, "long long samples;   /* since the start */"]
 
 
-# ---- source ------------------------------------------------------------------------------------------------------
+# ---- source ------------------------------------------------------------------------------------
 
 
 def source(step: Step) -> str:
     name = model_name(step)
     work = _Functions(step)
     parts = [work.update()] if step.updates else []
-    parts += [work.readings(), work.rates(), *([work.slopes()] if step.implicit else []),
-              asset("sdirk2.c" if step.implicit else "rk4.c").rstrip(), work.prepare(), work.start(), _init(step)]
+    parts += [
+        work.readings(),
+        work.rates(),
+        *([work.slopes()] if step.implicit else []),
+        asset("sdirk2.c" if step.implicit else "rk4.c").rstrip(),
+        work.prepare(),
+        work.start(),
+        _init(step),
+    ]
     body = "\n\n".join(parts)
-    helpers = [asset(f"{helper}.c").rstrip() for helper in ("least", "greatest", "delay")
-               if re.search(rf"\b{helper}(ed)?\(", body)]
+    helpers = [
+        asset(f"{helper}.c").rstrip()
+        for helper in ("least", "greatest", "delay")
+        if re.search(rf"\b{helper}(ed)?\(", body)
+    ]
     return Template(asset("model.c")).substitute(
-        model=name, states=len(step.states), period=repr(step.period_s), substeps=step.substeps,
+        model=name,
+        states=len(step.states),
+        period=repr(step.period_s),
+        substeps=step.substeps,
         body="\n\n".join([*helpers, body]),
-        update="        update(m, u, time, m->samples == 0 && s == 0, s == 0);\n" if step.updates else "",
-        look="    update(&now, u, time, m->samples == 0, 1);\n" if step.updates else "")
+        update="        update(m, u, time, m->samples == 0 && s == 0, s == 0);\n"
+        if step.updates
+        else "",
+        look="    update(&now, u, time, m->samples == 0, 1);\n" if step.updates else "",
+    )
 
 
 class _Functions:
@@ -118,38 +163,59 @@ class _Functions:
                     continue
                 value, seconds = work.value(c.value), work.value(c.seconds)
                 line = f"m->lines + {first[c.line]}, {self.step.lines[c.line]}, &m->heads[{c.line}]"
-                work.lines.append(C.assign.format(words["cell", c.name], f"delayed({line}, begin, {value}, {seconds})"))
+                work.lines.append(
+                    C.assign.format(
+                        words["cell", c.name], f"delayed({line}, begin, {value}, {seconds})"
+                    )
+                )
             work.lines += [f"m->cells[{i}] = {words['cell', c.name]};" for i, c in enumerate(cells)]
 
         roots = [e for c in cells for e in (c.value, c.seconds)]
-        return _function("static void update(model *m, const double u[], double time, int begin, int fresh)",
-                         self.writer.lines(roots, write, [("cell", c.name) for c in cells]))
+        return _function(
+            "static void update(model *m, const double u[], double time, int begin, int fresh)",
+            self.writer.lines(roots, write, [("cell", c.name) for c in cells]),
+        )
 
     def readings(self) -> str:
-        return _function("static void readings(const model *m, const double u[], double time, double y[])",
-                         self.writer.values(*_numbered("y", self.step.readings)))
+        return _function(
+            "static void readings(const model *m, const double u[], double time, double y[])",
+            self.writer.values(*_numbered("y", self.step.readings)),
+        )
 
     def rates(self) -> str:
-        return _function("static void rates(const model *m, const double x[], const double u[], double time, "
-                         "double f[])", self.writer.values(*_numbered("f", self.step.rates)))
+        return _function(
+            "static void rates(const model *m, const double x[], const double u[], double time, "
+            "double f[])",
+            self.writer.values(*_numbered("f", self.step.rates)),
+        )
 
     def slopes(self) -> str:
         """Rates, and their derivatives by the states."""
         partials = ((f"J[{row}][{column}]", value) for row, column, value in self.step.slopes)
-        return _function("static void slopes(const model *m, const double x[], const double u[], double time, "
-                         "double f[], double J[NX][NX])",
-                         ["memset(J, 0, NX * sizeof J[0]);",
-                          *self.writer.values(*_numbered("f", self.step.rates), *partials)])
+        return _function(
+            "static void slopes(const model *m, const double x[], const double u[], double time, "
+            "double f[], double J[NX][NX])",
+            [
+                "memset(J, 0, NX * sizeof J[0]);",
+                *self.writer.values(*_numbered("f", self.step.rates), *partials),
+            ],
+        )
 
     def prepare(self) -> str:
-        return _function(f"void {model_name(self.step)}_prepare(model *m)",
-                         self.writer.values(*_numbered("m->derived", self.step.derived)))
+        return _function(
+            f"void {model_name(self.step)}_prepare(model *m)",
+            self.writer.values(*_numbered("m->derived", self.step.derived)),
+        )
 
     def start(self) -> str:
-        return _function(f"void {model_name(self.step)}_start(model *m)",
-                         ["memset((char *)m + offsetof(model, x), 0, sizeof *m - offsetof(model, x));",
-                          f"{model_name(self.step)}_prepare(m);",
-                          *self.writer.values(*_numbered("m->x", self.step.start))])
+        return _function(
+            f"void {model_name(self.step)}_start(model *m)",
+            [
+                "memset((char *)m + offsetof(model, x), 0, sizeof *m - offsetof(model, x));",
+                f"{model_name(self.step)}_prepare(m);",
+                *self.writer.values(*_numbered("m->x", self.step.start)),
+            ],
+        )
 
 
 def _numbered(array: str, values: Iterable[Expr]) -> list[tuple[str, Expr]]:
@@ -157,20 +223,27 @@ def _numbered(array: str, values: Iterable[Expr]) -> list[tuple[str, Expr]]:
 
 
 def _function(head: str, lines: list[str]) -> str:
-    """A function; the state is the model's own where none is given, and what is not used is said so."""
+    """A function; the state is the model's own where none is given, and what is not used is said
+    so."""
     text = "\n".join(lines)
     if " x[]" not in head and re.search(r"= x\[", text):
         lines = ["const double *const x = m->x;", *lines]
-    unused = [f"(void){word};" for word in re.findall(r"(\w+)(?:\[\w*\])*[,)]", head)
-              if not re.search(rf"\b{word}\b", "\n".join(lines))]
+    unused = [
+        f"(void){word};"
+        for word in re.findall(r"(\w+)(?:\[\w*\])*[,)]", head)
+        if not re.search(rf"\b{word}\b", "\n".join(lines))
+    ]
     return "\n".join([head, "{", *(f"    {line}" for line in (*unused, *lines)), "}"])
 
 
 def _init(step: Step) -> str:
     lines = [f"void {model_name(step)}_init(model *m)", "{"]
     if step.parameters:
-        lines += ["    static const double p[] = {", *(f"        {v.start!r},   /* {comment(v.name)} */" for v in
-                                                       step.parameters), "    };"]
+        lines += [
+            "    static const double p[] = {",
+            *(f"        {v.start!r},   /* {comment(v.name)} */" for v in step.parameters),
+            "    };",
+        ]
     lines += ["", "    memset(m, 0, sizeof *m);"]
     if step.parameters:
         lines.append("    memcpy(m->p, p, sizeof p);")
@@ -179,10 +252,15 @@ def _init(step: Step) -> str:
 
 def example(step: Step) -> str:
     """A host that reads and writes CSV."""
+
     def listed(names: Iterable[str]) -> str:
         return ", ".join(f'"{n}"' for n in names)
 
     return Template(asset("main.c")).substitute(
-        model=model_name(step), n_inputs=max(len(step.inputs), 1), n_outputs=len(step.outputs),
-        inputs=listed(v.name for v in step.inputs) or "NULL", outputs=listed(v.name for v in step.outputs),
-        starts=", ".join(repr(v.start) for v in step.inputs) or "0.0")
+        model=model_name(step),
+        n_inputs=max(len(step.inputs), 1),
+        n_outputs=len(step.outputs),
+        inputs=listed(v.name for v in step.inputs) or "NULL",
+        outputs=listed(v.name for v in step.outputs),
+        starts=", ".join(repr(v.start) for v in step.inputs) or "0.0",
+    )

@@ -17,13 +17,16 @@ from pamid.export.step import Step, step_of
 #: what may be asked for -> ending of its file ("": a folder)
 FORMS = {"fmu": ".fmu", "fmu2": ".fmu", "fmu3": ".fmu", "c": "", "onnx": ".onnx", "matlab": ".m"}
 FMI = {"fmu": 2, "fmu2": 2, "fmu3": 3}
-HOW_TO_BUILD = "it holds sources only: build it where it is to run, with `fmpy compile`, Simulink's " \
-               "fmudialog.compileFMUSources or the importer's own compiler"
+HOW_TO_BUILD = (
+    "it holds sources only: build it where it is to run, with `fmpy compile`, Simulink's "
+    "fmudialog.compileFMUSources or the importer's own compiler"
+)
 
 
 @dataclass(frozen=True)
 class Exported:
-    """What was written; binary: the platform that an FMU was built for, "" for none; notes: what the user has to know.
+    """What was written; binary: the platform that an FMU was built for, "" for none; notes: what
+    the user has to know.
     """
 
     step: Step
@@ -32,7 +35,9 @@ class Exported:
     notes: tuple[str, ...] = ()
 
 
-def export_model(model: Identified, form: str, path: Path | None = None, *, overwrite: bool = False) -> Exported:
+def export_model(
+    model: Identified, form: str, path: Path | None = None, *, overwrite: bool = False
+) -> Exported:
     """Write `model` to `path` (default: the model's name with the ending of the form, here).
 
     FileError where a file exists and `overwrite` is not given.
@@ -41,15 +46,20 @@ def export_model(model: Identified, form: str, path: Path | None = None, *, over
     path = path or Path(f"{model_name(step)}{FORMS[form]}")
     if form == "c":
         texts = {path / name: text for name, text in c_files(step).items()}
-    elif form == "matlab":   # a function is called by the name of its file
+    elif form == "matlab":  # a function is called by the name of its file
         path = path.with_name(f"{identifier(path.stem)}.m")
         texts = {path: m_file(step, path.stem)}
     else:
-        texts = dict.fromkeys((path, *([path.with_name(f"{path.stem}-cell.onnx")] if form == "onnx" else [])), "")
+        texts = dict.fromkeys(
+            (path, *([path.with_name(f"{path.stem}-cell.onnx")] if form == "onnx" else [])), ""
+        )
     taken = [p for p in texts if p.exists()]
     if taken and not overwrite:
-        raise FileError(f"{taken[0]} exists already.", "Choose another --output, or --overwrite to replace it.",
-                        code="exists")
+        raise FileError(
+            f"{taken[0]} exists already.",
+            "Choose another --output, or --overwrite to replace it.",
+            code="exists",
+        )
     for folder in {p.parent for p in texts}:
         make_folder(folder)
     if form == "onnx":
@@ -59,6 +69,8 @@ def export_model(model: Identified, form: str, path: Path | None = None, *, over
     if form in FMI:
         made = make_fmu(step, FMI[form])
         write_atomically(path, made.data)
-        return Exported(step, (path,), made.binary, (f"{made.why}; {HOW_TO_BUILD}",) if made.why else ())
+        return Exported(
+            step, (path,), made.binary, (f"{made.why}; {HOW_TO_BUILD}",) if made.why else ()
+        )
     write_together({file: text.encode() for file, text in texts.items()})
     return Exported(step, tuple(texts))

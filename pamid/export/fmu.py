@@ -1,4 +1,5 @@
-"""A step as a functional mock-up unit, FMI 2.0 or 3.0, for co-simulation: C99 sources, and a binary for this machine.
+"""A step as a functional mock-up unit, FMI 2.0 or 3.0, for co-simulation: C99 sources, and a binary
+for this machine.
 
 What happens between two communication points is told in assets/fmu.h.
 """
@@ -22,8 +23,10 @@ from pamid.base.units import unit
 from pamid.export.c_source import asset, header, model_name, source
 from pamid.export.step import Step
 
-_HEADERS = {2: ("fmi2FunctionTypes.h", "fmi2Functions.h", "fmi2TypesPlatform.h"),
-            3: ("fmi3FunctionTypes.h", "fmi3Functions.h", "fmi3PlatformTypes.h")}
+_HEADERS = {
+    2: ("fmi2FunctionTypes.h", "fmi2Functions.h", "fmi2TypesPlatform.h"),
+    3: ("fmi3FunctionTypes.h", "fmi3Functions.h", "fmi3PlatformTypes.h"),
+}
 _FLAGS = ("-shared", "-fPIC", "-std=c99", "-O2", "-Wall", "-Wextra")
 _ENDINGS = {"linux": "so", "darwin": "dylib", "windows": "dll"}
 _DIMENSIONS = ("kg", "m", "s", "A", "K", "rad")
@@ -39,9 +42,14 @@ class Fmu:
 
 
 def make_fmu(step: Step, version: int, *, compiler: str | None = None) -> Fmu:
-    """An FMU of FMI 2 or 3; compiler: a C compiler to use (default: the first of cc, gcc, clang; "": none)."""
+    """An FMU of FMI 2 or 3; compiler: a C compiler to use (default: the first of cc, gcc, clang;
+    "": none)."""
     sources = _sources(step, version)
-    found = next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), "") if compiler is None else compiler
+    found = (
+        next(filter(None, map(shutil.which, ("cc", "gcc", "clang"))), "")
+        if compiler is None
+        else compiler
+    )
     folder, ending = _place(version)
     why = "no C compiler (cc, gcc or clang) was found" if not found else ""
     why = why or ("" if folder else f"FMI {version}.0 has no name for binaries of this machine")
@@ -69,37 +77,55 @@ def _zipped(content: dict[str, bytes]) -> bytes:
     return whole.getvalue()
 
 
-# ---- sources and binary ------------------------------------------------------------------------------------------
+# ---- sources and binary ------------------------------------------------------------------------
 
 
 def _sources(step: Step, version: int) -> dict[str, str]:
-    name, model = model_name(step), {f"{model_name(step)}.h": header(step), f"{model_name(step)}.c": source(step)}
+    name, model = (
+        model_name(step),
+        {f"{model_name(step)}.h": header(step), f"{model_name(step)}.c": source(step)},
+    )
     token = hashlib.sha256("".join([str(version), *model.values()]).encode()).hexdigest()[:32]
     shared = Template(asset("fmu.h")).substitute(
-        model=name, MODEL=name.upper(), token=token, starts=", ".join(repr(v.start) for v in step.inputs) or "0.0",
-        parameter="c->m.p[k - NU - NY]" if step.parameters else "c->u[NU]")
+        model=name,
+        MODEL=name.upper(),
+        token=token,
+        starts=", ".join(repr(v.start) for v in step.inputs) or "0.0",
+        parameter="c->m.p[k - NU - NY]" if step.parameters else "c->u[NU]",
+    )
     shim = asset(f"fmi{version}.c")
     return {**model, "fmu.h": shared, f"fmi{version}.c": shim + not_offered(version, shim)}
 
 
 def not_offered(version: int, shim: str) -> str:
-    """Definitions of all functions of the standard that the shim leaves out: they return an error."""
+    """Definitions of all functions of the standard that the shim leaves out: they return an
+    error."""
     lines = []
     types = re.sub(r"/\*.*?\*/", "", asset(f"fmi{version}FunctionTypes.h"), flags=re.DOTALL)
-    for kind, name, arguments in re.findall(r"typedef\s+(\w+)\s+(fmi\d\w+)TYPE\s*\(([^;]*)\);", types):
+    for kind, name, arguments in re.findall(
+        r"typedef\s+(\w+)\s+(fmi\d\w+)TYPE\s*\(([^;]*)\);", types
+    ):
         if not re.search(rf"\b{name}\(", shim):
             listed = " ".join(arguments.split())
             words = [re.findall(r"\w+", a)[-1] for a in listed.split(",")]
             failed = f"fmi{version}Error" if kind.endswith("Status") else "NULL"
-            lines += ["", f"{kind} {name}({listed})", "{", *(f"    (void){w};" for w in words), f"    return {failed};",
-                      "}"]
+            lines += [
+                "",
+                f"{kind} {name}({listed})",
+                "{",
+                *(f"    (void){w};" for w in words),
+                f"    return {failed};",
+                "}",
+            ]
     return "\n".join([*lines, ""])
 
 
 def _place(version: int) -> tuple[str, str]:
     """Folder and ending of a binary for this machine; no folder where the standard knows none."""
     system, machine = platform.system().lower(), platform.machine().lower()
-    machine = {"amd64": "x86_64", "arm64": "aarch64", "i386": "x86", "i686": "x86"}.get(machine, machine)
+    machine = {"amd64": "x86_64", "arm64": "aarch64", "i386": "x86", "i686": "x86"}.get(
+        machine, machine
+    )
     ending = _ENDINGS.get(system, "so")
     if version == 3:
         return f"{machine}-{system}", ending
@@ -114,17 +140,28 @@ def _compiled(sources: dict[str, str], version: int, compiler: str) -> tuple[byt
         folder = Path(name)
         for file, text in {**sources, **{h: asset(h) for h in _HEADERS[version]}}.items():
             (folder / file).write_text(text, encoding="utf-8")
-        line = [compiler, *_FLAGS, *(file for file in sources if file.endswith(".c")), "-lm", "-o", "model.bin"]
+        line = [
+            compiler,
+            *_FLAGS,
+            *(file for file in sources if file.endswith(".c")),
+            "-lm",
+            "-o",
+            "model.bin",
+        ]
         try:
             done = subprocess.run(line, cwd=folder, capture_output=True, text=True, timeout=300)
         except (OSError, subprocess.TimeoutExpired) as error:
             return b"", f"{compiler} could not be run: {error}"
         if done.returncode:
-            return b"", f"{compiler} failed: {(done.stderr.strip().splitlines() or ['it says nothing'])[0]}"
+            return (
+                b"",
+                f"{compiler} failed: "
+                f"{(done.stderr.strip().splitlines() or ['it says nothing'])[0]}",
+            )
         return (folder / "model.bin").read_bytes(), ""
 
 
-# ---- descriptions ------------------------------------------------------------------------------------------------
+# ---- descriptions ------------------------------------------------------------------------------
 
 
 def _xml(root: ElementTree.Element) -> bytes:
@@ -137,14 +174,24 @@ def _root(step: Step, sources: dict[str, str], version: int, **more: str) -> Ele
 
     token = re.findall(r'TOKEN "(\w+)"', sources["fmu.h"])[0]
     named = {2: "guid", 3: "instantiationToken"}[version]
-    return ElementTree.Element("fmiModelDescription", {
-        "fmiVersion": f"{version}.0", "modelName": step.name, named: token,
-        "description": f"Identified model of {step.name}, one step per {step.period_s!r} s",
-        "generationTool": f"pamid {version_of('pamid')}", "variableNamingConvention": "flat", **more})
+    return ElementTree.Element(
+        "fmiModelDescription",
+        {
+            "fmiVersion": f"{version}.0",
+            "modelName": step.name,
+            named: token,
+            "description": f"Identified model of {step.name}, one step per {step.period_s!r} s",
+            "generationTool": f"pamid {version_of('pamid')}",
+            "variableNamingConvention": "flat",
+            **more,
+        },
+    )
 
 
 def _units(root: ElementTree.Element, step: Step) -> None:
-    symbols = dict.fromkeys(v.unit for v in (*step.inputs, *step.outputs, *step.parameters) if v.unit)
+    symbols = dict.fromkeys(
+        v.unit for v in (*step.inputs, *step.outputs, *step.parameters) if v.unit
+    )
     symbols |= {"s": None}
     listed = ElementTree.SubElement(root, "UnitDefinitions")
     for symbol in symbols:
@@ -152,7 +199,9 @@ def _units(root: ElementTree.Element, step: Step) -> None:
         base = {d: str(e) for d, e in zip(_DIMENSIONS, kind.dimension, strict=True) if e}
         base |= {"factor": repr(kind.factor)} if kind.factor != 1.0 else {}
         base |= {"offset": repr(kind.offset)} if kind.offset else {}
-        ElementTree.SubElement(ElementTree.SubElement(listed, "Unit", name=symbol), "BaseUnit", base)
+        ElementTree.SubElement(
+            ElementTree.SubElement(listed, "Unit", name=symbol), "BaseUnit", base
+        )
 
 
 def _variables(step: Step) -> list[tuple[dict[str, str], dict[str, str]]]:
@@ -161,8 +210,13 @@ def _variables(step: Step) -> list[tuple[dict[str, str], dict[str, str]]]:
     found: list[tuple[dict[str, str], dict[str, str]]] = []
     for causality, variables in kinds.items():
         for v in variables:
-            about = {"name": v.name, "valueReference": str(len(found)), **({"description": v.about} if v.about else {}),
-                     "causality": causality, "variability": "continuous"}
+            about = {
+                "name": v.name,
+                "valueReference": str(len(found)),
+                **({"description": v.about} if v.about else {}),
+                "causality": causality,
+                "variability": "continuous",
+            }
             if causality == "parameter":
                 about["variability"] = "fixed" if v.fixed else "tunable"
             if causality != "input":
@@ -173,14 +227,20 @@ def _variables(step: Step) -> list[tuple[dict[str, str], dict[str, str]]]:
 
 
 def _offers(step: Step, state: str) -> dict[str, str]:
-    return {"modelIdentifier": model_name(step), "canHandleVariableCommunicationStepSize": "true",
-            f"canGetAndSet{state}": "true", f"canSerialize{state}": "true"}
+    return {
+        "modelIdentifier": model_name(step),
+        "canHandleVariableCommunicationStepSize": "true",
+        f"canGetAndSet{state}": "true",
+        f"canSerialize{state}": "true",
+    }
 
 
 def _description_2(step: Step, sources: dict[str, str]) -> ElementTree.Element:
     root = _root(step, sources, 2, numberOfEventIndicators="0")
     offers = {**_offers(step, "FMUstate"), "canNotUseMemoryManagementFunctions": "true"}
-    files = ElementTree.SubElement(ElementTree.SubElement(root, "CoSimulation", offers), "SourceFiles")
+    files = ElementTree.SubElement(
+        ElementTree.SubElement(root, "CoSimulation", offers), "SourceFiles"
+    )
     for name in sources:
         if name.endswith(".c"):
             ElementTree.SubElement(files, "File", name=name)
@@ -188,21 +248,30 @@ def _description_2(step: Step, sources: dict[str, str]) -> ElementTree.Element:
     ElementTree.SubElement(root, "DefaultExperiment", startTime="0.0", stepSize=repr(step.period_s))
     listed = ElementTree.SubElement(root, "ModelVariables")
     for about, value in _variables(step):
-        ElementTree.SubElement(ElementTree.SubElement(listed, "ScalarVariable", about), "Real", value)
+        ElementTree.SubElement(
+            ElementTree.SubElement(listed, "ScalarVariable", about), "Real", value
+        )
     structure = ElementTree.SubElement(root, "ModelStructure")
     outputs = ElementTree.SubElement(structure, "Outputs")
     unknown = ElementTree.SubElement(structure, "InitialUnknowns")
     for index, needs in _structure(step):
-        ElementTree.SubElement(outputs, "Unknown", index=str(index + 1),
-                               dependencies=" ".join(str(i + 1) for i in needs))
+        ElementTree.SubElement(
+            outputs,
+            "Unknown",
+            index=str(index + 1),
+            dependencies=" ".join(str(i + 1) for i in needs),
+        )
         ElementTree.SubElement(unknown, "Unknown", index=str(index + 1))
     return root
 
 
 def _description_3(step: Step, sources: dict[str, str]) -> ElementTree.Element:
     root = _root(step, sources, 3)
-    ElementTree.SubElement(root, "CoSimulation", {**_offers(step, "FMUState"),
-                                                  "fixedInternalStepSize": repr(step.period_s)})
+    ElementTree.SubElement(
+        root,
+        "CoSimulation",
+        {**_offers(step, "FMUState"), "fixedInternalStepSize": repr(step.period_s)},
+    )
     _units(root, step)
     ElementTree.SubElement(root, "DefaultExperiment", startTime="0.0", stepSize=repr(step.period_s))
     listed = ElementTree.SubElement(root, "ModelVariables")
@@ -210,11 +279,22 @@ def _description_3(step: Step, sources: dict[str, str]) -> ElementTree.Element:
     for about, value in every:
         ElementTree.SubElement(listed, "Float64", {**about, **value})
     clock = "time" if all(about["name"] != "time" for about, _ in every) else "time (independent)"
-    ElementTree.SubElement(listed, "Float64", {"name": clock, "valueReference": str(len(every)), "unit": "s",
-                                               "causality": "independent", "variability": "continuous"})
+    ElementTree.SubElement(
+        listed,
+        "Float64",
+        {
+            "name": clock,
+            "valueReference": str(len(every)),
+            "unit": "s",
+            "causality": "independent",
+            "variability": "continuous",
+        },
+    )
     structure = ElementTree.SubElement(root, "ModelStructure")
     for index, needs in _structure(step):
-        ElementTree.SubElement(structure, "Output", valueReference=str(index), dependencies=" ".join(map(str, needs)))
+        ElementTree.SubElement(
+            structure, "Output", valueReference=str(index), dependencies=" ".join(map(str, needs))
+        )
     for index, _ in _structure(step):
         ElementTree.SubElement(structure, "InitialUnknown", valueReference=str(index))
     return root
@@ -223,7 +303,10 @@ def _description_3(step: Step, sources: dict[str, str]) -> ElementTree.Element:
 def _structure(step: Step) -> list[tuple[int, list[int]]]:
     """Place of every output, and of the inputs it depends on directly."""
     places = {v.name: i for i, v in enumerate(step.inputs)}
-    return [(len(step.inputs) + i, [places[name] for name in needs]) for i, needs in enumerate(step.feedthrough())]
+    return [
+        (len(step.inputs) + i, [places[name] for name in needs])
+        for i, needs in enumerate(step.feedthrough())
+    ]
 
 
 def _build_description(step: Step, sources: dict[str, str]) -> ElementTree.Element:

@@ -16,16 +16,33 @@ def m_file(step: Step, name: str) -> str:
     """The text of <name>.m."""
     work = _Functions(step)
     parts = [work.update()] if step.updates else []
-    parts += [work.readings(), work.rates(), *([work.slopes()] if step.implicit else []),
-              asset("sdirk2.m" if step.implicit else "rk4.m").rstrip(), work.derive(), work.start(), work.parameters(),
-              *([asset("delay.m").rstrip()] if step.lines else []), asset("helpers.m").rstrip()]
-    update = "    s = update(s, s.x, u, time, d, double(s.samples == 0 && part == 1), double(part == 1));\n"
+    parts += [
+        work.readings(),
+        work.rates(),
+        *([work.slopes()] if step.implicit else []),
+        asset("sdirk2.m" if step.implicit else "rk4.m").rstrip(),
+        work.derive(),
+        work.start(),
+        work.parameters(),
+        *([asset("delay.m").rstrip()] if step.lines else []),
+        asset("helpers.m").rstrip(),
+    ]
+    update = (
+        "    s = update(s, s.x, u, time, d, double(s.samples == 0 && part == 1), double(part "
+        "== 1));\n"
+    )
     return Template(asset("model.m")).substitute(
-        model=name, MODEL=name.upper(), title=comment(step.name), period=repr(step.period_s),
+        model=name,
+        MODEL=name.upper(),
+        title=comment(step.name),
+        period=repr(step.period_s),
         inputs=comment(", ".join(v.name for v in step.inputs)) or "none",
         outputs=comment(", ".join(v.name for v in step.outputs)),
-        n_outputs=len(step.outputs), substeps=step.substeps, update=update if step.updates else "",
-        functions="\n\n".join(parts))
+        n_outputs=len(step.outputs),
+        substeps=step.substeps,
+        update=update if step.updates else "",
+        functions="\n\n".join(parts),
+    )
 
 
 class _Functions:
@@ -54,46 +71,84 @@ class _Functions:
                 if c.line < 0:
                     work.name(c.value, words["cell", c.name])
                     continue
-                line, head = f"s.lines({ends[c.line] + 1}:{ends[c.line + 1]})", f"s.heads({c.line + 1})"
+                line, head = (
+                    f"s.lines({ends[c.line] + 1}:{ends[c.line + 1]})",
+                    f"s.heads({c.line + 1})",
+                )
                 value, seconds = work.value(c.value), work.value(c.seconds)
                 call = f"delayed({line}, {head}, begin, {value}, {seconds}, {step.step_s!r})"
                 work.lines.append(f"[{words['cell', c.name]}, {line}, {head}] = {call};")
-            work.lines += [f"s.cells({i}) = {words['cell', c.name]};" for i, c in enumerate(cells, 1)]
+            work.lines += [
+                f"s.cells({i}) = {words['cell', c.name]};" for i, c in enumerate(cells, 1)
+            ]
 
         roots = [e for c in cells for e in (c.value, c.seconds)]
-        return _function("s = update(s, x, u, time, d, begin, fresh)",
-                         self.writer.lines(roots, write, [("cell", c.name) for c in cells]))
+        return _function(
+            "s = update(s, x, u, time, d, begin, fresh)",
+            self.writer.lines(roots, write, [("cell", c.name) for c in cells]),
+        )
 
     def readings(self) -> str:
-        return _function("y = readings(s, x, u, time, d)", [f"y = zeros(1, {len(self.step.readings)});",
-                                                           *self.writer.values(*_numbered("y", self.step.readings))])
+        return _function(
+            "y = readings(s, x, u, time, d)",
+            [
+                f"y = zeros(1, {len(self.step.readings)});",
+                *self.writer.values(*_numbered("y", self.step.readings)),
+            ],
+        )
 
     def rates(self) -> str:
-        return _function("f = rates(s, x, u, time, d)", ["f = zeros(size(x));",
-                                                        *self.writer.values(*_numbered("f", self.step.rates))])
+        return _function(
+            "f = rates(s, x, u, time, d)",
+            ["f = zeros(size(x));", *self.writer.values(*_numbered("f", self.step.rates))],
+        )
 
     def slopes(self) -> str:
         """Rates, and their derivatives by the states."""
-        partials = ((f"J({row + 1}, {column + 1})", value) for row, column, value in self.step.slopes)
-        return _function("[f, J] = slopes(s, x, u, time, d)",
-                         ["f = zeros(size(x));", "J = zeros(numel(x));",
-                          *self.writer.values(*_numbered("f", self.step.rates), *partials)])
+        partials = (
+            (f"J({row + 1}, {column + 1})", value) for row, column, value in self.step.slopes
+        )
+        return _function(
+            "[f, J] = slopes(s, x, u, time, d)",
+            [
+                "f = zeros(size(x));",
+                "J = zeros(numel(x));",
+                *self.writer.values(*_numbered("f", self.step.rates), *partials),
+            ],
+        )
 
     def derive(self) -> str:
         """What follows from the parameters alone."""
-        return _function("d = derive(s)", [f"d = zeros(1, {len(self.step.derived)});",
-                                           *self.writer.values(*_numbered("d", self.step.derived))])
+        return _function(
+            "d = derive(s)",
+            [
+                f"d = zeros(1, {len(self.step.derived)});",
+                *self.writer.values(*_numbered("d", self.step.derived)),
+            ],
+        )
 
     def start(self) -> str:
         step = self.step
-        fields = {"p": "p", "x": f"zeros({len(step.states)}, 1)", "cells": f"zeros(1, {len(step.updates)})",
-                  "lines": f"zeros(1, {sum(step.lines)})", "heads": f"zeros(1, {len(step.lines)})", "samples": "0"}
-        return _function("s = start(p)",
-                         [f"s = struct({', '.join(f'{name!r}, {value}' for name, value in fields.items())});",
-                          *self.writer.values(*_numbered("s.x", step.start))])
+        fields = {
+            "p": "p",
+            "x": f"zeros({len(step.states)}, 1)",
+            "cells": f"zeros(1, {len(step.updates)})",
+            "lines": f"zeros(1, {sum(step.lines)})",
+            "heads": f"zeros(1, {len(step.lines)})",
+            "samples": "0",
+        }
+        return _function(
+            "s = start(p)",
+            [
+                f"s = struct({', '.join(f'{name!r}, {value}' for name, value in fields.items())});",
+                *self.writer.values(*_numbered("s.x", step.start)),
+            ],
+        )
 
     def parameters(self) -> str:
-        lines = [f"p.{self.fields[v.name]} = {v.start!r};   % {_about(v)}" for v in self.step.parameters]
+        lines = [
+            f"p.{self.fields[v.name]} = {v.start!r};   % {_about(v)}" for v in self.step.parameters
+        ]
         return _function("p = parameters()", ["p = struct();", *lines])
 
 

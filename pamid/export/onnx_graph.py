@@ -1,7 +1,8 @@
-"""ONNX graphs node by node: names, constants, subgraphs, and equations as nodes. Everything is float64.
+"""ONNX graphs node by node: names, constants, subgraphs, and equations as nodes. Everything is
+float64.
 
-A number is a tensor of shape (1,), so that numbers split from a vector need no reshaping and can be joined to one.
-Subgraphs see the names around them; constants lie in the outermost graph, each once.
+A number is a tensor of shape (1,), so that numbers split from a vector need no reshaping and can be
+joined to one. Subgraphs see the names around them; constants lie in the outermost graph, each once.
 """
 
 from __future__ import annotations
@@ -20,9 +21,24 @@ Symbol = tuple[str, str]
 Shape = tuple[int | str, ...]
 
 OPSET, IR = 18, 9
-_OPS = {"add": "Add", "sub": "Sub", "mul": "Mul", "div": "Div", "pow": "Pow", "min": "Min", "max": "Max",
-        "sqrt": "Sqrt", "exp": "Exp", "log": "Log", "tanh": "Tanh", "sin": "Sin", "cos": "Cos", "abs": "Abs",
-        "floor": "Floor", "neg": "Neg"}  # fmt: skip
+_OPS = {
+    "add": "Add",
+    "sub": "Sub",
+    "mul": "Mul",
+    "div": "Div",
+    "pow": "Pow",
+    "min": "Min",
+    "max": "Max",
+    "sqrt": "Sqrt",
+    "exp": "Exp",
+    "log": "Log",
+    "tanh": "Tanh",
+    "sin": "Sin",
+    "cos": "Cos",
+    "abs": "Abs",
+    "floor": "Floor",
+    "neg": "Neg",
+}
 _COMPARE = {"lt": "Less", "le": "LessOrEqual"}
 
 
@@ -77,7 +93,7 @@ class Graph:
     def index(self, *values: int) -> str:
         return self.array(values, np.int64)
 
-    # ---- vectors -------------------------------------------------------------------------------------------------
+    # ---- vectors --------------------------------------------------------------------------------
 
     def joined(self, parts: Iterable[str]) -> str:
         """Numbers and vectors as one vector."""
@@ -89,7 +105,11 @@ class Graph:
         lengths = list(sizes)
         if len(lengths) == 1:
             return [vector]
-        return self.several("Split", len(lengths), vector, self.index(*lengths), axis=0) if lengths else []
+        return (
+            self.several("Split", len(lengths), vector, self.index(*lengths), axis=0)
+            if lengths
+            else []
+        )
 
     def numbers(self, vector: str, count: int) -> list[str]:
         return self.parts(vector, [1] * count)
@@ -98,20 +118,35 @@ class Graph:
         return self.add("Where", condition, yes, no)
 
 
-def graph_of(body: Graph, name: str, inputs: Mapping[str, Shape], outputs: Mapping[str, Shape],
-             types: Mapping[str, int] | None = None, *, outermost: bool = False) -> Any:
-    """A finished GraphProto with the shapes of its inputs and outputs, double where `types` does not say otherwise. The
-    outermost one holds the constants that are used."""
+def graph_of(
+    body: Graph,
+    name: str,
+    inputs: Mapping[str, Shape],
+    outputs: Mapping[str, Shape],
+    types: Mapping[str, int] | None = None,
+    *,
+    outermost: bool = False,
+) -> Any:
+    """A finished GraphProto with the shapes of its inputs and outputs, double where `types` does
+    not say otherwise. The outermost one holds the constants that are used."""
     from onnx import TensorProto, helper
 
     kinds = types or {}
 
     def infos(shapes: Mapping[str, Shape]) -> list[Any]:
-        return [helper.make_tensor_value_info(n, kinds.get(n, TensorProto.DOUBLE), s) for n, s in shapes.items()]
+        return [
+            helper.make_tensor_value_info(n, kinds.get(n, TensorProto.DOUBLE), s)
+            for n, s in shapes.items()
+        ]
 
     used = _used(body.nodes) if outermost else set()
-    return helper.make_graph(body.nodes, name, infos(inputs), infos(outputs),
-                             initializer=[c for c in body.constants.values() if c.name in used])
+    return helper.make_graph(
+        body.nodes,
+        name,
+        infos(inputs),
+        infos(outputs),
+        initializer=[c for c in body.constants.values() if c.name in used],
+    )
 
 
 def _used(nodes: Iterable[Any]) -> set[str]:
@@ -130,8 +165,13 @@ def model_bytes(graph: Any, about: Mapping[str, str]) -> bytes:
 
     from onnx import checker, helper
 
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=IR,
-                              producer_name="pamid", producer_version=version("pamid"))
+    model = helper.make_model(
+        graph,
+        opset_imports=[helper.make_opsetid("", OPSET)],
+        ir_version=IR,
+        producer_name="pamid",
+        producer_version=version("pamid"),
+    )
     helper.set_model_props(model, dict(about))
     checker.check_model(model, full_check=True)
     return bytes(model.SerializeToString(deterministic=True))
@@ -140,10 +180,13 @@ def model_bytes(graph: Any, about: Mapping[str, str]) -> bytes:
 class Values:
     """Equations as nodes of a graph, every shared part once.
 
-    symbols: the tensor of every symbol; around: values whose parts may be used where no changed symbol is below them.
+    symbols: the tensor of every symbol; around: values whose parts may be used where no changed
+    symbol is below them.
     """
 
-    def __init__(self, graph: Graph, symbols: Mapping[Symbol, str], around: Values | None = None) -> None:
+    def __init__(
+        self, graph: Graph, symbols: Mapping[Symbol, str], around: Values | None = None
+    ) -> None:
         self.graph, self.symbols, self.around = graph, dict(symbols), around
         self._own: dict[Expr, str] = {}
         self._truths: dict[Expr, str] = {}
@@ -165,15 +208,18 @@ class Values:
         if self.around is None:
             return True
         if node not in self._changed:
-            self._changed[node] = (node.value in self.symbols if node.op == "symbol"
-                                   else any(self._is_own(a) for a in node.args))
+            self._changed[node] = (
+                node.value in self.symbols
+                if node.op == "symbol"
+                else any(self._is_own(a) for a in node.args)
+            )
         return self._changed[node]
 
     def _at(self, node: Expr) -> str:
         if self.around is not None and not self._is_own(node):
             return self.around(node)
-        if node not in self._own:       # a comparison that is counted with
-            self._own[node] = self.graph.add("Cast", self._truth(node), to=11)   # double
+        if node not in self._own:  # a comparison that is counted with
+            self._own[node] = self.graph.add("Cast", self._truth(node), to=11)  # double
         return self._own[node]
 
     def _made(self, node: Expr) -> str:
@@ -182,7 +228,9 @@ class Values:
         if node.op == "symbol":
             return self.symbols[node.value]
         if node.op == "where":
-            return self.graph.choose(self._truth(node.args[0]), self._at(node.args[1]), self._at(node.args[2]))
+            return self.graph.choose(
+                self._truth(node.args[0]), self._at(node.args[1]), self._at(node.args[2])
+            )
         return self.graph.add(_OPS[node.op], *(self._at(a) for a in node.args))
 
     def _truth(self, node: Expr) -> str:
@@ -191,7 +239,9 @@ class Values:
             return self.around._truth(node)
         if node not in self._truths:
             if node.op in _COMPARE:
-                self._truths[node] = self.graph.add(_COMPARE[node.op], *(self(a) for a in node.args))
+                self._truths[node] = self.graph.add(
+                    _COMPARE[node.op], *(self(a) for a in node.args)
+                )
             else:
                 equal = self.graph.add("Equal", self(node), self.graph.number(0.0))
                 self._truths[node] = self.graph.add("Not", equal)

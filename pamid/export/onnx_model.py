@@ -1,10 +1,12 @@
-"""An identified model, or a network by itself, as ONNX in float64: one sample, and a whole run as a Scan over it.
+"""An identified model, or a network by itself, as ONNX in float64: one sample, and a whole run as a
+Scan over it.
 
     <stem>-cell.onnx   inputs (nu,), state (n,) -> outputs (ny,), next_state (n,)
     <stem>.onnx        inputs (T, nu), state (n,) -> outputs (T, ny), last_state (n,)
 
-Inputs and outputs are in the units of their columns and in the order that the metadata tell; there is the state of the
-beginning, too ("start"). A run may be cut anywhere: the last state of one part is the first of the next.
+Inputs and outputs are in the units of their columns and in the order that the metadata tell; there
+is the state of the beginning, too ("start"). A run may be cut anywhere: the last state of one part
+is the first of the next.
 """
 
 from __future__ import annotations
@@ -35,14 +37,15 @@ SCHEMA = "pamid.onnx/1"
 
 
 def write_onnx(model: Identified, path: Path) -> tuple[Path, Path]:
-    """Write a model's run to `path` and its cell beside it, each whole or not at all; both paths. UsageError where its
-    network needs the control loop; FileError where onnx is not installed."""
+    """Write a model's run to `path` and its cell beside it, each whole or not at all; both paths.
+    UsageError where its network needs the control loop; FileError where onnx is not installed."""
     _require_onnx()
     return _written(onnx_bytes(model), path)
 
 
 def write_network_onnx(trained: TrainedNetwork, path: Path) -> tuple[Path, Path]:
-    """The same for a network by itself, from its inputs to its correction, both in their own units."""
+    """The same for a network by itself, from its inputs to its correction, both in their own
+    units."""
     _require_onnx()
     return _written(network_onnx_bytes(trained), path)
 
@@ -51,11 +54,17 @@ def onnx_bytes(model: Identified) -> tuple[bytes, bytes]:
     """A model's run and cell."""
     sample = Sampled(step_of(model), model.network.trained if model.network is not None else None)
     s = sample.step
-    about = {"rig": model.name, "effects": [a.label for a in model.effects], "dt_s": s.period_s,
-             "network": "" if sample.network is None else sample.network.network.kind,
-             "inputs": [{"name": v.name, "unit": v.unit} for v in s.inputs],
-             "outputs": [{"name": v.name, "unit": v.unit} for v in s.outputs],
-             "state": sample.sizes, "states": list(s.states), "fit_sha256": model.sha256}
+    about = {
+        "rig": model.name,
+        "effects": [a.label for a in model.effects],
+        "dt_s": s.period_s,
+        "network": "" if sample.network is None else sample.network.network.kind,
+        "inputs": [{"name": v.name, "unit": v.unit} for v in s.inputs],
+        "outputs": [{"name": v.name, "unit": v.unit} for v in s.outputs],
+        "state": sample.sizes,
+        "states": list(s.states),
+        "fit_sha256": model.sha256,
+    }
     return _run_and_cell(model.name, sample.nodes, sample.start, about)
 
 
@@ -68,7 +77,11 @@ def network_onnx_bytes(trained: TrainedNetwork) -> tuple[bytes, bytes]:
 
     def nodes(g: Graph, inputs: str, state: str) -> tuple[str, str]:
         before, samples = g.parts(state, [memory, 1]) if memory else ("", state)
-        scaled = g.add("Div", g.add("Mul", g.number(2.0), g.add("Sub", inputs, g.array(low))), g.array(high - low))
+        scaled = g.add(
+            "Div",
+            g.add("Mul", g.number(2.0), g.add("Sub", inputs, g.array(low))),
+            g.array(high - low),
+        )
         given = g.add("Sub", scaled, g.number(1.0))
         first = g.add("Equal", samples, g.number(0.0))
         value, after = network_nodes(g, network, trained.weights, given, before, first)
@@ -77,32 +90,54 @@ def network_onnx_bytes(trained: TrainedNetwork) -> tuple[bytes, bytes]:
         counted = g.add("Add", samples, g.number(1.0))
         return output, g.joined([after, counted] if memory else [counted])
 
-    about = {"network": network.kind, "dt_s": trained.period_s, "inputs": [_column(n) for n in trained.input_names],
-             "outputs": [_column(trained.output_name)],
-             "state": {**({"memory": memory} if memory else {}), "samples": 1}}
+    about = {
+        "network": network.kind,
+        "dt_s": trained.period_s,
+        "inputs": [_column(n) for n in trained.input_names],
+        "outputs": [_column(trained.output_name)],
+        "state": {**({"memory": memory} if memory else {}), "samples": 1},
+    }
     return _run_and_cell(network.kind, nodes, np.zeros(memory + 1), about)
 
 
-def _run_and_cell(name: str, nodes: Nodes, start: Array, about: Mapping[str, Any]) -> tuple[bytes, bytes]:
+def _run_and_cell(
+    name: str, nodes: Nodes, start: Array, about: Mapping[str, Any]
+) -> tuple[bytes, bytes]:
     nu, n, ny = len(about["inputs"]), len(start), len(about["outputs"])
     told = {"schema": SCHEMA, **about, "start": start.tolist()}
-    words = {key: value if isinstance(value, str) else json.dumps(value) for key, value in told.items()}
+    words = {
+        key: value if isinstance(value, str) else json.dumps(value) for key, value in told.items()
+    }
 
     single = Graph()
-    for output, value in zip(("outputs", "next_state"), nodes(single, "inputs", "state"), strict=True):
+    for output, value in zip(
+        ("outputs", "next_state"), nodes(single, "inputs", "state"), strict=True
+    ):
         single.named(output, value)
-    cell = graph_of(single, name, {"inputs": (nu,), "state": (n,)}, {"outputs": (ny,), "next_state": (n,)},
-                    outermost=True)
+    cell = graph_of(
+        single,
+        name,
+        {"inputs": (nu,), "state": (n,)},
+        {"outputs": (ny,), "next_state": (n,)},
+        outermost=True,
+    )
 
     whole = Graph()
     inside = whole.inside()
     outputs, following = nodes(inside, "sample", "before")
-    once = graph_of(inside, "sample", {"before": (n,), "sample": (nu,)}, {following: (n,), outputs: (ny,)})
+    once = graph_of(
+        inside, "sample", {"before": (n,), "sample": (nu,)}, {following: (n,), outputs: (ny,)}
+    )
     last, every = whole.several("Scan", 2, "state", "inputs", body=once, num_scan_inputs=1)
     whole.named("last_state", last)
     whole.named("outputs", every)
-    run = graph_of(whole, name, {"inputs": ("samples", nu), "state": (n,)},
-                   {"outputs": ("samples", ny), "last_state": (n,)}, outermost=True)
+    run = graph_of(
+        whole,
+        name,
+        {"inputs": ("samples", nu), "state": (n,)},
+        {"outputs": ("samples", ny), "last_state": (n,)},
+        outermost=True,
+    )
     return model_bytes(run, words), model_bytes(cell, words)
 
 
@@ -121,5 +156,8 @@ def _require_onnx() -> None:
     try:
         import onnx  # noqa: F401
     except ImportError:
-        raise FileError("ONNX files are written with the package onnx, which is not installed.",
-                        "pip install 'pamid[onnx]'", code="missing-extra") from None
+        raise FileError(
+            "ONNX files are written with the package onnx, which is not installed.",
+            "pip install 'pamid[onnx]'",
+            code="missing-extra",
+        ) from None

@@ -1,4 +1,5 @@
-"""One sample of each kind of network as ONNX nodes, in matrices; the equations are those of `pamid.networks`."""
+"""One sample of each kind of network as ONNX nodes, in matrices; the equations are those of
+`pamid.networks`."""
 
 from __future__ import annotations
 
@@ -26,9 +27,11 @@ def memory_size(network: Network) -> int:
     return 0
 
 
-def network_nodes(g: Graph, network: Network, weights: Array, given: str, memory: str, first: str) -> tuple[str, str]:
-    """Scaled output (1,) and next memory (memory_size,), for scaled inputs given (m,); `first` is true at the first
-    sample. Without memory that name is passed on."""
+def network_nodes(
+    g: Graph, network: Network, weights: Array, given: str, memory: str, first: str
+) -> tuple[str, str]:
+    """Scaled output (1,) and next memory (memory_size,), for scaled inputs given (m,); `first` is
+    true at the first sample. Without memory that name is passed on."""
     if isinstance(network, Elman):
         return _elman(g, network, weights, given, memory)
     if isinstance(network, Narx):
@@ -49,7 +52,9 @@ def _elman(g: Graph, network: Elman, weights: Array, given: str, memory: str) ->
     return _affine(g, layers.output[None], state, g.number(layers.output_bias)), state
 
 
-def _narx(g: Graph, network: Narx, weights: Array, given: str, memory: str, first: str) -> tuple[str, str]:
+def _narx(
+    g: Graph, network: Narx, weights: Array, given: str, memory: str, first: str
+) -> tuple[str, str]:
     """Memory: past inputs, sample by sample, then past outputs, the newest first."""
     layers, m = network.layers(weights), network.inputs
     reach_in, reach_out = network.input_lags * network.stride, network.output_lags * network.stride
@@ -57,13 +62,22 @@ def _narx(g: Graph, network: Narx, weights: Array, given: str, memory: str, firs
     if reach_in:
         inputs, outputs = g.parts(memory, [reach_in * m, reach_out])
         inputs = g.choose(first, g.add("Tile", given, g.index(reach_in)), inputs)
-        rows = [np.arange(m) + (lag * network.stride - 1) * m for lag in range(1, network.input_lags + 1)]
-        taps = g.joined([given, g.add("Gather", inputs, g.index(*np.concatenate(rows).tolist()), axis=0)])
+        rows = [
+            np.arange(m) + (lag * network.stride - 1) * m
+            for lag in range(1, network.input_lags + 1)
+        ]
+        taps = g.joined(
+            [given, g.add("Gather", inputs, g.index(*np.concatenate(rows).tolist()), axis=0)]
+        )
         kept = [given, *g.parts(inputs, [(reach_in - 1) * m, m])[:1]] if reach_in > 1 else [given]
     else:
         outputs = memory
-    back = g.add("Gather", outputs, g.index(*(lag * network.stride - 1 for lag in range(1, network.output_lags + 1))),
-                 axis=0)
+    back = g.add(
+        "Gather",
+        outputs,
+        g.index(*(lag * network.stride - 1 for lag in range(1, network.output_lags + 1))),
+        axis=0,
+    )
     driven = _affine(g, layers.feedback, back, _affine(g, layers.taps, taps, g.array(layers.bias)))
     output = _affine(g, layers.output[None], g.add("Tanh", driven), g.number(layers.output_bias))
     older = g.parts(outputs, [reach_out - 1, 1])[:1] if reach_out > 1 else []

@@ -1,4 +1,5 @@
-"""The implicit step of `pamid.engine.integrator` as ONNX nodes: two SDIRK2 stages, each solved by damped Newton."""
+"""The implicit step of `pamid.engine.integrator` as ONNX nodes: two SDIRK2 stages, each solved by
+damped Newton."""
 
 from __future__ import annotations
 
@@ -14,12 +15,14 @@ from pamid.export.onnx_graph import Graph, graph_of
 Rates = Callable[[Graph, str], str]
 
 ITERATIONS, HALVINGS = 40, 20
-DAMPED, SETTLED = 1e-3, 1e-9      # largest relative change: above, a step may be shortened; below, it was the last
+# largest relative change: above, a step may be shortened; below, it was the last
+DAMPED, SETTLED = 1e-3, 1e-9
 
 
 @dataclass(frozen=True)
 class Implicit:
-    """x = base + gh f(x) for a state of nx numbers. rates: f at a state; slopes: df/dx there (nx, nx)."""
+    """x = base + gh f(x) for a state of nx numbers. rates: f at a state; slopes: df/dx there (nx,
+    nx)."""
 
     nx: int
     rates: Rates
@@ -38,7 +41,9 @@ class Implicit:
         from onnx import TensorProto
 
         b = g.inside()
-        count, going, settled, x = (g.fresh(stem) for stem in ("iteration", "going", "settled", "x"))
+        count, going, settled, x = (
+            g.fresh(stem) for stem in ("iteration", "going", "settled", "x")
+        )
         matrix = b.add("Sub", b.array(np.eye(self.nx)), b.add("Mul", gh, self.slopes(b, x)))
         change = _quotient(b, matrix, self._residual(b, base, gh, x), self.nx)
         worst = _largest(b, change, x)
@@ -46,41 +51,79 @@ class Implicit:
         done = b.add("Squeeze", b.add("Less", worst, b.number(SETTLED)))
         again = b.add("Not", done)
         boolean = {name: TensorProto.BOOL for name in (going, again, settled, done)}
-        body = graph_of(b, "newton", {count: (), going: (), x: (self.nx,), settled: ()},
-                        {again: (), taken: (self.nx,), done: ()}, types={count: TensorProto.INT64, **boolean})
-        found, fine = g.several("Loop", 2, g.array(ITERATIONS, np.int64), g.array(True, np.bool_), guess,
-                                g.array(False, np.bool_), body=body)
+        body = graph_of(
+            b,
+            "newton",
+            {count: (), going: (), x: (self.nx,), settled: ()},
+            {again: (), taken: (self.nx,), done: ()},
+            types={count: TensorProto.INT64, **boolean},
+        )
+        found, fine = g.several(
+            "Loop",
+            2,
+            g.array(ITERATIONS, np.int64),
+            g.array(True, np.bool_),
+            guess,
+            g.array(False, np.bool_),
+            body=body,
+        )
         return g.choose(fine, found, g.number(np.nan))
 
     def _residual(self, g: Graph, base: str, gh: str, x: str) -> str:
         return g.add("Sub", g.add("Add", base, g.add("Mul", gh, self.rates(g, x))), x)
 
-    def _taken(self, g: Graph, base: str, gh: str, x: str, matrix: str, change: str, worst: str) -> str:
-        """x + change, shortened where it is large and Newton's next one would not become smaller."""
+    def _taken(
+        self, g: Graph, base: str, gh: str, x: str, matrix: str, change: str, worst: str
+    ) -> str:
+        """x + change, shortened where it is large and Newton's next one would not become
+        smaller."""
         whole, shorter = g.inside(), g.inside()
         after = whole.add("Add", x, change)
         found = self._shortened(shorter, base, gh, x, matrix, change, worst)
         large = g.add("Squeeze", g.add("Greater", worst, g.number(DAMPED)))
-        return g.add("If", large, then_branch=graph_of(shorter, "shortened", {}, {found: (self.nx,)}),
-                     else_branch=graph_of(whole, "whole", {}, {after: (self.nx,)}))
+        return g.add(
+            "If",
+            large,
+            then_branch=graph_of(shorter, "shortened", {}, {found: (self.nx,)}),
+            else_branch=graph_of(whole, "whole", {}, {after: (self.nx,)}),
+        )
 
-    def _shortened(self, g: Graph, base: str, gh: str, x: str, matrix: str, change: str, worst: str) -> str:
+    def _shortened(
+        self, g: Graph, base: str, gh: str, x: str, matrix: str, change: str, worst: str
+    ) -> str:
         from onnx import TensorProto
 
         b = g.inside()
-        count, going, trial, reach = (g.fresh(stem) for stem in ("iteration", "going", "trial", "reach"))
+        count, going, trial, reach = (
+            g.fresh(stem) for stem in ("iteration", "going", "trial", "reach")
+        )
         there = b.add("Add", x, b.add("Mul", reach, change))
         next_change = _quotient(b, matrix, self._residual(b, base, gh, there), self.nx)
         scale = b.add("Add", b.add("Abs", x), b.number(1e-6))
-        left = b.add("ReduceMax", b.add("Div", b.add("Abs", next_change), scale), b.index(0), keepdims=1)
-        allowed = b.add("Mul", b.add("Sub", b.number(1.0), b.add("Mul", b.number(0.25), reach)), worst)
+        left = b.add(
+            "ReduceMax", b.add("Div", b.add("Abs", next_change), scale), b.index(0), keepdims=1
+        )
+        allowed = b.add(
+            "Mul", b.add("Sub", b.number(1.0), b.add("Mul", b.number(0.25), reach)), worst
+        )
         again = b.add("Not", b.add("Squeeze", b.add("LessOrEqual", left, allowed)))
         halved = b.add("Mul", reach, b.number(0.5))
-        body = graph_of(b, "halving", {count: (), going: (), trial: (self.nx,), reach: (1,)},
-                        {again: (), there: (self.nx,), halved: (1,)},
-                        types={count: TensorProto.INT64, going: TensorProto.BOOL, again: TensorProto.BOOL})
-        return g.several("Loop", 2, g.array(HALVINGS, np.int64), g.array(True, np.bool_), x, g.number(1.0),
-                         body=body)[0]
+        body = graph_of(
+            b,
+            "halving",
+            {count: (), going: (), trial: (self.nx,), reach: (1,)},
+            {again: (), there: (self.nx,), halved: (1,)},
+            types={count: TensorProto.INT64, going: TensorProto.BOOL, again: TensorProto.BOOL},
+        )
+        return g.several(
+            "Loop",
+            2,
+            g.array(HALVINGS, np.int64),
+            g.array(True, np.bool_),
+            x,
+            g.number(1.0),
+            body=body,
+        )[0]
 
 
 def _largest(g: Graph, change: str, x: str) -> str:

@@ -18,18 +18,34 @@ from pamid.symbolic.expression import Expr, symbols, walk
 
 Array = NDArray[np.float64]
 
-_FUNCTIONS = {"sqrt": np.sqrt, "exp": np.exp, "log": np.log, "tanh": np.tanh, "sin": np.sin, "cos": np.cos,
-              "abs": np.abs, "floor": np.floor, "neg": np.negative, "add": np.add, "sub": np.subtract,
-              "mul": np.multiply, "div": np.divide, "pow": np.power, "min": np.minimum, "max": np.maximum,
-              "lt": np.less, "le": np.less_equal}  # fmt: skip
+_FUNCTIONS = {
+    "sqrt": np.sqrt,
+    "exp": np.exp,
+    "log": np.log,
+    "tanh": np.tanh,
+    "sin": np.sin,
+    "cos": np.cos,
+    "abs": np.abs,
+    "floor": np.floor,
+    "neg": np.negative,
+    "add": np.add,
+    "sub": np.subtract,
+    "mul": np.multiply,
+    "div": np.divide,
+    "pow": np.power,
+    "min": np.minimum,
+    "max": np.maximum,
+    "lt": np.less,
+    "le": np.less_equal,
+}
 
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
     """A model's sample, with the network whose cells the step has, if any.
 
-    The state that a host carries is one vector: the model's states (SI), what its cells and its network remember, its
-    delay lines, and last the number of samples so far.
+    The state that a host carries is one vector: the model's states (SI), what its cells and its
+    network remember, its delay lines, and last the number of samples so far.
     """
 
     step: Step
@@ -39,8 +55,12 @@ class Sampled:
     def kept(self) -> tuple[str, ...]:
         """Cells whose value at the last step is asked for, those of the network left out."""
         s = self.step
-        asked = symbols([*(e for u in s.updates for e in (u.value, u.seconds)), *s.rates, *s.readings])
-        return tuple(u.name for u in s.updates if ("past", u.name) in asked and not self._of_network(u))
+        asked = symbols(
+            [*(e for u in s.updates for e in (u.value, u.seconds)), *s.rates, *s.readings]
+        )
+        return tuple(
+            u.name for u in s.updates if ("past", u.name) in asked and not self._of_network(u)
+        )
 
     def _of_network(self, update: Update) -> bool:
         return self.network is not None and (update.name == VALUE or update.name.startswith(MEMORY))
@@ -49,8 +69,13 @@ class Sampled:
     def sizes(self) -> dict[str, int]:
         """Length of every part of the state vector, in order."""
         memory = 0 if self.network is None else memory_size(self.network.network)
-        parts = {"states": len(self.step.states), "cells": len(self.kept), "memory": memory,
-                 **{f"line {i}": size for i, size in enumerate(self.step.lines)}, "samples": 1}
+        parts = {
+            "states": len(self.step.states),
+            "cells": len(self.kept),
+            "memory": memory,
+            **{f"line {i}": size for i, size in enumerate(self.step.lines)},
+            "samples": 1,
+        }
         return {name: size for name, size in parts.items() if size}
 
     @cached_property
@@ -72,16 +97,28 @@ class Sampled:
         s = self.step
         part = dict(zip(self.sizes, g.parts(state, self.sizes.values()), strict=True))
         fixed = {key: g.number(value) for key, value in self.known.items()}
-        given = dict(zip((("input", v.name) for v in s.inputs), g.numbers(inputs, len(s.inputs)), strict=True))
+        given = dict(
+            zip(
+                (("input", v.name) for v in s.inputs), g.numbers(inputs, len(s.inputs)), strict=True
+            )
+        )
         first = g.add("Equal", part["samples"], g.number(0.0))
         since = g.add("Mul", part["samples"], g.number(s.period_s))
-        now = dict(zip(self.kept, g.numbers(part["cells"], len(self.kept)) if self.kept else (), strict=True))
+        now = dict(
+            zip(
+                self.kept,
+                g.numbers(part["cells"], len(self.kept)) if self.kept else (),
+                strict=True,
+            )
+        )
         outputs = ""
         for sub in range(s.substeps):
             begin = g.add("Cast", first, to=11) if sub == 0 else g.number(0.0)
             ticks: dict[Symbol, str] = {
-                ("tick", "time"): g.add("Add", since, g.number(sub * s.step_s)), ("tick", "begin"): begin,
-                ("tick", "fresh"): g.number(float(sub == 0))}
+                ("tick", "time"): g.add("Add", since, g.number(sub * s.step_s)),
+                ("tick", "begin"): begin,
+                ("tick", "fresh"): g.number(float(sub == 0)),
+            }
             past = {("past", n): t for n, t in now.items()}
             held = Values(g, {**fixed, **given, **ticks, **past})
             here = Values(g, self._states(g, part["states"]), held)
@@ -98,9 +135,17 @@ class Sampled:
         names = self.step.states
         return dict(zip((("state", n) for n in names), g.numbers(vector, len(names)), strict=True))
 
-    def _updated(self, g: Graph, here: Values, part: dict[str, str], before: dict[str, str], first: str,
-                 sub: int) -> dict[str, str]:
-        """All cells at the beginning of a substep, by name; the network's memory and the delay lines move on."""
+    def _updated(
+        self,
+        g: Graph,
+        here: Values,
+        part: dict[str, str],
+        before: dict[str, str],
+        first: str,
+        sub: int,
+    ) -> dict[str, str]:
+        """All cells at the beginning of a substep, by name; the network's memory and the delay
+        lines move on."""
         after: dict[str, str] = {}
         for update in self.step.updates:
             if not self._of_network(update):
@@ -121,14 +166,18 @@ class Sampled:
     def _network(self, g: Graph, cells: dict[str, str], part: dict[str, str], first: str) -> str:
         assert self.network is not None
         given = g.joined([cells[f"{GIVEN}{i}"] for i in range(len(self.network.input_names))])
-        value, memory = network_nodes(g, self.network.network, self.network.weights, given, part.get("memory", ""),
-                                      first)
+        value, memory = network_nodes(
+            g, self.network.network, self.network.weights, given, part.get("memory", ""), first
+        )
         if "memory" in part:
             part["memory"] = memory
         return value
 
-    def _delayed(self, g: Graph, here: Values, part: dict[str, str], update: Update, value: str, first: str) -> str:
-        """Put a value into its delay line, newest first; the one `seconds` ago, linear between steps."""
+    def _delayed(
+        self, g: Graph, here: Values, part: dict[str, str], update: Update, value: str, first: str
+    ) -> str:
+        """Put a value into its delay line, newest first; the one `seconds` ago, linear between
+        steps."""
         name, size = f"line {update.line}", self.step.lines[update.line]
         older = g.parts(part[name], [size - 1, 1])[0]
         line = g.joined([value, older])
@@ -144,7 +193,7 @@ class Sampled:
         rest = g.add("Sub", g.number(1.0), share)
         return g.add("Add", g.add("Mul", rest, near), g.add("Mul", share, far))
 
-    # ---- states ------------------------------------------------------------------------------------------------------
+    # ---- states ---------------------------------------------------------------------------------
 
     def _moved(self, g: Graph, here: Values, held: Values, state: str) -> str:
         """The states after a substep; `here` are values at its beginning."""
@@ -172,13 +221,16 @@ class Sampled:
             part = g.add("Mul", slope, g.number(h / 6.0 if stage in (0, 3) else h / 3.0))
             moved = g.add("Add", moved, part) if moved else part
             if stage < 3:
-                there = g.add("Add", state, g.add("Mul", slope, g.number(0.5 * h if stage < 2 else h)))
+                there = g.add(
+                    "Add", state, g.add("Mul", slope, g.number(0.5 * h if stage < 2 else h))
+                )
                 values = Values(g, self._states(g, there), held)
         return g.add("Add", state, moved)
 
 
 def _number(root: Expr, known: dict[Symbol, float]) -> float:
-    """The value of an expression whose symbols are known; not finite where a division or a logarithm is."""
+    """The value of an expression whose symbols are known; not finite where a division or a
+    logarithm is."""
     found: dict[Expr, float] = {}
     with np.errstate(all="ignore"):
         for node in walk([root]):

@@ -11,15 +11,23 @@ from pamid.symbolic.expression import Expr, symbols, walk
 
 Symbol = tuple[str, str]
 
-_INFIX = {"add": ("+", 2), "sub": ("-", 2), "mul": ("*", 3), "div": ("/", 3), "lt": ("<", 1), "le": ("<=", 1)}
+_INFIX = {
+    "add": ("+", 2),
+    "sub": ("-", 2),
+    "mul": ("*", 3),
+    "div": ("/", 3),
+    "lt": ("<", 1),
+    "le": ("<=", 1),
+}
 _COMPARE = ("lt", "le")
 _ATOM = 5
-_LONGEST = 90   # characters of a part that is written where it is used, not under a name of its own
+_LONGEST = 90  # characters of a part that is written where it is used, not under a name of its own
 
 
 @dataclass(frozen=True)
 class Dialect:
-    """How a language writes what differs. assign, truth (of a comparison as a number), choice: format strings."""
+    """How a language writes what differs. assign, truth (of a comparison as a number), choice:
+    format strings."""
 
     assign: str
     truth: str
@@ -30,29 +38,47 @@ class Dialect:
 
 
 _CALLS = {name: name for name in ("sqrt", "exp", "log", "tanh", "sin", "cos", "floor", "pow")}
-C = Dialect("const double {} = {};", "{} ? 1.0 : 0.0", "!=", "{} ? {} : {}", 0,
-            {**_CALLS, "abs": "fabs", "min": "least", "max": "greatest"})
-MATLAB = Dialect("{} = {};", "double({})", "~=", "choose({}, {}, {})", _ATOM,
-                 {**_CALLS, "abs": "abs", "min": "least", "max": "greatest", "pow": "power"})
+C = Dialect(
+    "const double {} = {};",
+    "{} ? 1.0 : 0.0",
+    "!=",
+    "{} ? {} : {}",
+    0,
+    {**_CALLS, "abs": "fabs", "min": "least", "max": "greatest"},
+)
+MATLAB = Dialect(
+    "{} = {};",
+    "double({})",
+    "~=",
+    "choose({}, {}, {})",
+    _ATOM,
+    {**_CALLS, "abs": "abs", "min": "least", "max": "greatest", "pow": "power"},
+)
 
 
 #: words of the two languages and of the exported programs that no name may be
-_RESERVED = frozenset(re.findall(r"\w+", """
+_RESERVED = frozenset(
+    re.findall(
+        r"\w+",
+        """
     auto break case char const continue default do double else enum extern float for goto if inline int long register
     restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
     function end elseif otherwise parfor persistent global try catch classdef spmd
     m s u x y p d f h n J time fresh begin past next model least greatest choose delayed state cells lines heads
     sqrt exp log tanh sin cos floor pow power abs fabs double zeros ones pi i j e eps inf nan size length mod
-"""))
+""",  # noqa: E501
+    )
+)
 
 
 def identifier(name: str, taken: Iterable[str] = ()) -> str:
-    """`name` as a word of C and MATLAB that is not among `taken`: "dead-time:delay_s" -> "dead_time_delay_s"."""
+    """`name` as a word of C and MATLAB that is not among `taken`: "dead-time:delay_s" ->
+    "dead_time_delay_s"."""
     word = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")[:50] or "v"
     word = f"v{word}" if word[0].isdigit() else word
     used = {*_RESERVED, *taken}
     found, n = word, 2
-    while found in used or re.fullmatch(r"k\d+", found):   # k12 is the name of a part
+    while found in used or re.fullmatch(r"k\d+", found):  # k12 is the name of a part
         found, n = f"{word}_{n}", n + 1
     return found
 
@@ -76,7 +102,8 @@ class Statements:
     roots: list[Expr]
     words: dict[Symbol, str]
     lines: list[str] = field(default_factory=list)
-    _parts: dict[Expr, tuple[str, int]] = field(default_factory=dict)   # text and how tightly it binds
+    # text and how tightly it binds
+    _parts: dict[Expr, tuple[str, int]] = field(default_factory=dict)
     _truths: dict[Expr, str] = field(default_factory=dict)
     _uses: Counter[Expr] = field(init=False)
     _names: dict[Expr, str] = field(default_factory=dict)
@@ -128,8 +155,13 @@ class Statements:
             return f"-{self._at(node.args[0], _ATOM)}", 2
         if node.op == "where":
             condition, a, b = node.args
-            truth = self._truths.get(condition) or f"{self._at(condition, 2)} {self.dialect.unequal} 0.0"
-            return self.dialect.choice.format(truth, self._at(a, 1), self._at(b, 1)), self.dialect.choice_level
+            truth = (
+                self._truths.get(condition)
+                or f"{self._at(condition, 2)} {self.dialect.unequal} 0.0"
+            )
+            return self.dialect.choice.format(
+                truth, self._at(a, 1), self._at(b, 1)
+            ), self.dialect.choice_level
         arguments = ", ".join(self._at(a, 0) for a in node.args)
         return f"{self.dialect.calls[node.op]}({arguments})", _ATOM
 
@@ -142,7 +174,8 @@ class Statements:
 class Writer:
     """Bodies of functions in which every symbol that is used is a local.
 
-    places: where each symbol's value is found; a tick or what is derived from the parameters is used from there.
+    places: where each symbol's value is found; a tick or what is derived from the parameters is
+    used from there.
     """
 
     def __init__(self, dialect: Dialect, places: dict[Symbol, str]) -> None:
@@ -151,17 +184,23 @@ class Writer:
         own = identifiers(f"past_{name}" if space == "past" else name for space, name in named)
         self.words = {**places, **dict(zip(named, own, strict=True))}
 
-    def lines(self, roots: list[Expr], write: Callable[[Statements], None], made: Iterable[Symbol] = ()) -> list[str]:
+    def lines(
+        self, roots: list[Expr], write: Callable[[Statements], None], made: Iterable[Symbol] = ()
+    ) -> list[str]:
         """The locals, and what `write` adds; made: symbols that these lines define themselves."""
         used = symbols(roots) - set(made)
-        own = [self.dialect.assign.format(self.words[s], place) for s, place in self.places.items()
-               if s in used and self.words[s] != place]
+        own = [
+            self.dialect.assign.format(self.words[s], place)
+            for s, place in self.places.items()
+            if s in used and self.words[s] != place
+        ]
         work = Statements(self.dialect, roots, self.words, own)
         write(work)
         return work.lines
 
     def values(self, *targets: tuple[str, Expr]) -> list[str]:
         """Lines that put values where they belong."""
+
         def write(work: Statements) -> None:
             for target, value in targets:
                 text = work.value(value)

@@ -1,14 +1,15 @@
-"""An identified model flattened to what one sample does, in the units of its columns: the ground of every export.
+"""An identified model flattened to what one sample does, in the units of its columns: the ground of
+every export.
 
 One sample, as `pamid.engine.integrator.sweep` does it, with the inputs held:
     substeps times
-        the cells, in order, from the state, the inputs and their own past; a delay line takes in its value and hands
-        out the one `seconds` ago, linear between steps
-        first time only: the outputs
-        the states by one Runge-Kutta step of order 4, or one SDIRK2 step with damped Newton where `implicit`
-Symbols of the expressions: state, cell (after its update), past (before it), input and parameter (in the units of
-their names), derived (what follows from the parameters alone) and the ticks time (s since the start), fresh (1 at the
-first substep) and begin (1 at the very first).
+        the cells, in order, from the state, the inputs and their own past; a delay line takes in
+        its value and hands out the one `seconds` ago, linear between steps first time only: the
+        outputs the states by one Runge-Kutta step of order 4, or one SDIRK2 step with damped Newton
+        where `implicit`
+Symbols of the expressions: state, cell (after its update), past (before it), input and parameter
+(in the units of their names), derived (what follows from the parameters alone) and the ticks time
+(s since the start), fresh (1 at the first substep) and begin (1 at the very first).
 """
 
 from __future__ import annotations
@@ -58,7 +59,8 @@ class Variable:
 
 @dataclass(frozen=True)
 class Update:
-    """What a cell becomes; a delay line (line >= 0) takes `value` in and gives the cell the value `seconds` ago."""
+    """What a cell becomes; a delay line (line >= 0) takes `value` in and gives the cell the value
+    `seconds` ago."""
 
     name: str
     value: Expr
@@ -68,7 +70,8 @@ class Update:
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """See the module. slopes: (row, column, d rate / d state), where implicit; lines: values each delay line keeps."""
+    """See the module. slopes: (row, column, d rate / d state), where implicit; lines: values each
+    delay line keeps."""
 
     name: str
     period_s: float
@@ -107,7 +110,8 @@ class Step:
 
 @dataclass(frozen=True)
 class _Owned:
-    """A parameter of the model, or of the uncorrected one beside it: its symbol, its name outside."""
+    """A parameter of the model, or of the uncorrected one beside it: its symbol, its name
+    outside."""
 
     key: str
     name: str
@@ -121,48 +125,86 @@ class _Owned:
 
     def variable(self, running: set[str]) -> Variable:
         b = self.bound
-        return Variable(self.name, b.unit, self.value / b.factor, b.source, fixed=self.name not in running)
+        return Variable(
+            self.name, b.unit, self.value / b.factor, b.source, fixed=self.name not in running
+        )
 
 
 def step_of(model: Identified) -> Step:
     """Flatten a model; UsageError where its network needs the control loop."""
     if model.network is not None and model.network.in_loop:
-        raise UsageError("This network corrects the model in its own control loop, not on given commands.",
-                         "Leave it out with --which refitted.")
+        raise UsageError(
+            "This network corrects the model in its own control loop, not on given commands.",
+            "Leave it out with --which refitted.",
+        )
     stepping, lowered, owned = model.stepping, model.lowered, _owned(model)
     h = model.period_s / stepping.substeps
     outside = {symbol("parameter", o.key): o.surface for o in owned}
-    settled = {tick("step"): const(h), tick("period"): const(model.period_s), tick("join"): ZERO, **outside}
+    settled = {
+        tick("step"): const(h),
+        tick("period"): const(model.period_s),
+        tick("join"): ZERO,
+        **outside,
+    }
     if stepping.substeps == 1:
         settled[tick("fresh")] = ONE
-    settled |= {symbol("input", name): _si(symbol("input", name), split_column(name)[1]) for name in model.inputs}
-    readings = [_shown(value, split_column(name)[1])
-                for name, value in zip(model.outputs, lowered.outputs, strict=True)]
+    settled |= {
+        symbol("input", name): _si(symbol("input", name), split_column(name)[1])
+        for name in model.inputs
+    }
+    readings = [
+        _shown(value, split_column(name)[1])
+        for name, value in zip(model.outputs, lowered.outputs, strict=True)
+    ]
     slopes = _slopes(lowered) if stepping.implicit else []
-    groups = [[cell.update if cell.buffer_s else cell_update(cell) for cell in lowered.cells],
-              [ZERO if cell.seconds is None else cell.seconds for cell in lowered.cells],
-              list(lowered.rates), readings, [value for _, _, value in slopes]]
-    (values, seconds, rates, readings, partials), derived = hoist([substitute(g, settled) for g in groups])
+    groups = [
+        [cell.update if cell.buffer_s else cell_update(cell) for cell in lowered.cells],
+        [ZERO if cell.seconds is None else cell.seconds for cell in lowered.cells],
+        list(lowered.rates),
+        readings,
+        [value for _, _, value in slopes],
+    ]
+    (values, seconds, rates, readings, partials), derived = hoist(
+        [substitute(g, settled) for g in groups]
+    )
     lines = {cell.name: ceil(cell.buffer_s / h) + 3 for cell in lowered.cells if cell.buffer_s}
     start = substitute(_start(model, owned), outside)
     running = _parameters([*derived, *values, *seconds, *rates, *readings, *partials])
     needed = running | _parameters(start)
     return Step(
-        model.name, model.period_s, stepping.substeps, stepping.implicit,
-        tuple(_column(name, as_column(name, model.assembly.rig.optional.get(name, 0.0))) for name in model.inputs),
+        model.name,
+        model.period_s,
+        stepping.substeps,
+        stepping.implicit,
+        tuple(
+            _column(name, as_column(name, model.assembly.rig.optional.get(name, 0.0)))
+            for name in model.inputs
+        ),
         tuple(_column(name, nan) for name in model.outputs),
         tuple(o.variable(running) for o in owned if o.name in needed),
-        lowered.states, tuple(start), tuple(derived),
-        tuple(Update(cell.name, value, list(lines).index(cell.name) if cell.name in lines else -1, wait)
-              for cell, value, wait in zip(lowered.cells, values, seconds, strict=True)),
-        tuple(rates), tuple(readings),
-        tuple((row, column, v) for (row, column, _), v in zip(slopes, partials, strict=True)), tuple(lines.values()))
+        lowered.states,
+        tuple(start),
+        tuple(derived),
+        tuple(
+            Update(
+                cell.name, value, list(lines).index(cell.name) if cell.name in lines else -1, wait
+            )
+            for cell, value, wait in zip(lowered.cells, values, seconds, strict=True)
+        ),
+        tuple(rates),
+        tuple(readings),
+        tuple((row, column, v) for (row, column, _), v in zip(slopes, partials, strict=True)),
+        tuple(lines.values()),
+    )
 
 
 def _owned(model: Identified) -> list[_Owned]:
     parts = {"": (model.assembly, model.values), **({BESIDE: model.beside} if model.beside else {})}
-    return [_Owned(prefix + b.key, prefix + b.full_name, b, float(value)) for prefix, (assembly, values) in
-            parts.items() for b, value in zip(assembly.parameters, values, strict=True)]
+    return [
+        _Owned(prefix + b.key, prefix + b.full_name, b, float(value))
+        for prefix, (assembly, values) in parts.items()
+        for b, value in zip(assembly.parameters, values, strict=True)
+    ]
 
 
 def _parameters(roots: Iterable[Expr]) -> set[str]:
@@ -181,7 +223,11 @@ def _shown(value: Expr, shown: str) -> Expr:
 
 def _column(name: str, start: float) -> Variable:
     shown = split_column(name)[1]
-    return Variable(name, "", start) if shown == NONE else Variable(name, shown, start, quantity_of(shown))
+    return (
+        Variable(name, "", start)
+        if shown == NONE
+        else Variable(name, shown, start, quantity_of(shown))
+    )
 
 
 def _slopes(lowered: Lowered) -> list[tuple[int, int, Expr]]:
@@ -194,20 +240,29 @@ def _slopes(lowered: Lowered) -> list[tuple[int, int, Expr]]:
 
     values, pointer, columns = with_partials(list(lowered.rates), column, frozenset())
     first = len(lowered.rates)
-    return [(row, columns[e], values[first + e]) for row in range(first)
-            for e in range(pointer[row], pointer[row + 1]) if columns[e] < beyond]
+    return [
+        (row, columns[e], values[first + e])
+        for row in range(first)
+        for e in range(pointer[row], pointer[row + 1])
+        if columns[e] < beyond
+    ]
 
 
 def _start(model: Identified, owned: list[_Owned]) -> list[Expr]:
-    """The initial state as it follows from the parameters (SI); where it does not, as the number that it is."""
+    """The initial state as it follows from the parameters (SI); where it does not, as the number
+    that it is."""
     rig, formulas = model.assembly.rig, dict[str, Expr]()
     for prefix in ("", BESIDE):
-        own = {b.key: symbol("parameter", prefix + b.key) for b in model.assembly.parameters if not b.owner}
+        own = {
+            b.key: symbol("parameter", prefix + b.key)
+            for b in model.assembly.parameters
+            if not b.owner
+        }
         try:
             told = rig.start(Names(own, "parameter"))
             formulas |= {prefix + s.name: expression(told.get(s.name, s.start)) for s in rig.states}
         except (PamidError, ArithmeticError, TypeError, ValueError):
-            pass    # start() may do with its numbers what cannot be done with symbols
+            pass  # start() may do with its numbers what cannot be done with symbols
     numbers = {symbol("parameter", o.key): const(o.value) for o in owned}
     found = []
     for name, value in zip(model.lowered.states, model.start.tolist(), strict=True):

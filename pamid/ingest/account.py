@@ -1,4 +1,5 @@
-"""What was done to a log, and writing it down: recordings, their TOML and <stem>.ingest.json, all of them or none."""
+"""What was done to a log, and writing it down: recordings, their TOML and <stem>.ingest.json, all
+of them or none."""
 
 from __future__ import annotations
 
@@ -21,12 +22,15 @@ from pamid.ingest.mapping import Mapping
 from pamid.recording.recording import write_recording
 
 SCHEMA = "pamid.ingest/1"
-AT_LIMIT = 3         # samples in a row at the highest or lowest value of a channel: it may be clipped there
+# samples in a row at the highest or lowest value of a channel: it may be clipped there
+AT_LIMIT = 3
 
 
-def outputs_for(conversions: Sequence[Conversion], output: Path, as_folder: bool) -> list[list[Path]]:
-    """The CSV files to write for each log: `output` itself for one recording, else numbered; a folder takes the logs'
-    own names. FileError if two would be the same file."""
+def outputs_for(
+    conversions: Sequence[Conversion], output: Path, as_folder: bool
+) -> list[list[Path]]:
+    """The CSV files to write for each log: `output` itself for one recording, else numbered; a
+    folder takes the logs' own names. FileError if two would be the same file."""
     counts = [len(conversion.recordings) for conversion in conversions]
     if as_folder:
         stems = [output / conversion.log.path.stem for conversion in conversions]
@@ -37,26 +41,48 @@ def outputs_for(conversions: Sequence[Conversion], output: Path, as_folder: bool
     named = [path for part in paths for path in part]
     for path in named:
         if named.count(path) > 1:
-            raise FileError(f"{path} would be written for two logs of the same name.",
-                            "Give one --output file, or ingest them into two folders.", code="exists")  # fmt: skip
+            raise FileError(
+                f"{path} would be written for two logs of the same name.",
+                "Give one --output file, or ingest them into two folders.",
+                code="exists",
+            )
     return paths
 
 
-def write_conversions(conversions: Sequence[Conversion], outputs: Sequence[Sequence[Path]], mapping_file: Path,
-                      overwrite: bool) -> list[dict[str, Any]]:  # fmt: skip
+def write_conversions(
+    conversions: Sequence[Conversion],
+    outputs: Sequence[Sequence[Path]],
+    mapping_file: Path,
+    overwrite: bool,
+) -> list[dict[str, Any]]:
     """Write every recording with its TOML and account, or nothing; the accounts.
 
-    FileError if a file is there already (and not `overwrite`), or would replace a log or the mapping.
+    FileError if a file is there already (and not `overwrite`), or would replace a log or the
+    mapping.
     """
-    targets = [path.with_suffix(suffix) for part in outputs for path in part for suffix in (".csv", ".toml",
-                                                                                            ".ingest.json")]
-    sources = {mapping_file.resolve(), *(conversion.log.path.resolve() for conversion in conversions)}
+    targets = [
+        path.with_suffix(suffix)
+        for part in outputs
+        for path in part
+        for suffix in (".csv", ".toml", ".ingest.json")
+    ]
+    sources = {
+        mapping_file.resolve(),
+        *(conversion.log.path.resolve() for conversion in conversions),
+    }
     for target in targets:
         if target.resolve() in sources:
-            raise FileError(f"{target} is read here: it would be lost.", "Choose another --output.", code="exists")
+            raise FileError(
+                f"{target} is read here: it would be lost.",
+                "Choose another --output.",
+                code="exists",
+            )
         if target.exists() and not overwrite:
-            raise FileError(f"{target} exists already.", "Choose another --output, or --overwrite to replace it.",
-                            code="exists")  # fmt: skip
+            raise FileError(
+                f"{target} exists already.",
+                "Choose another --output, or --overwrite to replace it.",
+                code="exists",
+            )
     told: list[dict[str, Any]] = []
     folder = targets[0].parent
     make_folder(folder)
@@ -89,8 +115,11 @@ def _tables(conversion: Conversion) -> dict[str, Any]:
     """The tables of a recording's TOML."""
     mapping = conversion.mapping
     about = {"rig": mapping.rig, "loop": mapping.loop, "sampling_period_s": conversion.period}
-    tables = {"recording": {key: value for key, value in about.items() if value is not None},
-              "known": mapping.known, "controller": mapping.controller}  # fmt: skip
+    tables = {
+        "recording": {key: value for key, value in about.items() if value is not None},
+        "known": mapping.known,
+        "controller": mapping.controller,
+    }
     return {title: table for title, table in tables.items() if table}
 
 
@@ -98,14 +127,24 @@ def _of_log(conversion: Conversion, mapping_file: Path) -> dict[str, Any]:
     log, lead = conversion.log, conversion.lead
     return {
         "schema": SCHEMA,
-        "source": {"path": str(log.path), "sha256": sha256_of(log.path), "kind": log.kind,
-                   "details": list(log.details)},
-        "mapping": {"path": str(mapping_file), "sha256": sha256_of(mapping_file), **plain(conversion.mapping)},
+        "source": {
+            "path": str(log.path),
+            "sha256": sha256_of(log.path),
+            "kind": log.kind,
+            "details": list(log.details),
+        },
+        "mapping": {
+            "path": str(mapping_file),
+            "sha256": sha256_of(mapping_file),
+            **plain(conversion.mapping),
+        },
         "clock_ppm": 1e6 * (conversion.stretch - 1.0),
         "clocks": [{**_of_clock(clock), "leads": clock is lead} for clock in conversion.clocks],
-        "signals": {column: _of_track(track, conversion) for column, track in conversion.tracks.items()},
+        "signals": {
+            column: _of_track(track, conversion) for column, track in conversion.tracks.items()
+        },
         "notes": list(conversion.notes),
-    }  # fmt: skip
+    }
 
 
 def plain(mapping: Mapping) -> dict[str, Any]:
@@ -115,13 +154,32 @@ def plain(mapping: Mapping) -> dict[str, Any]:
 
 def _of_clock(clock: Clock) -> dict[str, Any]:
     repairs = [*clock.rows.repairs, *clock.base.repairs]
-    about: dict[str, Any] = {"name": clock.name, "rows": int(clock.rows.stamps.size), "state": "events",
-                             "cure": clock.cure, "why": "each value holds until the next"}  # fmt: skip
+    about: dict[str, Any] = {
+        "name": clock.name,
+        "rows": int(clock.rows.stamps.size),
+        "state": "events",
+        "cure": clock.cure,
+        "why": "each value holds until the next",
+    }
     if clock.found is not None:
-        about |= {"state": clock.found.state, "why": clock.found.why, "numbers": clock.found.numbers,
-                  "signals": [{"signal": w.signal, "coefficient": w.coefficient, "error": w.error,
-                               "roughness_ratio": w.ratio} for w in clock.found.witnesses]}  # fmt: skip
-    return {**about, "repairs": [{"what": r.what, "count": r.count, "detail": r.detail} for r in repairs]}
+        about |= {
+            "state": clock.found.state,
+            "why": clock.found.why,
+            "numbers": clock.found.numbers,
+            "signals": [
+                {
+                    "signal": w.signal,
+                    "coefficient": w.coefficient,
+                    "error": w.error,
+                    "roughness_ratio": w.ratio,
+                }
+                for w in clock.found.witnesses
+            ],
+        }
+    return {
+        **about,
+        "repairs": [{"what": r.what, "count": r.count, "detail": r.detail} for r in repairs],
+    }
 
 
 def _of_track(track: Track, conversion: Conversion) -> dict[str, Any]:
@@ -129,10 +187,14 @@ def _of_track(track: Track, conversion: Conversion) -> dict[str, Any]:
     empty = ~np.isfinite(values)
     there = values[~empty]
     about: dict[str, Any] = {
-        "source": signal.source, "clock": track.clock.name, "interpolation": "hold" if signal.hold else "smooth",
-        "empty_cells": int(empty.sum()), "longest_empty_run": _longest(empty), "at_limit": at_limit(there),
+        "source": signal.source,
+        "clock": track.clock.name,
+        "interpolation": "hold" if signal.hold else "smooth",
+        "empty_cells": int(empty.sum()),
+        "longest_empty_run": _longest(empty),
+        "at_limit": at_limit(there),
         "filtered": bool(track.coarser(conversion.period * conversion.stretch)),
-    }  # fmt: skip
+    }
     if signal.unit is not None:
         about["unit"] = signal.unit.text
     if signal.absolute:
@@ -141,17 +203,28 @@ def _of_track(track: Track, conversion: Conversion) -> dict[str, Any]:
 
 
 def _of_recording(made: Made, path: Path, conversion: Conversion) -> dict[str, Any]:
-    return {"path": str(path), "samples": int(made.time.size), "sampling_period_s": conversion.period,
-            "duration_s": float(made.time.size * conversion.period), "columns": list(made.columns),
-            "begins_s": made.begins_s, "first_row": made.first_row}  # fmt: skip
+    return {
+        "path": str(path),
+        "samples": int(made.time.size),
+        "sampling_period_s": conversion.period,
+        "duration_s": float(made.time.size * conversion.period),
+        "columns": list(made.columns),
+        "begins_s": made.begins_s,
+        "first_row": made.first_row,
+    }
 
 
 def at_limit(values: FloatArray) -> int:
-    """How many samples stand in runs of three and more at the highest or lowest value, where values vary at all."""
+    """How many samples stand in runs of three and more at the highest or lowest value, where values
+    vary at all."""
     if values.size < AT_LIMIT or np.ptp(values) == 0.0:
         return 0
-    return sum(int(length) for edge in (values.min(), values.max())
-               for length in _lengths(values == edge) if length >= AT_LIMIT)  # fmt: skip
+    return sum(
+        int(length)
+        for edge in (values.min(), values.max())
+        for length in _lengths(values == edge)
+        if length >= AT_LIMIT
+    )
 
 
 def _longest(mask: NDArray[np.bool_]) -> int:

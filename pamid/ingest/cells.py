@@ -12,18 +12,48 @@ from pamid.base.metrics import FloatArray
 from pamid.ingest.gathering import Gathering
 
 _NUMBER = re.compile(r"[+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d+)?$")
-_TIME = r"(?P<hour>\d{1,3}):(?P<minute>\d{2})(?::(?P<second>\d{2})(?:[.,:](?P<fraction>\d+))?)?\s?(?P<half>[aApP][mM])?"
-_DATE = (r"(?:(?P<year>\d{4})(?P<mark>[-/.])(?P<month>\d{1,2})[-/.](?P<day>\d{1,2})"
-         r"|(?P<one>\d{1,2})(?P<other_mark>[-/.])(?P<two>\d{1,2})[-/.](?P<late_year>\d{4}|\d{2}))")
+_TIME = r"(?P<hour>\d{1,3}):(?P<minute>\d{2})(?::(?P<second>\d{2})(?:[.,:](?P<fraction>\d+))?)?\s?(?P<half>[aApP][mM])?"  # noqa: E501
+_DATE = (
+    r"(?:(?P<year>\d{4})(?P<mark>[-/.])(?P<month>\d{1,2})[-/.](?P<day>\d{1,2})"
+    r"|(?P<one>\d{1,2})(?P<other_mark>[-/.])(?P<two>\d{1,2})[-/.](?P<late_year>\d{4}|\d{2}))"
+)
 _ZONE = r"\s?(?P<zone>Z|UTC|[+-]\d{2}:?\d{2})?"
-_MOMENT = re.compile(rf"^(?:{_DATE}(?:[T\s]\s*{_TIME}{_ZONE})?|{_TIME.replace('?P<', '?P<only_')})$")
-_THOUSANDS = re.compile(r"[+-]?\d{1,3}(?:(?:[ \u00a0\u202f'’]\d{3})+(?:[.,]\d+)?|(?:,\d{3})+\.\d+|(?:\.\d{3})+,\d+"
-                        r"|(?:,\d{3}){2,}|(?:\.\d{3}){2,})$")  # fmt: skip
+_MOMENT = re.compile(
+    rf"^(?:{_DATE}(?:[T\s]\s*{_TIME}{_ZONE})?|{_TIME.replace('?P<', '?P<only_')})$"
+)
+_THOUSANDS = re.compile(
+    r"[+-]?\d{1,3}(?:(?:[ \u00a0\u202f'’]\d{3})+(?:[.,]\d+)?|(?:,\d{3})+\.\d+|(?:\.\d{3})+,\d+"
+    r"|(?:,\d{3}){2,}|(?:\.\d{3}){2,})$"
+)
 #: could be 1.234 or 1234
 _UNCLEAR = {mark: re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}$") for mark in ".,"}
 
-MISSING = ("nan", "NaN", "NAN", "-nan", "+nan", "NA", "N/A", "n/a", "#N/A", "null", "NULL", "None", "none", "-", "--",
-           "---", "1.#QNAN", "-1.#QNAN", "1.#IND", "-1.#IND", "1,#QNAN", "-1,#QNAN", "1,#IND", "-1,#IND")  # fmt: skip
+MISSING = (
+    "nan",
+    "NaN",
+    "NAN",
+    "-nan",
+    "+nan",
+    "NA",
+    "N/A",
+    "n/a",
+    "#N/A",
+    "null",
+    "NULL",
+    "None",
+    "none",
+    "-",
+    "--",
+    "---",
+    "1.#QNAN",
+    "-1.#QNAN",
+    "1.#IND",
+    "-1.#IND",
+    "1,#QNAN",
+    "-1,#QNAN",
+    "1,#IND",
+    "-1,#IND",
+)
 _WORDS_OF_NUMBERS = frozenset(("inf", "-inf", "+inf", "infinity", "-infinity", "true", "false"))
 _FOLDED_MISSING = frozenset(word.lower() for word in MISSING)
 #: a column of text with fewer numbers than this is a column of words
@@ -43,8 +73,8 @@ def classify(cell: str) -> str:
 
 
 def decimal_mark(cells: list[str], place: str) -> str:
-    """Which of . and , these cells of numbers use; the one that is used more if both are. FileError if every one of
-    the commas may as well part thousands."""
+    """Which of . and , these cells of numbers use; the one that is used more if both are. FileError
+    if every one of the commas may as well part thousands."""
     commas = [cell for cell in cells if "," in cell]
     points = sum("." in cell for cell in cells)
     if not commas or points > len(commas):
@@ -54,9 +84,11 @@ def decimal_mark(cells: list[str], place: str) -> str:
     return ","
 
 
-def add_column(gathering: Gathering, name: str, series: Any, unit: str, decimal: str, place: str) -> None:
-    """Enter one column of a table that pandas has read with this decimal mark. FileError, beginning with `place`, where
-    its cells can be read in two ways."""
+def add_column(
+    gathering: Gathering, name: str, series: Any, unit: str, decimal: str, place: str
+) -> None:
+    """Enter one column of a table that pandas has read with this decimal mark. FileError, beginning
+    with `place`, where its cells can be read in two ways."""
     if series.dtype.kind in "biuf":
         if series.isna().all():
             gathering.leave_out(name, "empty")
@@ -76,14 +108,19 @@ def add_column(gathering: Gathering, name: str, series: Any, unit: str, decimal:
         gathering.add(name, numbers, unit=unit)
 
 
-def _numbers(gathering: Gathering, name: str, text: Any, decimal: str, place: str) -> FloatArray | None:
-    """A column in which pandas found words; None if it is mostly words. Words among numbers become NaN, and are
-    said."""
+def _numbers(
+    gathering: Gathering, name: str, text: Any, decimal: str, place: str
+) -> FloatArray | None:
+    """A column in which pandas found words; None if it is mostly words. Words among numbers become
+    NaN, and are said."""
     kinds = text.map(classify, na_action="ignore").fillna("e")
     thousands = text[kinds == "k"]
     if len(thousands):
-        raise FileError(f"{place}: {thousands.iloc[0]!r} has its thousands separated.",
-                        "Write the numbers without separators between thousands.", code="thousands")  # fmt: skip
+        raise FileError(
+            f"{place}: {thousands.iloc[0]!r} has its thousands separated.",
+            "Write the numbers without separators between thousands.",
+            code="thousands",
+        )
     there = text[kinds == "n"]
     if len(there) < SHARE_OF_NUMBERS * max(1, int(text.notna().sum())):
         return None
@@ -93,25 +130,41 @@ def _numbers(gathering: Gathering, name: str, text: Any, decimal: str, place: st
     if len(other) and all(_UNCLEAR[other_mark].match(cell) for cell in other.unique()):
         raise _unclear(place, other.iloc[0])
     if len(marks["."]) and len(marks[","]):
-        raise FileError(f"{place}: both {marks['.'].iloc[0]!r} and {marks[','].iloc[0]!r} stand in it.",
-                        "Use one decimal mark in a column.", code="decimal-mark")  # fmt: skip
+        raise FileError(
+            f"{place}: both {marks['.'].iloc[0]!r} and {marks[','].iloc[0]!r} stand in it.",
+            "Use one decimal mark in a column.",
+            code="decimal-mark",
+        )
     if len(other):
-        gathering.note(f"{name}: decimal {'comma' if decimal == '.' else 'point'}, unlike the others")
+        gathering.note(
+            f"{name}: decimal {'comma' if decimal == '.' else 'point'}, unlike the others"
+        )
     words = text[(kinds == "t") | (kinds == "d")]
     if len(words):
-        gathering.note(f"{name}: {len(words)} cells are no numbers and become empty, the first is {words.iloc[0]!r} "
-                       f"in data row {int(words.index[0]) + 1}")  # fmt: skip
-    clean = text.where(kinds == "n").str.replace(",", ".").str.lower().replace({"true": "1", "false": "0"})
+        gathering.note(
+            f"{name}: {len(words)} cells are no numbers and become empty, the first is "
+            f"{words.iloc[0]!r} "
+            f"in data row {int(words.index[0]) + 1}"
+        )
+    clean = (
+        text.where(kinds == "n")
+        .str.replace(",", ".")
+        .str.lower()
+        .replace({"true": "1", "false": "0"})
+    )
     return _floats(clean)
 
 
 def _moments(gathering: Gathering, name: str, text: Any, place: str) -> FloatArray:
-    """Dates, times of day or both as s since the first; NaN where there are none. Time goes on past midnight."""
+    """Dates, times of day or both as s since the first; NaN where there are none. Time goes on past
+    midnight."""
     parts = text.str.extract(_MOMENT)
     lost = text.notna() & parts.isna().all(axis=1)
     if lost.any():
-        gathering.note(f"{name}: {int(lost.sum())} cells are no times and become empty, the first is "
-                       f"{text[lost].iloc[0]!r}")  # fmt: skip
+        gathering.note(
+            f"{name}: {int(lost.sum())} cells are no times and become empty, the first is "
+            f"{text[lost].iloc[0]!r}"
+        )
 
     def part(*names: str, missing: float = 0.0) -> FloatArray:
         column = parts[names[0]]
@@ -123,10 +176,17 @@ def _moments(gathering: Gathering, name: str, text: Any, place: str) -> FloatArr
     days = _days(parts, part, place)
     hours = part("hour", "only_hour")
     half = parts["half"].fillna(parts["only_half"]).str.lower()
-    hours = np.where(half.notna(), hours % 12, hours) + np.where((half == "pm").fillna(False), 12.0, 0.0)
+    hours = np.where(half.notna(), hours % 12, hours) + np.where(
+        (half == "pm").fillna(False), 12.0, 0.0
+    )
     digits = parts["fraction"].fillna(parts["only_fraction"])
     fractions = np.nan_to_num(_floats("0." + digits))
-    seconds = hours * 3600 + part("minute", "only_minute") * 60 + part("second", "only_second") - _zones(parts["zone"])
+    seconds = (
+        hours * 3600
+        + part("minute", "only_minute") * 60
+        + part("second", "only_second")
+        - _zones(parts["zone"])
+    )
     if np.isnan(days).all():
         days = np.zeros(len(text))
         nights = np.cumsum(np.diff(seconds, prepend=seconds[:1]) < -43200.0)
@@ -136,12 +196,15 @@ def _moments(gathering: Gathering, name: str, text: Any, place: str) -> FloatArr
     valid = np.flatnonzero(parts.notna().any(axis=1).to_numpy())
     first = valid[0]
     gathering.note(f"{name}: dates or times, in s since {text.iloc[first]}")
-    result = (days - days[first]) * 86400.0 + (seconds - seconds[first]) + (fractions - fractions[first])
+    result = (
+        (days - days[first]) * 86400.0 + (seconds - seconds[first]) + (fractions - fractions[first])
+    )
     return np.where(parts.notna().any(axis=1).to_numpy(), result, np.nan)
 
 
 def _days(parts: Any, part: Any, place: str) -> FloatArray:
-    """Days since 1970; NaN where there is no date. FileError if it cannot be told which number is the month."""
+    """Days since 1970; NaN where there is no date. FileError if it cannot be told which number is
+    the month."""
     nan = float("nan")
     one, two = part("one", missing=nan), part("two", missing=nan)
     month_first = False
@@ -149,16 +212,26 @@ def _days(parts: Any, part: Any, place: str) -> FloatArray:
         month_first = bool(np.nanmax(two) > 12)
         changes = np.nanmin(one) != np.nanmax(one) or np.nanmin(two) != np.nanmax(two)
         if not month_first and np.nanmax(one) <= 12 and changes:
-            raise FileError(f"{place}: it cannot be told which number of the dates is the month.",
-                            "Write dates as 2024-12-31.", code="date-order")  # fmt: skip
+            raise FileError(
+                f"{place}: it cannot be told which number of the dates is the month.",
+                "Write dates as 2024-12-31.",
+                code="date-order",
+            )
     month, day = (one, two) if month_first else (two, one)
     year = part("late_year", missing=nan)
     year = np.where(year < 100, year + 2000, year)
-    year, month, day = (np.where(np.isnan(early), late, early) for early, late in
-                        ((part("year", missing=nan), year), (part("month", missing=nan), month),
-                         (part("day", missing=nan), day)))  # fmt: skip
+    year, month, day = (
+        np.where(np.isnan(early), late, early)
+        for early, late in (
+            (part("year", missing=nan), year),
+            (part("month", missing=nan), month),
+            (part("day", missing=nan), day),
+        )
+    )
     there = ~np.isnan(year)
-    months = np.where(there, (year - 1970) * 12 + month - 1, 0).astype(np.int64).astype("datetime64[M]")
+    months = (
+        np.where(there, (year - 1970) * 12 + month - 1, 0).astype(np.int64).astype("datetime64[M]")
+    )
     days = months.astype("datetime64[D]").astype(np.int64) + np.where(there, day, 1) - 1
     return np.where(there, days, np.nan)
 
@@ -168,7 +241,9 @@ def _zones(zones: Any) -> FloatArray:
     seconds = {zone: 0.0 for zone in zones.dropna().unique()}
     for zone in seconds:
         if zone[0] in "+-":
-            seconds[zone] = (int(zone[1:3]) * 3600 + int(zone[-2:]) * 60) * (-1.0 if zone[0] == "-" else 1.0)
+            seconds[zone] = (int(zone[1:3]) * 3600 + int(zone[-2:]) * 60) * (
+                -1.0 if zone[0] == "-" else 1.0
+            )
     return np.nan_to_num(_floats(zones.map(seconds)))
 
 
@@ -178,5 +253,8 @@ def _floats(cells: Any) -> FloatArray:
 
 
 def _unclear(place: str, cell: str) -> FileError:
-    return FileError(f"{place}: {cell!r} may be a decimal number or have its thousands separated.",
-                     "Write the numbers with more or fewer than three decimals.", code="thousands")  # fmt: skip
+    return FileError(
+        f"{place}: {cell!r} may be a decimal number or have its thousands separated.",
+        "Write the numbers with more or fewer than three decimals.",
+        code="thousands",
+    )

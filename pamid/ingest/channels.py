@@ -1,4 +1,5 @@
-"""What a reader of raw logs hands on: channels, each with its unit and, where the log has them, its own stamps."""
+"""What a reader of raw logs hands on: channels, each with its unit and, where the log has them, its
+own stamps."""
 
 from __future__ import annotations
 
@@ -11,8 +12,9 @@ from pamid.base.metrics import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Channel:
-    """One signal as the log has it. values (n,) float64, NaN where the log has none; stamps (n,) s of its own, or None
-    where it shares the log's rows; unit as the log writes it, "" if it says none."""
+    """One signal as the log has it. values (n,) float64, NaN where the log has none; stamps (n,) s
+    of its own, or None where it shares the log's rows; unit as the log writes it, "" if it says
+    none."""
 
     name: str  # groups joined by "/"
     values: FloatArray
@@ -22,7 +24,8 @@ class Channel:
 
 @dataclass(frozen=True, eq=False)
 class Log:
-    """What a reader found. details: what it decided, in words (encoding, delimiter, header lines, which stamps)."""
+    """What a reader found. details: what it decided, in words (encoding, delimiter, header lines,
+    which stamps)."""
 
     path: Path
     kind: str  # "csv", "mat", "tdms", "mdf", "ros", "parquet", "hdf5", ...

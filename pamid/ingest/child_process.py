@@ -1,6 +1,8 @@
-"""Reading in a process of its own: a damaged file can make a foreign parser crash or never end, not only raise.
+"""Reading in a process of its own: a damaged file can make a foreign parser crash or never end, not
+only raise.
 
-What the process found comes back as plain numbers (npz without objects) and JSON; nothing in it is executed.
+What the process found comes back as plain numbers (npz without objects) and JSON; nothing in it is
+executed.
 """
 
 from __future__ import annotations
@@ -26,15 +28,22 @@ PATIENCE_PER_MB = 3.0
 
 
 def read_in_child(path: Path, kind: str) -> Log:
-    """`pamid.ingest.kinds.read_here` in another process. FileError as there, and if the process dies or hangs."""
+    """`pamid.ingest.kinds.read_here` in another process. FileError as there, and if the process
+    dies or hangs."""
     search = os.pathsep.join(entry or os.getcwd() for entry in sys.path)
     command = [sys.executable, "-P", "-c", "from pamid.ingest.child_process import serve; serve()"]
     patience = PATIENCE + PATIENCE_PER_MB * path.stat().st_size / 1e6
     with tempfile.TemporaryDirectory(prefix="pamid-") as folder:
         request = json.dumps({"path": str(path.absolute()), "kind": kind, "folder": folder})
         try:
-            done = subprocess.run(command, input=request.encode(), env={**os.environ, "PYTHONPATH": search},
-                                  stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, timeout=patience)  # fmt: skip
+            done = subprocess.run(
+                command,
+                input=request.encode(),
+                env={**os.environ, "PYTHONPATH": search},
+                stdout=subprocess.DEVNULL,
+                stderr=subprocess.PIPE,
+                timeout=patience,
+            )
         except subprocess.TimeoutExpired as error:
             raise _died(path, kind, f"the reader did not end within {patience:.0f} s") from error
         if done.returncode:
@@ -62,21 +71,36 @@ def serve() -> None:
                 stamps[id(channel.stamps)] = f"stamps_{index}"
                 arrays[f"stamps_{index}"] = channel.stamps
         np.savez(folder / "channels.npz", **arrays)  # type: ignore[arg-type]
-        answer = {"channels": [(channel.name, channel.unit, stamps.get(id(channel.stamps), ""))
-                               for channel in log.channels], "details": log.details, "kind": log.kind}  # fmt: skip
+        answer = {
+            "channels": [
+                (channel.name, channel.unit, stamps.get(id(channel.stamps), ""))
+                for channel in log.channels
+            ],
+            "details": log.details,
+            "kind": log.kind,
+        }
     (folder / "answer.json").write_text(json.dumps(answer), encoding="utf-8")
 
 
 def _fetch(path: Path, folder: Path) -> Log:
     answer = json.loads((folder / "answer.json").read_text(encoding="utf-8"))
     if "message" in answer:
-        raise FileError(answer["message"].replace(str(path.absolute()), str(path)), answer["hint"], code=answer["code"])
+        raise FileError(
+            answer["message"].replace(str(path.absolute()), str(path)),
+            answer["hint"],
+            code=answer["code"],
+        )
     arrays = load_arrays(folder / "channels.npz", most=LOG)
-    channels = tuple(Channel(name, arrays[f"values_{index}"], arrays[stamps] if stamps else None, unit)
-                     for index, (name, unit, stamps) in enumerate(answer["channels"]))  # fmt: skip
+    channels = tuple(
+        Channel(name, arrays[f"values_{index}"], arrays[stamps] if stamps else None, unit)
+        for index, (name, unit, stamps) in enumerate(answer["channels"])
+    )
     return Log(path, answer["kind"], channels, tuple(answer["details"]))
 
 
 def _died(path: Path, kind: str, what: str) -> FileError:
-    return FileError(f"{path} cannot be read as {kind}: {what}.", "It is most likely damaged: open it with the program "
-                     "that wrote it and export it again.", code="damaged")  # fmt: skip
+    return FileError(
+        f"{path} cannot be read as {kind}: {what}.",
+        "It is most likely damaged: open it with the program that wrote it and export it again.",
+        code="damaged",
+    )

@@ -1,4 +1,5 @@
-"""The clocks of a log: which channels share stamps, what these look like, and the cure each time base gets."""
+"""The clocks of a log: which channels share stamps, what these look like, and the cure each time
+base gets."""
 
 from __future__ import annotations
 
@@ -20,15 +21,15 @@ from pamid.model.rig import Rig
 from pamid.recording.file_checks import HUGE, UNIFORM_TO
 from pamid.recording.recording import MIN_SAMPLES
 
-FAR = 100.0          # times the usual period: then the unit of the stamps is in doubt
-NEAR = 30.0          # times the usual period: what another unit of the stamps would have to give
+FAR = 100.0  # times the usual period: then the unit of the stamps is in doubt
+NEAR = 30.0  # times the usual period: what another unit of the stamps would have to give
 _TIME_UNITS = ("ns", "us", "ms", "s", "min")
 
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """A channel as a column of the recording: values (n,) in the column's unit at the rows of its clock, NaN where the
-    log has none."""
+    """A channel as a column of the recording: values (n,) in the column's unit at the rows of its
+    clock, NaN where the log has none."""
 
     signal: Signal
     values: FloatArray
@@ -46,39 +47,48 @@ class Group:
 
 @dataclass(frozen=True, eq=False)
 class Clock:
-    """Channels that share their stamps: what these look like, the cure, and the instants of the rows that stay."""
+    """Channels that share their stamps: what these look like, the cure, and the instants of the
+    rows that stay."""
 
     name: str
     courses: tuple[Course, ...]  # values at the rows that stay
     rows: Rows
-    found: Diagnosis | None      # None: events, whose stamps are taken as they are
+    found: Diagnosis | None  # None: events, whose stamps are taken as they are
     cure: Cure
     base: TimeBase
     notes: tuple[str, ...] = ()
 
 
-def clocks_of(log: Log, mapping: Mapping, signals: Sequence[Signal], rig: Rig | None, where: str,
-              repair: str) -> tuple[Clock, ...]:  # fmt: skip
-    """The clocks of the mapped channels, diagnosed and cured. `where` names the mapping in errors; `repair` overrules
-    its [time] repair. FileError for what is wrong, DataError where the data do not decide."""
+def clocks_of(
+    log: Log, mapping: Mapping, signals: Sequence[Signal], rig: Rig | None, where: str, repair: str
+) -> tuple[Clock, ...]:
+    """The clocks of the mapped channels, diagnosed and cured. `where` names the mapping in errors;
+    `repair` overrules its [time] repair. FileError for what is wrong, DataError where the data do
+    not decide."""
     groups = _by_stamps(log, mapping, signals, where)
     clocks = tuple(_clock(group, log, mapping, rig, where, repair) for group in groups)
     for clock in clocks:
         if len(clock.rows.starts) > 1 and len(clocks) > 1:
-            raise FileError(f"{log.path}: {clock.name}: the clock was set back, and other channels have other stamps.",
-                            "Cut the log there: how the two go together afterwards is not known.",
-                            code="stamps-unsorted")  # fmt: skip
+            raise FileError(
+                f"{log.path}: {clock.name}: the clock was set back, and other channels have other "
+                "stamps.",
+                "Cut the log there: how the two go together afterwards is not known.",
+                code="stamps-unsorted",
+            )
     return clocks
 
 
 def channel_of(log: Log, name: str, place: str) -> Channel:
-    """The channel `name`; FileError naming the key of the mapping that asks for it, and the nearest name."""
+    """The channel `name`; FileError naming the key of the mapping that asks for it, and the nearest
+    name."""
     for channel in log.channels:
         if channel.name == name:
             return channel
     names = [channel.name for channel in log.channels]
     hint = nearest(name, names) or "Its channels are: " + ", ".join(names[:20]) + "."
-    raise FileError(f"{place} is {name!r}; {log.path} has no such channel.", hint, code="missing-channel")
+    raise FileError(
+        f"{place} is {name!r}; {log.path} has no such channel.", hint, code="missing-channel"
+    )
 
 
 def _by_stamps(log: Log, mapping: Mapping, signals: Sequence[Signal], where: str) -> list[Group]:
@@ -92,10 +102,17 @@ def _by_stamps(log: Log, mapping: Mapping, signals: Sequence[Signal], where: str
         stamps = rows if channel.stamps is None else channel.stamps
         assert stamps is not None
         if stamps.size != channel.values.size:
-            raise FileError(f"{log.path}: {channel.name!r} has {channel.values.size} values, its clock {stamps.size} "
-                            "stamps.", "Choose as time.source a channel with as many rows.", code="rows")  # fmt: skip
+            raise FileError(
+                f"{log.path}: {channel.name!r} has {channel.values.size} values, its clock "
+                f"{stamps.size} "
+                "stamps.",
+                "Choose as time.source a channel with as many rows.",
+                code="rows",
+            )
         _require_sane(channel, log)
-        course = Course(signal, _in_column(channel.values, signal, mapping.atmosphere.pressure_kpa * 1e3))
+        course = Course(
+            signal, _in_column(channel.values, signal, mapping.atmosphere.pressure_kpa * 1e3)
+        )
         for group in groups:
             if group.of_rows == of_rows and np.array_equal(group.stamps, stamps, equal_nan=True):
                 group.courses.append(course)
@@ -111,19 +128,30 @@ def _row_stamps(log: Log, mapping: Mapping, count: int, where: str) -> FloatArra
     told = mapping.time
     if told.source is None:
         if told.period_s is None:
-            hint = "Name the channel with the time in time.source, or the sampling period in time.period_s."
-            raise FileError(f"{where}: time says neither source nor period_s.", hint, code="mapping")
+            hint = (
+                "Name the channel with the time in time.source, or the sampling period in "
+                "time.period_s."
+            )
+            raise FileError(
+                f"{where}: time says neither source nor period_s.", hint, code="mapping"
+            )
         return np.arange(count, dtype=np.float64) * told.period_s
     channel = channel_of(log, told.source, f"{where}: time.source")
     text = told.unit if told.unit is not None else channel.unit or "s"
     if text == OPEN:
-        raise FileError(f'{where}: time.unit is "?": say in which unit {told.source!r} counts.',
-                        'For example "s", "ms".', code="unit")  # fmt: skip
+        raise FileError(
+            f'{where}: time.unit is "?": say in which unit {told.source!r} counts.',
+            'For example "s", "ms".',
+            code="unit",
+        )
     try:
         found = in_unit(channel.values, read_unit(text), "s")
     except FileError as error:
-        raise FileError(f"{where}: time.unit is {text!r}: {error.message}", error.hint, code="unit") from None
-    # a clock that counts from 1970 is kept only where channels with stamps of their own may count so too
+        raise FileError(
+            f"{where}: time.unit is {text!r}: {error.message}", error.hint, code="unit"
+        ) from None
+    # a clock that counts from 1970 is kept only where channels with stamps of their own may count
+    # so too
     finite = found[np.isfinite(found)]
     own = any(other.stamps is not None for other in log.channels)
     return np.asarray(found if own or not finite.size else found - finite[0], dtype=np.float64)
@@ -133,9 +161,12 @@ def _require_sane(channel: Channel, log: Log) -> None:
     """FileError for a number that no sensor sends: some loggers mark a missing value so."""
     far = np.flatnonzero(np.isfinite(channel.values) & (np.abs(channel.values) > HUGE))
     if far.size:
-        raise FileError(f"{log.path}: {channel.name!r} is {channel.values[far[0]]:g} in data row {far[0] + 1} "
-                        f"({far.size} such).", "If that marks a missing value, empty these cells.",
-                        code="cell")  # fmt: skip
+        raise FileError(
+            f"{log.path}: {channel.name!r} is {channel.values[far[0]]:g} in data row {far[0] + 1} "
+            f"({far.size} such).",
+            "If that marks a missing value, empty these cells.",
+            code="cell",
+        )
 
 
 def _in_column(values: FloatArray, signal: Signal, atmosphere: float) -> FloatArray:
@@ -148,12 +179,20 @@ def _in_column(values: FloatArray, signal: Signal, atmosphere: float) -> FloatAr
     return made + signal.offset if signal.offset else made
 
 
-def _clock(group: Group, log: Log, mapping: Mapping, rig: Rig | None, where: str, repair: str) -> Clock:
+def _clock(
+    group: Group, log: Log, mapping: Mapping, rig: Rig | None, where: str, repair: str
+) -> Clock:
     """Diagnose one clock and settle when its rows were sampled."""
     place, wanted = f"{log.path}: {group.name}", repair or mapping.time.repair
-    if not group.of_rows and all(c.signal.hold for c in group.courses) and not _regular(group.stamps):
+    if (
+        not group.of_rows
+        and all(c.signal.hold for c in group.courses)
+        and not _regular(group.stamps)
+    ):
         return _events(group, place)
-    rows = usable_rows(group.stamps, [c.values for c in group.courses], place, tolerant=wanted == "late-stamps")
+    rows = usable_rows(
+        group.stamps, [c.values for c in group.courses], place, tolerant=wanted == "late-stamps"
+    )
     kept = tuple(replace(c, values=c.values[rows.keep]) for c in group.courses)
     try:
         found = diagnose(rows, {c.signal.column: c.values for c in kept if not c.signal.hold})
@@ -162,10 +201,23 @@ def _clock(group: Group, log: Log, mapping: Mapping, rig: Rig | None, where: str
     if group.of_rows and mapping.time.source is not None:
         _require_plausible(found.period, mapping, rig, where)
     if mapping.time.max_gap_s is not None and mapping.time.max_gap_s < 1.5 * found.period:
-        raise FileError(f"{where}: time.max_gap_s is {mapping.time.max_gap_s:g}, but samples are {found.period:.4g} s "
-                        "apart.", "A gap is longer than a few samples.", code="mapping")  # fmt: skip
+        raise FileError(
+            f"{where}: time.max_gap_s is {mapping.time.max_gap_s:g}, but samples are "
+            f"{found.period:.4g} s "
+            "apart.",
+            "A gap is longer than a few samples.",
+            code="mapping",
+        )
     cure, notes = _choose(found, wanted, rows, place)
-    return Clock(group.name, kept, rows, found, cure, time_base(rows, found, cure, mapping.time.max_gap_s), notes)
+    return Clock(
+        group.name,
+        kept,
+        rows,
+        found,
+        cure,
+        time_base(rows, found, cure, mapping.time.max_gap_s),
+        notes,
+    )
 
 
 def _regular(stamps: FloatArray) -> bool:
@@ -184,12 +236,16 @@ def _events(group: Group, place: str) -> Clock:
         raise DataError(f"{place}: no value has a stamp.", code="too-short")
     last = np.append(np.diff(stamps[keep]) > 0.0, True)
     keep = keep[last]
-    kept = tuple(replace(c, values=c.values[keep], signal=replace(c.signal, events=True))
-                 for c in group.courses)
+    kept = tuple(
+        replace(c, values=c.values[keep], signal=replace(c.signal, events=True))
+        for c in group.courses
+    )
     times = stamps[keep]
     rows = Rows(keep, times, (0,), False, ())
     step = float(np.median(np.diff(times))) if times.size > 1 else math.inf
-    return Clock(group.name, kept, rows, None, "none", TimeBase(times, (slice(0, times.size),), step))
+    return Clock(
+        group.name, kept, rows, None, "none", TimeBase(times, (slice(0, times.size),), step)
+    )
 
 
 def _choose(found: Diagnosis, wanted: str, rows: Rows, place: str) -> tuple[Cure, tuple[str, ...]]:
@@ -197,21 +253,34 @@ def _choose(found: Diagnosis, wanted: str, rows: Rows, place: str) -> tuple[Cure
     if found.state == "even":
         return "none", ()
     if wanted == "none":
-        raise FileError(f"{place}: time.repair is \"none\", but the stamps are uneven: {found.why}.",
-                        "A recording is uniform to 1 %: choose \"late-stamps\", \"jittered-sampling\" or \"ask\".",
-                        code="time-base")  # fmt: skip
+        raise FileError(
+            f'{place}: time.repair is "none", but the stamps are uneven: {found.why}.',
+            'A recording is uniform to 1 %: choose "late-stamps", "jittered-sampling" or "ask".',
+            code="time-base",
+        )
     if wanted == "ask":
         if found.cure is None:
-            hint = ("Say which with --time-base or time.repair. \"late-stamps\": a device samples evenly and a host "
-                    "writes the time when a sample arrives; the even clock is restored. \"jittered-sampling\": the "
-                    "samples are taken when their stamps say, as in a loop on a PC; they are resampled by the stamps. "
-                    "The wrong one does harm.")  # fmt: skip
-            raise DataError(f"{place}: the stamps are uneven, and the data do not tell why: {found.why}.", hint,
-                            code="time-base")  # fmt: skip
+            hint = (
+                'Say which with --time-base or time.repair. "late-stamps": a device samples '
+                "evenly and a host "
+                "writes the time when a sample arrives; the even clock is restored. "
+                '"jittered-sampling": the '
+                "samples are taken when their stamps say, as in a loop on a PC; they are "
+                "resampled by the stamps. "
+                "The wrong one does harm."
+            )
+            raise DataError(
+                f"{place}: the stamps are uneven, and the data do not tell why: {found.why}.",
+                hint,
+                code="time-base",
+            )
         return found.cure, ()
     if rows.blocks and wanted == "jittered-sampling":
-        raise FileError(f"{place}: {found.why}. Samples cannot be told apart by such stamps.",
-                        "Choose \"late-stamps\".", code="time-base")  # fmt: skip
+        raise FileError(
+            f"{place}: {found.why}. Samples cannot be told apart by such stamps.",
+            'Choose "late-stamps".',
+            code="time-base",
+        )
     cure: Cure = "late-stamps" if wanted == "late-stamps" else "jittered-sampling"
     against = found.cure is not None and found.cure != cure
     return cure, ((f"the data speak against {cure}: {found.why}",) if against else ())
@@ -227,9 +296,16 @@ def _require_plausible(period: float, mapping: Mapping, rig: Rig | None, where: 
     for name in _TIME_UNITS:
         other = period / factor * read_unit(name).factor
         if 1.0 / NEAR < other / usual < NEAR:
-            raise FileError(f'{where}: {said}: samples would be {period:.4g} s apart; in "{name}" they would be '
-                            f"{other:.4g} s apart, and {usual:g} s are usual.", "Correct time.unit; if they really are "
-                            "so far apart, say so in time.period_s.", code="time-unit")  # fmt: skip
+            raise FileError(
+                f'{where}: {said}: samples would be {period:.4g} s apart; in "{name}" they would '
+                "be "
+                f"{other:.4g} s apart, and {usual:g} s are usual.",
+                "Correct time.unit; if they really are so far apart, say so in time.period_s.",
+                code="time-unit",
+            )
     if mapping.time.period_s is not None:
-        raise FileError(f"{where}: time.period_s is {usual:g}, but samples are {period:.4g} s apart.",
-                        "Correct period_s or time.unit.", code="time-unit")  # fmt: skip
+        raise FileError(
+            f"{where}: time.period_s is {usual:g}, but samples are {period:.4g} s apart.",
+            "Correct period_s or time.unit.",
+            code="time-unit",
+        )

@@ -1,4 +1,5 @@
-"""From a raw log and a mapping to recordings: every column in its unit, on one even time base, between the gaps."""
+"""From a raw log and a mapping to recordings: every column in its unit, on one even time base,
+between the gaps."""
 
 from __future__ import annotations
 
@@ -19,9 +20,9 @@ from pamid.ingest.time_base import GAP_PERIODS
 from pamid.model.rig import Rig
 from pamid.recording.recording import MIN_SAMPLES
 
-NOMINAL = 1e-3       # a clock and a stated period that differ by less name the same sampling
-ROUND = 2e-4         # a measured period so close to a round number of s or Hz is that number
-FINER = 100          # times the rows of the log: more samples are not made of them
+NOMINAL = 1e-3  # a clock and a stated period that differ by less name the same sampling
+ROUND = 2e-4  # a measured period so close to a round number of s or Hz is that number
+FINER = 100  # times the rows of the log: more samples are not made of them
 Stretch = tuple[float, float]  # from, to: s by the log's clock
 
 
@@ -34,15 +35,20 @@ class Track:
     pieces: list[tuple[FloatArray, FloatArray]]
 
     def coarser(self, step: float) -> bool:
-        """True if samples `step` s apart are fewer than the column has, so that it is filtered first."""
+        """True if samples `step` s apart are fewer than the column has, so that it is filtered
+        first."""
         steps = np.diff(self.pieces[0][0]) if self.pieces else np.zeros(0)
-        return not self.course.signal.hold and steps.size > 0 and step > COARSER * float(np.median(steps))
+        return (
+            not self.course.signal.hold
+            and steps.size > 0
+            and step > COARSER * float(np.median(steps))
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class Made:
-    """One recording: time (n,) s from 0, columns by full name, and where in the log it begins: s by the log's clock,
-    and the row of the leading clock."""
+    """One recording: time (n,) s from 0, columns by full name, and where in the log it begins: s by
+    the log's clock, and the row of the leading clock."""
 
     time: FloatArray
     columns: dict[str, FloatArray]
@@ -52,8 +58,9 @@ class Made:
 
 @dataclass(frozen=True, eq=False)
 class Conversion:
-    """The recordings made from one log, and how: sampling period (s), seconds of the log's clock per second of the
-    recordings, the clock whose samples they keep, all clocks and columns, and what the user should know."""
+    """The recordings made from one log, and how: sampling period (s), seconds of the log's clock
+    per second of the recordings, the clock whose samples they keep, all clocks and columns, and
+    what the user should know."""
 
     log: Log
     mapping: Mapping
@@ -66,54 +73,79 @@ class Conversion:
     notes: tuple[str, ...]
 
 
-def convert(log: Log, mapping: Mapping, rig: Rig | None, where: str, repair: str = "") -> Conversion:
-    """Make recordings of a log. `where` names the mapping in errors; `repair` overrules its [time] repair.
+def convert(
+    log: Log, mapping: Mapping, rig: Rig | None, where: str, repair: str = ""
+) -> Conversion:
+    """Make recordings of a log. `where` names the mapping in errors; `repair` overrules its [time]
+    repair.
 
-    FileError for what is wrong with log or mapping, DataError where the data do not decide how to mend the time base or
-    too little is left.
+    FileError for what is wrong with log or mapping, DataError where the data do not decide how to
+    mend the time base or too little is left.
     """
-    channels = [channel_of(log, one.source, f"{where}: signals.{column}.source")
-                for column, one in mapping.signals.items()]  # fmt: skip
+    channels = [
+        channel_of(log, one.source, f"{where}: signals.{column}.source")
+        for column, one in mapping.signals.items()
+    ]
     signals = settle(mapping, rig, {channel.name: channel.unit for channel in channels}, where)
     clocks = clocks_of(log, mapping, signals, rig, where, repair)
     lead = _lead(clocks)
     period, stretch = _period(mapping.time.period_s, lead)
-    tracks = {course.signal.column: Track(clock, course, _pieces(clock, course, mapping.time.max_gap_s))
-              for clock in clocks for course in clock.courses}  # fmt: skip
+    tracks = {
+        course.signal.column: Track(clock, course, _pieces(clock, course, mapping.time.max_gap_s))
+        for clock in clocks
+        for course in clock.courses
+    }
     tracks = {column: tracks[column] for column in mapping.signals}
     made, short = [], 0
     for start, end in _common(tracks, period * stretch):
         if (end - start) / (period * stretch) > FINER * lead.rows.stamps.size:
-            raise FileError(f"{where}: {(end - start) / period:.3g} samples of {period:g} s would be made of "
-                            f"{lead.rows.stamps.size} rows.", "Correct time.period_s, time.unit or time.max_gap_s.",
-                            code="mapping")  # fmt: skip
+            raise FileError(
+                f"{where}: {(end - start) / period:.3g} samples of {period:g} s would be made of "
+                f"{lead.rows.stamps.size} rows.",
+                "Correct time.period_s, time.unit or time.max_gap_s.",
+                code="mapping",
+            )
         one = _recording(tracks, lead, start, end, period, stretch)
         if one.time.size < MIN_SAMPLES:
             short += 1
         else:
             made.append(one)
     if not made:
-        raise DataError(f"{log.path}: nowhere are all channels there for {MIN_SAMPLES} samples in a row.",
-                        "Leave out the channel that is hardly there, or allow longer gaps with time.max_gap_s.",
-                        code="too-short")  # fmt: skip
+        raise DataError(
+            f"{log.path}: nowhere are all channels there for {MIN_SAMPLES} samples in a row.",
+            "Leave out the channel that is hardly there, or allow longer gaps with time.max_gap_s.",
+            code="too-short",
+        )
     notes = [note for clock in clocks for note in clock.notes]
     if short:
-        notes.append(f"{short} stretches of fewer than {MIN_SAMPLES} samples between gaps were left out")
+        notes.append(
+            f"{short} stretches of fewer than {MIN_SAMPLES} samples between gaps were left out"
+        )
     notes += unknown_to(rig, mapping.signals) if rig else []
-    return Conversion(log, mapping, tuple(made), period, stretch, lead, clocks, tracks, tuple(notes))
+    return Conversion(
+        log, mapping, tuple(made), period, stretch, lead, clocks, tracks, tuple(notes)
+    )
 
 
 def _lead(clocks: Sequence[Clock]) -> Clock:
-    """The clock whose samples the recording keeps: that of commands if it has them, else that of most columns."""
+    """The clock whose samples the recording keeps: that of commands if it has them, else that of
+    most columns."""
     sampled = [clock for clock in clocks if clock.found is not None]
     if not sampled:
-        raise FileError("No measured signal is mapped: there is nothing to make a recording of.",
-                        "Map at least one measured signal.", code="mapping")  # fmt: skip
-    return max(sampled, key=lambda c: (any(one.signal.hold for one in c.courses), len(c.courses), -c.base.period))
+        raise FileError(
+            "No measured signal is mapped: there is nothing to make a recording of.",
+            "Map at least one measured signal.",
+            code="mapping",
+        )
+    return max(
+        sampled,
+        key=lambda c: (any(one.signal.hold for one in c.courses), len(c.courses), -c.base.period),
+    )
 
 
 def _period(stated: float | None, lead: Clock) -> tuple[float, float]:
-    """(sampling period of the recording in s, seconds of the log's clock per second of the recording).
+    """(sampling period of the recording in s, seconds of the log's clock per second of the
+    recording).
 
     A log whose clock runs a little fast is not resampled for that: its samples are the recording's.
     """
@@ -135,7 +167,9 @@ def round_period(measured: float) -> float:
     return near[0] if near else float(f"{measured:.9g}")
 
 
-def _pieces(clock: Clock, course: Course, max_gap: float | None) -> list[tuple[FloatArray, FloatArray]]:
+def _pieces(
+    clock: Clock, course: Course, max_gap: float | None
+) -> list[tuple[FloatArray, FloatArray]]:
     made = []
     for piece in clock.base.pieces:
         there = np.isfinite(course.values[piece])
@@ -144,9 +178,16 @@ def _pieces(clock: Clock, course: Course, max_gap: float | None) -> list[tuple[F
         # a slow channel in a fast table is not full of gaps
         usual = 1.5 * float(np.median(steps)) if steps.size else 0.0
         limit = max(usual, GAP_PERIODS * clock.base.period if max_gap is None else max_gap)
-        longer = [] if course.signal.hold and course.signal.events else (np.flatnonzero(steps > limit) + 1).tolist()
-        made += [(t[a:b], y[a:b]) for a, b in zip([0, *longer], [*longer, t.size], strict=True) if b - a > 1 or
-                 (clock.found is None and b > a)]  # fmt: skip
+        longer = (
+            []
+            if course.signal.hold and course.signal.events
+            else (np.flatnonzero(steps > limit) + 1).tolist()
+        )
+        made += [
+            (t[a:b], y[a:b])
+            for a, b in zip([0, *longer], [*longer, t.size], strict=True)
+            if b - a > 1 or (clock.found is None and b > a)
+        ]
     return made
 
 
@@ -177,16 +218,20 @@ def _overlap(one: list[Stretch], other: list[Stretch]) -> list[Stretch]:
     return both
 
 
-def _recording(tracks: dict[str, Track], lead: Clock, start: float, end: float, period: float,
-               stretch: float) -> Made:  # fmt: skip
-    """All columns between start and end (s, by the log's clock), on the samples of the leading clock."""
+def _recording(
+    tracks: dict[str, Track], lead: Clock, start: float, end: float, period: float, stretch: float
+) -> Made:
+    """All columns between start and end (s, by the log's clock), on the samples of the leading
+    clock."""
     step, instants = period * stretch, lead.base.instants
     first = min(int(np.searchsorted(instants, start - 1e-6 * step)), instants.size - 1)
     begin = max(float(instants[first]), start - 1e-6 * step)
     count = max(int(math.floor((end - begin) / step + 1e-6)) + 1, 0)
     base: FloatArray = begin + np.arange(count, dtype=np.float64) * step
     columns = {column: _on(base, step, track) for column, track in tracks.items()}
-    return Made(np.arange(count, dtype=np.float64) * period, columns, begin, int(lead.rows.keep[first]))
+    return Made(
+        np.arange(count, dtype=np.float64) * period, columns, begin, int(lead.rows.keep[first])
+    )
 
 
 def _on(base: FloatArray, step: float, track: Track) -> FloatArray:

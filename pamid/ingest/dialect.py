@@ -1,4 +1,5 @@
-"""How a text log is written: its delimiter, decimal mark, names, units and the line its numbers begin at."""
+"""How a text log is written: its delimiter, decimal mark, names, units and the line its numbers
+begin at."""
 
 from __future__ import annotations
 
@@ -12,7 +13,8 @@ from pathlib import Path
 from pamid.base.errors import FileError
 from pamid.ingest.cells import classify, decimal_mark
 
-#: in the order in which they are believed where two read the same; blank stands for any run of blanks
+#: in the order in which they are believed where two read the same; blank stands for any run of
+#: blanks
 DELIMITERS = {";": "semicolon", "\t": "tab", "|": "bar", ",": "comma", " ": "blanks"}
 #: lines that are looked at
 SAMPLE = 1000
@@ -22,9 +24,11 @@ RUN = 3
 SHARE_OF_ROWS = 0.9
 COMMENT = "#%"
 
-_ATOM = (r"(?:[numµμkMGhd]?(?:s|m|g|V|A|N|Nm|Pa|W|Hz|J|l|L|bar|mol|rad|Ohm|Ω|deg)|°C?|˚|º|K|C|F|deg[CF]?|degrees?|grad"
-         r"|psi|rpm|min|h|sec|seconds?|volts?|amps?|inch|in|lbf|rev|turns|%|1|-|U/min|hPa|mmHg|atm|bar[ag]|kgf)"
-         r"(?:\^?-?[0-9²³]+)?")  # fmt: skip
+_ATOM = (
+    r"(?:[numµμkMGhd]?(?:s|m|g|V|A|N|Nm|Pa|W|Hz|J|l|L|bar|mol|rad|Ohm|Ω|deg)|°C?|˚|º|K|C|F|deg[CF]?|degrees?|grad"
+    r"|psi|rpm|min|h|sec|seconds?|volts?|amps?|inch|in|lbf|rev|turns|%|1|-|U/min|hPa|mmHg|atm|bar[ag]|kgf)"
+    r"(?:\^?-?[0-9²³]+)?"
+)
 _UNIT = re.compile(rf"{_ATOM}(?:(?:\s?[*/·⋅.]\s?| ){_ATOM})*$", re.IGNORECASE)
 #: longer cells of a header are no units
 LONGEST_UNIT = 40
@@ -33,7 +37,8 @@ _BRACKETED = re.compile(r"\s*[\[(<{]\s*(?P<unit>[^\[\](){}<>]*?)\s*[\])>}]$")
 
 @dataclass(frozen=True)
 class Dialect:
-    """names, units: one a column. first: index of the first line of numbers. notes: what was decided, in words."""
+    """names, units: one a column. first: index of the first line of numbers. notes: what was
+    decided, in words."""
 
     delimiter: str
     decimal: str
@@ -61,7 +66,9 @@ class _Guess:
     @property
     def above(self) -> int | None:
         """Index of the last line with text above the numbers."""
-        return next((index for index in range(self.first - 1, -1, -1) if any(self.rows[index])), None)
+        return next(
+            (index for index in range(self.first - 1, -1, -1) if any(self.rows[index])), None
+        )
 
     @property
     def header_fits(self) -> bool:
@@ -69,15 +76,25 @@ class _Guess:
 
 
 def find_dialect(path: Path, lines: Sequence[str]) -> Dialect:
-    """The dialect in which most of the first lines are rows of numbers. FileError if none is, if they can be read in
-    two ways, or if the names do not fit the numbers."""
-    guesses = [guess for guess in (_cut(lines[:SAMPLE], delimiter) for delimiter in DELIMITERS) if guess]
+    """The dialect in which most of the first lines are rows of numbers. FileError if none is, if
+    they can be read in two ways, or if the names do not fit the numbers."""
+    guesses = [
+        guess for guess in (_cut(lines[:SAMPLE], delimiter) for delimiter in DELIMITERS) if guess
+    ]
     if not guesses:
-        raise FileError(f"{path}: there are no rows of numbers in its first {min(SAMPLE, len(lines))} lines.",
-                        "A log has rows of numbers below a row of names.", code="no-numbers")  # fmt: skip
+        raise FileError(
+            f"{path}: there are no rows of numbers in its first {min(SAMPLE, len(lines))} lines.",
+            "A log has rows of numbers below a row of names.",
+            code="no-numbers",
+        )
     best = max(guesses, key=lambda guess: (guess.count, guess.header_fits, guess.width))
     _refuse_thousands(path, best)
-    cells = [cell.strip() for row, kinds in _block(best) for cell, kind in zip(row, kinds, strict=True) if kind == "n"]
+    cells = [
+        cell.strip()
+        for row, kinds in _block(best)
+        for cell, kind in zip(row, kinds, strict=True)
+        if kind == "n"
+    ]
     if best.delimiter == "," and best.width > 1:
         _refuse_two_commas(path, best, cells)
     decimal = decimal_mark(cells, str(path))
@@ -85,7 +102,9 @@ def find_dialect(path: Path, lines: Sequence[str]) -> Dialect:
     names, units, notes = _names(path, best)
     word = DELIMITERS[best.delimiter] if best.width > 1 else "none, one column"
     decided = f"delimiter: {word}; decimal {'comma' if decimal == ',' else 'point'}"
-    return Dialect(best.delimiter, decimal, tuple(names), tuple(units), best.first, (decided, *notes))
+    return Dialect(
+        best.delimiter, decimal, tuple(names), tuple(units), best.first, (decided, *notes)
+    )
 
 
 def cut_line(line: str, delimiter: str) -> list[str]:
@@ -99,9 +118,15 @@ def cut_line(line: str, delimiter: str) -> list[str]:
 
 
 def split_unit(name: str) -> tuple[str, str]:
-    """A name and the unit in brackets behind it: "p [bar]" -> ("p", "bar"); "p (1)" stays as it is."""
+    """A name and the unit in brackets behind it: "p [bar]" -> ("p", "bar"); "p (1)" stays as it
+    is."""
     match = _BRACKETED.search(name) if len(name) <= 5 * LONGEST_UNIT else None
-    if match and match.start() and looks_like_unit(match["unit"]) and match["unit"] not in ("1", "-"):
+    if (
+        match
+        and match.start()
+        and looks_like_unit(match["unit"])
+        and match["unit"] not in ("1", "-")
+    ):
         return name[: match.start()], match["unit"]
     return name, ""
 
@@ -116,18 +141,24 @@ def looks_like_unit(text: str) -> bool:
 
 def _cut(lines: Sequence[str], delimiter: str) -> _Guess | None:
     rows = [cut_line(line.lstrip(COMMENT), delimiter) for line in lines]
-    kinds = ["t" * len(row) if line.startswith(tuple(COMMENT)) else "".join(classify(cell) for cell in row)
-             for line, row in zip(lines, rows, strict=True)]  # fmt: skip
+    kinds = [
+        "t" * len(row)
+        if line.startswith(tuple(COMMENT))
+        else "".join(classify(cell) for cell in row)
+        for line, row in zip(lines, rows, strict=True)
+    ]
     strict = _run(kinds, lambda kind: "t" not in kind and any(letter in kind for letter in "ndk"))
     loose = _run(kinds, lambda kind: len(kind) > 1 and any(letter in kind for letter in "nd"))
-    if loose and (strict is None or (strict[1] == loose[1] and strict[2] < SHARE_OF_ROWS * loose[2])):
+    if loose and (
+        strict is None or (strict[1] == loose[1] and strict[2] < SHARE_OF_ROWS * loose[2])
+    ):
         return _Guess(delimiter, rows, kinds, *loose)  # columns of text stand among the numbers
     return _Guess(delimiter, rows, kinds, *strict) if strict else None
 
 
 def _run(kinds: list[str], is_data: Callable[[str], bool]) -> tuple[int, int, int] | None:
-    """(first, width, count) of the rows of the commonest width for which `is_data`, beginning where RUN of them follow
-    each other; None if they nowhere do."""
+    """(first, width, count) of the rows of the commonest width for which `is_data`, beginning where
+    RUN of them follow each other; None if they nowhere do."""
     there = [index for index, kind in enumerate(kinds) if kind]
     data = {index for index in there if is_data(kinds[index])}
     widths = Counter(len(kinds[index]) for index in data)
@@ -136,13 +167,23 @@ def _run(kinds: list[str], is_data: Callable[[str], bool]) -> tuple[int, int, in
         for position in range(len(there)):
             ahead = rows[position : position + RUN]
             if all(ahead) and (len(ahead) == RUN or position == 0 or not rows[position - 1]):
-                return there[_climb(position, rows, [kinds[index] for index in there], width)], width, count
+                return (
+                    there[_climb(position, rows, [kinds[index] for index in there], width)],
+                    width,
+                    count,
+                )
     return None
 
 
 def _climb(position: int, rows: list[bool], kinds: list[str], width: int) -> int:
-    """The beginning, seen from `position`: a row of numbers with one odd word in it does not begin a table."""
-    while position >= 2 and rows[position - 2] and len(kinds[position - 1]) == width and "n" in kinds[position - 1]:
+    """The beginning, seen from `position`: a row of numbers with one odd word in it does not begin
+    a table."""
+    while (
+        position >= 2
+        and rows[position - 2]
+        and len(kinds[position - 1]) == width
+        and "n" in kinds[position - 1]
+    ):
         position -= 2
         while position and rows[position - 1]:
             position -= 1
@@ -157,31 +198,50 @@ def _block(guess: _Guess) -> list[tuple[list[str], str]]:
 def _refuse_thousands(path: Path, guess: _Guess) -> None:
     for row, kinds in _block(guess):
         if "k" in kinds:
-            raise FileError(f"{path}: {row[kinds.index('k')]!r} has its thousands separated.",
-                            "Write the numbers without separators between thousands.", code="thousands")  # fmt: skip
+            raise FileError(
+                f"{path}: {row[kinds.index('k')]!r} has its thousands separated.",
+                "Write the numbers without separators between thousands.",
+                code="thousands",
+            )
 
 
 def _refuse_two_commas(path: Path, guess: _Guess, cells: list[str]) -> None:
-    """A comma between cells and in numbers cannot be told apart, unless the names count the cells."""
+    """A comma between cells and in numbers cannot be told apart, unless the names count the
+    cells."""
     if guess.header_fits or any("." in cell or "," in cell for cell in cells):
         return
     line = ",".join(guess.rows[guess.first])
-    raise FileError(f"{path}, line {guess.first + 1}: in {line!r} it cannot be told which commas are decimal marks and "
-                    "which part the numbers.", "Write decimal points, or part the numbers with semicolons; a row of "
-                    "names, one for each number, would settle it too.", code="two-commas")  # fmt: skip
+    raise FileError(
+        f"{path}, line {guess.first + 1}: in {line!r} it cannot be told which commas are decimal "
+        "marks and "
+        "which part the numbers.",
+        "Write decimal points, or part the numbers with semicolons; a row of "
+        "names, one for each number, would settle it too.",
+        code="two-commas",
+    )
 
 
 def _refuse_short_row(path: Path, guess: _Guess) -> None:
-    """Numbers of another width right above the beginning, and rows of the right width above them: no names."""
+    """Numbers of another width right above the beginning, and rows of the right width above them:
+    no names."""
     above = guess.above
-    if above and "t" not in guess.kinds[above] and len(guess.kinds[above - 1]) == guess.width and (
-            "n" in guess.kinds[above - 1]):  # fmt: skip
-        raise FileError(f"{path}, line {above + 1}: {len(guess.rows[above])} cells, the others have {guess.width}.",
-                        "The log may be damaged there; mend or cut the line.", code="ragged")  # fmt: skip
+    if (
+        above
+        and "t" not in guess.kinds[above]
+        and len(guess.kinds[above - 1]) == guess.width
+        and ("n" in guess.kinds[above - 1])
+    ):
+        raise FileError(
+            f"{path}, line {above + 1}: {len(guess.rows[above])} cells, the others have "
+            f"{guess.width}.",
+            "The log may be damaged there; mend or cut the line.",
+            code="ragged",
+        )
 
 
 def _fits(row: list[str], width: int) -> bool:
-    """True if these are names of `width` columns; empty ones at the end may be missing or too many."""
+    """True if these are names of `width` columns; empty ones at the end may be missing or too
+    many."""
     full = len("".join(cell[:1] or " " for cell in row).rstrip())
     return full == width or (full < width <= len(row)) or (full == width - 1 and width > 2)
 
@@ -191,14 +251,26 @@ def _names(path: Path, guess: _Guess) -> tuple[list[str], list[str], list[str]]:
     numbered = [f"column_{column + 1}" for column in range(guess.width)]
     none = [""] * guess.width
     above = guess.above
-    if above is None or (guess.width > 1 and len([cell for cell in guess.rows[above] if cell]) == 1):
-        return numbered, none, [f"no row of names above line {guess.first + 1}: the columns are column_1 to "
-                                f"column_{guess.width}"]  # fmt: skip
+    if above is None or (
+        guess.width > 1 and len([cell for cell in guess.rows[above] if cell]) == 1
+    ):
+        return (
+            numbered,
+            none,
+            [
+                f"no row of names above line {guess.first + 1}: the columns are column_1 to "
+                f"column_{guess.width}"
+            ],
+        )
     if not guess.header_fits:
         row = guess.rows[above]
-        raise FileError(f"{path}: line {above + 1} has {len(row)} names ({', '.join(row[:8])}), the numbers from line "
-                        f"{guess.first + 1} on have {guess.width} columns.", "Give every column one name.",
-                        code="header")  # fmt: skip
+        raise FileError(
+            f"{path}: line {above + 1} has {len(row)} names ({', '.join(row[:8])}), the numbers "
+            "from line "
+            f"{guess.first + 1} on have {guess.width} columns.",
+            "Give every column one name.",
+            code="header",
+        )
     row = _padded(guess.rows[above], guess.width)
     units, notes = none, [f"names: line {above + 1}"]
     higher = next((index for index in range(above - 1, -1, -1) if any(guess.rows[index])), None)

@@ -1,4 +1,5 @@
-"""Channels as a reader meets them: numbers become float64, times seconds, and what is neither is named as left out."""
+"""Channels as a reader meets them: numbers become float64, times seconds, and what is neither is
+named as left out."""
 
 from __future__ import annotations
 
@@ -31,12 +32,15 @@ class Gathering:
         self.left_out: dict[str, list[str]] = {}
 
     def add(self, name: str, values: Any, stamps: FloatArray | None = None, unit: str = "") -> None:
-        """Enter an array of numbers, truth values, dates or durations. (n,) is one channel; (n, m) or (m, n), n samples
-        along the longer axis (the one of the stamps), becomes name/1 ... name/m; anything else is left out by name."""
+        """Enter an array of numbers, truth values, dates or durations. (n,) is one channel; (n, m)
+        or (m, n), n samples along the longer axis (the one of the stamps), becomes name/1 ...
+        name/m; anything else is left out by name."""
         array = np.asarray(values)
         if array.ndim > 1:
             array = array.squeeze()
-        if array.ndim == 2 and array.shape[0] != (max(array.shape) if stamps is None else stamps.size):
+        if array.ndim == 2 and array.shape[0] != (
+            max(array.shape) if stamps is None else stamps.size
+        ):
             array = array.T
         if array.ndim == 2 and 1 < array.shape[1] <= MAX_COLUMNS:
             self.note(f"{name}: {array.shape[1]} columns, {name}/1 to {name}/{array.shape[1]}")
@@ -88,10 +92,11 @@ class Gathering:
 
 
 def as_numbers(array: NDArray[Any]) -> tuple[FloatArray, bool, str] | None:
-    """(n,) values as float64; whether they are seconds now; what there is to say. None if they are not numbers.
+    """(n,) values as float64; whether they are seconds now; what there is to say. None if they are
+    not numbers.
 
-    Dates count in s from the first one, durations are in s. Whole numbers that float64 cannot hold (counters of ns)
-    count from the first one too, so that their differences stay exact."""
+    Dates count in s from the first one, durations are in s. Whole numbers that float64 cannot hold
+    (counters of ns) count from the first one too, so that their differences stay exact."""
     if array.dtype.kind == "M":
         ticks = array.astype("datetime64[ns]")
         missing = np.isnat(ticks)
@@ -99,7 +104,11 @@ def as_numbers(array: NDArray[Any]) -> tuple[FloatArray, bool, str] | None:
             return None
         first = ticks[~missing][0]
         seconds = (ticks - first).astype(np.int64) / 1e9
-        return np.where(missing, np.nan, seconds), True, f"dates, in s since {np.datetime_as_string(first)}"
+        return (
+            np.where(missing, np.nan, seconds),
+            True,
+            f"dates, in s since {np.datetime_as_string(first)}",
+        )
     if array.dtype.kind == "m":
         spans = array.astype("timedelta64[ns]")
         return np.where(np.isnat(spans), np.nan, spans.astype(np.int64) / 1e9), True, ""

@@ -1,6 +1,8 @@
-"""A first mapping for a log, with a comment on everything that was guessed, for the user to look through.
+"""A first mapping for a log, with a comment on everything that was guessed, for the user to look
+through.
 
-What only the user can know stays open ("?"): a unit that the log does not say, gauge or absolute pressure.
+What only the user can know stays open ("?"): a unit that the log does not say, gauge or absolute
+pressure.
 """
 
 from __future__ import annotations
@@ -23,16 +25,17 @@ from pamid.ingest.words import meanings, number
 from pamid.model.rig import Rig
 from pamid.recording.recording import toml_string
 
-ONE = 1.05           # what is sent stays within -1 to 1, or is in per cent
-USUAL = 30.0         # times the rig's period: a unit of the stamps within that is believed
+ONE = 1.05  # what is sent stays within -1 to 1, or is in per cent
+USUAL = 30.0  # times the rig's period: a unit of the stamps within that is believed
 _TIME_UNITS = ("s", "ms", "us", "ns", "min")
 _RAW = (unit("V").dimension, unit("A").dimension)  # a sensor's signal that nobody has scaled
-_RISING = 0.98       # share of steps up: then a channel may be the time
+_RISING = 0.98  # share of steps up: then a channel may be the time
 
 
 @dataclass(frozen=True)
 class Guess:
-    """The text of a mapping, the keys that are left open, and how many channels were taken of how many."""
+    """The text of a mapping, the keys that are left open, and how many channels were taken of how
+    many."""
 
     text: str
     open: tuple[str, ...]
@@ -42,8 +45,8 @@ class Guess:
 
 @dataclass(frozen=True, eq=False)
 class TimeGuess:
-    """The channel with the stamps (None: channels have their own, or there is none), its unit ("?": unknown), the
-    stamps in s, and what was found out about them."""
+    """The channel with the stamps (None: channels have their own, or there is none), its unit ("?":
+    unknown), the stamps in s, and what was found out about them."""
 
     source: Channel | None
     unit: str
@@ -53,10 +56,15 @@ class TimeGuess:
     trouble: str = ""
 
 
-def guess_mapping(log: Log, rig_name: str, rig: Rig, pressures: str | None = None,
-                  known: Mapping[str, float] | None = None) -> Guess:
-    """A mapping of a log for a rig. pressures: "gauge" or "absolute" for all of them, None leaves them open; known:
-    what is known of the rig in these recordings."""
+def guess_mapping(
+    log: Log,
+    rig_name: str,
+    rig: Rig,
+    pressures: str | None = None,
+    known: Mapping[str, float] | None = None,
+) -> Guess:
+    """A mapping of a log for a rig. pressures: "gauge" or "absolute" for all of them, None leaves
+    them open; known: what is known of the rig in these recordings."""
     time = _time(log, rig)
     rest = [channel for channel in log.channels if channel is not time.source]
     chosen = _assign(rest, rig)
@@ -72,14 +80,20 @@ def guess_mapping(log: Log, rig_name: str, rig: Rig, pressures: str | None = Non
     return Guess("\n".join(lines) + "\n", tuple(left), len(chosen), len(rest))
 
 
-# ---- which channel is what -----------------------------------------------------------------------------------------
+# ---- which channel is what ---------------------------------------------------------------------
 
 
 def _assign(channels: Sequence[Channel], rig: Rig) -> dict[str, Channel]:
     """Column of the rig -> channel, best fits first, in the rig's order."""
-    columns = list(dict.fromkeys([*(loop.reference for loop in rig.loops), *rig.inputs, *rig.outputs]))
-    scores = [(-_score(channel, column), i, j) for i, channel in enumerate(channels)
-              for j, column in enumerate(columns) if _score(channel, column) > 0]  # fmt: skip
+    columns = list(
+        dict.fromkeys([*(loop.reference for loop in rig.loops), *rig.inputs, *rig.outputs])
+    )
+    scores = [
+        (-_score(channel, column), i, j)
+        for i, channel in enumerate(channels)
+        for j, column in enumerate(columns)
+        if _score(channel, column) > 0
+    ]
     taken: dict[int, int] = {}
     for _, i, j in sorted(scores):
         if i not in taken and j not in taken.values():
@@ -93,8 +107,18 @@ def _score(channel: Channel, column: str) -> int:
     name, (stem, symbol) = channel.name.rpartition("/")[2], split_column(column)
     if name == column or split_column(name)[0] == stem:
         return 100
-    target = next((kind for kind in ("reference", "command", *sorted(meanings(stem))) if kind in meanings(stem)), stem)
-    found, known = meanings(name), read_unit(channel.unit) if is_readable(channel.unit) and channel.unit else None
+    target = next(
+        (
+            kind
+            for kind in ("reference", "command", *sorted(meanings(stem)))
+            if kind in meanings(stem)
+        ),
+        stem,
+    )
+    found, known = (
+        meanings(name),
+        read_unit(channel.unit) if is_readable(channel.unit) and channel.unit else None,
+    )
     fits = known is not None and known.dimension == unit(symbol).dimension
     score = 0
     if target in found:
@@ -107,7 +131,7 @@ def _score(channel: Channel, column: str) -> int:
     return score + (10 if wanted == given else 0)
 
 
-# ---- the time ------------------------------------------------------------------------------------------------------
+# ---- the time ----------------------------------------------------------------------------------
 
 
 def _time(log: Log, rig: Rig) -> TimeGuess:
@@ -117,7 +141,11 @@ def _time(log: Log, rig: Rig) -> TimeGuess:
         return TimeGuess(None, "s", None)
     source = next((c for c in rising if "time" in meanings(c.name.rpartition("/")[2])), rising[0])
     reason = "as the log says"
-    if source.unit and is_readable(source.unit) and read_unit(source.unit).dimension == unit("s").dimension:
+    if (
+        source.unit
+        and is_readable(source.unit)
+        and read_unit(source.unit).dimension == unit("s").dimension
+    ):
         told = source.unit
     else:
         step = float(np.median(np.diff(source.values[np.isfinite(source.values)])))
@@ -143,18 +171,26 @@ def _diagnosed(time: TimeGuess, log: Log, measured: Sequence[Channel]) -> TimeGu
         own = next((c for c in measured if c.stamps is not None), None)
         if own is None or own.stamps is None:
             return time
-        stamps, moving = own.stamps, [c for c in measured if c.stamps is not None and
-                                      np.array_equal(c.stamps, own.stamps, equal_nan=True)]  # fmt: skip
+        stamps, moving = (
+            own.stamps,
+            [
+                c
+                for c in measured
+                if c.stamps is not None and np.array_equal(c.stamps, own.stamps, equal_nan=True)
+            ],
+        )
     try:
         rows, found = _judged(stamps, moving)
     except PamidError as error:
         return replace(time, stamps=stamps, trouble=str(error))
-    return replace(time, stamps=stamps, found=found, trouble="; ".join(r.detail for r in rows.repairs))
+    return replace(
+        time, stamps=stamps, found=found, trouble="; ".join(r.detail for r in rows.repairs)
+    )
 
 
 def _judged(stamps: FloatArray, moving: Sequence[Channel]) -> tuple[Rows, Diagnosis]:
-    """The usable rows and what their stamps look like. Several samples at one stamp are let pass where the signals
-    prove the stamps late."""
+    """The usable rows and what their stamps look like. Several samples at one stamp are let pass
+    where the signals prove the stamps late."""
     signals = [c.values for c in moving]
     try:
         rows = usable_rows(stamps, signals, "the stamps")
@@ -175,15 +211,19 @@ def _period(time: TimeGuess, rig: Rig) -> float | None:
     return rig.period_s if near else round_period(time.found.period)
 
 
-# ---- the text ------------------------------------------------------------------------------------------------------
+# ---- the text ----------------------------------------------------------------------------------
 
 
 def _head(log: Log, rig_name: str, rig: Rig, chosen: dict[str, Channel]) -> list[str]:
-    lines = [f"# First mapping of {toml_string(log.path.name)} ({log.kind}), guessed: look it through."]
+    lines = [
+        f"# First mapping of {toml_string(log.path.name)} ({log.kind}), guessed: look it through."
+    ]
     lines += [f"#   {' '.join(detail.split())}" for detail in log.details]
     lines += [f"rig = {toml_string(rig_name)}"]
     if any(loop.reference in chosen and loop.command in chosen for loop in rig.loops):
-        lines.append('loop = "closed"              # a controller produced the command? otherwise "open"')
+        lines.append(
+            'loop = "closed"              # a controller produced the command? otherwise "open"'
+        )
     else:
         lines.append('# loop = "open"              # "closed" if a controller produced the command')
     return [*lines, ""]
@@ -193,31 +233,49 @@ def _time_lines(time: TimeGuess, period: float | None) -> list[str]:
     lines = ["[time]"]
     if time.source is not None:
         said = "" if time.unit in (time.source.unit, OPEN) else f"  # {time.reason}"
-        lines += [f"source = {toml_string(time.source.name)}", f"unit = {toml_string(time.unit)}{said}"]
+        lines += [
+            f"source = {toml_string(time.source.name)}",
+            f"unit = {toml_string(time.unit)}{said}",
+        ]
     elif time.stamps is not None:
         lines.append("# channels have stamps of their own")
     else:
-        lines.append("# no channel looks like a clock: rows are taken to be evenly spaced, by period_s")
+        lines.append(
+            "# no channel looks like a clock: rows are taken to be evenly spaced, by period_s"
+        )
     if period is not None:
         lines.append(f"period_s = {period!r}  # of the recording to write")
-        lines.append(f"max_gap_s = {float(f'{GAP_PERIODS * period:.6g}')!r}  # longer gaps split the recording")
+        lines.append(
+            f"max_gap_s = {float(f'{GAP_PERIODS * period:.6g}')!r}  # longer gaps split the "
+            "recording"
+        )
     if time.trouble:
         lines.append(f"# {' '.join(time.trouble.split())}")
     if time.found is not None:
         lines.append(f"# {time.found.why}")
     cure = time.found.cure if time.found is not None else None
     if time.found is not None and time.found.state == "undecided":
-        lines += ["# late-stamps: a device samples evenly, a host writes the time when a sample arrives",
-                  "# jittered-sampling: samples are taken when their stamps say, as in a loop on a PC"]
+        lines += [
+            "# late-stamps: a device samples evenly, a host writes the time when a sample arrives",
+            "# jittered-sampling: samples are taken when their stamps say, as in a loop on a PC",
+        ]
     told = cure if cure not in (None, "none") else "ask"
-    return [*lines, f'repair = "{told}"  # "ask" | "late-stamps" | "jittered-sampling" | "none"', ""]
+    return [
+        *lines,
+        f'repair = "{told}"  # "ask" | "late-stamps" | "jittered-sampling" | "none"',
+        "",
+    ]
 
 
-def _signal_lines(column: str, channel: Channel, rig: Rig, pressures: str | None, left: list[str],
-                  time: TimeGuess) -> list[str]:  # fmt: skip
+def _signal_lines(
+    column: str, channel: Channel, rig: Rig, pressures: str | None, left: list[str], time: TimeGuess
+) -> list[str]:
     symbol = split_column(column)[1]
     told, remark = _unit(column, channel)
-    lines = [f"[signals.{column}]  # {_about(channel, time)}", f"source = {toml_string(channel.name)}"]
+    lines = [
+        f"[signals.{column}]  # {_about(channel, time)}",
+        f"source = {toml_string(channel.name)}",
+    ]
     if told == OPEN:
         left.append(f"signals.{column}.unit")
     lines.append(f"unit = {toml_string(told)}" + (f"  # {remark}" if remark else ""))
@@ -235,8 +293,11 @@ def _unit(column: str, channel: Channel) -> tuple[str, str]:
     if logged and is_readable(logged) and read_unit(logged).dimension == unit(symbol).dimension:
         return logged, ""
     if logged:
-        return OPEN, (f"the log says {toml_string(logged)}, the column is a {quantity_of(symbol)}; or scale = "
-                      f"{symbol} per {toml_string(logged)}")  # fmt: skip
+        return OPEN, (
+            f"the log says {toml_string(logged)}, the column is a {quantity_of(symbol)}; or scale "
+            "= "
+            f"{symbol} per {toml_string(logged)}"
+        )
     suffix = split_column(channel.name.rpartition("/")[2])[1]
     if suffix != NONE and unit(suffix).dimension == unit(symbol).dimension:
         return suffix, "by the channel's name"
@@ -253,10 +314,16 @@ def _about(channel: Channel, time: TimeGuess) -> str:
     values = channel.values[np.isfinite(channel.values)]
     if not values.size:
         return "empty"
-    said = f"{values.min():.4g} to {values.max():.4g}" + (f" {channel.unit}" if channel.unit else "")
+    said = f"{values.min():.4g} to {values.max():.4g}" + (
+        f" {channel.unit}" if channel.unit else ""
+    )
     if values.size < channel.values.size:
         said += f", {1.0 - values.size / channel.values.size:.2%} of the cells empty"
-    stamps = channel.stamps if channel.stamps is not None else (time.stamps if time.unit != OPEN else None)
+    stamps = (
+        channel.stamps
+        if channel.stamps is not None
+        else (time.stamps if time.unit != OPEN else None)
+    )
     if stamps is not None and stamps.size > 1 and stamps[-1] > stamps[0]:
         said += f", {(values.size - 1) / (stamps[-1] - stamps[0]):.4g} Hz"
     return " ".join(said.split())
@@ -278,7 +345,9 @@ def _pressure_hint(channel: Channel, told: str) -> str:
     return seen + "it does not tell."
 
 
-def _tail(rig: Rig, chosen: dict[str, Channel], rest: Sequence[Channel], known: Mapping[str, float]) -> list[str]:
+def _tail(
+    rig: Rig, chosen: dict[str, Channel], rest: Sequence[Channel], known: Mapping[str, float]
+) -> list[str]:
     lines = []
     missing = [column for column in rig.outputs if column not in chosen]
     if missing:
@@ -286,12 +355,19 @@ def _tail(rig: Rig, chosen: dict[str, Channel], rest: Sequence[Channel], known: 
     left = [channel for channel in rest if all(channel is not other for other in chosen.values())]
     if left:
         lines.append("# channels that are not mapped:")
-        lines += [f"#   {toml_string(channel.name)}: {_about(channel, TimeGuess(None, OPEN, None))}"
-                  for channel in left]
-    lines += ["# [atmosphere]                # taken off absolute pressures", "# pressure_kpa = 101.325",
-              f"{'' if known else '# '}[known]  # parameters of the rig known for these recordings",
-              *(f"{key} = {value!r}" for key, value in known.items())]  # fmt: skip
+        lines += [
+            f"#   {toml_string(channel.name)}: {_about(channel, TimeGuess(None, OPEN, None))}"
+            for channel in left
+        ]
+    lines += [
+        "# [atmosphere]                # taken off absolute pressures",
+        "# pressure_kpa = 101.325",
+        f"{'' if known else '# '}[known]  # parameters of the rig known for these recordings",
+        *(f"{key} = {value!r}" for key, value in known.items()),
+    ]
     if rig.controller:
-        lines += ["# [controller]                # for loop = \"closed\"",
-                  *(f"# {key} = {value!r}" for key, value in rig.controller.items())]  # fmt: skip
+        lines += [
+            '# [controller]                # for loop = "closed"',
+            *(f"# {key} = {value!r}" for key, value in rig.controller.items()),
+        ]
     return lines

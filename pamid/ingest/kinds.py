@@ -1,4 +1,5 @@
-"""The kinds of log there are, found by scanning `pamid.ingest.readers`, and the reading of one in this process."""
+"""The kinds of log there are, found by scanning `pamid.ingest.readers`, and the reading of one in
+this process."""
 
 from __future__ import annotations
 
@@ -15,8 +16,9 @@ from pamid.ingest.channels import Log
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of log. marks: what such a file begins with; none for plain text. extra: what to install for it, "" if
-    nothing; packages: what that brings, imported by `read` only when it is called."""
+    """A kind of log. marks: what such a file begins with; none for plain text. extra: what to
+    install for it, "" if nothing; packages: what that brings, imported by `read` only when it is
+    called."""
 
     name: str
     suffixes: tuple[str, ...]
@@ -31,12 +33,16 @@ def kinds() -> dict[str, Kind]:
     """Every kind by its name: the `KIND` of each file in `pamid.ingest.readers`."""
     from pamid.ingest import readers
 
-    modules = [import_module(f"{readers.__name__}.{found.name}") for found in iter_modules(readers.__path__)]
+    modules = [
+        import_module(f"{readers.__name__}.{found.name}")
+        for found in iter_modules(readers.__path__)
+    ]
     return {module.KIND.name: module.KIND for module in modules if hasattr(module, "KIND")}
 
 
 def read_here(path: Path, kind: str) -> Log:
-    """The signals of a log of this kind, read in this process. FileError whatever is wrong with it."""
+    """The signals of a log of this kind, read in this process. FileError whatever is wrong with
+    it."""
     found = kinds()[kind]
     try:
         return found.read(path)
@@ -45,10 +51,17 @@ def read_here(path: Path, kind: str) -> Log:
     except ModuleNotFoundError as error:
         if (error.name or "").split(".")[0] not in found.packages:
             raise
-        raise FileError(f"{path}: reading such a {kind} file needs {error.name}, which is not installed.",
-                        f"pip install 'pamid[{found.extra}]'", code="missing-extra") from error  # fmt: skip
+        raise FileError(
+            f"{path}: reading such a {kind} file needs {error.name}, which is not installed.",
+            f"pip install 'pamid[{found.extra}]'",
+            code="missing-extra",
+        ) from error
     except Exception as error:  # a damaged file makes a foreign reader raise just about anything
         reason = " ".join(str(error).split())[:200] or "no reason given"
-        raise FileError(f"{path} cannot be read as {kind}: {reason} ({type(error).__name__}).",
-                        "It may be damaged, incomplete or of another kind: open it with the program that wrote it and "
-                        "export it again.", code="damaged") from error  # fmt: skip
+        raise FileError(
+            f"{path} cannot be read as {kind}: {reason} ({type(error).__name__}).",
+            "It may be damaged, incomplete or of another kind: open it with the program that "
+            "wrote it and "
+            "export it again.",
+            code="damaged",
+        ) from error

@@ -1,7 +1,8 @@
-"""The mapping from a raw log's channels to a recording's columns: one TOML file, checked key by key.
+"""The mapping from a raw log's channels to a recording's columns: one TOML file, checked key by
+key.
 
-Every error names the file and the path of the key ("map.toml: signals.pressure_1_kpa.pressure is ..."), what is
-allowed there and the nearest name.
+Every error names the file and the path of the key ("map.toml: signals.pressure_1_kpa.pressure is
+..."), what is allowed there and the nearest name.
 """
 
 from __future__ import annotations
@@ -39,8 +40,8 @@ class _Table(BaseModel):
 
 
 class TimeMap(_Table):
-    """source: channel with the stamps; unit of it; period_s of the recording to write; repair of the time base;
-    longer gaps than max_gap_s split the recording."""
+    """source: channel with the stamps; unit of it; period_s of the recording to write; repair of
+    the time base; longer gaps than max_gap_s split the recording."""
 
     source: str | None = None
     unit: str | None = None
@@ -50,7 +51,8 @@ class TimeMap(_Table):
 
 
 class SignalMap(_Table):
-    """One column: made = sign * (source in the column's unit, or scale * source) + offset (column's unit)."""
+    """One column: made = sign * (source in the column's unit, or scale * source) + offset (column's
+    unit)."""
 
     source: str
     unit: str | None = None
@@ -81,7 +83,8 @@ class Mapping(_Table):
 
 @dataclass(frozen=True)
 class Signal:
-    """One column to make, settled: which channel, its unit (None: `scale` says the size), gauge or absolute.
+    """One column to make, settled: which channel, its unit (None: `scale` says the size), gauge or
+    absolute.
 
     hold           True for what is held until the next value: commands and references
     events         True if the mapping itself says so: a hold over any length then is no gap
@@ -102,11 +105,14 @@ class Signal:
 def load_mapping(path: Path, pressures: str | None = None) -> Mapping:
     """Read and check a mapping; FileError with the line (TOML) or the path of the key.
 
-    pressures: "gauge" or "absolute" for every pressure of which the mapping does not say it; FileError if it says the
-    opposite of one.
+    pressures: "gauge" or "absolute" for every pressure of which the mapping does not say it;
+    FileError if it says the opposite of one.
     """
+
     def nearby() -> str:
-        siblings = [item.name for item in path.parent.glob("*.toml")] if path.parent.is_dir() else []
+        siblings = (
+            [item.name for item in path.parent.glob("*.toml")] if path.parent.is_dir() else []
+        )
         return nearest(path.name, siblings) or "`pamid ingest --guess` writes a first one of a log."
 
     tables = read_toml(path, nearby)
@@ -122,8 +128,12 @@ def _answer(signals: Any, pressures: str, where: str) -> None:
             continue
         said = table.get("pressure", OPEN)
         if said not in (OPEN, pressures):
-            raise FileError(f"{where}: signals.{column}.pressure is {_shown(said)}, but --pressures says "
-                            f'"{pressures}".', "Leave one of the two out.", code="mapping")  # fmt: skip
+            raise FileError(
+                f"{where}: signals.{column}.pressure is {_shown(said)}, but --pressures says "
+                f'"{pressures}".',
+                "Leave one of the two out.",
+                code="mapping",
+            )
         if said == OPEN and not _says_itself(table.get("unit")):
             table["pressure"] = pressures
 
@@ -143,16 +153,23 @@ def mapping_of(tables: dict[str, Any], where: str) -> Mapping:
     for title, table in (("known", found.known), ("controller", found.controller)):
         for key in table:
             if not _COLUMN.fullmatch(key):
-                raise FileError(f"{where}: {title} has the key {key!r}.", "Names are letters, digits and _.",
-                                code="mapping")  # fmt: skip
+                raise FileError(
+                    f"{where}: {title} has the key {key!r}.",
+                    "Names are letters, digits and _.",
+                    code="mapping",
+                )
     return found
 
 
-def settle(mapping: Mapping, rig: Rig | None, units: dict[str, str], where: str) -> tuple[Signal, ...]:
-    """What each signal becomes, once the channels' own units (channel -> unit, "" where the log says none) are known.
+def settle(
+    mapping: Mapping, rig: Rig | None, units: dict[str, str], where: str
+) -> tuple[Signal, ...]:
+    """What each signal becomes, once the channels' own units (channel -> unit, "" where the log
+    says none) are known.
 
-    FileError where a unit is missing, unknown or of another quantity, where a pressure is not said to be gauge or
-    absolute, and where a column of the rig is named in a unit that pamid does not have.
+    FileError where a unit is missing, unknown or of another quantity, where a pressure is not said
+    to be gauge or absolute, and where a column of the rig is named in a unit that pamid does not
+    have.
     """
     held = set(_held(rig)) if rig else set()
     made = []
@@ -160,7 +177,9 @@ def settle(mapping: Mapping, rig: Rig | None, units: dict[str, str], where: str)
         if rig is not None:
             for wanted in (*rig.inputs, *rig.outputs, *(loop.reference for loop in rig.loops)):
                 _known_unit(column, wanted, where)
-        hold = column in held or (rig is None and split_column(column)[0].split("_")[0] in ("command", "reference"))
+        hold = column in held or (
+            rig is None and split_column(column)[0].split("_")[0] in ("command", "reference")
+        )
         hold = hold if one.interpolation is None else one.interpolation == "hold"
         made.append(_settle_one(column, one, hold, units.get(one.source, ""), where))
     return tuple(made)
@@ -170,8 +189,11 @@ def unknown_to(rig: Rig, columns: Iterable[str]) -> list[str]:
     """A sentence for every column that the rig does not know; they are kept."""
     wanted = [*rig.inputs, *rig.outputs, *(loop.reference for loop in rig.loops)]
     known = {split_column(name)[0] for name in wanted}
-    return [f"rig {rig.name!r} does not know the column {name!r}; it is kept. {nearest(name, wanted)}".rstrip()
-            for name in columns if split_column(name)[0] not in known]
+    return [
+        f"rig {rig.name!r} does not know the column {name!r}; it is kept. {nearest(name, wanted)}".rstrip()  # noqa: E501
+        for name in columns
+        if split_column(name)[0] not in known
+    ]
 
 
 def _settle_one(column: str, one: SignalMap, hold: bool, logged: str, where: str) -> Signal:
@@ -181,45 +203,79 @@ def _settle_one(column: str, one: SignalMap, hold: bool, logged: str, where: str
     if one.scale is None:
         text = one.unit if one.unit is not None else logged
         if one.unit is None and not logged and symbol != NONE:
-            hint = "The log does not say it either. For example " + _EXAMPLES.get(unit(symbol).quantity, '"1"') + "."
+            hint = (
+                "The log does not say it either. For example "
+                + _EXAMPLES.get(unit(symbol).quantity, '"1"')
+                + "."
+            )
             raise FileError(f"{place}.unit is missing.", hint, code="mapping")
         source = _read(text, symbol, place)
     elif one.scale == 0.0:
         raise FileError(f"{place}.scale is 0: nothing of the source would be left.", code="mapping")
     said = source.pressure if source is not None else ""
     if not pressure and one.pressure is not None:
-        raise FileError(f"{place}.pressure is {one.pressure!r}, but {column!r} is no pressure.", "Leave the key out.",
-                        code="mapping")  # fmt: skip
+        raise FileError(
+            f"{place}.pressure is {one.pressure!r}, but {column!r} is no pressure.",
+            "Leave the key out.",
+            code="mapping",
+        )
     if source is not None and said and one.pressure not in (None, said):
-        raise FileError(f"{place}.pressure is {one.pressure!r}, but the unit {source.text!r} says {said}.",
-                        "Correct one of the two.", code="mapping")  # fmt: skip
+        raise FileError(
+            f"{place}.pressure is {one.pressure!r}, but the unit {source.text!r} says {said}.",
+            "Correct one of the two.",
+            code="mapping",
+        )
     if pressure and not (said or one.pressure):
-        raise FileError(f"{place}.pressure is missing; allowed: \"gauge\", \"absolute\".", _GAUGE, code="pressure")
-    return Signal(column, one.source, symbol, source, one.scale if one.scale is not None else 1.0,
-                  (one.pressure or said) == "absolute", one.sign, one.offset, hold,
-                  one.interpolation == "hold")  # fmt: skip
+        raise FileError(
+            f'{place}.pressure is missing; allowed: "gauge", "absolute".', _GAUGE, code="pressure"
+        )
+    return Signal(
+        column,
+        one.source,
+        symbol,
+        source,
+        one.scale if one.scale is not None else 1.0,
+        (one.pressure or said) == "absolute",
+        one.sign,
+        one.offset,
+        hold,
+        one.interpolation == "hold",
+    )
 
 
-_GAUGE = ("A log does not show it by itself: a gauge sensor reads 0 with the air off, an absolute one about 1 bar "
-          "(101 kPa, 14.7 psi).")  # fmt: skip
-_EXAMPLES = {"pressure": '"bar", "kPa", "psi"', "angle": '"deg", "rad", "rev"', "force": '"N", "lbf"',
-             "torque": '"N m"', "time": '"s", "ms"'}  # fmt: skip
+_GAUGE = (
+    "A log does not show it by itself: a gauge sensor reads 0 with the air off, an absolute one "
+    "about 1 bar "
+    "(101 kPa, 14.7 psi)."
+)
+_EXAMPLES = {
+    "pressure": '"bar", "kPa", "psi"',
+    "angle": '"deg", "rad", "rev"',
+    "force": '"N", "lbf"',
+    "torque": '"N m"',
+    "time": '"s", "ms"',
+}
 
 
 def _read(text: str, symbol: str, place: str) -> SourceUnit:
     if text == OPEN:
         hint = "For example " + _EXAMPLES.get(unit(symbol).quantity, '"1", "percent"') + "."
-        raise FileError(f'{place}.unit is "?": say in which unit the log holds it.', hint, code="unit")
+        raise FileError(
+            f'{place}.unit is "?": say in which unit the log holds it.', hint, code="unit"
+        )
     try:
         found = read_unit(text)
         require_same_quantity(found, symbol)
     except FileError as error:
-        raise FileError(f"{place}.unit is {text!r}: {error.message}", error.hint, code="unit") from None
+        raise FileError(
+            f"{place}.unit is {text!r}: {error.message}", error.hint, code="unit"
+        ) from None
     return found
 
 
 def _held(rig: Rig) -> list[str]:
-    """References and what is sent: every input that a recording must have, or that a controller produces."""
+    """References and what is sent: every input that a recording must have, or that a controller
+    produces."""
     loops = [name for loop in rig.loops for name in (loop.reference, loop.command)]
     return [*loops, *(name for name in rig.inputs if name not in rig.optional)]
 
@@ -228,32 +284,46 @@ def _known_unit(column: str, wanted: str, where: str) -> None:
     try:
         match_column(column, wanted)
     except PamidError as error:
-        raise FileError(f"{where}: signals: {error.message}", "Name the column with such an ending; the source may be "
-                        "in any unit.", code="unit") from None  # fmt: skip
+        raise FileError(
+            f"{where}: signals: {error.message}",
+            "Name the column with such an ending; the source may be in any unit.",
+            code="unit",
+        ) from None
 
 
 def _check_column(column: str, where: str) -> None:
     if column == TIME:
-        raise FileError(f"{where}: signals.time_s: the time is not a signal.", "Name its channel in [time] source.",
-                        code="mapping")  # fmt: skip
+        raise FileError(
+            f"{where}: signals.time_s: the time is not a signal.",
+            "Name its channel in [time] source.",
+            code="mapping",
+        )
     if not _COLUMN.fullmatch(column):
-        raise FileError(f"{where}: signals has the name {column!r}.", "A column is named with letters, digits and _, "
-                        "and ends in its unit: angle_deg, pressure_1_kpa, command.", code="mapping")  # fmt: skip
+        raise FileError(
+            f"{where}: signals has the name {column!r}.",
+            "A column is named with letters, digits and _, "
+            "and ends in its unit: angle_deg, pressure_1_kpa, command.",
+            code="mapping",
+        )
     tail = column.rpartition("_")[2]
     if split_column(column)[1] == NONE and len(tail) > 2 and tail != column and not is_unit(tail):
         _refuse_foreign(column, tail, where)
 
 
 def _refuse_foreign(column: str, tail: str, where: str) -> None:
-    """A name that ends in a unit which pamid's columns do not have: the made column would lose its meaning."""
+    """A name that ends in a unit which pamid's columns do not have: the made column would lose its
+    meaning."""
     try:
         found = read_unit(tail)
     except FileError:
         return
     if any(found.dimension):
-        raise FileError(f"{where}: signals.{column}: {tail!r} is no unit of pamid's columns.",
-                        "Name the made column in another, such as _kpa, _deg, _n, _nm; the source stays as it is.",
-                        code="unit")  # fmt: skip
+        raise FileError(
+            f"{where}: signals.{column}: {tail!r} is no unit of pamid's columns.",
+            "Name the made column in another, such as _kpa, _deg, _n, _nm; the source stays as it "
+            "is.",
+            code="unit",
+        )
 
 
 def _explain(error: ValidationError, where: str) -> FileError:
@@ -266,22 +336,41 @@ def _explain(error: ValidationError, where: str) -> FileError:
         hint = nearest(path[-1], keys) or "Keys here are: " + ", ".join(keys) + "."
         return FileError(f"{where}: {place} is not a key of a mapping.", hint, code="mapping")
     if kind == "missing":
-        hint = "Name the channel of the log." if path[-1] == "source" else "A signal is [signals.NAME] with a source."
+        hint = (
+            "Name the channel of the log."
+            if path[-1] == "source"
+            else "A signal is [signals.NAME] with a source."
+        )
         return FileError(f"{where}: {place} is missing.", hint, code="mapping")
     shown = _shown(given)
     if kind == "literal_error":
         allowed = _allowed(first["ctx"]["expected"])
-        hint = _GAUGE if path[-1] == "pressure" else nearest(str(given), [word.strip('"') for word in allowed])
-        return FileError(f"{where}: {place} is {shown}; allowed: {', '.join(allowed)}.", hint, code="mapping")
-    wanted = {"float_type": "a number", "finite_number": "a finite number", "greater_than": "a number above 0",
-              "string_type": "text in quotes", "too_short": "at least one [signals.NAME]"}  # fmt: skip
+        hint = (
+            _GAUGE
+            if path[-1] == "pressure"
+            else nearest(str(given), [word.strip('"') for word in allowed])
+        )
+        return FileError(
+            f"{where}: {place} is {shown}; allowed: {', '.join(allowed)}.", hint, code="mapping"
+        )
+    wanted = {
+        "float_type": "a number",
+        "finite_number": "a finite number",
+        "greater_than": "a number above 0",
+        "string_type": "text in quotes",
+        "too_short": "at least one [signals.NAME]",
+    }
     need = wanted.get(kind, "a table" if "type" in kind else first["msg"])
     return FileError(f"{where}: {place} is {shown}; {need} is needed.", code="mapping")
 
 
 def _fields(path: list[str]) -> Iterable[str]:
     """The keys that may stand in the table at `path`."""
-    models: dict[str, type[_Table]] = {"time": TimeMap, "atmosphere": Atmosphere, "signals": SignalMap}
+    models: dict[str, type[_Table]] = {
+        "time": TimeMap,
+        "atmosphere": Atmosphere,
+        "signals": SignalMap,
+    }
     return (models[path[0]] if path else Mapping).model_fields
 
 

@@ -1,8 +1,8 @@
 """Units of raw logs, read by pint and brought to the units of pamid's columns.
 
-The registry is pamid's own: an angle is a dimension, so that rad/s and 1/s are never taken for each other; gauge and
-absolute pressure are told apart by a mark ("barg", "kPa(a)", "psia"); a word that means one thing in one laboratory
-and another in the next is refused with advice.
+The registry is pamid's own: an angle is a dimension, so that rad/s and 1/s are never taken for each
+other; gauge and absolute pressure are told apart by a mark ("barg", "kPa(a)", "psia"); a word that
+means one thing in one laboratory and another in the next is refused with advice.
 """
 
 from __future__ import annotations
@@ -72,26 +72,65 @@ ohm = volt / ampere
 
 #: words that name no quantity by themselves, with what to do
 _ADVICE = {
-    **dict.fromkeys(("count", "counts", "cnt", "cnts", "tick", "ticks", "inc", "incs", "increments", "lsb", "digits",
-                     "digit", "raw", "bits", "adc", "pulses"),
-                    "Counts have no size of their own: give scale, the made unit per count; for an encoder with 4-fold "
-                    "evaluation that is 360 / (4 * lines) degrees."),
+    **dict.fromkeys(
+        (
+            "count",
+            "counts",
+            "cnt",
+            "cnts",
+            "tick",
+            "ticks",
+            "inc",
+            "incs",
+            "increments",
+            "lsb",
+            "digits",
+            "digit",
+            "raw",
+            "bits",
+            "adc",
+            "pulses",
+        ),
+        "Counts have no size of their own: give scale, the made unit per count; for an encoder "
+        "with 4-fold "
+        "evaluation that is 360 / (4 * lines) degrees.",
+    ),
     "grad": "It means degrees in some languages and 1/400 turn in others: write deg or gon.",
-    "in": "Write inch.", "''": "Write inch.",
-    "c": "Write degC.", "f": "Write degF.",
-}  # fmt: skip
-_PLAIN = (("°C", "degC"), ("℃", "degC"), ("°F", "degF"), ("°", "deg"), ("µ", "u"), ("μ", "u"), ("Ω", "ohm"), ("²", "2"),
-          ("³", "3"), ("⁻", "-"), ("¹", "1"), ("·", "*"), ("⋅", "*"), ("×", "*"), ("%", "percent"),
-          ("U/min", "rpm"), ("^", "**"))  # fmt: skip
-_MARK = re.compile(r"(?P<unit>.*?[a-z2])[ _]?\(?(?:(?P<gauge>g|gauge|rel\.?|ü)|(?P<absolute>a|abs\.?|absolute?))\)?",
-                   re.IGNORECASE)  # fmt: skip
+    "in": "Write inch.",
+    "''": "Write inch.",
+    "c": "Write degC.",
+    "f": "Write degF.",
+}
+_PLAIN = (
+    ("°C", "degC"),
+    ("℃", "degC"),
+    ("°F", "degF"),
+    ("°", "deg"),
+    ("µ", "u"),
+    ("μ", "u"),
+    ("Ω", "ohm"),
+    ("²", "2"),
+    ("³", "3"),
+    ("⁻", "-"),
+    ("¹", "1"),
+    ("·", "*"),
+    ("⋅", "*"),
+    ("×", "*"),
+    ("%", "percent"),
+    ("U/min", "rpm"),
+    ("^", "**"),
+)
+_MARK = re.compile(
+    r"(?P<unit>.*?[a-z2])[ _]?\(?(?:(?P<gauge>g|gauge|rel\.?|ü)|(?P<absolute>a|abs\.?|absolute?))\)?",  # noqa: E501
+    re.IGNORECASE,
+)
 _GRAMMAR = re.compile(r"(?:[A-Za-z_]+|1)(?:\*\*-?[1-9])?")
 
 
 @dataclass(frozen=True)
 class SourceUnit:
-    """A unit as a log writes it: SI value = value * factor + offset; `pressure` is "gauge" or "absolute" where the unit
-    says so itself, otherwise ""."""
+    """A unit as a log writes it: SI value = value * factor + offset; `pressure` is "gauge" or
+    "absolute" where the unit says so itself, otherwise ""."""
 
     text: str
     factor: float
@@ -102,17 +141,22 @@ class SourceUnit:
 
 @lru_cache(maxsize=256)
 def read_unit(text: str) -> SourceUnit:
-    """The unit written as `text`: "bar", "°C", "N·m", "kPa(a)", "U/min", "m/s^2"; "" and "1" mean none.
+    """The unit written as `text`: "bar", "°C", "N·m", "kPa(a)", "U/min", "m/s^2"; "" and "1" mean
+    none.
 
     FileError (code "unit") if it cannot be read, with advice where the word is a usual one.
     """
     bare = text.strip().strip("[]").strip()
     if bare.casefold() in _ADVICE:
-        raise FileError(f"{bare!r} cannot be taken as a unit.", _ADVICE[bare.casefold()], code="unit")
+        raise FileError(
+            f"{bare!r} cannot be taken as a unit.", _ADVICE[bare.casefold()], code="unit"
+        )
     match = _MARK.fullmatch(bare)
     if match is not None:  # first, for "bar(g)" is no bar times gram
         with contextlib.suppress(FileError):
-            marked = _measured(text, match["unit"].strip(), "gauge" if match["gauge"] else "absolute")
+            marked = _measured(
+                text, match["unit"].strip(), "gauge" if match["gauge"] else "absolute"
+            )
             if marked.dimension == PRESSURE:
                 return marked
     return _measured(text, bare, "")
@@ -127,8 +171,11 @@ def is_readable(text: str) -> bool:
     return True
 
 
-def in_unit(values: FloatArray, source: SourceUnit, symbol: str, atmosphere_pa: float = 0.0) -> FloatArray:
-    """`values` in the source's unit as values in pamid's unit `symbol`; atmosphere_pa (Pa) is taken off.
+def in_unit(
+    values: FloatArray, source: SourceUnit, symbol: str, atmosphere_pa: float = 0.0
+) -> FloatArray:
+    """`values` in the source's unit as values in pamid's unit `symbol`; atmosphere_pa (Pa) is taken
+    off.
 
     FileError (code "unit") if the two measure different things.
     """
@@ -136,56 +183,87 @@ def in_unit(values: FloatArray, source: SourceUnit, symbol: str, atmosphere_pa: 
     target = unit(symbol)
     if source.factor == target.factor and source.offset == target.offset and not atmosphere_pa:
         return values
-    return np.asarray(from_si(values * source.factor + (source.offset - atmosphere_pa), symbol), dtype=np.float64)
+    return np.asarray(
+        from_si(values * source.factor + (source.offset - atmosphere_pa), symbol), dtype=np.float64
+    )
 
 
 def require_same_quantity(source: SourceUnit, symbol: str) -> None:
-    """FileError (code "unit") if values in the source's unit cannot be values in pamid's unit `symbol`."""
+    """FileError (code "unit") if values in the source's unit cannot be values in pamid's unit
+    `symbol`."""
     if source.dimension == unit(symbol).dimension:
         return
-    if source.dimension == unit("1/s").dimension and unit(symbol).dimension == unit("rad/s").dimension:
+    if (
+        source.dimension == unit("1/s").dimension
+        and unit(symbol).dimension == unit("rad/s").dimension
+    ):
         hint = "For turns per minute write rpm, for turns per second rev/s."
     elif source.text.strip() in ("", NONE):
-        hint = f"Say the unit of the source; a {quantity_of(symbol)} may be in " + ", ".join(suffixes_for(symbol)) + "."
+        hint = (
+            f"Say the unit of the source; a {quantity_of(symbol)} may be in "
+            + ", ".join(suffixes_for(symbol))
+            + "."
+        )
     else:
-        hint = "If it is a sensor's raw signal, give scale (made unit per unit of the source) and offset instead."
-    raise FileError(f"{source.text!r} does not measure what {symbol!r} measures ({quantity_of(symbol)}).", hint,
-                    code="unit")  # fmt: skip
+        hint = (
+            "If it is a sensor's raw signal, give scale (made unit per unit of the source) and "
+            "offset instead."
+        )
+    raise FileError(
+        f"{source.text!r} does not measure what {symbol!r} measures ({quantity_of(symbol)}).",
+        hint,
+        code="unit",
+    )
 
 
 def _measured(text: str, bare: str, pressure: str) -> SourceUnit:
-    """Factor, offset and dimension by pint; only words, one-digit exponents, `*`, `/` and parentheses reach it."""
+    """Factor, offset and dimension by pint; only words, one-digit exponents, `*`, `/` and
+    parentheses reach it."""
     import pint
 
     registry, plain = _registry(), _normal(bare)
     words = [word for word in re.split(r"[\s*/()]+", plain.replace("**", "^")) if word]
     if not all(_GRAMMAR.fullmatch(word.replace("^", "**")) for word in words):
-        raise FileError(f"{text!r} is not a unit.", "For example bar, kPa, deg, rad/s, N*m, 1/min.", code="unit")
+        raise FileError(
+            f"{text!r} is not a unit.", "For example bar, kPa, deg, rad/s, N*m, 1/min.", code="unit"
+        )
     try:
         dimension = registry.Quantity(1.0, plain).dimensionality
-        powers = tuple(int(dimension.get(base, 0)) for base in
-                       ("[mass]", "[length]", "[time]", "[current]", "[temperature]", "[angle]"))  # fmt: skip
-        si = "*".join(f"{base}**{power}" for base, power in zip(_BASES, powers, strict=True) if power)
-        zero, one = (float(registry.Quantity(value, plain).to(si).magnitude) for value in (0.0, 1.0))
+        powers = tuple(
+            int(dimension.get(base, 0))
+            for base in ("[mass]", "[length]", "[time]", "[current]", "[temperature]", "[angle]")
+        )
+        si = "*".join(
+            f"{base}**{power}" for base, power in zip(_BASES, powers, strict=True) if power
+        )
+        zero, one = (
+            float(registry.Quantity(value, plain).to(si).magnitude) for value in (0.0, 1.0)
+        )
     except pint.UndefinedUnitError as error:
         names = error.unit_names
         wrong = names if isinstance(names, str) else next(iter(names))
         hint = nearest(wrong, _names()) or "For example bar, kPa, deg, rad/s, N*m, percent."
-        raise FileError(f"{text!r} is not a unit pamid knows: {wrong!r} is unknown.", hint, code="unit") from None
+        raise FileError(
+            f"{text!r} is not a unit pamid knows: {wrong!r} is unknown.", hint, code="unit"
+        ) from None
     except Exception:  # a foreign parser fails in many ways on text that is no unit
-        raise FileError(f"{text!r} is not a unit.", "For example bar, kPa, deg, rad/s, N*m, 1/min.",
-                        code="unit") from None  # fmt: skip
+        raise FileError(
+            f"{text!r} is not a unit.", "For example bar, kPa, deg, rad/s, N*m, 1/min.", code="unit"
+        ) from None
     return SourceUnit(text, one - zero, zero, powers, pressure)
 
 
 def _normal(text: str) -> str:
-    """What people write, in pint's grammar: "Nm" is N*m, "m/s2" is m/s**2, a degree in a product is a difference."""
+    """What people write, in pint's grammar: "Nm" is N*m, "m/s2" is m/s**2, a degree in a product is
+    a difference."""
     for written, meant in _PLAIN:
         text = text.replace(written, meant)
     text = re.sub(r"\b(k|m|c)?N([cm]?m)\b", r"\1N*\2", text)
     text = re.sub(r"([A-Za-z])(-?[1-9])\b", r"\1**\2", text)
     if re.search(r"[\s*/]", text):
-        text = re.sub(r"\bdeg([CF])\b", lambda m: "kelvin" if m[1] == "C" else "fahrenheit_step", text)
+        text = re.sub(
+            r"\bdeg([CF])\b", lambda m: "kelvin" if m[1] == "C" else "fahrenheit_step", text
+        )
     return text or "one"
 
 
@@ -200,6 +278,24 @@ def _registry() -> Any:
 
 def _names() -> list[str]:
     """The words of the definitions, for suggestions."""
-    told = [name.strip() for line in _DEFINITIONS.strip().splitlines() for name in line.split(";")[0].split("=")]
-    return ["kPa", "MPa", "hPa", "mbar", "ms", "us", "mm", "cm", "kg", "mrad", "kN", "mV", "mA",
-            *(name for name in told if re.fullmatch(r"[A-Za-z_]+", name))]
+    told = [
+        name.strip()
+        for line in _DEFINITIONS.strip().splitlines()
+        for name in line.split(";")[0].split("=")
+    ]
+    return [
+        "kPa",
+        "MPa",
+        "hPa",
+        "mbar",
+        "ms",
+        "us",
+        "mm",
+        "cm",
+        "kg",
+        "mrad",
+        "kN",
+        "mV",
+        "mA",
+        *(name for name in told if re.fullmatch(r"[A-Za-z_]+", name)),
+    ]

@@ -1,6 +1,8 @@
-"""One door for raw logs: `read_log` tells a file's kind by its content and its name and hands it to its reader.
+"""One door for raw logs: `read_log` tells a file's kind by its content and its name and hands it to
+its reader.
 
-A log may come from anywhere. No reader executes anything a file brings, and whatever is wrong with one is a FileError.
+A log may come from anywhere. No reader executes anything a file brings, and whatever is wrong with
+one is a FileError.
 """
 
 from __future__ import annotations
@@ -28,15 +30,21 @@ _STRANGERS = (
 
 
 def read_log(path: Path, kind: str | None = None) -> Log:
-    """The signals of a raw log. `kind` is one of `kinds`; by default the file's content and suffix tell it.
+    """The signals of a raw log. `kind` is one of `kinds`; by default the file's content and suffix
+    tell it.
 
-    FileError if the file is missing, of no known kind, damaged, or if a package that reads it is not installed."""
+    FileError if the file is missing, of no known kind, damaged, or if a package that reads it is
+    not installed."""
     path = Path(path)
     if kind is not None and kind not in kinds():
         hint = nearest(kind, kinds()) or "Valid kinds are: " + ", ".join(kinds()) + "."
         raise FileError(f"There is no kind of log called {kind!r}.", hint, code="kind")
     if not path.exists():
-        near = nearest(path.name, [other.name for other in path.parent.iterdir()]) if path.parent.is_dir() else ""
+        near = (
+            nearest(path.name, [other.name for other in path.parent.iterdir()])
+            if path.parent.is_dir()
+            else ""
+        )
         raise FileError(f"{path}: there is no such file.", near)
     found, note = _kind_of(path, kind)
     log = read_in_child(path, found.name) if found.extra else read_here(path, found.name)
@@ -47,29 +55,44 @@ def _kind_of(path: Path, wanted: str | None) -> tuple[Kind, str]:
     """The kind of a file, and what there is to say about how it was told."""
     if path.is_dir():
         if not (path / "metadata.yaml").is_file():
-            raise FileError(f"{path} is a folder.", "Name a log; of the folders only ROS 2 bags with a metadata.yaml "
-                            "are logs.")  # fmt: skip
+            raise FileError(
+                f"{path} is a folder.",
+                "Name a log; of the folders only ROS 2 bags with a metadata.yaml are logs.",
+            )
         for part in sorted(path.rglob("*")):
             if not part.is_dir():
                 _head(part)
         return kinds()["ros"], ""
     head = _head(path)
     by_content = _by_content(head)
-    by_name = next((kind for kind in kinds().values() if path.suffix.lower() in kind.suffixes), None)
+    by_name = next(
+        (kind for kind in kinds().values() if path.suffix.lower() in kind.suffixes), None
+    )
     if wanted is not None:
         if by_content and by_content.name != wanted:
-            raise FileError(f"{path} is no {wanted} file: it begins as {by_content.name}.", code="kind")
+            raise FileError(
+                f"{path} is no {wanted} file: it begins as {by_content.name}.", code="kind"
+            )
         return kinds()[wanted], ""
     if by_content:
         odd = by_name is not None and by_name is not by_content and by_name.name != "csv"
-        return by_content, f"named {path.suffix}, but its content is {by_content.name}" if odd else ""
+        return (
+            by_content,
+            f"named {path.suffix}, but its content is {by_content.name}" if odd else "",
+        )
     if by_name is None:
         known = ", ".join(f"{kind.name} ({' '.join(kind.suffixes)})" for kind in kinds().values())
-        raise FileError(f"{path}: neither its suffix nor its content tells what kind of log it is.",
-                        f"Valid kinds are: {known}.", code="kind")  # fmt: skip
+        raise FileError(
+            f"{path}: neither its suffix nor its content tells what kind of log it is.",
+            f"Valid kinds are: {known}.",
+            code="kind",
+        )
     if by_name.marks and by_name.name != "mat":  # MAT v4 begins with nothing of its own
-        raise FileError(f"{path} is called {path.suffix}, but does not begin as {by_name.name} files do.",
-                        "It may be damaged, incomplete or of another kind.", code="damaged")  # fmt: skip
+        raise FileError(
+            f"{path} is called {path.suffix}, but does not begin as {by_name.name} files do.",
+            "It may be damaged, incomplete or of another kind.",
+            code="damaged",
+        )
     return by_name, ""
 
 
@@ -90,4 +113,7 @@ def _head(path: Path) -> bytes:
 def _by_content(head: bytes) -> Kind | None:
     if head.startswith(b"\xef\xbb\xbf"):
         head = head[3:]
-    return next((kind for kind in kinds().values() if head.startswith(kind.marks or (b"\xff" * HEAD,))), None)
+    return next(
+        (kind for kind in kinds().values() if head.startswith(kind.marks or (b"\xff" * HEAD,))),
+        None,
+    )

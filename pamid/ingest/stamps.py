@@ -1,5 +1,5 @@
-"""The stamps of a log made usable: repeats, steps of the clock, dropped samples, gaps. Nothing is judged here; what
-was found is counted, and `pamid.ingest.time_base` decides what it means."""
+"""The stamps of a log made usable: repeats, steps of the clock, dropped samples, gaps. Nothing is
+judged here; what was found is counted, and `pamid.ingest.time_base` decides what it means."""
 
 from __future__ import annotations
 
@@ -15,17 +15,19 @@ from pamid.recording.recording import MIN_SAMPLES
 
 IntArray = NDArray[np.int64]
 
-AGES = 1e12          # s: no clock counts so far
-FASTEST = 1e-8       # s: no two samples of a rig are so close
-OUT_OF_ORDER = 5     # rows: a stamp that comes back later than this is a step of the clock, not a row out of order
-MANY_STEPS = 20      # steps back in one log: then the channel is no clock
-BLOCKS = 0.02        # share of differing rows with one stamp above which stamps are blocks or ticks, not errors
-WINDOW = 100         # rows ahead that are looked at to tell a dropped sample from a late stamp
-FOLLOW = 0.02        # share of a deviation by which the even clock follows it, per row
-LAST = 5             # rows at the end in which a late stamp cannot be told from a missing sample
-NEAR = 20            # rows before and behind a step back that tell whether the clock was set back
-LACKING = 0.7        # of a period: they lie so much earlier behind it then
-DROPPED = 0.7        # of a period: the level of the stamps rises by this where a sample is missing
+AGES = 1e12  # s: no clock counts so far
+FASTEST = 1e-8  # s: no two samples of a rig are so close
+# rows: a stamp that comes back later than this is a step of the clock, not a row out of order
+OUT_OF_ORDER = 5
+MANY_STEPS = 20  # steps back in one log: then the channel is no clock
+# share of differing rows with one stamp above which stamps are blocks or ticks, not errors
+BLOCKS = 0.02
+WINDOW = 100  # rows ahead that are looked at to tell a dropped sample from a late stamp
+FOLLOW = 0.02  # share of a deviation by which the even clock follows it, per row
+LAST = 5  # rows at the end in which a late stamp cannot be told from a missing sample
+NEAR = 20  # rows before and behind a step back that tell whether the clock was set back
+LACKING = 0.7  # of a period: they lie so much earlier behind it then
+DROPPED = 0.7  # of a period: the level of the stamps rises by this where a sample is missing
 
 
 @dataclass(frozen=True)
@@ -41,10 +43,9 @@ class Repair:
 class Rows:
     """The rows that stay, in the order of their stamps.
 
-    keep      rows of the log, (n,)
-    stamps    s, (n,), not falling; a clock that was set back runs on
-    starts    where pieces begin: 0, and wherever the clock was set back
-    blocks    several differing samples share a stamp: buffers, or a clock that ticks slower than the sampling
+    keep      rows of the log, (n,) stamps    s, (n,), not falling; a clock that was set back runs
+    on starts    where pieces begin: 0, and wherever the clock was set back blocks    several
+    differing samples share a stamp: buffers, or a clock that ticks slower than the sampling
     """
 
     keep: IntArray
@@ -59,34 +60,57 @@ class Rows:
         return [slice(start, end) for start, end in zip(self.starts, ends, strict=True)]
 
 
-def usable_rows(stamps: FloatArray, signals: Sequence[FloatArray], place: str, *, tolerant: bool = False) -> Rows:
-    """Order and thin the rows of a log. stamps s, (n,); signals (n,) each, to tell a row written twice from another
-    sample with the same stamp; `place` names the channel in errors; tolerant: rows that share a stamp are samples.
+def usable_rows(
+    stamps: FloatArray, signals: Sequence[FloatArray], place: str, *, tolerant: bool = False
+) -> Rows:
+    """Order and thin the rows of a log. stamps s, (n,); signals (n,) each, to tell a row written
+    twice from another sample with the same stamp; `place` names the channel in errors; tolerant:
+    rows that share a stamp are samples.
 
-    FileError where the channel is no clock or a stamp stands at differing rows; DataError where too few rows have one.
+    FileError where the channel is no clock or a stamp stands at differing rows; DataError where too
+    few rows have one.
     """
     finite = np.flatnonzero(np.abs(stamps) < AGES)
     repairs = []
     if finite.size < stamps.size:
         lost = stamps.size - finite.size
-        repairs.append(Repair("rows-without-stamp", lost, f"{lost} rows without a stamp were left out"))
+        repairs.append(
+            Repair("rows-without-stamp", lost, f"{lost} rows without a stamp were left out")
+        )
     if finite.size < MIN_SAMPLES:
-        raise DataError(f"{place}: {finite.size} rows have a stamp, at least {MIN_SAMPLES} are needed.",
-                        code="too-short")  # fmt: skip
+        raise DataError(
+            f"{place}: {finite.size} rows have a stamp, at least {MIN_SAMPLES} are needed.",
+            code="too-short",
+        )
     written = finite.copy()
     keep, starts, moved = _in_order(finite, stamps, place)
     if moved and _runs_smoothly(written, keep, signals):
         keep, stamps = written, _caught_up(stamps, written, starts)
-        repairs.append(Repair("stamps-out-of-order", moved, f"{moved} stamps fall behind the one before; the signals "
-                              "run smoothly in the order of the rows, so it is the stamps that are late"))  # fmt: skip
+        repairs.append(
+            Repair(
+                "stamps-out-of-order",
+                moved,
+                f"{moved} stamps fall behind the one before; the signals "
+                "run smoothly in the order of the rows, so it is the stamps that are late",
+            )
+        )
     elif moved:
-        repairs.append(Repair("rows-out-of-order", moved, f"{moved} rows were written out of order and put back"))
+        repairs.append(
+            Repair(
+                "rows-out-of-order", moved, f"{moved} rows were written out of order and put back"
+            )
+        )
     if len(starts) > 1:
         back = stamps[keep[list(starts[1:])]] - stamps[keep[np.array(starts[1:]) - 1]]
         told = ", ".join(f"{step:.4g} s" for step in back[:3])
         stamps = _running_on(stamps, keep, starts)
-        repairs.append(Repair("clock-set-back", len(back), f"the clock was set back {len(back)} times ({told}): the "
-                              "recording is split there"))  # fmt: skip
+        repairs.append(
+            Repair(
+                "clock-set-back",
+                len(back),
+                f"the clock was set back {len(back)} times ({told}): the recording is split there",
+            )
+        )
     twice = np.flatnonzero(np.diff(stamps[keep]) == 0.0)
     if not twice.size:
         return Rows(keep, stamps[keep], tuple(starts), False, tuple(repairs))
@@ -98,36 +122,62 @@ def usable_rows(stamps: FloatArray, signals: Sequence[FloatArray], place: str, *
     if differing > BLOCKS * keep.size:
         return Rows(keep, stamps[keep], tuple(starts), True, tuple(repairs))
     if differing and tolerant:
-        repairs.append(Repair("stamps-shared", differing, f"{differing} rows share the stamp of the one before"))
-        return Rows(keep, _caught_up(stamps, keep, starts)[keep], tuple(starts), False, tuple(repairs))
+        repairs.append(
+            Repair(
+                "stamps-shared", differing, f"{differing} rows share the stamp of the one before"
+            )
+        )
+        return Rows(
+            keep, _caught_up(stamps, keep, starts)[keep], tuple(starts), False, tuple(repairs)
+        )
     if differing:
         row = int(keep[twice[~same][0] + 1])
-        hint = ("If they are two samples, say so with --time-base late-stamps; if one is wrong, take it out of the "
-                "log.")  # fmt: skip
-        raise FileError(f"{place}: the stamp {stamps[row]:.9g} s stands at data rows {row} and {row + 1} with differing"
-                        f" values ({differing} such).", hint, code="stamps-repeated")  # fmt: skip
-    repairs.append(Repair("rows-repeated", twice.size, f"{twice.size} rows stood there twice and were dropped"))
+        hint = (
+            "If they are two samples, say so with --time-base late-stamps; if one is wrong, take "
+            "it out of the "
+            "log."
+        )
+        raise FileError(
+            f"{place}: the stamp {stamps[row]:.9g} s stands at data rows {row} and {row + 1} with "
+            "differing"
+            f" values ({differing} such).",
+            hint,
+            code="stamps-repeated",
+        )
+    repairs.append(
+        Repair("rows-repeated", twice.size, f"{twice.size} rows stood there twice and were dropped")
+    )
     stay = np.ones(keep.size, dtype=bool)
     stay[twice + 1] = False
     if stay.sum() < MIN_SAMPLES:
-        raise DataError(f"{place}: {stay.sum()} rows have a stamp of their own, at least {MIN_SAMPLES} are needed.",
-                        code="too-short")  # fmt: skip
+        raise DataError(
+            f"{place}: {stay.sum()} rows have a stamp of their own, at least {MIN_SAMPLES} are "
+            "needed.",
+            code="too-short",
+        )
     moved_starts = tuple(int(stay[:start].sum()) for start in starts)
     return Rows(keep[stay], stamps[keep[stay]], moved_starts, False, tuple(repairs))
 
 
 def rough_period(rows: Rows) -> float:
-    """The sampling period (s) that most of the log shows, right to a few per mille; gaps and late stamps do not move
-    it. DataError if the stamps tell none."""
+    """The sampling period (s) that most of the log shows, right to a few per mille; gaps and late
+    stamps do not move it. DataError if the stamps tell none."""
     steps = np.concatenate([np.diff(rows.stamps[piece]) for piece in rows.pieces()])
     middle = float(np.median(steps)) if steps.size else 0.0
     single = steps[steps < 1.7 * middle]
-    if rows.blocks or middle <= 0.0 or abs(float(single.mean()) - middle) > 0.002 * middle \
-            or np.mean(np.abs(single - middle) <= 0.05 * middle) <= 0.5:
+    if (
+        rows.blocks
+        or middle <= 0.0
+        or abs(float(single.mean()) - middle) > 0.002 * middle
+        or np.mean(np.abs(single - middle) <= 0.05 * middle) <= 0.5
+    ):
         middle = _period_by_stretches(rows)
     if not FASTEST < middle < AGES / 1e3 or steps.sum() > AGES * middle:
-        raise DataError(f"The stamps tell no sampling period: most rows are {middle:.3g} s apart.",
-                        "Is it the channel with the time, and in the right unit?", code="time-base")  # fmt: skip
+        raise DataError(
+            f"The stamps tell no sampling period: most rows are {middle:.3g} s apart.",
+            "Is it the channel with the time, and in the right unit?",
+            code="time-base",
+        )
     return middle
 
 
@@ -142,10 +192,12 @@ def _period_by_stretches(rows: Rows) -> float:
 
 
 def count_samples(stamps: FloatArray, period: float) -> IntArray:
-    """Which sample of an even clock each row is, (n,), from 0: one more per row, and more where samples are missing.
+    """Which sample of an even clock each row is, (n,), from 0: one more per row, and more where
+    samples are missing.
 
-    A late stamp is caught up by later rows; behind a missing sample all rows stay late by whole periods. So the lowest
-    of the stamps ahead is held against the even clock, which follows slowly for the error of the period (s).
+    A late stamp is caught up by later rows; behind a missing sample all rows stay late by whole
+    periods. So the lowest of the stamps ahead is held against the even clock, which follows slowly
+    for the error of the period (s).
     """
     from scipy.ndimage import minimum_filter1d
 
@@ -154,7 +206,8 @@ def count_samples(stamps: FloatArray, period: float) -> IntArray:
     window = min(max(WINDOW, 4 * int(np.median(runs)) if runs.size else 1), n)
     residual = stamps / period - np.arange(n)
     ahead = minimum_filter1d(residual, window, mode="nearest", origin=-(window // 2))
-    # the last rows have nothing behind them that could catch up: where stamps are late at times, they may be late too
+    # the last rows have nothing behind them that could catch up: where stamps are late at times,
+    # they may be late too
     end = n - LAST if float(np.quantile(residual - ahead, 0.995)) > 0.3 else n
     missing = np.zeros(n, dtype=np.int64)
     level, base, steps = ahead.tolist(), float(ahead[0]), np.diff(residual, prepend=residual[0])
@@ -169,9 +222,12 @@ def count_samples(stamps: FloatArray, period: float) -> IntArray:
     return np.asarray(np.arange(n) + np.cumsum(missing), dtype=np.int64)
 
 
-def fit_clock(stamps: FloatArray, samples: IntArray, pieces: Sequence[slice]) -> tuple[float, FloatArray]:
-    """(period in s, start of each piece in s) of the even clock through the middle of the stamps, by least squares
-    without the latest twentieth of them. Of rows that share a stamp only the last counts: it waited least."""
+def fit_clock(
+    stamps: FloatArray, samples: IntArray, pieces: Sequence[slice]
+) -> tuple[float, FloatArray]:
+    """(period in s, start of each piece in s) of the even clock through the middle of the stamps,
+    by least squares without the latest twentieth of them. Of rows that share a stamp only the last
+    counts: it waited least."""
     use = last = np.append(np.diff(stamps) != 0.0, True)
     period, begins = 0.0, np.zeros(len(pieces))
     for _ in range(3):
@@ -182,18 +238,23 @@ def fit_clock(stamps: FloatArray, samples: IntArray, pieces: Sequence[slice]) ->
                 above += float((k - k.mean()) @ (t - t.mean()))
                 below += float((k - k.mean()) @ (k - k.mean()))
         if above <= 0.0:
-            raise DataError("The stamps follow no even clock: nowhere do rows come one after the other.",
-                            "Is it the channel with the time, and in the right unit?", code="time-base")  # fmt: skip
+            raise DataError(
+                "The stamps follow no even clock: nowhere do rows come one after the other.",
+                "Is it the channel with the time, and in the right unit?",
+                code="time-base",
+            )
         period = above / below
         begins = np.array([float(np.median(stamps[p] - period * samples[p])) for p in pieces])
-        late = np.concatenate([stamps[p] - period * samples[p] - b for p, b in zip(pieces, begins, strict=True)])
+        late = np.concatenate(
+            [stamps[p] - period * samples[p] - b for p, b in zip(pieces, begins, strict=True)]
+        )
         use = last & (late <= np.quantile(late[last], 0.95))
     return period, begins
 
 
 def _sharpest(stamps: FloatArray, period: float) -> float:
-    """The period (s) within 4 % of `period` at which the stamps' phases agree best, over stretches of 256 rows: samples
-    that are missing do not move a phase."""
+    """The period (s) within 4 % of `period` at which the stamps' phases agree best, over stretches
+    of 256 rows: samples that are missing do not move a phase."""
     stretch = 256
     count = min(stamps.size // stretch, 40)
     if count == 0:
@@ -202,21 +263,30 @@ def _sharpest(stamps: FloatArray, period: float) -> float:
     blocks = stamps[begins[:, None] + np.arange(stretch)]
     blocks = blocks - blocks[:, :1]
     trial = period * (1.0 + np.arange(-0.04, 0.04, 0.25 / stretch))
-    power = np.array([float(np.mean(np.abs(np.exp(2j * np.pi / one * blocks).mean(axis=1)) ** 2)) for one in trial])
+    power = np.array(
+        [
+            float(np.mean(np.abs(np.exp(2j * np.pi / one * blocks).mean(axis=1)) ** 2))
+            for one in trial
+        ]
+    )
     best = int(np.argmax(power))
     return float(trial[best]) if power[best] > 3.0 * np.median(power) else period
 
 
 def _in_order(rows: IntArray, stamps: FloatArray, place: str) -> tuple[IntArray, list[int], int]:
-    """(rows in order of their stamps, where the clock was set back, how many rows were out of order)."""
+    """(rows in order of their stamps, where the clock was set back, how many rows were out of
+    order)."""
     times = stamps[rows]
     starts, moved, begin = [0], 0, 0
     usual = float(np.median(np.diff(times)))
     while True:
         tail = times[begin:]
         behind = tail < np.maximum.accumulate(tail)
-        steps = (int(first) for first, last in zip(*runs_of(behind), strict=True)
-                 if _is_step(tail, int(first), int(last), usual))  # fmt: skip
+        steps = (
+            int(first)
+            for first, last in zip(*runs_of(behind), strict=True)
+            if _is_step(tail, int(first), int(last), usual)
+        )
         end = begin + next(steps, tail.size)
         order = np.argsort(times[begin:end], kind="stable")
         moved += int(np.count_nonzero(np.diff(times[begin:end]) < 0.0))
@@ -226,13 +296,16 @@ def _in_order(rows: IntArray, stamps: FloatArray, place: str) -> tuple[IntArray,
         starts.append(end)
         begin = end
         if len(starts) > MANY_STEPS:
-            raise FileError(f"{place}: the stamps run to and fro ({len(starts)} times and more).",
-                            "It seems to be no clock: name the channel with the time in [time] source.",
-                            code="stamps-unsorted")  # fmt: skip
+            raise FileError(
+                f"{place}: the stamps run to and fro ({len(starts)} times and more).",
+                "It seems to be no clock: name the channel with the time in [time] source.",
+                code="stamps-unsorted",
+            )
 
 
 def _running_on(stamps: FloatArray, keep: IntArray, starts: Sequence[int]) -> FloatArray:
-    """The stamps with every piece behind the one before it: how far the clock was set back is not known."""
+    """The stamps with every piece behind the one before it: how far the clock was set back is not
+    known."""
     shifted, pause = stamps.copy(), 10.0 * float(np.median(np.diff(stamps[keep])))
     for start, end in zip(starts[1:], [*starts[2:], keep.size], strict=True):
         rows = keep[start:end]
@@ -241,24 +314,30 @@ def _running_on(stamps: FloatArray, keep: IntArray, starts: Sequence[int]) -> Fl
 
 
 def _is_step(times: FloatArray, first: int, last: int, usual: float) -> bool:
-    """Whether rows first to last, whose stamps fall behind, tell a clock that was set back, not rows out of order or
-    late stamps: then all that follow lie earlier, on an even clock of the usual period (s), than all before."""
+    """Whether rows first to last, whose stamps fall behind, tell a clock that was set back, not
+    rows out of order or late stamps: then all that follow lie earlier, on an even clock of the
+    usual period (s), than all before."""
     if last - first > OUT_OF_ORDER:
         return True
     begin = max(first - NEAR, 0)
     level = times[begin : first + NEAR] - usual * np.arange(begin, min(first + NEAR, times.size))
-    before, after = (float(np.quantile(part, 0.2)) for part in (level[: first - begin], level[first - begin :]))
+    before, after = (
+        float(np.quantile(part, 0.2)) for part in (level[: first - begin], level[first - begin :])
+    )
     return before - after > LACKING * usual
 
 
 def _runs_smoothly(written: IntArray, sorted_rows: IntArray, signals: Sequence[FloatArray]) -> bool:
-    """Whether the signals bend less in the order in which the rows were written than in that of their stamps."""
+    """Whether the signals bend less in the order in which the rows were written than in that of
+    their stamps."""
     places = np.flatnonzero(written != sorted_rows)
     near = np.unique(np.clip(places[:, None] + np.arange(-1, 2), 1, written.size - 2))
     votes = [0.0]
     for values in signals:
-        bends = [np.abs(values[rows[near - 1]] - 2.0 * values[rows[near]] + values[rows[near + 1]])
-                 for rows in (written, sorted_rows)]  # fmt: skip
+        bends = [
+            np.abs(values[rows[near - 1]] - 2.0 * values[rows[near]] + values[rows[near + 1]])
+            for rows in (written, sorted_rows)
+        ]
         as_written, as_sorted = (float(np.nansum(bend)) for bend in bends)
         if as_written + as_sorted > 0.0:
             votes.append((as_sorted - as_written) / (as_sorted + as_written))
@@ -266,7 +345,8 @@ def _runs_smoothly(written: IntArray, sorted_rows: IntArray, signals: Sequence[F
 
 
 def _caught_up(stamps: FloatArray, rows: IntArray, starts: Sequence[int]) -> FloatArray:
-    """Stamps that rise, at least by a thousandth of a period: no sample was taken after any stamp of those behind."""
+    """Stamps that rise, at least by a thousandth of a period: no sample was taken after any stamp
+    of those behind."""
     made, least = stamps.copy(), 1e-3 * float(np.median(np.diff(stamps[rows])))
     for start, end in zip(starts, [*starts[1:], rows.size], strict=True):
         piece, rise = rows[start:end], least * np.arange(end - start)

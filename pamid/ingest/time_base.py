@@ -1,13 +1,16 @@
-"""The time base of a log: diagnosed before it is repaired, because two illnesses look alike and need opposite cures.
+"""The time base of a log: diagnosed before it is repaired, because two illnesses look alike and
+need opposite cures.
 
-*Late stamps*: sampling is even, and a host writes each stamp when it gets round to it. Cure: the even clock, through
-the earliest of the stamps. *Jittered sampling*: the samples themselves are taken unevenly and the stamps are true.
-Cure: resample by the stamps. The wrong cure is about a hundred times worse than the right one.
+*Late stamps*: sampling is even, and a host writes each stamp when it gets round to it. Cure: the
+even clock, through the earliest of the stamps. *Jittered sampling*: the samples themselves are
+taken unevenly and the stamps are true. Cure: resample by the stamps. The wrong cure is about a
+hundred times worse than the right one.
 
-What tells them apart is a moving signal. Let d be how far a stamp strays from an even clock, and y' the slope of a
-signal. If sampling jitters, a sample differs from its neighbours' course by y' d; if only the stamp is late, by
-nothing. So the local course is taken off y and off y' d, and what is left of the one is regressed on what is left of
-the other: the coefficient is 1 for jittered sampling, 0 for late stamps.
+What tells them apart is a moving signal. Let d be how far a stamp strays from an even clock, and y'
+the slope of a signal. If sampling jitters, a sample differs from its neighbours' course by y' d; if
+only the stamp is late, by nothing. So the local course is taken off y and off y' d, and what is
+left of the one is regressed on what is left of the other: the coefficient is 1 for jittered
+sampling, 0 for late stamps.
 """
 
 from __future__ import annotations
@@ -26,21 +29,25 @@ from pamid.recording.file_checks import HUGE, UNIFORM_TO
 Cure = Literal["none", "late-stamps", "jittered-sampling"]
 State = Literal["even", "rounded", "blocks", "late-stamps", "jittered-sampling", "undecided"]
 
-LOW = 0.01           # quantile of the latency that stands for none
-HALF = 5             # slopes are those of parabolas, the course that of quartics, through 2 * HALF + 1 samples
-ROUGH = 0.816        # share of white noise that is left when such a course is taken off
-MOVING = 4.0         # slopes count that exceed their noise by this factor
-CLEAR = 0.3          # the coefficient is this close to 0 or 1 ...
-SURE = 0.17          # ... with a standard error of at most this: decided; the other is four of them away
-FEW = 200            # samples of a moving signal, at least
-PARTS = 20           # parts of the log over which the standard error is taken
-GAP_PERIODS = 10     # a gap splits the recording if it is longer than this many periods, unless the mapping says
+LOW = 0.01  # quantile of the latency that stands for none
+# slopes are those of parabolas, the course that of quartics, through 2 * HALF + 1 samples
+HALF = 5
+ROUGH = 0.816  # share of white noise that is left when such a course is taken off
+MOVING = 4.0  # slopes count that exceed their noise by this factor
+CLEAR = 0.3  # the coefficient is this close to 0 or 1 ...
+# ... with a standard error of at most this: decided; the other is four of them away
+SURE = 0.17
+FEW = 200  # samples of a moving signal, at least
+PARTS = 20  # parts of the log over which the standard error is taken
+# a gap splits the recording if it is longer than this many periods, unless the mapping says
+GAP_PERIODS = 10
 
 
 @dataclass(frozen=True)
 class Witness:
-    """What one signal says: coefficient of y' d (0 late stamps, 1 jittered sampling) with standard error, and how rough
-    it is about its course if samples were even, over that if the stamps were true."""
+    """What one signal says: coefficient of y' d (0 late stamps, 1 jittered sampling) with standard
+    error, and how rough it is about its course if samples were even, over that if the stamps were
+    true."""
 
     signal: str
     coefficient: float
@@ -50,8 +57,8 @@ class Witness:
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What the stamps of one clock look like. cure is None where the data do not decide; why is a sentence with the
-    numbers; numbers the same for scripts (s, ppm, dimensionless)."""
+    """What the stamps of one clock look like. cure is None where the data do not decide; why is a
+    sentence with the numbers; numbers the same for scripts (s, ppm, dimensionless)."""
 
     state: State
     cure: Cure | None
@@ -63,7 +70,8 @@ class Diagnosis:
 
 @dataclass(frozen=True)
 class TimeBase:
-    """When each row was sampled: instants (n,) s of the log's clock; pieces between which nothing is bridged."""
+    """When each row was sampled: instants (n,) s of the log's clock; pieces between which nothing
+    is bridged."""
 
     instants: FloatArray
     pieces: tuple[slice, ...]
@@ -72,30 +80,42 @@ class TimeBase:
 
 
 def diagnose(rows: Rows, signals: Mapping[str, FloatArray]) -> Diagnosis:
-    """What the stamps look like and which cure they need. signals: measured ones at the rows that stay, (n,) each,
-    NaN where the log has none."""
+    """What the stamps look like and which cure they need. signals: measured ones at the rows that
+    stay, (n,) each, NaN where the log has none."""
     samples, pieces, period, late = _even_clock(rows, None)
     steps = np.concatenate([np.diff(rows.stamps[p]) for p in pieces])
     counts = np.concatenate([np.diff(samples[p]) for p in pieces])
     rounding = 2.0 * float(np.spacing(np.abs(rows.stamps).max()))
-    numbers = {"period_s": period, "earliest_s": float(late.min()), "latest_s": float(late.max()),
-               "spread_s": float(late.std()), "skewness": _skewness(late)}  # fmt: skip
+    numbers = {
+        "period_s": period,
+        "earliest_s": float(late.min()),
+        "latest_s": float(late.max()),
+        "spread_s": float(late.std()),
+        "skewness": _skewness(late),
+    }
     if np.abs(steps - counts * period).max(initial=0.0) <= UNIFORM_TO * period + rounding:
         return Diagnosis("even", "none", "the stamps are even to 1 % of a period", period, numbers)
     if rows.blocks:
         share = float(np.mean(steps == 0.0))
-        why = (f"{share:.0%} of the rows share their stamp with the one before and yet differ: the stamps are those of "
-               "blocks or of a slow clock, the samples lie between them")  # fmt: skip
+        why = (
+            f"{share:.0%} of the rows share their stamp with the one before and yet differ: the "
+            "stamps are those of "
+            "blocks or of a slow clock, the samples lie between them"
+        )
         return Diagnosis("blocks", "late-stamps", why, period, {**numbers, "shared_stamps": share})
     tick = _tick(rows.stamps, steps, rounding)
     if tick and np.ptp(late) <= 1.05 * tick + rounding:
-        why = f"the stamps are whole multiples of {_time(tick)} and stray from an even clock by no more than that"
+        why = (
+            f"the stamps are whole multiples of {_time(tick)} and stray from an even clock by "
+            "no more than that"
+        )
         return Diagnosis("rounded", "late-stamps", why, period, {**numbers, "tick_s": tick})
     return _by_signals(rows, signals, period, late, numbers)
 
 
 def time_base(rows: Rows, found: Diagnosis, cure: Cure, max_gap: float | None) -> TimeBase:
-    """The instants at which rows were sampled, under a cure; gaps longer than max_gap (s, default ten periods) split.
+    """The instants at which rows were sampled, under a cure; gaps longer than max_gap (s, default
+    ten periods) split.
 
     "late-stamps" and "none" give the even clock, "jittered-sampling" the stamps.
     """
@@ -103,10 +123,16 @@ def time_base(rows: Rows, found: Diagnosis, cure: Cure, max_gap: float | None) -
     lost = sum(int((np.diff(samples[p]) - 1).sum()) for p in pieces)
     if cure == "jittered-sampling":
         limit = GAP_PERIODS * period if max_gap is None else max_gap
-        pieces = _between(sorted({*rows.starts, *(np.flatnonzero(np.diff(rows.stamps) > limit) + 1).tolist()}),
-                          rows.stamps.size)  # fmt: skip
-        # a sampling whose errors add up has no even clock to be counted by: then the steps themselves tell
-        steps = sum(int(np.maximum(np.round(np.diff(rows.stamps[p]) / period) - 1.0, 0.0).sum()) for p in pieces)
+        pieces = _between(
+            sorted({*rows.starts, *(np.flatnonzero(np.diff(rows.stamps) > limit) + 1).tolist()}),
+            rows.stamps.size,
+        )
+        # a sampling whose errors add up has no even clock to be counted by: then the steps
+        # themselves tell
+        steps = sum(
+            int(np.maximum(np.round(np.diff(rows.stamps[p]) / period) - 1.0, 0.0).sum())
+            for p in pieces
+        )
         said = _said(rows.stamps, pieces, rows.starts, min(lost, steps))
         return TimeBase(rows.stamps, tuple(pieces), found.period, said)
     begins = [float(np.quantile(late[p], LOW)) if cure == "late-stamps" else 0.0 for p in pieces]
@@ -116,8 +142,11 @@ def time_base(rows: Rows, found: Diagnosis, cure: Cure, max_gap: float | None) -
     return TimeBase(instants, tuple(pieces), period, _said(instants, pieces, rows.starts, lost))
 
 
-def _even_clock(rows: Rows, max_gap: float | None) -> tuple[IntArray, list[slice], float, FloatArray]:
-    """(sample of each row, pieces between longer gaps, period, lateness of each stamp) on an even clock."""
+def _even_clock(
+    rows: Rows, max_gap: float | None
+) -> tuple[IntArray, list[slice], float, FloatArray]:
+    """(sample of each row, pieces between longer gaps, period, lateness of each stamp) on an even
+    clock."""
     period = rough_period(rows)
     for _ in range(2):
         limit = GAP_PERIODS * period if max_gap is None else max_gap
@@ -125,19 +154,33 @@ def _even_clock(rows: Rows, max_gap: float | None) -> tuple[IntArray, list[slice
         cuts = {*rows.starts, *(np.flatnonzero(np.diff(samples) * period > limit) + 1).tolist()}
         split = _between(sorted(cuts), rows.stamps.size)
         period, begins = fit_clock(rows.stamps, samples, split)
-    late = np.concatenate([rows.stamps[p] - period * samples[p] - b for p, b in zip(split, begins, strict=True)])
+    late = np.concatenate(
+        [rows.stamps[p] - period * samples[p] - b for p, b in zip(split, begins, strict=True)]
+    )
     return samples, split, period, late
 
 
-def _by_signals(rows: Rows, signals: Mapping[str, FloatArray], period: float, late: FloatArray,
-                numbers: dict[str, float]) -> Diagnosis:  # fmt: skip
+def _by_signals(
+    rows: Rows,
+    signals: Mapping[str, FloatArray],
+    period: float,
+    late: FloatArray,
+    numbers: dict[str, float],
+) -> Diagnosis:
     """The verdict of the moving signals; where none moves, none is given."""
-    heard = [w for name, values in signals.items() if (w := _witness(name, rows, values, period)) is not None]
+    heard = [
+        w
+        for name, values in signals.items()
+        if (w := _witness(name, rows, values, period)) is not None
+    ]
     skew = numbers["skewness"]
     low, high = np.quantile(late, [0.01, 0.99])
     tail = ": late only, as a waiting host writes them" if skew > 1.0 else ""
-    shape = (f"they stray from an even clock of {_time(period)} by {_time(low)} to {_time(high)} (1 % to 99 %, "
-             f"skewness {skew:.1f}{tail})")  # fmt: skip
+    shape = (
+        f"they stray from an even clock of {_time(period)} by {_time(low)} to {_time(high)} (1 % "
+        "to 99 %, "
+        f"skewness {skew:.1f}{tail})"
+    )
     if not heard:
         why = f"{shape}; no signal moves enough to tell late stamps from jittered sampling"
         return Diagnosis("undecided", None, why, period, numbers)
@@ -145,26 +188,44 @@ def _by_signals(rows: Rows, signals: Mapping[str, FloatArray], period: float, la
     coefficient = float(weights @ [w.coefficient for w in heard] / weights.sum())
     error = float(max(1.0 / math.sqrt(weights.sum()), min(w.error for w in heard)))
     best = max(heard, key=lambda w: 1.0 / max(w.error, 0.02))
-    numbers = {**numbers, "coefficient": coefficient, "coefficient_error": error, "roughness_ratio": best.ratio}
-    told = f"{coefficient:.2f} +- {error:.2f} by {len(heard)} moving signal{'s' if len(heard) > 1 else ''}"
+    numbers = {
+        **numbers,
+        "coefficient": coefficient,
+        "coefficient_error": error,
+        "roughness_ratio": best.ratio,
+    }
+    told = (
+        f"{coefficient:.2f} +- {error:.2f} by {len(heard)} moving "
+        f"signal{'s' if len(heard) > 1 else ''}"
+    )
     scale = "(0: late stamps on even sampling, 1: jittered sampling)"
     if error <= SURE and abs(coefficient) <= CLEAR:
-        why = (f"{shape}, and the signals do not follow that: {told} {scale}; read by the stamps, {best.signal} is "
-               f"{1.0 / best.ratio:.1f} times rougher than read evenly")  # fmt: skip
+        why = (
+            f"{shape}, and the signals do not follow that: {told} {scale}; read by the stamps, "
+            f"{best.signal} is "
+            f"{1.0 / best.ratio:.1f} times rougher than read evenly"
+        )
         return Diagnosis("late-stamps", "late-stamps", why, period, numbers, tuple(heard))
     if error <= SURE and abs(coefficient - 1.0) <= CLEAR:
-        why = (f"{shape}, and the signals follow that: {told} {scale}; read evenly, {best.signal} is {best.ratio:.1f} "
-               "times rougher than read by the stamps")  # fmt: skip
-        return Diagnosis("jittered-sampling", "jittered-sampling", why, period, numbers, tuple(heard))
+        why = (
+            f"{shape}, and the signals follow that: {told} {scale}; read evenly, {best.signal} is "
+            f"{best.ratio:.1f} "
+            "times rougher than read by the stamps"
+        )
+        return Diagnosis(
+            "jittered-sampling", "jittered-sampling", why, period, numbers, tuple(heard)
+        )
     why = f"{shape}; the signals do not decide: {told} {scale}"
     return Diagnosis("undecided", None, why, period, numbers, tuple(heard))
 
 
 def _witness(name: str, rows: Rows, values: FloatArray, period: float) -> Witness | None:
-    """Regress the roughness of a signal on that of slope times straying of the stamps; None if it hardly moves.
+    """Regress the roughness of a signal on that of slope times straying of the stamps; None if it
+    hardly moves.
 
-    Straying and slope are local (against a parabola through 2 * HALF + 1 rows), so that a drifting clock or a sampling
-    whose errors add up are judged alike. Windows with a missing sample or a stamp late by a period are left out.
+    Straying and slope are local (against a parabola through 2 * HALF + 1 rows), so that a drifting
+    clock or a sampling whose errors add up are judged alike. Windows with a missing sample or a
+    stamp late by a period are left out.
     """
     from scipy.signal import savgol_filter
 
@@ -174,7 +235,7 @@ def _witness(name: str, rows: Rows, values: FloatArray, period: float) -> Witnes
         if piece.stop - piece.start < 2 * width:
             continue
         t, y = rows.stamps[piece], values[piece]
-        bad = ~(np.abs(y) <= HUGE)      # a nan is as bad
+        bad = ~(np.abs(y) <= HUGE)  # a nan is as bad
         y = np.where(bad, 0.0, y)
         pace = savgol_filter(t, width, 2, deriv=1)
         stray = t - savgol_filter(t, width, 2)
@@ -200,9 +261,16 @@ def _witness(name: str, rows: Rows, values: FloatArray, period: float) -> Witnes
     if use.sum() < FEW or not np.ptp(due[use]) > 0.0:
         return None
     rough, due = rough[use], due[use]
-    top, bottom = (np.array([float(a @ b) for a, b in zip(np.array_split(x, PARTS), np.array_split(due, PARTS),
-                                                          strict=True)]) for x in (rough, due))  # fmt: skip
-    if not (bottom.sum() > bottom).all():   # one part is all there is: nothing says how sure it is
+    top, bottom = (
+        np.array(
+            [
+                float(a @ b)
+                for a, b in zip(np.array_split(x, PARTS), np.array_split(due, PARTS), strict=True)
+            ]
+        )
+        for x in (rough, due)
+    )
+    if not (bottom.sum() > bottom).all():  # one part is all there is: nothing says how sure it is
         return None
     coefficient = top.sum() / bottom.sum()
     without = (top.sum() - top) / (bottom.sum() - bottom)
@@ -212,7 +280,8 @@ def _witness(name: str, rows: Rows, values: FloatArray, period: float) -> Witnes
 
 
 def _tick(stamps: FloatArray, steps: FloatArray, rounding: float) -> float:
-    """The time (s) of which all stamps are whole multiples, 0.0 if there is none that would matter."""
+    """The time (s) of which all stamps are whole multiples, 0.0 if there is none that would
+    matter."""
     positive = steps[steps > rounding]
     if not positive.size:
         return 0.0
@@ -225,15 +294,24 @@ def _tick(stamps: FloatArray, steps: FloatArray, rounding: float) -> float:
     return 0.0
 
 
-def _said(instants: FloatArray, pieces: list[slice], starts: tuple[int, ...], lost: int) -> tuple[Repair, ...]:
+def _said(
+    instants: FloatArray, pieces: list[slice], starts: tuple[int, ...], lost: int
+) -> tuple[Repair, ...]:
     told = []
     if lost:
-        told.append(Repair("samples-missing", lost, f"{lost} single samples are missing and were filled"))
+        told.append(
+            Repair("samples-missing", lost, f"{lost} single samples are missing and were filled")
+        )
     gaps = [p.start for p in pieces if p.start not in starts]
     if gaps:
         longest = max(float(instants[i] - instants[i - 1]) for i in gaps)
-        told.append(Repair("gaps", len(gaps), f"{len(gaps)} gaps (the longest {longest:.4g} s): the recording is split "
-                           "there"))  # fmt: skip
+        told.append(
+            Repair(
+                "gaps",
+                len(gaps),
+                f"{len(gaps)} gaps (the longest {longest:.4g} s): the recording is split there",
+            )
+        )
     return tuple(told)
 
 

@@ -1,4 +1,5 @@
-"""What laboratories call their channels, in several languages: from a name to what is measured, and which of several.
+"""What laboratories call their channels, in several languages: from a name to what is measured, and
+which of several.
 
 A guess only: a mapping is looked through before it is used.
 """
@@ -10,34 +11,193 @@ import unicodedata
 
 #: what is measured -> words; those of four letters and more also count inside a word ("Sollwinkel")
 WORDS: dict[str, tuple[str, ...]] = {
-    "time": ("time", "zeit", "temps", "tiempo", "tempo", "cas", "czas", "ido", "tid", "tijd", "timestamp", "stamp",
-             "elapsed", "t", "sec", "время", "vreme", "aika"),
-    "reference": ("reference", "setpoint", "soll", "desired", "target", "consigne", "consigna", "zadana", "ziadana",
-                  "zadany", "ref", "sp", "rif", "riferimento", "referencia", "demand", "w", "des", "commanded",
-                  "задание", "pozadovana"),
-    "command": ("command", "cmd", "stell", "valve", "ventil", "duty", "pwm", "control", "ctrl", "comando", "commande",
-                "mando", "akcni", "akcny", "riadenie", "rizeni", "sterowanie", "vezerles", "actuation", "u", "valvola",
-                "valvula", "управление", "out"),
-    "angle": ("angle", "winkel", "angolo", "angulo", "uhol", "uhel", "szog", "vinkel", "hoek", "theta", "phi",
-              "encoder", "joint", "rotation", "kat", "alpha", "q", "угол", "gelenk", "kulma", "enc", "pos"),
-    "pressure": ("pressure", "druck", "pression", "presion", "pressione", "tlak", "nyomas", "cisnienie", "tryck",
-                 "press", "druk", "p", "давление", "paine", "basinc"),
-    "force": ("force", "kraft", "fuerza", "forza", "sila", "forca", "loadcell", "load", "ero", "f", "сила", "voima"),
-    "torque": ("torque", "drehmoment", "moment", "couple", "coppia", "kmoment", "krutiaci", "tau", "момент"),
-    "contraction": ("contraction", "kontraktion", "shortening", "kontrakce", "contrazione", "contraccion"),
-    "position": ("position", "weg", "displacement", "posicion", "posizione", "poloha", "x", "laenge", "pozycja", "pos"),
-    "velocity": ("velocity", "speed", "geschwindigkeit", "vitesse", "velocidad", "velocita", "rychlost", "v"),
+    "time": (
+        "time",
+        "zeit",
+        "temps",
+        "tiempo",
+        "tempo",
+        "cas",
+        "czas",
+        "ido",
+        "tid",
+        "tijd",
+        "timestamp",
+        "stamp",
+        "elapsed",
+        "t",
+        "sec",
+        "время",
+        "vreme",
+        "aika",
+    ),
+    "reference": (
+        "reference",
+        "setpoint",
+        "soll",
+        "desired",
+        "target",
+        "consigne",
+        "consigna",
+        "zadana",
+        "ziadana",
+        "zadany",
+        "ref",
+        "sp",
+        "rif",
+        "riferimento",
+        "referencia",
+        "demand",
+        "w",
+        "des",
+        "commanded",
+        "задание",
+        "pozadovana",
+    ),
+    "command": (
+        "command",
+        "cmd",
+        "stell",
+        "valve",
+        "ventil",
+        "duty",
+        "pwm",
+        "control",
+        "ctrl",
+        "comando",
+        "commande",
+        "mando",
+        "akcni",
+        "akcny",
+        "riadenie",
+        "rizeni",
+        "sterowanie",
+        "vezerles",
+        "actuation",
+        "u",
+        "valvola",
+        "valvula",
+        "управление",
+        "out",
+    ),
+    "angle": (
+        "angle",
+        "winkel",
+        "angolo",
+        "angulo",
+        "uhol",
+        "uhel",
+        "szog",
+        "vinkel",
+        "hoek",
+        "theta",
+        "phi",
+        "encoder",
+        "joint",
+        "rotation",
+        "kat",
+        "alpha",
+        "q",
+        "угол",
+        "gelenk",
+        "kulma",
+        "enc",
+        "pos",
+    ),
+    "pressure": (
+        "pressure",
+        "druck",
+        "pression",
+        "presion",
+        "pressione",
+        "tlak",
+        "nyomas",
+        "cisnienie",
+        "tryck",
+        "press",
+        "druk",
+        "p",
+        "давление",
+        "paine",
+        "basinc",
+    ),
+    "force": (
+        "force",
+        "kraft",
+        "fuerza",
+        "forza",
+        "sila",
+        "forca",
+        "loadcell",
+        "load",
+        "ero",
+        "f",
+        "сила",
+        "voima",
+    ),
+    "torque": (
+        "torque",
+        "drehmoment",
+        "moment",
+        "couple",
+        "coppia",
+        "kmoment",
+        "krutiaci",
+        "tau",
+        "момент",
+    ),
+    "contraction": (
+        "contraction",
+        "kontraktion",
+        "shortening",
+        "kontrakce",
+        "contrazione",
+        "contraccion",
+    ),
+    "position": (
+        "position",
+        "weg",
+        "displacement",
+        "posicion",
+        "posizione",
+        "poloha",
+        "x",
+        "laenge",
+        "pozycja",
+        "pos",
+    ),
+    "velocity": (
+        "velocity",
+        "speed",
+        "geschwindigkeit",
+        "vitesse",
+        "velocidad",
+        "velocita",
+        "rychlost",
+        "v",
+    ),
     "temperature": ("temperature", "temperatur", "temperatura", "teplota", "temp"),
     "level": ("level", "fuellstand", "fullstand", "hladina", "nivel", "niveau", "livello", "h"),
     "voltage": ("voltage", "spannung", "tension", "napeti", "napatie"),
     "current": ("current", "strom", "courant", "corriente", "corrente", "proud", "prud", "i"),
-}  # fmt: skip
-_SIDES = {"a": "1", "b": "2", "left": "1", "right": "2", "links": "1", "rechts": "2", "agonist": "1",
-          "antagonist": "2", "flexor": "1", "extensor": "2"}  # fmt: skip
+}
+_SIDES = {
+    "a": "1",
+    "b": "2",
+    "left": "1",
+    "right": "2",
+    "links": "1",
+    "rechts": "2",
+    "agonist": "1",
+    "antagonist": "2",
+    "flexor": "1",
+    "extensor": "2",
+}
 
 
 def tokens(name: str) -> list[str]:
-    """The words of a name without accents and case: "pMuskel1_Druck" -> ["p", "muskel", "1", "druck"]."""
+    """The words of a name without accents and case: "pMuskel1_Druck" -> ["p", "muskel", "1",
+    "druck"]."""
     text = name.replace("ß", "ss").replace("ł", "l").replace("Ł", "L")
     text = re.sub(r"(?<=[a-zа-я])(?=[A-ZА-Я])", " ", text)
     plain = "".join(c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
@@ -47,8 +207,12 @@ def tokens(name: str) -> list[str]:
 def meanings(name: str) -> set[str]:
     """What a channel of this name may measure."""
     words = [word for word in tokens(name) if not word.isdigit()]
-    found = {kind for kind, names in WORDS.items() for one in names
-             if one in words or (len(one) >= 4 and any(one in word for word in words))}  # fmt: skip
+    found = {
+        kind
+        for kind, names in WORDS.items()
+        for one in names
+        if one in words or (len(one) >= 4 and any(one in word for word in words))
+    }
     # a commanded angle is a reference, and so is a desired one; a time constant is no time
     if "reference" in found or {"command", "angle"} <= found:
         return {"reference"}
@@ -56,7 +220,8 @@ def meanings(name: str) -> set[str]:
 
 
 def number(name: str) -> str:
-    """Which of several like channels a name means: "p1" -> "1", "Druck links" -> "1", "angle" -> ""."""
+    """Which of several like channels a name means: "p1" -> "1", "Druck links" -> "1", "angle" ->
+    ""."""
     words = tokens(name)
     digits = "".join(word for word in words if word.isdigit())
     return digits or next((_SIDES[word] for word in words if word in _SIDES), "")

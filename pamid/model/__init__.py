@@ -1,1 +1,2 @@
-"""The two nouns, rig and effect, and the one mechanism, ports: from equations to a runnable model."""
+"""The two nouns, rig and effect, and the one mechanism, ports: from equations to a runnable
+model."""

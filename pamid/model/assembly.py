@@ -1,4 +1,5 @@
-"""Rig + effects = one flat system of equations, checked when it is put together and never while solving."""
+"""Rig + effects = one flat system of equations, checked when it is put together and never while
+solving."""
 
 from __future__ import annotations
 
@@ -31,11 +32,12 @@ def nuisance_owner(term: Effect, place: str) -> str:
 class Assembly:
     """A rig with effects attached.
 
-    sizes       magnitudes of signals at ports, for effects' parameters (see `pamid.simulation.simulate.port_sizes`)
-    background  whether the rig's tolerance-sized nuisance terms take part
-    controller  the [controller] table of a recording: the command is then computed, not read
-    sensitive   keys of the parameters that sensitivities may be asked for (default: all); fewer are cheaper
-    outputs     only these outputs of the rig (empty: all): what a recording lacks need not be computed
+    sizes       magnitudes of signals at ports, for effects' parameters (see
+    `pamid.simulation.simulate.port_sizes`) background  whether the rig's tolerance-sized nuisance
+    terms take part controller  the [controller] table of a recording: the command is then computed,
+    not read sensitive   keys of the parameters that sensitivities may be asked for (default: all);
+    fewer are cheaper outputs     only these outputs of the rig (empty: all): what a recording lacks
+    need not be computed
     """
 
     rig: Rig
@@ -50,14 +52,17 @@ class Assembly:
         """Sent to another process without what was compiled in this one."""
         return {f.name: getattr(self, f.name) for f in fields(self)}
 
-    # ---- parameters ----------------------------------------------------------------------------------------------
+    # ---- parameters -----------------------------------------------------------------------------
 
     @cached_property
     def parameters(self) -> tuple[Bound, ...]:
         bound = [bind(p, "", None, "", self.sizes) for p in self.rig.parameters]
         for port_name, place, term in self._nuisance():
             owner = nuisance_owner(term, place)
-            bound += [bind(p, owner, self.rig.ports[port_name], port_name, self.sizes) for p in term.parameters]
+            bound += [
+                bind(p, owner, self.rig.ports[port_name], port_name, self.sizes)
+                for p in term.parameters
+            ]
         for a in self.attachments:
             port = self.rig.ports[a.ports[0]]
             bound += [bind(p, a.label, port, a.ports[0], self.sizes) for p in a.effect.parameters]
@@ -68,8 +73,12 @@ class Assembly:
         if not self.background:
             return []
         listed = {k: v if isinstance(v, tuple) else (v,) for k, v in self.rig.background.items()}
-        return [(name, place, term) for name, terms in listed.items() for term in terms
-                for place in self.rig.ports[name].places or ("",)]
+        return [
+            (name, place, term)
+            for name, terms in listed.items()
+            for term in terms
+            for place in self.rig.ports[name].places or ("",)
+        ]
 
     def for_fitting(self) -> Assembly:
         """The same with derivatives by fitted parameters only."""
@@ -80,7 +89,8 @@ class Assembly:
         return {b.key: i for i, b in enumerate(self.parameters)}
 
     def values(self, known: dict[str, float] | None = None) -> Array:
-        """Parameter vector (SI): data-sheet values, then `known` given by outside name or key (outside units)."""
+        """Parameter vector (SI): data-sheet values, then `known` given by outside name or key
+        (outside units)."""
         p = np.array([b.value for b in self.parameters])
         for name, value in (known or {}).items():
             i = self.index_of(name)
@@ -93,8 +103,10 @@ class Assembly:
             if name in (b.key, b.full_name):
                 return i
         names = [b.full_name for b in self.parameters]
-        raise FileError(f"rig {self.rig.name!r} has no parameter {name!r}",
-                        nearest(name, names) or f"parameters: {', '.join(names)}")
+        raise FileError(
+            f"rig {self.rig.name!r} has no parameter {name!r}",
+            nearest(name, names) or f"parameters: {', '.join(names)}",
+        )
 
     def start(self, p: Array) -> Array:
         """Initial state of a recording at parameters p, states of effects included (zero)."""
@@ -107,17 +119,23 @@ class Assembly:
         given = self.rig.start(Names(own, "parameter"))
         return {s.name: given.get(s.name, s.start) for s in self.rig.states}
 
-    # ---- equations -----------------------------------------------------------------------------------------------
+    # ---- equations ------------------------------------------------------------------------------
 
     @cached_property
     def traced(self) -> Traced:
         return trace(self.rig, self._effects_at, dict(self.controller))
 
     def _effects_at(self, port: str, place: str) -> list[tuple[str, Effect]]:
-        nuisance = [(nuisance_owner(term, at), term) for name, at, term in self._nuisance()
-                    if (name, at) == (port, place)]
-        attached = [(a.label, a.effect) for a in sorted(self.attachments, key=lambda a: a.label)
-                    if a.acts_at(port, place)]
+        nuisance = [
+            (nuisance_owner(term, at), term)
+            for name, at, term in self._nuisance()
+            if (name, at) == (port, place)
+        ]
+        attached = [
+            (a.label, a.effect)
+            for a in sorted(self.attachments, key=lambda a: a.label)
+            if a.acts_at(port, place)
+        ]
         return nuisance + attached
 
     @cached_property

@@ -1,4 +1,5 @@
-"""Where effects can go: which effects fit which ports of a rig, and what such an attachment is called."""
+"""Where effects can go: which effects fit which ports of a rig, and what such an attachment is
+called."""
 
 from __future__ import annotations
 
@@ -13,7 +14,8 @@ from pamid.model.rig import Port, Rig
 
 @dataclass(frozen=True)
 class Attachment:
-    """An effect at one or more ports of a rig. `label` is how it is reported: the name, or name@port."""
+    """An effect at one or more ports of a rig. `label` is how it is reported: the name, or
+    name@port."""
 
     effect: Effect
     ports: tuple[str, ...]
@@ -21,8 +23,8 @@ class Attachment:
     place: str = ""
 
     def group(self, rig: Rig) -> str:
-        """The name of its port as it is reported; of several, what their names have in common (muscle_11 and muscle_12:
-        muscle_1)."""
+        """The name of its port as it is reported; of several, what their names have in common
+        (muscle_11 and muscle_12: muscle_1)."""
         groups = [rig.group_of(name) for name in self.ports]
         return commonprefix(groups).rstrip("_") or groups[0]
 
@@ -42,21 +44,28 @@ def fits(effect: type[Effect], port: Port) -> bool:
 
 
 def attachments(rig: Rig, effects: Iterable[type[Effect]]) -> list[Attachment]:
-    """Every way in which effects can be attached to the rig: at every port by itself and, with one set of parameters,
-    at ports that are kin. A special case stays away where its general form fits."""
+    """Every way in which effects can be attached to the rig: at every port by itself and, with one
+    set of parameters, at ports that are kin. A special case stays away where its general form fits.
+    """
     known = list(effects)
     found: list[Attachment] = []
     for effect in known:
         parents = [e for e in known if e is not effect and issubclass(effect, e)]
-        ports = [n for n, port in rig.ports.items()
-                 if fits(effect, port) and not any(fits(parent, port) for parent in parents)]
+        ports = [
+            n
+            for n, port in rig.ports.items()
+            if fits(effect, port) and not any(fits(parent, port) for parent in parents)
+        ]
         if effect.everywhere and ports:
             found.append(Attachment(effect(), tuple(ports), effect.name))
         elif len(ports) == 1:
             found.append(Attachment(effect(), (ports[0],), effect.name))
         else:
             found += [Attachment(effect(), (n,), f"{effect.name}@{n}") for n in ports]
-            found += [Attachment(effect(), kin, f"{effect.name}@{rig.ports[kin[0]].kin}") for kin in _kin(rig, ports)]
+            found += [
+                Attachment(effect(), kin, f"{effect.name}@{rig.ports[kin[0]].kin}")
+                for kin in _kin(rig, ports)
+            ]
     return found
 
 
@@ -71,17 +80,25 @@ def attach(rig: Rig, spec: str, effects: dict[str, type[Effect]]) -> Attachment:
     """The attachment named `effect`, `effect@port` or `effect@port_place`."""
     name, _, at = spec.partition("@")
     if name not in effects:
-        raise FileError(f"unknown effect {name!r}", nearest(name, list(effects)) or "see pamid effects")
+        raise FileError(
+            f"unknown effect {name!r}", nearest(name, list(effects)) or "see pamid effects"
+        )
     possible = [a for a in attachments(rig, effects.values()) if a.effect.name == name]
     if not possible:
-        needs = f"a port of kind {' or '.join((*effects[name].kinds, *effects[name].general_kinds))}"
+        needs = (
+            f"a port of kind {' or '.join((*effects[name].kinds, *effects[name].general_kinds))}"
+        )
         signals = f" offering {', '.join(effects[name].signals)}" if effects[name].signals else ""
-        raise FileError(f"effect {name!r} finds no place on rig {rig.name!r}: it needs {needs}{signals}; the rig has "
-                        + ", ".join(f"{n} ({q.kind})" for n, q in rig.ports.items()))
+        raise FileError(
+            f"effect {name!r} finds no place on rig {rig.name!r}: it needs {needs}{signals}; the "
+            "rig has " + ", ".join(f"{n} ({q.kind})" for n, q in rig.ports.items())
+        )
     if not at:
         if len(possible) > 1:
-            raise FileError(f"effect {name!r} fits several ports of rig {rig.name!r}",
-                            "say which: " + ", ".join(a.label for a in possible))
+            raise FileError(
+                f"effect {name!r} fits several ports of rig {rig.name!r}",
+                "say which: " + ", ".join(a.label for a in possible),
+            )
         return possible[0]
     for a in possible:
         if a.label == spec:
@@ -93,5 +110,7 @@ def attach(rig: Rig, spec: str, effects: dict[str, type[Effect]]) -> Attachment:
             for place in rig.ports[port].places:
                 if at == f"{port}_{place}":
                     return Attachment(a.effect, (port,), spec, place)
-    raise FileError(f"effect {name!r} cannot act at {at!r} of rig {rig.name!r}",
-                    "it fits: " + ", ".join(port for a in possible for port in a.ports))
+    raise FileError(
+        f"effect {name!r} cannot act at {at!r} of rig {rig.name!r}",
+        "it fits: " + ", ".join(port for a in possible for port in a.ports),
+    )

@@ -1,7 +1,8 @@
-"""Tolerance-sized nuisance terms: what every real specimen differs by, part of every model that is compared.
+"""Tolerance-sized nuisance terms: what every real specimen differs by, part of every model that is
+compared.
 
-They are effects like any other, one copy per place, with a prior as wide as the tolerance. An effect of the catalogue
-counts only beyond what they explain.
+They are effects like any other, one copy per place, with a prior as wide as the tolerance. An
+effect of the catalogue counts only beyond what they explain.
 
     background = {"muscle": SmoothGain("force_map", "contraction", (0.0, 0.25), tolerance=0.03)}
 """
@@ -14,9 +15,9 @@ from pamid.model.effect import KINDS, Effect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, clip, where
 
-LEVEL = 0.3      # of the tolerance: what a single place may be off as a whole
+LEVEL = 0.3  # of the tolerance: what a single place may be off as a whole
 DRIFT_S = 60.0
-SMOOTH = 3   # degree up to which a bend may take the whole tolerance
+SMOOTH = 3  # degree up to which a bend may take the whole tolerance
 REACH = 3.0  # tolerances a nuisance term may go to: what lies beyond is structure
 
 
@@ -29,22 +30,48 @@ class Background(Effect):
     def __init__(self, name: str, tolerances: dict[str, float]) -> None:
         self.name = name  # type: ignore[misc]
         self.parameters = tuple(  # type: ignore[misc]
-            Parameter(term, 0.0, low=-REACH * tolerance, high=REACH * tolerance, spread=tolerance, null=0.0,
-                      source=f"tolerance {tolerance:g}") for term, tolerance in tolerances.items())
+            Parameter(
+                term,
+                0.0,
+                low=-REACH * tolerance,
+                high=REACH * tolerance,
+                spread=tolerance,
+                null=0.0,
+                source=f"tolerance {tolerance:g}",
+            )
+            for term, tolerance in tolerances.items()
+        )
 
 
 class SmoothGain(Background):
-    """value * (1 + level + a smooth function of one signal, of a second one, and a slow drift), within the tolerance.
+    """value * (1 + level + a smooth function of one signal, of a second one, and a slow drift),
+    within the tolerance.
 
-    over     (signal, low, high): Chebyshev terms of degree 1..degree over that range; from the fourth on their
+    over     (signal, low, high): Chebyshev terms of degree 1..degree over that range; from the
+    fourth on their
              tolerance falls with the degree, as a measured map's roughness does
     along    (signal, low, high): two such terms
     drift    a change as the machine warms up, half of it within DRIFT_S of the recording's start
     """
 
-    def __init__(self, name: str, over: tuple[str, float, float], *, tolerance: float, degree: int = 3,
-                 along: tuple[str, float, float] | None = None, level: bool = False, drift: bool = False) -> None:
-        self.over, self.along, self.degree, self.level, self.drift = over, along, degree, level, drift
+    def __init__(
+        self,
+        name: str,
+        over: tuple[str, float, float],
+        *,
+        tolerance: float,
+        degree: int = 3,
+        along: tuple[str, float, float] | None = None,
+        level: bool = False,
+        drift: bool = False,
+    ) -> None:
+        self.over, self.along, self.degree, self.level, self.drift = (
+            over,
+            along,
+            degree,
+            level,
+            drift,
+        )
         terms = {"level": LEVEL * tolerance} if level else {}
         terms |= {f"bend_{i}": tolerance * min(1.0, SMOOTH / i) for i in range(1, degree + 1)}
         terms |= {f"along_{i}": tolerance for i in (1, 2)} if along else {}
@@ -52,7 +79,9 @@ class SmoothGain(Background):
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         total: Number = p.level if self.level else 0.0
-        total = total + _chebyshev(at, self.over, [getattr(p, f"bend_{i}") for i in range(1, self.degree + 1)])
+        total = total + _chebyshev(
+            at, self.over, [getattr(p, f"bend_{i}") for i in range(1, self.degree + 1)]
+        )
         if self.along:
             total = total + _chebyshev(at, self.along, [p.along_1, p.along_2])
         if self.drift:
@@ -74,7 +103,8 @@ def _chebyshev(at: Any, over: tuple[str, float, float], weights: list[Expr]) -> 
 
 
 class SplitGain(Background):
-    """value * (1 + positive) where it is positive, * (1 + negative) where it is negative: two-way tolerances."""
+    """value * (1 + positive) where it is positive, * (1 + negative) where it is negative: two-way
+    tolerances."""
 
     def __init__(self, name: str, *, tolerance: float) -> None:
         super().__init__(name, {"positive": tolerance, "negative": tolerance})

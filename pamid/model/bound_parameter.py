@@ -1,4 +1,5 @@
-"""Parameters in their place: sized by the port an effect acts at, in SI, with the names they bear outside."""
+"""Parameters in their place: sized by the port an effect acts at, in SI, with the names they bear
+outside."""
 
 from __future__ import annotations
 
@@ -17,14 +18,14 @@ class Bound:
     """A parameter in its place: key in the equations, name outside, SI numbers."""
 
     key: str
-    owner: str           # "" the rig, background.<term>, or an attachment's label
+    owner: str  # "" the rig, background.<term>, or an attachment's label
     name: str
     unit: str
-    factor: float        # SI = factor x outside
+    factor: float  # SI = factor x outside
     value: float
     low: float
     high: float
-    spread: float        # of the prior, SI; of the logarithm where log
+    spread: float  # of the prior, SI; of the logarithm where log
     log: bool
     null: float | None
     fitted: bool
@@ -43,7 +44,8 @@ class Bound:
 
 
 def _size(port: Port, name: str, what: str, sizes: Sizes) -> float:
-    """Magnitude of a signal (or a quotient, "value/velocity/velocity") at a port; 1 where nobody knows."""
+    """Magnitude of a signal (or a quotient, "value/velocity/velocity") at a port; 1 where nobody
+    knows."""
     top, *below = (sizes.get((name, s)) or port.size.get(s) or 1.0 for s in what.split("/"))
     return float(top / math.prod(below))
 
@@ -54,19 +56,42 @@ def _unit(port: Port, what: str) -> str:
     return "" if found == NONE else found
 
 
-def bind(parameter: Parameter, owner: str, port: Port | None, port_name: str, sizes: Sizes) -> Bound:
+def bind(
+    parameter: Parameter, owner: str, port: Port | None, port_name: str, sizes: Sizes
+) -> Bound:
     """A parameter with its size and unit taken from the port it acts at."""
     unit, scale, label = parameter.unit, 1.0, parameter.label or parameter.name
     if parameter.size and port is not None:
         unit = _unit(port, parameter.size)
         scale = _size(port, port_name, parameter.size, sizes)
     if port is not None:
-        label = label.replace("{value}", quantity_of(port.unit).replace(" ", "_").replace("dimensionless", "value"))
+        label = label.replace(
+            "{value}", quantity_of(port.unit).replace(" ", "_").replace("dimensionless", "value")
+        )
     factor = 1.0 if parameter.size else parameter.factor
-    shown = Parameter(parameter.name, parameter.value, unit=unit, label=label, low=parameter.low, high=parameter.high)
+    shown = Parameter(
+        parameter.name,
+        parameter.value,
+        unit=unit,
+        label=label,
+        low=parameter.low,
+        high=parameter.high,
+    )
     si = factor * scale
     spread = parameter.prior_spread * (1.0 if parameter.log else si)
-    return Bound(f"{owner}:{parameter.name}" if owner else parameter.name, owner, shown.outside_name, unit,
-                 to_si(1.0, unit) if unit else 1.0, parameter.value * si, parameter.low * si, parameter.high * si,
-                 spread, parameter.log, None if parameter.null is None else parameter.null * si, parameter.fitted,
-                 tuple(t * si for t in parameter.tries), parameter.source)
+    return Bound(
+        f"{owner}:{parameter.name}" if owner else parameter.name,
+        owner,
+        shown.outside_name,
+        unit,
+        to_si(1.0, unit) if unit else 1.0,
+        parameter.value * si,
+        parameter.low * si,
+        parameter.high * si,
+        spread,
+        parameter.log,
+        None if parameter.null is None else parameter.null * si,
+        parameter.fitted,
+        tuple(t * si for t in parameter.tries),
+        parameter.source,
+    )

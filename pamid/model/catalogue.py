@@ -1,4 +1,5 @@
-"""Rigs and effects described: as plain data for scripts, and as text for people, equations included."""
+"""Rigs and effects described: as plain data for scripts, and as text for people, equations
+included."""
 
 from __future__ import annotations
 
@@ -15,77 +16,145 @@ from pamid.symbolic.expression import rebuild, symbol, text, walk
 from pamid.symbolic.vocabulary import Expr, Number
 
 WIDTH = 110
-LONG = 6      # nodes: an expression used twice and larger than this is given a name of its own
+LONG = 6  # nodes: an expression used twice and larger than this is given a name of its own
 
 
 def effect_row(effect: type[Effect]) -> dict[str, Any]:
     """One line of the list."""
     kinds = (*effect.kinds, *(k for k in effect.general_kinds if k not in effect.kinds))
-    return {"name": effect.name, "title": effect.story().get("title", ""),
-            "kinds": list(kinds), "families": {k: effect.family_at(k) for k in kinds},
-            "home": list(effect.kinds), "general": list(effect.general_kinds)}
+    return {
+        "name": effect.name,
+        "title": effect.story().get("title", ""),
+        "kinds": list(kinds),
+        "families": {k: effect.family_at(k) for k in kinds},
+        "home": list(effect.kinds),
+        "general": list(effect.general_kinds),
+    }
 
 
-def effect_story(effect: type[Effect], rigs: Iterable[Rig], known: Iterable[type[Effect]]) -> dict[str, Any]:
-    """Everything about one effect: its story, parameters, look-alikes, and where on the rigs it fits."""
+def effect_story(
+    effect: type[Effect], rigs: Iterable[Rig], known: Iterable[type[Effect]]
+) -> dict[str, Any]:
+    """Everything about one effect: its story, parameters, look-alikes, and where on the rigs it
+    fits."""
     known = list(known)
-    places = [{"rig": rig.name, "effect": a.label, "ports": list(a.ports), "parameters": _bound(rig, a)}
-              for rig in rigs for a in attachments(rig, known) if a.effect.name == effect.name]
-    return {**effect_row(effect), "story": effect.story(), "signals": list(effect.signals), "unit": effect.unit,
-            "parameters": [_parameter(p) for p in effect.parameters], "states": [s.name for s in effect.states],
-            "look_alikes": list(effect.look_alikes), "absorbed_by": list(effect.absorbed_by), "places": places}
+    places = [
+        {"rig": rig.name, "effect": a.label, "ports": list(a.ports), "parameters": _bound(rig, a)}
+        for rig in rigs
+        for a in attachments(rig, known)
+        if a.effect.name == effect.name
+    ]
+    return {
+        **effect_row(effect),
+        "story": effect.story(),
+        "signals": list(effect.signals),
+        "unit": effect.unit,
+        "parameters": [_parameter(p) for p in effect.parameters],
+        "states": [s.name for s in effect.states],
+        "look_alikes": list(effect.look_alikes),
+        "absorbed_by": list(effect.absorbed_by),
+        "places": places,
+    }
 
 
 def rig_row(rig: type[Rig]) -> dict[str, Any]:
-    return {"name": rig.name, "title": (rig.__doc__ or "").strip().splitlines()[0] if rig.__doc__ else "",
-            "inputs": list(rig.inputs), "outputs": list(rig.outputs), "variants": list(getattr(rig, "variants", ()))}
+    return {
+        "name": rig.name,
+        "title": (rig.__doc__ or "").strip().splitlines()[0] if rig.__doc__ else "",
+        "inputs": list(rig.inputs),
+        "outputs": list(rig.outputs),
+        "variants": list(getattr(rig, "variants", ())),
+    }
 
 
 def rig_story(rig: Rig, known: Iterable[type[Effect]]) -> dict[str, Any]:
-    """Everything about one rig: signals, ports, parameters, background, equations, effects that fit."""
+    """Everything about one rig: signals, ports, parameters, background, equations, effects that
+    fit."""
     fit = attachments(rig, known)
-    return {**rig_row(type(rig)),
-            "inputs": [{"column": c, "unit": unit, "optional": c in rig.optional} for c, unit in rig.inputs.items()],
-            "outputs": [{"column": c, "unit": unit, "noise": rig.noise.get(c)} for c, unit in rig.outputs.items()],
-            "states": [{"name": s.name, "unit": s.unit} for s in rig.states],
-            "ports": [_port(rig, name, fit) for name in rig.ports],
-            "parameters": [_parameter(p) for p in rig.parameters],
-            "background": _background(rig),
-            "loops": [{"command": x.command, "reference": x.reference, "reading": x.reading} for x in rig.loops],
-            "equations": equations(rig)}
+    return {
+        **rig_row(type(rig)),
+        "inputs": [
+            {"column": c, "unit": unit, "optional": c in rig.optional}
+            for c, unit in rig.inputs.items()
+        ],
+        "outputs": [
+            {"column": c, "unit": unit, "noise": rig.noise.get(c)}
+            for c, unit in rig.outputs.items()
+        ],
+        "states": [{"name": s.name, "unit": s.unit} for s in rig.states],
+        "ports": [_port(rig, name, fit) for name in rig.ports],
+        "parameters": [_parameter(p) for p in rig.parameters],
+        "background": _background(rig),
+        "loops": [
+            {"command": x.command, "reference": x.reference, "reading": x.reading}
+            for x in rig.loops
+        ],
+        "equations": equations(rig),
+    }
 
 
 def _port(rig: Rig, name: str, fit: list[Attachment]) -> dict[str, Any]:
     port = rig.ports[name]
-    return {"name": name, "kind": port.kind, "unit": port.unit, "places": list(port.places),
-            "group": rig.group_of(name), "signals": {s: port.unit_of(s) for s in port.signals},
-            "effects": sorted({a.effect.name for a in fit if name in a.ports})}
+    return {
+        "name": name,
+        "kind": port.kind,
+        "unit": port.unit,
+        "places": list(port.places),
+        "group": rig.group_of(name),
+        "signals": {s: port.unit_of(s) for s in port.signals},
+        "effects": sorted({a.effect.name for a in fit if name in a.ports}),
+    }
 
 
 def _background(rig: Rig) -> list[dict[str, Any]]:
-    terms = [(port, term) for port, listed in rig.background.items()
-             for term in (listed if isinstance(listed, tuple) else (listed,))]
-    return [{"name": term.name, "port": port, "terms": [p.name for p in term.parameters],
-             "tolerance": term.parameters[0].spread} for port, term in terms]
+    terms = [
+        (port, term)
+        for port, listed in rig.background.items()
+        for term in (listed if isinstance(listed, tuple) else (listed,))
+    ]
+    return [
+        {
+            "name": term.name,
+            "port": port,
+            "terms": [p.name for p in term.parameters],
+            "tolerance": term.parameters[0].spread,
+        }
+        for port, term in terms
+    ]
 
 
 def _parameter(p: Parameter) -> dict[str, Any]:
-    finite = {key: value if abs(value) < float("inf") else None for key, value in (("low", p.low), ("high", p.high))}
-    return {"name": p.outside_name, "value": p.value, **finite, "unit": p.unit, "multiple_of": p.size, "null": p.null,
-            "fitted": p.fitted, "source": p.source}
+    finite = {
+        key: value if abs(value) < float("inf") else None
+        for key, value in (("low", p.low), ("high", p.high))
+    }
+    return {
+        "name": p.outside_name,
+        "value": p.value,
+        **finite,
+        "unit": p.unit,
+        "multiple_of": p.size,
+        "null": p.null,
+        "fitted": p.fitted,
+        "source": p.source,
+    }
 
 
 def _bound(rig: Rig, attachment: Attachment) -> list[dict[str, Any]]:
     """Parameters as they are called at this port."""
-    return [{"name": b.name, "unit": b.unit} for b in Assembly(rig, (attachment,)).parameters
-            if b.owner == attachment.label]
+    return [
+        {"name": b.name, "unit": b.unit}
+        for b in Assembly(rig, (attachment,)).parameters
+        if b.owner == attachment.label
+    ]
 
 
-# ---- equations ---------------------------------------------------------------------------------------------------
+# ---- equations ---------------------------------------------------------------------------------
 
 
 class _Mark(Effect):
-    """Stands in for whatever passes through a port, so that equations name the port instead of its contents."""
+    """Stands in for whatever passes through a port, so that equations name the port instead of its
+    contents."""
 
     family, kinds = "mark", tuple(KINDS)
 
@@ -97,19 +166,25 @@ class _Mark(Effect):
 
 
 def equations(rig: Rig) -> dict[str, dict[str, str]]:
-    """The rig's equations as text: rates, what passes through each port, outputs, and shorthands used in them."""
+    """The rig's equations as text: rates, what passes through each port, outputs, and shorthands
+    used in them."""
     marks = tuple(Attachment(_Mark(name), (name,), f"mark@{name}") for name in rig.ports)
     traced = Assembly(rig, marks).traced
-    parts = {"rates": {f"d {name}/dt": e for name, e in traced.rates.items()},
-             "ports": {f"{q.port}[{q.place}]" if q.place else q.port: q.value for q in traced.passages},
-             "outputs": dict(traced.outputs)}
+    parts = {
+        "rates": {f"d {name}/dt": e for name, e in traced.rates.items()},
+        "ports": {f"{q.port}[{q.place}]" if q.place else q.port: q.value for q in traced.passages},
+        "outputs": dict(traced.outputs),
+    }
     short, shorthands = _shorten([e for part in parts.values() for e in part.values()])
-    said = {part: {name: text(short[e]) for name, e in listed.items()} for part, listed in parts.items()}
+    said = {
+        part: {name: text(short[e]) for name, e in listed.items()} for part, listed in parts.items()
+    }
     return {**said, "where": {name: text(e) for name, e in shorthands.items()}}
 
 
 def _shorten(roots: list[Expr]) -> tuple[dict[Expr, Expr], dict[str, Expr]]:
-    """The roots with long expressions that occur more than once replaced by names, and what the names stand for."""
+    """The roots with long expressions that occur more than once replaced by names, and what the
+    names stand for."""
     order = walk(roots)
     uses: dict[Expr, int] = {}
     for parent in order:
@@ -130,7 +205,7 @@ def _shorten(roots: list[Expr]) -> tuple[dict[Expr, Expr], dict[str, Expr]]:
     return new, names
 
 
-# ---- text --------------------------------------------------------------------------------------------------------
+# ---- text --------------------------------------------------------------------------------------
 
 
 def effects_text(rows: list[dict[str, Any]]) -> str:
@@ -144,16 +219,24 @@ def effects_text(rows: list[dict[str, Any]]) -> str:
         lines.append(family)
         for row in families[family]:
             kinds = ", ".join(k for k, f in row["families"].items() if f == family)
-            lines.append(f"  {row['name']:<31} {kinds:<19} {row['title']}"[:WIDTH + 20])
-    return "\n".join([*lines, "", f"{len(rows)} effects. One of them: pamid effects {rows[0]['name']}"])
+            lines.append(f"  {row['name']:<31} {kinds:<19} {row['title']}"[: WIDTH + 20])
+    return "\n".join(
+        [*lines, "", f"{len(rows)} effects. One of them: pamid effects {rows[0]['name']}"]
+    )
 
 
 def effect_text(said: dict[str, Any]) -> str:
     """The whole story of one effect."""
-    lines = [f"{said['name']}: {said['story'].get('title', '')}", "",
-             "family " + ", ".join(dict.fromkeys(said["families"].values())) + "; port " + ", ".join(said["kinds"])
-             + (f" in {said['unit']}" if said["unit"] else "")
-             + (f", offering {', '.join(said['signals'])}" if said["signals"] else "")]
+    lines = [
+        f"{said['name']}: {said['story'].get('title', '')}",
+        "",
+        "family "
+        + ", ".join(dict.fromkeys(said["families"].values()))
+        + "; port "
+        + ", ".join(said["kinds"])
+        + (f" in {said['unit']}" if said["unit"] else "")
+        + (f", offering {', '.join(said['signals'])}" if said["signals"] else ""),
+    ]
     for section in SECTIONS:
         if said["story"].get(section):
             lines += ["", section, textwrap.indent(said["story"][section], "    ")]
@@ -161,8 +244,12 @@ def effect_text(said: dict[str, Any]) -> str:
     for key, title in (("look_alikes", "Look-alikes"), ("absorbed_by", "Absorbed by a rig's")):
         if said[key]:
             lines += ["", f"{title}: {', '.join(said[key])}"]
-    lines += ["", "Fits"] + [f"    {place['rig']}: {place['effect']} at {', '.join(place['ports'])} ("
-                             + ", ".join(p["name"] for p in place["parameters"]) + ")" for place in said["places"]]
+    lines += ["", "Fits"] + [
+        f"    {place['rig']}: {place['effect']} at {', '.join(place['ports'])} ("
+        + ", ".join(p["name"] for p in place["parameters"])
+        + ")"
+        for place in said["places"]
+    ]
     return "\n".join(lines if said["places"] else [*lines, "    no port of the rigs looked at"])
 
 
@@ -172,22 +259,43 @@ def rig_text(said: dict[str, Any]) -> str:
     if said["variants"]:
         lines.append(f"variants: {', '.join(said['name'] + ':' + v for v in said['variants'])}")
     for part in ("inputs", "outputs"):
-        lines += ["", part.capitalize(), *(f"    {row['column']}{' (optional)' if row.get('optional') else ''}"
-                                           f"{_in(row['unit'])}" for row in said[part])]
-    lines += ["", "States", "    " + ", ".join(f"{s['name']}{_in(s['unit'])}" for s in said["states"]), "", "Ports"]
+        lines += [
+            "",
+            part.capitalize(),
+            *(
+                f"    {row['column']}{' (optional)' if row.get('optional') else ''}"
+                f"{_in(row['unit'])}"
+                for row in said[part]
+            ),
+        ]
+    lines += [
+        "",
+        "States",
+        "    " + ", ".join(f"{s['name']}{_in(s['unit'])}" for s in said["states"]),
+        "",
+        "Ports",
+    ]
     for port in said["ports"]:
         signals = ", ".join(f"{s}{_in(unit)}" for s, unit in port["signals"].items())
         places = f" at places {', '.join(port['places'])}" if port["places"] else ""
-        lines.append(f"    {port['name']}: {port['kind']}{_in(port['unit'])}{places}"
-                     + (f"; offers {signals}" if signals else ""))
+        lines.append(
+            f"    {port['name']}: {port['kind']}{_in(port['unit'])}{places}"
+            + (f"; offers {signals}" if signals else "")
+        )
         lines += _wrapped(f"effects: {', '.join(port['effects']) or 'none'}", 8)
     lines += ["", "Parameters", *_parameter_lines(said["parameters"])]
     if said["background"]:
         lines += ["", "Background (tolerance-sized, in every model compared)"]
-        lines += [f"    {b['name']} at {b['port']}: {', '.join(b['terms'])}, sd {b['tolerance']:g}"
-                  for b in said["background"]]
-    for part, title in (("rates", "Equations (SI)"), ("ports", "Through the ports"), ("outputs", "Outputs"),
-                        ("where", "where")):
+        lines += [
+            f"    {b['name']} at {b['port']}: {', '.join(b['terms'])}, sd {b['tolerance']:g}"
+            for b in said["background"]
+        ]
+    for part, title in (
+        ("rates", "Equations (SI)"),
+        ("ports", "Through the ports"),
+        ("outputs", "Outputs"),
+        ("where", "where"),
+    ):
         if said["equations"][part]:
             lines += ["", title]
             for name, value in said["equations"][part].items():
@@ -200,17 +308,27 @@ def _in(unit: str) -> str:
 
 
 def _wrapped(line: str, indent: int) -> list[str]:
-    return textwrap.wrap(line, WIDTH, initial_indent=" " * indent, subsequent_indent=" " * (indent + 4),
-                         break_on_hyphens=False, break_long_words=False)
+    return textwrap.wrap(
+        line,
+        WIDTH,
+        initial_indent=" " * indent,
+        subsequent_indent=" " * (indent + 4),
+        break_on_hyphens=False,
+        break_long_words=False,
+    )
 
 
 def _parameter_lines(parameters: list[dict[str, Any]]) -> list[str]:
     lines = []
     for p in parameters:
         low, high = ("-" if v is None else f"{v:g}" for v in (p["low"], p["high"]))
-        unit = f" x {p['multiple_of']}" if p["multiple_of"] else (f" {p['unit']}" if p["unit"] else "")
+        unit = (
+            f" x {p['multiple_of']}" if p["multiple_of"] else (f" {p['unit']}" if p["unit"] else "")
+        )
         null = "" if p["null"] is None else f"; null {p['null']:g}"
         held = "" if p["fitted"] else "; held"
         source = f" - {p['source']}" if p["source"] else ""
-        lines += _wrapped(f"{p['name']}: {p['value']:g} ({low} .. {high}){unit}{null}{held}{source}", 4)
+        lines += _wrapped(
+            f"{p['name']}: {p['value']:g} ({low} .. {high}){unit}{null}{held}{source}", 4
+        )
     return lines

@@ -1,14 +1,14 @@
 """An effect: a small piece of physics that attaches to a port and vanishes exactly at its null.
 
     class CoulombFriction(Effect):
-        family, kinds, signals = "friction", ("motion",), ("position",)
-        parameters = (Parameter("level", 0.03, low=0.0, high=0.4, size="value", null=0.0, label="{value}", ...),)
+        family, kinds, signals = "friction", ("motion",), ("position",) parameters =
+        (Parameter("level", 0.03, low=0.0, high=0.4, size="value", null=0.0, label="{value}", ...),)
 
         def act(self, value, at, p, z):
             return value - p.level * stop(at.position, p.give) / p.give
 
-`value` is what passes through the port, `at` holds the signals offered there, `p` the parameters (SI) and `z` the
-effect's own states. `act` returns the new value, or (value, {state: rate}).
+`value` is what passes through the port, `at` holds the signals offered there, `p` the parameters
+(SI) and `z` the effect's own states. `act` returns the new value, or (value, {state: rate}).
 """
 
 from __future__ import annotations
@@ -45,7 +45,8 @@ class State:
 
 
 class Signals:
-    """What a port offers at one place: at.velocity, at.pressure, ...; at.offers("law"); at.time and at.period in s."""
+    """What a port offers at one place: at.velocity, at.pressure, ...; at.offers("law"); at.time and
+    at.period in s."""
 
     def __init__(self, values: dict[str, Any], where: str) -> None:
         self._values, self._where = values, where
@@ -59,10 +60,14 @@ class Signals:
         values = self._values
         if name in values:
             return values[name]
-        if name == "position" and "velocity" in values:  # only differences of it matter to an effect
+        # only differences of it matter to an effect
+        if name == "position" and "velocity" in values:
             return integral(values["velocity"])
-        raise EquationError(f"{self._where} does not offer the signal {name!r}; it offers "
-                            f"{', '.join(sorted(values)) or 'none'}", nearest(name, list(values)))
+        raise EquationError(
+            f"{self._where} does not offer the signal {name!r}; it offers "
+            f"{', '.join(sorted(values)) or 'none'}",
+            nearest(name, list(values)),
+        )
 
 
 class Effect:
@@ -70,23 +75,27 @@ class Effect:
 
     name: ClassVar[str] = ""
     family: ClassVar[str] = ""
-    families: ClassVar[dict[str, str]] = {}           # family where the port is of another kind than kinds[0]
-    kinds: ClassVar[tuple[str, ...]] = ()             # ports it is at home at
-    general_kinds: ClassVar[tuple[str, ...]] = ()     # ports it also serves on rigs without a catalogue of their own
-    signals: ClassVar[tuple[str, ...]] = ()           # signals it cannot do without
-    unit: ClassVar[str] = ""                          # only at ports of this SI unit
-    everywhere: ClassVar[bool] = False                # one copy acts on all matching ports together
+    # family where the port is of another kind than kinds[0]
+    families: ClassVar[dict[str, str]] = {}
+    kinds: ClassVar[tuple[str, ...]] = ()  # ports it is at home at
+    # ports it also serves on rigs without a catalogue of their own
+    general_kinds: ClassVar[tuple[str, ...]] = ()
+    signals: ClassVar[tuple[str, ...]] = ()  # signals it cannot do without
+    unit: ClassVar[str] = ""  # only at ports of this SI unit
+    everywhere: ClassVar[bool] = False  # one copy acts on all matching ports together
     parameters: ClassVar[tuple[Parameter, ...]] = ()
     states: ClassVar[tuple[State, ...]] = ()
     look_alikes: ClassVar[tuple[str, ...]] = ()
-    absorbed_by: ClassVar[tuple[str, ...]] = ()       # parameters of a rig that do the same
+    absorbed_by: ClassVar[tuple[str, ...]] = ()  # parameters of a rig that do the same
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         if "name" not in cls.__dict__:
             cls.name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", cls.__name__).lower()
 
-    def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number | tuple[Number, dict[str, Number]]:
+    def act(
+        self, value: Expr, at: Any, p: Any, z: Any
+    ) -> Number | tuple[Number, dict[str, Number]]:
         """The value after the effect, and the rates of its own states if it has any."""
         raise NotImplementedError
 
@@ -100,7 +109,8 @@ class Effect:
 
     @classmethod
     def story(cls) -> dict[str, str]:
-        """The docstring of the effect's file, section by section: title, What it is, Equation, ..."""
+        """The docstring of the effect's file, section by section: title, What it is, Equation,
+        ..."""
         module = sys.modules.get(cls.__module__)
         own = inspect.cleandoc(cls.__doc__) if cls.__doc__ and cls.__doc__ != Effect.__doc__ else ""
         return sections((module.__doc__ if module and module.__doc__ else "") or own)
@@ -110,8 +120,8 @@ class Effect:
 class Hints:
     """What an effect may look at to choose starting values.
 
-    peaks_hz: of the gap's spectrum, strongest first; reach: largest magnitude of each signal at the port where
-    the model's states are those of the recording (SI).
+    peaks_hz: of the gap's spectrum, strongest first; reach: largest magnitude of each signal at the
+    port where the model's states are those of the recording (SI).
     """
 
     peaks_hz: tuple[float, ...] = ()
@@ -142,13 +152,18 @@ def problems(effect: type[Effect]) -> list[str]:
         wrong.append("it names no family")
     for kind in (*effect.kinds, *effect.general_kinds):
         if kind not in KINDS:
-            wrong.append(f"unknown kind of port {kind!r} (kinds: {', '.join(KINDS)}) {nearest(kind, list(KINDS))}")
+            wrong.append(
+                f"unknown kind of port {kind!r} (kinds: {', '.join(KINDS)}) "
+                f"{nearest(kind, list(KINDS))}"
+            )
     if not effect.kinds and not effect.general_kinds:
         wrong.append("it names no kind of port")
     if not any(p.null is not None for p in effect.parameters):
         wrong.append("no parameter has a null, so it can never be switched off")
     names = [p.name for p in effect.parameters] + [s.name for s in effect.states]
-    wrong += [f"the name {n!r} is used twice" for n in sorted({n for n in names if names.count(n) > 1})]
+    wrong += [
+        f"the name {n!r} is used twice" for n in sorted({n for n in names if names.count(n) > 1})
+    ]
     if effect.act is Effect.act:
         wrong.append("it has no act()")
     told = effect.story()
@@ -161,6 +176,7 @@ def require_sound(effect: type[Effect], where: str) -> None:
     """Refuse an effect that cannot work at all (missing documentation is left to `pamid check`)."""
     fatal = [w for w in problems(effect) if "docstring" not in w and "source" not in w]
     if fatal:
-        raise FileError(f"{where}: effect {effect.name!r}: " + "; ".join(fatal), "see pamid effects coulomb-friction")
-
-
+        raise FileError(
+            f"{where}: effect {effect.name!r}: " + "; ".join(fatal),
+            "see pamid effects coulomb-friction",
+        )

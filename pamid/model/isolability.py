@@ -1,14 +1,15 @@
 """Which ports a set of sensors can tell apart at all, by the structure of the rig's own equations.
 
-Every port is cut at every place: what leaves it is an unknown, with the equation  cut = f(states, inputs, other cuts)
-+ fault. A state and its rate are one unknown with one equation; every measured output is one equation more. The part
-with more equations than unknowns (Dulmage and Mendelsohn, Canad. J. Math. 10, 1958, 517) is what the sensors check. A
-fault hides behind another if it leaves that part once the other's equation is taken away (Krysander, Aslund and
-Nyberg, IEEE Trans. SMC-A 38, 2008, 197).
+Every port is cut at every place: what leaves it is an unknown, with the equation  cut = f(states,
+inputs, other cuts) + fault. A state and its rate are one unknown with one equation; every measured
+output is one equation more. The part with more equations than unknowns (Dulmage and Mendelsohn,
+Canad. J. Math. 10, 1958, 517) is what the sensors check. A fault hides behind another if it leaves
+that part once the other's equation is taken away (Krysander, Aslund and Nyberg, IEEE Trans. SMC-A
+38, 2008, 197).
 
-One place is at fault at a time and parameters count as known. Only what enters which equation counts, in any regime;
-gains, noise and the form of an effect do not. So this is the best to be had for an effect of unknown form, and the
-form may still tell apart what hides here.
+One place is at fault at a time and parameters count as known. Only what enters which equation
+counts, in any regime; gains, noise and the form of an effect do not. So this is the best to be had
+for an effect of unknown form, and the form may still tell apart what hides here.
 """
 
 from __future__ import annotations
@@ -50,13 +51,15 @@ class Split:
 class Isolability:
     """What a set of outputs can tell apart by structure; names in the order of the rig's ports.
 
-    groups         port groups (`Rig.group_of`) of the places in each class of `places`, singletons included, less what
-                   is part of a larger set; they overlap where one group has ports or places in several classes
-    unseen         port groups none of whose places can be checked
-    sensors        further sensors, outputs of the rig first, best first
-    redundancy     equations beyond the unknowns in the checked part: independent checks that the outputs allow
-    places         classes of port places (muscle_1) that cannot be separated where one of them is at fault
-    unseen_places  port places that cannot be checked
+    groups         port groups (`Rig.group_of`) of the places in each class of `places`, singletons
+    included, less what
+                   is part of a larger set; they overlap where one group has ports or places in
+                   several classes
+    unseen         port groups none of whose places can be checked sensors        further sensors,
+    outputs of the rig first, best first redundancy     equations beyond the unknowns in the checked
+    part: independent checks that the outputs allow places         classes of port places (muscle_1)
+    that cannot be separated where one of them is at fault unseen_places  port places that cannot be
+    checked
     """
 
     groups: tuple[tuple[str, ...], ...]
@@ -68,18 +71,27 @@ class Isolability:
 
 
 def isolability(rig: Rig, outputs: tuple[str, ...]) -> Isolability:
-    """What these outputs of the rig can tell apart; a sensor that is not there is nowhere listed. UsageError."""
+    """What these outputs of the rig can tell apart; a sensor that is not there is nowhere listed.
+    UsageError."""
     for name in outputs:
         if name not in rig.outputs:
-            raise UsageError(f"rig {rig.name!r} has no output {name!r}",
-                             nearest(name, rig.outputs) or f"outputs: {', '.join(rig.outputs)}")
+            raise UsageError(
+                f"rig {rig.name!r} has no output {name!r}",
+                nearest(name, rig.outputs) or f"outputs: {', '.join(rig.outputs)}",
+            )
     traced = trace(rig, lambda port, place: [("cut", _Cut(port, place))], {})
     here = _View(rig, traced, outputs)
-    return Isolability(here.groups, here.unseen, tuple(_splits(here)), here.structure.redundancy,
-                       here.classes(_where), here.unseen_by(_where))
+    return Isolability(
+        here.groups,
+        here.unseen,
+        tuple(_splits(here)),
+        here.structure.redundancy,
+        here.classes(_where),
+        here.unseen_by(_where),
+    )
 
 
-# ---- structure ---------------------------------------------------------------------------------------------------
+# ---- structure ---------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -89,8 +101,8 @@ class Structure:
     equations: tuple[frozenset[Unknown], ...]
 
     def checked(self, without: frozenset[int] = frozenset()) -> frozenset[int]:
-        """The over-determined part of the system less some equations: all that an alternating path reaches from an
-        equation left over by a largest matching."""
+        """The over-determined part of the system less some equations: all that an alternating path
+        reaches from an equation left over by a largest matching."""
         kept = [i for i in range(len(self.equations)) if i not in without]
         owner, over = self._matched(kept)
         reached = set(over)
@@ -110,8 +122,10 @@ class Structure:
         graph = csr_array((np.ones(len(indices)), indices, indptr), shape=(len(kept), len(column)))
         match = maximum_bipartite_matching(graph, perm_type="column").tolist()
         unknowns = list(column)
-        return ({unknowns[k]: i for i, k in zip(kept, match, strict=True) if k >= 0},
-                [i for i, k in zip(kept, match, strict=True) if k < 0])
+        return (
+            {unknowns[k]: i for i, k in zip(kept, match, strict=True) if k >= 0},
+            [i for i, k in zip(kept, match, strict=True) if k < 0],
+        )
 
     @cached_property
     def part(self) -> frozenset[int]:
@@ -150,12 +164,13 @@ def _where(passage: Passage) -> str:
     return passage.where
 
 
-# ---- ports -------------------------------------------------------------------------------------------------------
+# ---- ports -------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class _View:
-    """A cut rig seen through some outputs, and through direct measurements of what leaves some ports (`measured`)."""
+    """A cut rig seen through some outputs, and through direct measurements of what leaves some
+    ports (`measured`)."""
 
     rig: Rig
     traced: Traced
@@ -172,22 +187,30 @@ class _View:
             new = _cuts(waiting.pop()) - found
             found |= new
             waiting += [by_name[n].value for n in new]
-        return tuple(by_name[p.where] for name in self.rig.ports for p in self.traced.passages
-                     if p.port == name and p.where in found)
+        return tuple(
+            by_name[p.where]
+            for name in self.rig.ports
+            for p in self.traced.passages
+            if p.port == name and p.where in found
+        )
 
     @cached_property
     def structure(self) -> Structure:
-        """The passages' equations, in their order, then those of states, outputs and direct measurements."""
-        return Structure((
-            *(_unknowns(p.value) | {("cut", p.where)} for p in self.passages),
-            *(_unknowns(rate) | {("state", name)} for name, rate in self.traced.rates.items()),
-            *(_unknowns(self.traced.outputs[o]) for o in self.outputs),
-            *(frozenset({("cut", p.where)}) for p in self.passages if p.port in self.measured),
-        ))
+        """The passages' equations, in their order, then those of states, outputs and direct
+        measurements."""
+        return Structure(
+            (
+                *(_unknowns(p.value) | {("cut", p.where)} for p in self.passages),
+                *(_unknowns(rate) | {("state", name)} for name, rate in self.traced.rates.items()),
+                *(_unknowns(self.traced.outputs[o]) for o in self.outputs),
+                *(frozenset({("cut", p.where)}) for p in self.passages if p.port in self.measured),
+            )
+        )
 
     @cached_property
     def _classes(self) -> list[list[Passage]]:
-        """Visible passages, those together that hide behind each other: for single equations it goes both ways."""
+        """Visible passages, those together that hide behind each other: for single equations it
+        goes both ways."""
         visible = [i for i in range(len(self.passages)) if i in self.structure.part]
         hidden = dict.fromkeys(self.structure.hidden_by(i) for i in visible)
         return [[p for i, p in enumerate(self.passages) if i in h] for h in hidden]
@@ -196,7 +219,11 @@ class _View:
         """The names in each class of passages, less what is part of a larger set."""
         order = list(dict.fromkeys(map(name, self.passages)))
         found = dict.fromkeys(frozenset(map(name, passages)) for passages in self._classes)
-        return tuple(tuple(sorted(f, key=order.index)) for f in found if not any(f < other for other in found))
+        return tuple(
+            tuple(sorted(f, key=order.index))
+            for f in found
+            if not any(f < other for other in found)
+        )
 
     def group(self, passage: Passage) -> str:
         return self.rig.group_of(passage.port)
@@ -215,20 +242,25 @@ class _View:
         return self.unseen_by(self.group)
 
 
-# ---- further sensors ---------------------------------------------------------------------------------------------
+# ---- further sensors ---------------------------------------------------------------------------
 
 
 def _further(here: _View) -> list[tuple[str, _View]]:
-    """The outputs not measured yet, those that one port returns taken together; then what leaves each port."""
+    """The outputs not measured yet, those that one port returns taken together; then what leaves
+    each port."""
     sensors: dict[tuple[str, ...], list[str]] = {}
     for name in here.rig.outputs:
         if name not in here.outputs:
             cuts = _cuts(here.traced.outputs[name])
             ports = {p.port for p in here.traced.passages if p.where in cuts}
             sensors.setdefault(tuple(sorted(ports)) or (name,), []).append(name)
-    outputs = [(" and ".join(s), replace(here, outputs=(*here.outputs, *s))) for s in sensors.values()]
+    outputs = [
+        (" and ".join(s), replace(here, outputs=(*here.outputs, *s))) for s in sensors.values()
+    ]
     cut = dict.fromkeys(p.port for p in here.passages)
-    return outputs + [(f"the value at port {port}", replace(here, measured=(port,))) for port in cut]
+    return outputs + [
+        (f"the value at port {port}", replace(here, measured=(port,))) for port in cut
+    ]
 
 
 def _pairs(groups: Sequence[tuple[str, ...]]) -> set[tuple[str, str]]:
@@ -236,10 +268,13 @@ def _pairs(groups: Sequence[tuple[str, ...]]) -> set[tuple[str, str]]:
 
 
 def _splits(here: _View) -> list[Split]:
-    """Sensors that bring something, outputs first, each kind by the pairs of port groups taken apart or shown."""
+    """Sensors that bring something, outputs first, each kind by the pairs of port groups taken
+    apart or shown."""
     found: list[tuple[bool, int, Split]] = []
     for name, there in _further(here):
-        apart = tuple(g for g in here.groups if not any(set(g) <= set(other) for other in there.groups))
+        apart = tuple(
+            g for g in here.groups if not any(set(g) <= set(other) for other in there.groups)
+        )
         shows = tuple(g for g in here.unseen if g not in there.unseen)
         if apart or shows:
             gain = len(_pairs(here.groups) - _pairs(there.groups)) + len(shows)

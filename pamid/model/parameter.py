@@ -13,14 +13,15 @@ from pamid.base.units import suffix_of, to_si
 class Parameter:
     """One number of a model.
 
-    name    as the equations read it, `p.<name>`
-    value   data-sheet value (prior mean); for an effect the typical size used when nothing else is said
-    unit    unit of value, low, high, spread and null; with a unit the equations see SI and the outside sees
-            `<name>_<suffix>` ("inertia" in "kg m2" -> inertia_kg_m2); without one the number is used as written
-    low, high   bounds
-    spread  one standard deviation of the prior (default: a quarter of the range); with log=True a factor
-    null    effects only: the value at which the effect vanishes exactly
-    size    effects only: name of the port's signal ("value", "velocity", ...) that this parameter scales with: value,
+    name    as the equations read it, `p.<name>` value   data-sheet value (prior mean); for an
+    effect the typical size used when nothing else is said unit    unit of value, low, high, spread
+    and null; with a unit the equations see SI and the outside sees
+            `<name>_<suffix>` ("inertia" in "kg m2" -> inertia_kg_m2); without one the number is
+            used as written
+    low, high   bounds spread  one standard deviation of the prior (default: a quarter of the
+    range); with log=True a factor null    effects only: the value at which the effect vanishes
+    exactly size    effects only: name of the port's signal ("value", "velocity", ...) that this
+    parameter scales with: value,
             bounds and spread are then multiples of that signal's size and its unit is the signal's
     tries   further starting values for the fit, where one basin is not enough
     fitted  False: held at its value unless a fit is told otherwise
@@ -42,16 +43,26 @@ class Parameter:
 
     def __post_init__(self) -> None:
         if not self.name.isidentifier():
-            raise FileError(f"parameter name {self.name!r} is not a plain word",
-                            "use letters, digits and underscores")
+            raise FileError(
+                f"parameter name {self.name!r} is not a plain word",
+                "use letters, digits and underscores",
+            )
         if math.isnan(self.value):
-            raise FileError(f"parameter {self.name!r} has no value", "give its data-sheet value or typical size")
+            raise FileError(
+                f"parameter {self.name!r} has no value", "give its data-sheet value or typical size"
+            )
         if not self.low <= self.value <= self.high:
-            raise FileError(f"parameter {self.name!r}: value {self.value:g} lies outside its bounds "
-                            f"{self.low:g} .. {self.high:g}", "widen the bounds or mend the value")
+            raise FileError(
+                f"parameter {self.name!r}: value {self.value:g} lies outside its bounds "
+                f"{self.low:g} .. {self.high:g}",
+                "widen the bounds or mend the value",
+            )
         if self.null is not None and not self.low <= self.null <= self.high:
-            raise FileError(f"parameter {self.name!r}: its null {self.null:g} lies outside its bounds "
-                            f"{self.low:g} .. {self.high:g}", "the null must be an admissible value")
+            raise FileError(
+                f"parameter {self.name!r}: its null {self.null:g} lies outside its bounds "
+                f"{self.low:g} .. {self.high:g}",
+                "the null must be an admissible value",
+            )
         if self.log and not (self.low > 0.0 or (self.low == 0.0 and self.value > 0.0)):
             raise FileError(f"parameter {self.name!r}: a logarithmic prior needs a positive range")
         if self.unit:
@@ -59,7 +70,8 @@ class Parameter:
 
     @property
     def outside_name(self) -> str:
-        """Name in files, on the command line and in JSON: the label (or name) with the unit's suffix."""
+        """Name in files, on the command line and in JSON: the label (or name) with the unit's
+        suffix."""
         name = self.name if not self.label or "{" in self.label else self.label
         return f"{name}_{suffix_of(self.unit)}" if self.unit and suffix_of(self.unit) else name
 
@@ -70,7 +82,8 @@ class Parameter:
 
     @property
     def prior_spread(self) -> float:
-        """Standard deviation of the prior in the parameter's unit (natural logarithm of the factor if log)."""
+        """Standard deviation of the prior in the parameter's unit (natural logarithm of the factor
+        if log)."""
         if self.log:
             return math.log(self.spread) if self.spread > 1.0 else math.log(2.0)
         if math.isfinite(self.spread):

@@ -1,7 +1,8 @@
 """What there is: effects and rigs found by scanning their folders, or loaded from a user's file.
 
-Two look-ups, and which one is used decides what may run: `catalogue_rig` for names that came from data, which no file
-can ever answer, and `rig_named` (`effects_with`) for words that the user said, where a path is Python code and is run.
+Two look-ups, and which one is used decides what may run: `catalogue_rig` for names that came from
+data, which no file can ever answer, and `rig_named` (`effects_with`) for words that the user said,
+where a path is Python code and is run.
 """
 
 from __future__ import annotations
@@ -28,8 +29,14 @@ _CODE = "A rig or effect file is code, run only when you name it yourself:"
 
 
 def _classes(module: ModuleType, base: type) -> list[type]:
-    return [v for v in vars(module).values() if isinstance(v, type) and issubclass(v, base) and v is not base
-            and v.__module__ == module.__name__]
+    return [
+        v
+        for v in vars(module).values()
+        if isinstance(v, type)
+        and issubclass(v, base)
+        and v is not base
+        and v.__module__ == module.__name__
+    ]
 
 
 @lru_cache
@@ -55,11 +62,14 @@ def rigs() -> dict[str, type[Rig]]:
 def load_file(path: Path, sha256: str = "") -> ModuleType:
     """Run a user's Python file and return it as a module; errors name the file and the line.
 
-    The file is read once and what was read is run: no compiled copy beside it (`__pycache__`), which may be another's,
-    and no other content than the one of this SHA-256, if it is given.
+    The file is read once and what was read is run: no compiled copy beside it (`__pycache__`),
+    which may be another's, and no other content than the one of this SHA-256, if it is given.
     """
     if not path.is_file():
-        raise FileError(f"no such file: {path}", "give a name from pamid rigs / pamid effects, or a path to a .py file")
+        raise FileError(
+            f"no such file: {path}",
+            "give a name from pamid rigs / pamid effects, or a path to a .py file",
+        )
     if path.suffix != ".py":
         raise FileError(f"{path} is not a Python file", "a rig or effect file ends in .py")
     try:
@@ -67,8 +77,11 @@ def load_file(path: Path, sha256: str = "") -> ModuleType:
     except OSError as error:
         raise FileError(f"{path} cannot be read: {error.strerror}.") from error
     if sha256 and hashlib.sha256(source).hexdigest() != sha256:
-        raise FileError(f"{path} is not the {path.name} that the run was made with: its SHA-256 differs.",
-                        "Put the old one back, or make the run again.", code="changed")
+        raise FileError(
+            f"{path} is not the {path.name} that the run was made with: its SHA-256 differs.",
+            "Put the old one back, or make the run again.",
+            code="changed",
+        )
     return _run(path, source)
 
 
@@ -84,11 +97,20 @@ def _run(path: Path, source: bytes) -> ModuleType:
     except PamidError as error:
         raise FileError(f"{path}: {error}", error.hint) from error
     except SyntaxError as error:
-        raise FileError(f"{path}, line {error.lineno}: {error.msg}", "mend the Python syntax") from error
+        raise FileError(
+            f"{path}, line {error.lineno}: {error.msg}", "mend the Python syntax"
+        ) from error
     except Exception as error:
-        line = next((t.tb_lineno for t in _frames(error) if t.tb_frame.f_code.co_filename == str(path)), 0)
+        line = next(
+            (t.tb_lineno for t in _frames(error) if t.tb_frame.f_code.co_filename == str(path)), 0
+        )
         inner = isinstance(error, ImportError) and (error.name or "").split(".")[0] == "pamid"
-        hint = "Take nouns from `pamid` and functions from `pamid.equations`; what lies inside may move." if inner else ""
+        hint = (
+            "Take nouns from `pamid` and functions from `pamid.equations`; what lies inside may "
+            "move."
+            if inner
+            else ""
+        )
         raise FileError(f"{path}, line {line}: {type(error).__name__}: {error}", hint) from error
     return module
 
@@ -102,26 +124,31 @@ def _frames(error: BaseException) -> list[Any]:
 
 
 def rig_named(name: str) -> Rig:
-    """The rig that a user named: of the catalogue, or by the path of a file that holds one, which is run."""
+    """The rig that a user named: of the catalogue, or by the path of a file that holds one, which
+    is run."""
     return _rig_in(Path(name)) if is_code(name) else catalogue_rig(name)
 
 
 def catalogue_rig(name: str) -> Rig:
-    """A rig of the catalogue, "one-dof" or "one-dof:polynomial"; FileError for anything else. No file is ever run: this
-    is the look-up for names that came from data."""
+    """A rig of the catalogue, "one-dof" or "one-dof:polynomial"; FileError for anything else. No
+    file is ever run: this is the look-up for names that came from data."""
     base, _, variant = name.partition(":")
     known = rigs()
     if base not in known:
         if is_code(name):
             raise FileError(f"{name!r} is a rig file.", f"{_CODE} add --rig FILE.", code="rig")
-        raise FileError(f"unknown rig {base!r}", nearest(base, list(known)) or
-                        f"rigs: {', '.join(known)}; or the path of a rig file")
+        raise FileError(
+            f"unknown rig {base!r}",
+            nearest(base, list(known)) or f"rigs: {', '.join(known)}; or the path of a rig file",
+        )
     if not variant:
         return known[base]()
     choices = getattr(known[base], "variants", ())
     if variant not in choices:
-        raise FileError(f"rig {base!r} has no variant {variant!r}", nearest(variant, list(choices)) or
-                        f"variants: {', '.join(choices) or 'none'}")
+        raise FileError(
+            f"rig {base!r} has no variant {variant!r}",
+            nearest(variant, list(choices)) or f"variants: {', '.join(choices) or 'none'}",
+        )
     return known[base](variant)  # type: ignore[call-arg]
 
 
@@ -130,41 +157,55 @@ def _rig_in(path: Path, sha256: str = "") -> Rig:
     if not found:
         raise FileError(f"{path} holds no rig", "a rig is a class that derives from pamid.Rig")
     if len(found) > 1:
-        raise FileError(f"{path} holds {len(found)} rigs: {', '.join(c.__name__ for c in found)}",
-                        "keep one rig in one file")
+        raise FileError(
+            f"{path} holds {len(found)} rigs: {', '.join(c.__name__ for c in found)}",
+            "keep one rig in one file",
+        )
     rig: Rig = found[0]()
     check_rig(rig, str(path))
     return rig
 
 
 def rig_again(noted: str, named: str | None, sha256: Mapping[str, str]) -> Rig:
-    """The rig that a run notes; its file only where the caller names it, too, and it is the same as then.
+    """The rig that a run notes; its file only where the caller names it, too, and it is the same as
+    then.
 
     sha256: of the run's inputs, by path.
     """
     if is_code(noted) and not is_code(named or ""):
-        raise FileError(f"The run was made with the rig file {noted!r}.", f"{_CODE} add --rig {quoted(noted)}",
-                        code="rig")
+        raise FileError(
+            f"The run was made with the rig file {noted!r}.",
+            f"{_CODE} add --rig {quoted(noted)}",
+            code="rig",
+        )
     if named is None or not is_code(named):
         return catalogue_rig(named or noted)
     return _rig_in(Path(named), sha256.get(noted, ""))
 
 
-def effects_again(noted: tuple[str, ...], named: tuple[str, ...], sha256: Mapping[str, str]) -> dict[str, type[Effect]]:
-    """The catalogue, widened by the effect files that a run notes, each named again and the same as then."""
+def effects_again(
+    noted: tuple[str, ...], named: tuple[str, ...], sha256: Mapping[str, str]
+) -> dict[str, type[Effect]]:
+    """The catalogue, widened by the effect files that a run notes, each named again and the same as
+    then."""
     files = {Path(_file_of(name)).name: name for name in named}
     wanted: dict[str, str] = {}
     for path in filter(is_code, (_file_of(spec) for spec in noted)):
         if Path(path).name not in files:
-            raise FileError(f"The run was made with the effect file {path!r}.", f"{_CODE} add --effect {quoted(path)}",
-                            code="effect")
+            raise FileError(
+                f"The run was made with the effect file {path!r}.",
+                f"{_CODE} add --effect {quoted(path)}",
+                code="effect",
+            )
         wanted[files[Path(path).name]] = sha256.get(path, "")
     return effects_with(named, wanted)[0]
 
 
 def code_files(rig: str | None, specs: Sequence[str]) -> list[Path]:
     """The rig and effect files among what was asked for."""
-    return [Path(name) for name in (rig or "", *(_file_of(spec) for spec in specs)) if is_code(name)]
+    return [
+        Path(name) for name in (rig or "", *(_file_of(spec) for spec in specs)) if is_code(name)
+    ]
 
 
 def _file_of(spec: str) -> str:
@@ -176,29 +217,38 @@ def _file_of(spec: str) -> str:
 def rig_of(recordings: list[Recording]) -> str:
     """The rig that the recordings' TOML files name, "one-dof" where they name none.
 
-    Only names of the catalogue: a rig file is code, and naming it in a data file must not run it (FileError).
+    Only names of the catalogue: a rig file is code, and naming it in a data file must not run it
+    (FileError).
     """
     named = {r.rig: r for r in recordings if r.rig}
     if len(named) > 1:
-        raise FileError(f"the recordings name different rigs: {', '.join(sorted(named))}", "say which with --rig")
+        raise FileError(
+            f"the recordings name different rigs: {', '.join(sorted(named))}",
+            "say which with --rig",
+        )
     for name, recording in named.items():
         if is_code(name):
-            raise FileError(f"{recording.path} names the rig file {name!r}", f"{_CODE} add --rig {quoted(name)}")
+            raise FileError(
+                f"{recording.path} names the rig file {name!r}", f"{_CODE} add --rig {quoted(name)}"
+            )
         return name
     return "one-dof"
 
 
-def effects_with(specs: tuple[str, ...],
-                 sha256: Mapping[str, str] = MappingProxyType({})) -> tuple[dict[str, type[Effect]], list[str]]:
-    """The catalogue, widened by the effect files among `specs`, which a user said and which are run; and the specs as
-    names. sha256: what files have to be, by spec."""
+def effects_with(
+    specs: tuple[str, ...], sha256: Mapping[str, str] = MappingProxyType({})
+) -> tuple[dict[str, type[Effect]], list[str]]:
+    """The catalogue, widened by the effect files among `specs`, which a user said and which are
+    run; and the specs as names. sha256: what files have to be, by spec."""
     known, names = effects(), []
     for spec in specs:
         path = _file_of(spec)
         if is_code(path):
             found = _classes(load_file(Path(path), sha256.get(spec, "")), Effect)
             if not found:
-                raise FileError(f"{path} holds no effect", "an effect is a class that derives from pamid.Effect")
+                raise FileError(
+                    f"{path} holds no effect", "an effect is a class that derives from pamid.Effect"
+                )
             for cls in found:
                 require_sound(cls, path)  # type: ignore[arg-type]
                 known[cls.name] = cls  # type: ignore[attr-defined]

@@ -1,11 +1,10 @@
 """A rig: states, parameters, ports and equations of a grey-box model, written once as plain Python.
 
     class Cart(Rig):
-        inputs = {"force_n": "N"}
-        outputs = {"position_m": "m"}
-        ports = {"force": Port("motion", "N", signals=("velocity", "position")), "sensor": Port("reading", "m")}
-        states = (State("position", "m"), State("velocity", "m/s"))
-        parameters = (Parameter("mass_kg", 1.0, low=0.1, high=10.0, source="kitchen scale"),)
+        inputs = {"force_n": "N"} outputs = {"position_m": "m"} ports = {"force": Port("motion",
+        "N", signals=("velocity", "position")), "sensor": Port("reading", "m")} states =
+        (State("position", "m"), State("velocity", "m/s")) parameters = (Parameter("mass_kg", 1.0,
+        low=0.1, high=10.0, source="kitchen scale"),)
 
         def rates(self, x, u, p, port):
             force = port("force", u.force_n, velocity=x.velocity, position=x.position)
@@ -39,14 +38,15 @@ Array = NDArray[np.float64]
 class Port:
     """A named place where physics may be added.
 
-    kind, unit (SI)  what passes through
-    signals          what the rig offers there: names, or names with their SI units
-    places           several like places that share an effect's parameters (muscle 1 and 2); () is one place
-    group            the name reported for it, where several ports count as one (default: its own name)
-    kin              a name that like ports share: an effect may act at one of them or, with one set of parameters, at
+    kind, unit (SI)  what passes through signals          what the rig offers there: names, or names
+    with their SI units places           several like places that share an effect's parameters
+    (muscle 1 and 2); () is one place group            the name reported for it, where several ports
+    count as one (default: its own name) kin              a name that like ports share: an effect
+    may act at one of them or, with one set of parameters, at
                      all of them
-    size             typical magnitude of "value" and of the signals, SI; found from the recording where absent
-    general          False on rigs with a catalogue of their own: the general catalogue stays away
+    size             typical magnitude of "value" and of the signals, SI; found from the recording
+    where absent general          False on rigs with a catalogue of their own: the general catalogue
+    stays away
     """
 
     kind: str
@@ -59,13 +59,16 @@ class Port:
     general: bool = True
 
     def unit_of(self, signal: str) -> str:
-        """SI unit of the value or of a signal offered here; mechanical signals follow from the port's unit."""
+        """SI unit of the value or of a signal offered here; mechanical signals follow from the
+        port's unit."""
         if signal == "value":
             return self.unit
         if isinstance(self.signals, dict) and signal in self.signals:
             return self.signals[signal]
         length = {"N m": "rad", "rad": "rad"}.get(self.unit, "m")
-        return {"position": length, "velocity": f"{length}/s", "load": "N", "pressure": "Pa"}.get(signal, "")
+        return {"position": length, "velocity": f"{length}/s", "load": "N", "pressure": "Pa"}.get(
+            signal, ""
+        )
 
 
 @dataclass(frozen=True)
@@ -82,18 +85,24 @@ class Rig:
 
     name: ClassVar[str] = ""
     inputs: ClassVar[dict[str, str]] = {}
-    optional: ClassVar[dict[str, float]] = {}             # inputs that may be missing in a recording, with their value
+    # inputs that may be missing in a recording, with their value
+    optional: ClassVar[dict[str, float]] = {}
     outputs: ClassVar[dict[str, str]] = {}
     ports: ClassVar[dict[str, Port]] = {}
     states: ClassVar[tuple[State, ...]] = ()
     parameters: ClassVar[tuple[Parameter, ...]] = ()
-    background: ClassVar[dict[str, Effect | tuple[Effect, ...]]] = {}  # port -> tolerance-sized nuisance terms
+    # port -> tolerance-sized nuisance terms
+    background: ClassVar[dict[str, Effect | tuple[Effect, ...]]] = {}
     loops: ClassVar[tuple[Loop, ...]] = ()
-    controller: ClassVar[dict[str, float]] = {}           # default [controller] of a closed-loop recording
-    noise: ClassVar[dict[str, float]] = {}                # standard deviation of each output's noise, column's unit
+    # default [controller] of a closed-loop recording
+    controller: ClassVar[dict[str, float]] = {}
+    # standard deviation of each output's noise, column's unit
+    noise: ClassVar[dict[str, float]] = {}
     period_s: ClassVar[float] = 0.003
-    excited: ClassVar[dict[str, float]] = {}              # usual amplitude of references and commands, column's unit
-    filled_by: ClassVar[dict[str, tuple[str, float]]] = {}  # muscle -> command and its sign that fills it
+    # usual amplitude of references and commands, column's unit
+    excited: ClassVar[dict[str, float]] = {}
+    # muscle -> command and its sign that fills it
+    filled_by: ClassVar[dict[str, tuple[str, float]]] = {}
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -109,16 +118,19 @@ class Rig:
         raise NotImplementedError
 
     def start(self, p: Any) -> dict[str, float]:
-        """State (SI) in which a recording begins, where it differs from the states' own start; p holds numbers."""
+        """State (SI) in which a recording begins, where it differs from the states' own start; p
+        holds numbers."""
         return {}
 
     def combinations(self, p: Any) -> dict[str, Number]:
-        """What the equations see of parameters that they only hold together, such as mass times distance: name with
-        its unit -> value (SI) from the parameters p (SI), numbers or symbols; nothing by default."""
+        """What the equations see of parameters that they only hold together, such as mass times
+        distance: name with its unit -> value (SI) from the parameters p (SI), numbers or symbols;
+        nothing by default."""
         return {}
 
     def pose(self, y: Mapping[str, Array], p: Any) -> dict[str, Array]:
-        """What to draw of the rig: polylines in metres, name -> (samples, points, 2); nothing by default.
+        """What to draw of the rig: polylines in metres, name -> (samples, points, 2); nothing by
+        default.
 
         y: outputs by name (SI), one value per sample; p: parameters (SI).
         """
@@ -130,7 +142,8 @@ class Rig:
 
 
 def chain_of_links(angles: Sequence[Array], lengths: Sequence[float]) -> Array:
-    """Links in a row from the origin, (samples, 1 + links, 2) in the unit of `lengths`; angles from the x axis, rad."""
+    """Links in a row from the origin, (samples, 1 + links, 2) in the unit of `lengths`; angles from
+    the x axis, rad."""
     points = [np.zeros((len(angles[0]), 2))]
     for angle, length in zip(angles, lengths, strict=True):
         points.append(points[-1] + length * np.stack([np.cos(angle), np.sin(angle)], axis=1))
@@ -138,27 +151,38 @@ def chain_of_links(angles: Sequence[Array], lengths: Sequence[float]) -> Array:
 
 
 def check_rig(rig: Rig, where: str) -> None:
-    """Refuse a rig whose declarations cannot be used; equations are checked when they are assembled."""
+    """Refuse a rig whose declarations cannot be used; equations are checked when they are
+    assembled."""
     kind = f"{where}: rig {rig.name!r}"
     for what in ("inputs", "outputs", "ports"):
         if not isinstance(getattr(rig, what), dict):
-            raise FileError(f"{kind}: {what} must be a dict", "see pamid rigs one-dof and the README's cart")
+            raise FileError(
+                f"{kind}: {what} must be a dict", "see pamid rigs one-dof and the README's cart"
+            )
     if not rig.outputs:
-        raise FileError(f"{kind} has no outputs, so nothing can be compared", 'outputs = {"position_m": "m"}')
+        raise FileError(
+            f"{kind} has no outputs, so nothing can be compared", 'outputs = {"position_m": "m"}'
+        )
     if not rig.states:
         raise FileError(f"{kind} has no states", 'states = (State("position", "m"), ...)')
     for name, port in rig.ports.items():
         if port.kind not in KINDS:
-            raise FileError(f"{kind}: port {name!r} has the unknown kind {port.kind!r}",
-                            nearest(port.kind, list(KINDS)) or f"kinds: {', '.join(KINDS)}")
+            raise FileError(
+                f"{kind}: port {name!r} has the unknown kind {port.kind!r}",
+                nearest(port.kind, list(KINDS)) or f"kinds: {', '.join(KINDS)}",
+            )
     names = [p.name for p in rig.parameters]
     for twice in sorted({n for n in names if names.count(n) > 1}):
         raise FileError(f"{kind}: parameter {twice!r} is declared twice", "give it another name")
     for column in rig.optional:
         if column not in rig.inputs:
-            raise FileError(f"{kind}: optional input {column!r} is not among the inputs",
-                            nearest(column, list(rig.inputs)))
+            raise FileError(
+                f"{kind}: optional input {column!r} is not among the inputs",
+                nearest(column, list(rig.inputs)),
+            )
     for name in rig.background:
         if name not in rig.ports:
-            raise FileError(f"{kind}: background names the port {name!r}, which it does not have",
-                            nearest(name, list(rig.ports)))
+            raise FileError(
+                f"{kind}: background names the port {name!r}, which it does not have",
+                nearest(name, list(rig.ports)),
+            )

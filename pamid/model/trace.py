@@ -1,4 +1,5 @@
-"""Running a rig's equations once on symbols, its effects at their ports; every rule about ports is checked here."""
+"""Running a rig's equations once on symbols, its effects at their ports; every rule about ports is
+checked here."""
 
 from __future__ import annotations
 
@@ -31,8 +32,11 @@ class Names:
         try:
             return self._values[name]
         except KeyError:
-            raise EquationError(f"there is no {self._what} {name!r}; there are: {', '.join(self._values) or 'none'}",
-                                nearest(name, list(self._values))) from None
+            raise EquationError(
+                f"there is no {self._what} {name!r}; there are: "
+                f"{', '.join(self._values) or 'none'}",
+                nearest(name, list(self._values)),
+            ) from None
 
 
 @dataclass(frozen=True)
@@ -84,10 +88,17 @@ class _Tracer:
             for loop in self.rig.loops:
                 self._close(loop, outputs)
         self._every_port_used()
-        return Traced({**rates, **self.own_rates}, outputs, tuple(self.cells), tuple(self.inputs),
-                      tuple(self.passages.values()))
+        return Traced(
+            {**rates, **self.own_rates},
+            outputs,
+            tuple(self.cells),
+            tuple(self.inputs),
+            tuple(self.passages.values()),
+        )
 
-    def _call(self, method: str, x: Names, u: Names, p: Names, wanted: list[str]) -> dict[str, Expr]:
+    def _call(
+        self, method: str, x: Names, u: Names, p: Names, wanted: list[str]
+    ) -> dict[str, Expr]:
         where_ = f"rig {self.rig.name!r}, {method}()"
         try:
             found = getattr(self.rig, method)(x, u, p, self.port)
@@ -95,14 +106,23 @@ class _Tracer:
             raise FileError(f"{where_}: {error}", error.hint) from error
         except Exception as error:
             line = traceback.extract_tb(error.__traceback__)[-1].lineno
-            raise FileError(f"{where_}, line {line}: {type(error).__name__}: {error}",
-                            "only + - * / and the functions of pamid.equations work on signals") from error
+            raise FileError(
+                f"{where_}, line {line}: {type(error).__name__}: {error}",
+                "only + - * / and the functions of pamid.equations work on signals",
+            ) from error
         if not isinstance(found, dict):
-            raise FileError(f"{where_} returned {type(found).__name__}, not a dict of name: expression")
-        missing, strange = [w for w in wanted if w not in found], [k for k in found if k not in wanted]
+            raise FileError(
+                f"{where_} returned {type(found).__name__}, not a dict of name: expression"
+            )
+        missing, strange = (
+            [w for w in wanted if w not in found],
+            [k for k in found if k not in wanted],
+        )
         if strange:
-            raise FileError(f"{where_} returned the unknown name {strange[0]!r}",
-                            nearest(strange[0], wanted) or f"names: {', '.join(wanted)}")
+            raise FileError(
+                f"{where_} returned the unknown name {strange[0]!r}",
+                nearest(strange[0], wanted) or f"names: {', '.join(wanted)}",
+            )
         if missing:
             raise FileError(f"{where_} returned nothing for {', '.join(map(repr, missing))}")
         return {w: expression(found[w]) for w in wanted}
@@ -110,24 +130,37 @@ class _Tracer:
     def port(self, name: str, value: Any, place: str = "", **signals: Any) -> Expr:
         """Pass a value through a port, once; the same value again is the same passage."""
         if name not in self.rig.ports:
-            raise EquationError(f"there is no port {name!r}; ports: {', '.join(self.rig.ports)}",
-                                nearest(name, list(self.rig.ports)))
+            raise EquationError(
+                f"there is no port {name!r}; ports: {', '.join(self.rig.ports)}",
+                nearest(name, list(self.rig.ports)),
+            )
         port, place = self.rig.ports[name], str(place)
         if (place or port.places) and place not in port.places:
-            raise EquationError(f"port {name!r} has no place {place!r}",
-                                f"places: {', '.join(port.places) or 'none'}")
+            raise EquationError(
+                f"port {name!r} has no place {place!r}",
+                f"places: {', '.join(port.places) or 'none'}",
+            )
         lacking = [s for s in port.signals if s not in signals]
         if lacking:
-            raise EquationError(f"port {name!r} promises the signal {lacking[0]!r} but is not given it",
-                                f"write port({name!r}, value, {lacking[0]}=...)")
+            raise EquationError(
+                f"port {name!r} promises the signal {lacking[0]!r} but is not given it",
+                f"write port({name!r}, value, {lacking[0]}=...)",
+            )
         value = expression(value)
-        known = tuple((k, v if callable(v) and not isinstance(v, Expr) else expression(v)) for k, v in signals.items())
+        known = tuple(
+            (k, v if callable(v) and not isinstance(v, Expr) else expression(v))
+            for k, v in signals.items()
+        )
         before = self.passages.get((name, place))
         if before is not None:
             plain = [kv for kv in known if isinstance(kv[1], Expr)]
-            if before.value is not value or plain != [kv for kv in before.signals if isinstance(kv[1], Expr)]:
-                raise EquationError(f"two different values pass through port {name!r} {place}".rstrip(),
-                                    "a value passes through its port exactly once; give the other one its own port")
+            if before.value is not value or plain != [
+                kv for kv in before.signals if isinstance(kv[1], Expr)
+            ]:
+                raise EquationError(
+                    f"two different values pass through port {name!r} {place}".rstrip(),
+                    "a value passes through its port exactly once; give the other one its own port",
+                )
             return before.result
         result = value
         offered = {"time": tick("time"), "period": tick("period"), **dict(known)}
@@ -136,11 +169,21 @@ class _Tracer:
         self.passages[name, place] = Passage(name, place, value, known, result)
         return result
 
-    def _apply(self, owner: str, effect: Effect, name: str, place: str, value: Expr,
-               offered: dict[str, Any]) -> Expr:
+    def _apply(
+        self,
+        owner: str,
+        effect: Effect,
+        name: str,
+        place: str,
+        value: Expr,
+        offered: dict[str, Any],
+    ) -> Expr:
         where_ = f"effect {effect.name!r} at port {name!r} of {self.rig.name!r}"
         at = Signals({**offered, "place": place}, where_)
-        p = Names({q.name: symbol("parameter", f"{owner}:{q.name}") for q in effect.parameters}, "parameter")
+        p = Names(
+            {q.name: symbol("parameter", f"{owner}:{q.name}") for q in effect.parameters},
+            "parameter",
+        )
         prefix = f"{owner}.{name}{place}."
         z = Names({s.name: symbol("state", prefix + s.name) for s in effect.states}, "state")
         try:
@@ -149,23 +192,30 @@ class _Tracer:
             raise FileError(f"{where_}: {error}", error.hint) from error
         except Exception as error:
             line = traceback.extract_tb(error.__traceback__)[-1].lineno
-            raise FileError(f"{where_}, act(), line {line}: {type(error).__name__}: {error}",
-                            "only + - * / and the functions of pamid.equations work on signals") from error
+            raise FileError(
+                f"{where_}, act(), line {line}: {type(error).__name__}: {error}",
+                "only + - * / and the functions of pamid.equations work on signals",
+            ) from error
         after, rates = result if isinstance(result, tuple) else (result, {})
         if set(rates) != {s.name for s in effect.states}:
-            raise FileError(f"{where_}: act() gives rates for {sorted(rates)}, its states are "
-                            f"{[s.name for s in effect.states]}")
+            raise FileError(
+                f"{where_}: act() gives rates for {sorted(rates)}, its states are "
+                f"{[s.name for s in effect.states]}"
+            )
         self.own_rates |= {prefix + k: expression(v) for k, v in rates.items()}
         return expression(after)
 
     def _close(self, loop: Loop, outputs: dict[str, Expr]) -> None:
-        """PD with filtered derivative on the measured reading, as section [controller] of a recording says."""
+        """PD with filtered derivative on the measured reading, as section [controller] of a
+        recording says."""
         c = self.controller
         unit = f"{loop.reading.rsplit('_', 1)[-1]}"
         noise = f"noise_{loop.reading}"
         self.inputs += [loop.reference, noise]
         scale = to_si(1.0, unit)
-        error = (symbol("input", loop.reference) - outputs[loop.reading] - symbol("input", noise)) / scale
+        error = (
+            symbol("input", loop.reference) - outputs[loop.reading] - symbol("input", noise)
+        ) / scale
         last, slope = f"{loop.command}.error", f"{loop.command}.slope"
         period = tick("period")
         raw = (error - symbol("past", last)) / period
@@ -176,8 +226,12 @@ class _Tracer:
         self.cells += [
             Cell(slope, new_slope, 0.0 * error, sampled=True),
             Cell(last, error, error, sampled=True),
-            Cell(loop.command, clip(kp * error + kd * symbol("cell", slope), -limit, limit),
-                 clip(kp * error, -limit, limit), sampled=True),
+            Cell(
+                loop.command,
+                clip(kp * error + kd * symbol("cell", slope), -limit, limit),
+                clip(kp * error, -limit, limit),
+                sampled=True,
+            ),
         ]
 
     def _every_port_used(self) -> None:
@@ -185,30 +239,42 @@ class _Tracer:
             for place in port.places or ("",):
                 if (name, place) not in self.passages:
                     at = f" at place {place!r}" if place else ""
-                    raise FileError(f"rig {self.rig.name!r} declares the port {name!r} but never passes a value "
-                                    f"through it{at}", f"write ... = port({name!r}, value, ...) in rates or measure, "
-                                    "or drop the port")
+                    raise FileError(
+                        f"rig {self.rig.name!r} declares the port {name!r} but never passes a "
+                        "value "
+                        f"through it{at}",
+                        f"write ... = port({name!r}, value, ...) in rates or measure, "
+                        "or drop the port",
+                    )
 
 
 def trace(rig: Rig, effects_at: EffectsAt, controller: dict[str, float]) -> Traced:
-    """The rig's equations with the effects in place. FileError, naming rig, port or effect, for whatever is wrong."""
+    """The rig's equations with the effects in place. FileError, naming rig, port or effect, for
+    whatever is wrong."""
     return _Tracer(rig, effects_at, controller).run()
 
 
-# ---- several models as one ---------------------------------------------------------------------------------------
+# ---- several models as one ---------------------------------------------------------------------
 
 
 def signals_of(traced: Traced) -> dict[str, Expr]:
     """Inputs and outputs of a model by name (SI); a command that its controller makes is a cell."""
-    return {**{c.name: c.here for c in traced.cells}, **{name: symbol("input", name) for name in traced.inputs},
-            **traced.outputs}
+    return {
+        **{c.name: c.here for c in traced.cells},
+        **{name: symbol("input", name) for name in traced.inputs},
+        **traced.outputs,
+    }
 
 
 def beside(own: Traced, other: Traced, prefix: str) -> Traced:
-    """A model's equations, its states and parameters under names of their own, driven by what drives another one."""
+    """A model's equations, its states and parameters under names of their own, driven by what
+    drives another one."""
     driven, roots = signals_of(other), [*own.rates.values(), *own.outputs.values()]
-    new = {symbol(space, name): driven[name] if space == "input" else symbol(space, prefix + name)
-           for space, name in symbols(roots) if space != "tick"}
+    new = {
+        symbol(space, name): driven[name] if space == "input" else symbol(space, prefix + name)
+        for space, name in symbols(roots)
+        if space != "tick"
+    }
     told = iter(substitute(roots, new))
     rates = {prefix + name: next(told) for name in own.rates}
     outputs = {name: next(told) for name in own.outputs}
@@ -217,7 +283,8 @@ def beside(own: Traced, other: Traced, prefix: str) -> Traced:
 
 
 def fed(own: Traced, before: Traced, name: str, value: Expr, cells: tuple[Cell, ...]) -> Traced:
-    """Both models as one that puts out what the first does, with this value in the place of one of its inputs."""
+    """Both models as one that puts out what the first does, with this value in the place of one of
+    its inputs."""
     put = {symbol("input", name): value}
     rates = dict(zip(own.rates, substitute(own.rates.values(), put), strict=True))
     outputs = dict(zip(own.outputs, substitute(own.outputs.values(), put), strict=True))
@@ -225,4 +292,10 @@ def fed(own: Traced, before: Traced, name: str, value: Expr, cells: tuple[Cell, 
     for c in own.cells:
         update, start = substitute([c.update, c.start], put)
         made.append(Cell(c.name, update, start, c.sampled))
-    return Traced({**rates, **before.rates}, outputs, (*made, *cells), tuple(i for i in own.inputs if i != name), ())
+    return Traced(
+        {**rates, **before.rates},
+        outputs,
+        (*made, *cells),
+        tuple(i for i in own.inputs if i != name),
+        (),
+    )

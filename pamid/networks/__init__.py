@@ -1,1 +1,2 @@
-"""Networks that describe what a grey-box model leaves over, one file per network, and the core that trains them."""
+"""Networks that describe what a grey-box model leaves over, one file per network, and the core that
+trains them."""

@@ -1,20 +1,26 @@
-"""ANFIS: first-order Takagi-Sugeno rules on a grid of membership sets, a static network linear in its consequents.
+"""ANFIS: first-order Takagi-Sugeno rules on a grid of membership sets, a static network linear in
+its consequents.
 
-Equations (Jang 1993, IEEE Trans. Systems, Man, and Cybernetics 23(3)), for inputs x_k scaled into [-1, 1]
-    membership   gaussian exp(-t^2/2), bell 1/(1 + |t|^(2 b)) with t = (x_k - centre)/width, per input k and set i
-    firing       product of one membership per input, for every combination of sets; normalised to sum 1
-    output       y = sum over rules of firing (bias + sum_k slope_k (x_k - grid_k)/spacing)
-A product over a full grid normalises input by input: the share of a rule is the product of its sets' shares, each a
-softmax of log memberships, which never comes to 0/0. Inputs beyond [-1, 1] count as its edge.
+Equations (Jang 1993, IEEE Trans. Systems, Man, and Cybernetics 23(3)), for inputs x_k scaled into
+[-1, 1]
+    membership   gaussian exp(-t^2/2), bell 1/(1 + |t|^(2 b)) with t = (x_k - centre)/width, per
+    input k and set i firing       product of one membership per input, for every combination of
+    sets; normalised to sum 1 output       y = sum over rules of firing (bias + sum_k slope_k (x_k -
+    grid_k)/spacing)
+A product over a full grid normalises input by input: the share of a rule is the product of its
+sets' shares, each a softmax of log memberships, which never comes to 0/0. Inputs beyond [-1, 1]
+count as its edge.
 
-Weights are one flat vector. Premises first: for input k, for set i: centre, log width (bell: log slope after it), as
-deviations from the untouched grid. Then the consequents: for rule r (the last input's set running fastest) bias,
-slope_1 .. slope_m. All zero is the untouched grid with output zero.
+Weights are one flat vector. Premises first: for input k, for set i: centre, log width (bell: log
+slope after it), as deviations from the untouched grid. Then the consequents: for rule r (the last
+input's set running fastest) bias, slope_1 .. slope_m. All zero is the untouched grid with output
+zero.
 
-Deviations are bent by limit tanh(deviation/limit): a centre stays within 0.45 spacings of its place, so sets keep
-their order; widths (and bell slopes) stay within a factor of 4.5 (2), so none collapses. Near zero they are the weight.
-The place a rule's slope is counted from does not move with its centre: the output stays linear in the consequents with
-features that are well conditioned, and the derivative by a centre goes through the firing alone.
+Deviations are bent by limit tanh(deviation/limit): a centre stays within 0.45 spacings of its
+place, so sets keep their order; widths (and bell slopes) stay within a factor of 4.5 (2), so none
+collapses. Near zero they are the weight. The place a rule's slope is counted from does not move
+with its centre: the output stays linear in the consequents with features that are well conditioned,
+and the derivative by a centre goes through the firing alone.
 """
 
 import math
@@ -40,10 +46,12 @@ Array = NDArray[np.float64]
 
 SHAPES = ("gaussian", "bell")
 LIMITS = (0.45, 1.5, math.log(2.0))  # of centre (spacings), log width, log slope
-# Spacings. The customary 0.42 and 0.5, neighbours crossing at half height, start 3 to 14 (bell 2 to 6) times further
-# off: error of the first least squares on four smooth functions of two inputs, 5 x 5 rules.
+# Spacings. The customary 0.42 and 0.5, neighbours crossing at half height, start 3 to 14 (bell 2 to
+# 6) times further off: error of the first least squares on four smooth functions of two inputs, 5 x
+# 5 rules.
 WIDTH = {"gaussian": 0.6, "bell": 0.7}
-BELL_SLOPE = 2.0  # exponent b of the untouched grid; from 1 to 4 with its limit, so the peak is always smooth
+# exponent b of the untouched grid; from 1 to 4 with its limit, so the peak is always smooth
+BELL_SLOPE = 2.0
 MOST_CONSEQUENTS = 5000
 START = 0.05  # standard deviation of a random start's premises
 RIDGE = 1e-6  # of a start's least squares, per sample
@@ -51,9 +59,11 @@ CHUNK = 1024  # samples whose Jacobian rows are held at once: 0.8 MB at 95 weigh
 
 
 class Sets(NamedTuple):
-    """Membership sets, each (inputs, sets): place and width in scaled units, bell exponent b; and d/dweight of each.
+    """Membership sets, each (inputs, sets): place and width in scaled units, bell exponent b; and
+    d/dweight of each.
 
-    `bend` (inputs, sets, 2 or 3) is the derivative of centre/spacing, log width, log slope by its weight.
+    `bend` (inputs, sets, 2 or 3) is the derivative of centre/spacing, log width, log slope by its
+    weight.
     """
 
     centre: Array
@@ -64,7 +74,8 @@ class Sets(NamedTuple):
 
 @dataclass(frozen=True)
 class Anfis(Network):
-    """An ANFIS' sizes; weights are passed to every verb as one flat float64 vector (layout: module).
+    """An ANFIS' sizes; weights are passed to every verb as one flat float64 vector (layout:
+    module).
 
     `inputs` m, `sets` membership sets per input, `shape` "gaussian" or "bell". sets^m rules.
     """
@@ -78,13 +89,19 @@ class Anfis(Network):
         for name, least in (("inputs", 1), ("sets", 2)):
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool) or value < least:
-                raise DataError(f"Anfis: {name} must be a whole number of at least {least}, not {value!r}.")
+                raise DataError(
+                    f"Anfis: {name} must be a whole number of at least {least}, not {value!r}."
+                )
         if self.shape not in SHAPES:
             hint = nearest(str(self.shape), SHAPES) or f"Shapes: {', '.join(SHAPES)}."
             raise DataError(f"Anfis: unknown shape {self.shape!r}.", hint)
-        if self.inputs * math.log(self.sets) + math.log(self.inputs + 1) > math.log(MOST_CONSEQUENTS) + 1e-9:
+        if (
+            self.inputs * math.log(self.sets) + math.log(self.inputs + 1)
+            > math.log(MOST_CONSEQUENTS) + 1e-9
+        ):
             raise DataError(
-                f"Anfis: {self.sets} sets on each of {self.inputs} inputs make {self.sets}^{self.inputs} rules of "
+                f"Anfis: {self.sets} sets on each of {self.inputs} inputs make "
+                f"{self.sets}^{self.inputs} rules of "
                 f"{self.inputs + 1} consequents, more than {MOST_CONSEQUENTS}.",
                 "Rules grow with the power of the inputs: take fewer inputs or sets.",
             )
@@ -113,36 +130,51 @@ class Anfis(Network):
     def initial(self, seed: int) -> Array:
         """Random start that knows no data: premises a little off the grid, consequents zero."""
         weights = np.zeros(self.n_weights)
-        weights[: self.premises] = START * np.random.default_rng(seed).standard_normal(self.premises)
+        weights[: self.premises] = START * np.random.default_rng(seed).standard_normal(
+            self.premises
+        )
         return weights
 
     def start(self, records: Records, washout: int, seed: int) -> Array:
-        """The same premises with least-squares consequents: the first guess of alpha needs weights to go by."""
+        """The same premises with least-squares consequents: the first guess of alpha needs weights
+        to go by."""
         problem = Problem(self, tuple(records), washout, False, Damping(), Goals())
         return problem.projected(self.initial(seed), Evidence(0.0, RIDGE * problem.samples, 1.0))[0]
 
     def membership(self, weights: ArrayLike) -> Sets:
-        """The membership sets that the weights stand for; DataError when there are not `n_weights` of them."""
-        deviation = self.flat(weights)[: self.premises].reshape(self.inputs, self.sets, self._per_set)
+        """The membership sets that the weights stand for; DataError when there are not `n_weights`
+        of them."""
+        deviation = self.flat(weights)[: self.premises].reshape(
+            self.inputs, self.sets, self._per_set
+        )
         limits = np.array(LIMITS[: self._per_set])
         bent = np.tanh(deviation / limits)
         moved = limits * bent
         return Sets(
             centre=self._grid + self.spacing * moved[..., 0],
             width=self.spacing * WIDTH[self.shape] * np.exp(moved[..., 1]),
-            slope=BELL_SLOPE * np.exp(moved[..., 2]) if self.shape == "bell" else np.ones(moved.shape[:2]),
+            slope=BELL_SLOPE * np.exp(moved[..., 2])
+            if self.shape == "bell"
+            else np.ones(moved.shape[:2]),
             bend=1.0 - bent * bent,
         )
 
     def simulate(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
         """Output y (N,) for inputs (N, m); each sample by itself."""
-        sets, consequents, u = self.membership(weights), self.consequents(weights), self.table(inputs)
+        sets, consequents, u = (
+            self.membership(weights),
+            self.consequents(weights),
+            self.table(inputs),
+        )
         y = np.empty(len(u))
-        with np.errstate(all="ignore"):  # wild trial weights may overflow: the caller judges the outcome
+        # wild trial weights may overflow: the caller judges the outcome
+        with np.errstate(all="ignore"):
             for start in range(0, len(u), CHUNK):
                 x = np.ascontiguousarray(u[start : start + CHUNK].T)
                 firing = self._firing([self._shares(sets, k, x[k])[0] for k in range(self.inputs)])
-                y[start : start + CHUNK] = np.sum(firing * self._rule_outputs(consequents, x), axis=0)
+                y[start : start + CHUNK] = np.sum(
+                    firing * self._rule_outputs(consequents, x), axis=0
+                )
         return y
 
     def features(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
@@ -157,33 +189,52 @@ class Anfis(Network):
         return rows.reshape(-1, len(u)).T
 
     def expression(self, weights: ArrayLike, inputs: Sequence[Expr]) -> Expr:
-        """The output as an equation of the inputs, to be held within [-1, 1]: no sum of memberships vanishes there."""
+        """The output as an equation of the inputs, to be held within [-1, 1]: no sum of memberships
+        vanishes there."""
         sets, rows = self.membership(weights), iter(self.consequents(weights).tolist())
         members: list[list[Expr]] = []
         for k, x in enumerate(inputs):
-            squares = [((x - c) * (1.0 / w)) ** 2 for c, w in zip(sets.centre[k], sets.width[k], strict=True)]
+            squares = [
+                ((x - c) * (1.0 / w)) ** 2
+                for c, w in zip(sets.centre[k], sets.width[k], strict=True)
+            ]
             members.append(
-                [exp(-0.5 * s) for s in squares] if self.shape == "gaussian"
-                else [1.0 / (1.0 + s**b) for s, b in zip(squares, sets.slope[k].tolist(), strict=True)]
-            )  # fmt: skip
+                [exp(-0.5 * s) for s in squares]
+                if self.shape == "gaussian"
+                else [
+                    1.0 / (1.0 + s**b) for s, b in zip(squares, sets.slope[k].tolist(), strict=True)
+                ]
+            )
         places = [[(x - g) * (1.0 / self.spacing) for g in self._grid.tolist()] for x in inputs]
 
         def fired(k: int, rule: tuple[int, ...]) -> Expr:
-            """Sum over the sets of inputs k, k + 1, .. with those of the inputs before them given."""
+            """Sum over the sets of inputs k, k + 1, .. with those of the inputs before them
+            given."""
             if k < self.inputs:
-                return sum((members[k][i] * fired(k + 1, (*rule, i)) for i in range(self.sets)), start=ZERO)
+                return sum(
+                    (members[k][i] * fired(k + 1, (*rule, i)) for i in range(self.sets)), start=ZERO
+                )
             bias, *slopes = next(rows)  # rules come in the order of the weights
-            return sum((s * places[j][i] for j, (s, i) in enumerate(zip(slopes, rule, strict=True))), start=ZERO + bias)
+            return sum(
+                (s * places[j][i] for j, (s, i) in enumerate(zip(slopes, rule, strict=True))),
+                start=ZERO + bias,
+            )
 
         return fired(0, ()) / reduce(lambda a, b: a * b, (sum(m, start=ZERO) for m in members))
 
-    def equations(self, weights: ArrayLike, inputs: Sequence[Expr], name: str) -> tuple[Expr, tuple[Cell, ...]]:
+    def equations(
+        self, weights: ArrayLike, inputs: Sequence[Expr], name: str
+    ) -> tuple[Expr, tuple[Cell, ...]]:
         """Nothing is remembered."""
         return self.expression(weights, [clip(x, -1.0, 1.0) for x in inputs]), ()
 
     def sweep(self, weights: ArrayLike, inputs: ArrayLike) -> Iterator[Rows]:
         """(first sample, y (n,), dy/dw (n, n_weights)) chunk by chunk, exact."""
-        sets, consequents, u = self.membership(weights), self.consequents(weights), self.table(inputs)
+        sets, consequents, u = (
+            self.membership(weights),
+            self.consequents(weights),
+            self.table(inputs),
+        )
         for start in range(0, len(u), CHUNK):
             x = np.ascontiguousarray(u[start : start + CHUNK].T)
             n = x.shape[1]
@@ -193,17 +244,22 @@ class Anfis(Network):
                 parts = firing * self._rule_outputs(consequents, x)
                 y = parts.sum(axis=0)
                 jacobian = np.empty((self.n_weights, n))
-                premise = jacobian[: self.premises].reshape(self.inputs, self.sets, self._per_set, n)
+                premise = jacobian[: self.premises].reshape(
+                    self.inputs, self.sets, self._per_set, n
+                )
                 grid = parts.reshape(*(self.sets,) * self.inputs, n)
                 for k, (shares, slopes) in enumerate(known):
                     others = tuple(j for j in range(self.inputs) if j != k)
                     by_log = grid.sum(axis=others) - shares * y  # dy/d log membership, (sets, n)
                     np.multiply(slopes, by_log[:, None, :], out=premise[k])
-                self._fill(jacobian[self.premises :].reshape(self.rules, self.inputs + 1, n), firing, x)
+                self._fill(
+                    jacobian[self.premises :].reshape(self.rules, self.inputs + 1, n), firing, x
+                )
             yield start, y, jacobian.T
 
     def _shares(self, sets: Sets, k: int, x: Array) -> tuple[Array, Array]:
-        """Normalised memberships of input k (sets, n) and d log membership/d weight (sets, 2 or 3, n)."""
+        """Normalised memberships of input k (sets, n) and d log membership/d weight (sets, 2 or 3,
+        n)."""
         width = sets.width[k, :, None]
         t = (x - sets.centre[k, :, None]) / width
         slopes = np.empty((self.sets, self._per_set, len(x)))
@@ -230,15 +286,16 @@ class Anfis(Network):
         return reduce(lambda a, b: (a[:, None, :] * b).reshape(-1, n), shares)
 
     def _fill(self, rows: Array, firing: Array, x: Array) -> None:
-        """Write dy/d(consequents) for x (m, n) into rows (rules, m + 1, n): firing, and firing times each place."""
+        """Write dy/d(consequents) for x (m, n) into rows (rules, m + 1, n): firing, and firing
+        times each place."""
         rows[:, 0] = firing
         for k in range(self.inputs):
             away = (x[k] - self._grid[:, None]) / self.spacing
             np.multiply(firing, away[self._rule_sets[:, k]], out=rows[:, k + 1])
 
     def planes(self, consequents: Array) -> tuple[Array, Array]:
-        """Every rule's own linear function of the inputs: slopes (rules, m) and constants (rules,), from its
-        consequents (rules, m + 1)."""
+        """Every rule's own linear function of the inputs: slopes (rules, m) and constants (rules,),
+        from its consequents (rules, m + 1)."""
         slopes = consequents[:, 1:] / self.spacing
         return slopes, consequents[:, 0] - np.sum(slopes * self._grid[self._rule_sets], axis=1)
 

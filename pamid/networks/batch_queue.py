@@ -12,20 +12,25 @@ Sums = tuple[float, Array, Array]
 
 
 class Engine(Protocol):
-    """Normal equations of several weight vectors (S, n_weights) at once: (S,), (S, n, n), (S, n)."""
+    """Normal equations of several weight vectors (S, n_weights) at once: (S,), (S, n, n), (S,
+    n)."""
 
-    def normal_equations(self, weights: Array, inputs: Array, target: Array,
-                         washout: int = 0) -> tuple[Array, Array, Array]: ...
+    def normal_equations(
+        self, weights: Array, inputs: Array, target: Array, washout: int = 0
+    ) -> tuple[Array, Array, Array]: ...
 
 
 class Meeting:
     """Each of `parties` threads asks for a pass and waits until all of them have asked or left.
 
-    Who takes part in a batch depends on the steps of the starts alone, not on the clock: the same training gives the
-    same batches. An error in a batch is raised in every thread that waits for it.
+    Who takes part in a batch depends on the steps of the starts alone, not on the clock: the same
+    training gives the same batches. An error in a batch is raised in every thread that waits for
+    it.
     """
 
-    def __init__(self, engine: Engine, records: Sequence[tuple[Array, Array]], washout: int, parties: int) -> None:
+    def __init__(
+        self, engine: Engine, records: Sequence[tuple[Array, Array]], washout: int, parties: int
+    ) -> None:
         self.engine, self.records, self.washout, self.parties = engine, records, washout, parties
         self.changed = Condition()
         self.asked: dict[int, tuple[int, Array]] = {}
@@ -55,9 +60,17 @@ class Meeting:
         for record in sorted({r for r, _ in self.asked.values()}):
             those = [who for who, (r, _) in self.asked.items() if r == record]
             try:
-                sums = self.engine.normal_equations(np.stack([self.asked[who][1] for who in those]),
-                                                    *self.records[record], self.washout)
-                self.answers.update({who: (float(sums[0][i]), sums[1][i], sums[2][i]) for i, who in enumerate(those)})
+                sums = self.engine.normal_equations(
+                    np.stack([self.asked[who][1] for who in those]),
+                    *self.records[record],
+                    self.washout,
+                )
+                self.answers.update(
+                    {
+                        who: (float(sums[0][i]), sums[1][i], sums[2][i])
+                        for i, who in enumerate(those)
+                    }
+                )
             except BaseException as error:  # whatever it is, nobody may wait for ever
                 self.answers.update(dict.fromkeys(those, error))
         self.asked.clear()

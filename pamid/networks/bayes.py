@@ -1,7 +1,8 @@
-"""Evidence for the weights: Bayesian regularisation after Foresee and Hagan (1997, ICNN, pp. 1930-1935).
+"""Evidence for the weights: Bayesian regularisation after Foresee and Hagan (1997, ICNN, pp.
+1930-1935).
 
-The objective is F = beta E_D + alpha E_W with E_D the sum of squared errors and E_W the sum of squared weights. At its
-minimum, with the Gauss-Newton Hessian H = 2 beta J'J + 2 alpha I,
+The objective is F = beta E_D + alpha E_W with E_D the sum of squared errors and E_W the sum of
+squared weights. At its minimum, with the Gauss-Newton Hessian H = 2 beta J'J + 2 alpha I,
     gamma = N_w - 2 alpha tr(H^-1)      weights that the data decide ("effective parameters")
     alpha = gamma / (2 E_W),   beta = (n - gamma) / (2 E_D)
 Everything here works on J'J (N_w, N_w) only, so it serves any network.
@@ -20,7 +21,8 @@ _TINY = 1e-300
 
 @dataclass(frozen=True)
 class Evidence:
-    """What the data say about noise and weights: `gamma` effective weights, weight decay `alpha`, precision `beta`."""
+    """What the data say about noise and weights: `gamma` effective weights, weight decay `alpha`,
+    precision `beta`."""
 
     gamma: float
     alpha: float
@@ -28,12 +30,14 @@ class Evidence:
 
 
 def first_guess(n_weights: int, samples: float, sse: float, ssw: float) -> Evidence:
-    """Before any Hessian: all weights count as effective (the start of Foresee and Hagan's algorithm)."""
+    """Before any Hessian: all weights count as effective (the start of Foresee and Hagan's
+    algorithm)."""
     return _evidence(float(n_weights), samples, sse, ssw)
 
 
 def reestimate(previous: Evidence, jtj: Array, samples: float, sse: float, ssw: float) -> Evidence:
-    """One step of the fixed-point iteration, from the Hessian at the weights that gave `sse` and `ssw`."""
+    """One step of the fixed-point iteration, from the Hessian at the weights that gave `sse` and
+    `ssw`."""
     return _evidence(effective_weights(previous, jtj), samples, sse, ssw)
 
 
@@ -50,14 +54,16 @@ def effective_weights(evidence: Evidence, jtj: Array) -> float:
         if not failed:
             return float(np.clip(n - evidence.alpha * float(np.sum(inverse * inverse)), 0.0, n))
         scaled[np.diag_indices(n)] -= evidence.alpha
-    # a Cholesky factor would hold rounding errors where directions are undecided: count directions one by one
+    # a Cholesky factor would hold rounding errors where directions are undecided: count directions
+    # one by one
     values = eigh(scaled, eigvals_only=True)
     values = values[values > _rounding(scaled)]
     return float(np.sum(values / (values + evidence.alpha)))
 
 
 def promised_decrease(half_hessian: Array, half_descent: Array) -> float:
-    """How much lower F would be after a full, undamped step if it were the quadratic it looks like."""
+    """How much lower F would be after a full, undamped step if it were the quadratic it looks
+    like."""
     values, vectors = eigh(half_hessian)
     keep = values > _rounding(half_hessian)
     along = vectors[:, keep].T @ half_descent
@@ -70,20 +76,25 @@ def _rounding(matrix: Array) -> float:
 
 
 def _evidence(gamma: float, samples: float, sse: float, ssw: float) -> Evidence:
-    # as many effective weights as samples leave no degree of freedom to measure noise with: keep a sliver
+    # as many effective weights as samples leave no degree of freedom to measure noise with: keep a
+    # sliver
     freedom = max(samples - gamma, 1e-3 * samples)
     return Evidence(gamma, gamma / (2.0 * max(ssw, _TINY)), freedom / (2.0 * max(sse, _TINY)))
 
 
 def solve_damped(matrix: Array, damping: float, right: Array) -> Array:
-    """Solve (matrix + damping I) x = right for a positive semi-definite matrix, also where it is singular.
+    """Solve (matrix + damping I) x = right for a positive semi-definite matrix, also where it is
+    singular.
 
-    Cholesky; where rounding makes that fail, eigenvalues with the undecided directions left at zero.
+    Cholesky; where rounding makes that fail, eigenvalues with the undecided directions left at
+    zero.
     """
     damped = matrix.copy()
     damped[np.diag_indices(len(damped))] += damping
     try:
-        return np.asarray(cho_solve(cho_factor(damped, lower=True, check_finite=False), right, check_finite=False))
+        return np.asarray(
+            cho_solve(cho_factor(damped, lower=True, check_finite=False), right, check_finite=False)
+        )
     except LinAlgError:
         values, vectors = eigh(damped)
         keep = values > _rounding(damped)
@@ -91,10 +102,12 @@ def solve_damped(matrix: Array, damping: float, right: Array) -> Array:
 
 
 def effective_samples(residual: ArrayLike) -> float:
-    """How many independent samples a correlated residual (N,) is worth: N / (1 + 2 sum of autocorrelations).
+    """How many independent samples a correlated residual (N,) is worth: N / (1 + 2 sum of
+    autocorrelations).
 
-    The sum runs while neighbouring pairs of autocorrelations stay positive (Geyer 1992, Statistical Science 7(4)).
-    At 3 ms a residual changes little from sample to sample, and N overstates what the record knows.
+    The sum runs while neighbouring pairs of autocorrelations stay positive (Geyer 1992, Statistical
+    Science 7(4)). At 3 ms a residual changes little from sample to sample, and N overstates what
+    the record knows.
     """
     e = np.asarray(residual, dtype=np.float64)
     n = len(e)

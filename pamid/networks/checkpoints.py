@@ -1,4 +1,5 @@
-"""Where a training stands, and that on disk: enough to go on exactly as if nobody had stopped it."""
+"""Where a training stands, and that on disk: enough to go on exactly as if nobody had stopped
+it."""
 
 import io
 from dataclasses import dataclass
@@ -19,9 +20,10 @@ Array = NDArray[np.float64]
 class Step(NamedTuple):
     """One row of the trace, after an accepted step (row 0: the start).
 
-    `mse` is the mean squared error over the samples used; `gradient` the norm of dF/dw; `mu` the damping the next step
-    begins with; `gamma`, `alpha`, `beta` as re-estimated at these weights; `trials` how many steps
-    were simulated until one was accepted. No times: the same training always gives the same rows.
+    `mse` is the mean squared error over the samples used; `gradient` the norm of dF/dw; `mu` the
+    damping the next step begins with; `gamma`, `alpha`, `beta` as re-estimated at these weights;
+    `trials` how many steps were simulated until one was accepted. No times: the same training
+    always gives the same rows.
     """
 
     iteration: int
@@ -36,7 +38,8 @@ class Step(NamedTuple):
 
 @dataclass(frozen=True)
 class Attempt:
-    """One random start: the weights it has reached, its trace, and why it stopped ("" while it runs)."""
+    """One random start: the weights it has reached, its trace, and why it stopped ("" while it
+    runs)."""
 
     start: int
     weights: Array
@@ -53,7 +56,8 @@ class Attempt:
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """All attempts so far, the last one being the current; `problem` identifies data, network and options."""
+    """All attempts so far, the last one being the current; `problem` identifies data, network and
+    options."""
 
     problem: str
     attempts: tuple[Attempt, ...]
@@ -68,8 +72,12 @@ def save_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
     for k, a in enumerate(checkpoint.attempts):
         e = a.evidence
         arrays[f"weights_{k}"] = a.weights
-        arrays[f"numbers_{k}"] = np.array([a.start, a.mu, e.gamma, e.alpha, e.beta, a.converged], dtype=np.float64)
-        arrays[f"steps_{k}"] = np.array(a.steps, dtype=np.float64).reshape(len(a.steps), len(Step._fields))
+        arrays[f"numbers_{k}"] = np.array(
+            [a.start, a.mu, e.gamma, e.alpha, e.beta, a.converged], dtype=np.float64
+        )
+        arrays[f"steps_{k}"] = np.array(a.steps, dtype=np.float64).reshape(
+            len(a.steps), len(Step._fields)
+        )
         arrays[f"why_{k}"] = np.array(a.why)
     buffer = io.BytesIO()
     np.savez(buffer, **arrays)  # type: ignore[arg-type]
@@ -77,7 +85,8 @@ def save_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
 
 
 def load_checkpoint(path: Path, problem: str, n_weights: int) -> Checkpoint:
-    """Read a checkpoint of this very problem; FileError when it is another's, or no checkpoint at all."""
+    """Read a checkpoint of this very problem; FileError when it is another's, or no checkpoint at
+    all."""
     arrays = load_arrays(Path(path))
     if "problem" not in arrays or str(arrays["problem"]) != problem:
         raise FileError(
@@ -89,10 +98,26 @@ def load_checkpoint(path: Path, problem: str, n_weights: int) -> Checkpoint:
         try:
             weights, numbers, steps, why = (arrays[f"{field}_{k}"] for field in _FIELDS)
         except KeyError as missing:
-            raise FileError(f"{path} is no whole checkpoint: {missing} is missing.", "Train afresh.") from None
-        if weights.shape != (n_weights,) or numbers.shape != (6,) or steps.shape[1:] != (len(Step._fields),):
+            raise FileError(
+                f"{path} is no whole checkpoint: {missing} is missing.", "Train afresh."
+            ) from None
+        if (
+            weights.shape != (n_weights,)
+            or numbers.shape != (6,)
+            or steps.shape[1:] != (len(Step._fields),)
+        ):
             raise FileError(f"{path}: attempt {k} has arrays of the wrong shape.", "Train afresh.")
         start, mu, gamma, alpha, beta, converged = numbers.tolist()
         rows = tuple(Step._make((int(r[0]), *r[1:-1], int(r[-1]))) for r in steps.tolist())
-        attempts.append(Attempt(int(start), weights, mu, Evidence(gamma, alpha, beta), rows, str(why), bool(converged)))
+        attempts.append(
+            Attempt(
+                int(start),
+                weights,
+                mu,
+                Evidence(gamma, alpha, beta),
+                rows,
+                str(why),
+                bool(converged),
+            )
+        )
     return Checkpoint(problem, tuple(attempts))

@@ -1,17 +1,17 @@
 """Elman network: one hidden tanh layer that feeds its own state back, one linear output.
 
 Equations (Hosovsky, Mizakova, Pitel: improved modeling of pneumatic muscle actuator, eq. 9-10)
-    x(k+1) = tanh(Cw x(k) + Iw u(k) + b1),   x(0) = 0
-    y(k)   = Lw x(k+1) + b2                  (eq. 10: the output sees the state that has already taken u(k) in)
+    x(k+1) = tanh(Cw x(k) + Iw u(k) + b1),   x(0) = 0 y(k)   = Lw x(k+1) + b2                  (eq.
+    10: the output sees the state that has already taken u(k) in)
 
 Weights are one flat vector, unit by unit:
     for hidden unit i = 0 .. h-1:  Cw[i, 0..h-1], Iw[i, 0..m-1], b1[i]
     then Lw[0..h-1], then b2
 so 5 inputs and 10 hidden units make 10 (10 + 5 + 1) + 10 + 1 = 171.
 
-Derivatives are exact: sensitivities of the state are carried through time (Williams and Zipser 1989, Neural
-Computation 1(2)). A static derivative, which takes x(k) as a given input, points elsewhere and
-trains to a larger error.
+Derivatives are exact: sensitivities of the state are carried through time (Williams and Zipser
+1989, Neural Computation 1(2)). A static derivative, which takes x(k) as a given input, points
+elsewhere and trains to a larger error.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,7 +22,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pamid.base.errors import DataError
-from pamid.engine.recurrence_kernels import LANES, run_adjoint, run_bend, run_sensitivities, run_states
+from pamid.engine.recurrence_kernels import (
+    LANES,
+    run_adjoint,
+    run_bend,
+    run_sensitivities,
+    run_states,
+)
 from pamid.networks.modal_start import find_modes
 from pamid.networks.network import Network, Records, weighted
 from pamid.networks.normal_equations import Rows, aligned
@@ -33,12 +39,14 @@ from pamid.symbolic.vocabulary import Expr, tanh
 Array = NDArray[np.float64]
 
 MEMORY = (2.0, 100.0)  # samples: shortest and longest time constant of a random start
-BEND = 0.3     # largest state of a start from a linear model
-CHUNK = 1024  # samples whose Jacobian rows are held at once: 1.4 MB at 171 weights, inside the second-level cache
+BEND = 0.3  # largest state of a start from a linear model
+# samples whose Jacobian rows are held at once: 1.4 MB at 171 weights, inside the second-level cache
+CHUNK = 1024
 
 
 class Layers(NamedTuple):
-    """The weight vector taken apart: units (h, h + m + 1) = [context, input, bias], output (h,), output_bias."""
+    """The weight vector taken apart: units (h, h + m + 1) = [context, input, bias], output (h,),
+    output_bias."""
 
     units: Array
     output: Array
@@ -59,7 +67,8 @@ class Layers(NamedTuple):
 
 @dataclass(frozen=True)
 class Elman(Network):
-    """An Elman network's sizes; weights are passed to every verb as one flat float64 vector (layout: module)."""
+    """An Elman network's sizes; weights are passed to every verb as one flat float64 vector
+    (layout: module)."""
 
     kind: ClassVar[str] = "elman"
     inputs: int = 5
@@ -69,7 +78,9 @@ class Elman(Network):
         for name in ("inputs", "hidden"):
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool) or value < 1:
-                raise DataError(f"Elman: {name} must be a whole number of at least 1, not {value!r}.")
+                raise DataError(
+                    f"Elman: {name} must be a whole number of at least 1, not {value!r}."
+                )
 
     @property
     def n_weights(self) -> int:
@@ -89,9 +100,9 @@ class Elman(Network):
     def initial(self, seed: int) -> Array:
         """Random start that knows no data, for inputs and target scaled into [-1, 1].
 
-        The hidden units begin as damped oscillators in pairs (an odd last one as a lag), their time constants spread
-        from `MEMORY[0]` to `MEMORY[1]` samples, with input weights that bring each to about half of tanh's bend; the
-        output weights are nearly zero.
+        The hidden units begin as damped oscillators in pairs (an odd last one as a lag), their time
+        constants spread from `MEMORY[0]` to `MEMORY[1]` samples, with input weights that bring each
+        to about half of tanh's bend; the output weights are nearly zero.
         """
         draw = np.random.default_rng(seed)
         h, m = self.hidden, self.inputs
@@ -102,7 +113,10 @@ class Elman(Network):
             pair = slice(first, min(first + 2, h))
             if first + 1 < h:
                 rotation = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-                context[pair, pair], loss[pair] = decay * rotation, abs(1.0 - decay * np.exp(1j * turn))
+                context[pair, pair], loss[pair] = (
+                    decay * rotation,
+                    abs(1.0 - decay * np.exp(1j * turn)),
+                )
             else:
                 context[pair, pair], loss[pair] = decay, 1.0 - decay
         entering = 0.5 * np.sqrt(3.0 / m) * draw.uniform(-1.0, 1.0, (h, m)) * loss[:, None]
@@ -111,25 +125,33 @@ class Elman(Network):
         return self.flatten(Layers(np.column_stack([context, entering, bias]), output, 0.0))
 
     def start(self, records: Records, washout: int, seed: int) -> Array:
-        """A linear model of the data: a pair of units for each of its modes (modes.py), scaled so that tanh bends them
-        little (an odd last unit as in `initial`). Every fourth seed, and a single unit,
-        begins at `initial` instead.
+        """A linear model of the data: a pair of units for each of its modes (modes.py), scaled so
+        that tanh bends them little (an odd last unit as in `initial`). Every fourth seed, and a
+        single unit, begins at `initial` instead.
 
-        Why both: where the gap rings for seconds (the first paper's task on a twin; 15000 samples, 100 steps) starts
-        from `initial` mostly end at a mean squared error of 2e-2 to 5e-2, starts from modes at 4e-4 to 4e-3; where it
-        forgets within a few samples (a random network as teacher; 10000 samples, 80 steps, noise 4e-4) four of four
-        starts from `initial` come down to the noise, two of four from modes. Several starts race, and have both.
+        Why both: where the gap rings for seconds (the first paper's task on a twin; 15000 samples,
+        100 steps) starts from `initial` mostly end at a mean squared error of 2e-2 to 5e-2, starts
+        from modes at 4e-4 to 4e-3; where it forgets within a few samples (a random network as
+        teacher; 10000 samples, 80 steps, noise 4e-4) four of four starts from `initial` come down
+        to the noise, two of four from modes. Several starts race, and have both.
         """
         if seed % 4 == 3 or self.hidden == 1:
             return self.initial(seed)
         layers = self.layers(self.initial(seed))
         found = find_modes(records, washout, self.hidden // 2, seed)
-        largest = np.max([np.abs(found.states(u)).max(axis=0, initial=1e-300) for u, _ in records], axis=0)
+        largest = np.max(
+            [np.abs(found.states(u)).max(axis=0, initial=1e-300) for u, _ in records], axis=0
+        )
         paired = slice(0, 2 * len(found.poles))
         layers.units[paired] = layers.output[paired] = 0.0
-        for k, (pole, residues, size) in enumerate(zip(found.poles, found.residues, largest / BEND, strict=True)):
+        for k, (pole, residues, size) in enumerate(
+            zip(found.poles, found.residues, largest / BEND, strict=True)
+        ):
             first, second = 2 * k, 2 * k + 1
-            layers.context[first : second + 1, first : second + 1] = [[pole.real, -pole.imag], [pole.imag, pole.real]]
+            layers.context[first : second + 1, first : second + 1] = [
+                [pole.real, -pole.imag],
+                [pole.imag, pole.real],
+            ]
             layers.input[first], layers.input[second] = residues.real / size, residues.imag / size
             layers.output[first] = size
         return self.flatten(layers._replace(output_bias=found.bias))
@@ -140,7 +162,8 @@ class Elman(Network):
         return slice(self.n_weights - self.hidden - 1, self.n_weights)
 
     def features(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
-        """States x(k+1) and a column of ones (N, h + 1), from a zero state: the output is linear in them."""
+        """States x(k+1) and a column of ones (N, h + 1), from a zero state: the output is linear in
+        them."""
         layers, u = self.layers(weights), self.table(inputs)
         states = np.ones((len(u), self.hidden + 1))
         run_states(_padded(layers.units.T), u, np.zeros(self.hidden), states)
@@ -149,25 +172,41 @@ class Elman(Network):
     def simulate(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
         """Output y (N,) for inputs (N, m) from a zero state."""
         with np.errstate(all="ignore"):
-            return np.asarray(self.features(weights, inputs) @ np.asarray(weights, dtype=np.float64)[self.linear])
+            return np.asarray(
+                self.features(weights, inputs) @ np.asarray(weights, dtype=np.float64)[self.linear]
+            )
 
-    def equations(self, weights: ArrayLike, inputs: Sequence[Expr], name: str) -> tuple[Expr, tuple[Cell, ...]]:
+    def equations(
+        self, weights: ArrayLike, inputs: Sequence[Expr], name: str
+    ) -> tuple[Expr, tuple[Cell, ...]]:
         """Every unit's state is a cell."""
         layers = self.layers(weights)
         names = [f"{name}_unit_{i}" for i in range(self.hidden)]
         driven = weighted(layers.input, inputs, layers.bias)
         moved = weighted(layers.context, [symbol("past", n) for n in names], driven)
-        cells = tuple(Cell(n, tanh(after), tanh(first), sampled=True)
-                      for n, after, first in zip(names, moved, driven, strict=True))
+        cells = tuple(
+            Cell(n, tanh(after), tanh(first), sampled=True)
+            for n, after, first in zip(names, moved, driven, strict=True)
+        )
         (output,) = weighted(layers.output[None], [c.here for c in cells], [layers.output_bias])
         return output, cells
 
-    def curvature(self, weights: ArrayLike, step: ArrayLike, inputs: ArrayLike, washout: int = 0) -> Array:
-        """J' times the second derivative of the output along a change of the weights, exact: forward, then backward in
-        time, a sixth of a pass."""
+    def curvature(
+        self, weights: ArrayLike, step: ArrayLike, inputs: ArrayLike, washout: int = 0
+    ) -> Array:
+        """J' times the second derivative of the output along a change of the weights, exact:
+        forward, then backward in time, a sixth of a pass."""
         layers, along, u = self.layers(weights), self.layers(step), self.table(inputs)
         states, bend = self.features(weights, inputs), np.empty(len(u))
-        run_bend(_padded(layers.units.T), _padded(along.units.T), u, states, layers.output, along.output, bend)
+        run_bend(
+            _padded(layers.units.T),
+            _padded(along.units.T),
+            u,
+            states,
+            layers.output,
+            along.output,
+            bend,
+        )
         bend[:washout] = 0.0
         gradient = np.zeros_like(layers.units)
         run_adjoint(_padded(layers.context), layers.output, states, u, bend, gradient)
@@ -175,7 +214,8 @@ class Elman(Network):
             return np.concatenate([gradient.ravel(), bend @ states])
 
     def sweep(self, weights: ArrayLike, inputs: ArrayLike) -> Iterator[Rows]:
-        """Yield (first sample, y, dy/dw) chunk by chunk; the arrays are overwritten by the next chunk but one."""
+        """Yield (first sample, y, dy/dw) chunk by chunk; the arrays are overwritten by the next
+        chunk but one."""
         layers, u = self.layers(weights), self.table(inputs)
         h, carried = self.hidden, self.hidden * (self.hidden + self.inputs + 1)
         state = np.zeros(h)
@@ -185,8 +225,17 @@ class Elman(Network):
         columns = _padded(layers.units.T)
         for number, start in enumerate(range(0, len(u), CHUNK)):
             part, (y, flat) = u[start : start + CHUNK], buffers[number % 2]
-            run_sensitivities(layers.units, columns, layers.output, layers.output_bias, part, state, sensitivity, y,
-                              flat)
+            run_sensitivities(
+                layers.units,
+                columns,
+                layers.output,
+                layers.output_bias,
+                part,
+                state,
+                sensitivity,
+                y,
+                flat,
+            )
             n = len(part)
             yield start, y[:n], flat[: n * self.n_weights].reshape(n, self.n_weights)
 

@@ -2,14 +2,16 @@
 
 With e the errors and w the weights the objective is
     F = beta sum(e^2) + alpha sum(w^2)
-and a step v solves (beta J'J + (alpha + mu) I) v = beta J'e - alpha w. Three things are added to the textbook's:
-  * geodesic acceleration: half of a, which solves the same system for - beta J'(d2y along v), bends the step where the
-    model of the errors is not linear, as long as it is short beside v;
-  * variable projection: after the step the weights in which the output is linear take their best values;
+and a step v solves (beta J'J + (alpha + mu) I) v = beta J'e - alpha w. Three things are added to
+the textbook's:
+  * geodesic acceleration: half of a, which solves the same system for - beta J'(d2y along v), bends
+    the step where the model of the errors is not linear, as long as it is short beside v;
+  * variable projection: after the step the weights in which the output is linear take their best
+    values;
   * gain-ratio damping: mu changes with the actual over the promised decrease (`Damping.factor`).
-Trial steps cost simulations, accepted ones a pass with derivatives.
-References: Marquardt (1963), SIAM J. 11(2); Hagan and Menhaj (1994), IEEE TNN 5(6); Foresee and Hagan (1997), ICNN;
-Golub and Pereyra (1973), SIAM J. Numer. Anal. 10(2); Transtrum and Sethna (2012), arXiv:1201.5885.
+Trial steps cost simulations, accepted ones a pass with derivatives. References: Marquardt (1963),
+SIAM J. 11(2); Hagan and Menhaj (1994), IEEE TNN 5(6); Foresee and Hagan (1997), ICNN; Golub and
+Pereyra (1973), SIAM J. Numer. Anal. 10(2); Transtrum and Sethna (2012), arXiv:1201.5885.
 """
 
 from collections.abc import Iterator
@@ -26,12 +28,14 @@ from pamid.networks.problem import Errors, Problem
 Array = NDArray[np.float64]
 
 USED_UP = "iterations used up"
-SHORT = 0.75   # an acceleration longer than this share of the step is not trusted (Transtrum and Sethna)
+# an acceleration longer than this share of the step is not trusted (Transtrum and Sethna)
+SHORT = 0.75
 
 
 @dataclass(frozen=True)
 class Point:
-    """An attempt with the normal equations at its weights; these are recomputed, not stored, on resuming."""
+    """An attempt with the normal equations at its weights; these are recomputed, not stored, on
+    resuming."""
 
     attempt: Attempt
     errors: Errors
@@ -59,7 +63,8 @@ class Point:
 
     @property
     def promise(self) -> float:
-        """The share of F that an undamped step would take away were the network linear in its weights."""
+        """The share of F that an undamped step would take away were the network linear in its
+        weights."""
         return promised_decrease(self.half_hessian, self.descent) / max(self.objective, 1e-300)
 
 
@@ -69,9 +74,13 @@ def objective(evidence: Evidence, sse: float, weights: Array) -> float:
 
 def fresh(problem: Problem, seed: int, start: int) -> Attempt:
     """The attempt before its first pass."""
-    weights = np.array(problem.network.start(problem.records, problem.washout, seed + start), dtype=np.float64)
+    weights = np.array(
+        problem.network.start(problem.records, problem.washout, seed + start), dtype=np.float64
+    )
     if not problem.regularise:
-        return Attempt(start, weights, problem.damping.start, Evidence(float(len(weights)), 0.0, 1.0), ())
+        return Attempt(
+            start, weights, problem.damping.start, Evidence(float(len(weights)), 0.0, 1.0), ()
+        )
     weights, errors = problem.projected(weights, _first(problem, weights, problem.errors(weights)))
     return Attempt(start, weights, problem.damping.start, _first(problem, weights, errors), ())
 
@@ -84,7 +93,9 @@ def _first(problem: Problem, weights: Array, errors: Errors) -> Evidence:
 
 def climb(problem: Problem, attempt: Attempt, iterations: int) -> Iterator[Attempt]:
     """Yield the attempt after every accepted step; the last one yielded says why it ended."""
-    point = _evaluate(problem, replace(attempt, why="", converged=False), problem.errors(attempt.weights))
+    point = _evaluate(
+        problem, replace(attempt, why="", converged=False), problem.errors(attempt.weights)
+    )
     if point is None:
         why = "diverged: the network's output or its derivative overflows at the first weights"
         yield replace(attempt, why=why)
@@ -105,8 +116,8 @@ def climb(problem: Problem, attempt: Attempt, iterations: int) -> Iterator[Attem
 def _evaluate(problem: Problem, attempt: Attempt, errors: Errors) -> Point | None:
     """Normal equations at the attempt's weights.
 
-    `errors` are those of a plain simulation: the pass with derivatives adds up in another order, and a step must be
-    judged by the same arithmetic before and after, to the last bit.
+    `errors` are those of a plain simulation: the pass with derivatives adds up in another order,
+    and a step must be judged by the same arithmetic before and after, to the last bit.
     """
     found = problem.evaluate(attempt.weights) if np.isfinite(errors.sse) else None
     return None if found is None else Point(attempt, errors, found[1], found[2])
@@ -129,7 +140,8 @@ def _finished(problem: Problem, point: Point, iterations: int) -> tuple[str, boo
 
 @dataclass(frozen=True)
 class _Trial:
-    """A step with damping mu: where it leads, by how much it lowers F and what share of its promise that is."""
+    """A step with damping mu: where it leads, by how much it lowers F and what share of its promise
+    that is."""
 
     mu: float
     weights: Array
@@ -139,14 +151,17 @@ class _Trial:
 
 
 def _step(problem: Problem, point: Point) -> tuple[Point, str, bool]:
-    """Raise mu until a step lowers F, take it, change mu by its gain, re-estimate alpha and beta; or say that mu ran
-    out."""
+    """Raise mu until a step lowers F, take it, change mu by its gain, re-estimate alpha and beta;
+    or say that mu ran out."""
     old, damping = point.attempt, problem.damping
     for trials, trial in enumerate(_trials(problem, point), start=1):
         if trial.lowered > 0.0:
             following = max(trial.mu * damping.factor(trial.gain), damping.smallest)
-            moved = _evaluate(problem, replace(old, weights=trial.weights, mu=following), trial.errors)
-            # where the output is finite but its derivative overflows, the step led to weights nobody can leave
+            moved = _evaluate(
+                problem, replace(old, weights=trial.weights, mu=following), trial.errors
+            )
+            # where the output is finite but its derivative overflows, the step led to weights
+            # nobody can leave
             if moved is not None:
                 return _row(problem, moved, trials), "", False
     why = f"mu reached {damping.largest:g}: no step lowers the objective"
@@ -157,21 +172,26 @@ def _step(problem: Problem, point: Point) -> tuple[Point, str, bool]:
 
 
 def _trials(problem: Problem, point: Point) -> Iterator[_Trial]:
-    """Trials with rising mu; with more than one thread some are computed ahead, whether they are wanted or not."""
+    """Trials with rising mu; with more than one thread some are computed ahead, whether they are
+    wanted or not."""
     matrix, right = point.half_hessian, point.descent
     mu = [point.attempt.mu]
     while mu[-1] * problem.damping.increase <= problem.damping.largest:
         mu.append(mu[-1] * problem.damping.increase)
     ahead = max(1, min(problem.threads, 2))
     for k in range(0, len(mu), ahead):
-        yield from side_by_side(lambda m: _trial(problem, point, matrix, right, m), mu[k : k + ahead])
+        yield from side_by_side(
+            lambda m: _trial(problem, point, matrix, right, m), mu[k : k + ahead]
+        )
 
 
 def _trial(problem: Problem, point: Point, matrix: Array, right: Array, mu: float) -> _Trial:
     step = solve_damped(matrix, mu, right)
     promised = float(step @ (mu * step + right))
     old = point.attempt
-    weights, errors = problem.projected(old.weights + _bent(problem, point, matrix, mu, step), old.evidence)
+    weights, errors = problem.projected(
+        old.weights + _bent(problem, point, matrix, mu, step), old.evidence
+    )
     lowered = point.objective - objective(old.evidence, errors.sse, weights)
     return _Trial(mu, weights, errors, lowered, lowered / promised if promised > 0.0 else 0.0)
 
@@ -186,12 +206,15 @@ def _bent(problem: Problem, point: Point, matrix: Array, mu: float, step: Array)
 
 
 def _row(problem: Problem, point: Point, trials: int) -> Point:
-    """Re-estimate the evidence at a new point (not at the start's) and append the point to the trace."""
+    """Re-estimate the evidence at a new point (not at the start's) and append the point to the
+    trace."""
     old = point.attempt
     evidence = old.evidence
     if problem.regularise and old.steps:
         witnesses = problem.witnesses(point.errors)
-        evidence = reestimate(evidence, point.jtj, witnesses, point.sse, float(old.weights @ old.weights))
+        evidence = reestimate(
+            evidence, point.jtj, witnesses, point.sse, float(old.weights @ old.weights)
+        )
     point = replace(point, attempt=replace(old, evidence=evidence))
     step = Step(
         iteration=len(old.steps),

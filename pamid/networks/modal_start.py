@@ -1,11 +1,13 @@
-"""A linear model by modes, from which a recurrent network can begin: few damped oscillations, found in the data.
+"""A linear model by modes, from which a recurrent network can begin: few damped oscillations, found
+in the data.
 
 With complex poles p, |p| < 1, the model is
     z(k+1) = p z(k) + r . u(k),   y(k) = b + sum over modes of Re z(k+1)
-Given the poles it is linear in the residues r: poles are drawn at random and chosen greedily, each with the residues of
-all inputs that lower the squared error most (orthogonal least squares; Chen, Cowan and Grant 1991, IEEE TNN 2(2)).
-A start that knows the slow and the lightly damped parts of what it has to learn matters more than anything that comes
-after: gradients of a free-running network say little about memories it does not have yet.
+Given the poles it is linear in the residues r: poles are drawn at random and chosen greedily, each
+with the residues of all inputs that lower the squared error most (orthogonal least squares; Chen,
+Cowan and Grant 1991, IEEE TNN 2(2)). A start that knows the slow and the lightly damped parts of
+what it has to learn matters more than anything that comes after: gradients of a free-running
+network say little about memories it does not have yet.
 """
 
 from collections.abc import Sequence
@@ -18,12 +20,14 @@ from scipy.signal import lfilter
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
-POOL = 80                       # poles drawn, of which a few are chosen
-TURN = (0.003, 0.5)             # rad per sample: from slowest to fastest oscillation
-QUALITY = (0.3, 30.0)           # memory (samples) times turn: from overdamped to ringing
-LONGEST = 3000.0                # samples: no longer memory
-ROWS = 7000                     # samples that choose: more would change the time it takes, not the choice
-RIDGE = 1e-6                    # of a feature's mean square, on the residues: keeps cancelling pairs small
+POOL = 80  # poles drawn, of which a few are chosen
+TURN = (0.003, 0.5)  # rad per sample: from slowest to fastest oscillation
+QUALITY = (0.3, 30.0)  # memory (samples) times turn: from overdamped to ringing
+LONGEST = 3000.0  # samples: no longer memory
+# samples that choose: more would change the time it takes, not the choice
+ROWS = 7000
+# of a feature's mean square, on the residues: keeps cancelling pairs small
+RIDGE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -37,12 +41,20 @@ class Modes:
 
     def states(self, inputs: Array) -> Complex:
         """z(k+1) of every mode (N, n) from rest."""
-        return np.stack([lfilter([1.0], [1.0, -p], inputs @ r) for p, r in zip(self.poles, self.residues, strict=True)],
-                        axis=1)
+        return np.stack(
+            [
+                lfilter([1.0], [1.0, -p], inputs @ r)
+                for p, r in zip(self.poles, self.residues, strict=True)
+            ],
+            axis=1,
+        )
 
 
-def find_modes(records: Sequence[tuple[Array, Array]], washout: int, count: int, seed: int) -> Modes:
-    """`count` modes for recordings of (inputs (N, m), target (N,)), each from rest; another seed draws other poles."""
+def find_modes(
+    records: Sequence[tuple[Array, Array]], washout: int, count: int, seed: int
+) -> Modes:
+    """`count` modes for recordings of (inputs (N, m), target (N,)), each from rest; another seed
+    draws other poles."""
     poles = _drawn(np.random.default_rng(seed))
     every = max(1, sum(len(t) - washout for _, t in records) // ROWS)
     rows = slice(washout, None, every)
@@ -53,19 +65,28 @@ def find_modes(records: Sequence[tuple[Array, Array]], washout: int, count: int,
     for _ in range(count):
         left = target - basis @ _solved(basis, target)
         orthogonal = np.linalg.qr(basis)[0]
-        gains = [-1.0 if i in chosen else _gain(part - orthogonal @ (orthogonal.T @ part), left)
-                 for i, part in enumerate(parts)]
+        gains = [
+            -1.0 if i in chosen else _gain(part - orthogonal @ (orthogonal.T @ part), left)
+            for i, part in enumerate(parts)
+        ]
         chosen.append(int(np.argmax(gains)))
         basis = np.column_stack([basis, parts[chosen[-1]]])
     weights = _solved(basis, target)
     error = float(np.mean((target - basis @ weights) ** 2))
     pairs = weights[1:].reshape(count, 2, -1)
     kept = poles[chosen]
-    return Modes(kept, (pairs[:, 0] + 1j * pairs[:, 1]) * np.abs(1.0 - kept)[:, None], float(weights[0]), error)
+    return Modes(
+        kept,
+        (pairs[:, 0] + 1j * pairs[:, 1]) * np.abs(1.0 - kept)[:, None],
+        float(weights[0]),
+        error,
+    )
 
 
 def _drawn(random: np.random.Generator) -> Complex:
-    turn, quality = (low * (high / low) ** random.uniform(size=POOL) for low, high in (TURN, QUALITY))
+    turn, quality = (
+        low * (high / low) ** random.uniform(size=POOL) for low, high in (TURN, QUALITY)
+    )
     return np.exp(-1.0 / np.minimum(quality / turn, LONGEST) + 1j * turn)
 
 

@@ -1,14 +1,17 @@
-"""NARX network: one hidden tanh layer that sees past inputs and the network's own past outputs, one linear output.
+"""NARX network: one hidden tanh layer that sees past inputs and the network's own past outputs, one
+linear output.
 
-Equations (Chen, Billings, Grant 1990, Int. J. Control 51(6); run free, so that it fits the simulated output)
+Equations (Chen, Billings, Grant 1990, Int. J. Control 51(6); run free, so that it fits the
+simulated output)
     y(k) = Lw tanh(W z(k) + b1) + b2
     z(k) = [u(k), u(k-s), ..., u(k-ns), y(k-s), y(k-2s), ..., y(k-ls)]
-n input lags, l output lags, s samples of stride between taps. The y fed back are the network's own: the target is not
-known when it predicts. Before the record begins the inputs hold their first value and the outputs are zero.
+n input lags, l output lags, s samples of stride between taps. The y fed back are the network's own:
+the target is not known when it predicts. Before the record begins the inputs hold their first value
+and the outputs are zero.
 
 Weights are one flat vector, unit by unit:
-    for hidden unit i = 0 .. h-1:  W[i, .] for u(k) (m entries), u(k-s) (m), ..., then for y(k-s), ..., y(k-ls), b1[i]
-    then Lw[0..h-1], then b2
+    for hidden unit i = 0 .. h-1:  W[i, .] for u(k) (m entries), u(k-s) (m), ..., then for y(k-s),
+    ..., y(k-ls), b1[i] then Lw[0..h-1], then b2
 so 5 inputs, 10 hidden units and two lags of each make 10 (15 + 2 + 1) + 10 + 1 = 191.
 
 Derivatives are exact: they go through the fed-back outputs back to the record's first sample
@@ -37,7 +40,8 @@ CHUNK = 1024  # samples whose Jacobian rows are held at once: 1.6 MB at 191 weig
 
 
 class Layers(NamedTuple):
-    """The weight vector taken apart: taps (h, (n + 1) m), feedback (h, l), bias (h,), output (h,), output_bias."""
+    """The weight vector taken apart: taps (h, (n + 1) m), feedback (h, l), bias (h,), output (h,),
+    output_bias."""
 
     taps: Array
     feedback: Array
@@ -48,14 +52,16 @@ class Layers(NamedTuple):
 
 @dataclass(frozen=True)
 class Narx(Network):
-    """A NARX network's sizes; weights are passed to every verb as one flat float64 vector (layout: module).
+    """A NARX network's sizes; weights are passed to every verb as one flat float64 vector (layout:
+    module).
 
-    `input_lags` counts the delayed taps of every input beside the present one, `output_lags` those of the output.
-    `stride` is the number of samples between taps; 10 are 30 ms at 3 ms. Neighbouring samples are nearly the same, so
-    that the recursion must be right to many digits, while a wide stride overlooks what happens between taps. Mean
-    squared errors on the first of the plants of `initial`: stride 1 2.7e-2 to 2.9e-2, stride 5 2.8e-4 to 4.9e-3,
-    stride 10 3.7e-4 to 4.1e-4, stride 20 1.1e-3 to 1.2e-3; on the second 5.4e-2 to 5.7e-2, 1.3e-3 to 1.8e-2, 1.3e-3
-    to 1.5e-3 and 3.6e-3 to 4.2e-3.
+    `input_lags` counts the delayed taps of every input beside the present one, `output_lags` those
+    of the output. `stride` is the number of samples between taps; 10 are 30 ms at 3 ms.
+    Neighbouring samples are nearly the same, so that the recursion must be right to many digits,
+    while a wide stride overlooks what happens between taps. Mean squared errors on the first of the
+    plants of `initial`: stride 1 2.7e-2 to 2.9e-2, stride 5 2.8e-4 to 4.9e-3, stride 10 3.7e-4 to
+    4.1e-4, stride 20 1.1e-3 to 1.2e-3; on the second 5.4e-2 to 5.7e-2, 1.3e-3 to 1.8e-2, 1.3e-3 to
+    1.5e-3 and 3.6e-3 to 4.2e-3.
     """
 
     kind: ClassVar[str] = "narx"
@@ -70,7 +76,9 @@ class Narx(Network):
         for name, low in least.items():
             value = getattr(self, name)
             if not isinstance(value, int) or isinstance(value, bool) or value < low:
-                raise DataError(f"Narx: {name} must be a whole number of at least {low}, not {value!r}.")
+                raise DataError(
+                    f"Narx: {name} must be a whole number of at least {low}, not {value!r}."
+                )
 
     @property
     def n_weights(self) -> int:
@@ -91,7 +99,9 @@ class Narx(Network):
         h, q = self.hidden, self._taps
         units = flat[: -h - 1].reshape(h, q + self.output_lags + 1)
         feedback = np.ascontiguousarray(units[:, q:-1])
-        return Layers(units[:, :q], feedback, units[:, -1], flat[-h - 1 : -1].copy(), float(flat[-1]))
+        return Layers(
+            units[:, :q], feedback, units[:, -1], flat[-h - 1 : -1].copy(), float(flat[-1])
+        )
 
     def flatten(self, layers: Layers) -> Array:
         """The inverse of `layers`."""
@@ -101,38 +111,54 @@ class Narx(Network):
     def initial(self, seed: int) -> Array:
         """Random start, for inputs and target scaled into [-1, 1].
 
-        Dense random weights; where the recursion they make of the output would remember for longer than `MEMORY`
-        samples, the feedback is weakened until it does not, so that the free run and its sensitivities stay bounded.
-        Why: two noise-free lightly damped 1.4 Hz plants sampled at 3 ms (10000 samples, held random levels), 4 starts
-        each, 100 steps. The first, with a saturated input, was fitted to a mean squared error of 3.7e-4 to 4.1e-4
-        (Elman, 10 units: 4e-5 to 1.0e-4); the second, with a hardening spring and a saturated reading, to 1.3e-3 to
-        1.5e-3 (Elman: 1.5e-5, 1.8e-4, 1.1e-2, 1.5e-2). So one start usually does, and the grid of taps sets the floor.
-        Starts of which half the units are a linear recursion with drawn poles came no lower.
+        Dense random weights; where the recursion they make of the output would remember for longer
+        than `MEMORY` samples, the feedback is weakened until it does not, so that the free run and
+        its sensitivities stay bounded. Why: two noise-free lightly damped 1.4 Hz plants sampled at
+        3 ms (10000 samples, held random levels), 4 starts each, 100 steps. The first, with a
+        saturated input, was fitted to a mean squared error of 3.7e-4 to 4.1e-4 (Elman, 10 units:
+        4e-5 to 1.0e-4); the second, with a hardening spring and a saturated reading, to 1.3e-3 to
+        1.5e-3 (Elman: 1.5e-5, 1.8e-4, 1.1e-2, 1.5e-2). So one start usually does, and the grid of
+        taps sets the floor. Starts of which half the units are a linear recursion with drawn poles
+        came no lower.
         """
         layers = self.layers(np.random.default_rng(seed).uniform(-1.0, 1.0, self.n_weights))
-        scale, output = np.sqrt(3.0 / (self._taps + self.output_lags)), layers.output / np.sqrt(self.hidden)
+        scale, output = (
+            np.sqrt(3.0 / (self._taps + self.output_lags)),
+            layers.output / np.sqrt(self.hidden),
+        )
         feedback = scale * layers.feedback
-        poles = np.roots(np.concatenate([[1.0], -(output @ feedback)]))  # of the linear recursion at tanh's middle
+        # of the linear recursion at tanh's middle
+        poles = np.roots(np.concatenate([[1.0], -(output @ feedback)]))
         shrink = min(1.0, np.exp(-self.stride / MEMORY) / np.abs(poles).max())
-        feedback *= shrink ** np.arange(1, self.output_lags + 1)  # moves every pole by the factor `shrink`
+        # moves every pole by the factor `shrink`
+        feedback *= shrink ** np.arange(1, self.output_lags + 1)
         return self.flatten(Layers(scale * layers.taps, feedback, layers.bias, output, 0.0))
 
     def simulate(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
         """Output y (N,) for inputs (N, m), nothing having come before."""
         layers, u = self.layers(weights), self.table(inputs)
         y = np.zeros(self._reach + len(u))
-        with np.errstate(all="ignore"):  # wild trial weights may overflow: the caller judges the outcome
+        # wild trial weights may overflow: the caller judges the outcome
+        with np.errstate(all="ignore"):
             drive = self._tapped(u, 0, len(u)) @ layers.taps.T + layers.bias
         run_outputs(layers.feedback, layers.output, layers.output_bias, drive, self.stride, y)
         return y[self._reach :]
 
-    def equations(self, weights: ArrayLike, inputs: Sequence[Expr], name: str) -> tuple[Expr, tuple[Cell, ...]]:
+    def equations(
+        self, weights: ArrayLike, inputs: Sequence[Expr], name: str
+    ) -> tuple[Expr, tuple[Cell, ...]]:
         """A chain of cells holds each input's and the output's past samples."""
         layers = self.layers(weights)
         seen = [f"{name}_input_{i}" for i in range(self.inputs)]
-        taps = [u if lag == 0 else symbol("cell", f"{n}_{lag * self.stride}")
-                for lag in range(self.input_lags + 1) for n, u in zip(seen, inputs, strict=True)]
-        back = [symbol("cell", f"{name}_output_{lag * self.stride}") for lag in range(1, self.output_lags + 1)]
+        taps = [
+            u if lag == 0 else symbol("cell", f"{n}_{lag * self.stride}")
+            for lag in range(self.input_lags + 1)
+            for n, u in zip(seen, inputs, strict=True)
+        ]
+        back = [
+            symbol("cell", f"{name}_output_{lag * self.stride}")
+            for lag in range(1, self.output_lags + 1)
+        ]
         driven = weighted(layers.feedback, back, weighted(layers.taps, taps, layers.bias))
         (output,) = weighted(layers.output[None], [tanh(d) for d in driven], [layers.output_bias])
         cells = _chain(f"{name}_output", output, before=ZERO, length=self._reach)
@@ -141,33 +167,52 @@ class Narx(Network):
         return symbol("cell", f"{name}_output_0"), tuple(cells)
 
     def sweep(self, weights: ArrayLike, inputs: ArrayLike) -> Iterator[Rows]:
-        """Yield (first sample, y, dy/dw) chunk by chunk; the arrays are overwritten by the next chunk but one."""
+        """Yield (first sample, y, dy/dw) chunk by chunk; the arrays are overwritten by the next
+        chunk but one."""
         layers, u, reach = self.layers(weights), self.table(inputs), self._reach
         rows = reach + min(CHUNK, len(u))
         buffers = [(np.zeros(rows), np.zeros((rows, self.n_weights))) for _ in range(2)]
         hidden = np.empty(self.hidden)
         for number, start in enumerate(range(0, len(u), CHUNK)):
-            (y, jacobian), (y_before, jacobian_before) = buffers[number % 2], buffers[number % 2 - 1]
+            (y, jacobian), (y_before, jacobian_before) = (
+                buffers[number % 2],
+                buffers[number % 2 - 1],
+            )
             y[:reach], jacobian[:reach] = y_before[-reach:], jacobian_before[-reach:]
             taps = self._tapped(u, start, min(start + CHUNK, len(u)))
             end = reach + len(taps)
             with np.errstate(all="ignore"):
                 drive = taps @ layers.taps.T + layers.bias
             run_output_sensitivities(
-                layers.feedback, layers.output, layers.output_bias, drive, taps, self.stride, hidden, y[:end],
+                layers.feedback,
+                layers.output,
+                layers.output_bias,
+                drive,
+                taps,
+                self.stride,
+                hidden,
+                y[:end],
                 jacobian[:end],
             )
             yield start, y[reach:end], jacobian[reach:end]
 
     def _tapped(self, u: Array, start: int, stop: int) -> Array:
-        """Inputs (stop - start, (n + 1) m) that samples start .. stop - 1 see: u(k), u(k-s), ..., u(k-ns)."""
+        """Inputs (stop - start, (n + 1) m) that samples start .. stop - 1 see: u(k), u(k-s), ...,
+        u(k-ns)."""
         k = np.arange(start, stop)
-        return np.hstack([u[np.maximum(k - lag * self.stride, 0)] for lag in range(self.input_lags + 1)])
+        return np.hstack(
+            [u[np.maximum(k - lag * self.stride, 0)] for lag in range(self.input_lags + 1)]
+        )
 
 
 def _chain(name: str, value: Expr, *, before: Expr, length: int) -> list[Cell]:
-    """Cells name_0 .. name_length with the value 0 .. length samples ago; `before` stands for what lies before the
-    first sample."""
+    """Cells name_0 .. name_length with the value 0 .. length samples ago; `before` stands for what
+    lies before the first sample."""
     first = Cell(f"{name}_0", value, value, sampled=True)
-    return [first, *(Cell(f"{name}_{k}", symbol("past", f"{name}_{k - 1}"), before, sampled=True)
-                     for k in range(1, length + 1))]
+    return [
+        first,
+        *(
+            Cell(f"{name}_{k}", symbol("past", f"{name}_{k - 1}"), before, sampled=True)
+            for k in range(1, length + 1)
+        ),
+    ]

@@ -1,4 +1,5 @@
-"""Normal equations from rows of a Jacobian that come in chunks: what every network's pass ends in."""
+"""Normal equations from rows of a Jacobian that come in chunks: what every network's pass ends
+in."""
 
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -8,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Rows = tuple[int, Array, Array]   # first sample, output (n,), its derivative (n, n_weights)
+Rows = tuple[int, Array, Array]  # first sample, output (n,), its derivative (n, n_weights)
 
-_LINE = 64   # bytes in a line of the cache: vectors that straddle two of them load at half speed
+_LINE = 64  # bytes in a line of the cache: vectors that straddle two of them load at half speed
 
 
 def aligned(*shape: int) -> Array:
@@ -20,12 +21,13 @@ def aligned(*shape: int) -> Array:
     return raw[skip : skip + int(np.prod(shape))].reshape(shape)
 
 
-def summed(chunks: Iterator[Rows], target: Array, n_weights: int, washout: int = 0,
-           threads: int = 1) -> tuple[float, Array, Array]:
+def summed(
+    chunks: Iterator[Rows], target: Array, n_weights: int, washout: int = 0, threads: int = 1
+) -> tuple[float, Array, Array]:
     """(sum of e^2, J'J, J'e) with e = target - y, over samples `washout` .. N-1.
 
-    Chunks are added in their order whatever `threads` is: with two, the next one is made while this one is added. Its
-    maker must leave the chunk before untouched.
+    Chunks are added in their order whatever `threads` is: with two, the next one is made while this
+    one is added. Its maker must leave the chunk before untouched.
     """
     sse, jte, jtj = 0.0, np.zeros(n_weights), np.zeros((n_weights, n_weights))
     with np.errstate(all="ignore"):
@@ -36,13 +38,15 @@ def summed(chunks: Iterator[Rows], target: Array, n_weights: int, washout: int =
             if len(error):
                 sse += float(error @ error)
                 jte += error @ rows
-                jtj += rows.T @ rows  # numpy multiplies half of it and, unlike scipy's dsyrk, lets other threads run
+                # numpy multiplies half of it and, unlike scipy's dsyrk, lets other threads run
+                jtj += rows.T @ rows
     return sse, jtj, jte
 
 
 def side_by_side(work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
-    """Results in the order of the items, a thread for each where there are several; no more than that, since it
-    stands in the middle of every step (jobs.run_jobs settles the threads of BLAS first, which takes milliseconds)."""
+    """Results in the order of the items, a thread for each where there are several; no more than
+    that, since it stands in the middle of every step (jobs.run_jobs settles the threads of BLAS
+    first, which takes milliseconds)."""
     if len(items) < 2:
         return [work(item) for item in items]
     with ThreadPoolExecutor(len(items)) as pool:

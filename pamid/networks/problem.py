@@ -1,4 +1,5 @@
-"""What a training is asked to do: network, recordings, what counts, when to stop; all of it checked."""
+"""What a training is asked to do: network, recordings, what counts, when to stop; all of it
+checked."""
 
 import hashlib
 from dataclasses import dataclass
@@ -26,14 +27,16 @@ class Damping:
     smallest: float = 1e-20
 
     def factor(self, gain: float) -> float:
-        """What mu is multiplied by after an accepted step that lowered F by `gain` times what it promised."""
+        """What mu is multiplied by after an accepted step that lowered F by `gain` times what it
+        promised."""
         steps = ((0.98, 0.1), (0.75, 1.0 / 3.0), (0.5, 2.0 / 3.0), (0.25, 1.0))
         return next((factor for above, factor in steps if gain > above), 2.0)
 
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of a plain simulation, those of every recording from the washout on, and the sum of their squares."""
+    """Errors of a plain simulation, those of every recording from the washout on, and the sum of
+    their squares."""
 
     each: tuple[Array, ...]
 
@@ -47,10 +50,11 @@ class Errors:
 class Goals:
     """When a training has converged: any one of mse, gradient, or promise together with drift.
 
-    `mse` is the mean squared error (below the default, float64 signals in [-1, 1] are fitted exactly and beta would run
-    away); `gradient` the norm of dF/dw; `promise` the share of F that a full step could still take away, `drift` the
-    share by which alpha and beta moved in the last step. `stuck`: with mu at its largest, a full step that promises
-    less than this share of F is taken for rounding at a minimum.
+    `mse` is the mean squared error (below the default, float64 signals in [-1, 1] are fitted
+    exactly and beta would run away); `gradient` the norm of dF/dw; `promise` the share of F that a
+    full step could still take away, `drift` the share by which alpha and beta moved in the last
+    step. `stuck`: with mu at its largest, a full step that promises less than this share of F is
+    taken for rounding at a minimum.
     """
 
     mse: float = 1e-24
@@ -64,8 +68,9 @@ class Goals:
 class Problem:
     """Recordings are (inputs (N, m), target (N,)) pairs, each simulated from a zero state.
 
-    independent: alpha and beta count the independent samples that the errors are worth, not every sample. threads: for
-    one pass; meeting: where passes are computed together with those of other starts, if anywhere.
+    independent: alpha and beta count the independent samples that the errors are worth, not every
+    sample. threads: for one pass; meeting: where passes are computed together with those of other
+    starts, if anywhere.
     """
 
     network: Network
@@ -84,20 +89,32 @@ class Problem:
 
     def witnesses(self, errors: Errors) -> float:
         """Samples that alpha and beta count."""
-        return sum(effective_samples(e) for e in errors.each) if self.independent else float(self.samples)
+        return (
+            sum(effective_samples(e) for e in errors.each)
+            if self.independent
+            else float(self.samples)
+        )
 
     def errors(self, weights: Array) -> Errors:
-        """Added up as `projected` does, where that solves for some of the weights: to the last bit."""
+        """Added up as `projected` does, where that solves for some of the weights: to the last
+        bit."""
         linear = self.network.linear
         with np.errstate(all="ignore"):
             if linear.start == linear.stop:
                 outputs = [self.network.simulate(weights, u) for u, _ in self.records]
             else:
-                outputs = [self.network.features(weights, u) @ weights[linear] for u, _ in self.records]
-            return Errors(tuple((t - y)[self.washout :] for y, (_, t) in zip(outputs, self.records, strict=True)))
+                outputs = [
+                    self.network.features(weights, u) @ weights[linear] for u, _ in self.records
+                ]
+            return Errors(
+                tuple(
+                    (t - y)[self.washout :] for y, (_, t) in zip(outputs, self.records, strict=True)
+                )
+            )
 
     def projected(self, weights: Array, evidence: Evidence) -> tuple[Array, Errors]:
-        """The weights with those in which the output is linear at the minimum of F for the others, and the errors."""
+        """The weights with those in which the output is linear at the minimum of F for the others,
+        and the errors."""
         network, linear = self.network, self.network.linear
         count = linear.stop - linear.start
         if not count:
@@ -111,27 +128,44 @@ class Problem:
             if not np.isfinite(gram).all():
                 return weights, Errors((np.array([np.inf]),))
             weights = weights.copy()
-            weights[linear] = solve_damped(evidence.beta * gram, evidence.alpha, evidence.beta * right)
-            return weights, Errors(tuple((t - f @ weights[linear])[self.washout :]
-                                         for f, (_, t) in zip(features, self.records, strict=True)))
+            weights[linear] = solve_damped(
+                evidence.beta * gram, evidence.alpha, evidence.beta * right
+            )
+            return weights, Errors(
+                tuple(
+                    (t - f @ weights[linear])[self.washout :]
+                    for f, (_, t) in zip(features, self.records, strict=True)
+                )
+            )
 
     def curvature(self, weights: Array, step: Array) -> Array | None:
         """J' times the second derivative of the output along `step`; None where that overflows."""
-        total = np.sum([self.network.curvature(weights, step, u, self.washout) for u, _ in self.records], axis=0)
+        total = np.sum(
+            [self.network.curvature(weights, step, u, self.washout) for u, _ in self.records],
+            axis=0,
+        )
         return np.asarray(total) if np.isfinite(total).all() else None
 
     def evaluate(self, weights: Array) -> tuple[float, Array, Array] | None:
         """Sums over all recordings; None where weights are so wild that a number overflows."""
         sse, jtj, jte = 0.0, np.zeros((len(weights), len(weights))), np.zeros(len(weights))
         for i, (u, t) in enumerate(self.records):
-            part = (self.network.normal_equations(weights, u, t, self.washout, self.threads) if self.meeting is None
-                    else self.meeting.normal_equations(i, weights))
+            part = (
+                self.network.normal_equations(weights, u, t, self.washout, self.threads)
+                if self.meeting is None
+                else self.meeting.normal_equations(i, weights)
+            )
             sse, jtj, jte = sse + part[0], jtj + part[1], jte + part[2]
-        return (sse, jtj, jte) if np.isfinite(sse) and np.isfinite(jtj).all() and np.isfinite(jte).all() else None
+        return (
+            (sse, jtj, jte)
+            if np.isfinite(sse) and np.isfinite(jtj).all() and np.isfinite(jte).all()
+            else None
+        )
 
 
 def recordings(inputs: object, target: object) -> tuple[tuple[Array, Array], ...]:
-    """One recording or a list of them as checked pairs; DataError names recording, row and column."""
+    """One recording or a list of them as checked pairs; DataError names recording, row and
+    column."""
     several = isinstance(inputs, list | tuple) and len(inputs) > 0 and np.ndim(inputs[0]) == 2
     us, ts = (inputs, target) if several else ([inputs], [target])
     if len(us) != len(ts):  # type: ignore[arg-type]
@@ -140,7 +174,10 @@ def recordings(inputs: object, target: object) -> tuple[tuple[Array, Array], ...
     for number, (u, t) in enumerate(zip(us, ts, strict=True)):  # type: ignore[call-overload]
         u, t = np.ascontiguousarray(u, dtype=np.float64), np.ascontiguousarray(t, dtype=np.float64)
         if u.ndim != 2 or t.shape != (len(u),):
-            raise DataError(f"Recording {number}: inputs (N, m) and target (N,) expected, not {u.shape} and {t.shape}.")
+            raise DataError(
+                f"Recording {number}: inputs (N, m) and target (N,) expected, not {u.shape} and "
+                f"{t.shape}."
+            )
         check_finite(u, [f"input {j}" for j in range(u.shape[1])])
         check_finite(t[:, None], ["target"])
         pairs.append((u, t))
@@ -149,13 +186,22 @@ def recordings(inputs: object, target: object) -> tuple[tuple[Array, Array], ...
 
 def check_problem(problem: Problem, iterations: int, starts: int, seed: int) -> None:
     """DataError where there is nothing to fit, or less data than weights."""
-    least = {"iterations": (iterations, 0), "starts": (starts, 1), "seed": (seed, 0), "washout": (problem.washout, 0)}
+    least = {
+        "iterations": (iterations, 0),
+        "starts": (starts, 1),
+        "seed": (seed, 0),
+        "washout": (problem.washout, 0),
+    }
     for name, (value, low) in least.items():
         if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < low:
-            raise DataError(f"Training needs {name} to be a whole number of at least {low}, not {value!r}.")
+            raise DataError(
+                f"Training needs {name} to be a whole number of at least {low}, not {value!r}."
+            )
     shortest = min(len(t) for _, t in problem.records)
     if shortest <= problem.washout:
-        raise DataError(f"A washout of {problem.washout} samples leaves nothing of a recording of {shortest}.")
+        raise DataError(
+            f"A washout of {problem.washout} samples leaves nothing of a recording of {shortest}."
+        )
     if problem.samples < problem.network.n_weights:
         raise DataError(
             f"{problem.samples} samples cannot decide {problem.network.n_weights} weights.",
@@ -164,11 +210,19 @@ def check_problem(problem: Problem, iterations: int, starts: int, seed: int) -> 
 
 
 def fingerprint(problem: Problem, seed: int, starts: int) -> str:
-    """Identifies what a checkpoint belongs to; how long to train, and on how many cores, is not part of it."""
+    """Identifies what a checkpoint belongs to; how long to train, and on how many cores, is not
+    part of it."""
     digest = hashlib.sha256()
     for u, t in problem.records:
         digest.update(repr(u.shape).encode() + u.tobytes() + t.tobytes())
-    options = (int(problem.washout), bool(problem.regularise), bool(problem.independent), problem.damping,
-               problem.goals, int(seed), int(starts))
+    options = (
+        int(problem.washout),
+        bool(problem.regularise),
+        bool(problem.independent),
+        problem.damping,
+        problem.goals,
+        int(seed),
+        int(starts),
+    )
     digest.update(repr((problem.network, *options)).encode())
     return digest.hexdigest()

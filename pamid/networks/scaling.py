@@ -13,7 +13,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Scaling:
-    """Columns mapped linearly so that `low` becomes -1 and `high` becomes 1; values outside go beyond, unclipped.
+    """Columns mapped linearly so that `low` becomes -1 and `high` becomes 1; values outside go
+    beyond, unclipped.
 
     `low` and `high` hold one number per column, in the column's own unit.
     """
@@ -23,10 +24,14 @@ class Scaling:
 
     def __post_init__(self) -> None:
         if len(self.low) != len(self.high) or not self.low:
-            raise DataError(f"A scaling needs as many lows as highs, at least one: {self.low} and {self.high}.")
+            raise DataError(
+                f"A scaling needs as many lows as highs, at least one: {self.low} and {self.high}."
+            )
         ordered = all(a < b for a, b in zip(self.low, self.high, strict=True))
         if not ordered or not all(np.isfinite([*self.low, *self.high])):
-            raise DataError(f"A scaling needs finite lows below its highs, not {self.low} and {self.high}.")
+            raise DataError(
+                f"A scaling needs finite lows below its highs, not {self.low} and {self.high}."
+            )
 
     def forward(self, values: ArrayLike) -> Array:
         """(N, columns), or (N,) for one column, in own units -> the same shape in [-1, 1]."""
@@ -41,7 +46,9 @@ class Scaling:
     def _low_and_span(self, values: ArrayLike) -> tuple[Array, Array]:
         shape, columns = np.shape(values), len(self.low)
         if not ((len(shape) == 2 and shape[1] == columns) or (len(shape) == 1 and columns == 1)):
-            raise DataError(f"This scaling holds {columns} columns and does not fit an array of shape {shape}.")
+            raise DataError(
+                f"This scaling holds {columns} columns and does not fit an array of shape {shape}."
+            )
         low, high = np.array(self.low), np.array(self.high)
         if len(shape) == 1:
             low, high = low[0], high[0]
@@ -51,13 +58,16 @@ class Scaling:
 def scaling_of(values: ArrayLike, names: Sequence[str]) -> Scaling:
     """The scaling that just spans the data, (N, len(names)) or (N,) with one name.
 
-    DataError names the column that is constant, or the row and column of a value that is not finite.
+    DataError names the column that is constant, or the row and column of a value that is not
+    finite.
     """
     table = np.asarray(values, dtype=np.float64)
     if table.ndim == 1:
         table = table[:, None]
     if table.ndim != 2 or table.shape[1] != len(names) or not len(table):
-        raise DataError(f"{len(names)} names ({', '.join(names)}) do not fit data of shape {np.shape(values)}.")
+        raise DataError(
+            f"{len(names)} names ({', '.join(names)}) do not fit data of shape {np.shape(values)}."
+        )
     check_finite(table, names)
     low, high = table.min(axis=0), table.max(axis=0)
     for name, a, b in zip(names, low, high, strict=True):
@@ -70,7 +80,8 @@ def scaling_of(values: ArrayLike, names: Sequence[str]) -> Scaling:
 
 
 def check_finite(table: Array, names: Sequence[str]) -> None:
-    """DataError with row (counted from 0) and column of the first NaN or infinity in `table` (N, len(names))."""
+    """DataError with row (counted from 0) and column of the first NaN or infinity in `table` (N,
+    len(names))."""
     bad = np.argwhere(~np.isfinite(table))
     if len(bad):
         row, column = bad[0]

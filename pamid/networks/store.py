@@ -1,11 +1,13 @@
-"""A trained network with everything needed to use it on signals in their own units, and its two files.
+"""A trained network with everything needed to use it on signals in their own units, and its two
+files.
 
-`network.json` (schema pamid.network/1) is for people and scripts: kind, sizes, names and scaling of inputs and output,
-sampling period, how the training went, and the SHA-256 of `network.npz`, which holds the weights at full precision.
-Loading reads strict JSON and plain arrays; no code in either file is ever run. The same network gives the same bytes.
+`network.json` (schema pamid.network/1) is for people and scripts: kind, sizes, names and scaling of
+inputs and output, sampling period, how the training went, and the SHA-256 of `network.npz`, which
+holds the weights at full precision. Loading reads strict JSON and plain arrays; no code in either
+file is ever run. The same network gives the same bytes.
 
-A kind of network is a module of this package of that name, holding a dataclass with that `kind`: a new network is one
-new file.
+A kind of network is a module of this package of that name, holding a dataclass with that `kind`: a
+new network is one new file.
 """
 
 import hashlib
@@ -40,9 +42,10 @@ _REMEDY = "Train the network again."
 class TrainedNetwork:
     """A network and what its numbers mean.
 
-    Names carry their unit after the last underscore (`angle_deg`), as in a recording; the scalings are in these units
-    and in the order of the network's inputs. `period_s` is the sampling period the network was trained at, the only
-    one it is good for. `summary` tells readers how the training went; it is not needed to predict.
+    Names carry their unit after the last underscore (`angle_deg`), as in a recording; the scalings
+    are in these units and in the order of the network's inputs. `period_s` is the sampling period
+    the network was trained at, the only one it is good for. `summary` tells readers how the
+    training went; it is not needed to predict.
     """
 
     network: Network
@@ -55,21 +58,30 @@ class TrainedNetwork:
     summary: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if len(self.input_names) != len(self.input_scaling.low) or len(set(self.input_names)) != len(self.input_names):
-            raise DataError("A trained network needs one scaling for each of its differently named inputs.")
+        if len(self.input_names) != len(self.input_scaling.low) or len(
+            set(self.input_names)
+        ) != len(self.input_names):
+            raise DataError(
+                "A trained network needs one scaling for each of its differently named inputs."
+            )
         if len(self.output_scaling.low) != 1:
             raise DataError("A trained network has one output and one scaling for it.")
         if not (np.isfinite(self.period_s) and self.period_s > 0.0):
             raise DataError(f"The sampling period must be positive, not {self.period_s} s.")
-        if np.shape(self.weights) != (self.network.n_weights,) or not np.isfinite(self.weights).all():
+        if (
+            np.shape(self.weights) != (self.network.n_weights,)
+            or not np.isfinite(self.weights).all()
+        ):
             raise DataError(f"This network needs {self.network.n_weights} finite weights.")
-        self.network.simulate(self.weights, np.zeros((1, len(self.input_names))))  # refuses a wrong number of inputs
+        # refuses a wrong number of inputs
+        self.network.simulate(self.weights, np.zeros((1, len(self.input_names))))
 
     def predict(self, inputs: ArrayLike | Signals) -> Array:
         """The output (N,) in its own unit, from a zero state, for inputs sampled every `period_s`.
 
-        `inputs` is an array (N, len(input_names)) in the inputs' units, or one array (N,) per input name (others are
-        ignored). DataError names a signal that is missing or of another length, or a value that is not finite.
+        `inputs` is an array (N, len(input_names)) in the inputs' units, or one array (N,) per input
+        name (others are ignored). DataError names a signal that is missing or of another length, or
+        a value that is not finite.
         """
         if isinstance(inputs, Mapping):
             table = _columns(inputs, self.input_names)
@@ -77,9 +89,14 @@ class TrainedNetwork:
             table = np.asarray(inputs, dtype=np.float64)
             if table.ndim != 2 or table.shape[1] != len(self.input_names):
                 wanted = ", ".join(self.input_names)
-                raise DataError(f"The inputs have shape {table.shape}, not (N, {len(self.input_names)}): {wanted}.")
+                raise DataError(
+                    f"The inputs have shape {table.shape}, not (N, {len(self.input_names)}): "
+                    f"{wanted}."
+                )
         check_finite(table, self.input_names)
-        return self.output_scaling.backward(self.network.simulate(self.weights, self.input_scaling.forward(table)))
+        return self.output_scaling.backward(
+            self.network.simulate(self.weights, self.input_scaling.forward(table))
+        )
 
 
 def train_on_signals(
@@ -91,10 +108,11 @@ def train_on_signals(
     period_s: float,
     **options: Any,
 ) -> tuple[TrainedNetwork, Training]:
-    """Scale, train and bind together: `signals` by name in own units, in the order of the network's inputs.
+    """Scale, train and bind together: `signals` by name in own units, in the order of the network's
+    inputs.
 
-    Several recordings are lists of signals and of outputs; one scaling spans them all. `options` go to `train`.
-    DataError as in `scaling_of` and `train`.
+    Several recordings are lists of signals and of outputs; one scaling spans them all. `options` go
+    to `train`. DataError as in `scaling_of` and `train`.
     """
     several = not isinstance(signals, Mapping)
     recordings: Sequence[Signals] = signals if several else [signals]  # type: ignore[assignment, list-item]
@@ -105,20 +123,36 @@ def train_on_signals(
     tables = [_columns(one, names) for one in recordings]
     input_scaling = scaling_of(np.concatenate(tables), names)
     output_scaling = scaling_of(np.concatenate(outputs), (output_name,))
-    scaled = [input_scaling.forward(t) for t in tables], [output_scaling.forward(o) for o in outputs]
+    scaled = (
+        [input_scaling.forward(t) for t in tables],
+        [output_scaling.forward(o) for o in outputs],
+    )
     training = train(network, *scaled, **options)
     trained = TrainedNetwork(
-        network, training.weights, names, output_name, input_scaling, output_scaling, period_s, training.summary
+        network,
+        training.weights,
+        names,
+        output_name,
+        input_scaling,
+        output_scaling,
+        period_s,
+        training.summary,
     )
     return trained, training
 
 
 def trace_csv(training: Training) -> bytes:
-    """The trace as the bytes of trace.csv: one header row, one row per accepted step, numbers in full precision."""
+    """The trace as the bytes of trace.csv: one header row, one row per accepted step, numbers in
+    full precision."""
     rows = [",".join(training.trace)]
     for values in zip(*training.trace.values(), strict=True):
         pairs = zip(training.trace, values, strict=True)
-        rows.append(",".join(str(int(v)) if name in ("iteration", "trials") else repr(float(v)) for name, v in pairs))
+        rows.append(
+            ",".join(
+                str(int(v)) if name in ("iteration", "trials") else repr(float(v))
+                for name, v in pairs
+            )
+        )
     return ("\n".join(rows) + "\n").encode()
 
 
@@ -126,7 +160,9 @@ def save_network(folder: Path | str, trained: TrainedNetwork) -> None:
     """Write `network.npz` and `network.json` that vouches for it, both or none."""
     content, about = network_files(trained)
     folder = Path(folder)
-    write_together({folder / WEIGHTS_FILE: content, folder / NETWORK_FILE: json_bytes(about, NETWORK_FILE)})
+    write_together(
+        {folder / WEIGHTS_FILE: content, folder / NETWORK_FILE: json_bytes(about, NETWORK_FILE)}
+    )
 
 
 def network_files(trained: TrainedNetwork) -> tuple[bytes, dict[str, Any]]:
@@ -160,16 +196,23 @@ def load_network(folder: Path | str) -> TrainedNetwork:
     path = Path(folder) / NETWORK_FILE
     about = read_json(path)
     if not isinstance(about, dict) or about.get("schema") != NETWORK_SCHEMA:
-        raise FileError(f"{path} is not a {NETWORK_SCHEMA}.", "Another version wrote it; train the network again.")
+        raise FileError(
+            f"{path} is not a {NETWORK_SCHEMA}.",
+            "Another version wrote it; train the network again.",
+        )
     try:
         inputs, output = about["inputs"], about["output"]
         network = _class_of(str(about["kind"]), path)(**about["sizes"])
         return TrainedNetwork(
             network=network,
-            weights=_weights(path.parent / WEIGHTS_FILE, str(about["weights"]["sha256"]), network.n_weights),
+            weights=_weights(
+                path.parent / WEIGHTS_FILE, str(about["weights"]["sha256"]), network.n_weights
+            ),
             input_names=tuple(str(one["name"]) for one in inputs),
             output_name=str(output["name"]),
-            input_scaling=Scaling(*(tuple(float(one[end]) for one in inputs) for end in ("low", "high"))),
+            input_scaling=Scaling(
+                *(tuple(float(one[end]) for one in inputs) for end in ("low", "high"))
+            ),
             output_scaling=Scaling((float(output["low"]),), (float(output["high"]),)),
             period_s=float(about["period_s"]),
             summary=dict(about["training"]),
@@ -198,7 +241,9 @@ def _weights(path: Path, sha256: str, n_weights: int) -> Array:
     except OSError as error:
         raise FileError(f"{path} cannot be read: {error.strerror}.", _REMEDY) from None
     if hashlib.sha256(content).hexdigest() != sha256:
-        raise FileError(f"{path} was changed since {NETWORK_FILE} was written (its SHA-256 differs).", _REMEDY)
+        raise FileError(
+            f"{path} was changed since {NETWORK_FILE} was written (its SHA-256 differs).", _REMEDY
+        )
     arrays = load_arrays(path, content)
     weights = arrays.get("weights")
     if weights is None or weights.shape != (n_weights,) or weights.dtype != np.float64:
@@ -213,9 +258,15 @@ def _columns(signals: Signals, names: Sequence[str]) -> Array:
     """(N, len(names)) in the order of `names`."""
     for name in names:
         if name not in signals:
-            raise DataError(f"Signal {name!r} is missing.", nearest(name, signals) or f"Given: {', '.join(signals)}.")
+            raise DataError(
+                f"Signal {name!r} is missing.",
+                nearest(name, signals) or f"Given: {', '.join(signals)}.",
+            )
     columns = [np.asarray(signals[name], dtype=np.float64) for name in names]
     for name, column in zip(names, columns, strict=True):
         if column.ndim != 1 or len(column) != len(columns[0]):
-            raise DataError(f"Signal {name!r} has shape {column.shape}, but {names[0]!r} has {columns[0].shape}.")
+            raise DataError(
+                f"Signal {name!r} has shape {column.shape}, but {names[0]!r} has "
+                f"{columns[0].shape}."
+            )
     return np.column_stack(columns)

@@ -1,7 +1,9 @@
-"""Training: full-batch Levenberg-Marquardt with Bayesian regularisation, for any network of this package.
+"""Training: full-batch Levenberg-Marquardt with Bayesian regularisation, for any network of this
+package.
 
-How one start goes is in climb.py. Several starts go side by side, one core each, as a race: at iterations `GATES` the
-worse half of those still running is left behind; the last one has all cores for its passes.
+How one start goes is in climb.py. Several starts go side by side, one core each, as a race: at
+iterations `GATES` the worse half of those still running is left behind; the last one has all cores
+for its passes.
 """
 
 import math
@@ -31,7 +33,7 @@ __all__ = ["Damping", "Goals", "Network", "Scaling", "Step", "Training", "scalin
 Array = NDArray[np.float64]
 Progress = Callable[[Step, int], None]
 
-GATES = (10, 20, 40, 80, 160)   # iterations at which the worse half of the starts is left behind
+GATES = (10, 20, 40, 80, 160)  # iterations at which the worse half of the starts is left behind
 _DAMPING, _GOALS = Damping(), Goals()
 _CHECKPOINT_SECONDS = 5.0
 
@@ -40,10 +42,11 @@ _CHECKPOINT_SECONDS = 5.0
 class Training:
     """The best start of a training; nothing in it depends on the clock.
 
-    `trace` holds one array per field of `Step` (empty where the start diverged); `why` says in words what ended the
-    training; `samples` counts the errors in the objective and `effective_samples` how many independent ones they are
-    worth; `supported_weights` is gamma when only these are counted. `starts_mse` is every start's last mse, `best` the
-    number of the start kept.
+    `trace` holds one array per field of `Step` (empty where the start diverged); `why` says in
+    words what ended the training; `samples` counts the errors in the objective and
+    `effective_samples` how many independent ones they are worth; `supported_weights` is gamma when
+    only these are counted. `starts_mse` is every start's last mse, `best` the number of the start
+    kept.
     """
 
     weights: Array
@@ -63,20 +66,25 @@ class Training:
             return ""
         return (
             f"The residual is correlated in time: {self.samples} samples carry about as much as "
-            f"{self.effective_samples:.0f} independent ones. gamma {self.trace['gamma'][-1]:.1f} counts every sample; "
-            f"counting the independent ones, {self.supported_weights:.1f} of {len(self.weights)} weights are supported."
+            f"{self.effective_samples:.0f} independent ones. gamma {self.trace['gamma'][-1]:.1f} "
+            "counts every sample; "
+            f"counting the independent ones, {self.supported_weights:.1f} of {len(self.weights)} "
+            "weights are supported."
         )
 
     @property
     def summary(self) -> dict[str, Any]:
-        """How the training went, in plain numbers and words fit for strict JSON (None: not finite)."""
+        """How the training went, in plain numbers and words fit for strict JSON (None: not
+        finite)."""
         last = {name: _finite(column[-1]) for name, column in self.trace.items() if len(column)}
         return {
             "why": self.why,
             "converged": self.converged,
             "remark": self.remark,
             "iterations": int(last.get("iteration") or 0),
-            **{name: last.get(name) for name in ("mse", "gradient", "mu", "gamma", "alpha", "beta")},
+            **{
+                name: last.get(name) for name in ("mse", "gradient", "mu", "gamma", "alpha", "beta")
+            },
             "n_weights": len(self.weights),
             "supported_weights": _finite(self.supported_weights),
             "samples": self.samples,
@@ -107,35 +115,45 @@ def train(
 ) -> Training:
     """Fit a network's output to a target, both scaled into [-1, 1].
 
-    `inputs` (N, m) and `target` (N,), or equally long lists of these: several recordings, each from a zero state.
-    Start s begins at `network.start(..., seed + s)`; the starts race (module), the winner takes at most `iterations`
-    steps and is kept. The first `washout` samples of every recording are simulated but not counted. `regularise=False`
-    is plain least squares (alpha 0, beta 1); `independent` lets alpha and beta count only the independent samples that
-    the errors are worth: at 3 ms far fewer, and more regularisation. `progress(step, start)` is called after every
-    step; KeyboardInterrupt, there or anywhere, ends the training with what it has. `threads`: cores used; the result
-    does not depend on it. `engine`: computes the passes of all starts that are running in one batch (batch.py), to the
-    last digits but a few as the network itself does.
+    `inputs` (N, m) and `target` (N,), or equally long lists of these: several recordings, each from
+    a zero state. Start s begins at `network.start(..., seed + s)`; the starts race (module), the
+    winner takes at most `iterations` steps and is kept. The first `washout` samples of every
+    recording are simulated but not counted. `regularise=False` is plain least squares (alpha 0,
+    beta 1); `independent` lets alpha and beta count only the independent samples that the errors
+    are worth: at 3 ms far fewer, and more regularisation. `progress(step, start)` is called after
+    every step; KeyboardInterrupt, there or anywhere, ends the training with what it has. `threads`:
+    cores used; the result does not depend on it. `engine`: computes the passes of all starts that
+    are running in one batch (batch.py), to the last digits but a few as the network itself does.
 
-    `checkpoint` is a file rewritten every few seconds and at the end. With `resume` the training goes on from it (from
-    the beginning where there is none yet) and ends with the very numbers of an undisturbed one; more `iterations` than
-    before are allowed. Not converging is told in the result; DataError is for data that cannot be fitted, FileError
-    for a checkpoint of another training.
+    `checkpoint` is a file rewritten every few seconds and at the end. With `resume` the training
+    goes on from it (from the beginning where there is none yet) and ends with the very numbers of
+    an undisturbed one; more `iterations` than before are allowed. Not converging is told in the
+    result; DataError is for data that cannot be fitted, FileError for a checkpoint of another
+    training.
     """
-    problem = Problem(network, recordings(inputs, target), washout, regularise, damping, goals, independent)
+    problem = Problem(
+        network, recordings(inputs, target), washout, regularise, damping, goals, independent
+    )
     check_problem(problem, iterations, starts, seed)
     if resume and checkpoint is None:
         raise DataError("There is nothing to resume from.", "Name the checkpoint file.")
     key = fingerprint(problem, seed, starts)
     attempts: dict[int, Attempt] = {}
     if resume and checkpoint is not None and checkpoint.exists():
-        attempts = {a.start: a for a in load_checkpoint(checkpoint, key, network.n_weights).attempts}
+        attempts = {
+            a.start: a for a in load_checkpoint(checkpoint, key, network.n_weights).attempts
+        }
     clock = _Clock(checkpoint, key)
     interrupted, running = False, list(range(starts))
     try:
         for gate in (g for g in GATES if g < iterations):
-            _run_side_by_side(problem, attempts, running, gate, seed, max(threads, 1), engine, clock, progress)
+            _run_side_by_side(
+                problem, attempts, running, gate, seed, max(threads, 1), engine, clock, progress
+            )
             running = _ahead(attempts, running, gate)
-        _run_side_by_side(problem, attempts, running, iterations, seed, max(threads, 1), engine, clock, progress)
+        _run_side_by_side(
+            problem, attempts, running, iterations, seed, max(threads, 1), engine, clock, progress
+        )
     except KeyboardInterrupt:
         interrupted = True
         attempts = attempts or {0: fresh(problem, seed, 0)}
@@ -143,15 +161,27 @@ def train(
     return _conclude(problem, [attempts[k] for k in sorted(attempts)], running, interrupted)
 
 
-def _run_side_by_side(problem: Problem, attempts: dict[int, Attempt], running: list[int], gate: int, seed: int,
-                      threads: int, engine: Engine | None, clock: "_Clock", progress: Progress | None) -> None:
-    """Bring every running start to iteration `gate`, or to its end; `attempts` follows step by step."""
+def _run_side_by_side(
+    problem: Problem,
+    attempts: dict[int, Attempt],
+    running: list[int],
+    gate: int,
+    seed: int,
+    threads: int,
+    engine: Engine | None,
+    clock: "_Clock",
+    progress: Progress | None,
+) -> None:
+    """Bring every running start to iteration `gate`, or to its end; `attempts` follows step by
+    step."""
     told: queue.SimpleQueue[Attempt | None] = queue.SimpleQueue()
     stop = Event()
     open_starts = [s for s in running if s not in attempts or not _ended(attempts[s], gate)]
     if not open_starts:
         return
-    meeting = Meeting(engine, problem.records, problem.washout, len(open_starts)) if engine else None
+    meeting = (
+        Meeting(engine, problem.records, problem.washout, len(open_starts)) if engine else None
+    )
     threads = len(open_starts) if meeting else threads
     problem = replace(problem, threads=max(1, threads // len(open_starts)), meeting=meeting)
 
@@ -194,24 +224,34 @@ def _ended(attempt: Attempt, gate: int) -> bool:
 
 
 def _ahead(attempts: dict[int, Attempt], running: list[int], gate: int) -> list[int]:
-    """The better half at this gate, judged by where each stood there; the others are told why they end."""
+    """The better half at this gate, judged by where each stood there; the others are told why they
+    end."""
+
     def standing(start: int) -> float:
         steps = attempts[start].steps
         return steps[min(gate, len(steps) - 1)].mse if steps else math.inf
 
     order = sorted(running, key=lambda s: (standing(s), s))
     kept = order[: (len(order) + 1) // 2]
-    for s in order[len(kept):]:
+    for s in order[len(kept) :]:
         if attempts[s].why == USED_UP:
-            attempts[s] = replace(attempts[s], why=f"left behind by start {order[0]} at iteration {gate}")
+            attempts[s] = replace(
+                attempts[s], why=f"left behind by start {order[0]} at iteration {gate}"
+            )
     return sorted(kept)
 
 
-def _conclude(problem: Problem, attempts: Sequence[Attempt], running: list[int], interrupted: bool) -> Training:
+def _conclude(
+    problem: Problem, attempts: Sequence[Attempt], running: list[int], interrupted: bool
+) -> Training:
     best = min((a for a in attempts if a.start in running), key=lambda a: a.mse)
     columns = np.array(best.steps, dtype=np.float64).reshape(len(best.steps), len(Step._fields)).T
     residual = problem.errors(best.weights).each
-    independent = sum(effective_samples(e) for e in residual) if all(np.isfinite(e).all() for e in residual) else 0.0
+    independent = (
+        sum(effective_samples(e) for e in residual)
+        if all(np.isfinite(e).all() for e in residual)
+        else 0.0
+    )
     found = problem.evaluate(best.weights)
     counted = independent if problem.independent else problem.samples
     tempered = replace(best.evidence, beta=best.evidence.beta * independent / max(counted, 1.0))
@@ -241,5 +281,7 @@ class _Clock:
     def keep(self, attempts: dict[int, Attempt], always: bool = False) -> None:
         now = time.perf_counter()
         if self.path is not None and (always or now - self.last > _CHECKPOINT_SECONDS):
-            save_checkpoint(self.path, Checkpoint(self.problem, tuple(attempts[k] for k in sorted(attempts))))
+            save_checkpoint(
+                self.path, Checkpoint(self.problem, tuple(attempts[k] for k in sorted(attempts)))
+            )
             self.last = now

@@ -1,12 +1,14 @@
 """Jobs on a Dask cluster: workers on other machines that a scheduler hands them to.
 
-What a job needs, recordings and fitted models, goes to the scheduler once and from there to every worker that asks for
-it; a worker that dies is replaced by another one, and only the jobs it held are done again. A job that ends its workers
-`distributed.scheduler.allowed-failures` + 1 times (four, unless the scheduler is told otherwise) is given up.
+What a job needs, recordings and fitted models, goes to the scheduler once and from there to every
+worker that asks for it; a worker that dies is replaced by another one, and only the jobs it held
+are done again. A job that ends its workers `distributed.scheduler.allowed-failures` + 1 times
+(four, unless the scheduler is told otherwise) is given up.
 
-Scheduler and workers have to be trusted, and so does everybody who can reach them: jobs and results are pickles, which
-run code where they are unpacked, on the workers and here. At a tls:// address only who has a certificate is let in;
-which ones are used stands in Dask's own configuration (`distributed.comm.tls`).
+Scheduler and workers have to be trusted, and so does everybody who can reach them: jobs and results
+are pickles, which run code where they are unpacked, on the workers and here. At a tls:// address
+only who has a certificate is let in; which ones are used stands in Dask's own configuration
+(`distributed.comm.tls`).
 """
 
 from __future__ import annotations
@@ -38,7 +40,8 @@ LISTEN_S = 5.0
 
 @dataclass(frozen=True)
 class Patience:
-    """How long to wait, s: for the scheduler to answer, for its first worker, without any worker while jobs wait."""
+    """How long to wait, s: for the scheduler to answer, for its first worker, without any worker
+    while jobs wait."""
 
     answer_s: float = 15.0
     first_s: float = 15.0
@@ -52,8 +55,8 @@ USUAL = Patience()
 def cluster(address: str, patience: Patience | None = None) -> Iterator[Cluster]:
     """The cluster whose scheduler listens at an address such as tcp://host:8786.
 
-    FileError where distributed is not installed, nobody answers in time, there is no worker, or the workers run another
-    pamid than this one.
+    FileError where distributed is not installed, nobody answers in time, there is no worker, or the
+    workers run another pamid than this one.
     """
     patience = patience or USUAL
     client = _connected(address, patience.answer_s)
@@ -68,19 +71,30 @@ def _connected(address: str, patience_s: float) -> Client:
     try:
         from distributed import Client
     except ImportError:
-        raise FileError("--cluster needs the package distributed, which is not installed.",
-                        "pip install 'pamid[cluster]'", code="missing-package") from None
+        raise FileError(
+            "--cluster needs the package distributed, which is not installed.",
+            "pip install 'pamid[cluster]'",
+            code="missing-package",
+        ) from None
     try:
-        # asked first: a port on which something else listens keeps a client waiting whatever its own limit
+        # asked first: a port on which something else listens keeps a client waiting whatever its
+        # own limit
         asyncio.run(asyncio.wait_for(_name_of(address), patience_s))
         return Client(address, timeout=patience_s, set_as_default=False, name="pamid")
-    except (OSError, ValueError, KeyError, TypeError, RuntimeError) as error:   # the first: time limits, certificates
+    # the first: time limits, certificates
+    except (OSError, ValueError, KeyError, TypeError, RuntimeError) as error:
         why = f": {error}" if str(error) else ""
         if address.startswith("tls:"):
-            why += "; its certificates are those of Dask's configuration, as DASK_DISTRIBUTED__COMM__TLS__CA_FILE"
-        raise FileError(f"no scheduler answers at {address} within {patience_s:g} s{why}",
-                        "Start one with `dask scheduler` and give the address it prints, such as tcp://host:8786.",
-                        code="cluster") from error
+            why += (
+                "; its certificates are those of Dask's configuration, as "
+                "DASK_DISTRIBUTED__COMM__TLS__CA_FILE"
+            )
+        raise FileError(
+            f"no scheduler answers at {address} within {patience_s:g} s{why}",
+            "Start one with `dask scheduler` and give the address it prints, such as "
+            "tcp://host:8786.",
+            code="cluster",
+        ) from error
 
 
 async def _name_of(address: str) -> str:
@@ -91,7 +105,8 @@ async def _name_of(address: str) -> str:
 
 
 def fingerprint() -> dict[str, str]:
-    """What has to be alike on all machines for results to be; on other processors they differ by rounding."""
+    """What has to be alike on all machines for results to be; on other processors they differ by
+    rounding."""
     return {"code": code_sha256(), "processor": f"{platform.system()} {platform.machine()}"}
 
 
@@ -99,21 +114,30 @@ def _require_alike(client: Client, address: str, patience_s: float) -> None:
     deadline = time.monotonic() + patience_s
     while not client.scheduler_info(n_workers=-1)["workers"]:
         if time.monotonic() > deadline:
-            raise FileError(f"the scheduler at {address} has no workers",
-                            f"Start some: `dask worker {address} --nworkers 4 --nthreads 1`.", code="cluster")
+            raise FileError(
+                f"the scheduler at {address} has no workers",
+                f"Start some: `dask worker {address} --nworkers 4 --nthreads 1`.",
+                code="cluster",
+            )
         time.sleep(0.1)
     own = fingerprint()
     try:
         found = client.run(fingerprint)
     except (ImportError, AttributeError) as error:
-        raise FileError(f"the workers of {address} cannot load pamid: {error}",
-                        "Install the same version there.", code="cluster") from error
+        raise FileError(
+            f"the workers of {address} cannot load pamid: {error}",
+            "Install the same version there.",
+            code="cluster",
+        ) from error
     other = sorted(worker for worker, theirs in found.items() if theirs != own)
     if other:
-        raise FileError(f"{len(other)} of {len(found)} workers of {address} run another pamid, or another version of "
-                        f"what it computes with, than this machine: {', '.join(other[:3])}",
-                        "Results would depend on who worked them out: install the same versions everywhere.",
-                        code="cluster")
+        raise FileError(
+            f"{len(other)} of {len(found)} workers of {address} run another pamid, or another "
+            "version of "
+            f"what it computes with, than this machine: {', '.join(other[:3])}",
+            "Results would depend on who worked them out: install the same versions everywhere.",
+            code="cluster",
+        )
 
 
 @dataclass(eq=False)
@@ -123,17 +147,30 @@ class Cluster:
     client: Client
     address: str
     patience: Patience = USUAL
-    sent: dict[str, Future] = field(default_factory=dict)     # by digest: the parts of works that are there already
+    # by digest: the parts of works that are there already
+    sent: dict[str, Future] = field(default_factory=dict)
 
-    def __call__(self, work: Work[T, Any], items: Sequence[T]) -> Iterator[tuple[int, Plain | Failed]]:
+    def __call__(
+        self, work: Work[T, Any], items: Sequence[T]
+    ) -> Iterator[tuple[int, Plain | Failed]]:
         import dask
 
         with dask.config.set({"distributed.admin.large-graph-warning-threshold": "2GiB"}):
             parts = {f.name: self._part(getattr(work, f.name)) for f in fields(work) if f.compare}  # type: ignore[arg-type]
             kind = _packed(type(work))
             once = time.monotonic_ns()
-            waiting = {self.client.submit(_done, kind, parts, _packed(item), code_sha256(), pure=False,
-                                          key=f"{work.what}-{i}-{once}"): i for i, item in enumerate(items)}
+            waiting = {
+                self.client.submit(
+                    _done,
+                    kind,
+                    parts,
+                    _packed(item),
+                    code_sha256(),
+                    pure=False,
+                    key=f"{work.what}-{i}-{once}",
+                ): i
+                for i, item in enumerate(items)
+            }
         ended: SimpleQueue[Future] = SimpleQueue()
         for future in waiting:
             future.add_done_callback(ended.put)
@@ -148,8 +185,8 @@ class Cluster:
                 self.client.cancel(list(waiting), force=True)
 
     def _part(self, value: Any) -> Future:
-        """Something that many jobs need, as a task of its own: where every worker that held it has died, the scheduler
-        still knows it."""
+        """Something that many jobs need, as a task of its own: where every worker that held it has
+        died, the scheduler still knows it."""
         key = f"part-{digest(value)}"
         if key not in self.sent:
             self.sent[key] = self.client.submit(_unpacked, _packed(value), key=key)
@@ -164,11 +201,17 @@ class Cluster:
             try:
                 return ended.get(timeout=LISTEN_S)
             except Empty:
-                there = self.client.status == "running" and self.client.scheduler_info(n_workers=-1)["workers"]
+                there = (
+                    self.client.status == "running"
+                    and self.client.scheduler_info(n_workers=-1)["workers"]
+                )
                 alone = 0.0 if there else alone + LISTEN_S
             if alone >= self.patience.alone_s:
-                raise PamidError(f"the scheduler at {self.address} has had no workers for {alone:.0f} s",
-                                 "Start some; what was finished is kept, go on with --resume.", code="cluster")
+                raise PamidError(
+                    f"the scheduler at {self.address} has had no workers for {alone:.0f} s",
+                    "Start some; what was finished is kept, go on with --resume.",
+                    code="cluster",
+                )
 
     def _outcome(self, future: Future, label: str) -> Plain | Failed:
         from distributed import KilledWorker
@@ -185,12 +228,16 @@ class Cluster:
         return Failed(label, f"{type(error).__name__}: {error}")
 
     def _lost(self) -> PamidError:
-        return PamidError(f"the connection to the scheduler at {self.address} was lost",
-                          "What was finished is kept; go on with --resume.", code="cluster")
+        return PamidError(
+            f"the connection to the scheduler at {self.address} was lost",
+            "What was finished is kept; go on with --resume.",
+            code="cluster",
+        )
 
 
 def _packed(value: Any) -> bytes:
-    """Bytes for a worker. What a rig or effect file defines is sent along: the file need not be there."""
+    """Bytes for a worker. What a rig or effect file defines is sent along: the file need not be
+    there."""
     import cloudpickle
 
     for name, module in list(sys.modules.items()):
@@ -213,7 +260,12 @@ def _hold_blas() -> None:
 
 
 def _done(kind: bytes, parts: dict[str, Any], item: bytes, code: str) -> Plain | Failed:
-    """On a worker; code: that of the machine which asks (a worker may have been replaced since they were compared)."""
+    """On a worker; code: that of the machine which asks (a worker may have been replaced since they
+    were compared)."""
     _hold_blas()
     work, one = _unpacked(kind)(**parts), _unpacked(item)
-    return carried_out(work, one) if code == code_sha256() else Failed(work.label(one), "its worker runs another pamid")
+    return (
+        carried_out(work, one)
+        if code == code_sha256()
+        else Failed(work.label(one), "its worker runs another pamid")
+    )

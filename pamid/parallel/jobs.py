@@ -1,9 +1,11 @@
-"""Independent jobs: pure functions, done one after the other, on this machine's cores or on a cluster.
+"""Independent jobs: pure functions, done one after the other, on this machine's cores or on a
+cluster.
 
-Whoever does them, a result passes through the same plain form and is known by the digest of all that went into it, so
-that it does not depend, to the last bit, on who did the job, how many did, or whether it was read back from an earlier
-attempt. The compiled sweeps release Python's lock, so threads share the work where little else runs; a diagnosis, in
-which much else does, shares the cores as processes. BLAS is held to one thread per job: the matrices are small.
+Whoever does them, a result passes through the same plain form and is known by the digest of all
+that went into it, so that it does not depend, to the last bit, on who did the job, how many did, or
+whether it was read back from an earlier attempt. The compiled sweeps release Python's lock, so
+threads share the work where little else runs; a diagnosis, in which much else does, shares the
+cores as processes. BLAS is held to one thread per job: the matrices are small.
 """
 
 from __future__ import annotations
@@ -29,14 +31,15 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 _ENDING = (signal.SIGINT, signal.SIGTERM)
-ATTEMPTS = 3      # times that a job's process may die before the job is held to be the reason
+ATTEMPTS = 3  # times that a job's process may die before the job is held to be the reason
 
 
 class Work(Generic[T, R]):
-    """One kind of job: a pure function of an item and of its own fields. Derive a frozen dataclass from it.
+    """One kind of job: a pure function of an item and of its own fields. Derive a frozen dataclass
+    from it.
 
-    Calling it returns plain data (see `pamid.parallel.store`); `restored` makes of that what the caller wants. A field that is
-    declared with compare=False must not change the result.
+    Calling it returns plain data (see `pamid.parallel.store`); `restored` makes of that what the
+    caller wants. A field that is declared with compare=False must not change the result.
     """
 
     what: ClassVar[str]
@@ -70,15 +73,17 @@ class Failed:
 class Hands(Protocol):
     """Those who do jobs: (number of the item, result) as they come; `Failed` is a result, too."""
 
-    def __call__(self, work: Work[T, Any], items: Sequence[T]) -> Iterator[tuple[int, Plain | Failed]]: ...
+    def __call__(
+        self, work: Work[T, Any], items: Sequence[T]
+    ) -> Iterator[tuple[int, Plain | Failed]]: ...
 
 
 @dataclass(eq=False)
 class Crew:
     """Who does the jobs of a run, and where their results are kept.
 
-    jobs: processes on this machine; hands: others who do them instead (a cluster); worked, kept: how many were worked
-    out, and found in the store; failed: those that came to nothing.
+    jobs: processes on this machine; hands: others who do them instead (a cluster); worked, kept:
+    how many were worked out, and found in the store; failed: those that came to nothing.
     """
 
     jobs: int = 1
@@ -98,10 +103,11 @@ class Crew:
         """How many jobs were worked out, found in the store, and failed."""
         return {"worked": self.worked, "kept": self.kept, "failed": len(self.failed)}
 
-    def run(self, work: Work[T, R], items: Iterable[T],
-            told: Callable[[str], None] = lambda text: None) -> list[R | Failed]:
-        """Results in the order of the items; told: how far it is. PamidError where there were several jobs and
-        all failed."""
+    def run(
+        self, work: Work[T, R], items: Iterable[T], told: Callable[[str], None] = lambda text: None
+    ) -> list[R | Failed]:
+        """Results in the order of the items; told: how far it is. PamidError where there were
+        several jobs and all failed."""
         todo = list(items)
         results: dict[int, R | Failed] = {}
         for i, found in self.finished(work, todo):
@@ -109,8 +115,10 @@ class Crew:
             told(f"{work.what} {len(results)}/{len(todo)}: {work.name(todo[i])}")
         failed = [f for f in results.values() if isinstance(f, Failed)]
         if len(failed) == len(todo) > 1:
-            raise PamidError(f"all {len(todo)} jobs failed, the first of them, {failed[0].job}: {failed[0].why}",
-                             code="jobs")
+            raise PamidError(
+                f"all {len(todo)} jobs failed, the first of them, {failed[0].job}: {failed[0].why}",
+                code="jobs",
+            )
         return [results[i] for i in range(len(todo))]
 
     def finished(self, work: Work[T, R], items: Sequence[T]) -> Iterator[tuple[int, R | Failed]]:
@@ -160,7 +168,11 @@ class Crew:
             return self.hands
         if self.jobs <= 1:
             return one_by_one
-        return Processes(self.jobs) if "fork" in multiprocessing.get_all_start_methods() else Threads(self.jobs)
+        return (
+            Processes(self.jobs)
+            if "fork" in multiprocessing.get_all_start_methods()
+            else Threads(self.jobs)
+        )
 
 
 def carried_out(work: Work[T, Any], item: T) -> Plain | Failed:
@@ -170,7 +182,8 @@ def carried_out(work: Work[T, Any], item: T) -> Plain | Failed:
         return found
     except PamidError as error:
         return Failed(work.label(item), str(error))
-    except Exception as error:  # the tool's own fault, or an effect file's: it must not cost the other jobs
+    # the tool's own fault, or an effect file's: it must not cost the other jobs
+    except Exception as error:
         return Failed(work.label(item), fault_text(error))
 
 
@@ -193,7 +206,9 @@ class Threads:
 
     count: int
 
-    def __call__(self, work: Work[T, Any], items: Sequence[T]) -> Iterator[tuple[int, Plain | Failed]]:
+    def __call__(
+        self, work: Work[T, Any], items: Sequence[T]
+    ) -> Iterator[tuple[int, Plain | Failed]]:
         pool = ThreadPoolExecutor(max_workers=self.count)
         try:
             with threadpool_limits(limits=1, user_api="blas"):
@@ -206,12 +221,14 @@ class Threads:
 
 @dataclass(frozen=True)
 class Processes:
-    """Processes of this machine that inherit all there is, so that only results are sent; begun in a moment. One that
-    dies costs its own job an attempt and no other job anything."""
+    """Processes of this machine that inherit all there is, so that only results are sent; begun in
+    a moment. One that dies costs its own job an attempt and no other job anything."""
 
     count: int
 
-    def __call__(self, work: Work[T, Any], items: Sequence[T]) -> Iterator[tuple[int, Plain | Failed]]:
+    def __call__(
+        self, work: Work[T, Any], items: Sequence[T]
+    ) -> Iterator[tuple[int, Plain | Failed]]:
         todo, attempts, idle = deque(range(len(items))), [0] * len(items), deque[_Hand]()
         busy: dict[Connection, tuple[_Hand, int]] = {}
         everyone: list[_Hand] = []
@@ -234,8 +251,14 @@ class Processes:
                         if attempts[i] < ATTEMPTS:
                             todo.appendleft(i)
                         else:
-                            yield i, Failed(work.label(items[i]), f"its process was killed {ATTEMPTS} times "
-                                            f"({reason}), perhaps for want of memory")
+                            yield (
+                                i,
+                                Failed(
+                                    work.label(items[i]),
+                                    f"its process was killed {ATTEMPTS} times "
+                                    f"({reason}), perhaps for want of memory",
+                                ),
+                            )
                         continue
                     idle.append(hand)
                     yield i, found
@@ -257,10 +280,12 @@ class _Hand:
     def begun(cls, work: Work[T, Any], items: Sequence[T], everyone: list[_Hand]) -> _Hand:
         context = multiprocessing.get_context("fork")
         ours, theirs = context.Pipe()
-        # it inherits our ends of all lines: were they left open there, none would end if this process died
+        # it inherits our ends of all lines: were they left open there, none would end if this
+        # process died
         inherited = [ours, *(hand.line for hand in everyone)]
         process = context.Process(target=_serve, args=(theirs, inherited, work, items), daemon=True)
-        # a signal that comes before the child is ready for it would end it with the parent's answer to it
+        # a signal that comes before the child is ready for it would end it with the parent's answer
+        # to it
         held = signal.pthread_sigmask(signal.SIG_BLOCK, _ENDING)
         try:
             process.start()
@@ -272,7 +297,8 @@ class _Hand:
         return hand
 
     def ask(self, number: int) -> None:
-        with contextlib.suppress(OSError):      # it has died: the line says so when it is listened to
+        # it has died: the line says so when it is listened to
+        with contextlib.suppress(OSError):
             self.line.send(number)
 
     def end(self) -> str:
@@ -283,8 +309,11 @@ class _Hand:
         return f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
 
 
-def _serve(line: Connection, inherited: list[Connection], work: Work[T, Any], items: Sequence[T]) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches every process of a terminal; the first one decides
+def _serve(
+    line: Connection, inherited: list[Connection], work: Work[T, Any], items: Sequence[T]
+) -> None:
+    # Ctrl-C reaches every process of a terminal; the first one decides
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, _ENDING)
     for other in inherited:

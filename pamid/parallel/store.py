@@ -1,9 +1,10 @@
-"""Results of independent jobs, each in a file of its own under the digest of everything that went into it.
+"""Results of independent jobs, each in a file of its own under the digest of everything that went
+into it.
 
-A job is a pure function of what it is given, so its result is known by the digest of the function, of its arguments and
-of the code: who has the same question finds the answer, whichever process or machine has worked it out. Files hold
-plain arrays and strict JSON, never pickle, and vouch for themselves: one that is damaged, or stands under another's
-name, is worked out again.
+A job is a pure function of what it is given, so its result is known by the digest of the function,
+of its arguments and of the code: who has the same question finds the answer, whichever process or
+machine has worked it out. Files hold plain arrays and strict JSON, never pickle, and vouch for
+themselves: one that is damaged, or stands under another's name, is worked out again.
 """
 
 from __future__ import annotations
@@ -32,12 +33,14 @@ from pamid.base.files import MAP, make_folder, read_data, refuse_write, write_at
 from pamid.base.npz import load_arrays
 from pamid.base.run_folder import JOURNAL, remove_jobs
 
-Plain = dict[str, Any]     # of str, bool, int, float, None, arrays of numbers, and lists and such dicts of these
+# of str, bool, int, float, None, arrays of numbers, and lists and such dicts of these
+Plain = dict[str, Any]
 
 Numbers = NDArray[Any]
 
 _ABOUT = "about"
-_DECIDE = ("numpy", "scipy", "numba", "llvmlite", "threadpoolctl", "pysindy")    # packages that results depend on
+# packages that results depend on
+_DECIDE = ("numpy", "scipy", "numba", "llvmlite", "threadpoolctl", "pysindy")
 
 
 @dataclass(frozen=True)
@@ -57,11 +60,18 @@ class Store:
         return None
 
     def put(self, key: str, what: str, result: Plain) -> None:
-        """Keep a result that `plain` has made, whole or not at all, and note in the journal that it was worked out."""
+        """Keep a result that `plain` has made, whole or not at all, and note in the journal that it
+        was worked out."""
         make_folder(self.folder)
         arrays: list[Numbers] = []
         told = _parted(result, arrays)
-        about = {"key": key, "what": what, "sha256": digest(result), "arrays": len(arrays), "result": told}
+        about = {
+            "key": key,
+            "what": what,
+            "sha256": digest(result),
+            "arrays": len(arrays),
+            "result": told,
+        }
         named = {f"a{i}": a for i, a in enumerate(arrays)}
         named[_ABOUT] = np.frombuffer(json.dumps(about, allow_nan=False).encode(), np.uint8)
         buffer = io.BytesIO()
@@ -70,12 +80,14 @@ class Store:
         line = json.dumps({"key": key, "what": what}) + "\n"
         try:
             with open(self.folder / JOURNAL, "ab", buffering=0) as journal:
-                journal.write(line.encode())        # appended in one piece, also where several processes write
+                # appended in one piece, also where several processes write
+                journal.write(line.encode())
         except OSError as error:
             refuse_write(self.folder / JOURNAL, error)
 
     def journal(self) -> list[dict[str, str]]:
-        """What was worked out into this folder, in order: `key` and `what`. Lines that were cut short are left out."""
+        """What was worked out into this folder, in order: `key` and `what`. Lines that were cut
+        short are left out."""
         path = self.folder / JOURNAL
         lines = read_data(path, MAP).splitlines() if path.is_file() else []
         found = []
@@ -90,7 +102,8 @@ class Store:
 
 
 def plain(value: Any) -> Any:
-    """The same as plain data in one form: a result is alike whether it was worked out here, sent, or read back.
+    """The same as plain data in one form: a result is alike whether it was worked out here, sent,
+    or read back.
 
     TypeError for what is no plain data.
     """
@@ -125,15 +138,16 @@ def _joined(value: Any, arrays: list[Numbers]) -> Any:
     return [_joined(v, arrays) for v in value] if isinstance(value, list) else value
 
 
-# ---- digests -----------------------------------------------------------------------------------------------------
+# ---- digests -----------------------------------------------------------------------------------
 
 
 def digest(*things: object) -> str:
     """One sha256 over values, arrays, objects and the code of classes, the same in every process.
 
-    Of an object its class and fields count, but not what is computed from them (cached properties, fields declared with
-    compare=False); of a class or function outside pamid the file that defines it, of one inside only its name: the code
-    of pamid has a digest of its own. Not seen are modules that such a file imports, and files that it reads later on.
+    Of an object its class and fields count, but not what is computed from them (cached properties,
+    fields declared with compare=False); of a class or function outside pamid the file that defines
+    it, of one inside only its name: the code of pamid has a digest of its own. Not seen are modules
+    that such a file imports, and files that it reads later on.
     """
     return _Digests().of(things).hex()
 
@@ -142,7 +156,8 @@ class _Digests:
     """Digests of parts, each worked out once: the same recording is part of many things."""
 
     def __init__(self) -> None:
-        self._known: dict[int, tuple[object, bytes]] = {}   # with the part itself: its number stays taken
+        # with the part itself: its number stays taken
+        self._known: dict[int, tuple[object, bytes]] = {}
 
     def of(self, thing: object) -> bytes:
         if thing is None or isinstance(thing, bool | int | float | str | bytes):
@@ -159,7 +174,13 @@ class _Digests:
             if array.dtype.hasobject:
                 return self._all("array", array.shape, *array.ravel().tolist())
             order = b"F" if array.flags.f_contiguous and not array.flags.c_contiguous else b"C"
-            return _sha(b"array", array.dtype.str.encode(), repr(array.shape).encode(), order, array.tobytes())
+            return _sha(
+                b"array",
+                array.dtype.str.encode(),
+                repr(array.shape).encode(),
+                order,
+                array.tobytes(),
+            )
         if isinstance(thing, os.PathLike):
             return self._all("path", os.fspath(thing))
         if isinstance(thing, Mapping):
@@ -202,8 +223,14 @@ def _parts(thing: object) -> list[tuple[str, object]]:
     if is_dataclass(thing):
         return [(f.name, getattr(thing, f.name)) for f in fields(thing) if f.compare]
     slots = [name for cls in type(thing).__mro__ for name in getattr(cls, "__slots__", ())]
-    held = {name: getattr(thing, name) for name in slots if hasattr(thing, name)} | getattr(thing, "__dict__", {})
-    return [(k, v) for k, v in held.items() if not isinstance(getattr(type(thing), k, None), cached_property)]
+    held = {name: getattr(thing, name) for name in slots if hasattr(thing, name)} | getattr(
+        thing, "__dict__", {}
+    )
+    return [
+        (k, v)
+        for k, v in held.items()
+        if not isinstance(getattr(type(thing), k, None), cached_property)
+    ]
 
 
 def _sha(*parts: bytes) -> bytes:
@@ -219,7 +246,8 @@ def _ours(module: str | None) -> bool:
 
 
 def _code(code: CodeType) -> bytes:
-    return marshal.dumps(code.replace(co_filename=""), 2)  # later formats depend on reference counts
+    # later formats depend on reference counts
+    return marshal.dumps(code.replace(co_filename=""), 2)
 
 
 @lru_cache
@@ -237,7 +265,9 @@ def code_sha256() -> str:
     """Digest of pamid's own files and of the versions of what it computes with."""
     folder = Path(__file__).parent.parent
     files = sorted(p for pattern in ("*.py", "*.json") for p in folder.rglob(pattern))
-    parts = [part for p in files for part in (p.relative_to(folder).as_posix().encode(), p.read_bytes())]
+    parts = [
+        part for p in files for part in (p.relative_to(folder).as_posix().encode(), p.read_bytes())
+    ]
     versions = [f"python {sys.version_info[:2]}"]
     for package in _DECIDE:
         with contextlib.suppress(metadata.PackageNotFoundError):

@@ -1,9 +1,9 @@
 """What makes a recording's files unfit, found with file, column and line.
 
-Refused: missing, empty or header-only file; a first column other than `time_s`; a column twice or without a name; a
-cell that is empty, no number, not finite or beyond 1e30 in any unit; a row of the wrong length; stamps repeated,
-unsorted, with a gap or uneven by more than 1 %; broken TOML, values of the wrong kind, a sampling period that the
-stamps contradict.
+Refused: missing, empty or header-only file; a first column other than `time_s`; a column twice or
+without a name; a cell that is empty, no number, not finite or beyond 1e30 in any unit; a row of the
+wrong length; stamps repeated, unsorted, with a gap or uneven by more than 1 %; broken TOML, values
+of the wrong kind, a sampling period that the stamps contradict.
 """
 
 from __future__ import annotations
@@ -25,7 +25,8 @@ from pamid.base.toml_file import read_toml
 from pamid.base.units import split_column
 
 UNIFORM_TO = 0.01  # stamps are uniform to 1 %
-TINY, HUGE = 1e-30, 1e30  # in any unit: beyond lies what no sensor shows, and what cannot be squared and summed
+# in any unit: beyond lies what no sensor shows, and what cannot be squared and summed
+TINY, HUGE = 1e-30, 1e30
 PERIOD_TO = 1e-3  # a stated sampling period may differ from the stamps by 0.1 %
 _INGEST = "`pamid ingest` repairs the time base of raw logs."
 _RESAVE = "Save it again as comma-separated values in UTF-8."
@@ -56,12 +57,21 @@ def require_file(path: Path, wanted: str) -> None:
     if path.is_file():
         return
     if path.is_dir():
-        raise FileError(f"{path} is a folder, not a {wanted}.", "Name the file in it.", code="not-a-file")
+        raise FileError(
+            f"{path} is a folder, not a {wanted}.", "Name the file in it.", code="not-a-file"
+        )
     if path.exists():
-        raise FileError(f"{path} is a device, a pipe or a socket, not a {wanted}.",
-                        "Write what it gives into a file first.", code="not-a-file")
-    siblings = [item.name for item in path.parent.glob(f"*{glob.escape(path.suffix)}") if item.is_file()]
-    raise FileError(f"{path} does not exist.", nearest(path.name, siblings) or _WHERE, code="missing")
+        raise FileError(
+            f"{path} is a device, a pipe or a socket, not a {wanted}.",
+            "Write what it gives into a file first.",
+            code="not-a-file",
+        )
+    siblings = [
+        item.name for item in path.parent.glob(f"*{glob.escape(path.suffix)}") if item.is_file()
+    ]
+    raise FileError(
+        f"{path} does not exist.", nearest(path.name, siblings) or _WHERE, code="missing"
+    )
 
 
 def read_header(path: Path) -> list[str]:
@@ -76,7 +86,9 @@ def read_header(path: Path) -> list[str]:
     except OSError as error:
         raise FileError(f"{path} cannot be read: {error.strerror}.", _READABLE) from error
     if not row or not any(cell.strip() for cell in row):
-        raise FileError(f"{path} is empty.", "A recording starts with a header row: time_s,...", code="empty")
+        raise FileError(
+            f"{path} is empty.", "A recording starts with a header row: time_s,...", code="empty"
+        )
     return [cell.strip() for cell in row]
 
 
@@ -85,32 +97,53 @@ def check_header(path: Path, names: Sequence[str]) -> None:
     if names[0] != "time_s":
         hint = "The first line names the columns, the first of them is time_s."
         if ";" in names[0] or "\t" in names[0]:
-            hint = "It looks as if columns are not separated by commas. `pamid ingest` reads other dialects."
+            hint = (
+                "It looks as if columns are not separated by commas. `pamid ingest` reads "
+                "other dialects."
+            )
         elif _is_number(names[0]):
             hint = "There seems to be no header row. " + hint
-        raise FileError(f"{path}, line 1: the first column is {names[0]!r}, not 'time_s'.", hint, code="header")
+        raise FileError(
+            f"{path}, line 1: the first column is {names[0]!r}, not 'time_s'.", hint, code="header"
+        )
     if len(names) == 1:
-        raise FileError(f"{path}, line 1: there is no column beside time_s.",
-                        "A recording holds what was sent and what was measured, each in a column NAME_UNIT; if columns "
-                        "are separated by something else than commas, `pamid ingest` reads it.", code="header")
+        raise FileError(
+            f"{path}, line 1: there is no column beside time_s.",
+            "A recording holds what was sent and what was measured, each in a column NAME_UNIT; "
+            "if columns "
+            "are separated by something else than commas, `pamid ingest` reads it.",
+            code="header",
+        )
     for index, name in enumerate(names):
         if not name:
-            raise FileError(f"{path}, line 1: column {index + 1} has no name.",
-                            "Name it NAME_UNIT, as angle_deg, or drop it; a comma too many at the end makes one as "
-                            "well.", code="header")
+            raise FileError(
+                f"{path}, line 1: column {index + 1} has no name.",
+                "Name it NAME_UNIT, as angle_deg, or drop it; a comma too many at the end makes "
+                "one as "
+                "well.",
+                code="header",
+            )
         if name in names[:index]:
-            raise FileError(f"{path}, line 1: column {name!r} is there twice.", "Rename or drop one.", code="header")
+            raise FileError(
+                f"{path}, line 1: column {name!r} is there twice.",
+                "Rename or drop one.",
+                code="header",
+            )
 
 
 def explain_cells(path: Path, names: Sequence[str]) -> None:
-    """Read slowly and raise a FileError naming line and column of the first cell that is not a finite number."""
+    """Read slowly and raise a FileError naming line and column of the first cell that is not a
+    finite number."""
     empty = True
     for line, row in _rows(path):
         empty = False
         if len(row) != len(names):
             what = f"{len(row)} cells, the header names {len(names)} columns"
-            hint = ("A decimal comma splits a number in two: write decimal points." if len(row) > len(names) else
-                    "The line may have been cut short: drop it, or add what is missing.")
+            hint = (
+                "A decimal comma splits a number in two: write decimal points."
+                if len(row) > len(names)
+                else "The line may have been cut short: drop it, or add what is missing."
+            )
             raise FileError(f"{path}, line {line}: {what}.", hint, code="row")
         for name, cell in zip(names, row, strict=True):
             if not cell.strip():
@@ -120,7 +153,9 @@ def explain_cells(path: Path, names: Sequence[str]) -> None:
             if not math.isfinite(float(cell)):
                 _refuse_cell(path, line, name, f"is {cell.strip()!r:.60}, not a finite number")
     if empty:
-        raise FileError(f"{path} has a header but no rows.", "Was the recording stopped at once?", code="empty")
+        raise FileError(
+            f"{path} has a header but no rows.", "Was the recording stopped at once?", code="empty"
+        )
 
 
 def check_range(path: Path, names: Sequence[str], table: NDArray[np.float64]) -> None:
@@ -129,14 +164,25 @@ def check_range(path: Path, names: Sequence[str], table: NDArray[np.float64]) ->
     for name, most, values in zip(names, largest.tolist(), table.T, strict=True):
         if most > HUGE:
             row = int(np.argmax(np.abs(values)))
-            _refuse_cell(path, _line_of(path, row), name, f"is {values[row]:g}, which no sensor shows", "range")
+            _refuse_cell(
+                path,
+                _line_of(path, row),
+                name,
+                f"is {values[row]:g}, which no sensor shows",
+                "range",
+            )
         if 0.0 < most < TINY:
-            raise FileError(f"{path}, column {name!r}: no number in it exceeds {most:g}, which no sensor shows.",
-                            "Correct the unit or the scale of that column.", code="range")
+            raise FileError(
+                f"{path}, column {name!r}: no number in it exceeds {most:g}, which no sensor "
+                "shows.",
+                "Correct the unit or the scale of that column.",
+                code="range",
+            )
 
 
 def check_stamps(path: Path, time: NDArray[np.float64]) -> None:
-    """FileError unless the stamps (s) rise evenly: no repeat, no step back, no gap, spacing uniform to 1 %."""
+    """FileError unless the stamps (s) rise evenly: no repeat, no step back, no gap, spacing uniform
+    to 1 %."""
     steps = np.diff(time)
     if steps.size == 0:
         return
@@ -148,7 +194,8 @@ def check_stamps(path: Path, time: NDArray[np.float64]) -> None:
             _refuse_stamp(path, row + 1, f"{time[row + 1]:.9g} s is there twice", "stamps-repeated")
         detail = f"{time[row + 1]:.9g} s comes after {time[row]:.9g} s"
         _refuse_stamp(path, row + 1, detail, "stamps-unsorted")
-    # the spacing of stamps written with few digits looks uneven by the rounding, which is no fault of the clock
+    # the spacing of stamps written with few digits looks uneven by the rounding, which is no fault
+    # of the clock
     rounding = float(np.spacing(np.abs(time).max()))
     uneven = np.flatnonzero(np.abs(steps - period) > UNIFORM_TO * period + rounding)
     if uneven.size:
@@ -156,12 +203,16 @@ def check_stamps(path: Path, time: NDArray[np.float64]) -> None:
         if steps[row] > 1.5 * period:
             detail = f"a gap of {steps[row]:.6g} s where samples are {period:.6g} s apart"
             _refuse_stamp(path, row + 1, detail, "gap")
-        detail = f"{steps[row]:.6g} s after the row before, usual are {period:.6g} s (uniform to 1 % is needed)"
+        detail = (
+            f"{steps[row]:.6g} s after the row before, usual are {period:.6g} s (uniform to "
+            "1 % is needed)"
+        )
         _refuse_stamp(path, row + 1, detail, "stamps-uneven")
 
 
 def sidecar_of(path: Path, names: Sequence[str], time: NDArray[np.float64]) -> Sidecar:
-    """Read and check the TOML beside the CSV `path`, if any. FileError with the key or line that is wrong."""
+    """Read and check the TOML beside the CSV `path`, if any. FileError with the key or line that is
+    wrong."""
     source = path.with_suffix(".toml")
     tables = read_toml(source) if source.exists() else {}
     warnings: list[str] = []
@@ -169,8 +220,11 @@ def sidecar_of(path: Path, names: Sequence[str], time: NDArray[np.float64]) -> S
         if title not in _KEYS:
             warnings.append(f"{source}: [{title}] is not used. {nearest(title, _KEYS)}".rstrip())
         elif not isinstance(table, dict):
-            raise FileError(f"{source}: {title!r} must be a table, written [{title}].",
-                            f"Write [{title}] on a line of its own, its entries below.", code="toml")
+            raise FileError(
+                f"{source}: {title!r} must be a table, written [{title}].",
+                f"Write [{title}] on a line of its own, its entries below.",
+                code="toml",
+            )
         else:
             warnings += _unknown_keys(source, title, table)
     about = tables.get("recording", {})
@@ -193,7 +247,9 @@ def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
             if row and (len(row) > 1 or row[0].strip()):
                 yield reader.line_num, row
     except UnicodeDecodeError as error:
-        raise FileError(f"{path} is not UTF-8 text (byte {error.start}).", _RESAVE, code="encoding") from None
+        raise FileError(
+            f"{path} is not UTF-8 text (byte {error.start}).", _RESAVE, code="encoding"
+        ) from None
     except csv.Error as error:
         raise FileError(f"{path}, line {reader.line_num}: not CSV: {error}.", _RESAVE) from None
 
@@ -212,7 +268,9 @@ def _refuse_cell(path: Path, line: int, name: str, what: str, code: str = "cell"
 
 
 def _refuse_stamp(path: Path, row: int, detail: str, code: str) -> NoReturn:
-    raise FileError(f"{path}, line {_line_of(path, row)}, column 'time_s': {detail}.", _INGEST, code=code)
+    raise FileError(
+        f"{path}, line {_line_of(path, row)}, column 'time_s': {detail}.", _INGEST, code=code
+    )
 
 
 def _is_number(cell: str) -> bool:
@@ -229,38 +287,56 @@ def _unknown_keys(path: Path, title: str, table: dict[str, Any]) -> list[str]:
     valid = _KEYS[title]
     if valid is None:
         return []
-    # a rig of one's own may have its gains in other units: only what they are is held against the list
+    # a rig of one's own may have its gains in other units: only what they are is held against the
+    # list
     stems = {split_column(key)[0] for key in valid} if title == "controller" else set(valid)
     unknown = [key for key in table if key not in valid and split_column(key)[0] not in stems]
-    return [f"{path}: [{title}] {key!r} is not a known key. {nearest(key, valid)}".rstrip() for key in unknown]
+    return [
+        f"{path}: [{title}] {key!r} is not a known key. {nearest(key, valid)}".rstrip()
+        for key in unknown
+    ]
 
 
 def _text(path: Path, table: dict[str, Any], key: str) -> str | None:
     value = table.get(key)
     if value is not None and not isinstance(value, str):
-        raise FileError(f"{path}: [recording] {key} is {value!r:.60}, not text in quotes.", f'Write {key} = "..."',
-                        code="toml")
+        raise FileError(
+            f"{path}: [recording] {key} is {value!r:.60}, not text in quotes.",
+            f'Write {key} = "..."',
+            code="toml",
+        )
     return value
 
 
 def _numbers(path: Path, title: str, table: dict[str, Any]) -> dict[str, float]:
     for key, value in table.items():
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, int | float)
+            or not math.isfinite(value)
+        ):
             stem, symbol = split_column(key)
             hint = f"Write the {stem} in {symbol}." if symbol != "1" else "Write a plain number."
-            raise FileError(f"{path}: [{title}] {key} is {value!r:.60}, not a finite number.", hint, code="toml")
+            raise FileError(
+                f"{path}: [{title}] {key} is {value!r:.60}, not a finite number.", hint, code="toml"
+            )
     return {key: float(value) for key, value in table.items()}
 
 
 def _period(path: Path, table: dict[str, Any], time: NDArray[np.float64]) -> float:
-    """The sampling period in s: the mean spacing of the stamps, or the stated one where the two agree."""
+    """The sampling period in s: the mean spacing of the stamps, or the stated one where the two
+    agree."""
     measured = float(time[-1] - time[0]) / (time.size - 1)
     if "sampling_period_s" not in table:
         return float(f"{measured:.9g}")
-    stated = _numbers(path, "recording", {"sampling_period_s": table["sampling_period_s"]})["sampling_period_s"]
+    stated = _numbers(path, "recording", {"sampling_period_s": table["sampling_period_s"]})[
+        "sampling_period_s"
+    ]
     if stated <= 0 or abs(stated - measured) > PERIOD_TO * measured:
         hint = "Correct the key or leave it out; is the time column in seconds?"
-        message = f"{path}: sampling_period_s is {stated:g}, but the stamps are {measured:.6g} s apart."
+        message = (
+            f"{path}: sampling_period_s is {stated:g}, but the stamps are {measured:.6g} s apart."
+        )
         raise FileError(message, hint, code="sampling-period")
     # both name the same clock: keep the round number unless the stamps really run at another rate
     return stated if abs(stated - measured) <= 1e-5 * measured else float(f"{measured:.9g}")

@@ -1,6 +1,7 @@
 """What a channel's own samples tell of its measurement: the step it is quantised in, and its noise.
 
-Both are multiples of the channel's unit: the same samples in another unit give the same answer, scaled.
+Both are multiples of the channel's unit: the same samples in another unit give the same answer,
+scaled.
 """
 
 from __future__ import annotations
@@ -12,26 +13,30 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-DIGITS = 1e-9          # of the largest value: levels closer than this differ by digits of the file
-ALIKE = 0.2            # of the smallest gap between levels: gaps this close to it are one step
-MOST = 20000           # levels looked at, those in the middle
-NEAR = 20.0            # steps from one level to the next: over wider gaps an error of the step adds up
+DIGITS = 1e-9  # of the largest value: levels closer than this differ by digits of the file
+ALIKE = 0.2  # of the smallest gap between levels: gaps this close to it are one step
+MOST = 20000  # levels looked at, those in the middle
+# steps from one level to the next: over wider gaps an error of the step adds up
+NEAR = 20.0
 LAGS = (1, 2, 4, 8, 16, 32)  # levels that gaps reach over; beyond, a converter's own bend shows
-OFF = 0.1              # steps by which gaps miss a whole number, on average; 0.25 where there is no step
-FEW, OFF_OF_FEW = 10, 0.02   # of so few gaps each has to be whole to this
-MANY, FINEST = 30, 16  # with so many gaps, parts of the smallest are tried: no two neighbouring levels may be met
-STRAIGHT = 0.8         # of all moves: more of them like the one before are a line, not steps
-BLOCK = 40             # samples over which differences are squared
-TINY = 1e-6            # of the standard deviation: less noise than this is not believed
-SHOWN = 1.5 * TINY     # more than this may be noise
+# steps by which gaps miss a whole number, on average; 0.25 where there is no step
+OFF = 0.1
+FEW, OFF_OF_FEW = 10, 0.02  # of so few gaps each has to be whole to this
+# with so many gaps, parts of the smallest are tried: no two neighbouring levels may be met
+MANY, FINEST = 30, 16
+STRAIGHT = 0.8  # of all moves: more of them like the one before are a line, not steps
+BLOCK = 40  # samples over which differences are squared
+TINY = 1e-6  # of the standard deviation: less noise than this is not believed
+SHOWN = 1.5 * TINY  # more than this may be noise
 UNIFORM = 1.0 / np.sqrt(12.0)  # standard deviation of what rounding to steps adds, in steps
-FOURTH = np.sqrt(70.0)         # standard deviation of fourth differences of white noise of 1
-MEDIAN = 0.6745                # median absolute value of a normal variable of deviation 1
+FOURTH = np.sqrt(70.0)  # standard deviation of fourth differences of white noise of 1
+MEDIAN = 0.6745  # median absolute value of a normal variable of deviation 1
 
 
 def quantisation_step(values: Array) -> float:
-    """The step of which all differences between the levels of a channel, shape (n,), are multiples; 0 where there is
-    none. Levels may be off by a third of a step (counts printed with few decimals), and most may never be met."""
+    """The step of which all differences between the levels of a channel, shape (n,), are multiples;
+    0 where there is none. Levels may be off by a third of a step (counts printed with few
+    decimals), and most may never be met."""
     levels = np.unique(values)
     levels = levels[max(0, levels.size - MOST) // 2 :][:MOST]
     gaps = np.diff(levels)
@@ -48,14 +53,18 @@ def quantisation_step(values: Array) -> float:
 
 
 def _goes_straight(values: Array, step: float) -> bool:
-    """Does the channel mostly move by as many steps as the sample before? So does a line without any steps."""
+    """Does the channel mostly move by as many steps as the sample before? So does a line without
+    any steps."""
     moves = np.round(np.diff(values) / step)
-    return bool(np.sum((moves[1:] == moves[:-1]) & (moves[1:] != 0.0)) > STRAIGHT * np.count_nonzero(moves))
+    return bool(
+        np.sum((moves[1:] == moves[:-1]) & (moves[1:] != 0.0)) > STRAIGHT * np.count_nonzero(moves)
+    )
 
 
 def _lattice(levels: Array, step: float) -> float:
-    """The step near this one of which the levels, in order, are multiples; 0 where they are not. Over ever wider gaps:
-    what levels are off by does not add up, a smooth motion that only seems to go in steps is found out."""
+    """The step near this one of which the levels, in order, are multiples; 0 where they are not.
+    Over ever wider gaps: what levels are off by does not add up, a smooth motion that only seems to
+    go in steps is found out."""
     for lag in LAGS:
         if lag > 1 and levels.size < 4 * lag:
             break
@@ -65,33 +74,39 @@ def _lattice(levels: Array, step: float) -> float:
             counts = np.maximum(np.round(near / step), 1.0)
             step = float(near @ counts / (counts @ counts)) if near.size else step
         off = np.abs(near / step - np.maximum(np.round(near / step), 1.0))
-        if near.size <= 0.5 * gaps.size or (off.mean() > OFF if off.size > FEW else off.max() > OFF_OF_FEW):
+        if near.size <= 0.5 * gaps.size or (
+            off.mean() > OFF if off.size > FEW else off.max() > OFF_OF_FEW
+        ):
             return 0.0
     return step
 
 
 def noise_level(y: Array) -> Array:
-    """Noise of every channel of y (samples x channels): its white noise, at least that of its step, at least 1e-6 of
-    the spread.
+    """Noise of every channel of y (samples x channels): its white noise, at least that of its step,
+    at least 1e-6 of the spread.
 
-    White noise is read from fourth differences, robustly: of white noise they have variance 70 sigma^2, smooth motion
-    contributes next to nothing. Below a step there is nothing to read where the channel moves slowly: it rests at a
-    level, and what differs are digits. Rounding is off by step/sqrt(12) all the same.
+    White noise is read from fourth differences, robustly: of white noise they have variance 70
+    sigma^2, smooth motion contributes next to nothing. Below a step there is nothing to read where
+    the channel moves slowly: it rests at a level, and what differs are digits. Rounding is off by
+    step/sqrt(12) all the same.
     """
     return _noise_and_steps(y)[0]
 
 
 def sensor_noise(parts: Sequence[Array], stated: Array) -> Array:
-    """Noise per channel of recordings made with the same sensors (each samples x channels); stated: what the rig says
-    of them (0: nothing), the least where the samples say nothing.
+    """Noise per channel of recordings made with the same sensors (each samples x channels); stated:
+    what the rig says of them (0: nothing), the least where the samples say nothing.
 
-    A sensor may be better than its data sheet, and then its white noise or its steps are seen. Where neither is, noise
-    was filtered away or never there, and what changes from sample to sample is no measure of what a reading is off by.
+    A sensor may be better than its data sheet, and then its white noise or its steps are seen.
+    Where neither is, noise was filtered away or never there, and what changes from sample to sample
+    is no measure of what a reading is off by.
     """
     y = np.concatenate(parts)
     noise, steps = _noise_and_steps(y)
-    if len(parts) > 1:   # each may have steps of its own
-        steps = np.sqrt(np.mean([[quantisation_step(c) ** 2 for c in part.T] for part in parts], axis=0))
+    if len(parts) > 1:  # each may have steps of its own
+        steps = np.sqrt(
+            np.mean([[quantisation_step(c) ** 2 for c in part.T] for part in parts], axis=0)
+        )
         noise = np.maximum(noise, UNIFORM * steps)
     least = SHOWN * y.std(axis=0)
     white = [n > shown and is_white(c) for c, n, shown in zip(y.T, noise, least, strict=True)]
@@ -100,7 +115,8 @@ def sensor_noise(parts: Sequence[Array], stated: Array) -> Array:
 
 
 def is_white(values: Array) -> bool:
-    """Do fourth differences look like white noise throughout (and not like curvature that comes and goes)?"""
+    """Do fourth differences look like white noise throughout (and not like curvature that comes and
+    goes)?"""
     d = np.diff(values, n=4)
     if d.size < 80:
         return False
@@ -115,7 +131,8 @@ def is_white(values: Array) -> bool:
 def _noise_and_steps(y: Array) -> tuple[Array, Array]:
     d = np.abs(np.diff(y, n=4, axis=0))
     sigma = np.median(d, axis=0) / (MEDIAN * FOURTH)
-    pooled = np.sqrt(np.mean(np.minimum(d, np.quantile(d, 0.9, axis=0)) ** 2, axis=0)) / FOURTH  # most samples rest
+    # most samples rest
+    pooled = np.sqrt(np.mean(np.minimum(d, np.quantile(d, 0.9, axis=0)) ** 2, axis=0)) / FOURTH
     noise = np.where(sigma > 0.0, sigma, pooled)
     steps = np.array([quantisation_step(c) for c in y.T])
     for c in np.flatnonzero(sigma < steps):
@@ -124,7 +141,9 @@ def _noise_and_steps(y: Array) -> tuple[Array, Array]:
 
 
 def _square_noise(d: Array) -> float:
-    """White noise of one channel from the squares of its fourth differences: their median takes few values below a
-    step. The median over blocks passes over jumps."""
+    """White noise of one channel from the squares of its fourth differences: their median takes few
+    values below a step. The median over blocks passes over jumps."""
     blocks = max(1, d.size // BLOCK)
-    return float(np.sqrt(np.median([np.mean(part**2) for part in np.array_split(d, blocks)]))) / float(FOURTH)
+    return float(
+        np.sqrt(np.median([np.mean(part**2) for part in np.array_split(d, blocks)]))
+    ) / float(FOURTH)

@@ -1,10 +1,11 @@
-"""Samples that stand in two recordings: a copy, whatever its name, the order and unit of its columns or the digits it
-was printed with, or a stretch that two files share.
+"""Samples that stand in two recordings: a copy, whatever its name, the order and unit of its
+columns or the digits it was printed with, or a stretch that two files share.
 
-Found by content alone. Every measured signal is read as a sequence of (level, dwell); words of a few of these are
-looked up in all recordings at once, and each pair of places that share words is then compared sample by sample. What
-rests says nothing and does not count; noise never repeats itself, so that the same experiment made twice on a real
-rig is no copy. The same experiment simulated twice without noise is one.
+Found by content alone. Every measured signal is read as a sequence of (level, dwell); words of a
+few of these are looked up in all recordings at once, and each pair of places that share words is
+then compared sample by sample. What rests says nothing and does not count; noise never repeats
+itself, so that the same experiment made twice on a real rig is no copy. The same experiment
+simulated twice without noise is one.
 """
 
 from __future__ import annotations
@@ -23,22 +24,26 @@ from pamid.recording.recording import Recording, match_column
 Array = NDArray[np.float64]
 Places = NDArray[np.int64]
 
-CELLS = (63, 15, 3, 1)  # steps of print to a level; odd, so that no number of the coarser print lies between two levels
-LEVELS = 100            # that a signal should visit at least, for its words to tell places apart
-DOUBLINGS = 3           # a word is 8 dwells
-KEPT = 8                # of so many words one is looked up; which one is up to the words themselves
-SHARED = 3              # words that two places must share to be compared
-SHIFTS = 4              # ways to lay one recording upon another that are compared
-TELLING = 100           # samples at which something moves, alike in both, that two experiments do not share ...
-BROKEN = 10             # times as many, where the files differ before or after although both go on: a coarse converter
-PRINTED = 300           # values whose digits are looked at
-EXACT = 1e-12           # of a value: conversion between units
+# steps of print to a level; odd, so that no number of the coarser print lies between two levels
+CELLS = (63, 15, 3, 1)
+LEVELS = 100  # that a signal should visit at least, for its words to tell places apart
+DOUBLINGS = 3  # a word is 8 dwells
+KEPT = 8  # of so many words one is looked up; which one is up to the words themselves
+SHARED = 3  # words that two places must share to be compared
+SHIFTS = 4  # ways to lay one recording upon another that are compared
+# samples at which something moves, alike in both, that two experiments do not share ...
+TELLING = 100
+# times as many, where the files differ before or after although both go on: a coarse converter
+BROKEN = 10
+PRINTED = 300  # values whose digits are looked at
+EXACT = 1e-12  # of a value: conversion between units
 MIX = np.uint64(0x9E3779B97F4A7C15)
 
 
 @dataclass(frozen=True)
 class Overlap:
-    """So many samples of recording `first` from its sample `start` on are those of recording `second` from `again`."""
+    """So many samples of recording `first` from its sample `start` on are those of recording
+    `second` from `again`."""
 
     first: int
     second: int
@@ -49,13 +54,15 @@ class Overlap:
 
 @dataclass(frozen=True, eq=False)
 class _Signal:
-    values: Array        # SI
-    step: float          # of its print at its largest values, SI
+    values: Array  # SI
+    step: float  # of its print at its largest values, SI
 
 
-def require_apart(outputs: Sequence[str], fitted: Sequence[Recording], held_out: Sequence[Recording] = ()) -> None:
-    """DataError where two recordings hold the same samples of these outputs: what was fitted is not held out, and
-    nothing may count twice. It names both and the overlap in seconds."""
+def require_apart(
+    outputs: Sequence[str], fitted: Sequence[Recording], held_out: Sequence[Recording] = ()
+) -> None:
+    """DataError where two recordings hold the same samples of these outputs: what was fitted is not
+    held out, and nothing may count twice. It names both and the overlap in seconds."""
     recordings = [*fitted, *held_out]
     found = max(overlaps(outputs, recordings), key=lambda o: o.samples, default=None)
     if found is None:
@@ -67,16 +74,25 @@ def require_apart(outputs: Sequence[str], fitted: Sequence[Recording], held_out:
     if one.path == other.path:
         message = f"{one.path} is given twice ({seconds:.4g} s): {why}"
     else:
-        places = [f"{r.path} ({r.time[at]:.6g} .. {r.time[at + found.samples - 1]:.6g} s)"
-                  for r, at in ((one, found.start), (other, found.again))]
-        message = f"{places[0]} and {places[1]} hold the same measured samples, {seconds:.4g} s of them: {why}"
-    raise DataError(f"{message}.", "Give every recording once, in one role; without --held-out the last part of each "
-                    "is held out.", code="overlap")
+        places = [
+            f"{r.path} ({r.time[at]:.6g} .. {r.time[at + found.samples - 1]:.6g} s)"
+            for r, at in ((one, found.start), (other, found.again))
+        ]
+        message = (
+            f"{places[0]} and {places[1]} hold the same measured samples, {seconds:.4g} s "
+            f"of them: {why}"
+        )
+    raise DataError(
+        f"{message}.",
+        "Give every recording once, in one role; without --held-out the last part of each "
+        "is held out.",
+        code="overlap",
+    )
 
 
 def overlaps(outputs: Sequence[str], recordings: Sequence[Recording]) -> Iterator[Overlap]:
-    """Pairs of recordings that share samples, each with its longest common stretch. Where several hold the same, each
-    is named with one other."""
+    """Pairs of recordings that share samples, each with its longest common stretch. Where several
+    hold the same, each is named with one other."""
     if len(recordings) < 2:
         return
     seen: dict[tuple[str, float, int], int] = {}
@@ -123,9 +139,11 @@ def _printed_step(values: Array) -> float:
     return float(max(10.0**last, EXACT * size.max()))
 
 
-def _candidates(outputs: Sequence[str], tables: dict[int, dict[str, _Signal]]) -> Iterator[tuple[int, int, int]]:
-    """Pairs of recordings (i, j) and the shift, place in i minus place in j, at which they share words; those that
-    share most come first."""
+def _candidates(
+    outputs: Sequence[str], tables: dict[int, dict[str, _Signal]]
+) -> Iterator[tuple[int, int, int]]:
+    """Pairs of recordings (i, j) and the shift, place in i minus place in j, at which they share
+    words; those that share most come first."""
     votes = []
     for name in outputs:
         having = {i: signals[name] for i, signals in tables.items() if name in signals}
@@ -147,7 +165,8 @@ def _words(values: Array, cell: float) -> tuple[NDArray[np.uint64], Places]:
     """Hashes of the words that are looked up, and the sample at which each begins."""
     level = np.rint(values / cell).astype(np.int64)
     begins = np.flatnonzero(np.concatenate([[True], level[1:] != level[:-1]]))
-    dwell = np.diff(begins).astype(np.uint64)      # the last one is cut short by the end of the file
+    # the last one is cut short by the end of the file
+    dwell = np.diff(begins).astype(np.uint64)
     word = (level[begins[:-1]].astype(np.uint64) * MIX ^ dwell) * MIX
     word ^= word >> np.uint64(29)
     for doubling in range(DOUBLINGS):
@@ -159,21 +178,26 @@ def _words(values: Array, cell: float) -> tuple[NDArray[np.uint64], Places]:
 
 
 def _matches(found: dict[int, tuple[NDArray[np.uint64], Places]]) -> Places:
-    """(i, j, shift) for every word that recordings i < j share; of those that share one, each with the next."""
+    """(i, j, shift) for every word that recordings i < j share; of those that share one, each with
+    the next."""
     word = np.concatenate([w for w, _ in found.values()])
     place = np.concatenate([p for _, p in found.values()])
     owner = np.concatenate([np.full(len(w), i) for i, (w, _) in found.items()])
     order = np.lexsort((place, owner, word))
     word, place, owner = word[order], place[order], owner[order]
-    first = np.concatenate([[True], (word[1:] != word[:-1]) | (owner[1:] != owner[:-1])])[: word.size]
+    first = np.concatenate([[True], (word[1:] != word[:-1]) | (owner[1:] != owner[:-1])])[
+        : word.size
+    ]
     word, place, owner = word[first], place[first], owner[first]
     at = np.flatnonzero(word[1:] == word[:-1])
     return np.stack([owner[at], owner[at + 1], place[at] - place[at + 1]], axis=1).astype(np.int64)
 
 
-def _shared(one: dict[str, _Signal], other: dict[str, _Signal], shift: int) -> tuple[int, int] | None:
-    """First sample (of `one`) and length of the stretch that tells most among those alike in every signal that both
-    have; None where it tells too little."""
+def _shared(
+    one: dict[str, _Signal], other: dict[str, _Signal], shift: int
+) -> tuple[int, int] | None:
+    """First sample (of `one`) and length of the stretch that tells most among those alike in every
+    signal that both have; None where it tells too little."""
     names = [n for n in one if n in other]
     size = min(len(one[names[0]].values), len(other[names[0]].values) + shift)
     start = max(0, shift)

@@ -1,7 +1,9 @@
-"""A recording: one CSV file of uniformly sampled signals and, beside it, an optional TOML file of the same stem.
+"""A recording: one CSV file of uniformly sampled signals and, beside it, an optional TOML file of
+the same stem.
 
-The first column is `time_s`; every other column is `<signal>_<unit>`. What cannot be trusted is refused here, with
-file, column and row, so that nothing later has to wonder: see `pamid.recording.file_checks` for the list.
+The first column is `time_s`; every other column is `<signal>_<unit>`. What cannot be trusted is
+refused here, with file, column and row, so that nothing later has to wonder: see
+`pamid.recording.file_checks` for the list.
 """
 
 from __future__ import annotations
@@ -19,7 +21,14 @@ from numpy.typing import ArrayLike, NDArray
 from pamid.base.errors import DataError, FileError, nearest
 from pamid.base.files import TABLE, open_data, sha256_of, write_together
 from pamid.base.units import NONE, compatible, from_si, split_column, suffixes_for, to_si
-from pamid.recording.file_checks import check_header, check_range, check_stamps, explain_cells, read_header, sidecar_of
+from pamid.recording.file_checks import (
+    check_header,
+    check_range,
+    check_stamps,
+    explain_cells,
+    read_header,
+    sidecar_of,
+)
 
 FloatArray = NDArray[np.float64]
 
@@ -30,23 +39,54 @@ TIME_DIGITS = 12  # a stamp late in a long record needs more: 9 digits are 10 us
 
 _PLAIN = "Every cell holds one number with a decimal point; `pamid ingest` reads other dialects."
 
-#: words that people write for units pamid does not read; they tell "wrong unit" from "another signal"
-_FOREIGN_UNITS = ("psi", "psig", "psia", "atm", "torr", "mmhg", "barg", "bara", "hpa", "degree", "degrees", "radian",
-                  "radians", "grad", "rev", "turns", "rpm", "inch", "in", "ft", "lb", "lbs", "lbf", "kgf", "ozin",
-                  "lbin", "sec", "msec", "pct", "counts", "ticks", "degf")  # fmt: skip
+#: words that people write for units pamid does not read; they tell "wrong unit" from "another
+#: signal"
+_FOREIGN_UNITS = (
+    "psi",
+    "psig",
+    "psia",
+    "atm",
+    "torr",
+    "mmhg",
+    "barg",
+    "bara",
+    "hpa",
+    "degree",
+    "degrees",
+    "radian",
+    "radians",
+    "grad",
+    "rev",
+    "turns",
+    "rpm",
+    "inch",
+    "in",
+    "ft",
+    "lb",
+    "lbs",
+    "lbf",
+    "kgf",
+    "ozin",
+    "lbin",
+    "sec",
+    "msec",
+    "pct",
+    "counts",
+    "ticks",
+    "degf",
+)
 
 
 @dataclass(frozen=True)
 class Recording:
-    """Signals on a uniform time base, as the file holds them (units by column name), and what is known about them.
+    """Signals on a uniform time base, as the file holds them (units by column name), and what is
+    known about them.
 
-    time             s, shape (n,), strictly increasing
-    columns          full column name -> values in the column's unit, shape (n,), without time; arrays are read-only
-    sampling_period_s   s
-    loop             "closed" | "open" | None: was a controller producing the command from the output?
-    known            parameters of the rig known for this recording, by full name, in the unit of the name
-    controller       the controller's settings, by full name
-    warnings         what was odd but not wrong
+    time             s, shape (n,), strictly increasing columns          full column name -> values
+    in the column's unit, shape (n,), without time; arrays are read-only sampling_period_s   s loop
+    "closed" | "open" | None: was a controller producing the command from the output? known
+    parameters of the rig known for this recording, by full name, in the unit of the name controller
+    the controller's settings, by full name warnings         what was odd but not wrong
     """
 
     name: str
@@ -69,17 +109,24 @@ class Recording:
         return match_column(self.columns, column) is not None
 
     def signal(self, column: str) -> FloatArray:
-        """The signal `column`, converted to the unit in that name if the file holds another of the same quantity.
+        """The signal `column`, converted to the unit in that name if the file holds another of the
+        same quantity.
 
         FileError if it was not recorded, or in a unit that pamid does not know.
         """
         found = match_column(self.columns, column)
         if found is None:
-            hint = nearest(column, self.columns) or "Its columns are: " + ", ".join(self.columns) + "."
-            raise FileError(f"{self.path}: there is no column {column!r}.", hint, code="missing-column")
+            hint = (
+                nearest(column, self.columns) or "Its columns are: " + ", ".join(self.columns) + "."
+            )
+            raise FileError(
+                f"{self.path}: there is no column {column!r}.", hint, code="missing-column"
+            )
         if found == column:
             return self.columns[found]
-        values = from_si(to_si(self.columns[found], split_column(found)[1]), split_column(column)[1])
+        values = from_si(
+            to_si(self.columns[found], split_column(found)[1]), split_column(column)[1]
+        )
         return np.asarray(values)
 
     def si(self, column: str) -> FloatArray:
@@ -87,14 +134,19 @@ class Recording:
         return np.asarray(to_si(self.signal(column), split_column(column)[1]))
 
     def slice(self, start: int, stop: int) -> Recording:
-        """Samples start to stop (as in a Python slice) as a recording of its own; the time stamps stay."""
+        """Samples start to stop (as in a Python slice) as a recording of its own; the time stamps
+        stay."""
         rows = slice(start, stop)
-        return replace(self, time=self.time[rows], columns={name: array[rows] for name, array in self.columns.items()})
+        return replace(
+            self,
+            time=self.time[rows],
+            columns={name: array[rows] for name, array in self.columns.items()},
+        )
 
 
 def read_recording(path: str | Path) -> Recording:
-    """Read a recording and its TOML. FileError (exit 3) for whatever is wrong with the files, naming column and line;
-    DataError (exit 4) if there are fewer than 50 samples."""
+    """Read a recording and its TOML. FileError (exit 3) for whatever is wrong with the files,
+    naming column and line; DataError (exit 4) if there are fewer than 50 samples."""
     source = Path(path)
     names = read_header(source)
     check_header(source, names)
@@ -107,27 +159,50 @@ def read_recording(path: str | Path) -> Recording:
         message = f"{source}: too short: {time.size} samples, at least {MIN_SAMPLES} are needed."
         raise DataError(message, hint, code="too-short")
     side = sidecar_of(source, names, time)
-    columns = {name: np.ascontiguousarray(table[:, index]) for index, name in enumerate(names) if index}
+    columns = {
+        name: np.ascontiguousarray(table[:, index]) for index, name in enumerate(names) if index
+    }
     for array in (time, *columns.values()):
         array.flags.writeable = False
-    return Recording(source.stem, source, sha256_of(source), time, columns, side.sampling_period_s, side.loop,
-                     side.rig, side.known, side.controller, side.warnings)  # fmt: skip
+    return Recording(
+        source.stem,
+        source,
+        sha256_of(source),
+        time,
+        columns,
+        side.sampling_period_s,
+        side.loop,
+        side.rig,
+        side.known,
+        side.controller,
+        side.warnings,
+    )
 
 
 def write_recording(
-    path: str | Path, time: ArrayLike, columns: Mapping[str, ArrayLike], meta: Mapping[str, Any] | None = None, *,
+    path: str | Path,
+    time: ArrayLike,
+    columns: Mapping[str, ArrayLike],
+    meta: Mapping[str, Any] | None = None,
+    *,
     digits: int = SIGNIFICANT_DIGITS,
 ) -> None:
-    """Write a recording: CSV with so many significant digits, the tables of `meta` as TOML beside it. Both or none.
+    """Write a recording: CSV with so many significant digits, the tables of `meta` as TOML beside
+    it. Both or none.
 
-    time in s; columns by full name, all of the length of time and finite; meta e.g. {"recording": {"loop": "open"},
-    "known": {...}}. Without meta no TOML is written and one that exists is left alone.
+    time in s; columns by full name, all of the length of time and finite; meta e.g. {"recording":
+    {"loop": "open"}, "known": {...}}. Without meta no TOML is written and one that exists is left
+    alone.
     """
     write_together(recording_files(Path(path), time, columns, meta, digits=digits))
 
 
 def recording_files(
-    target: Path, time: ArrayLike, columns: Mapping[str, ArrayLike], meta: Mapping[str, Any] | None = None, *,
+    target: Path,
+    time: ArrayLike,
+    columns: Mapping[str, ArrayLike],
+    meta: Mapping[str, Any] | None = None,
+    *,
     digits: int = SIGNIFICANT_DIGITS,
 ) -> dict[Path, bytes]:
     """The files of `write_recording` and what stands in them."""
@@ -137,8 +212,10 @@ def recording_files(
     for name, array in zip(names, arrays, strict=True):
         if array.shape != arrays[0].shape or array.ndim != 1 or not np.isfinite(array).all():
             what = "not finite" if array.shape == arrays[0].shape else f"of shape {array.shape}"
-            raise FileError(f"{target}: column {name!r} is {what}; {arrays[0].size} finite values are needed.",
-                            "Lower what is sent, or mend the parameters that let it grow without bound.")
+            raise FileError(
+                f"{target}: column {name!r} is {what}; {arrays[0].size} finite values are needed.",
+                "Lower what is sent, or mend the parameters that let it grow without bound.",
+            )
     row = ",".join([f"%.{TIME_DIGITS}g", *[f"%.{digits}g"] * len(columns)]) + "\n"
     cells = np.stack(arrays, axis=1).ravel().tolist()
     text = ",".join(names) + "\n" + (row * arrays[0].size) % tuple(cells)
@@ -147,10 +224,11 @@ def recording_files(
 
 
 def match_column(names: str | Iterable[str], wanted: str) -> str | None:
-    """Which of the columns `names` holds the signal `wanted`, in any unit of its quantity; None if it is not there.
+    """Which of the columns `names` holds the signal `wanted`, in any unit of its quantity; None if
+    it is not there.
 
-    Wanted "angle_deg" finds "angle_rad". FileError if the signal is there only in a unit that is unknown or of another
-    quantity: wanted "pressure_1_kpa" and a column "pressure_1_psi".
+    Wanted "angle_deg" finds "angle_rad". FileError if the signal is there only in a unit that is
+    unknown or of another quantity: wanted "pressure_1_kpa" and a column "pressure_1_psi".
     """
     every = [names] if isinstance(names, str) else list(names)
     if wanted in every:
@@ -177,7 +255,10 @@ def require_excited(recording: Recording, column: str) -> None:
     values = recording.signal(column)
     span = float(np.ptp(values))
     if span <= 1e-9 * float(np.max(np.abs(values))):
-        hint = "Record while it moves; `pamid generate-aprbs` makes an excitation that covers the range."
+        hint = (
+            "Record while it moves; `pamid generate-aprbs` makes an excitation that covers the "
+            "range."
+        )
         message = f"{recording.path}: {column} is constant ({values[0]:g}) throughout."
         raise DataError(message, hint, code="not-excited")
 
@@ -186,34 +267,49 @@ def toml_text(tables: Mapping[str, Any]) -> str:
     """Plain TOML of tables of text, numbers, booleans and lists of them."""
     lines: list[str] = []
     for title, table in tables.items():
-        lines += [f"[{title}]", *(f"{_toml_key(key)} = {_toml_value(value)}" for key, value in table.items()), ""]
+        lines += [
+            f"[{title}]",
+            *(f"{_toml_key(key)} = {_toml_value(value)}" for key, value in table.items()),
+            "",
+        ]
     return "\n".join(lines)
 
 
 def toml_string(value: str) -> str:
-    """A text as TOML holds it: no character of it can end the line or the quotes. FileError for what is no text (a file
-    name that is not UTF-8)."""
+    """A text as TOML holds it: no character of it can end the line or the quotes. FileError for
+    what is no text (a file name that is not UTF-8)."""
     if not value.isascii() and any("\ud800" <= c <= "\udfff" for c in value):
         raise FileError(f"{value!r} is no UTF-8 text and cannot be written to TOML.", "Rename it.")
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _read_cells(path: Path, names: Sequence[str]) -> FloatArray:
-    """All numbers below the header, shape (rows, columns). The fast reader only says that a cell is wrong; the slow
-    one then says which."""
+    """All numbers below the header, shape (rows, columns). The fast reader only says that a cell is
+    wrong; the slow one then says which."""
     import warnings
 
     import pandas
 
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("error", pandas.errors.ParserWarning)  # said where cells would be lost
+            # said where cells would be lost
+            warnings.simplefilter("error", pandas.errors.ParserWarning)
             with open_data(path, TABLE) as file:
-                frame = pandas.read_csv(file, header=None, skiprows=1, names=list(range(len(names))), index_col=False,
-                                        dtype=np.float64, encoding="utf-8", skipinitialspace=True)  # fmt: skip
+                frame = pandas.read_csv(
+                    file,
+                    header=None,
+                    skiprows=1,
+                    names=list(range(len(names))),
+                    index_col=False,
+                    dtype=np.float64,
+                    encoding="utf-8",
+                    skipinitialspace=True,
+                )
     except (ValueError, OSError, pandas.errors.ParserWarning) as error:
         explain_cells(path, names)
-        raise FileError(f"{path} cannot be read as comma-separated numbers: {error}.", _PLAIN) from error
+        raise FileError(
+            f"{path} cannot be read as comma-separated numbers: {error}.", _PLAIN
+        ) from error
     table = frame.to_numpy()
     if table.shape[0] == 0 or not np.isfinite(table).all():
         explain_cells(path, names)
@@ -223,7 +319,9 @@ def _read_cells(path: Path, names: Sequence[str]) -> FloatArray:
 
 def _wrong_unit(name: str, state: str, wanted: str, symbol: str) -> FileError:
     valid = ", ".join(f"_{suffix}" for suffix in suffixes_for(symbol))
-    ending = f"Valid endings are {valid}." if valid else "This signal has no unit: name it as it is."
+    ending = (
+        f"Valid endings are {valid}." if valid else "This signal has no unit: name it as it is."
+    )
     hint = f"{ending} Convert the values and rename the column."
     return FileError(f"Column {name!r} is {state}; {wanted!r} is wanted.", hint, code="unit")
 
@@ -244,5 +342,7 @@ def _toml_value(value: Any) -> str:
         return repr(float(value))
     if isinstance(value, list | tuple):
         return "[" + ", ".join(_toml_value(item) for item in value) + "]"
-    raise FileError(f"A {type(value).__name__} cannot be written to TOML.",
-                    "Give text, numbers, true or false, and lists of them.")
+    raise FileError(
+        f"A {type(value).__name__} cannot be written to TOML.",
+        "Give text, numbers, true or false, and lists of them.",
+    )

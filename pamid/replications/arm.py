@@ -1,9 +1,10 @@
-"""The second paper's validation on a twin of its arm (arm_twin.py): what `pamid reproduce-paper --paper arm` does.
+"""The second paper's validation on a twin of its arm (arm_twin.py): what `pamid reproduce-paper
+--paper arm` does.
 
-Gravity tests first, for inertias and friction of the joints; then pulses on the valves, begun from what those have left
-known, with the analytic force law of the rig and with an ANFIS trained on a measured force map. Source of the
-procedure: Dynamic characterization and simulation of two-link soft robot arm with pneumatic muscles, Mechanism and
-Machine Theory (2016).
+Gravity tests first, for inertias and friction of the joints; then pulses on the valves, begun from
+what those have left known, with the analytic force law of the rig and with an ANFIS trained on a
+measured force map. Source of the procedure: Dynamic characterization and simulation of two-link
+soft robot arm with pneumatic muscles, Mechanism and Machine Theory (2016).
 """
 
 from __future__ import annotations
@@ -57,29 +58,45 @@ SCHEMA, TABLE_FILE, MAP_FILE = "pamid.paper-arm/1", "arm-paper.json", "muscle-ma
 FIGURES = {GRAVITY: "figures/gravity.png", PULSES: "figures/pulses.png"}
 UNLOADED = "without_payload"
 SHEET, FLOOR = "data_sheet", "noise_floor"
-ANALYTIC_ALONE, ANFIS_ALONE, ANALYTIC, ANFIS = "analytic_alone", "anfis_alone", "fitted_analytic", "fitted_anfis"
+ANALYTIC_ALONE, ANFIS_ALONE, ANALYTIC, ANFIS = (
+    "analytic_alone",
+    "anfis_alone",
+    "fitted_analytic",
+    "fitted_anfis",
+)
 FITTED = (ANALYTIC_ALONE, ANFIS_ALONE, ANALYTIC, ANFIS)
-SETS = 2             # of the ANFIS, per input: three bend between as few contractions as the map has
-AT_THE_FLOOR = 0.05  # by which share of the noise floor a fitted angle may lie above it in the gravity test
+# of the ANFIS, per input: three bend between as few contractions as the map has
+SETS = 2
+# by which share of the noise floor a fitted angle may lie above it in the gravity test
+AT_THE_FLOOR = 0.05
 QUICK_S, QUICK_MUSCLES, QUICK_PERIOD_S = 4.0, ("12", "21"), 0.006
 
 NOTES = (
-    "A virtual arm, not the authors' arm: their recordings and parameters are not published, so their figures are not "
-    "set beside these. What the twin hides was chosen; its equations are the model's but for the force law.",
-    "Free runs begin where the recording begins, and nothing is set anew on the way. A joint that is clamped is not "
+    "A virtual arm, not the authors' arm: their recordings and parameters are not published, so "
+    "their figures are not "
+    "set beside these. What the twin hides was chosen; its equations are the model's but for the "
+    "force law.",
+    "Free runs begin where the recording begins, and nothing is set anew on the way. A joint that "
+    "is clamped is not "
     "scored, nor are its muscles. The noise floor is the error of the twin itself.",
-    "With corrections: force maps (3 %) and valves (5 %) of every muscle may depart smoothly from the law, as in every "
+    "With corrections: force maps (3 %) and valves (5 %) of every muscle may depart smoothly from "
+    "the law, as in every "
     "fit of pamid. They can take up what the analytic law lacks; the law alone has none.",
-    "A swing tells inertias, first moments and friction up to one common factor. The test with a known payload sets "
-    "it, as a known torque would. Masses, centres and inertias one by one are not seen by the motion.",
-    "scale multiplies a force law: the truth given is that of the twin's own. The ANFIS has learnt it with the map, so "
-    "that 1 is right there. Where a muscle is slack, the ANFIS was taught the catalogue's law nearest to the map.",
+    "A swing tells inertias, first moments and friction up to one common factor. The test with a "
+    "known payload sets "
+    "it, as a known torque would. Masses, centres and inertias one by one are not seen by the "
+    "motion.",
+    "scale multiplies a force law: the truth given is that of the twin's own. The ANFIS has "
+    "learnt it with the map, so "
+    "that 1 is right there. Where a muscle is slack, the ANFIS was taught the catalogue's law "
+    "nearest to the map.",
 )
 
 
 @dataclass(frozen=True)
 class Plan:
-    """swing_s: length of each gravity test; muscles: those that are pulsed; quick: too little to be believed."""
+    """swing_s: length of each gravity test; muscles: those that are pulsed; quick: too little to be
+    believed."""
 
     swing_s: float = 10.0
     muscles: tuple[str, ...] = MUSCLES
@@ -116,12 +133,17 @@ class Model:
     p: Array
 
     def free(self, r: Recording) -> Array:
-        """A run over a whole recording from the state in which the rig begins (samples x VARIABLES, SI)."""
+        """A run over a whole recording from the state in which the rig begins (samples x VARIABLES,
+        SI)."""
         a, stepping = self.grey.assembly, self.grey.fit.stepping
         t = track_of(a, r, VARIABLES)
-        run = free_run(a, t.u, Runner(a, t, stepping).parameters(self.p), t.period_s, stepping=stepping)
+        run = free_run(
+            a, t.u, Runner(a, t, stepping).parameters(self.p), t.period_s, stepping=stepping
+        )
         if run.blown_up >= 0:
-            raise ConvergenceError(f"{r.path}: the model became unstable at {run.blown_up * t.period_s:.3f} s.")
+            raise ConvergenceError(
+                f"{r.path}: the model became unstable at {run.blown_up * t.period_s:.3f} s."
+            )
         return run.outputs
 
     def free_mae(self, recordings: Iterable[Recording]) -> dict[str, float]:
@@ -129,13 +151,19 @@ class Model:
         return shown_mae((r, output_table(VARIABLES, r) - self.free(r)) for r in recordings)
 
 
-# ---- fits --------------------------------------------------------------------------------------------------------
+# ---- fits --------------------------------------------------------------------------------------
 
 
-def fit_stages(run: Run, records: Records, plan: Plan, told: Told) -> tuple[dict[str, Stage], dict[str, Any]]:
-    """All fits, each in a run folder of its own as `pamid fit --from` would leave it; force-law.json of the map."""
+def fit_stages(
+    run: Run, records: Records, plan: Plan, told: Told
+) -> tuple[dict[str, Stage], dict[str, Any]]:
+    """All fits, each in a run folder of its own as `pamid fit --from` would leave it;
+    force-law.json of the map."""
+
     def stage(name: str, evidence: Evidence, earlier: Posterior | None = None) -> Stage:
-        grey = fit_model(evidence, seed=plan.seed, told=lambda text: told(f"{name}: {text}"), earlier=earlier)
+        grey = fit_model(
+            evidence, seed=plan.seed, told=lambda text: told(f"{name}: {text}"), earlier=earlier
+        )
         found = Stage(grey, fit_json(grey, plan.seed))
         own = part(run, name, plan, [r.path for r in evidence.recordings])
         write_json(own.path(FIT_FILE), found.told)
@@ -146,8 +174,12 @@ def fit_stages(run: Run, records: Records, plan: Plan, told: Told) -> tuple[dict
         rig.static_force = law or rig.static_force
         return stage(name, records.evidence(rig, PULSES), known)
 
-    stages = {UNLOADED: stage("gravity-without-payload", records.evidence(TwoLink(), GRAVITY, WITH_PAYLOAD)),
-              GRAVITY: stage("gravity", records.evidence(TwoLink(), GRAVITY))}
+    stages = {
+        UNLOADED: stage(
+            "gravity-without-payload", records.evidence(TwoLink(), GRAVITY, WITH_PAYLOAD)
+        ),
+        GRAVITY: stage("gravity", records.evidence(TwoLink(), GRAVITY)),
+    }
     known = read_posterior(run.folder / "gravity")
     told("force map of a muscle")
     judged = judge(read_map(run.path(MAP_FILE)), sets=SETS, seed=plan.seed)
@@ -155,87 +187,129 @@ def fit_stages(run: Run, records: Records, plan: Plan, told: Told) -> tuple[dict
     about = write_law(own, judged, RIG, True)
     own.finish()
     measured = force_law(judged.trained)
-    return {**stages, ANALYTIC_ALONE: pulsed("pulses-analytic-alone", LawAlone()),
-            ANFIS_ALONE: pulsed("pulses-anfis-alone", LawAlone(), measured),
-            ANALYTIC: pulsed("pulses-analytic", TwoLink()), ANFIS: pulsed("pulses-anfis", TwoLink(), measured)}, about
+    return {
+        **stages,
+        ANALYTIC_ALONE: pulsed("pulses-analytic-alone", LawAlone()),
+        ANFIS_ALONE: pulsed("pulses-anfis-alone", LawAlone(), measured),
+        ANALYTIC: pulsed("pulses-analytic", TwoLink()),
+        ANFIS: pulsed("pulses-anfis", TwoLink(), measured),
+    }, about
 
 
 def part(run: Run, name: str, plan: Plan, inputs: list[Any]) -> Run:
     """A run folder within this run."""
-    return Run.create(run.path(name), command=run.record["command"], seed=plan.seed, inputs=inputs, overwrite=True)
+    return Run.create(
+        run.path(name), command=run.record["command"], seed=plan.seed, inputs=inputs, overwrite=True
+    )
 
 
-# ---- the tables --------------------------------------------------------------------------------------------------
+# ---- the tables --------------------------------------------------------------------------------
 
 
 def models_of(stages: dict[str, Stage]) -> dict[str, Model]:
     """By column of the table. The data sheet goes with the analytic law."""
     greys = {name: stages[name].grey for name in FITTED}
-    return {SHEET: Model(greys[ANALYTIC], greys[ANALYTIC].assembly.values()),
-            **{name: Model(grey, grey.fit.p) for name, grey in greys.items()}}
+    return {
+        SHEET: Model(greys[ANALYTIC], greys[ANALYTIC].assembly.values()),
+        **{name: Model(grey, grey.fit.p) for name, grey in greys.items()},
+    }
 
 
 def free_json(stages: dict[str, Stage], records: Records) -> dict[str, Any]:
     """By kind of test and variable: the errors of all models in free runs, and the noise floor."""
     models, found = models_of(stages), {}
     for kind in (GRAVITY, PULSES):
-        by = {name: model.free_mae(records.of(kind, held_out=True)) for name, model in models.items()}
+        by = {
+            name: model.free_mae(records.of(kind, held_out=True)) for name, model in models.items()
+        }
         found[kind] = _by_variable({**by, FLOOR: records.floor(kind)})
     return found
 
 
 def windowed_json(stages: dict[str, Stage]) -> dict[str, Any]:
-    """The same as the fits themselves judge, in short windows whose states are set anew. The gravity tests were fitted
-    with the analytic law alone of the two."""
+    """The same as the fits themselves judge, in short windows whose states are set anew. The
+    gravity tests were fitted with the analytic law alone of the two."""
     found = {}
     for kind, names in ((GRAVITY, {ANALYTIC: GRAVITY}), (PULSES, dict.fromkeys(FITTED))):
         greys = {name: stages[stage or name].grey for name, stage in names.items()}
         by = {name: windowed_mae(g.evidence, g.held_out) for name, g in greys.items()}
         plain = greys[ANALYTIC]
-        found[kind] = _by_variable({SHEET: windowed_mae(plain.evidence, plain.data_sheet), **by,
-                                    FLOOR: windowed_mae(plain.evidence, plain.floor)})
+        found[kind] = _by_variable(
+            {
+                SHEET: windowed_mae(plain.evidence, plain.data_sheet),
+                **by,
+                FLOOR: windowed_mae(plain.evidence, plain.floor),
+            }
+        )
     return found
 
 
 def windowed_mae(evidence: Evidence, replays: tuple[Replay, ...]) -> dict[str, float]:
     """Errors of what a fit has replayed of its held-out recordings, as `shown_mae`."""
-    return shown_mae((span.recording, one.residual[one.scored])
-                     for span, one in zip(evidence.held_out, replays, strict=True))
+    return shown_mae(
+        (span.recording, one.residual[one.scored])
+        for span, one in zip(evidence.held_out, replays, strict=True)
+    )
 
 
 def _by_variable(by: dict[str, dict[str, float]]) -> dict[str, Any]:
-    return {v: {"unit": unit_of(v), **{name: cells[v] for name, cells in by.items()}} for v in VARIABLES}
+    return {
+        v: {"unit": unit_of(v), **{name: cells[v] for name, cells in by.items()}} for v in VARIABLES
+    }
 
 
 def target_json(mae: dict[str, Any]) -> dict[str, Any]:
     """Do the fitted angles of the gravity test lie at the noise floor?"""
     angles = {v: cells for v, cells in mae[GRAVITY].items() if cells["unit"] == "deg"}
-    over = {name: {v: cells[name] / cells[FLOOR] for v, cells in angles.items()} for name in (ANALYTIC, ANFIS)}
+    over = {
+        name: {v: cells[name] / cells[FLOOR] for v, cells in angles.items()}
+        for name in (ANALYTIC, ANFIS)
+    }
     worst = max(ratio for by in over.values() for ratio in by.values())
-    return {"share": AT_THE_FLOOR, "error_over_floor": over, "worst": worst, "reached": worst <= 1.0 + AT_THE_FLOOR}
+    return {
+        "share": AT_THE_FLOOR,
+        "error_over_floor": over,
+        "worst": worst,
+        "reached": worst <= 1.0 + AT_THE_FLOOR,
+    }
 
 
 def _interval(one: dict[str, Any], truth: float | None) -> dict[str, Any]:
-    return {**{key: one[key] for key in ("value", "low", "high", "word")},
-            "holds": None if truth is None else one["low"] <= truth <= one["high"]}
+    return {
+        **{key: one[key] for key in ("value", "low", "high", "word")},
+        "holds": None if truth is None else one["low"] <= truth <= one["high"],
+    }
 
 
 def combinations_json(stages: dict[str, Stage], twin: ArmTwin) -> dict[str, Any]:
-    """What the rig declares of its inertial data, by stage; holds: does the interval hold the truth?"""
+    """What the rig declares of its inertial data, by stage; holds: does the interval hold the
+    truth?"""
     plain = Assembly(catalogue_rig(RIG))
-    truth, told = plain.values(twin.hidden()), {name: s.told["combinations"] for name, s in stages.items()}
-    return {name: {"unit": told[GRAVITY][name]["unit"], SHEET: told[GRAVITY][name]["prior"], "truth": of(truth),
-                   **{stage: _interval(found[name], of(truth)) for stage, found in told.items()}}
-            for name, of in declared(plain).items()}
+    truth, told = (
+        plain.values(twin.hidden()),
+        {name: s.told["combinations"] for name, s in stages.items()},
+    )
+    return {
+        name: {
+            "unit": told[GRAVITY][name]["unit"],
+            SHEET: told[GRAVITY][name]["prior"],
+            "truth": of(truth),
+            **{stage: _interval(found[name], of(truth)) for stage, found in told.items()},
+        }
+        for name, of in declared(plain).items()
+    }
 
 
 def parameters_json(stages: dict[str, Stage], twin: ArmTwin) -> dict[str, Any]:
-    """Every fitted parameter by stage; holds: does the interval hold the truth? (none of a scale of another law)"""
+    """Every fitted parameter by stage; holds: does the interval hold the truth? (none of a scale of
+    another law)"""
     hidden, found = twin.hidden(), {}
     for name, one in stages[GRAVITY].told["parameters"].items():
         truth = hidden.get(name, one["prior"])
-        by = {stage: _interval(s.told["parameters"][name], None if name == "scale" else truth)
-              for stage, s in stages.items()}
+        by = {
+            stage: _interval(s.told["parameters"][name], None if name == "scale" else truth)
+            for stage, s in stages.items()
+        }
         found[name] = {"unit": one["unit"], SHEET: one["prior"], "truth": truth, **by}
     return found
 
@@ -243,17 +317,22 @@ def parameters_json(stages: dict[str, Stage], twin: ArmTwin) -> dict[str, Any]:
 def tied_json(told: dict[str, Any]) -> list[dict[str, Any]]:
     """Parameters that a stage knows only in combination, and what it knows of them."""
     known = told["combinations"]
-    return [{"parameters": list(tie["parameters"]), "known": {name: known[name]["value"] for name in tie["known"]}}
-            for tie in told["tied"]]
+    return [
+        {
+            "parameters": list(tie["parameters"]),
+            "known": {name: known[name]["value"] for name in tie["known"]},
+        }
+        for tie in told["tied"]
+    ]
 
 
-# ---- everything --------------------------------------------------------------------------------------------------
+# ---- everything --------------------------------------------------------------------------------
 
 
 def reproduce_arm(run: Run, plan: Plan, *, told: Told = lambda text: None) -> dict[str, Any]:
     """Everything into a run folder; returns pamid.paper-arm/1, which is in arm-paper.json, too."""
     twin = ArmTwin()
-    run.path(TABLE_FILE).unlink(missing_ok=True)     # of an earlier run
+    run.path(TABLE_FILE).unlink(missing_ok=True)  # of an earlier run
     told("recording the twin")
     planned = sessions(plan.swing_s, plan.muscles, plan.period_s)
     run.claim(*(f"{session.name}{suffix}" for session in planned for suffix in (".csv", ".toml")))
@@ -263,15 +342,32 @@ def reproduce_arm(run: Run, plan: Plan, *, told: Told = lambda text: None) -> di
     told("free runs")
     mae = free_json(stages, records)
     found = {
-        "schema": SCHEMA, "quick": plan.quick, "plan": asdict(plan), "notes": list(NOTES),
+        "schema": SCHEMA,
+        "quick": plan.quick,
+        "plan": asdict(plan),
+        "notes": list(NOTES),
         "twin": {"law": twin.law, "hidden": twin.hidden()},
-        "recordings": [{"name": t.session.name, "kind": t.session.kind, "held_out": t.session.held_out,
-                        "known": t.session.known, "samples": len(t.recording)} for t in records.taken],
+        "recordings": [
+            {
+                "name": t.session.name,
+                "kind": t.session.kind,
+                "held_out": t.session.held_out,
+                "known": t.session.known,
+                "samples": len(t.recording),
+            }
+            for t in records.taken
+        ],
         "force_law": {key: law[key] for key in ("finding", "advice", "anfis", "laws")},
-        "mae": mae, "windowed_mae": windowed_json(stages), "target": target_json(mae),
-        "combinations": combinations_json(stages, twin), "parameters": parameters_json(stages, twin),
+        "mae": mae,
+        "windowed_mae": windowed_json(stages),
+        "target": target_json(mae),
+        "combinations": combinations_json(stages, twin),
+        "parameters": parameters_json(stages, twin),
         "tied": {name: tied_json(s.told) for name, s in stages.items()},
-        "fits": {name: {"converged": s.told["converged"], "why": s.told["why"]} for name, s in stages.items()},
+        "fits": {
+            name: {"converged": s.told["converged"], "why": s.told["why"]}
+            for name, s in stages.items()
+        },
     }
     write_json(run.path(TABLE_FILE), found)
     for kind, file in FIGURES.items():
@@ -280,13 +376,27 @@ def reproduce_arm(run: Run, plan: Plan, *, told: Told = lambda text: None) -> di
 
 
 def picture_of(stages: dict[str, Stage], records: Records, kind: str, mae: dict[str, Any]) -> bytes:
-    """PNG of the first held-out recording of a kind: measured, data sheet, fitted with the ANFIS."""
+    """PNG of the first held-out recording of a kind: measured, data sheet, fitted with the
+    ANFIS."""
     r, models = records.of(kind, held_out=True)[0], models_of(stages)
     sheet, fitted = models[SHEET].free(r), models[ANFIS].free(r)
-    panels = [Panel(f"{v.split('_')[0]} {v.split('_')[1]} [{unit_of(v)}]", shown(v, r.si(v)), shown(v, sheet[:, k]),
-                    shown(v, fitted[:, k])) for k, v in enumerate(VARIABLES)]
+    panels = [
+        Panel(
+            f"{v.split('_')[0]} {v.split('_')[1]} [{unit_of(v)}]",
+            shown(v, r.si(v)),
+            shown(v, sheet[:, k]),
+            shown(v, fitted[:, k]),
+        )
+        for k, v in enumerate(VARIABLES)
+    ]
     angles = [cells for cells in mae.values() if cells["unit"] == "deg"]
-    off = {name: " and ".join(f"{cells[name]:.2g}" for cells in angles) for name in (SHEET, ANFIS, FLOOR)}
-    title = (f"{'Gravity test' if kind == GRAVITY else 'Valve pulses'} that no fit has seen: fitted, the angles are "
-             f"off by {off[ANFIS]} deg (noise alone: {off[FLOOR]}), by the data sheet {off[SHEET]} deg")
+    off = {
+        name: " and ".join(f"{cells[name]:.2g}" for cells in angles)
+        for name in (SHEET, ANFIS, FLOOR)
+    }
+    title = (
+        f"{'Gravity test' if kind == GRAVITY else 'Valve pulses'} that no fit has seen: fitted, "
+        "the angles are "
+        f"off by {off[ANFIS]} deg (noise alone: {off[FLOOR]}), by the data sheet {off[SHEET]} deg"
+    )
     return arm_picture(kind, title, r.time, panels).png

@@ -1,7 +1,8 @@
-"""The twin of the second paper's arm: a virtual arm that departs from its data sheet, and the tests it is put to.
+"""The twin of the second paper's arm: a virtual arm that departs from its data sheet, and the tests
+it is put to.
 
-Not the authors' arm: neither its recordings nor its parameters are published. Departures are of the size that such data
-sheets have been found to be off by; many other twins would do.
+Not the authors' arm: neither its recordings nor its parameters are published. Departures are of the
+size that such data sheets have been found to be off by; many other twins would do.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ from pamid.simulation.simulate import output_table
 from pamid.simulation.virtual_rig import virtual_rig
 
 Array = NDArray[np.float64]
-Pieces = Iterable[tuple[Recording, Array]]     # recordings and what a model leaves of them, samples x VARIABLES (SI)
+# recordings and what a model leaves of them, samples x VARIABLES (SI)
+Pieces = Iterable[tuple[Recording, Array]]
 
 RIG = "two-link"
 #: what the paper compares: angles, contractions, pressures
@@ -35,15 +37,20 @@ VARIABLES = tuple(name for name in catalogue_rig(RIG).outputs if not name.starts
 GRAVITY, PULSES = "gravity", "pulses"
 WITH_PAYLOAD, PAYLOAD_KG = "gravity-payload", 0.5
 LEVEL, HELD_OUT_LEVEL = 1.0, 0.6
-MAP_CONTRACTION, MAP_PRESSURE_KPA, MAP_NOISE_N = np.linspace(0.0, 0.20, 6), np.linspace(0.0, 600.0, 21), 3.0
+MAP_CONTRACTION, MAP_PRESSURE_KPA, MAP_NOISE_N = (
+    np.linspace(0.0, 0.20, 6),
+    np.linspace(0.0, 600.0, 21),
+    3.0,
+)
 
 
 @dataclass(frozen=True)
 class ArmTwin:
-    """What is hidden: the force law of the muscles, and by which factor each parameter differs from the data sheet.
+    """What is hidden: the force law of the muscles, and by which factor each parameter differs from
+    the data sheet.
 
-    Inertial data are off by 15 to 25 %, as weighing and CAD without muscles, chains and screws leave them; the rest by
-    about as much as its prior says. scale is that of the twin's own law.
+    Inertial data are off by 15 to 25 %, as weighing and CAD without muscles, chains and screws
+    leave them; the rest by about as much as its prior says. scale is that of the twin's own law.
     """
 
     law: str = "braid-and-rubber"
@@ -66,21 +73,37 @@ class ArmTwin:
     def hidden(self) -> dict[str, float]:
         """Parameters that differ from the data sheet, by outside name."""
         shares = asdict(self)
-        return {p.outside_name: p.value * shares[p.outside_name] for p in catalogue_rig(RIG).parameters
-                if p.outside_name in shares}
+        return {
+            p.outside_name: p.value * shares[p.outside_name]
+            for p in catalogue_rig(RIG).parameters
+            if p.outside_name in shares
+        }
 
     def record(self, session: Session, *, noise: float = 1.0, seed: int = 0) -> dict[str, Any]:
         """columns (samples,) in their own units and the meta of a recording; no load cells."""
-        made = virtual_rig(f"{RIG}:{self.law}", session.excitation, (), session.known, self.hidden(), noise, seed)
+        made = virtual_rig(
+            f"{RIG}:{self.law}", session.excitation, (), session.known, self.hidden(), noise, seed
+        )
         columns = {k: v for k, v in made.columns.items() if k in VARIABLES or k in session.columns}
-        return {"columns": columns, "meta": {**made.meta, "recording": {**made.meta["recording"], "rig": RIG}}}
+        return {
+            "columns": columns,
+            "meta": {**made.meta, "recording": {**made.meta["recording"], "rig": RIG}},
+        }
 
     def force_map(self, path: Path, seed: int | list[int]) -> None:
-        """A static test of one muscle at every contraction and pressure of the grid, with a noisy load cell, as CSV."""
-        contraction, pressure = (x.ravel() for x in np.meshgrid(MAP_CONTRACTION, MAP_PRESSURE_KPA, indexing="ij"))
-        force = self.scale * pulls(LAWS[self.law], ForceMap(path, contraction, pressure, np.zeros(pressure.size)))
+        """A static test of one muscle at every contraction and pressure of the grid, with a noisy
+        load cell, as CSV."""
+        contraction, pressure = (
+            x.ravel() for x in np.meshgrid(MAP_CONTRACTION, MAP_PRESSURE_KPA, indexing="ij")
+        )
+        force = self.scale * pulls(
+            LAWS[self.law], ForceMap(path, contraction, pressure, np.zeros(pressure.size))
+        )
         force = force + MAP_NOISE_N * np.random.default_rng(seed).standard_normal(force.size)
-        rows = [f"{e:.6g},{p:.6g},{f:.6g}\n" for e, p, f in zip(contraction, pressure, force, strict=True)]
+        rows = [
+            f"{e:.6g},{p:.6g},{f:.6g}\n"
+            for e, p, f in zip(contraction, pressure, force, strict=True)
+        ]
         write_atomically(path, "".join([",".join(COLUMNS) + "\n", *rows]).encode())
 
 
@@ -103,21 +126,31 @@ class Session:
 
 
 def sessions(swing_s: float, muscles: tuple[str, ...], period_s: float) -> list[Session]:
-    """Swings of this length with the muscles vented, then pulses on the valves of these muscles, and how often all of
-    it is sampled.
+    """Swings of this length with the muscles vented, then pulses on the valves of these muscles,
+    and how often all of it is sampled.
 
-    Both links free from two releases, link 1 clamped, a known payload on the tip; held out: releases from elsewhere,
-    and pulses of another level in the opposite order.
+    Both links free from two releases, link 1 clamped, a known payload on the tip; held out:
+    releases from elsewhere, and pulses of another level in the opposite order.
     """
     rig = catalogue_rig(RIG)
     idle = nothing_sent(rig, round(swing_s / period_s))
 
-    def swing(name: str, release: tuple[float, float], *, clamped: tuple[str, ...] = (), payload: float | None = None,
-              held_out: bool = False) -> Session:
-        return Session(name, GRAVITY, held_out, idle, gravity_test(rig, release, clamped, payload), period_s)
+    def swing(
+        name: str,
+        release: tuple[float, float],
+        *,
+        clamped: tuple[str, ...] = (),
+        payload: float | None = None,
+        held_out: bool = False,
+    ) -> Session:
+        return Session(
+            name, GRAVITY, held_out, idle, gravity_test(rig, release, clamped, payload), period_s
+        )
 
     def pulses(name: str, order: tuple[str, ...], level: float, held_out: bool) -> Session:
-        return Session(name, PULSES, held_out, muscle_pulses(rig, order, level, period_s), {}, period_s)
+        return Session(
+            name, PULSES, held_out, muscle_pulses(rig, order, level, period_s), {}, period_s
+        )
 
     return [
         swing("gravity-free", (30.0, 40.0)),
@@ -131,7 +164,7 @@ def sessions(swing_s: float, muscles: tuple[str, ...], period_s: float) -> list[
     ]
 
 
-# ---- what was recorded -------------------------------------------------------------------------------------------
+# ---- what was recorded -------------------------------------------------------------------------
 
 
 def unit_of(variable: str) -> str:
@@ -145,14 +178,21 @@ def shown(variable: str, value: Any) -> Any:
 
 
 def shown_mae(pieces: Pieces) -> dict[str, float]:
-    """Mean absolute error of every variable over the recordings in which its joint is not clamped (deg, %, kPa)."""
+    """Mean absolute error of every variable over the recordings in which its joint is not clamped
+    (deg, %, kPa)."""
     every = list(pieces)
 
     def moves(variable: str, r: Recording) -> bool:
         return not r.known.get(f"clamped_{variable.split('_')[1][0]}")
 
-    return {v: float(shown(v, np.concatenate([np.abs(left[:, k]) for r, left in every if moves(v, r)]).mean()))
-            for k, v in enumerate(VARIABLES)}
+    return {
+        v: float(
+            shown(
+                v, np.concatenate([np.abs(left[:, k]) for r, left in every if moves(v, r)]).mean()
+            )
+        )
+        for k, v in enumerate(VARIABLES)
+    }
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,17 +212,27 @@ class Records:
 
     def of(self, kind: str, *, held_out: bool) -> list[Recording]:
         """The recordings of gravity tests or of pulses that are fitted, or held out."""
-        return [t.recording for t in self.taken if (t.session.kind, t.session.held_out) == (kind, held_out)]
+        return [
+            t.recording
+            for t in self.taken
+            if (t.session.kind, t.session.held_out) == (kind, held_out)
+        ]
 
     def evidence(self, rig: Rig, kind: str, without: str = "") -> Evidence:
         """The recordings of a kind as a fit wants them; one of them may be left out by name."""
-        return gather(rig, [r for r in self.of(kind, held_out=False) if r.name != without],
-                      self.of(kind, held_out=True))
+        return gather(
+            rig,
+            [r for r in self.of(kind, held_out=False) if r.name != without],
+            self.of(kind, held_out=True),
+        )
 
     def floor(self, kind: str) -> dict[str, float]:
         """Error of the twin itself on what is held out, as `shown_mae`."""
-        return shown_mae((t.recording, t.noise) for t in self.taken
-                         if t.session.kind == kind and t.session.held_out)
+        return shown_mae(
+            (t.recording, t.noise)
+            for t in self.taken
+            if t.session.kind == kind and t.session.held_out
+        )
 
 
 def record_arm(folder: Path, twin: ArmTwin, planned: list[Session], seed: int) -> Records:
@@ -190,7 +240,9 @@ def record_arm(folder: Path, twin: ArmTwin, planned: list[Session], seed: int) -
     taken = []
     for k, session in enumerate(planned):
         path = folder / f"{session.name}.csv"
-        write_recording(path, session.excitation.time, **twin.record(session, seed=len(planned) * seed + k))
+        write_recording(
+            path, session.excitation.time, **twin.record(session, seed=len(planned) * seed + k)
+        )
         recording, quiet = read_recording(path), twin.record(session, noise=0.0)["columns"]
         clean = np.stack([to_si(quiet[v], split_column(v)[1]) for v in VARIABLES], axis=1)
         taken.append(Taken(session, recording, output_table(VARIABLES, recording) - clean))

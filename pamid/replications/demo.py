@@ -1,7 +1,8 @@
 """A virtual joint with something withheld, diagnosed without being told: what `pamid demo` does.
 
-The seed draws one effect from a short list, mistunes the parameters of the rig by 10 to 20 % and adds sensor noise.
-What was drawn goes into `withheld.json`, which nothing but the final comparison reads.
+The seed draws one effect from a short list, mistunes the parameters of the rig by 10 to 20 % and
+adds sensor noise. What was drawn goes into `withheld.json`, which nothing but the final comparison
+reads.
 """
 
 from __future__ import annotations
@@ -37,16 +38,23 @@ EFFECTS = (
     "angle-sensor-lag:time_constant_s=0.02",
 )
 #: parameters of the rig that are off, each by 10 to 20 % up or down
-MISTUNED = ("damping_m2_s", "scale", "conductance_in_m3_per_s_pa", "conductance_out_m3_per_s_pa", "viscous_n_m_s")
+MISTUNED = (
+    "damping_m2_s",
+    "scale",
+    "conductance_in_m3_per_s_pa",
+    "conductance_out_m3_per_s_pa",
+    "viscous_n_m_s",
+)
 OFF_BY = (0.10, 0.20)
-ITERATIONS = 40            # of the network: enough to show what it is worth, not its best
+ITERATIONS = 40  # of the network: enough to show what it is worth, not its best
 TRUTH_FILE = "withheld.json"
 EXCITATION_FILE, RECORDING_FILES = "excitation.csv", ("rec.csv", "rec.toml")
 
 
 @dataclass(frozen=True)
 class Withheld:
-    """spec: the effect as `--effect` takes it; factors: parameter of the rig -> true value over data-sheet value."""
+    """spec: the effect as `--effect` takes it; factors: parameter of the rig -> true value over
+    data-sheet value."""
 
     effect: str
     family: str
@@ -65,7 +73,8 @@ def draw_withheld(seed: int) -> Withheld:
 
 
 def write_demo_recording(folder: Path, withheld: Withheld, *, seed: int, duration_s: float) -> Path:
-    """excitation.csv, rec.csv (with its TOML) and withheld.json into `folder`; returns the path of rec.csv."""
+    """excitation.csv, rec.csv (with its TOML) and withheld.json into `folder`; returns the path of
+    rec.csv."""
     reference = aprbs(duration_s, PERIOD_S, AMPLITUDE_DEG, HOLD_S, seed=seed)
     time = PERIOD_S * np.arange(reference.size)
     excitation, recording = folder / EXCITATION_FILE, folder / RECORDING_FILES[0]
@@ -74,45 +83,86 @@ def write_demo_recording(folder: Path, withheld: Withheld, *, seed: int, duratio
     hidden = {key: sheet[key] * factor for key, factor in withheld.factors.items()}
     made = virtual_rig(RIG, read_recording(excitation), (withheld.spec,), {}, hidden, 1.0, seed)
     truth: dict[str, Any] = {
-        "schema": "pamid.withheld/1", "seed": seed, "effect": withheld.effect, "family": withheld.family,
-        "as_simulated": made.effects, "parameters": hidden, "over_data_sheet": withheld.factors,
+        "schema": "pamid.withheld/1",
+        "seed": seed,
+        "effect": withheld.effect,
+        "family": withheld.family,
+        "as_simulated": made.effects,
+        "parameters": hidden,
+        "over_data_sheet": withheld.factors,
     }
     write_json(folder / TRUTH_FILE, truth)
     write_recording(recording, time, made.columns, made.meta)
     return recording
 
 
-def run_demo(run: Run, *, seed: int, jobs: int, duration_s: float,
-             told: Callable[[str], None] = lambda text: None) -> dict[str, Any]:
-    """Everything into a fresh run folder: recording, diagnosis, network, report page. Returns pamid.demo/1."""
+def run_demo(
+    run: Run,
+    *,
+    seed: int,
+    jobs: int,
+    duration_s: float,
+    told: Callable[[str], None] = lambda text: None,
+) -> dict[str, Any]:
+    """Everything into a fresh run folder: recording, diagnosis, network, report page. Returns
+    pamid.demo/1."""
     told("recording a virtual joint")
     run.claim(EXCITATION_FILE, TRUTH_FILE, *RECORDING_FILES)
-    recording = write_demo_recording(run.folder, draw_withheld(seed), seed=seed, duration_s=duration_s)
+    recording = write_demo_recording(
+        run.folder, draw_withheld(seed), seed=seed, duration_s=duration_s
+    )
     run.finish()
     diagnosis = _diagnosed(run, recording, seed, jobs, told)
     network = _trained(run, seed, told)
     told("writing the page")
     report = write_report(run.folder)
     truth = read_json(run.path(TRUTH_FILE))
-    return {"schema": "pamid.demo/1", "withheld": truth, "hit": hit(truth, diagnosis),
-            "verdict": diagnosis["verdict"], "sentence": diagnosis["sentence"], "causes": diagnosis["causes"],
-            "parameters": {k: v for k, v in diagnosis["parameters"].items() if k in truth["parameters"]},
-            "how_far": diagnosis["how_far"], "network": network["mae"], "page": str(report.page)}
+    return {
+        "schema": "pamid.demo/1",
+        "withheld": truth,
+        "hit": hit(truth, diagnosis),
+        "verdict": diagnosis["verdict"],
+        "sentence": diagnosis["sentence"],
+        "causes": diagnosis["causes"],
+        "parameters": {
+            k: v for k, v in diagnosis["parameters"].items() if k in truth["parameters"]
+        },
+        "how_far": diagnosis["how_far"],
+        "network": network["mae"],
+        "page": str(report.page),
+    }
 
 
 def hit(truth: dict[str, Any], diagnosis: dict[str, Any]) -> str:
-    """"right" where the verdict names the withheld family alone, "among" where it is one of several, else "missed"."""
+    """ "right" where the verdict names the withheld family alone, "among" where it is one of
+    several, else "missed"."""
     families = {c["family"] for c in diagnosis["causes"]}
     if truth["family"] not in families:
         return "missed"
     return "right" if families == {truth["family"]} else "among"
 
 
-def _diagnosed(run: Run, recording: Path, seed: int, jobs: int, told: Callable[[str], None]) -> dict[str, Any]:
+def _diagnosed(
+    run: Run, recording: Path, seed: int, jobs: int, told: Callable[[str], None]
+) -> dict[str, Any]:
     # noted as the command that does just this: with another --output anyone can repeat it
-    run.begin_step(command=["pamid", "diagnose", str(recording), "--rig", RIG, "--output", str(run.folder), "--seed",
-                            str(seed), "--jobs", str(jobs)],
-                   seed=seed, inputs=[recording, recording.with_suffix(".toml")])
+    run.begin_step(
+        command=[
+            "pamid",
+            "diagnose",
+            str(recording),
+            "--rig",
+            RIG,
+            "--output",
+            str(run.folder),
+            "--seed",
+            str(seed),
+            "--jobs",
+            str(jobs),
+        ],
+        seed=seed,
+        inputs=[recording, recording.with_suffix(".toml")],
+    )
     evidence = gather(catalogue_rig(RIG), [read_recording(recording)], [])
     found = diagnose_into(run, evidence, effects(), seed=seed, jobs=jobs, told=told)
     run.finish()
@@ -120,12 +170,26 @@ def _diagnosed(run: Run, recording: Path, seed: int, jobs: int, told: Callable[[
 
 
 def _trained(run: Run, seed: int, told: Callable[[str], None]) -> dict[str, Any]:
-    run.begin_step(command=["pamid", "train-residual", str(run.folder), "--iterations", str(ITERATIONS), "--seed",
-                            str(seed)],
-                   seed=seed, inputs=[run.path(FIT_FILE), run.path(RESIDUAL_FILE)])
-    found = train_correction(read_leftover(run.folder), iterations=ITERATIONS, seed=seed,
-                             checkpoint=run.path(CHECKPOINT_FILE),
-                             progress=lambda step, _: told(f"training a network, step {step.iteration}"))
+    run.begin_step(
+        command=[
+            "pamid",
+            "train-residual",
+            str(run.folder),
+            "--iterations",
+            str(ITERATIONS),
+            "--seed",
+            str(seed),
+        ],
+        seed=seed,
+        inputs=[run.path(FIT_FILE), run.path(RESIDUAL_FILE)],
+    )
+    found = train_correction(
+        read_leftover(run.folder),
+        iterations=ITERATIONS,
+        seed=seed,
+        checkpoint=run.path(CHECKPOINT_FILE),
+        progress=lambda step, _: told(f"training a network, step {step.iteration}"),
+    )
     about = write_correction(run, found)
     run.finish("interrupted" if found.interrupted else "done")
     if found.interrupted:

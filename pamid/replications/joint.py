@@ -1,6 +1,8 @@
-"""The results table of the first paper on a twin of its rig (joint_twin.py): what `pamid reproduce-paper` does.
+"""The results table of the first paper on a twin of its rig (joint_twin.py): what `pamid
+reproduce-paper` does.
 
-Source of the published figures: Hosovsky, Mizakova, Pitel, improved modeling of a pneumatic muscle actuator.
+Source of the published figures: Hosovsky, Mizakova, Pitel, improved modeling of a pneumatic muscle
+actuator.
 """
 
 from __future__ import annotations
@@ -20,7 +22,13 @@ from pamid.base.files import write_atomically
 from pamid.base.json_file import write_json
 from pamid.base.metrics import mae
 from pamid.base.run_folder import Run
-from pamid.correction.output_network import CHECKPOINT_FILE, STARTUP_S, TRACE_FILE, Correction, train_correction
+from pamid.correction.output_network import (
+    CHECKPOINT_FILE,
+    STARTUP_S,
+    TRACE_FILE,
+    Correction,
+    train_correction,
+)
 from pamid.correction.residual_data import Leftover, Stretch, derived
 from pamid.diagnosis.contender import Contender
 from pamid.diagnosis.tournament import Diagnosis, diagnose
@@ -56,22 +64,38 @@ FILES = {"training": "training.csv", TRAINED: "steps-6.4-jn.csv", UNSEEN: "steps
 TABLE_FILE, FIGURE_FILE = "paper.json", "figures/steps.png"
 SCHEMA = "pamid.paper/1"
 
-ANALYTIC, REFITTED, ELMAN, NAMED = "analytic model", "refitted model", "analytic model + Elman", "named causes"
+ANALYTIC, REFITTED, ELMAN, NAMED = (
+    "analytic model",
+    "refitted model",
+    "analytic model + Elman",
+    "named causes",
+)
 SPRING_KEPT = "named causes, spring kept"
-PUBLISHED = {ANALYTIC: {TRAINED: 1.2887, UNSEEN: 1.1708}, ELMAN: {TRAINED: 0.9793}}     # MAE in deg
-PUBLISHED_TRAINING: dict[str, Any] = {"iterations": 5000, "seconds": 36101, "mse": 0.0015, "gradient": 1.43, "mu": 5e5,
-                                      "gamma": 156, "n_weights": 171}
+PUBLISHED = {ANALYTIC: {TRAINED: 1.2887, UNSEEN: 1.1708}, ELMAN: {TRAINED: 0.9793}}  # MAE in deg
+PUBLISHED_TRAINING: dict[str, Any] = {
+    "iterations": 5000,
+    "seconds": 36101,
+    "mse": 0.0015,
+    "gradient": 1.43,
+    "mu": 5e5,
+    "gamma": 156,
+    "n_weights": 171,
+}
 NOTES = (
-    "A calibrated twin, not the authors' rig: their recordings and parameters are not published. The effects hidden "
-    "in it were sized so that the analytic model's error is the published one; other twins would fit as well.",
-    "The paper calls its MSE of 0.0015, of signals within [-1, 1], a mean relative error of 0.075 %. That divides a "
+    "A calibrated twin, not the authors' rig: their recordings and parameters are not published. "
+    "The effects hidden "
+    "in it were sized so that the analytic model's error is the published one; other twins would "
+    "fit as well.",
+    "The paper calls its MSE of 0.0015, of signals within [-1, 1], a mean relative error of 0.075 "
+    "%. That divides a "
     "squared error by the range; the root of it is 0.0387, or 1.94 % of the range.",
 )
 
 
 @dataclass(frozen=True)
 class Plan:
-    """seconds of the training record; iterations and starts of the network; quick: too small to be believed."""
+    """seconds of the training record; iterations and starts of the network; quick: too small to be
+    believed."""
 
     seconds: float = 200.0
     iterations: int = 1000
@@ -83,7 +107,8 @@ class Plan:
 
 @dataclass(frozen=True)
 class Row:
-    """One model. mae, after_1_s: deg by inertia, on all of the steps and without the start-up; None: unstable."""
+    """One model. mae, after_1_s: deg by inertia, on all of the steps and without the start-up;
+    None: unstable."""
 
     model: str
     mae: dict[str, float | None]
@@ -93,8 +118,12 @@ class Row:
 
     def improvement(self, against: Row) -> dict[str, float | None]:
         """1 - error / the error of another row, by inertia."""
-        return {case: None if own is None or not against.mae[case] else 1.0 - own / float(against.mae[case] or 1.0)
-                for case, own in self.mae.items()}
+        return {
+            case: None
+            if own is None or not against.mae[case]
+            else 1.0 - own / float(against.mae[case] or 1.0)
+            for case, own in self.mae.items()
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,42 +135,62 @@ class Records:
 
     @cached_property
     def analytic(self) -> dict[str, dict[str, Array]]:
-        """The analytic model in its own loop on every reference, by name of the recording in `FILES`."""
-        return {name: analytic_loop(r) for name, r in {"training": self.training, **self.steps}.items()}
+        """The analytic model in its own loop on every reference, by name of the recording in
+        `FILES`."""
+        return {
+            name: analytic_loop(r) for name, r in {"training": self.training, **self.steps}.items()
+        }
 
     def row(self, model: str, angles: dict[str, Array | None], seconds: float | None = None) -> Row:
         """Score angles (deg, by inertia) on the steps."""
         skip = math.ceil(STARTUP_S / PERIOD_S)
 
         def errors(first: int) -> dict[str, float | None]:
-            return {case: None if angle is None else mae(self.steps[case].signal(ANGLE)[first:], angle[first:])
-                    for case, angle in angles.items()}
+            return {
+                case: None
+                if angle is None
+                else mae(self.steps[case].signal(ANGLE)[first:], angle[first:])
+                for case, angle in angles.items()
+            }
 
         return Row(model, errors(0), errors(skip), seconds, angles)
 
     def row_of(self, model: str, grey: GreyBox, p: Array, seconds: float | None = None) -> Row:
         """Score a fitted model in its own loop."""
         runs = {case: loop_run(grey, r, p) for case, r in self.steps.items()}
-        return self.row(model, {case: None if run is None else run[ANGLE] for case, run in runs.items()}, seconds)
+        return self.row(
+            model,
+            {case: None if run is None else run[ANGLE] for case, run in runs.items()},
+            seconds,
+        )
 
 
-# ---- recordings --------------------------------------------------------------------------------------------------
+# ---- recordings --------------------------------------------------------------------------------
 
 
 def record_twin(folder: Path, twin: Twin, plan: Plan) -> Records:
     """Make the three recordings, with the default sensor noise, as files a user could have."""
     steps = step_reference()
-    wanted = {"training": (aprbs(plan.seconds, PERIOD_S, AMPLITUDE_DEG, HOLD_S, seed=plan.seed), INERTIAS[TRAINED]),
-              **{case: (steps, inertia) for case, inertia in INERTIAS.items()}}
+    wanted = {
+        "training": (
+            aprbs(plan.seconds, PERIOD_S, AMPLITUDE_DEG, HOLD_S, seed=plan.seed),
+            INERTIAS[TRAINED],
+        ),
+        **{case: (steps, inertia) for case, inertia in INERTIAS.items()},
+    }
     read = {}
     for k, (name, (reference, inertia)) in enumerate(wanted.items()):
         path = folder / FILES[name]
-        write_recording(path, clock(reference), **twin.record(reference, inertia, seed=len(wanted) * plan.seed + k))
+        write_recording(
+            path,
+            clock(reference),
+            **twin.record(reference, inertia, seed=len(wanted) * plan.seed + k),
+        )
         read[name] = read_recording(path)
     return Records(read.pop("training"), read)
 
 
-# ---- the models --------------------------------------------------------------------------------------------------
+# ---- the models --------------------------------------------------------------------------------
 
 
 def leftover_of(records: Records) -> Leftover:
@@ -150,8 +199,17 @@ def leftover_of(records: Records) -> Leftover:
     loops = list(records.analytic.values())
     columns = {name: np.concatenate([one[name] for one in loops]) for name in loops[0]}
     columns[ANGLE] = np.concatenate([r.signal(ANGLE) for r in recordings])
-    return Leftover(ANGLE, "loop", columns, derived(ANGLE, "loop"), tuple(loops[0]),
-                    tuple(Stretch(rows, int(k > 0)) for k, rows in enumerate(_rows(recordings))), 0, PERIOD_S, ())
+    return Leftover(
+        ANGLE,
+        "loop",
+        columns,
+        derived(ANGLE, "loop"),
+        tuple(loops[0]),
+        tuple(Stretch(rows, int(k > 0)) for k, rows in enumerate(_rows(recordings))),
+        0,
+        PERIOD_S,
+        (),
+    )
 
 
 def _rows(recordings: Sequence[Recording]) -> list[slice]:
@@ -159,32 +217,47 @@ def _rows(recordings: Sequence[Recording]) -> list[slice]:
     return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
 
 
-def train_elman(run: Run, records: Records, plan: Plan, *, resume: bool, told: Told) -> tuple[Row, Correction]:
-    """The paper's network: 5-10-1 on the analytic model, its correction added to the angle. Writes network.json,
-    network.npz and trace.csv; KeyboardInterrupt after that where it was interrupted."""
+def train_elman(
+    run: Run, records: Records, plan: Plan, *, resume: bool, told: Told
+) -> tuple[Row, Correction]:
+    """The paper's network: 5-10-1 on the analytic model, its correction added to the angle. Writes
+    network.json, network.npz and trace.csv; KeyboardInterrupt after that where it was interrupted.
+    """
     begun = time.perf_counter()
     found = train_correction(
-        leftover_of(records), iterations=plan.iterations, seed=plan.seed, starts=plan.starts, threads=plan.jobs,
-        checkpoint=run.path(CHECKPOINT_FILE), resume=resume,
-        progress=lambda step, start: told(f"training, start {start + 1} of {plan.starts}, step {step.iteration} of "
-                                          f"{plan.iterations}, MSE {step.mse:.3g}"))
+        leftover_of(records),
+        iterations=plan.iterations,
+        seed=plan.seed,
+        starts=plan.starts,
+        threads=plan.jobs,
+        checkpoint=run.path(CHECKPOINT_FILE),
+        resume=resume,
+        progress=lambda step, start: told(
+            f"training, start {start + 1} of {plan.starts}, step {step.iteration} of "
+            f"{plan.iterations}, MSE {step.mse:.3g}"
+        ),
+    )
     run.claim(WEIGHTS_FILE, NETWORK_FILE)
     save_network(run.folder, found.trained)
     write_atomically(run.path(TRACE_FILE), trace_csv(found.training))
     if found.interrupted:
         raise KeyboardInterrupt
     tests = _rows([records.training, *records.steps.values()])[1:]
-    angles: dict[str, Array | None] = {case: records.analytic[case][derived(ANGLE, "loop")] + found.values[rows]
-                                       for case, rows in zip(records.steps, tests, strict=True)}
+    angles: dict[str, Array | None] = {
+        case: records.analytic[case][derived(ANGLE, "loop")] + found.values[rows]
+        for case, rows in zip(records.steps, tests, strict=True)
+    }
     return records.row(ELMAN, angles, time.perf_counter() - begun), found
 
 
 def carried(assembly: Assembly, p: Array, before: float, after: float) -> Array:
-    """Parameters (SI) for another load on the arm (kg m2): of a part that swings behind a spring, the share and the
-    frequency follow from the spring and the inertia before it, which stay."""
+    """Parameters (SI) for another load on the arm (kg m2): of a part that swings behind a spring,
+    the share and the frequency follow from the spring and the inertia before it, which stay."""
     p = p.copy()
     for a in assembly.attachments:
-        places = [assembly.keys.get(f"{a.label}:{name}", -1) for name in ("share", "frequency", "damping")]
+        places = [
+            assembly.keys.get(f"{a.label}:{name}", -1) for name in ("share", "frequency", "damping")
+        ]
         if a.family(assembly.rig) != "flexible-transmission" or min(places) < 0:
             continue
         share, frequency, damping = places
@@ -197,20 +270,29 @@ def carried(assembly: Assembly, p: Array, before: float, after: float) -> Array:
 
 
 def named_rows(records: Records, grey: GreyBox, cause: Contender, seconds: float) -> list[Row]:
-    """The model with the named causes in its own loop; once more, where it has a load behind a spring, with that spring
-    and not its share and frequency kept for the other inertia."""
+    """The model with the named causes in its own loop; once more, where it has a load behind a
+    spring, with that spring and not its share and frequency kept for the other inertia."""
     model = replace(grey, assembly=cause.assembly, fit=cause.fit)
     row = records.row_of(NAMED, model, cause.fit.p, seconds)
     moved = carried(cause.assembly, cause.fit.p, INERTIAS[TRAINED], INERTIAS[UNSEEN])
     if np.array_equal(moved, cause.fit.p):
         return [row]
     again = records.row_of(SPRING_KEPT, model, moved)
-    return [row, Row(SPRING_KEPT, {**row.mae, UNSEEN: again.mae[UNSEEN]},
-                     {**row.after_1_s, UNSEEN: again.after_1_s[UNSEEN]}, None, {**row.angles, **again.angles})]
+    return [
+        row,
+        Row(
+            SPRING_KEPT,
+            {**row.mae, UNSEEN: again.mae[UNSEEN]},
+            {**row.after_1_s, UNSEEN: again.after_1_s[UNSEEN]},
+            None,
+            {**row.angles, **again.angles},
+        ),
+    ]
 
 
 def explain(run: Run, records: Records, plan: Plan, told: Told) -> tuple[list[Row], Diagnosis]:
-    """The refitted model and the named causes, from the training record alone; writes diagnosis.json."""
+    """The refitted model and the named causes, from the training record alone; writes
+    diagnosis.json."""
     begun = time.perf_counter()
     evidence = gather(catalogue_rig(RIG), [records.training], [])
     grey = fit_model(evidence, seed=plan.seed, jobs=plan.jobs, told=told)
@@ -223,47 +305,78 @@ def explain(run: Run, records: Records, plan: Plan, told: Told) -> tuple[list[Ro
     return rows, found
 
 
-# ---- the table ---------------------------------------------------------------------------------------------------
+# ---- the table ---------------------------------------------------------------------------------
 
 
-def reproduce(run: Run, plan: Plan, *, resume: bool = False, told: Told = lambda text: None) -> dict[str, Any]:
-    """Everything into a run folder; returns pamid.paper/1. paper.json is the same without times of the clock."""
+def reproduce(
+    run: Run, plan: Plan, *, resume: bool = False, told: Told = lambda text: None
+) -> dict[str, Any]:
+    """Everything into a run folder; returns pamid.paper/1. paper.json is the same without times of
+    the clock."""
     twin = Twin()
-    run.path(TABLE_FILE).unlink(missing_ok=True)     # of an earlier run
+    run.path(TABLE_FILE).unlink(missing_ok=True)  # of an earlier run
     told("recording the twin")
-    run.claim(*(f"{Path(file).stem}{suffix}" for file in FILES.values() for suffix in (".csv", ".toml")))
+    run.claim(
+        *(f"{Path(file).stem}{suffix}" for file in FILES.values() for suffix in (".csv", ".toml"))
+    )
     records = record_twin(run.folder, twin, plan)
-    analytic = records.row(ANALYTIC, {case: records.analytic[case][derived(ANGLE, "loop")] for case in records.steps})
+    analytic = records.row(
+        ANALYTIC, {case: records.analytic[case][derived(ANGLE, "loop")] for case in records.steps}
+    )
     elman, network = train_elman(run, records, plan, resume=resume, told=told)
     (refitted, *named), diagnosis = explain(run, records, plan, told)
     rows = [analytic, refitted, elman, *named]
     table = [row_json(row, analytic) for row in rows]
     found: dict[str, Any] = {
-        "schema": SCHEMA, "quick": plan.quick, "plan": asdict(plan), "notes": list(NOTES),
+        "schema": SCHEMA,
+        "quick": plan.quick,
+        "plan": asdict(plan),
+        "notes": list(NOTES),
         "twin": {**asdict(twin), "analytic_mae_without_noise": calibration(twin)},
-        "published": {"mae": PUBLISHED, "improvement": published_improvement(),
-                      "training": training_json(PUBLISHED_TRAINING)},
+        "published": {
+            "mae": PUBLISHED,
+            "improvement": published_improvement(),
+            "training": training_json(PUBLISHED_TRAINING),
+        },
         "rows": table,
         "training": training_json(network.training.summary),
-        "diagnosis": {k: v for k, v in diagnosis_json(diagnosis, None, plan.seed).items()
-                      if k in ("verdict", "sentence", "causes")},
+        "diagnosis": {
+            k: v
+            for k, v in diagnosis_json(diagnosis, None, plan.seed).items()
+            if k in ("verdict", "sentence", "causes")
+        },
     }
     write_json(run.path(TABLE_FILE), found)
     write_atomically(run.path(FIGURE_FILE), picture_of(records, [analytic, elman, *named[:1]]))
-    return {**found, "rows": [{**cells, "seconds": row.seconds} for cells, row in zip(table, rows, strict=True)]}
+    return {
+        **found,
+        "rows": [{**cells, "seconds": row.seconds} for cells, row in zip(table, rows, strict=True)],
+    }
 
 
 def picture_of(records: Records, rows: Sequence[Row]) -> bytes:
     """PNG of the errors of these models on the steps, those that are stable at both inertias."""
-    errors = {case: {row.model: angle - r.signal(ANGLE) for row in rows if None not in row.mae.values()
-                     and (angle := row.angles[case]) is not None} for case, r in records.steps.items()}
+    errors = {
+        case: {
+            row.model: angle - r.signal(ANGLE)
+            for row in rows
+            if None not in row.mae.values() and (angle := row.angles[case]) is not None
+        }
+        for case, r in records.steps.items()
+    }
     return steps_picture(clock(step_reference()), errors, ("trained at", "never seen")).png
 
 
 def row_json(row: Row, analytic: Row) -> dict[str, Any]:
-    """A row with the published errors beside it, in deg; improvement as a share of the analytic model's error."""
-    return {"model": row.model, "mae": row.mae, "mae_after_1_s": row.after_1_s,
-            "improvement": row.improvement(analytic), "published": PUBLISHED.get(row.model, {})}
+    """A row with the published errors beside it, in deg; improvement as a share of the analytic
+    model's error."""
+    return {
+        "model": row.model,
+        "mae": row.mae,
+        "mae_after_1_s": row.after_1_s,
+        "improvement": row.improvement(analytic),
+        "published": PUBLISHED.get(row.model, {}),
+    }
 
 
 def training_json(training: dict[str, Any]) -> dict[str, Any]:
@@ -272,7 +385,8 @@ def training_json(training: dict[str, Any]) -> dict[str, Any]:
 
 
 def published_improvement() -> float:
-    """The paper's 24 %: by how much its network lowers the error at the inertia it was trained with."""
+    """The paper's 24 %: by how much its network lowers the error at the inertia it was trained
+    with."""
     return 1.0 - PUBLISHED[ELMAN][TRAINED] / PUBLISHED[ANALYTIC][TRAINED]
 
 

@@ -1,7 +1,8 @@
-"""The twin of the first paper's rig: a virtual joint with what the analytic model lacks, and the signals it is asked.
+"""The twin of the first paper's rig: a virtual joint with what the analytic model lacks, and the
+signals it is asked.
 
-The effects are sized so that the analytic model misses the twin by as much as the paper's model missed its rig. Many
-other twins would do: this one is a fixture, not a claim about that rig.
+The effects are sized so that the analytic model misses the twin by as much as the paper's model
+missed its rig. Many other twins would do: this one is a fixture, not a claim about that rig.
 """
 
 from __future__ import annotations
@@ -26,20 +27,25 @@ Array = NDArray[np.float64]
 RIG, PERIOD_S = "one-dof", 0.003
 REFERENCE, COMMAND, ANGLE = "reference_deg", "command", "angle_deg"
 AMPLITUDE_DEG, HOLD_S = 40.0, (0.4, 1.6)
-STEPS_DEG, FIRST_STEP_S, STEP_S, STEP_SAMPLES = (20.0, -20.0, 30.0, -30.0, 40.0, -40.0), 0.252, 1.626, 3334
+STEPS_DEG, FIRST_STEP_S, STEP_S, STEP_SAMPLES = (
+    (20.0, -20.0, 30.0, -30.0, 40.0, -40.0),
+    0.252,
+    1.626,
+    3334,
+)
 NOMINAL_KG_M2 = 0.014
 TRAINED, UNSEEN = "6.4 Jn", "Jn"
-INERTIAS = {TRAINED: 6.4 * NOMINAL_KG_M2, UNSEEN: NOMINAL_KG_M2}     # kg m2
+INERTIAS = {TRAINED: 6.4 * NOMINAL_KG_M2, UNSEEN: NOMINAL_KG_M2}  # kg m2
 
 
 @dataclass(frozen=True)
 class Twin:
     """What the hidden truth has and the analytic model has not.
 
-    damping and conductance are shares of the model's; hysteresis is at 6 bar. The load swings behind a spring; what
-    sits before it stays the same with either load. Damping was chosen so that the joint settles under random steps, too
-    (0.14 passes the test of the steps and then oscillates by 10 deg for ever), conductance and spring to meet the two
-    errors.
+    damping and conductance are shares of the model's; hysteresis is at 6 bar. The load swings
+    behind a spring; what sits before it stays the same with either load. Damping was chosen so that
+    the joint settles under random steps, too (0.14 passes the test of the steps and then oscillates
+    by 10 deg for ever), conductance and spring to meet the two errors.
     """
 
     hysteresis_n: float = 0.0307 * 1500.0
@@ -48,7 +54,7 @@ class Twin:
     conductance: float = 0.9385
     delay_s: float = 0.009
     coulomb_n_m: float = 0.15
-    spring_n_m: float = 35.75            # per rad
+    spring_n_m: float = 35.75  # per rad
     loss_n_m_s: float = 0.05
     inboard_kg_m2: float = 0.5 * NOMINAL_KG_M2
 
@@ -57,22 +63,40 @@ class Twin:
         outboard = inertia - self.inboard_kg_m2
         natural = math.sqrt(self.spring_n_m / outboard)
         ratio = self.loss_n_m_s / (2.0 * natural * outboard)
-        return (f"maxwell-slip-hysteresis:force_n={self.hysteresis_n},reach={self.reach}",
-                f"two-mass:share={outboard / inertia},frequency_hz={natural / (2.0 * math.pi)},damping={ratio}",
-                f"dead-time:delay_s={self.delay_s}",
-                f"coulomb-friction:torque_n_m={self.coulomb_n_m}")
+        return (
+            f"maxwell-slip-hysteresis:force_n={self.hysteresis_n},reach={self.reach}",
+            f"two-mass:share={outboard / inertia},frequency_hz={natural / (2.0 * math.pi)},damping={ratio}",  # noqa: E501
+            f"dead-time:delay_s={self.delay_s}",
+            f"coulomb-friction:torque_n_m={self.coulomb_n_m}",
+        )
 
     def hidden(self) -> dict[str, float]:
         """Parameters of the rig that differ from the data sheet, by outside name."""
-        shares = {"damping_m2_s": self.damping, "conductance_in_m3_per_s_pa": self.conductance,
-                  "conductance_out_m3_per_s_pa": self.conductance}
-        return {p.outside_name: p.value * shares[p.outside_name] for p in catalogue_rig(RIG).parameters
-                if p.outside_name in shares}
+        shares = {
+            "damping_m2_s": self.damping,
+            "conductance_in_m3_per_s_pa": self.conductance,
+            "conductance_out_m3_per_s_pa": self.conductance,
+        }
+        return {
+            p.outside_name: p.value * shares[p.outside_name]
+            for p in catalogue_rig(RIG).parameters
+            if p.outside_name in shares
+        }
 
-    def record(self, reference: Array, inertia: float, *, noise: float = 1.0, seed: int = 0) -> dict[str, Any]:
-        """columns (samples,) in their own units and the meta of a recording on this reference (deg)."""
-        made = virtual_rig(RIG, excitation(reference), self.effects(inertia), {"inertia_kg_m2": inertia},
-                           self.hidden(), noise, seed)
+    def record(
+        self, reference: Array, inertia: float, *, noise: float = 1.0, seed: int = 0
+    ) -> dict[str, Any]:
+        """columns (samples,) in their own units and the meta of a recording on this reference
+        (deg)."""
+        made = virtual_rig(
+            RIG,
+            excitation(reference),
+            self.effects(inertia),
+            {"inertia_kg_m2": inertia},
+            self.hidden(),
+            noise,
+            seed,
+        )
         return {"columns": made.columns, "meta": made.meta}
 
 
@@ -80,13 +104,15 @@ def step_reference() -> Array:
     """The test of figures 5 and 6, deg, shape (3334,): steps of alternating sign every 3 ms."""
     reference = np.zeros(STEP_SAMPLES)
     for k, level in enumerate(STEPS_DEG):
-        reference[round((FIRST_STEP_S + k * STEP_S) / PERIOD_S):] = level
+        reference[round((FIRST_STEP_S + k * STEP_S) / PERIOD_S) :] = level
     return reference
 
 
 def excitation(reference: Array) -> Recording:
     """A reference (deg) as what is sent to a closed loop."""
-    return Recording("reference", Path("reference"), "", clock(reference), {REFERENCE: reference}, PERIOD_S)
+    return Recording(
+        "reference", Path("reference"), "", clock(reference), {REFERENCE: reference}, PERIOD_S
+    )
 
 
 def clock(reference: Array) -> Array:
@@ -95,18 +121,24 @@ def clock(reference: Array) -> Array:
 
 
 def analytic_loop(recording: Recording) -> dict[str, Array]:
-    """Reference, command, angle, velocity and acceleration (deg, s) of the data-sheet model in its own loop."""
+    """Reference, command, angle, velocity and acceleration (deg, s) of the data-sheet model in its
+    own loop."""
     reference = recording.signal(REFERENCE)
     made = virtual_rig(RIG, excitation(reference), (), recording.known, {}, 0.0, 0).columns
     velocity = np.gradient(made[ANGLE], PERIOD_S)
     unit = split_column(ANGLE)[1]
-    return {REFERENCE: reference, f"{COMMAND}_loop": made[COMMAND], derived(ANGLE, "loop"): made[ANGLE],
-            with_unit("velocity_loop", f"{unit}/s"): velocity,
-            with_unit("acceleration_loop", f"{unit}/s2"): np.gradient(velocity, PERIOD_S)}
+    return {
+        REFERENCE: reference,
+        f"{COMMAND}_loop": made[COMMAND],
+        derived(ANGLE, "loop"): made[ANGLE],
+        with_unit("velocity_loop", f"{unit}/s"): velocity,
+        with_unit("acceleration_loop", f"{unit}/s2"): np.gradient(velocity, PERIOD_S),
+    }
 
 
 def calibration(twin: Twin) -> dict[str, float]:
-    """MAE (deg) of the analytic model against the twin without noise, by inertia: what the twin was made to meet."""
+    """MAE (deg) of the analytic model against the twin without noise, by inertia: what the twin was
+    made to meet."""
     found = {}
     for case, inertia in INERTIAS.items():
         truth = twin.record(step_reference(), inertia, noise=0.0)["columns"]

@@ -1,1 +1,2 @@
-"""A run as a page: `pamid.report.writing.write_report` reads a run folder, writes HTML and figures."""
+"""A run as a page: `pamid.report.writing.write_report` reads a run folder, writes HTML and
+figures."""

@@ -1,7 +1,7 @@
 """A motion as an animated GIF: the arm above, its gaps with a moving cursor below.
 
-What stands still is drawn once; per frame only what moves is drawn over it. All frames share one palette, so that the
-file stays small.
+What stands still is drawn once; per frame only what moves is drawn over it. All frames share one
+palette, so that the file stays small.
 """
 
 from __future__ import annotations
@@ -27,15 +27,17 @@ from pamid.report import words
 from pamid.report.motion import MEASURED, ROLES, Motion, gap_words, scale_of
 from pamid.report.style import SETTINGS, colour, grid, label
 
-RATE = 25            # frames per second: 4 hundredths of a second each, which every viewer keeps
+RATE = 25  # frames per second: 4 hundredths of a second each, which every viewer keeps
 MOST_FRAMES = 1500
 WIDTH_IN, ARM_IN, STRIP_IN = 4.8, (1.3, 3.6), 0.62
 COLOURS_KEPT = 32
 TRAIL_S = 1.0
-_MARGIN_IN = 0.62    # left of the strips
+_MARGIN_IN = 0.62  # left of the strips
 LINES: dict[str, tuple[float, Any]] = {  # width in points, dashes
-    MEASURED: (6.0, "-"), "before": (2.2, (0, (3, 1.6))), "best": (2.4, "-"),
-}  # fmt: skip
+    MEASURED: (6.0, "-"),
+    "before": (2.2, (0, (3, 1.6))),
+    "best": (2.4, "-"),
+}
 
 
 @dataclass(frozen=True)
@@ -48,15 +50,21 @@ class Stage:
     strips: tuple[Axes, ...]
 
 
-def gif_of(motion: Motion, width_px: int = 480, told: Callable[[int, int], None] = lambda done, of: None) -> bytes:
-    """The GIF at 25 frames per second, one frame per time of the motion; the same motion gives the same bytes.
+def gif_of(
+    motion: Motion, width_px: int = 480, told: Callable[[int, int], None] = lambda done, of: None
+) -> bytes:
+    """The GIF at 25 frames per second, one frame per time of the motion; the same motion gives the
+    same bytes.
 
     DataError above 1500 frames.
     """
     count = motion.time.size
     if count > MOST_FRAMES:
-        raise DataError(f"{count} frames are too many for a GIF; {MOST_FRAMES} is the most.",
-                        "Show a shorter stretch (--from, --to) or a faster one (--speed).", code="frames")
+        raise DataError(
+            f"{count} frames are too many for a GIF; {MOST_FRAMES} is the most.",
+            "Show a shorter stretch (--from, --to) or a faster one (--speed).",
+            code="frames",
+        )
     with matplotlib.style.context(["default", SETTINGS]):  # whatever the user's matplotlibrc says
         stage = _stage(motion, width_px)
         draw = _moving(motion, stage)
@@ -67,8 +75,16 @@ def gif_of(motion: Motion, width_px: int = 480, told: Callable[[int, int], None]
             frames.append(draw(k, still).quantize(palette=palette, dither=Image.Dither.NONE))
             told(k + 1, count)
     buffer = io.BytesIO()
-    frames[0].save(buffer, format="GIF", save_all=True, append_images=frames[1:], duration=1000 // RATE, loop=0,
-                   optimize=False, disposal=1)  # fmt: skip
+    frames[0].save(
+        buffer,
+        format="GIF",
+        save_all=True,
+        append_images=frames[1:],
+        duration=1000 // RATE,
+        loop=0,
+        optimize=False,
+        disposal=1,
+    )
     return buffer.getvalue()
 
 
@@ -84,23 +100,50 @@ def _stage(motion: Motion, width_px: int) -> Stage:
     wide, tall = high - low
     arm_in = float(np.clip(WIDTH_IN * tall / wide, *ARM_IN))
     title = textwrap.wrap(label(words.clean(motion.title), 300), 62)
-    top_in, strips_in = 0.12 + 0.18 * len(title) + 0.26, 0.3 * len(motion.gaps) + STRIP_IN * len(motion.gaps) + 0.42
+    top_in, strips_in = (
+        0.12 + 0.18 * len(title) + 0.26,
+        0.3 * len(motion.gaps) + STRIP_IN * len(motion.gaps) + 0.42,
+    )
     height_in = top_in + arm_in + strips_in
-    figure = Figure(figsize=(WIDTH_IN, height_in), dpi=width_px / WIDTH_IN, facecolor=colour("paper"))
+    figure = Figure(
+        figsize=(WIDTH_IN, height_in), dpi=width_px / WIDTH_IN, facecolor=colour("paper")
+    )
     canvas = FigureCanvasAgg(figure)
-    figure.text(0.1 / WIDTH_IN, 1.0 - 0.08 / height_in, "\n".join(title), va="top", fontsize=9.0, fontweight="bold",
-                linespacing=1.25)  # fmt: skip
+    figure.text(
+        0.1 / WIDTH_IN,
+        1.0 - 0.08 / height_in,
+        "\n".join(title),
+        va="top",
+        fontsize=9.0,
+        fontweight="bold",
+        linespacing=1.25,
+    )
     arm = figure.add_axes((0.0, strips_in / height_in, 1.0, arm_in / height_in))
     _arm(arm, motion, WIDTH_IN / arm_in)
     handles = [Line2D([], [], **_style(motion, kind, 0.6)) for kind in motion.lines]
-    figure.legend(handles, [label(motion.names[kind]) for kind in motion.lines], loc="upper left", ncols=len(handles),
-                  bbox_to_anchor=(0.06 / WIDTH_IN, 1.0 - (top_in - 0.3) / height_in), borderaxespad=0.0, borderpad=0.0,
-                  handlelength=2.0, columnspacing=1.4)  # fmt: skip
+    figure.legend(
+        handles,
+        [label(motion.names[kind]) for kind in motion.lines],
+        loc="upper left",
+        ncols=len(handles),
+        bbox_to_anchor=(0.06 / WIDTH_IN, 1.0 - (top_in - 0.3) / height_in),
+        borderaxespad=0.0,
+        borderpad=0.0,
+        handlelength=2.0,
+        columnspacing=1.4,
+    )
     strips = []
     for k, channel in enumerate(motion.gaps):
         bottom = 0.42 + (len(motion.gaps) - 1 - k) * (STRIP_IN + 0.3)
-        place = (_MARGIN_IN / WIDTH_IN, bottom / height_in, 1.0 - (_MARGIN_IN + 0.15) / WIDTH_IN, STRIP_IN / height_in)
-        strips.append(_strip(figure.add_axes(place), motion, channel, last=k == len(motion.gaps) - 1))
+        place = (
+            _MARGIN_IN / WIDTH_IN,
+            bottom / height_in,
+            1.0 - (_MARGIN_IN + 0.15) / WIDTH_IN,
+            STRIP_IN / height_in,
+        )
+        strips.append(
+            _strip(figure.add_axes(place), motion, channel, last=k == len(motion.gaps) - 1)
+        )
     return Stage(figure, canvas, arm, tuple(strips))
 
 
@@ -112,38 +155,73 @@ def _arm(axes: Axes, motion: Motion, aspect: float) -> None:
     axes.set_axis_off()
     axes.set_xlim(middle[0] - half[0], middle[0] + half[0])
     axes.set_ylim(middle[1] - half[1], middle[1] + half[1])
-    axes.plot(*motion.pivots.T, linestyle="none", marker="o", markersize=11.0, color=colour("line"),
-              markeredgecolor=colour("muted"), markeredgewidth=0.8, zorder=0)  # fmt: skip
+    axes.plot(
+        *motion.pivots.T,
+        linestyle="none",
+        marker="o",
+        markersize=11.0,
+        color=colour("line"),
+        markeredgecolor=colour("muted"),
+        markeredgewidth=0.8,
+        zorder=0,
+    )
     length = scale_of(2.0 * float(half.max()))
     x, y = middle + half * np.array([-0.94, -0.9])
     axes.plot([x, x + length], [y, y], color=colour("muted"), linewidth=1.6, solid_capstyle="butt")
-    axes.annotate(f"{length:g} m", (x, y), xytext=(0, 3), textcoords="offset points", fontsize=8.0,
-                  color=colour("muted"))  # fmt: skip
+    axes.annotate(
+        f"{length:g} m",
+        (x, y),
+        xytext=(0, 3),
+        textcoords="offset points",
+        fontsize=8.0,
+        color=colour("muted"),
+    )
 
 
 def _strip(axes: Axes, motion: Motion, channel: str, last: bool) -> Axes:
-    """The gaps of one channel over time; short strokes where the models were set to the measured state."""
+    """The gaps of one channel over time; short strokes where the models were set to the measured
+    state."""
     for kind, gap in motion.gaps[channel].items():
         axes.plot(motion.time, gap, **_style(motion, kind, 0.5))
     axes.axhline(0.0, color=colour("muted"), linewidth=0.7, zorder=0)
     axes.margins(x=0.0, y=0.12)
-    axes.plot(motion.restarts, np.zeros(motion.restarts.size), transform=axes.get_xaxis_transform(), linestyle="none",
-              marker="|", markersize=5.0, color=colour("muted"), clip_on=False)  # fmt: skip
+    axes.plot(
+        motion.restarts,
+        np.zeros(motion.restarts.size),
+        transform=axes.get_xaxis_transform(),
+        linestyle="none",
+        marker="|",
+        markersize=5.0,
+        color=colour("muted"),
+        clip_on=False,
+    )
     axes.yaxis.set_major_locator(MaxNLocator(3))
     axes.tick_params(labelsize=7.5, labelbottom=last)
     grid(axes, "y")
     what = words.axis_label(label(gap_words(channel), 44), label(words.channel_unit(channel)))
     axes.set_title(what, loc="left", fontsize=8.0, color=colour("muted"), pad=3.0)
     if last:
-        axes.set_xlabel("time [s]; at the marks the models were set to the measured state", fontsize=8.0, labelpad=1.0)
+        axes.set_xlabel(
+            "time [s]; at the marks the models were set to the measured state",
+            fontsize=8.0,
+            labelpad=1.0,
+        )
     return axes
 
 
 def _style(motion: Motion, kind: str, slim: float = 1.0) -> dict[str, Any]:
     """Colour, width and dashes of a kind's lines."""
-    width, dashes = LINES[MEASURED if kind == MEASURED else "best" if kind == list(motion.lines)[-1] else "before"]
-    return {"linewidth": slim * width, "linestyle": dashes, "color": colour(ROLES.get(kind, "ink")),
-            "solid_capstyle": "round", "solid_joinstyle": "round", "dash_capstyle": "butt"}  # fmt: skip
+    width, dashes = LINES[
+        MEASURED if kind == MEASURED else "best" if kind == list(motion.lines)[-1] else "before"
+    ]
+    return {
+        "linewidth": slim * width,
+        "linestyle": dashes,
+        "color": colour(ROLES.get(kind, "ink")),
+        "solid_capstyle": "round",
+        "solid_joinstyle": "round",
+        "dash_capstyle": "butt",
+    }
 
 
 def _still(stage: Stage) -> Any:
@@ -155,15 +233,38 @@ def _moving(motion: Motion, stage: Stage) -> Callable[[int, Any], Image.Image]:
     """The artists that move; returns what draws one frame over the still picture."""
     best = list(motion.lines)[-1]
     tips = {kind: motion.tip(kind) for kind in (MEASURED, best)}
-    trails = {kind: stage.arm.plot([], [], color=_style(motion, kind)["color"], linewidth=1.0, alpha=0.55,
-                                   animated=True)[0] for kind in tips}  # fmt: skip
-    arms = [(line, stage.arm.plot([], [], animated=True, marker="o" if kind == MEASURED else "", markersize=7.0,
-                                  **_style(motion, kind))[0])
-            for kind, lines in motion.lines.items() for line in lines]  # fmt: skip
-    cursors = [axes.axvline(motion.time[0], color=colour("ink"), linewidth=0.9, animated=True) for axes in stage.strips]
-    clock = stage.arm.text(0.98, 0.04, "", transform=stage.arm.transAxes, ha="right", fontsize=9.0, animated=True)
-    every: list[tuple[Axes, Artist]] = [*((stage.arm, one) for one in (*trails.values(), *(a for _, a in arms), clock)),
-                                        *zip(stage.strips, cursors, strict=True)]  # fmt: skip
+    trails = {
+        kind: stage.arm.plot(
+            [], [], color=_style(motion, kind)["color"], linewidth=1.0, alpha=0.55, animated=True
+        )[0]
+        for kind in tips
+    }
+    arms = [
+        (
+            line,
+            stage.arm.plot(
+                [],
+                [],
+                animated=True,
+                marker="o" if kind == MEASURED else "",
+                markersize=7.0,
+                **_style(motion, kind),
+            )[0],
+        )
+        for kind, lines in motion.lines.items()
+        for line in lines
+    ]
+    cursors = [
+        axes.axvline(motion.time[0], color=colour("ink"), linewidth=0.9, animated=True)
+        for axes in stage.strips
+    ]
+    clock = stage.arm.text(
+        0.98, 0.04, "", transform=stage.arm.transAxes, ha="right", fontsize=9.0, animated=True
+    )
+    every: list[tuple[Axes, Artist]] = [
+        *((stage.arm, one) for one in (*trails.values(), *(a for _, a in arms), clock)),
+        *zip(stage.strips, cursors, strict=True),
+    ]
     back = np.searchsorted(motion.time, motion.time - TRAIL_S)
 
     def draw(k: int, still: Any) -> Image.Image:
@@ -185,4 +286,6 @@ def _moving(motion: Motion, stage: Stage) -> Callable[[int, Any], Image.Image]:
 def _palette(samples: list[Image.Image]) -> Image.Image:
     """One palette for all frames."""
     rows = np.concatenate([np.asarray(one) for one in samples])
-    return Image.fromarray(rows).quantize(COLOURS_KEPT, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    return Image.fromarray(rows).quantize(
+        COLOURS_KEPT, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE
+    )

@@ -1,4 +1,5 @@
-"""The three answers and the next experiment: for each a lead sentence and the ones that stand below its picture."""
+"""The three answers and the next experiment: for each a lead sentence and the ones that stand below
+its picture."""
 
 from __future__ import annotations
 
@@ -10,8 +11,23 @@ from pamid.report import words
 from pamid.report.budget import ChannelErrors, headline
 from pamid.report.diagnosed import Candidate, Diagnosis, NextExperiment, Regime, Unknown, Where
 from pamid.report.load import RunData
-from pamid.report.sentences import causes_words, over_channels, regime_words, runner_up, sensor_words, split_words
-from pamid.report.words import channel_unit, channel_words, effect_words, percent, percent_span, sentence, short
+from pamid.report.sentences import (
+    causes_words,
+    over_channels,
+    regime_words,
+    runner_up,
+    sensor_words,
+    split_words,
+)
+from pamid.report.words import (
+    channel_unit,
+    channel_words,
+    effect_words,
+    percent,
+    percent_span,
+    sentence,
+    short,
+)
 
 DIAGNOSE_HINT = "`pamid diagnose` on the same recordings adds this answer."
 _MOST_WINDOWS = 6
@@ -27,7 +43,8 @@ class Answer:
 
 
 def where_answer(run: RunData) -> Answer:
-    """Where the gap lies: port, what cannot be told from it and which sensor would, regimes, band, windows."""
+    """Where the gap lies: port, what cannot be told from it and which sensor would, regimes, band,
+    windows."""
     diagnosis = run.diagnosis
     if diagnosis is None:
         return Answer("Not asked yet.", (DIAGNOSE_HINT,))
@@ -38,32 +55,67 @@ def where_answer(run: RunData) -> Answer:
         return Answer("The diagnosis names no port.")
     details = [_alike(where)]
     if where.frequency_hz is not None:
-        details.append(f"Most of it lies between {short(where.frequency_hz[0], 2)} and "
-                       f"{short(where.frequency_hz[1], 2)} Hz.")  # fmt: skip
+        details.append(
+            f"Most of it lies between {short(where.frequency_hz[0], 2)} and "
+            f"{short(where.frequency_hz[1], 2)} Hz."
+        )
     if where.windows_s:
-        shown = [words.span(low, high, "s") for low, high in sorted(where.windows_s[:_MOST_WINDOWS])]
-        more = f", and {len(where.windows_s) - len(shown)} more" if len(where.windows_s) > len(shown) else ""
-        details.append(f"It shows most in these windows of the recording: {', '.join(shown)}{more}.")
-    return Answer(_where_lead(diagnosis.verdict, where), tuple(details), tuple(map(_regime, where.regimes)))
+        shown = [
+            words.span(low, high, "s") for low, high in sorted(where.windows_s[:_MOST_WINDOWS])
+        ]
+        more = (
+            f", and {len(where.windows_s) - len(shown)} more"
+            if len(where.windows_s) > len(shown)
+            else ""
+        )
+        details.append(
+            f"It shows most in these windows of the recording: {', '.join(shown)}{more}."
+        )
+    return Answer(
+        _where_lead(diagnosis.verdict, where), tuple(details), tuple(map(_regime, where.regimes))
+    )
 
 
 def _where_lead(verdict: str, where: Where) -> str:
     if not where.port:
         return "No single port stands out."
-    alike = sorted({port for group in where.indistinguishable if where.port in group for port in group} - {where.port})
-    if not alike or verdict == "explained":  # the form of the effect tells what the sensors alone cannot
+    alike = sorted(
+        {port for group in where.indistinguishable if where.port in group for port in group}
+        - {where.port}
+    )
+    # the form of the effect tells what the sensors alone cannot
+    if not alike or verdict == "explained":
         return f"At the {words.port_words(where.port)} port."
-    return sentence(f"at the {words.port_words(where.port)} port; these sensors cannot tell it from "
-                    f"{words.join(map(words.port_words, alike), 'or')}")  # fmt: skip
+    return sentence(
+        f"at the {words.port_words(where.port)} port; these sensors cannot tell it from "
+        f"{words.join(map(words.port_words, alike), 'or')}"
+    )
 
 
 def _alike(where: Where) -> str:
-    """What the sensors cannot tell apart, and the sensor that would help most; "" where there is nothing to say."""
-    groups = [words.join(map(words.port_words, group)) for group in where.indistinguishable if len(group) > 1]
-    told = [f"for an effect of unknown form these sensors cannot tell {', nor '.join(groups)} apart"] if groups else []
-    told += [f"they say nothing of {words.join(map(words.port_words, where.unseen))}"] if where.unseen else []
-    told += [f"measuring {sensor_words(one.name)} as well would separate {', and '.join(split_words(one))}"
-             for one in where.sensors if one.splits][:1]  # fmt: skip
+    """What the sensors cannot tell apart, and the sensor that would help most; "" where there is
+    nothing to say."""
+    groups = [
+        words.join(map(words.port_words, group))
+        for group in where.indistinguishable
+        if len(group) > 1
+    ]
+    told = (
+        [f"for an effect of unknown form these sensors cannot tell {', nor '.join(groups)} apart"]
+        if groups
+        else []
+    )
+    told += (
+        [f"they say nothing of {words.join(map(words.port_words, where.unseen))}"]
+        if where.unseen
+        else []
+    )
+    told += [
+        f"measuring {sensor_words(one.name)} as well would separate "
+        f"{', and '.join(split_words(one))}"
+        for one in where.sensors
+        if one.splits
+    ][:1]
     return sentence("; ".join(told))
 
 
@@ -72,7 +124,10 @@ def _regime(one: Regime) -> str:
         return sentence(regime_words(one))
     text = f"{regime_words(one)}: {percent(one.share_of_gap)} of the gap"
     if one.share_of_time:
-        text += f" in {percent(one.share_of_time)} of the time, {short(one.share_of_gap / one.share_of_time, 2)} times"
+        text += (
+            f" in {percent(one.share_of_time)} of the time, "
+            f"{short(one.share_of_gap / one.share_of_time, 2)} times"
+        )
         text += " its share"
     return sentence(text)
 
@@ -82,17 +137,28 @@ def which_answer(run: RunData) -> Answer:
     diagnosis = run.diagnosis
     if diagnosis is None:
         return Answer("Not asked yet.", (DIAGNOSE_HINT,))
-    leads = {"explained": _explained, "ambiguous": _ambiguous, "unknown-effect": _unknown, "no-structural-gap": _no_gap}
+    leads = {
+        "explained": _explained,
+        "ambiguous": _ambiguous,
+        "unknown-effect": _unknown,
+        "no-structural-gap": _no_gap,
+    }
     lead, details = leads[diagnosis.verdict](diagnosis)
     return Answer(lead, (*details, *_beside(diagnosis), _confidence(diagnosis)))
 
 
 def _confidence(diagnosis: Diagnosis) -> str:
     """The calibrated probabilities behind the verdict."""
-    asked = {"gap": "there is a structural gap at all", "known": "the catalogue knows its cause",
-             "first": "the first of the ranking, or a look-alike, is it"}  # fmt: skip
-    told = [f"{question} {words.chance(diagnosis.confidence[key])}" for key, question in asked.items()
-            if key in diagnosis.confidence]  # fmt: skip
+    asked = {
+        "gap": "there is a structural gap at all",
+        "known": "the catalogue knows its cause",
+        "first": "the first of the ranking, or a look-alike, is it",
+    }
+    told = [
+        f"{question} {words.chance(diagnosis.confidence[key])}"
+        for key, question in asked.items()
+        if key in diagnosis.confidence
+    ]
     return f"Calibrated probabilities: {', '.join(told)}." if told else ""
 
 
@@ -121,7 +187,9 @@ def _sizes(diagnosis: Diagnosis) -> list[str]:
             interval = words.span(one.low, one.high)
             tail = words.interval_tail(interval)
             value = words.with_unit_text(one.value, channel_unit(name))
-            told.append(sentence(f"{effect_words(cause.effect)}: {channel_words(name)} {value}{tail}"))
+            told.append(
+                sentence(f"{effect_words(cause.effect)}: {channel_words(name)} {value}{tail}")
+            )
     return told
 
 
@@ -133,9 +201,14 @@ def _ambiguous(diagnosis: Diagnosis) -> tuple[str, list[str]]:
 def _unsettled(diagnosis: Diagnosis) -> list[str]:
     """Causes whose refit did not converge."""
     named = {cause.effect for cause in diagnosis.causes}
-    return [sentence(f"the refit with {effect_words(one.effect)} did not converge"
-                     f"{': ' + words.clean(one.why) if one.why else ''}")
-            for one in diagnosis.ranking if one.effect in named and not one.converged]  # fmt: skip
+    return [
+        sentence(
+            f"the refit with {effect_words(one.effect)} did not converge"
+            f"{': ' + words.clean(one.why) if one.why else ''}"
+        )
+        for one in diagnosis.ranking
+        if one.effect in named and not one.converged
+    ]
 
 
 def _unknown(diagnosis: Diagnosis) -> tuple[str, list[str]]:
@@ -146,17 +219,29 @@ def _unknown(diagnosis: Diagnosis) -> tuple[str, list[str]]:
 
 def _nature(one: Unknown) -> list[str]:
     """Odd or even, memory, dissipative: in words."""
-    against = words.port_words("velocity" if "velocity" in one.variables else (one.variables or ("signal",))[0])
-    parity = {"odd": f"It changes its sign with the {against}.",
-              "even": f"It is alike on both sides of the {against}.",
-              "mixed": f"It is neither odd nor even in the {against}."}  # fmt: skip
-    memory = {True: "Most of it is no function of these signals at the same instant: it depends on the past, or on "
-                    "something that is not among them.", False: "It follows these signals without memory."}  # fmt: skip
-    energy = {True: "It takes energy out, as friction does.",
-              False: "On the whole it takes no energy out beyond what the refitted model takes."}  # fmt: skip
-    return [parity.get(one.parity, "") if one.variables else "",
-            memory[one.memory] if one.memory is not None else "",
-            energy[one.dissipative] if one.dissipative is not None else ""]
+    against = words.port_words(
+        "velocity" if "velocity" in one.variables else (one.variables or ("signal",))[0]
+    )
+    parity = {
+        "odd": f"It changes its sign with the {against}.",
+        "even": f"It is alike on both sides of the {against}.",
+        "mixed": f"It is neither odd nor even in the {against}.",
+    }
+    memory = {
+        True: "Most of it is no function of these signals at the same instant: it depends on the "
+        "past, or on "
+        "something that is not among them.",
+        False: "It follows these signals without memory.",
+    }
+    energy = {
+        True: "It takes energy out, as friction does.",
+        False: "On the whole it takes no energy out beyond what the refitted model takes.",
+    }
+    return [
+        parity.get(one.parity, "") if one.variables else "",
+        memory[one.memory] if one.memory is not None else "",
+        energy[one.dissipative] if one.dissipative is not None else "",
+    ]
 
 
 def _formula(one: Unknown) -> list[str]:
@@ -164,11 +249,20 @@ def _formula(one: Unknown) -> list[str]:
         return ["No function of the signals at this port describes it."]
     of = f" of {words.join(map(words.port_words, one.variables))}" if one.variables else ""
     at = f" at the {words.port_words(one.port)} port" if one.port else ""
-    told = [f"The missing term{at} is described best, as a function{of}, by `{words.clean(one.formula)}`."]
+    told = [
+        f"The missing term{at} is described best, as a function{of}, by "
+        f"`{words.clean(one.formula)}`."
+    ]
     if one.inclusion is not None:
-        told.append(f"Each of its terms came up in at least {percent(one.inclusion)} of the fits to resampled data.")
+        told.append(
+            f"Each of its terms came up in at least {percent(one.inclusion)} of the fits to "
+            "resampled data."
+        )
     if one.described is not None:
-        told.append(f"The formula covers {percent(one.described)} of its variance; it is a description, not a cause.")
+        told.append(
+            f"The formula covers {percent(one.described)} of its variance; it is a description, "
+            "not a cause."
+        )
     return told
 
 
@@ -179,13 +273,22 @@ def _no_gap(diagnosis: Diagnosis) -> tuple[str, list[str]]:
 def _beside(diagnosis: Diagnosis) -> list[str]:
     """Look-alike classes, and the runner-up, always."""
     named = {cause.effect for cause in diagnosis.causes}
-    details = [sentence(f"look-alikes that these recordings do not separate: {words.join(map(effect_words, group))}")
-               for group in diagnosis.look_alikes if len(group) > 1 and (not named or named & set(group))]  # fmt: skip
+    details = [
+        sentence(
+            "look-alikes that these recordings do not separate: "
+            f"{words.join(map(effect_words, group))}"
+        )
+        for group in diagnosis.look_alikes
+        if len(group) > 1 and (not named or named & set(group))
+    ]
     second = runner_up(diagnosis)
     if second is None:
         return [*details, "No other candidate was refitted."]
     which = "Runner-up" if named else "The candidate that comes closest"
-    return [*details, sentence(f"{which}: {effect_words(second.effect)}, {_result(second, diagnosis)}")]
+    return [
+        *details,
+        sentence(f"{which}: {effect_words(second.effect)}, {_result(second, diagnosis)}"),
+    ]
 
 
 def _result(one: Candidate, diagnosis: Diagnosis) -> str:
@@ -199,20 +302,31 @@ def _result(one: Candidate, diagnosis: Diagnosis) -> str:
 
 
 def how_far_answer(run: RunData, rows: tuple[ChannelErrors, ...]) -> Answer:
-    """How far the gap shrinks: mean absolute errors of the headline channel, and the shrinkage of every channel."""
+    """How far the gap shrinks: mean absolute errors of the headline channel, and the shrinkage of
+    every channel."""
     row = headline(rows)
     if row is None:
         return Answer("No channel was scored.")
     what, unit_text = channel_words(row.channel), channel_unit(row.channel)
     details = _limits(row, unit_text)
-    points = [_channel_point(one) for one in rows if one.shrinkage is not None] if len(rows) > 1 else []
+    points = (
+        [_channel_point(one) for one in rows if one.shrinkage is not None] if len(rows) > 1 else []
+    )
     lead = sentence(f"the held-out {what} error is {_steps(run, row, unit_text)}")
     return Answer(lead, tuple(details), tuple(points))
 
 
 def _steps(run: RunData, row: ChannelErrors, unit_text: str) -> str:
-    steps = [(row.data_sheet, "from the data sheet"), (row.refitted, "refitted"), (row.with_cause, _cause_label(run))]
-    told = [f"{words.with_unit_text(value, unit_text)} {name}" for value, name in steps if value is not None]
+    steps = [
+        (row.data_sheet, "from the data sheet"),
+        (row.refitted, "refitted"),
+        (row.with_cause, _cause_label(run)),
+    ]
+    told = [
+        f"{words.with_unit_text(value, unit_text)} {name}"
+        for value, name in steps
+        if value is not None
+    ]
     return words.join(told) or "not told"
 
 
@@ -228,49 +342,81 @@ def _limits(row: ChannelErrors, unit_text: str) -> list[str]:
         text = f"The noise floor is {words.with_unit_text(row.noise_floor, unit_text)}"
         if best is not None and row.noise_floor > 0:
             times = best / row.noise_floor
-            text += "; what is left is no larger" if times < 1.1 else f"; what is left is {short(times, 2)} times that"
+            text += (
+                "; what is left is no larger"
+                if times < 1.1
+                else f"; what is left is {short(times, 2)} times that"
+            )
         told.append(f"{text}.")
     if row.black_box is not None and best is not None:
         verb = "no better than the physical model"
         if row.black_box < best:
-            verb = "hardly better" if row.black_box > 0.9 * best else "so some structure may still be missing"
-        told.append(f"A black box trained on the same data reaches {words.with_unit_text(row.black_box, unit_text)}, "
-                    f"{verb}.")  # fmt: skip
+            verb = (
+                "hardly better"
+                if row.black_box > 0.9 * best
+                else "so some structure may still be missing"
+            )
+        told.append(
+            "A black box trained on the same data reaches "
+            f"{words.with_unit_text(row.black_box, unit_text)}, "
+            f"{verb}."
+        )
     return told
 
 
 def _channel_point(row: ChannelErrors) -> str:
     interval = percent_span(row.low, row.high)
     tail = words.interval_tail(interval)
-    return sentence(f"{channel_words(row.channel)}: {percent(row.shrinkage)} of the held-out error removed{tail}")
+    return sentence(
+        f"{channel_words(row.channel)}: {percent(row.shrinkage)} of the held-out error "
+        f"removed{tail}"
+    )
 
 
 def next_answer(run: RunData) -> Answer:
-    """What to measure next, what it is expected to show, how long it takes and where its excitation is."""
+    """What to measure next, what it is expected to show, how long it takes and where its excitation
+    is."""
     if run.diagnosis is None:
         return Answer("Run the diagnosis on what is already recorded.", (_diagnose_command(run),))
     further = run.diagnosis.next_experiment
     if further is None:
         return Answer("The diagnosis asks for no further experiment.")
     apart = words.join(map(effect_words, further.separates))
-    details = [sentence(words.clean(further.why)), sentence(f"it separates {apart}") if apart else "",
-               _expected(further)]  # fmt: skip
-    own = [name for name in further.excitations if name == Path(name).name]     # no file elsewhere is vouched for
+    details = [
+        sentence(words.clean(further.why)),
+        sentence(f"it separates {apart}") if apart else "",
+        _expected(further),
+    ]
+    # no file elsewhere is vouched for
+    own = [name for name in further.excitations if name == Path(name).name]
     if own:
         verb = "Its excitation is" if len(own) == 1 else "Its excitations, one for each run, are"
         files = words.join(f"`{words.clean(name)}`" for name in own)
         details.append(f"{verb} {files} in the run folder, ready to be sent.")
-    runs = [words.join(f"{channel_words(name)} {words.with_unit_text(value, channel_unit(name))}"
-                       for name, value in one.items()) for one in further.settings]  # fmt: skip
-    points = [sentence(f"run {k}: {one}") for k, one in enumerate(runs, start=1) if one] if len(runs) > 1 else []
-    return Answer(sentence(effect_words(further.name)), tuple(one for one in details if one), tuple(points))
+    runs = [
+        words.join(
+            f"{channel_words(name)} {words.with_unit_text(value, channel_unit(name))}"
+            for name, value in one.items()
+        )
+        for one in further.settings
+    ]
+    points = (
+        [sentence(f"run {k}: {one}") for k, one in enumerate(runs, start=1) if one]
+        if len(runs) > 1
+        else []
+    )
+    return Answer(
+        sentence(effect_words(further.name)), tuple(one for one in details if one), tuple(points)
+    )
 
 
 def _expected(further: NextExperiment) -> str:
     told = []
     if further.separation is not None:
-        told.append("the nearest two of these models are expected to differ by "
-                    f"{short(further.separation, 2)} noise standard deviations rms")  # fmt: skip
+        told.append(
+            "the nearest two of these models are expected to differ by "
+            f"{short(further.separation, 2)} noise standard deviations rms"
+        )
     if further.minutes is not None:
         told.append(f"it takes about {short(further.minutes, 2)}{words.SPACE}min at the rig")
     return sentence("; ".join(told))
@@ -280,7 +426,11 @@ def _diagnose_command(run: RunData) -> str:
     """A line to copy: names of the run are single words of it, whatever they hold."""
     if run.fit is None or not run.fit.recordings:
         return DIAGNOSE_HINT
-    files = [f"{'--held-out ' if one.role == 'held-out' else ''}{quoted(words.clean(one.path or one.name))}"
-             for one in run.fit.recordings]
+    files = [
+        f"{'--held-out ' if one.role == 'held-out' else ''}{quoted(words.clean(one.path or one.name))}"  # noqa: E501
+        for one in run.fit.recordings
+    ]
     rig = quoted(words.clean(run.named_rig)) if run.named_rig else ""
-    return " ".join(["`pamid diagnose", *files, *([f"--rig {rig}"] if rig else []), "--output diagnosis`"])
+    return " ".join(
+        ["`pamid diagnose", *files, *([f"--rig {rig}"] if rig else []), "--output diagnosis`"]
+    )

@@ -1,4 +1,5 @@
-"""The picture of the second paper's validation: every variable of the arm, measured over simulated."""
+"""The picture of the second paper's validation: every variable of the arm, measured over
+simulated."""
 
 from __future__ import annotations
 
@@ -25,19 +26,34 @@ class Panel:
 
 
 def arm_picture(name: str, title: str, time_s: Array, panels: Sequence[Panel]) -> Picture:
-    """One panel per variable against time, two in a row; the simulated lines lie over the broad measured one."""
-    lines = (("measured", "measured", "noise_floor", 2.6, "-"), ("data_sheet", "data sheet", "ink", 0.8, "--"),
-             ("fitted", "fitted, ANFIS law", "with_cause", 1.0, "-"))
+    """One panel per variable against time, two in a row; the simulated lines lie over the broad
+    measured one."""
+    lines = (
+        ("measured", "measured", "noise_floor", 2.6, "-"),
+        ("data_sheet", "data sheet", "ink", 0.8, "--"),
+        ("fitted", "fitted, ANFIS law", "with_cause", 1.0, "-"),
+    )
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots(-(-len(panels) // 2), 2, sharex=True, squeeze=False)
         for one, panel in zip(axes.flat, panels, strict=True):
             for part, word, role, width, style in lines:
-                one.plot(time_s, getattr(panel, part), style, color=colour(role), linewidth=width, label=word)
+                one.plot(
+                    time_s,
+                    getattr(panel, part),
+                    style,
+                    color=colour(role),
+                    linewidth=width,
+                    label=word,
+                )
             grid(one, "y")
             one.set_ylabel(panel.label)
         for one in axes[-1]:
             one.set_xlabel("time [s]")
-        figure.legend(*axes[0, 0].get_legend_handles_labels(), loc="outside lower left", ncols=1 if narrow else 3)
+        figure.legend(
+            *axes[0, 0].get_legend_handles_labels(),
+            loc="outside lower left",
+            ncols=1 if narrow else 3,
+        )
 
     return render(Drawing(name, title, draw, 8.4, 8.4))

@@ -1,6 +1,8 @@
-"""A page taken apart again into what can be set on paper: headings, sentences, tables, pictures, in their order.
+"""A page taken apart again into what can be set on paper: headings, sentences, tables, pictures, in
+their order.
 
-The HTML of a page is the one place where a report is composed; whatever else shows it reads it from there.
+The HTML of a page is the one place where a report is composed; whatever else shows it reads it from
+there.
 """
 
 from __future__ import annotations
@@ -18,9 +20,9 @@ _VOID = ("meta", "br", "hr", "img")
 
 @dataclass(frozen=True)
 class Block:
-    """kind: an element's name, or one of rig, note, warning, question, table, picture, equation; text: of it, or the
-    picture's name; answer: does it stand in an answer; rows: cells of a table, head first; numeric: columns set
-    right; below: is it the caption of the picture before it."""
+    """kind: an element's name, or one of rig, note, warning, question, table, picture, equation;
+    text: of it, or the picture's name; answer: does it stand in an answer; rows: cells of a table,
+    head first; numeric: columns set right; below: is it the caption of the picture before it."""
 
     kind: str
     text: str = ""
@@ -42,10 +44,10 @@ class _Reader(HTMLParser):
     def __init__(self) -> None:
         super().__init__(convert_charrefs=True)
         self.blocks: list[Block] = []
-        self._open: list[tuple[str, str]] = []     # name, class
+        self._open: list[tuple[str, str]] = []  # name, class
         self._text = ""
         self._kind = ""
-        self._silent = self._answer = 0            # depth at which it began, 0: it has not
+        self._silent = self._answer = 0  # depth at which it began, 0: it has not
         self._rows: list[list[str]] = []
         self._numeric: set[int] = set()
 
@@ -95,7 +97,9 @@ class _Reader(HTMLParser):
         elif tag == "table":
             width = max((len(row) for row in self._rows), default=0)
             rows = tuple(tuple(row + [""] * (width - len(row))) for row in self._rows)
-            self.blocks.append(Block("table", "", bool(self._answer), rows, frozenset(self._numeric)))
+            self.blocks.append(
+                Block("table", "", bool(self._answer), rows, frozenset(self._numeric))
+            )
         elif self._kind and (tag in _TEXTS or self._kind == "question"):
             self._flush()
             self._kind = tag if tag != "span" else self._open[-1][0]

@@ -1,4 +1,5 @@
-"""The errors of a run in one row per channel, from whichever of its files knows them, and the headline channel."""
+"""The errors of a run in one row per channel, from whichever of its files knows them, and the
+headline channel."""
 
 from __future__ import annotations
 
@@ -24,7 +25,8 @@ _AGREE = 0.02  # two files that tell the same MAE within this share are not wort
 
 @dataclass(frozen=True)
 class ChannelErrors:
-    """Held-out MAE (eq. 11) of one channel by model, in the channel's unit; None where no file of the run tells it."""
+    """Held-out MAE (eq. 11) of one channel by model, in the channel's unit; None where no file of
+    the run tells it."""
 
     channel: str
     data_sheet: float | None = None
@@ -45,7 +47,8 @@ class ChannelErrors:
 
 @dataclass(frozen=True)
 class Window:
-    """The scored window in which the refitted model errs most: its rows, and whether anything was held out at all."""
+    """The scored window in which the refitted model errs most: its rows, and whether anything was
+    held out at all."""
 
     rows: slice
     recording: int
@@ -56,7 +59,8 @@ class Window:
 
 
 def errors_of(run: RunData) -> tuple[ChannelErrors, ...]:
-    """One row per channel. The diagnosis goes before the fit, so that the columns it has share one set of windows."""
+    """One row per channel. The diagnosis goes before the fit, so that the columns it has share one
+    set of windows."""
     fitted = run.fit.mae if run.fit is not None else {}
     reached = run.diagnosis.how_far if run.diagnosis is not None else {}
     names = list(run.fit.channels) if run.fit is not None else []
@@ -67,8 +71,11 @@ def errors_of(run: RunData) -> tuple[ChannelErrors, ...]:
 def _row(name: str, run: RunData) -> ChannelErrors:
     fitted = run.fit.mae.get(name, {}) if run.fit is not None else {}
     reached = run.diagnosis.how_far.get(name) if run.diagnosis is not None else None
-    network = run.network.mae.get(name, {}) if run.network is not None and not run.network.in_loop else {}
-    named = reached if run.diagnosis is not None and run.diagnosis.causes else None  # else there is no "with cause"
+    network = (
+        run.network.mae.get(name, {}) if run.network is not None and not run.network.in_loop else {}
+    )
+    # else there is no "with cause"
+    named = reached if run.diagnosis is not None and run.diagnosis.causes else None
 
     def told(field: str) -> float | None:
         found = getattr(reached, field) if reached is not None else None
@@ -88,21 +95,29 @@ def _row(name: str, run: RunData) -> ChannelErrors:
     )
 
 
-def disagreements(run: RunData, rows: tuple[ChannelErrors, ...]) -> list[tuple[str, str, float, float]]:
-    """Where another file scored the refitted model on other windows: (channel, file, its MAE, the MAE shown)."""
+def disagreements(
+    run: RunData, rows: tuple[ChannelErrors, ...]
+) -> list[tuple[str, str, float, float]]:
+    """Where another file scored the refitted model on other windows: (channel, file, its MAE, the
+    MAE shown)."""
     found = []
     replayed = run.network.mae if run.network and not run.network.in_loop else {}
     others = {"fit.json": run.fit.mae if run.fit else {}, "network.json": replayed}
     for row in rows:
         for file, mae in others.items():
             other = mae.get(row.channel, {}).get("refitted")
-            if other is not None and row.refitted is not None and abs(other - row.refitted) > _AGREE * row.refitted:
+            if (
+                other is not None
+                and row.refitted is not None
+                and abs(other - row.refitted) > _AGREE * row.refitted
+            ):
                 found.append((row.channel, file, other, row.refitted))
     return found
 
 
 def headline(rows: tuple[ChannelErrors, ...]) -> ChannelErrors | None:
-    """The channel that tells most: the largest gain by the cause (else the largest refitted error) per noise floor."""
+    """The channel that tells most: the largest gain by the cause (else the largest refitted error)
+    per noise floor."""
     scored = [row for row in rows if row.refitted is not None]
     if not scored:
         return rows[0] if rows else None
@@ -110,13 +125,20 @@ def headline(rows: tuple[ChannelErrors, ...]) -> ChannelErrors | None:
     def weight(row: ChannelErrors) -> float:
         assert row.refitted is not None
         gain = row.refitted - row.with_cause if row.with_cause is not None else row.refitted
-        return gain / row.noise_floor if row.noise_floor else gain / row.refitted if row.refitted else 0.0
+        return (
+            gain / row.noise_floor
+            if row.noise_floor
+            else gain / row.refitted
+            if row.refitted
+            else 0.0
+        )
 
     return max(scored, key=weight)  # the first of equals: channels keep the rig's order
 
 
 def worst_window(residual: Residual, channel: str) -> Window | None:
-    """The scored window with the largest MAE of the refitted model; held-out windows only, if there are any."""
+    """The scored window with the largest MAE of the refitted model; held-out windows only, if there
+    are any."""
     measured, refitted = residual.columns.get(channel), residual.of(channel, "refitted")
     if measured is None or refitted is None:
         return None
@@ -129,10 +151,22 @@ def worst_window(residual: Residual, channel: str) -> Window | None:
         return None
     best = max(stretches(residual, rows), key=lambda one: _mae(measured[one], refitted[one]))
     time = residual.columns["time_s"]
-    traces = {kind: residual.of(channel, kind) for kind in ("data_sheet", "refitted", "network", "cause")}
-    mae = {kind: _mae(measured[best], trace[best]) for kind, trace in traces.items() if trace is not None}
-    return Window(best, int(residual.columns["recording"][best.start]), float(time[best.start]),
-                  float(time[best.stop - 1]), held_out, {k: v for k, v in mae.items() if np.isfinite(v)})  # fmt: skip
+    traces = {
+        kind: residual.of(channel, kind) for kind in ("data_sheet", "refitted", "network", "cause")
+    }
+    mae = {
+        kind: _mae(measured[best], trace[best])
+        for kind, trace in traces.items()
+        if trace is not None
+    }
+    return Window(
+        best,
+        int(residual.columns["recording"][best.start]),
+        float(time[best.start]),
+        float(time[best.stop - 1]),
+        held_out,
+        {k: v for k, v in mae.items() if np.isfinite(v)},
+    )
 
 
 def stretches(residual: Residual, rows: NDArray[np.intp]) -> list[slice]:

@@ -1,5 +1,6 @@
-"""The equation of a cause as it acts at its port, set from the very code that was fitted: once in names, once with the
-values found. For an effect that no catalogue holds, the formula that describes it.
+"""The equation of a cause as it acts at its port, set from the very code that was fitted: once in
+names, once with the values found. For an effect that no catalogue holds, the formula that describes
+it.
 """
 
 from __future__ import annotations
@@ -27,12 +28,20 @@ from pamid.symbolic import vocabulary as equations
 from pamid.symbolic.expression import Expr, expression, substitute, symbol, text
 
 #: kind of port -> the letter and the name of what passes through it
-LETTERS = {"command": ("u", "command"), "flow": ("q", "flow"), "rate": ("r", "rate of change"),
-           "actuator-force": ("F", "force"), "motion": ("F", "force"), "transmission": ("F", "force"),
-           "reading": ("y", "reading")}  # fmt: skip
+LETTERS = {
+    "command": ("u", "command"),
+    "flow": ("q", "flow"),
+    "rate": ("r", "rate of change"),
+    "actuator-force": ("F", "force"),
+    "motion": ("F", "force"),
+    "transmission": ("F", "force"),
+    "reading": ("y", "reading"),
+}
 _TORQUE = ("M", "torque")
-_CALLED = {"law": "the rig's own force at this position and pressure",
-           "fill": "the flow through the fill valve at this supply pressure"}  # fmt: skip
+_CALLED = {
+    "law": "the rig's own force at this position and pressure",
+    "fill": "the flow through the fill valve at this supply pressure",
+}
 _LONGEST = 700  # letters of plain text: above it the catalogue's own words are the better reading
 
 
@@ -69,8 +78,8 @@ class _Symbols:
 
 @dataclass(frozen=True)
 class Acting:
-    """An effect at a port: what it makes of the value (letter, what that is), the rates of its states; names:
-    parameter -> its name outside."""
+    """An effect at a port: what it makes of the value (letter, what that is), the rates of its
+    states; names: parameter -> its name outside."""
 
     effect: Effect
     letter: str
@@ -80,10 +89,9 @@ class Acting:
     names: Mapping[str, str]
 
 
-
 def acting(rig: str, label: str) -> Acting | None:
-    """The effect of this label on a rig of the catalogue; None for rigs and effects from users' files, which are code
-    that a report does not run."""
+    """The effect of this label on a rig of the catalogue; None for rigs and effects from users'
+    files, which are code that a report does not run."""
     try:
         of = catalogue_rig(rig)
         where = attach(of, label, effects())
@@ -99,11 +107,14 @@ def _acting(effect: Effect, port: Port, port_name: str) -> Acting:
     found = effect.act(symbol("value", letter), at, _Symbols("parameter"), _Symbols("state"))
     value, rates = found if isinstance(found, tuple) else (found, {})
     names = {p.name: bind(p, "", port, port_name, {}).name for p in effect.parameters}
-    return Acting(effect, letter, what, expression(value), {k: expression(v) for k, v in rates.items()}, names)
+    return Acting(
+        effect, letter, what, expression(value), {k: expression(v) for k, v in rates.items()}, names
+    )
 
 
 def equations_html(run: RunData) -> Html:
-    """The equations of the causes, or the formula of the missing term; "" where there is neither."""
+    """The equations of the causes, or the formula of the missing term; "" where there is
+    neither."""
     diagnosis = run.diagnosis
     if diagnosis is None:
         return Html("")
@@ -118,8 +129,11 @@ def model_equations_html(run: RunData) -> Html:
         return Html("")
     found = []
     for label in run.fit.effects:
-        own = {one.name.removeprefix(f"{label}:"): Estimate(one.value, one.low, one.high)
-               for one in run.fit.parameters if one.name.startswith(f"{label}:")}  # fmt: skip
+        own = {
+            one.name.removeprefix(f"{label}:"): Estimate(one.value, one.low, one.high)
+            for one in run.fit.parameters
+            if one.name.startswith(f"{label}:")
+        }
         found.append(_cause_html(run.rig, Cause(label, "", "", own, None)))
     return joined(found)
 
@@ -130,8 +144,12 @@ def _unknown_html(unknown: Unknown) -> Html:
     except FormulaError:
         return Html("")  # the sentence above has it as text
     at = f" at the {port_words(unknown.port)} port" if unknown.port else ""
-    return tag("figure", tag("figcaption", prose(f"The term that is missing{at}, as it is described best")),
-               tag("div", math, class_="scroll"), class_="equation")  # fmt: skip
+    return tag(
+        "figure",
+        tag("figcaption", prose(f"The term that is missing{at}, as it is described best")),
+        tag("div", math, class_="scroll"),
+        class_="equation",
+    )
 
 
 def _cause_html(rig: str, cause: Cause) -> Html:
@@ -141,13 +159,20 @@ def _cause_html(rig: str, cause: Cause) -> Html:
     spoken = _spoken(found, {})
     title = tag("figcaption", prose(_title(cause)))
     if len(spoken) > _LONGEST:
-        return tag("figure", title, tag("pre", found.effect.story().get("Equation", "")), class_="equation")
+        return tag(
+            "figure", title, tag("pre", found.effect.story().get("Equation", "")), class_="equation"
+        )
     plain, filled = Typeset(_shown(found, {})), Typeset(_shown(found, cause.parameters))
     drawn = [math_html(_rows(found, plain), spoken)]
     if cause.parameters:
         drawn.append(math_html(_rows(found, filled), _spoken(found, cause.parameters)))
-    return tag("figure", title, tag("div", drawn, class_="scroll"), paragraphs(_legend(found, plain), "note"),
-               class_="equation")  # fmt: skip
+    return tag(
+        "figure",
+        title,
+        tag("div", drawn, class_="scroll"),
+        paragraphs(_legend(found, plain), "note"),
+        class_="equation",
+    )
 
 
 def _title(cause: Cause) -> str:
@@ -160,19 +185,32 @@ def _rows(found: Acting, typeset: Typeset) -> list[list[Html]]:
     after = tag("mrow", name(found.letter), operator("′", lspace="0", rspace="0"))
     rows = [[after, tag("mrow", operator("="), typeset(found.value))]]
     for state, rate in found.rates.items():
-        left = fraction(tag("mrow", tag("mi", "d"), name(state)), tag("mrow", tag("mi", "d"), name("t")))
+        left = fraction(
+            tag("mrow", tag("mi", "d"), name(state)), tag("mrow", tag("mi", "d"), name("t"))
+        )
         rows.append([left, tag("mrow", operator("="), typeset(rate))])
     return rows
 
 
 def _spoken(found: Acting, values: Mapping[str, Estimate]) -> str:
     """The same in plain text."""
-    told = {key: words.with_unit_text(values[outside].value, channel_unit(outside)) if outside in values else
-            split_column(outside)[0] for key, outside in found.names.items()}  # fmt: skip
+    told = {
+        key: words.with_unit_text(values[outside].value, channel_unit(outside))
+        if outside in values
+        else split_column(outside)[0]
+        for key, outside in found.names.items()
+    }
     named = {symbol("parameter", key): symbol("told", name) for key, name in told.items()}
     value, *rates = substitute([found.value, *found.rates.values()], named)
-    return "; ".join([f"{found.letter}′ = {text(value)}",
-                      *(f"d {state}/dt = {text(rate)}" for state, rate in zip(found.rates, rates, strict=True))])
+    return "; ".join(
+        [
+            f"{found.letter}′ = {text(value)}",
+            *(
+                f"d {state}/dt = {text(rate)}"
+                for state, rate in zip(found.rates, rates, strict=True)
+            ),
+        ]
+    )
 
 
 def _shown(found: Acting, values: Mapping[str, Estimate]) -> Any:
@@ -192,8 +230,13 @@ def _shown(found: Acting, values: Mapping[str, Estimate]) -> Any:
 def _legend(found: Acting, typeset: Typeset) -> Iterator[str]:
     """What the letters and the functions mean."""
     letter = found.letter
-    yield f"{letter}: the {found.what} without the effect, {letter}′ with it. Plain numbers are in SI units."
-    told = [f"{function}: {_meaning(function)}" for function in typeset.functions if _meaning(function)]
+    yield (
+        f"{letter}: the {found.what} without the effect, {letter}′ with it. Plain numbers are "
+        "in SI units."
+    )
+    told = [
+        f"{function}: {_meaning(function)}" for function in typeset.functions if _meaning(function)
+    ]
     if told:
         yield "; ".join(told) + "."
 
@@ -202,4 +245,8 @@ def _meaning(function: str) -> str:
     if function in _CALLED:
         return _CALLED[function]
     of = getattr(equations, {"sgn": "sign", "step": "smooth_step"}.get(function, function), None)
-    return (inspect.getdoc(of) or "").partition("\n")[0].rstrip(".").replace("+-", "±") if of is not None else ""
+    return (
+        (inspect.getdoc(of) or "").partition("\n")[0].rstrip(".").replace("+-", "±")
+        if of is not None
+        else ""
+    )

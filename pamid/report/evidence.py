@@ -1,4 +1,5 @@
-"""The pictures behind the answers: error over time, parameter strain, background pulls, network training."""
+"""The pictures behind the answers: error over time, parameter strain, background pulls, network
+training."""
 
 from __future__ import annotations
 
@@ -32,12 +33,30 @@ def pulls_drawing(pulls: tuple[Pull, ...]) -> Drawing | None:
         axes.axvspan(-1.0, 1.0, color=colour("faint"), linewidth=0.0)
         for row, one in enumerate(shown):
             large = abs(one.pull) > 2.0
-            axes.barh(row, one.pull, height=0.6, color=colour("with_cause" if large else "refitted"), linewidth=0.0)
-            axes.annotate(words.short(one.pull, 2), (one.pull, row), xytext=(4 if one.pull >= 0 else -4, 0),
-                          textcoords="offset points", va="center", ha="left" if one.pull >= 0 else "right",
-                          fontsize=8.5, color=colour("ink"))
+            axes.barh(
+                row,
+                one.pull,
+                height=0.6,
+                color=colour("with_cause" if large else "refitted"),
+                linewidth=0.0,
+            )
+            axes.annotate(
+                words.short(one.pull, 2),
+                (one.pull, row),
+                xytext=(4 if one.pull >= 0 else -4, 0),
+                textcoords="offset points",
+                va="center",
+                ha="left" if one.pull >= 0 else "right",
+                fontsize=8.5,
+                color=colour("ink"),
+            )
         for edge in (-2.0, 0.0, 2.0):
-            axes.axvline(edge, color=colour("muted"), linewidth=0.7, linestyle="-" if edge == 0 else (0, (3, 2)))
+            axes.axvline(
+                edge,
+                color=colour("muted"),
+                linewidth=0.7,
+                linestyle="-" if edge == 0 else (0, (3, 2)),
+            )
         axes.set_yticks(range(len(shown)), [label(words.port_words(one.name), 24) for one in shown])
         axes.set_ylim(len(shown) - 0.4, -0.6)
         axes.set_xlim(-reach, reach)
@@ -80,20 +99,33 @@ def _power_of_ten(value: float, _: int | None = None) -> str:
 
 
 def timeline_drawing(run: RunData, channel: str) -> Drawing | None:
-    """Mean absolute error over short stretches of each recording [channel's unit] over time [s], windows shaded."""
+    """Mean absolute error over short stretches of each recording [channel's unit] over time [s],
+    windows shaded."""
     residual = run.residual
-    if residual is None or residual.of(channel, "refitted") is None or channel not in residual.columns:
+    if (
+        residual is None
+        or residual.of(channel, "refitted") is None
+        or channel not in residual.columns
+    ):
         return None
     number, curves = _longest_held_out(residual, channel)
     if not curves:
         return None
     diagnosis = run.diagnosis
-    shaded = diagnosis.where.windows_s if diagnosis is not None and diagnosis.where is not None else ()
+    shaded = (
+        diagnosis.where.windows_s if diagnosis is not None and diagnosis.where is not None else ()
+    )
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
         for count, (low, high) in enumerate(shaded):
-            axes.axvspan(low, high, color=colour("line"), linewidth=0.0, label="" if count else "named windows")
+            axes.axvspan(
+                low,
+                high,
+                color=colour("line"),
+                linewidth=0.0,
+                label="" if count else "named windows",
+            )
         for kind, (time, error) in curves.items():
             role = {"cause": "with_cause"}.get(kind, kind)
             name = {"refitted": "refitted", "cause": "with cause"}[kind]
@@ -111,8 +143,11 @@ def timeline_drawing(run: RunData, channel: str) -> Drawing | None:
     return Drawing("timeline", title, draw, 2.3, 2.6)
 
 
-def _longest_held_out(residual: Residual, channel: str) -> tuple[int, dict[str, tuple[FloatArray, FloatArray]]]:
-    """The recording with most scored held-out rows (else scored rows), and its binned errors by model."""
+def _longest_held_out(
+    residual: Residual, channel: str
+) -> tuple[int, dict[str, tuple[FloatArray, FloatArray]]]:
+    """The recording with most scored held-out rows (else scored rows), and its binned errors by
+    model."""
     columns, refitted = residual.columns, residual.of(channel, "refitted")
     assert refitted is not None
     scored = (columns["window"] >= 0) & np.isfinite(refitted)
@@ -129,11 +164,15 @@ def _longest_held_out(residual: Residual, channel: str) -> tuple[int, dict[str, 
         if trace is not None and np.isfinite(trace[rows]).all():
             error = np.abs(columns[channel] - trace)
             parts = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
-            curves[kind] = _curve(columns["time_s"], error, [rows] if len(parts) > _BINS // 4 else parts)
+            curves[kind] = _curve(
+                columns["time_s"], error, [rows] if len(parts) > _BINS // 4 else parts
+            )
     return number, curves
 
 
-def _curve(time: FloatArray, error: FloatArray, parts: list[NDArray[np.intp]]) -> tuple[FloatArray, FloatArray]:
+def _curve(
+    time: FloatArray, error: FloatArray, parts: list[NDArray[np.intp]]
+) -> tuple[FloatArray, FloatArray]:
     """Binned errors; between parts that are apart in time the line is broken by a nan."""
     bins = max(_BINS // len(parts), 1)
     pieces = [_binned(time[rows], error[rows], bins) for rows in parts]
@@ -156,4 +195,8 @@ def pulls_of(run: RunData) -> tuple[Pull, ...]:
     diagnosis: Diagnosis | None = run.diagnosis
     if diagnosis is not None and diagnosis.background:
         return diagnosis.background
-    return tuple(Pull(name, pull, None) for name, pull in run.fit.background) if run.fit is not None else ()
+    return (
+        tuple(Pull(name, pull, None) for name, pull in run.fit.background)
+        if run.fit is not None
+        else ()
+    )

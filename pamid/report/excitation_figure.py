@@ -1,4 +1,5 @@
-"""The picture of an excitation: what is sent, which amplitudes, frequencies and changes it covers, and which not."""
+"""The picture of an excitation: what is sent, which amplitudes, frequencies and changes it covers,
+and which not."""
 
 from __future__ import annotations
 
@@ -17,7 +18,7 @@ from pamid.report.style import Drawing, Picture, colour, grid, label, render
 
 Array = NDArray[np.float64]
 
-MANY = 60           # changes that can be told apart in one panel
+MANY = 60  # changes that can be told apart in one panel
 MOST_TICKS = 5
 DEEPEST_DB = -60.0
 DASHED = (0, (4, 2))
@@ -25,7 +26,8 @@ DASHED = (0, (4, 2))
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """A column to draw: samples (n,) while it is excited, what they cover, the band asked for and the rate limit."""
+    """A column to draw: samples (n,) while it is excited, what they cover, the band asked for and
+    the rate limit."""
 
     column: str
     unit: str
@@ -37,24 +39,33 @@ class Shown:
 
     @property
     def axis(self) -> str:
-        return label(self.column) if self.unit == NONE else f"{label(self.column)} [{label(self.unit)}]"
+        return (
+            label(self.column)
+            if self.unit == NONE
+            else f"{label(self.column)} [{label(self.unit)}]"
+        )
 
     @property
     def reach(self) -> str:
-        """Where its power lies; what is slower than a spectrum of such a length tells apart counts as covered."""
+        """Where its power lies; what is slower than a spectrum of such a length tells apart counts
+        as covered."""
         low, high = self.covers.band_20db_hz
         lowest = spectrum(self.samples, self.period_s)[0][0]
         return f"up to {high:.2g} Hz" if low <= lowest else f"{low:.2g} to {high:.2g} Hz"
 
 
 def richness_picture(shown: Sequence[Shown]) -> Picture:
-    """Per column the signal, its amplitudes, its spectrum and its changes by size and pace; the title says what the
-    column that covers least covers, and what it cannot show."""
+    """Per column the signal, its amplitudes, its spectrum and its changes by size and pace; the
+    title says what the column that covers least covers, and what it cannot show."""
+
     def draw(figure: Figure, narrow: bool) -> None:
         parts = figure.subfigures(len(shown), 1, squeeze=False)[:, 0]
         for part, one in zip(parts, shown, strict=True):
-            layout = [["signal"], ["levels"], ["power"], ["changes"]] if narrow else [
-                ["signal"] * 3, ["levels", "power", "changes"]]
+            layout = (
+                [["signal"], ["levels"], ["power"], ["changes"]]
+                if narrow
+                else [["signal"] * 3, ["levels", "power", "changes"]]
+            )
             axes = part.subplot_mosaic(layout, height_ratios=[1.0] * 4 if narrow else [1.0, 1.25])
             _signal(axes["signal"], one)
             _levels(axes["levels"], one)
@@ -68,8 +79,11 @@ def finding(shown: Sequence[Shown]) -> str:
     """What the column that covers least covers, and the first thing that it cannot show."""
     poorest = max(shown, key=lambda one: len(one.covers.blind_spots()))
     least = "" if len(shown) == 1 else "Least covered: "
-    return (f"{least}{poorest.column} visits {poorest.covers.visited:.0%} of its range, with power {poorest.reach}. "
-            f"{poorest.covers.blind_spots()[0]}")
+    return (
+        f"{least}{poorest.column} visits {poorest.covers.visited:.0%} of its range, with power "
+        f"{poorest.reach}. "
+        f"{poorest.covers.blind_spots()[0]}"
+    )
 
 
 def _signal(axes: Axes, one: Shown) -> None:
@@ -77,12 +91,21 @@ def _signal(axes: Axes, one: Shown) -> None:
     changes, count = one.covers.changes, len(one.samples)
     if changes is not None and changes.pace_hz.size > 2 * MANY:
         count = round(float(np.sum(0.5 / changes.pace_hz[:MANY])) / one.period_s)
-    axes.plot(one.period_s * np.arange(count), one.samples[:count], color=colour("refitted"), linewidth=0.9,
-              drawstyle="steps-post")
+    axes.plot(
+        one.period_s * np.arange(count),
+        one.samples[:count],
+        color=colour("refitted"),
+        linewidth=0.9,
+        drawstyle="steps-post",
+    )
     axes.set_xlim(0.0, count * one.period_s)
     axes.set_ylabel(one.axis)
     whole = len(one.samples)
-    part = f", first {count * one.period_s:.3g} of {whole * one.period_s:.3g} s" if count < whole else ""
+    part = (
+        f", first {count * one.period_s:.3g} of {whole * one.period_s:.3g} s"
+        if count < whole
+        else ""
+    )
     axes.set_title(f"what is sent{part}", loc="left")
     axes.set_xlabel("time [s]")
     grid(axes, "y")
@@ -90,8 +113,15 @@ def _signal(axes: Axes, one: Shown) -> None:
 
 def _levels(axes: Axes, one: Shown) -> None:
     edges = np.linspace(one.covers.low, one.covers.high, BINS + 1)
-    axes.bar(edges[:-1], 100.0 * np.array(one.covers.histogram), np.diff(edges), align="edge",
-             color=colour("refitted"), edgecolor=colour("paper"), linewidth=0.5)
+    axes.bar(
+        edges[:-1],
+        100.0 * np.array(one.covers.histogram),
+        np.diff(edges),
+        align="edge",
+        color=colour("refitted"),
+        edgecolor=colour("paper"),
+        linewidth=0.5,
+    )
     axes.axhline(100.0 / BINS, color=colour("with_cause"), linewidth=1.0, linestyle=DASHED)
     axes.set_title(f"{one.covers.visited:.0%} visited", loc="left")
     axes.set_title("even", loc="right", fontsize=8.0, color=colour("with_cause"))
@@ -102,8 +132,12 @@ def _levels(axes: Axes, one: Shown) -> None:
 def _power(axes: Axes, one: Shown) -> None:
     frequency, power = spectrum(one.samples, one.period_s)
     axes.axvspan(*one.covers.band_20db_hz, color=colour("faint"), linewidth=0.0)
-    axes.semilogx(frequency, 10.0 * np.log10(np.maximum(power / power.max(), 1e-12)), color=colour("refitted"),
-                  linewidth=1.0)
+    axes.semilogx(
+        frequency,
+        10.0 * np.log10(np.maximum(power / power.max(), 1e-12)),
+        color=colour("refitted"),
+        linewidth=1.0,
+    )
     for edge in one.band_hz or ():
         axes.axvline(edge, color=colour("with_cause"), linewidth=1.0, linestyle=DASHED)
     axes.set_ylim(DEEPEST_DB, 3.0)
@@ -126,24 +160,44 @@ def _changes(axes: Axes, one: Shown) -> None:
     slowest = 0.9 * float(min(changes.pace_hz.min(), changes.edges_hz[0]))
     fastest = 1.1 * float(max(changes.pace_hz.max(), changes.edges_hz[-1]))
     _cells(axes, changes, np.array([slowest, *changes.edges_hz[1:-1], fastest]))
-    axes.scatter(changes.pace_hz, 100.0 * changes.size, s=7.0 if changes.size.size > MANY else 18.0,
-                 color=colour("refitted"), alpha=0.45, linewidths=0.0, zorder=3, clip_on=False)
+    axes.scatter(
+        changes.pace_hz,
+        100.0 * changes.size,
+        s=7.0 if changes.size.size > MANY else 18.0,
+        color=colour("refitted"),
+        alpha=0.45,
+        linewidths=0.0,
+        zorder=3,
+        clip_on=False,
+    )
     axes.set_xscale("log")
     axes.set_ylim(0.0, 104.0)
     _frequencies(axes, slowest, fastest)
     axes.set_title(f"{np.count_nonzero(changes.share)} of {CELLS**2} kinds", loc="left")
-    if one.rate_limit is not None:  # no change is larger than the rate limit lets it grow in its time
+    # no change is larger than the rate limit lets it grow in its time
+    if one.rate_limit is not None:
         pace = np.geomspace(slowest, fastest, 100)
-        axes.plot(pace, 50.0 * one.rate_limit / pace / (one.covers.high - one.covers.low), color=colour("with_cause"),
-                  linewidth=1.0, linestyle=DASHED)
+        axes.plot(
+            pace,
+            50.0 * one.rate_limit / pace / (one.covers.high - one.covers.low),
+            color=colour("with_cause"),
+            linewidth=1.0,
+            linestyle=DASHED,
+        )
         axes.set_title("rate limit", loc="right", fontsize=8.0, color=colour("with_cause"))
 
 
 def _cells(axes: Axes, changes: Changes, edges: Array) -> None:
     """Kinds of changes that occur lie on grey."""
     for (row, column), share in np.ndenumerate(changes.share):
-        axes.fill_between(edges[column : column + 2], 100.0 * row / CELLS, 100.0 * (row + 1) / CELLS, linewidth=0.6,
-                          edgecolor=colour("line"), facecolor=colour("faint") if share > 0.0 else colour("paper"))
+        axes.fill_between(
+            edges[column : column + 2],
+            100.0 * row / CELLS,
+            100.0 * (row + 1) / CELLS,
+            linewidth=0.6,
+            edgecolor=colour("line"),
+            facecolor=colour("faint") if share > 0.0 else colour("paper"),
+        )
 
 
 def _frequencies(axes: Axes, low: float, high: float) -> None:

@@ -1,6 +1,8 @@
-"""The pictures of the three answers: port shares, regimes, ranking, missing term, gap budget, worst held-out window.
+"""The pictures of the three answers: port shares, regimes, ranking, missing term, gap budget, worst
+held-out window.
 
-Each function returns a `Drawing`, or None where the run does not hold what it shows. Titles are built from the numbers.
+Each function returns a `Drawing`, or None where the run does not hold what it shows. Titles are
+built from the numbers.
 """
 
 from __future__ import annotations
@@ -36,8 +38,12 @@ _HUGE = 4.0
 _POINTS = 1500
 _MOST_DOTS, _PARTS, _FEWEST, _NARROWEST = 1200, 16, 3, 0.03
 NO_SIGNALS = ("time", "recording", "missing")
-LINES = {"data_sheet": ("data_sheet", 1.1, (0, (4, 2))), "refitted": ("refitted", 1.5, "-"),
-         "network": ("with_network", 1.5, (0, (1, 1.2))), "cause": ("with_cause", 1.7, "-")}  # fmt: skip
+LINES = {
+    "data_sheet": ("data_sheet", 1.1, (0, (4, 2))),
+    "refitted": ("refitted", 1.5, "-"),
+    "network": ("with_network", 1.5, (0, (1, 1.2))),
+    "cause": ("with_cause", 1.7, "-"),
+}
 
 
 def ports_drawing(diagnosis: Diagnosis) -> Drawing | None:
@@ -46,14 +52,22 @@ def ports_drawing(diagnosis: Diagnosis) -> Drawing | None:
     if where is None or not where.shares:
         return None
     shares = _large_shares(where)
-    alike = {port for group in where.indistinguishable if where.port in group for port in group} - {where.port}
+    alike = {port for group in where.indistinguishable if where.port in group for port in group} - {
+        where.port
+    }
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
         for row, (port, share) in enumerate(shares):
             named, doubtful = port == where.port, port in alike
-            axes.barh(row, 100.0 * share, height=0.62, color=colour("with_cause" if named else "data_sheet"),
-                      hatch="////" if doubtful else None, linewidth=0.0)
+            axes.barh(
+                row,
+                100.0 * share,
+                height=0.62,
+                color=colour("with_cause" if named else "data_sheet"),
+                hatch="////" if doubtful else None,
+                linewidth=0.0,
+            )
             note = f" (not told from {label(words.port_words(where.port), 16)})" if doubtful else ""
             _value(axes, 100.0 * share, row, f"{words.percent(share)}{'' if narrow else note}")
         _rows(axes, [words.port_words(port) for port, _ in shares])
@@ -67,19 +81,33 @@ def ports_drawing(diagnosis: Diagnosis) -> Drawing | None:
 
 def regimes_drawing(diagnosis: Diagnosis) -> Drawing | None:
     """Pairs of bars: each regime's share of the gap and of the time [%]."""
-    told = [one for one in (diagnosis.where.regimes if diagnosis.where is not None else ())
-            if one.share_of_gap is not None and one.share_of_time is not None]  # fmt: skip
+    told = [
+        one
+        for one in (diagnosis.where.regimes if diagnosis.where is not None else ())
+        if one.share_of_gap is not None and one.share_of_time is not None
+    ]
     if not told:
         return None
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
         for row, one in enumerate(told):
-            pair = ((one.share_of_gap, "with_cause", -0.17), (one.share_of_time, "data_sheet", 0.17))
-            for (share, role, offset), name in zip(pair, ("of the gap", "of the time"), strict=True):
+            pair = (
+                (one.share_of_gap, "with_cause", -0.17),
+                (one.share_of_time, "data_sheet", 0.17),
+            )
+            for (share, role, offset), name in zip(
+                pair, ("of the gap", "of the time"), strict=True
+            ):
                 assert share is not None
-                axes.barh(row + offset, 100.0 * share, height=0.3, color=colour(role), linewidth=0.0,
-                          label="" if row else name)
+                axes.barh(
+                    row + offset,
+                    100.0 * share,
+                    height=0.3,
+                    color=colour(role),
+                    linewidth=0.0,
+                    label="" if row else name,
+                )
                 _value(axes, 100.0 * share, row + offset, words.percent(share))
         _rows(axes, [_regime_name(one) for one in told], 26)
         axes.set_xlim(0.0, 118.0)
@@ -93,16 +121,20 @@ def regimes_drawing(diagnosis: Diagnosis) -> Drawing | None:
 
 def _regime_name(one: Regime) -> str:
     """The signal, and below it the range."""
-    return f"{words.port_words(one.signal)}\n{words.span(one.low, one.high, words.unit_words(one.unit))}"
+    return f"{words.port_words(one.signal)}\n{words.span(one.low, one.high, words.unit_words(one.unit))}"  # noqa: E501
 
 
 def missing_drawing(run: RunData) -> Drawing | None:
-    """Points and binned medians: the missing value [port's unit] over the signal that describes it best [its unit]."""
+    """Points and binned medians: the missing value [port's unit] over the signal that describes it
+    best [its unit]."""
     unknown = run.diagnosis.unknown if run.diagnosis is not None else None
     if unknown is None or run.missing is None:
         return None
     stems = {split_column(name)[0]: name for name in run.missing}
-    found = [*(v for v in unknown.variables if v in stems), *(s for s in stems if s not in NO_SIGNALS)]
+    found = [
+        *(v for v in unknown.variables if v in stems),
+        *(s for s in stems if s not in NO_SIGNALS),
+    ]
     if not found:
         return None
     signal, x, y = stems[found[0]], run.missing[stems[found[0]]], run.missing[stems["missing"]]
@@ -111,12 +143,30 @@ def missing_drawing(run: RunData) -> Drawing | None:
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
         every = -(-x.size // _MOST_DOTS)
-        axes.plot(x[::every], y[::every], linestyle="none", marker="o", markersize=3.2, markeredgewidth=0.0,
-                  color=colour("refitted"), alpha=0.45, label="slice of a recording")
-        axes.plot(centres, middles, color=colour("with_cause"), linewidth=1.8, marker="o", markersize=4.0,
-                  label="median")
+        axes.plot(
+            x[::every],
+            y[::every],
+            linestyle="none",
+            marker="o",
+            markersize=3.2,
+            markeredgewidth=0.0,
+            color=colour("refitted"),
+            alpha=0.45,
+            label="slice of a recording",
+        )
+        axes.plot(
+            centres,
+            middles,
+            color=colour("with_cause"),
+            linewidth=1.8,
+            marker="o",
+            markersize=4.0,
+            label="median",
+        )
         axes.axhline(0.0, color=colour("muted"), linewidth=0.7)
-        axes.set_xlabel(words.axis_label(label(words.channel_words(signal)), label(words.channel_unit(signal))))
+        axes.set_xlabel(
+            words.axis_label(label(words.channel_words(signal)), label(words.channel_unit(signal)))
+        )
         axes.set_ylabel(words.axis_label("missing", label(words.channel_unit(stems["missing"]))))
         axes.xaxis.set_major_locator(MaxNLocator(5 if narrow else 9))
         grid(axes, "y")
@@ -126,47 +176,90 @@ def missing_drawing(run: RunData) -> Drawing | None:
 
 
 def _binned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """Medians of x and y in parts of about equal count, none too narrow to be seen, and the share of the variance of y
-    that lies between the parts."""
+    """Medians of x and y in parts of about equal count, none too narrow to be seen, and the share
+    of the variance of y that lies between the parts."""
     edges = [x.min()]
     for edge in np.quantile(x, np.linspace(0.0, 1.0, _PARTS + 1))[1:]:
         if edge - edges[-1] > _NARROWEST * np.ptp(x):
             edges.append(edge)
     place = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 1)
-    parts = [part for k in range(len(edges)) if (part := np.flatnonzero(place == k)).size >= _FEWEST]
+    parts = [
+        part for k in range(len(edges)) if (part := np.flatnonzero(place == k)).size >= _FEWEST
+    ]
     between = sum(part.size * (y[part].mean() - y.mean()) ** 2 for part in parts) / y.size
     share = float(between / y.var()) if y.var() > 0.0 else 0.0
-    return (np.array([np.median(x[part]) for part in parts]), np.array([np.median(y[part]) for part in parts]), share)
+    return (
+        np.array([np.median(x[part]) for part in parts]),
+        np.array([np.median(y[part]) for part in parts]),
+        share,
+    )
 
 
 def ranking_drawing(diagnosis: Diagnosis) -> Drawing | None:
-    """Points with 95 % intervals: the part of the held-out error each candidate removes [%], best first."""
-    shown = [one for one in candidate_order(diagnosis) if one.shrinkage is not None][:MOST_CANDIDATES]
+    """Points with 95 % intervals: the part of the held-out error each candidate removes [%], best
+    first."""
+    shown = [one for one in candidate_order(diagnosis) if one.shrinkage is not None][
+        :MOST_CANDIDATES
+    ]
     if not shown:
         return None
     named = {cause.effect for cause in diagnosis.causes}
-    alike = {name for group in diagnosis.look_alikes if named & set(group) for name in group} - named
+    alike = {
+        name for group in diagnosis.look_alikes if named & set(group) for name in group
+    } - named
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
         right = max(1.0, *((one.high or one.shrinkage or 0.0) for one in shown))
-        left = min(0.0, *(max(_LEFT_END, one.low if one.low is not None else one.shrinkage or 0.0) for one in shown))
+        left = min(
+            0.0,
+            *(
+                max(_LEFT_END, one.low if one.low is not None else one.shrinkage or 0.0)
+                for one in shown
+            ),
+        )
         for row, one in enumerate(shown):
-            role = "with_cause" if one.effect in named else "refitted" if one.effect in alike else "muted"
+            role = (
+                "with_cause"
+                if one.effect in named
+                else "refitted"
+                if one.effect in alike
+                else "muted"
+            )
             _candidate(axes, one, row, role)
-            axes.text(100.0 * right + (4 if narrow else 2), row, _chance(one), va="center", fontsize=8.5,
-                      color=colour("ink"), clip_on=False)
+            axes.text(
+                100.0 * right + (4 if narrow else 2),
+                row,
+                _chance(one),
+                va="center",
+                fontsize=8.5,
+                color=colour("ink"),
+                clip_on=False,
+            )
         axes.axvline(0.0, color=colour("muted"), linewidth=0.7)
-        axes.text(100.0 * right + (4 if narrow else 2), -0.85, "P" if narrow else "probability", va="center",
-                  fontsize=8.0, color=colour("muted"), clip_on=False)
+        axes.text(
+            100.0 * right + (4 if narrow else 2),
+            -0.85,
+            "P" if narrow else "probability",
+            va="center",
+            fontsize=8.0,
+            color=colour("muted"),
+            clip_on=False,
+        )
         _rows(axes, [_candidate_name(one, alike, narrow) for one in shown], 34 if narrow else 48)
         axes.set_xlim(100.0 * left - 3.0, 100.0 * right + (20.0 if narrow else 13.0))
-        ticks = [tick for tick in range(-50, 101, 50 if narrow else 25) if 100.0 * left - 3.0 <= tick <= 100.0 * right]
+        ticks = [
+            tick
+            for tick in range(-50, 101, 50 if narrow else 25)
+            if 100.0 * left - 3.0 <= tick <= 100.0 * right
+        ]
         axes.set_xticks(ticks)
         axes.spines["bottom"].set_bounds(100.0 * left - 3.0, 100.0 * right)
         what = f"held-out error removed{'' if narrow else over_channels(diagnosis)} [%]"
         failed = not all(one.converged for one in shown)
-        notes = ([] if narrow else ["line: 95 % interval"]) + (["open: not converged"] if failed else [])
+        notes = ([] if narrow else ["line: 95 % interval"]) + (
+            ["open: not converged"] if failed else []
+        )
         axes.set_xlabel(f"{what}\n{', '.join(notes)}" if notes else what)
 
     height = 1.0 + 0.27 * len(shown)
@@ -194,13 +287,16 @@ def budget_drawing(rows: tuple[ChannelErrors, ...], diagnosis: Diagnosis | None)
             _rows(axes, names if position % shape[1] == 0 else [""] * len(names))
 
     each = 0.62 + 0.24 * len(fields)
-    return Drawing("budget", budget_title(rows, diagnosis), draw, deep * each + 0.1, len(rows) * each + 0.1)
+    return Drawing(
+        "budget", budget_title(rows, diagnosis), draw, deep * each + 0.1, len(rows) * each + 0.1
+    )
 
 
 def window_drawing(
     run: RunData, residual: Residual, channel: str, window: Window, kinds: tuple[str, ...]
 ) -> Drawing:
-    """Measured and modelled traces over the worst window, and their errors below [channel's unit] over time [s]."""
+    """Measured and modelled traces over the worst window, and their errors below [channel's unit]
+    over time [s]."""
     diagnosis = run.diagnosis
     unit_text, what = words.channel_unit(channel), words.channel_words(channel)
     time, measured = residual.columns["time_s"][window.rows], residual.columns[channel][window.rows]
@@ -214,12 +310,26 @@ def window_drawing(
         for kind, trace in traces.items():
             role, width, dashes = LINES[kind]
             name = label(model_words(role, diagnosis), 30)
-            above.plot(*_thinned(time, trace), color=colour(role), linewidth=width, linestyle=dashes, label=name)
-            if window.mae.get(kind, 0.0) <= _HUGE * window.mae["refitted"]:  # else nothing else could be read
-                below.plot(*_thinned(time, measured - trace), color=colour(role), linewidth=width, linestyle=dashes)
+            above.plot(
+                *_thinned(time, trace),
+                color=colour(role),
+                linewidth=width,
+                linestyle=dashes,
+                label=name,
+            )
+            # else nothing else could be read
+            if window.mae.get(kind, 0.0) <= _HUGE * window.mae["refitted"]:
+                below.plot(
+                    *_thinned(time, measured - trace),
+                    color=colour(role),
+                    linewidth=width,
+                    linestyle=dashes,
+                )
         above.set_ylabel(words.axis_label(label(what, 22), label(unit_text)))
         below.set_ylabel(words.axis_label("error", label(unit_text)))
-        below.set_xlabel(words.axis_label(label(f"time{run.recording_words(window.recording)}"), "s"))
+        below.set_xlabel(
+            words.axis_label(label(f"time{run.recording_words(window.recording)}"), "s")
+        )
         for axes in (above, below):
             grid(axes, "y")
             axes.margins(x=0.0)
@@ -238,7 +348,13 @@ def _large_shares(where: Where) -> list[tuple[str, float]]:
     small = len(ordered) - len(large)
     if small < 3:
         return ordered
-    return [*large, (f"{small} other ports", sum(share for port, share in ordered if (port, share) not in large))]
+    return [
+        *large,
+        (
+            f"{small} other ports",
+            sum(share for port, share in ordered if (port, share) not in large),
+        ),
+    ]
 
 
 def _candidate(axes: Axes, one: Candidate, row: int, role: str) -> None:
@@ -247,12 +363,26 @@ def _candidate(axes: Axes, one: Candidate, row: int, role: str) -> None:
     if one.low is not None and one.high is not None:
         low = max(one.low, _LEFT_END)
         if one.high > low:
-            axes.plot([100.0 * low, 100.0 * one.high], [row, row], color=ink, linewidth=1.8, solid_capstyle="butt")
+            axes.plot(
+                [100.0 * low, 100.0 * one.high],
+                [row, row],
+                color=ink,
+                linewidth=1.8,
+                solid_capstyle="butt",
+            )
     if one.shrinkage < _LEFT_END:
         axes.plot(100.0 * _LEFT_END, row, marker="<", color=ink, markersize=5)
     else:
-        axes.plot(100.0 * one.shrinkage, row, marker="o", markersize=5.0, markeredgecolor=ink, markeredgewidth=1.3,
-                  markerfacecolor=ink if one.converged else colour("paper"), linestyle="none")
+        axes.plot(
+            100.0 * one.shrinkage,
+            row,
+            marker="o",
+            markersize=5.0,
+            markeredgecolor=ink,
+            markeredgewidth=1.3,
+            markerfacecolor=ink if one.converged else colour("paper"),
+            linestyle="none",
+        )
 
 
 def _chance(one: Candidate) -> str:
@@ -272,13 +402,17 @@ def _budget(axes: Axes, row: ChannelErrors, fields: list[str]) -> None:
     unit_text = words.channel_unit(row.channel)
     for position, field in enumerate(fields):
         if field not in known:
-            axes.text(0.0, position, f" {words.DASH}", va="center", fontsize=8.0, color=colour("muted"))
+            axes.text(
+                0.0, position, f" {words.DASH}", va="center", fontsize=8.0, color=colour("muted")
+            )
             continue
         axes.barh(position, known[field], height=0.66, color=colour(field), linewidth=0.0)
         _value(axes, known[field], position, words.short(known[field]))
     axes.set_xlim(0.0, 1.32 * max(known.values()) or 1.0)
     axes.locator_params(axis="x", nbins=4)
-    axes.set_xlabel(words.axis_label(f"{label(words.channel_words(row.channel), 22)} MAE", label(unit_text)))
+    axes.set_xlabel(
+        words.axis_label(f"{label(words.channel_words(row.channel), 22)} MAE", label(unit_text))
+    )
 
 
 def _rows(axes: Axes, names: list[str], longest: int = 34) -> None:
@@ -291,12 +425,20 @@ def _rows(axes: Axes, names: list[str], longest: int = 34) -> None:
 
 
 def _value(axes: Axes, x: float, row: float, text: str) -> None:
-    axes.annotate(text, (max(x, 0.0), row), xytext=(4, 0), textcoords="offset points", va="center", fontsize=8.5,
-                  color=colour("ink"))
+    axes.annotate(
+        text,
+        (max(x, 0.0), row),
+        xytext=(4, 0),
+        textcoords="offset points",
+        va="center",
+        fontsize=8.5,
+        color=colour("ink"),
+    )
 
 
 def _thinned(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """At most about `_POINTS` points that keep every extreme: first, lowest and highest of each stretch."""
+    """At most about `_POINTS` points that keep every extreme: first, lowest and highest of each
+    stretch."""
     size = values.size
     if size <= _POINTS:
         return time, values

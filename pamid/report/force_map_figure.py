@@ -1,4 +1,5 @@
-"""The picture of a measured force map: its points over the curves of two laws, and what each is off by."""
+"""The picture of a measured force map: its points over the curves of two laws, and what each is off
+by."""
 
 from __future__ import annotations
 
@@ -28,35 +29,59 @@ class Side:
     errors: Array
 
 
-def force_map_picture(contraction: Array, pressure_kpa: Array, force_n: Array, steps: Array, levels: Array,
-                      sides: Sequence[Side], title: str) -> Picture:
-    """Measured points (points,) over each law's force-contraction curves, and below them its errors.
+def force_map_picture(
+    contraction: Array,
+    pressure_kpa: Array,
+    force_n: Array,
+    steps: Array,
+    levels: Array,
+    sides: Sequence[Side],
+    title: str,
+) -> Picture:
+    """Measured points (points,) over each law's force-contraction curves, and below them its
+    errors.
 
-    steps: contractions of the curves; levels: their pressures, kPa. Colour is pressure, everywhere the same.
+    steps: contractions of the curves; levels: their pressures, kPa. Colour is pressure, everywhere
+    the same.
     """
     colours = colormaps["viridis_r"].resampled(256)
     low, high = float(pressure_kpa.min()), float(pressure_kpa.max())
     shades = Normalize(low - (1.0 - LIGHTEST) / LIGHTEST * (high - low), high)
 
     def draw(figure: Figure, narrow: bool) -> None:
-        axes = figure.subplots(2, len(sides), sharex=True, sharey="row", squeeze=False, height_ratios=(2.0, 1.0))
+        axes = figure.subplots(
+            2, len(sides), sharex=True, sharey="row", squeeze=False, height_ratios=(2.0, 1.0)
+        )
         for (above, below), side in zip(axes.T, sides, strict=True):
             for pressure, curve in zip(levels, side.curves, strict=True):
                 above.plot(steps, curve, color=colours(shades(pressure)), linewidth=1.1)
             for one, values in ((above, force_n), (below, side.errors)):
-                one.scatter(contraction, values, s=9.0, c=colours(shades(pressure_kpa)), edgecolors=colour("ink"),
-                            linewidths=0.3, zorder=3)
+                one.scatter(
+                    contraction,
+                    values,
+                    s=9.0,
+                    c=colours(shades(pressure_kpa)),
+                    edgecolors=colour("ink"),
+                    linewidths=0.3,
+                    zorder=3,
+                )
                 grid(one, "y")
             below.axhline(0.0, color=colour("ink"), linewidth=0.7)
             above.set_title(label(side.title), loc="left")
             below.set_xlabel("contraction [-]")
         axes[0, 0].set_ylabel("force [N]")
         axes[1, 0].set_ylabel("held-out error [N]")
-        bar = figure.colorbar(ScalarMappable(shades, colours), ax=axes, boundaries=np.linspace(low, high, 256),
-                              aspect=40 if narrow else 30, pad=0.02)
+        bar = figure.colorbar(
+            ScalarMappable(shades, colours),
+            ax=axes,
+            boundaries=np.linspace(low, high, 256),
+            aspect=40 if narrow else 30,
+            pad=0.02,
+        )
         bar.set_label("gauge pressure [kPa]")
-        bar.set_ticks([float(level) for level in levels], labels=[f"{level:.0f}" for level in levels])
+        bar.set_ticks(
+            [float(level) for level in levels], labels=[f"{level:.0f}" for level in levels]
+        )
         bar.outline.set_visible(False)  # type: ignore[operator]
 
     return render(Drawing("force-map", title, draw, 4.6, 4.2))
-

@@ -1,8 +1,8 @@
 """The formula of an unknown effect, which diagnosis.json holds as text, as MathML.
 
-    formula  = [name [unit] =] sum          term   = factor ("*" factor | "/" factor | factor)*
-    sum      = ["+" | "-"] term (("+" | "-") term)*      factor = atom ["^" number]
-    atom     = number | number unit | name | name "(" sum ")" | "(" sum ")" | "|" sum "|"
+formula  = [name [unit] =] sum          term   = factor ("*" factor | "/" factor | factor)*
+sum      = ["+" | "-"] term (("+" | "-") term)*      factor = atom ["^" number]
+atom     = number | number unit | name | name "(" sum ")" | "(" sum ")" | "|" sum "|"
 """
 
 from __future__ import annotations
@@ -14,8 +14,10 @@ from pamid.report.mathml import fenced, fraction, math_html, name, number_html, 
 from pamid.report.words import unit_words
 
 _NUMBER = r"\d+\.?\d*(?:e[+-]?\d+)?"
-_TOKEN = re.compile(rf"\s*(?:(?P<size>\({_NUMBER} [^()\d+|^][^()|^]*\))|(?P<number>{_NUMBER})|(?P<name>[A-Za-z]\w*)|"
-                    r"(?P<unit>\[[^\]]*\])|(?P<sign>[-+*/^()|=]))")  # fmt: skip
+_TOKEN = re.compile(
+    rf"\s*(?:(?P<size>\({_NUMBER} [^()\d+|^][^()|^]*\))|(?P<number>{_NUMBER})|(?P<name>[A-Za-z]\w*)|"  # noqa: E501
+    r"(?P<unit>\[[^\]]*\])|(?P<sign>[-+*/^()|=]))"
+)
 _DEEPEST = 20
 
 
@@ -36,13 +38,15 @@ class _Reader:
         while place < len(text.rstrip()):
             found = _TOKEN.match(text, place)
             if found is None:
-                raise FormulaError(f"unexpected {text[place:place + 10]!r}")
+                raise FormulaError(f"unexpected {text[place : place + 10]!r}")
             self._tokens.append((str(found.lastgroup), str(found[str(found.lastgroup)])))
             place = found.end()
 
     def formula(self) -> Html:
         row: list[Html] = []
-        if [kind for kind, _ in self._tokens[:2]] == ["name", "unit"] and self._tokens[2:3] == [("sign", "=")]:
+        if [kind for kind, _ in self._tokens[:2]] == ["name", "unit"] and self._tokens[2:3] == [
+            ("sign", "=")
+        ]:
             unit = unit_words(self._tokens[1][1][1:-1])
             row.append(tag("mrow", name(self._tokens[0][1]), tag("mtext", f" [{unit or '-'}]")))
             row.append(operator("="))
@@ -71,7 +75,9 @@ class _Reader:
         sign = self._take("+", "-")
         while True:
             if sign == "-" or (sign and parts):
-                parts.append(operator("−" if sign == "-" else "+", form="infix" if parts else "prefix"))
+                parts.append(
+                    operator("−" if sign == "-" else "+", form="infix" if parts else "prefix")
+                )
             parts.append(self._term())
             sign = self._take("+", "-")
             if not sign:

@@ -1,5 +1,5 @@
-"""What a run folder holds, read into frozen nouns: the run itself, fit, diagnosis, network, residual, trace, and the
-points of a missing term."""
+"""What a run folder holds, read into frozen nouns: the run itself, fit, diagnosis, network,
+residual, trace, and the points of a missing term."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ KEYS = ("time_s", "recording", "part", "window")  # columns of residual.csv that
 
 @dataclass(frozen=True)
 class Step:
-    """One command that worked on this run, as run.json notes it; times are ISO text or "" if it never ended."""
+    """One command that worked on this run, as run.json notes it; times are ISO text or "" if it
+    never ended."""
 
     command: tuple[str, ...]
     seed: float | None
@@ -27,12 +28,13 @@ class Step:
     versions: tuple[tuple[str, str], ...]
     platform: str
     inputs: tuple[tuple[str, str], ...]  # path, sha256
-    rig: str                             # as it was named, by name or by file; "" where none was
+    rig: str  # as it was named, by name or by file; "" where none was
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A fitted parameter, in `unit`; strain is its distance from the prior in prior standard deviations."""
+    """A fitted parameter, in `unit`; strain is its distance from the prior in prior standard
+    deviations."""
 
     name: str
     value: float
@@ -48,7 +50,8 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Together:
-    """Parameters that are known only in combination, and the combinations that are: as fitted ones, without source."""
+    """Parameters that are known only in combination, and the combinations that are: as fitted ones,
+    without source."""
 
     parameters: tuple[str, ...]
     known: tuple[Parameter, ...]
@@ -56,7 +59,8 @@ class Together:
 
 @dataclass(frozen=True)
 class LoopError:
-    """MAE of the model in its own control loop; `band`: its change by 0.1 % of the conductances. Channel's unit."""
+    """MAE of the model in its own control loop; `band`: its change by 0.1 % of the conductances.
+    Channel's unit."""
 
     channel: str
     data_sheet: float | None
@@ -100,9 +104,11 @@ class Fit:
 
 @dataclass(frozen=True)
 class Network:
-    """network.json: what was trained, how it ended, and its MAE. `mae`: channel -> refitted, with_network.
+    """network.json: what was trained, how it ended, and its MAE. `mae`: channel -> refitted,
+    with_network.
 
-    in_loop: it corrects the model in its own loop, so its errors do not compare with those of the replay.
+    in_loop: it corrects the model in its own loop, so its errors do not compare with those of the
+    replay.
     """
 
     kind: str
@@ -123,9 +129,10 @@ class Residual:
     columns: dict[str, FloatArray]
 
     def of(self, channel: str, kind: str) -> FloatArray | None:
-        """A model's trace of a channel; kind: "data_sheet", "refitted", "cause", "network", "loop", "loop_network"."""
+        """A model's trace of a channel; kind: "data_sheet", "refitted", "cause", "network", "loop",
+        "loop_network"."""
         stem = split_column(channel)[0]
-        return self.columns.get(f"{stem}_{kind}{channel[len(stem):]}")
+        return self.columns.get(f"{stem}_{kind}{channel[len(stem) :]}")
 
 
 @dataclass(frozen=True)
@@ -151,21 +158,38 @@ class RunData:
     def named_rig(self) -> str:
         """The rig as it was named to the command, by name or by file; else as the fit names it."""
         first = self.steps[0]
-        return first.rig or _option(first.command, "--rig") or (self.fit.rig if self.fit is not None else "")
+        return (
+            first.rig
+            or _option(first.command, "--rig")
+            or (self.fit.rig if self.fit is not None else "")
+        )
 
     def recording_words(self, number: int) -> str:
-        """ " in recording NAME" where there are several of them, else ""; `number` as in residual.csv. """
+        """ " in recording NAME" where there are several of them, else ""; `number` as in
+        residual.csv."""
         known = self.fit.recordings if self.fit is not None else ()
-        return f" in recording {known[number].name}" if len(known) > 1 and 0 <= number < len(known) else ""
+        return (
+            f" in recording {known[number].name}"
+            if len(known) > 1 and 0 <= number < len(known)
+            else ""
+        )
 
 
 def load_run(folder: Path) -> RunData:
-    """Read a run folder; FileError if it is none, holds no result, or one of its files is damaged."""
+    """Read a run folder; FileError if it is none, holds no result, or one of its files is
+    damaged."""
     Run.open(folder)
-    fit, diagnosis = read_object(folder / "fit.json", "pamid.fit/1"), read_diagnosis(folder / "diagnosis.json")
+    fit, diagnosis = (
+        read_object(folder / "fit.json", "pamid.fit/1"),
+        read_diagnosis(folder / "diagnosis.json"),
+    )
     if fit is None and diagnosis is None:
         hint = "`pamid fit` or `pamid diagnose` with --output writes one."
-        raise FileError(f"{folder} holds no result yet: neither fit.json nor diagnosis.json.", hint, code="no-result")
+        raise FileError(
+            f"{folder} holds no result yet: neither fit.json nor diagnosis.json.",
+            hint,
+            code="no-result",
+        )
     network, residual = read_object(folder / "network.json"), read_columns(folder / "residual.csv")
     if residual is not None:
         _require(folder / "residual.csv", residual, KEYS)
@@ -174,10 +198,17 @@ def load_run(folder: Path) -> RunData:
         _require(folder / "trace.csv", trace, ("iteration", "mse"))
     missing = read_columns(folder / "missing.csv")
     if missing is not None:
-        _require(folder / "missing.csv", {split_column(name)[0]: x for name, x in missing.items()}, ("missing",))
+        _require(
+            folder / "missing.csv",
+            {split_column(name)[0]: x for name, x in missing.items()},
+            ("missing",),
+        )
     trained = None if network is None else _read_network(network)
-    if residual is not None and trained is not None and trained.in_loop:  # its trace belongs to another comparison
-        residual = {name.replace("_network", "_loop_network"): values for name, values in residual.items()}
+    # its trace belongs to another comparison
+    if residual is not None and trained is not None and trained.in_loop:
+        residual = {
+            name.replace("_network", "_loop_network"): values for name, values in residual.items()
+        }
     return RunData(
         steps=read_steps(folder / "run.json"),
         fit=None if fit is None else _read_fit(fit),
@@ -204,7 +235,9 @@ def _read_step(node: Node) -> Step:
         begun=node.text("begun", ""),
         ended=node.text("ended", ""),
         outcome=node.text("outcome", ""),
-        versions=() if versions is None else tuple((name, versions.text(name)) for name in versions.content),
+        versions=()
+        if versions is None
+        else tuple((name, versions.text(name)) for name in versions.content),
         platform=node.text("platform", ""),
         inputs=tuple((one.text("path"), one.text("sha256")) for one in node.listed("inputs")),
         rig="" if options is None else options.text("rig", ""),
@@ -213,7 +246,9 @@ def _read_step(node: Node) -> Step:
 
 def _read_fit(node: Node) -> Fit:
     stepping = node.child("stepping") or Node(node.file, "stepping", {})
-    combinations = {name: _read_parameter(name, one) for name, one in node.children("combinations").items()}
+    combinations = {
+        name: _read_parameter(name, one) for name, one in node.children("combinations").items()
+    }
     return Fit(
         rig=node.text("rig"),
         effects=node.texts("effects"),
@@ -225,11 +260,19 @@ def _read_fit(node: Node) -> Fit:
         substeps=stepping.maybe("substeps"),
         implicit=stepping.flag("implicit", False),
         recheck=stepping.maybe("recheck"),
-        parameters=tuple(_read_parameter(name, one) for name, one in node.children("parameters").items()),
-        together=tuple(Together(one.texts("parameters"), tuple(combinations[name] for name in one.texts("known")
-                                                               if name in combinations))
-                       for one in node.listed("tied")),
-        background=tuple((name, one.number("pull")) for name, one in node.children("background").items()),
+        parameters=tuple(
+            _read_parameter(name, one) for name, one in node.children("parameters").items()
+        ),
+        together=tuple(
+            Together(
+                one.texts("parameters"),
+                tuple(combinations[name] for name in one.texts("known") if name in combinations),
+            )
+            for one in node.listed("tied")
+        ),
+        background=tuple(
+            (name, one.number("pull")) for name, one in node.children("background").items()
+        ),
         mae={name: one.numbers() for name, one in node.children("mae").items()},
         closed_loop=tuple(
             LoopError(name, one.maybe("data_sheet"), one.maybe("refitted"), one.maybe("band"))
@@ -239,8 +282,15 @@ def _read_fit(node: Node) -> Fit:
 
 
 def _read_recorded(node: Node) -> Recorded:
-    return Recorded(node.text("name"), node.text("path", ""), node.text("sha256", ""), node.text("role", ""),
-                    node.maybe("samples"), node.maybe("period_s"), node.text("loop", ""))
+    return Recorded(
+        node.text("name"),
+        node.text("path", ""),
+        node.text("sha256", ""),
+        node.text("role", ""),
+        node.maybe("samples"),
+        node.maybe("period_s"),
+        node.text("loop", ""),
+    )
 
 
 def _read_parameter(name: str, node: Node) -> Parameter:

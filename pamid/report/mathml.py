@@ -1,4 +1,5 @@
-"""Expressions as MathML, which browsers set by themselves: fractions, roots, powers, cases; names stay words."""
+"""Expressions as MathML, which browsers set by themselves: fractions, roots, powers, cases; names
+stay words."""
 
 from __future__ import annotations
 
@@ -13,11 +14,12 @@ from pamid.symbolic.vocabulary import sign, smooth_step, stop
 #: how a symbol (space, name) is shown
 Shown = Callable[[str, str], Html]
 
-_SUM, _PRODUCT, _ATOM = 1, 2, 3          # what binds how tightly
+_SUM, _PRODUCT, _ATOM = 1, 2, 3  # what binds how tightly
 _RELATIONS = {"lt": "<", "le": "≤"}
 _PLAIN = {"log": "ln"}
-_CIRCLE = {m * math.pi**k: (m, k) for m, k in ((0.5, 1), (1.0, 1), (2.0, 1), (4.0, 1), (4.0, 2))}  # written with pi
-_GUARD = 1e-12                           # what a bristle's reach is kept above
+# written with pi
+_CIRCLE = {m * math.pi**k: (m, k) for m, k in ((0.5, 1), (1.0, 1), (2.0, 1), (4.0, 1), (4.0, 2))}
+_GUARD = 1e-12  # what a bristle's reach is kept above
 
 
 def math_html(rows: list[list[Html]], spoken: str) -> Html:
@@ -66,16 +68,25 @@ def fenced(begin: str, *parts: Html, close: str) -> Html:
     inside: list[Part] = []
     for part in parts:
         inside += [operator(",", separator="true"), part] if inside else [part]
-    return tag("mrow", operator(begin, fence="true", form="prefix"), tag("mrow", inside),
-               operator(close, fence="true", form="postfix"))
+    return tag(
+        "mrow",
+        operator(begin, fence="true", form="prefix"),
+        tag("mrow", inside),
+        operator(close, fence="true", form="postfix"),
+    )
 
 
 def _whole(number: int) -> Html:
-    return tag("mrow", operator("−", form="prefix"), tag("mn", str(-number))) if number < 0 else tag("mn", str(number))
+    return (
+        tag("mrow", operator("−", form="prefix"), tag("mn", str(-number)))
+        if number < 0
+        else tag("mn", str(number))
+    )
 
 
 class Typeset:
-    """Sets expressions; `shown` says how each symbol looks. functions: those that were used, to be explained."""
+    """Sets expressions; `shown` says how each symbol looks. functions: those that were used, to be
+    explained."""
 
     def __init__(self, shown: Shown) -> None:
         self._shown, self.functions = shown, dict[str, None]()
@@ -107,7 +118,11 @@ class Typeset:
             minus, inner = (minus, term) if not _negative(term) else (not minus, const(-term.value))
             body, level = self._set(inner)
             body = fenced("(", body, close=")") if level == _SUM else body
-            parts += [operator("−" if minus else "+", form="infix" if parts else "prefix")] if minus or parts else []
+            parts += (
+                [operator("−" if minus else "+", form="infix" if parts else "prefix")]
+                if minus or parts
+                else []
+            )
             parts.append(body)
         return tag("mrow", parts)
 
@@ -116,11 +131,19 @@ class Typeset:
         factor = math.prod(one.value for one in above if one.op == "const")
         rest = [one for one in above if one.op != "const"]
         minus, factor = factor < 0.0, abs(factor)
-        if not below and abs(factor) < 1.0 and factor != 0.0 and (1.0 / factor).is_integer() and factor > 1e-3:
+        if (
+            not below
+            and abs(factor) < 1.0
+            and factor != 0.0
+            and (1.0 / factor).is_integer()
+            and factor > 1e-3
+        ):
             below, factor = [const(1.0 / factor)], 1.0
         found = self._factors(([const(factor)] if factor != 1.0 or not rest else []) + rest)
         found = fraction(found, self._factors(below)) if below else found
-        return (tag("mrow", operator("−", form="prefix"), found), _SUM) if minus else (found, _PRODUCT)
+        return (
+            (tag("mrow", operator("−", form="prefix"), found), _SUM) if minus else (found, _PRODUCT)
+        )
 
     def _factors(self, factors: list[Expr]) -> Html:
         """Factors side by side, equal ones as powers."""
@@ -145,20 +168,29 @@ class Typeset:
         if node.op == "floor":
             return fenced("⌊", args[0], close="⌋")
         if node.op == "pow":
-            base = args[0] if self._set(node.args[0])[1] == _ATOM else fenced("(", args[0], close=")")
+            base = (
+                args[0] if self._set(node.args[0])[1] == _ATOM else fenced("(", args[0], close=")")
+            )
             return power_html(base, args[1])
         if node.op in _RELATIONS:
             return tag("mrow", args[0], operator(_RELATIONS[node.op]), args[1])
         if node.op == "where":
-            rows = [(args[1], tag("mrow", tag("mtext", f"if{words.SPACE}"), args[0])),
-                    (args[2], tag("mtext", "otherwise"))]
-            cases = tag("mtable", [tag("mtr", [tag("mtd", cell) for cell in row]) for row in rows], class_="cases")
+            rows = [
+                (args[1], tag("mrow", tag("mtext", f"if{words.SPACE}"), args[0])),
+                (args[2], tag("mtext", "otherwise")),
+            ]
+            cases = tag(
+                "mtable",
+                [tag("mtr", [tag("mtd", cell) for cell in row]) for row in rows],
+                class_="cases",
+            )
             return tag("mrow", operator("{", fence="true", form="prefix"), cases)
         return self._called(_PLAIN.get(node.op, node.op), node.args)
 
 
 def _word(node: Expr) -> tuple[str, tuple[Expr, ...]] | None:
-    """A word of the vocabulary that was spelt out in simpler ones; the same expression is the same object."""
+    """A word of the vocabulary that was spelt out in simpler ones; the same expression is the same
+    object."""
     if node.op == "sub" and node.args[1].op == "play" and stop(*node.args[1].args) is node:
         return "stop", node.args[1].args
     if node.op == "where" and node.args[0].op == "lt" and sign(node.args[0].args[1]) is node:
@@ -177,7 +209,11 @@ def _word(node: Expr) -> tuple[str, tuple[Expr, ...]] | None:
 def _constant(value: float) -> Html:
     for size, (many, exponent) in _CIRCLE.items():
         if math.isclose(value, size, rel_tol=1e-12):
-            pi = tag("mi", "π") if exponent == 1 else power_html(tag("mi", "π"), tag("mn", str(exponent)))
+            pi = (
+                tag("mi", "π")
+                if exponent == 1
+                else power_html(tag("mi", "π"), tag("mn", str(exponent)))
+            )
             return pi if many == 1.0 else tag("mrow", tag("mn", f"{many:g}"), pi)
     return number_html(value, digits=4)
 
@@ -196,7 +232,8 @@ def _terms(node: Expr, minus: bool) -> list[tuple[bool, Expr]]:
 
 
 def _factors(node: Expr) -> tuple[list[Expr], list[Expr]]:
-    """A product taken apart: factors above and below the line; what there is a word for stays whole."""
+    """A product taken apart: factors above and below the line; what there is a word for stays
+    whole."""
     if node.op == "div":
         (above, under), (below, over) = map(_factors, node.args)
         return above + over, under + below

@@ -1,4 +1,5 @@
-"""How the rig moved in a run: the measured pose beside those of the models, as polylines to be drawn.
+"""How the rig moved in a run: the measured pose beside those of the models, as polylines to be
+drawn.
 
 The rig comes from the catalogue by its name, or from whoever calls; nothing in a run is executed.
 """
@@ -25,19 +26,19 @@ from pamid.report.sentences import causes_words
 
 LONGEST_S = 12.0  # shown where no times are asked for
 MEASURED = "measured"
-ROLES = {"data_sheet": "data_sheet", "refitted": "refitted", "cause": "with_cause"}  # kind of trace -> field, colour
+# kind of trace -> field, colour
+ROLES = {"data_sheet": "data_sheet", "refitted": "refitted", "cause": "with_cause"}
 
 
 @dataclass(frozen=True)
 class Motion:
     """Poses over time.
 
-    time      of every frame in its recording (n,), s
-    lines     "measured", then up to two kinds of models, the best last -> polylines, each (n, points, 2), m
-    gaps      channel the pose follows from -> kind -> model - measured (n,), channel's unit
-    restarts  times at which the models were set to the measured state again, s
-    names     kind -> name in a legend
-    title     states the finding: mean |gap| over the scored samples between the first and the last frame
+    time      of every frame in its recording (n,), s lines     "measured", then up to two kinds of
+    models, the best last -> polylines, each (n, points, 2), m gaps      channel the pose follows
+    from -> kind -> model - measured (n,), channel's unit restarts  times at which the models were
+    set to the measured state again, s names     kind -> name in a legend title     states the
+    finding: mean |gap| over the scored samples between the first and the last frame
     """
 
     recording: str
@@ -52,7 +53,9 @@ class Motion:
     @property
     def box(self) -> tuple[FloatArray, FloatArray]:
         """Lower left and upper right corner of all that is drawn, with a margin, m."""
-        points = np.concatenate([one.reshape(-1, 2) for lines in self.lines.values() for one in lines])
+        points = np.concatenate(
+            [one.reshape(-1, 2) for lines in self.lines.values() for one in lines]
+        )
         low, high = points.min(axis=0), points.max(axis=0)
         size = float(max(*(high - low), 1e-6))
         middle, half = 0.5 * (low + high), 0.5 * np.maximum(high - low, 0.3 * size) + 0.08 * size
@@ -71,52 +74,77 @@ class Motion:
 
 
 def rig_of_run(run: RunData, named: str | None = None) -> Rig:
-    """The rig that draws a run: `named` by the caller (a rig file is run), else the catalogue's of the run's name.
+    """The rig that draws a run: `named` by the caller (a rig file is run), else the catalogue's of
+    the run's name.
 
     FileError where there is none, it is another one, or it has no pose.
     """
     if named is None and run.rig not in rigs():
-        raise FileError(f"The run is of the rig {run.rig!r}, which is not in the catalogue.",
-                        "A rig file is code, run only when you name it yourself: add --rig FILE.", code="rig")
+        raise FileError(
+            f"The run is of the rig {run.rig!r}, which is not in the catalogue.",
+            "A rig file is code, run only when you name it yourself: add --rig FILE.",
+            code="rig",
+        )
     rig = rig_named(named) if named is not None else catalogue_rig(run.rig)
     if rig.name != run.rig:
-        raise FileError(f"The run is of the rig {run.rig!r}, {named} is {rig.name!r}.", "Name its own rig.", code="rig")
+        raise FileError(
+            f"The run is of the rig {run.rig!r}, {named} is {rig.name!r}.",
+            "Name its own rig.",
+            code="rig",
+        )
     if type(rig).pose is Rig.pose:
         hint = "Give the rig a method pose(self, y, p) that returns its polylines in metres."
         raise FileError(f"The rig {rig.name!r} has no pose to draw.", hint, code="rig")
     return rig
 
 
-def motion_of(run: RunData, rig: Rig, step_s: float, begin: float | None = None, end: float | None = None) -> Motion:
-    """Poses every `step_s` of the recording whose held-out window is the worst: between two times [s], or without them
-    over at most 12 s of the held-out part around that window.
+def motion_of(
+    run: RunData, rig: Rig, step_s: float, begin: float | None = None, end: float | None = None
+) -> Motion:
+    """Poses every `step_s` of the recording whose held-out window is the worst: between two times
+    [s], or without them over at most 12 s of the held-out part around that window.
 
     DataError where the run does not hold what the pose needs or has nothing at these times.
     """
     if run.residual is None:
-        raise DataError("The run has no residual.csv, so nothing moves.", "`pamid fit` writes it.", code="no-residual")
+        raise DataError(
+            "The run has no residual.csv, so nothing moves.",
+            "`pamid fit` writes it.",
+            code="no-residual",
+        )
     residual, parameters = run.residual, _parameters(run, rig)
     channels = _channels(residual, rig, parameters)
     kinds = _kinds(run, residual, channels)
-    traces = {kind: {name: _trace(residual, name, kind) for name in channels} for kind in (MEASURED, *kinds)}
+    traces = {
+        kind: {name: _trace(residual, name, kind) for name in channels}
+        for kind in (MEASURED, *kinds)
+    }
     window = _worst(residual, channels)
     rows = _rows(residual, traces, window, begin, end)
     clock = residual.columns["time_s"][rows]
     first, last = _span(clock, window, begin, end, step_s)
     time = first + step_s * np.arange(int((last - first) / step_s + 1e-9) + 1, dtype=np.float64)
-    shown = {kind: {name: np.interp(time, clock, trace[rows]) for name, trace in of.items()}
-             for kind, of in traces.items()}  # fmt: skip
+    shown = {
+        kind: {name: np.interp(time, clock, trace[rows]) for name, trace in of.items()}
+        for kind, of in traces.items()
+    }
     rows = rows[(clock >= first) & (clock <= last)]
     if not rows.size:
-        raise DataError("The run holds no sample at these times.", f"It has one at {clock[0]:g} s and one at "
-                        f"{clock[-1]:g} s.", code="times")
+        raise DataError(
+            "The run holds no sample at these times.",
+            f"It has one at {clock[0]:g} s and one at {clock[-1]:g} s.",
+            code="times",
+        )
     names = {kind: _model_name(run, kind) for kind in kinds}
     means = _means(residual, traces, rows)
     return Motion(
         recording=_recording(run, window.recording),
         time=time,
         lines={kind: _posed(rig, _Outputs(rig, of), parameters) for kind, of in shown.items()},
-        gaps={name: {kind: shown[kind][name] - shown[MEASURED][name] for kind in kinds} for name in channels},
+        gaps={
+            name: {kind: shown[kind][name] - shown[MEASURED][name] for kind in kinds}
+            for name in channels
+        },
         restarts=_restarts(residual, rows),
         names={MEASURED: MEASURED, **names},
         means=means,
@@ -131,25 +159,35 @@ def _recording(run: RunData, number: int) -> str:
 
 def _channels(residual: Residual, rig: Rig, parameters: Names) -> list[str]:
     """The outputs that the pose reads."""
-    outputs = _Outputs(rig, {name: residual.columns[name][:1] for name in rig.outputs if name in residual.columns})
+    outputs = _Outputs(
+        rig, {name: residual.columns[name][:1] for name in rig.outputs if name in residual.columns}
+    )
     if not outputs:
-        raise DataError(f"residual.csv holds no output of the rig {rig.name!r}.", REMEDY, code="no-output")
+        raise DataError(
+            f"residual.csv holds no output of the rig {rig.name!r}.", REMEDY, code="no-output"
+        )
     _posed(rig, outputs, parameters)
     return [name for name in rig.outputs if name in outputs.read]
 
 
 def motion_title(means: dict[str, dict[str, float]], names: dict[str, str]) -> str:
-    """ "The refitted model follows the angle to 0.06 deg on average (data sheet: 2.4 deg)". """
+    """ "The refitted model follows the angle to 0.06 deg on average (data sheet: 2.4 deg)"."""
     *before, best = names
     units = [words.channel_unit(channel) for channel in means]
-    shown = units if len(set(units)) > 1 else [*[""] * (len(units) - 1), units[-1]]  # a common one is named once
+    # a common one is named once
+    shown = units if len(set(units)) > 1 else [*[""] * (len(units) - 1), units[-1]]
 
     def told(kind: str) -> list[str]:
-        return [words.with_unit_text(of[kind], unit, 2) for of, unit in zip(means.values(), shown, strict=True)]
+        return [
+            words.with_unit_text(of[kind], unit, 2)
+            for of, unit in zip(means.values(), shown, strict=True)
+        ]
 
     article = "the " if len(means) == 1 else ""
-    follows = words.join(f"{article}{words.channel_words(channel)} to {value}"
-                         for channel, value in zip(means, told(best), strict=True))  # fmt: skip
+    follows = words.join(
+        f"{article}{words.channel_words(channel)} to {value}"
+        for channel, value in zip(means, told(best), strict=True)
+    )
     model = f"model {names[best]}" if best == "cause" else f"{names[best]} model"
     others = "".join(f" ({names[kind]}: {words.join(told(kind))})" for kind in before)
     return f"The {model} follows {follows} on average{others}"
@@ -158,11 +196,13 @@ def motion_title(means: dict[str, dict[str, float]], names: dict[str, str]) -> s
 def scale_of(extent: float) -> float:
     """A round length of about a sixth of the extent: 1, 2 or 5 times a power of ten."""
     power = 10.0 ** math.floor(math.log10(extent / 6.0))
-    return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= extent / 6.0 * (1.0 + 1e-9))
+    return max(
+        step * power for step in (1.0, 2.0, 5.0) if step * power <= extent / 6.0 * (1.0 + 1e-9)
+    )
 
 
 def gap_words(channel: str) -> str:
-    """ "angle 1: model - measured". """
+    """ "angle 1: model - measured"."""
     return f"{words.channel_words(channel)}: model {words.MINUS} measured"
 
 
@@ -182,7 +222,9 @@ class _Outputs(Mapping[str, FloatArray]):
         if name not in self._columns:
             known = name in self._rig.outputs
             hint = "Record that channel." if known else nearest(name, list(self._rig.outputs))
-            raise DataError(f"The pose of the rig {self._rig.name!r} needs {name!r}, which the run lacks.", hint)
+            raise DataError(
+                f"The pose of the rig {self._rig.name!r} needs {name!r}, which the run lacks.", hint
+            )
         self.read.add(name)
         found: FloatArray = to_si(self._columns[name], split_column(name)[1])
         return found
@@ -197,7 +239,10 @@ class _Outputs(Mapping[str, FloatArray]):
 def _parameters(run: RunData, rig: Rig) -> Names:
     """The rig's parameters by name (SI): fitted where they were, else from the data sheet."""
     fitted = {one.name: one.value for one in run.fit.parameters} if run.fit is not None else {}
-    return Names({p.name: fitted.get(p.outside_name, p.value) * p.factor for p in rig.parameters}, "parameter")
+    return Names(
+        {p.name: fitted.get(p.outside_name, p.value) * p.factor for p in rig.parameters},
+        "parameter",
+    )
 
 
 def _posed(rig: Rig, outputs: _Outputs, parameters: Names) -> tuple[FloatArray, ...]:
@@ -209,20 +254,32 @@ def _posed(rig: Rig, outputs: _Outputs, parameters: Names) -> tuple[FloatArray, 
     lines = {name: np.asarray(line, dtype=float) for name, line in found.items()}
     for name, line in lines.items():
         if line.ndim != 3 or line.shape[0] != size or line.shape[1] < 2 or line.shape[2] != 2:
-            raise FileError(f"The pose of the rig {rig.name!r}: {name!r} has the shape {line.shape}, expected "
-                            f"({size}, points, 2).", "One row per sample, at least two points.", code="rig")
+            raise FileError(
+                f"The pose of the rig {rig.name!r}: {name!r} has the shape {line.shape}, expected "
+                f"({size}, points, 2).",
+                "One row per sample, at least two points.",
+                code="rig",
+            )
         if not np.isfinite(line).all():
-            raise DataError(f"The pose of the rig {rig.name!r}: {name!r} is not finite.", code="not-finite")
+            raise DataError(
+                f"The pose of the rig {rig.name!r}: {name!r} is not finite.", code="not-finite"
+            )
     return tuple(lines.values())
 
 
 def _kinds(run: RunData, residual: Residual, channels: list[str]) -> tuple[str, ...]:
     """The best model that was run on every channel, and the one before it."""
     causes = run.diagnosis is not None and bool(run.diagnosis.causes)
-    found = [kind for kind in ROLES if (causes or kind != "cause") and
-             all(residual.of(name, kind) is not None for name in channels)]
+    found = [
+        kind
+        for kind in ROLES
+        if (causes or kind != "cause")
+        and all(residual.of(name, kind) is not None for name in channels)
+    ]
     if not found:
-        raise DataError("residual.csv holds no model of what the pose needs.", REMEDY, code="no-model")
+        raise DataError(
+            "residual.csv holds no model of what the pose needs.", REMEDY, code="no-model"
+        )
     return tuple(found[-2:])
 
 
@@ -239,9 +296,15 @@ def _worst(residual: Residual, channels: list[str]) -> Window:
     return max(windows, key=lambda w: w.mae["refitted"])
 
 
-def _rows(residual: Residual, columns: dict[str, dict[str, FloatArray]], window: Window, begin: float | None,
-          end: float | None) -> NDArray[np.intp]:
-    """Rows of the window's recording in order of time; of its held-out part where no times are asked for."""
+def _rows(
+    residual: Residual,
+    columns: dict[str, dict[str, FloatArray]],
+    window: Window,
+    begin: float | None,
+    end: float | None,
+) -> NDArray[np.intp]:
+    """Rows of the window's recording in order of time; of its held-out part where no times are
+    asked for."""
     table = residual.columns
     usable = (table["recording"] == window.recording) & np.isfinite(table["time_s"])
     if begin is None and end is None:
@@ -253,8 +316,9 @@ def _rows(residual: Residual, columns: dict[str, dict[str, FloatArray]], window:
     return found[np.unique(table["time_s"][found], return_index=True)[1]]
 
 
-def _span(clock: FloatArray, window: Window, begin: float | None, end: float | None,
-          step_s: float) -> tuple[float, float]:
+def _span(
+    clock: FloatArray, window: Window, begin: float | None, end: float | None, step_s: float
+) -> tuple[float, float]:
     """First and last time shown; a nan is refused with all else that leaves nothing."""
     if clock.size < 2:
         raise DataError("The run holds too little of what the pose needs.", REMEDY, code="times")
@@ -265,19 +329,30 @@ def _span(clock: FloatArray, window: Window, begin: float | None, end: float | N
     low = max(begin, first)
     high = min(low + LONGEST_S if end is None else end, last)
     if not high - low >= step_s:
-        raise DataError("The run holds nothing at these times.", f"Its recording spans {first:g} to {last:g} s.",
-                        code="times")  # fmt: skip
+        raise DataError(
+            "The run holds nothing at these times.",
+            f"Its recording spans {first:g} to {last:g} s.",
+            code="times",
+        )
     return low, high
 
 
-def _means(residual: Residual, columns: dict[str, dict[str, FloatArray]],
-           rows: NDArray[np.intp]) -> dict[str, dict[str, float]]:
-    """Channel -> kind -> mean |gap| over the scored rows (all of them where none is scored), channel's unit."""
+def _means(
+    residual: Residual, columns: dict[str, dict[str, FloatArray]], rows: NDArray[np.intp]
+) -> dict[str, dict[str, float]]:
+    """Channel -> kind -> mean |gap| over the scored rows (all of them where none is scored),
+    channel's unit."""
     scored = rows[residual.columns["window"][rows] >= 0]
     rows = scored if scored.size else rows
     measured = columns[MEASURED]
-    return {name: {kind: float(np.abs(traces[name] - measured[name])[rows].mean())
-                   for kind, traces in columns.items() if kind != MEASURED} for name in measured}
+    return {
+        name: {
+            kind: float(np.abs(traces[name] - measured[name])[rows].mean())
+            for kind, traces in columns.items()
+            if kind != MEASURED
+        }
+        for name in measured
+    }
 
 
 def _restarts(residual: Residual, rows: NDArray[np.intp]) -> FloatArray:

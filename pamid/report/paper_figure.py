@@ -1,4 +1,5 @@
-"""The picture of the first paper's test: what every model leaves of the angle on the steps, at both inertias."""
+"""The picture of the first paper's test: what every model leaves of the angle on the steps, at both
+inertias."""
 
 from __future__ import annotations
 
@@ -16,15 +17,21 @@ Array = NDArray[np.float64]
 ROLES = ("data_sheet", "with_network", "with_cause")
 
 
-def steps_picture(time_s: Array, errors: Mapping[str, Mapping[str, Array]], notes: Sequence[str]) -> Picture:
-    """errors: model - measured (samples,), deg, by case and then by model (at most three); notes: a remark per case.
+def steps_picture(
+    time_s: Array, errors: Mapping[str, Mapping[str, Array]], notes: Sequence[str]
+) -> Picture:
+    """errors: model - measured (samples,), deg, by case and then by model (at most three); notes: a
+    remark per case.
 
     The title states the mean absolute errors of the first and the last model in the last case.
     """
     case, last = list(errors.items())[-1]
     sizes = {model: float(np.abs(values).mean()) for model, values in last.items()}
     first, final = list(sizes)[0], list(sizes)[-1]
-    title = f"At {case}, the {first} is off by {sizes[first]:.2f} deg, the {final} by {sizes[final]:.2f} deg"
+    title = (
+        f"At {case}, the {first} is off by {sizes[first]:.2f} deg, the {final} by "
+        f"{sizes[final]:.2f} deg"
+    )
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots(len(errors), 1, sharex=True, sharey=True, squeeze=False)[:, 0]

@@ -14,19 +14,32 @@ from pamid.report.style import Picture
 from pamid.report.tables import inputs_table, steps_table, table, versions_words
 
 
-def paper_html(paper: Paper, steps: tuple[Step, ...], run: RunData | None, rows: tuple[ChannelErrors, ...],
-               pictures: dict[str, Picture]) -> str:
-    """The whole page as text; run: of the diagnosis that belongs to the paper, where there is one."""
-    answers = "" if run is None else [tag("h2", "The diagnosis of the training record"),
-                                      answers_html(run, rows, pictures)]
+def paper_html(
+    paper: Paper,
+    steps: tuple[Step, ...],
+    run: RunData | None,
+    rows: tuple[ChannelErrors, ...],
+    pictures: dict[str, Picture],
+) -> str:
+    """The whole page as text; run: of the diagnosis that belongs to the paper, where there is
+    one."""
+    answers = (
+        ""
+        if run is None
+        else [tag("h2", "The diagnosis of the training record"), answers_html(run, rows, pictures)]
+    )
     main = tag(
         "main",
-        tag("header", tag("p", paper.subtitle, class_="rig"), tag("h1", prose(paper.lead)),
-            paragraphs(map(words.clean, paper.warnings), "warning")),
+        tag(
+            "header",
+            tag("p", paper.subtitle, class_="rig"),
+            tag("h1", prose(paper.lead)),
+            paragraphs(map(words.clean, paper.warnings), "warning"),
+        ),
         [_section(one, {still.name: still for still in paper.stills}) for one in paper.sections],
         answers,
         _provenance(steps),
-    )  # fmt: skip
+    )
     return document(paper.lead, main)
 
 
@@ -37,17 +50,31 @@ def _section(one: Section, stills: dict[str, Still]) -> Html:
     numeric = [column for column in range(1, len(head)) if column not in one.left]
     shown: Part = table(head, body, numeric) if body else ""
     picture: Part = _still(stills[one.still], one.title) if one.still in stills else ""
-    return tag("section", tag("h2", one.title), shown, paragraphs(map(words.clean, one.sentences), "note"), picture)
+    return tag(
+        "section",
+        tag("h2", one.title),
+        shown,
+        paragraphs(map(words.clean, one.sentences), "note"),
+        picture,
+    )
 
 
 def _still(still: Still, title: str) -> Html:
     """The picture as the run has drawn it, its finding in it."""
     source = f"data:image/png;base64,{base64.b64encode(still.png).decode()}"
-    return tag("figure", tag("img", src=source, alt=title, width=str(still.wide_px), height=str(still.tall_px)),
-               id=f"figure-still-{still.name}")
+    return tag(
+        "figure",
+        tag("img", src=source, alt=title, width=str(still.wide_px), height=str(still.tall_px)),
+        id=f"figure-still-{still.name}",
+    )
 
 
 def _provenance(steps: tuple[Step, ...]) -> Html:
     inputs = inputs_table(steps) if any(step.inputs for step in steps) else ""
-    return tag("section", tag("h2", "Provenance"), tag("div", steps_table(steps), class_="steps"), inputs,
-               paragraphs([versions_words(steps)], "note"))  # fmt: skip
+    return tag(
+        "section",
+        tag("h2", "Provenance"),
+        tag("div", steps_table(steps), class_="steps"),
+        inputs,
+        paragraphs([versions_words(steps)], "note"),
+    )

@@ -1,4 +1,5 @@
-"""The page of a run as a PDF: the three answers in words first, then their pictures, then the evidence."""
+"""The page of a run as a PDF: the three answers in words first, then their pictures, then the
+evidence."""
 
 from __future__ import annotations
 
@@ -28,12 +29,13 @@ STYLES = {
 HEAD, BODY = Style(7.2, bold=True, role="muted"), Style(7.2)
 _SMALL_HEAD, _SMALL_BODY = Style(6.2, bold=True, role="muted"), Style(6.2)
 _SCALES = (1.0, 0.94, 0.88, 0.82)
-_MANY = 9                       # columns from which a table is set smaller
+_MANY = 9  # columns from which a table is set smaller
 _SEEN = ("picture", "figcaption", "equation", "pre", "note")
 
 
 def pdf_of(page: str, drawings: Sequence[Drawing]) -> bytes:
-    """The PDF of a page (HTML text) with the drawings that it shows; the same page gives the same bytes."""
+    """The PDF of a page (HTML text) with the drawings that it shows; the same page gives the same
+    bytes."""
     title = next((one.text for one in blocks_of(page) if one.kind == "h1"), "Report")
     return sheets_of(page, drawings).pdf(clean(title))
 
@@ -43,7 +45,9 @@ def sheets_of(page: str, drawings: Sequence[Drawing]) -> Sheets:
     blocks = blocks_of(page)
     known = {drawing.name: drawing for drawing in drawings}
     answers = [one for one in blocks if one.answer]
-    leads = answers and not any(one.kind in ("table", "picture") for one in blocks[: blocks.index(answers[0])])
+    leads = answers and not any(
+        one.kind in ("table", "picture") for one in blocks[: blocks.index(answers[0])]
+    )
     if not leads:  # a trial or a paper: as on the page
         sheets = Sheets()
         _set(sheets, blocks, known)
@@ -51,7 +55,14 @@ def sheets_of(page: str, drawings: Sequence[Drawing]) -> Sheets:
     first, last = blocks.index(answers[0]), blocks.index(answers[-1])
     sheets = _first_page([*blocks[:first], *(one for one in answers if one.kind not in _SEEN)])
     sheets.turn()
-    _set(sheets, [*(one for one in answers if one.kind in _SEEN or one.kind == "question"), *blocks[last + 1 :]], known)
+    _set(
+        sheets,
+        [
+            *(one for one in answers if one.kind in _SEEN or one.kind == "question"),
+            *blocks[last + 1 :],
+        ],
+        known,
+    )
     return sheets
 
 
@@ -65,8 +76,11 @@ def _first_page(blocks: Sequence[Block]) -> Sheets:
     return sheets
 
 
-def _set(sheets: Sheets, blocks: Sequence[Block], known: Mapping[str, Drawing], scale: float = 1.0) -> None:
-    """One below the other; a picture stands under its caption, a heading never at the foot of a page."""
+def _set(
+    sheets: Sheets, blocks: Sequence[Block], known: Mapping[str, Drawing], scale: float = 1.0
+) -> None:
+    """One below the other; a picture stands under its caption, a heading never at the foot of a
+    page."""
     for one, follows in zip(blocks, [*blocks[1:], Block("")], strict=True):
         if one.kind == "picture" and one.text in known:
             sheets.need(known[one.text].height + 0.5)
@@ -76,7 +90,12 @@ def _set(sheets: Sheets, blocks: Sequence[Block], known: Mapping[str, Drawing], 
         elif one.kind == "table":
             small = len(one.rows[0]) >= _MANY
             sheets.need(0.8)
-            sheets.table(one.rows, one.numeric, _SMALL_HEAD if small else HEAD, _SMALL_BODY if small else BODY)
+            sheets.table(
+                one.rows,
+                one.numeric,
+                _SMALL_HEAD if small else HEAD,
+                _SMALL_BODY if small else BODY,
+            )
         elif one.kind == "question" and follows.answer and follows.kind != "question":
             sheets.need(known[follows.text].height + 1.0 if follows.text in known else 1.4)
             sheets.rule()

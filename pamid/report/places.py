@@ -1,4 +1,5 @@
-"""Places in the samples that the answers speak of: the worst windows, the windows and the regimes of the diagnosis."""
+"""Places in the samples that the answers speak of: the worst windows, the windows and the regimes
+of the diagnosis."""
 
 from __future__ import annotations
 
@@ -25,8 +26,8 @@ _SMOOTH_S = 0.015  # over which the diagnosis takes the rate of a measured signa
 
 @dataclass(frozen=True)
 class Place:
-    """Times [s] of a recording; answer: the question whose answer names it; bands: the times within the recording that
-    are meant, where these are not simply the first and the last."""
+    """Times [s] of a recording; answer: the question whose answer names it; bands: the times within
+    the recording that are meant, where these are not simply the first and the last."""
 
     answer: str
     label: str
@@ -36,12 +37,16 @@ class Place:
     bands: tuple[tuple[float, float], ...] = ()
 
 
-def places_of(run: RunData, residual: Residual, channel: str, found: Sequence[Stretch]) -> list[Place]:
+def places_of(
+    run: RunData, residual: Residual, channel: str, found: Sequence[Stretch]
+) -> list[Place]:
     """What there is to look at, for errors of this channel."""
     error = np.abs(residual.columns[channel] - _refitted(residual, channel))
     worst = _worst(residual, channel, error, found, run)
     where = run.diagnosis.where if run.diagnosis is not None else None
-    if where is None or (run.diagnosis is not None and run.diagnosis.verdict == "no-structural-gap"):
+    if where is None or (
+        run.diagnosis is not None and run.diagnosis.verdict == "no-structural-gap"
+    ):
         return worst
     named = [_named(residual, error, found, span) for span in sorted(where.windows_s)]
     regimes = [_regime(residual, error, found, one) for one in where.regimes]
@@ -61,33 +66,55 @@ def _judged(found: Sequence[Stretch]) -> list[tuple[Stretch, int, int]]:
     return [(one, first, last) for one, first, last, held in every if held == held_out]
 
 
-def _worst(residual: Residual, channel: str, error: FloatArray, found: Sequence[Stretch], run: RunData) -> list[Place]:
+def _worst(
+    residual: Residual, channel: str, error: FloatArray, found: Sequence[Stretch], run: RunData
+) -> list[Place]:
     """The windows in which the refitted model is off most, worst first."""
-    scored = [(float(np.nanmean(error[one.rows[first : last + 1]])), one, first, last)
-              for one, first, last in _judged(found) if np.isfinite(error[one.rows[first : last + 1]]).any()]
+    scored = [
+        (float(np.nanmean(error[one.rows[first : last + 1]])), one, first, last)
+        for one, first, last in _judged(found)
+        if np.isfinite(error[one.rows[first : last + 1]]).any()
+    ]
     time, places = residual.columns["time_s"], []
     for size, one, first, last in sorted(scored, key=lambda each: -each[0])[:WORST]:
         begin, end = float(time[one.rows[first]]), float(time[one.rows[last]])
         off = words.with_unit_text(size, channel_unit(channel))
-        label = f"{words.span(begin, end, 's', 4)}{run.recording_words(one.recording)}: {channel_words(channel)} off by"
+        label = (
+            f"{words.span(begin, end, 's', 4)}{run.recording_words(one.recording)}: "
+            f"{channel_words(channel)} off by"
+        )
         places.append(Place("how far", f"{label} {off}", one.recording, begin, end))
     return places
 
 
-def _named(residual: Residual, error: FloatArray, found: Sequence[Stretch], span: tuple[float, float]) -> Place | None:
-    """A window of the diagnosis, which does not say of which recording: the one with most error there."""
+def _named(
+    residual: Residual, error: FloatArray, found: Sequence[Stretch], span: tuple[float, float]
+) -> Place | None:
+    """A window of the diagnosis, which does not say of which recording: the one with most error
+    there."""
     best: tuple[float, Stretch] | None = None
     for one in found:
         time = residual.columns["time_s"][one.rows]
-        inside = error[one.rows[(time >= span[0]) & (time <= span[1]) & (residual.columns["window"][one.rows] >= 0)]]
+        inside = error[
+            one.rows[
+                (time >= span[0]) & (time <= span[1]) & (residual.columns["window"][one.rows] >= 0)
+            ]
+        ]
         size = float(inside.sum()) if inside.size and np.isfinite(inside).all() else -1.0
         if size >= 0.0 and (best is None or size > best[0]):
             best = size, one
-    return None if best is None else Place("where", words.span(*span, "s", 4), best[1].recording, *span)
+    return (
+        None
+        if best is None
+        else Place("where", words.span(*span, "s", 4), best[1].recording, *span)
+    )
 
 
-def _regime(residual: Residual, error: FloatArray, found: Sequence[Stretch], regime: Regime) -> Place | None:
-    """The window with most error within the regime; None where its signal does not stand in residual.csv."""
+def _regime(
+    residual: Residual, error: FloatArray, found: Sequence[Stretch], regime: Regime
+) -> Place | None:
+    """The window with most error within the regime; None where its signal does not stand in
+    residual.csv."""
     low = -np.inf if regime.low is None else regime.low
     high = np.inf if regime.high is None else regime.high
     inside = {}
@@ -97,8 +124,15 @@ def _regime(residual: Residual, error: FloatArray, found: Sequence[Stretch], reg
             return None
         inside[one.recording] = (values >= low) & (values <= high)
     counted = {number: np.where(mask, 1.0, 0.0) for number, mask in inside.items()}
-    scored = [(float(np.nansum((error[one.rows] * counted[one.recording])[first : last + 1])), one, first, last)
-              for one, first, last in _judged(found)]
+    scored = [
+        (
+            float(np.nansum((error[one.rows] * counted[one.recording])[first : last + 1])),
+            one,
+            first,
+            last,
+        )
+        for one, first, last in _judged(found)
+    ]
     if not scored:
         return None
     _, one, first, last = max(scored, key=lambda each: each[0])
@@ -106,17 +140,26 @@ def _regime(residual: Residual, error: FloatArray, found: Sequence[Stretch], reg
     bands = _bands(time, inside[one.recording])
     if not 0 < len(bands) <= MOST_BANDS:
         return None
-    return Place("where", regime_words(regime), one.recording, float(time[first]), float(time[last]), bands)
+    return Place(
+        "where", regime_words(regime), one.recording, float(time[first]), float(time[last]), bands
+    )
 
 
 def _signal(residual: Residual, name: str, rows: NDArray[np.int64]) -> FloatArray | None:
-    """A measured or sent signal by the name that regimes give it, or the rate of a measured one (per s)."""
-    stems = {split_column(column)[0]: column for column in (*channels_of(residual), *inputs_of(residual))}
+    """A measured or sent signal by the name that regimes give it, or the rate of a measured one
+    (per s)."""
+    stems = {
+        split_column(column)[0]: column for column in (*channels_of(residual), *inputs_of(residual))
+    }
     if name in stems:
         return residual.columns[stems[name]][rows]
     from scipy.signal import savgol_filter  # takes seconds to load
 
-    of = name.removesuffix("_rate") if name.endswith("_rate") else {"velocity": "angle"}.get(name, "")
+    of = (
+        name.removesuffix("_rate")
+        if name.endswith("_rate")
+        else {"velocity": "angle"}.get(name, "")
+    )
     of = "position" if name == "velocity" and of not in stems else of
     if of not in stems:
         return None
@@ -130,4 +173,6 @@ def _signal(residual: Residual, name: str, rows: NDArray[np.int64]) -> FloatArra
 
 def _bands(time: FloatArray, inside: NDArray[np.bool_]) -> tuple[tuple[float, float], ...]:
     """Times between which the mask holds."""
-    return tuple((float(time[a]), float(time[b - 1])) for a, b in zip(*runs_of(inside), strict=True))
+    return tuple(
+        (float(time[a]), float(time[b - 1])) for a, b in zip(*runs_of(inside), strict=True)
+    )

@@ -1,7 +1,8 @@
-"""A motion on the page: an SVG that stands still without scripts and in print, and plays with a few lines of script.
+"""A motion on the page: an SVG that stands still without scripts and in print, and plays with a few
+lines of script.
 
-Every moving line carries its points of all frames, whole numbers of a drawing a thousand units wide; the script shows
-those of one frame, or those since a while ago. Nothing is loaded.
+Every moving line carries its points of all frames, whole numbers of a drawing a thousand units
+wide; the script shows those of one frame, or those since a while ago. Nothing is loaded.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ from pamid.report.reading import FloatArray
 
 RATE = 30  # frames per second
 TRAIL_S = 1.0
-_WIDE, _STRIP, _LEFT, _ABOVE = 1000, 500, 44, 24  # units: width of the drawing; of the strips, their left, their head
+# units: width of the drawing; of the strips, their left, their head
+_WIDE, _STRIP, _LEFT, _ABOVE = 1000, 500, 44, 24
 
 
 def player_script() -> str:
@@ -29,7 +31,8 @@ def player_script() -> str:
 
 
 def player_html(run: RunData) -> Html:
-    """The figure; nothing where the run is of no catalogued rig with a pose or lacks what the pose needs."""
+    """The figure; nothing where the run is of no catalogued rig with a pose or lacks what the pose
+    needs."""
     try:
         motion = motion_of(run, rig_of_run(run), 1.0 / RATE)
     except PamidError:
@@ -37,17 +40,31 @@ def player_html(run: RunData) -> Html:
     still = _widest(motion)
     several = motion.recording and run.fit is not None and len(run.fit.recordings) > 1
     when = words.span(float(motion.time[0]), float(motion.time[-1]), "s")
-    note = (f"{when}{f' in recording {motion.recording}' if several else ''}; the gaps are not enlarged. At the marks "
-            "on the time axis the models were set to the measured state again.")  # fmt: skip
+    note = (
+        f"{when}{f' in recording {motion.recording}' if several else ''}; the gaps are not "
+        "enlarged. At the marks "
+        "on the time axis the models were set to the measured state again."
+    )
     return tag(
         "figure",
         tag("figcaption", prose(motion.title)),
         _legend(motion),
-        tag("div", _arm(motion, still), _strips(motion, still), class_="stage", role="img", aria_label=motion.title),
+        tag(
+            "div",
+            _arm(motion, still),
+            _strips(motion, still),
+            class_="stage",
+            role="img",
+            aria_label=motion.title,
+        ),
         tag("small", prose(note)),
-        class_="motion", id="motion", data_frames=str(motion.time.size), data_rate=str(RATE), data_still=str(still),
+        class_="motion",
+        id="motion",
+        data_frames=str(motion.time.size),
+        data_rate=str(RATE),
+        data_still=str(still),
         data_start=f"{motion.time[0]:.3f}",
-    )  # fmt: skip
+    )
 
 
 def _widest(motion: Motion) -> int:
@@ -59,13 +76,28 @@ def _widest(motion: Motion) -> int:
 def _class(motion: Motion, kind: str) -> str:
     """measured, or the place of a model and the role its colour goes by."""
     kinds = list(motion.lines)
-    return kind if kind == MEASURED else f"{'best' if kind == kinds[-1] else 'before'} {kind.replace('_', '-')}"
+    return (
+        kind
+        if kind == MEASURED
+        else f"{'best' if kind == kinds[-1] else 'before'} {kind.replace('_', '-')}"
+    )
 
 
 def _legend(motion: Motion) -> Html:
-    keys = [tag("span", tag("svg", tag("line", x1="2", y1="5", x2="30", y2="5"), viewBox="0 0 32 10",
-                            aria_hidden="true", class_=_class(motion, kind)), motion.names[kind])
-            for kind in motion.lines]  # fmt: skip
+    keys = [
+        tag(
+            "span",
+            tag(
+                "svg",
+                tag("line", x1="2", y1="5", x2="30", y2="5"),
+                viewBox="0 0 32 10",
+                aria_hidden="true",
+                class_=_class(motion, kind),
+            ),
+            motion.names[kind],
+        )
+        for kind in motion.lines
+    ]
     return tag("div", keys, class_="legend")
 
 
@@ -79,22 +111,52 @@ def _arm(motion: Motion, still: int) -> Html:
         return np.rint((points - [low[0], high[1]]) / [unit, -unit])
 
     best = list(motion.lines)[-1]
-    pins = [tag("circle", cx=f"{x:.0f}", cy=f"{y:.0f}", r="24", class_="pivot") for x, y in drawn(motion.pivots)]
-    trails = [_moving(drawn(motion.tip(kind))[:, None], still, f"trail {_class(motion, kind)}", round(TRAIL_S * RATE))
-              for kind in (MEASURED, best)]  # fmt: skip
-    arms = [_moving(drawn(line), still, f"arm {_class(motion, kind)}") for kind, lines in motion.lines.items()
-            for line in lines]  # fmt: skip
+    pins = [
+        tag("circle", cx=f"{x:.0f}", cy=f"{y:.0f}", r="24", class_="pivot")
+        for x, y in drawn(motion.pivots)
+    ]
+    trails = [
+        _moving(
+            drawn(motion.tip(kind))[:, None],
+            still,
+            f"trail {_class(motion, kind)}",
+            round(TRAIL_S * RATE),
+        )
+        for kind in (MEASURED, best)
+    ]
+    arms = [
+        _moving(drawn(line), still, f"arm {_class(motion, kind)}")
+        for kind, lines in motion.lines.items()
+        for line in lines
+    ]
     length = scale_of(float((high - low).max()))
     ends = 20 + round(length / unit)
-    scale = [tag("path", d=f"M20 {tall - 14}H{ends}", class_="scale"),
-             tag("text", f"{length:g} m", x="20", y=str(tall - 26), class_="mark")]  # fmt: skip
-    return tag("svg", pins, trails, arms, scale, viewBox=f"0 0 {wide} {tall}", class_="pose", aria_hidden="true")
+    scale = [
+        tag("path", d=f"M20 {tall - 14}H{ends}", class_="scale"),
+        tag("text", f"{length:g} m", x="20", y=str(tall - 26), class_="mark"),
+    ]
+    return tag(
+        "svg",
+        pins,
+        trails,
+        arms,
+        scale,
+        viewBox=f"0 0 {wide} {tall}",
+        class_="pose",
+        aria_hidden="true",
+    )
 
 
 def _moving(points: FloatArray, still: int, class_: str, tail: int = 0) -> Html:
-    """A polyline with its points (frames, points, 2) of every frame; `tail`: how many frames before are shown too."""
-    return tag("polyline", points=_numbers(points[max(0, still - tail) : still + 1]), class_=class_,
-               data_points=_numbers(points), data_tail=str(tail))  # fmt: skip
+    """A polyline with its points (frames, points, 2) of every frame; `tail`: how many frames before
+    are shown too."""
+    return tag(
+        "polyline",
+        points=_numbers(points[max(0, still - tail) : still + 1]),
+        class_=class_,
+        data_points=_numbers(points),
+        data_tail=str(tail),
+    )
 
 
 def _numbers(points: FloatArray) -> str:
@@ -107,21 +169,44 @@ def _strips(motion: Motion, still: int) -> Html:
     across = _LEFT + (right - _LEFT) * (motion.time - motion.time[0]) / float(np.ptp(motion.time))
     tall = max(60, 200 // count - _ABOVE)
     pitch = tall + _ABOVE + 12
-    parts = [_strip(motion, channel, across, pitch * k, tall) for k, channel in enumerate(motion.gaps)]
+    parts = [
+        _strip(motion, channel, across, pitch * k, tall) for k, channel in enumerate(motion.gaps)
+    ]
     bottom = pitch * count - 8
-    restarts = "".join(f"M{x:.1f} {bottom - 4}v8" for x in np.interp(motion.restarts, motion.time, across))
+    restarts = "".join(
+        f"M{x:.1f} {bottom - 4}v8" for x in np.interp(motion.restarts, motion.time, across)
+    )
     ticks = [(np.interp(t, motion.time, across), f"{t:g}") for t in _round_times(motion.time)]
-    axis = [tag("path", d=f"M{_LEFT} {bottom}H{right}{restarts}", class_="axis"),
-            [tag("text", text, x=f"{x:.1f}", y=str(bottom + 18), class_="mark", text_anchor="middle")
-             for x, text in ticks],
-            tag("text", "time [s]", x=str(right), y=str(bottom + 34), class_="mark", text_anchor="end")]  # fmt: skip
-    cursor = tag("path", d=f"M0 16V{bottom}", class_="cursor", transform=f"translate({across[still]:.1f} 0)",
-                 data_left=str(_LEFT), data_right=str(right))  # fmt: skip
-    return tag("svg", parts, axis, cursor, viewBox=f"0 0 {_STRIP} {bottom + 40}", class_="strips", aria_hidden="true")
+    axis = [
+        tag("path", d=f"M{_LEFT} {bottom}H{right}{restarts}", class_="axis"),
+        [
+            tag("text", text, x=f"{x:.1f}", y=str(bottom + 18), class_="mark", text_anchor="middle")
+            for x, text in ticks
+        ],
+        tag("text", "time [s]", x=str(right), y=str(bottom + 34), class_="mark", text_anchor="end"),
+    ]
+    cursor = tag(
+        "path",
+        d=f"M0 16V{bottom}",
+        class_="cursor",
+        transform=f"translate({across[still]:.1f} 0)",
+        data_left=str(_LEFT),
+        data_right=str(right),
+    )
+    return tag(
+        "svg",
+        parts,
+        axis,
+        cursor,
+        viewBox=f"0 0 {_STRIP} {bottom + 40}",
+        class_="strips",
+        aria_hidden="true",
+    )
 
 
 def _strip(motion: Motion, channel: str, across: FloatArray, top: int, tall: int) -> Html:
-    """The curves of one channel between its least and its largest gap, which are written beside it."""
+    """The curves of one channel between its least and its largest gap, which are written beside
+    it."""
     gaps = motion.gaps[channel]
     low = min(0.0, *(float(gap.min()) for gap in gaps.values()))
     high = max(0.0, *(float(gap.max()) for gap in gaps.values()))
@@ -130,15 +215,35 @@ def _strip(motion: Motion, channel: str, across: FloatArray, top: int, tall: int
     def down(gap: FloatArray | float) -> FloatArray:
         return np.asarray(top + _ABOVE + tall * (high - np.asarray(gap)) / reach)
 
-    curves = [tag("polyline", points=" ".join(f"{x:.1f} {y:.1f}" for x, y in zip(across, down(gap), strict=True)),
-                  class_=f"gap {_class(motion, kind)}") for kind, gap in gaps.items()]  # fmt: skip
+    curves = [
+        tag(
+            "polyline",
+            points=" ".join(f"{x:.1f} {y:.1f}" for x, y in zip(across, down(gap), strict=True)),
+            class_=f"gap {_class(motion, kind)}",
+        )
+        for kind, gap in gaps.items()
+    ]
     what = words.axis_label(gap_words(channel), words.channel_unit(channel))
-    edges: Iterable[tuple[float, str]] = ((value, words.short(value, 2)) for value in {low, high, 0.0}
-                                          if value == 0.0 or abs(value) > 0.2 * reach)
-    marks = [tag("text", text, x=str(_LEFT - 6), y=f"{float(down(value)) + 4:.1f}", class_="mark", text_anchor="end")
-             for value, text in sorted(edges)]  # fmt: skip
+    edges: Iterable[tuple[float, str]] = (
+        (value, words.short(value, 2))
+        for value in {low, high, 0.0}
+        if value == 0.0 or abs(value) > 0.2 * reach
+    )
+    marks = [
+        tag(
+            "text",
+            text,
+            x=str(_LEFT - 6),
+            y=f"{float(down(value)) + 4:.1f}",
+            class_="mark",
+            text_anchor="end",
+        )
+        for value, text in sorted(edges)
+    ]
     zero = tag("path", d=f"M{_LEFT} {float(down(0.0)):.1f}H{_STRIP - 12}", class_="zero")
-    return joined([tag("text", what, x=str(_LEFT), y=str(top + 14), class_="mark"), zero, *curves, *marks])
+    return joined(
+        [tag("text", what, x=str(_LEFT), y=str(top + 14), class_="mark"), zero, *curves, *marks]
+    )
 
 
 def _round_times(time: FloatArray) -> FloatArray:

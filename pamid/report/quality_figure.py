@@ -1,5 +1,5 @@
-"""The picture of a recording's quality: every channel over time with the places of each finding, and beside it so few
-samples that noise and step can be seen."""
+"""The picture of a recording's quality: every channel over time with the places of each finding,
+and beside it so few samples that noise and step can be seen."""
 
 from __future__ import annotations
 
@@ -24,43 +24,60 @@ from pamid.report.style import PNG_DPI, WIDE_IN, colour, grid, label, settings
 
 Array = NDArray[np.float64]
 
-BUCKETS = 700              # of which each shows its lowest and highest sample
+BUCKETS = 700  # of which each shows its lowest and highest sample
 MOST_ROWS = 24
-NARROWEST = 0.004          # of the time axis: a single sample must be seen, too
-CLOSE = 60                 # samples in the panel for noise and step
-SPELT_OUT = 3              # findings told in the title
-WIDEST_LINE = 80           # letters in a line of the title
+NARROWEST = 0.004  # of the time axis: a single sample must be seen, too
+CLOSE = 60  # samples in the panel for noise and step
+SPELT_OUT = 3  # findings told in the title
+WIDEST_LINE = 80  # letters in a line of the title
 ROW_IN, REST_IN = 0.72, 0.65
 COLOURS = 96
 
 
-def card_png(recording: Recording, issues: Sequence[Issue], channels: Mapping[str, Mapping[str, float]],
-             others: Sequence[str] = ()) -> bytes:
-    """The quality card as a PNG; channels: step and noise per column (`pamid.checks.recording_quality.channel_figures`); others: what is
-    wrong besides the issues, as a column that the rig needs."""
+def card_png(
+    recording: Recording,
+    issues: Sequence[Issue],
+    channels: Mapping[str, Mapping[str, float]],
+    others: Sequence[str] = (),
+) -> bytes:
+    """The quality card as a PNG; channels: step and noise per column
+    (`pamid.checks.recording_quality.channel_figures`); others: what is wrong besides the issues, as
+    a column that the rig needs."""
     rows = _rows(recording, issues)
     lines = textwrap.wrap(label(card_title(recording, issues, others), 400), WIDEST_LINE)
     buffer, small = io.BytesIO(), io.BytesIO()
     with settings("quality"):
-        figure = Figure(figsize=(WIDE_IN, REST_IN + ROW_IN * len(rows) + 0.19 * len(lines)), layout="constrained")
+        figure = Figure(
+            figsize=(WIDE_IN, REST_IN + ROW_IN * len(rows) + 0.19 * len(lines)),
+            layout="constrained",
+        )
         FigureCanvasAgg(figure)
         axes = figure.subplots(len(rows), 2, squeeze=False, width_ratios=[5.0, 1.0], sharex="col")
         for (whole, close), name in zip(axes, rows, strict=True):
             _over_time(whole, recording, name, [issue for issue in issues if name in issue.columns])
             _close_up(close, recording, name, channels[name])
-        axes[0, 1].set_title(f"{CLOSE} quiet samples", loc="left", fontsize=8.0, pad=3.0, color=colour("muted"))
+        axes[0, 1].set_title(
+            f"{CLOSE} quiet samples", loc="left", fontsize=8.0, pad=3.0, color=colour("muted")
+        )
         axes[-1, 0].set_xlabel("time [s]")
         axes[-1, 1].set_xlabel("time [ms]")
         figure.align_ylabels(axes[:, 0])
         figure.suptitle("\n".join(lines), x=0.012, ha="left", fontsize=10.5, fontweight="bold")
-        figure.savefig(buffer, format="png", dpi=PNG_DPI, facecolor=colour("paper"), metadata={"Software": None})
+        figure.savefig(
+            buffer,
+            format="png",
+            dpi=PNG_DPI,
+            facecolor=colour("paper"),
+            metadata={"Software": None},
+        )
     # dense traces do not compress: with a palette the file has a third of the size
     Image.open(buffer).convert("RGB").quantize(COLOURS).save(small, "PNG", optimize=True)
     return small.getvalue()
 
 
 def card_title(recording: Recording, issues: Sequence[Issue], others: Sequence[str] = ()) -> str:
-    """How many problems and notes there are, as the text of `check` counts them, and the first of them."""
+    """How many problems and notes there are, as the text of `check` counts them, and the first of
+    them."""
     wrong = [*others, *(issue.message for issue in issues if issue.severity == "wrong")]
     notes = [issue.message for issue in issues if issue.severity != "wrong"]
     if not wrong:
@@ -68,7 +85,9 @@ def card_title(recording: Recording, issues: Sequence[Issue], others: Sequence[s
         counted = f"nothing is wrong with {len(recording.columns)} channels over {length:.4g} s"
         counted = f"{recording.name}: {counted}" + (f"; {_many(notes, 'note')}" if notes else "")
     else:
-        counted = " and ".join(_many(told, word) for told, word in ((wrong, "problem"), (notes, "note")) if told)
+        counted = " and ".join(
+            _many(told, word) for told, word in ((wrong, "problem"), (notes, "note")) if told
+        )
         counted = f"{counted} in {recording.name}"
     told = [*wrong, *notes]
     more = f"; and {len(told) - SPELT_OUT} more" if len(told) > SPELT_OUT else ""
@@ -80,7 +99,8 @@ def _many(told: Sequence[str], word: str) -> str:
 
 
 def _rows(recording: Recording, issues: Sequence[Issue]) -> list[str]:
-    """The columns to draw, in their order: all of them, or where there are too many, those with findings first."""
+    """The columns to draw, in their order: all of them, or where there are too many, those with
+    findings first."""
     named = {column for issue in issues for column in issue.columns}
     chosen = sorted(recording.columns, key=lambda name: name not in named)[:MOST_ROWS]
     return [name for name in recording.columns if name in chosen]
@@ -89,16 +109,33 @@ def _rows(recording: Recording, issues: Sequence[Issue]) -> list[str]:
 def _over_time(axes: Axes, recording: Recording, name: str, issues: Sequence[Issue]) -> None:
     time, values = recording.time, _drawable(recording, name)
     wrong = any(issue.severity == "wrong" for issue in issues)
-    axes.plot(*envelope(time, values), color=colour("refitted" if not wrong else "with_cause"), linewidth=0.8)
+    axes.plot(
+        *envelope(time, values),
+        color=colour("refitted" if not wrong else "with_cause"),
+        linewidth=0.8,
+    )
     across = blended_transform_factory(axes.transData, axes.transAxes)
     least = NARROWEST * (time[-1] - time[0])
     for begin, end in joined([window for issue in issues for window in issue.windows_s], least):
         axes.axvspan(begin, end, color=colour("with_cause"), alpha=0.22, linewidth=0.0)
-        axes.plot([begin, end], [1.0, 1.0], transform=across, color=colour("with_cause"), linewidth=2.0,
-                  solid_capstyle="butt", clip_on=False)
+        axes.plot(
+            [begin, end],
+            [1.0, 1.0],
+            transform=across,
+            color=colour("with_cause"),
+            linewidth=2.0,
+            solid_capstyle="butt",
+            clip_on=False,
+        )
     kinds = list(dict.fromkeys(issue.kind.replace("-", " ") for issue in issues))
-    axes.set_title(label(name, 60) + (f":  {', '.join(kinds)}" if kinds else ""), loc="left", fontsize=8.0, pad=3.0,
-                   color=colour("with_cause" if kinds else "ink"), fontweight="bold" if kinds else "normal")
+    axes.set_title(
+        label(name, 60) + (f":  {', '.join(kinds)}" if kinds else ""),
+        loc="left",
+        fontsize=8.0,
+        pad=3.0,
+        color=colour("with_cause" if kinds else "ink"),
+        fontweight="bold" if kinds else "normal",
+    )
     axes.set_ylabel(f"[{label(words.channel_unit(name), 12) or '-'}]")
     axes.set_xlim(time[0], time[-1])
     axes.margins(y=0.08)
@@ -112,14 +149,32 @@ def _close_up(axes: Axes, recording: Recording, name: str, channel: Mapping[str,
     values = _drawable(recording, name)
     start = quietest(values)
     part = values[start : start + CLOSE]
-    axes.plot(1e3 * recording.sampling_period_s * np.arange(part.size), part - np.median(part), color=colour("muted"),
-              linewidth=0.5, marker="o", markersize=1.6, markeredgewidth=0.0, markerfacecolor=colour("ink"))
-    said = [f"{what} {words.number(channel[what], 2)}" for what in ("noise", "step") if channel[what] > 0.0]
-    axes.set_ylabel("\n".join(said) or "no noise\nto be seen", fontsize=7.0, rotation=0, ha="left", va="center")
+    axes.plot(
+        1e3 * recording.sampling_period_s * np.arange(part.size),
+        part - np.median(part),
+        color=colour("muted"),
+        linewidth=0.5,
+        marker="o",
+        markersize=1.6,
+        markeredgewidth=0.0,
+        markerfacecolor=colour("ink"),
+    )
+    said = [
+        f"{what} {words.number(channel[what], 2)}"
+        for what in ("noise", "step")
+        if channel[what] > 0.0
+    ]
+    axes.set_ylabel(
+        "\n".join(said) or "no noise\nto be seen", fontsize=7.0, rotation=0, ha="left", va="center"
+    )
     axes.yaxis.set_label_position("right")
     axes.yaxis.set_major_locator(MaxNLocator(2))
     axes.tick_params(labelsize=7.0)
-    half = max(1.3 * float(np.abs(part - np.median(part)).max()), 3.0 * channel["noise"], 1.5 * channel["step"])
+    half = max(
+        1.3 * float(np.abs(part - np.median(part)).max()),
+        3.0 * channel["noise"],
+        1.5 * channel["step"],
+    )
     axes.set_ylim(-(half or 1.0), half or 1.0)
 
 
@@ -129,8 +184,8 @@ def _drawable(recording: Recording, name: str) -> Array:
 
 
 def quietest(values: Array) -> int:
-    """First sample of the stretch of 60 that moves least, among those that show most of the noise: whose samples
-    repeat each other least often."""
+    """First sample of the stretch of 60 that moves least, among those that show most of the noise:
+    whose samples repeat each other least often."""
     starts = np.arange(0, max(1, values.size - CLOSE), CLOSE // 2)
     parts = [values[a : a + CLOSE] for a in starts]
     repeats = np.array([np.mean(np.diff(part) == 0.0) for part in parts])
@@ -151,9 +206,12 @@ def joined(windows: Sequence[tuple[float, float]], least: float) -> list[tuple[f
 
 
 def envelope(time: Array, values: Array) -> tuple[Array, Array]:
-    """The lowest and highest sample of each of at most 700 stretches, as one line that hides no spike."""
+    """The lowest and highest sample of each of at most 700 stretches, as one line that hides no
+    spike."""
     if values.size <= 2 * BUCKETS:
         return time, values
     starts = np.linspace(0, values.size, BUCKETS, endpoint=False).astype(np.intp)
-    both = np.stack([np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)], axis=1)
+    both = np.stack(
+        [np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)], axis=1
+    )
     return np.repeat(time[starts], 2), both.ravel()

@@ -20,7 +20,7 @@ from pamid.base.files import TABLE, read_data
 from pamid.base.json_file import read_json
 
 FloatArray = NDArray[np.float64]
-SQUARED = 1e150      # what is larger cannot be squared
+SQUARED = 1e150  # what is larger cannot be squared
 REMEDY = "Run the command that wrote it again."
 _BLANK_CELL = re.compile(r"(?<=,)(?=[,\n])")
 
@@ -36,7 +36,11 @@ class Node:
     def refuse(self, key: str, expected: str) -> NoReturn:
         """FileError: what stands at `key` is not what was expected."""
         found = "missing" if key not in self.content else f"{self.content[key]!r:.60}"
-        raise FileError(f"{self.file}: {self._place(key)} should be {expected}, it is {found}.", REMEDY, code="damaged")
+        raise FileError(
+            f"{self.file}: {self._place(key)} should be {expected}, it is {found}.",
+            REMEDY,
+            code="damaged",
+        )
 
     def number(self, key: str) -> float:
         found = self.maybe(key)
@@ -82,7 +86,11 @@ class Node:
 
     def numbers(self) -> dict[str, float]:
         """The numbers of this object by key; texts and nulls are passed over."""
-        found = {key: self.maybe(key) for key, value in self.content.items() if not isinstance(value, str)}
+        found = {
+            key: self.maybe(key)
+            for key, value in self.content.items()
+            if not isinstance(value, str)
+        }
         return {key: value for key, value in found.items() if value is not None}
 
     def texts(self, key: str) -> tuple[str, ...]:
@@ -95,7 +103,9 @@ class Node:
     def groups(self, key: str) -> tuple[tuple[str, ...], ...]:
         """A list of lists of texts; () where it is missing."""
         values = self._list(key)
-        if not all(isinstance(one, list) and all(isinstance(name, str) for name in one) for one in values):
+        if not all(
+            isinstance(one, list) and all(isinstance(name, str) for name in one) for one in values
+        ):
             self.refuse(key, "a list of lists of texts")
         return tuple(tuple(one) for one in values)
 
@@ -146,7 +156,11 @@ class Node:
     def _node(self, key: str, value: Any) -> Node:
         if not isinstance(value, dict):
             place = self._place(key)
-            raise FileError(f"{self.file}: {place} should be an object, it is {value!r:.60}.", REMEDY, code="damaged")
+            raise FileError(
+                f"{self.file}: {place} should be an object, it is {value!r:.60}.",
+                REMEDY,
+                code="damaged",
+            )
         return Node(self.file, self._place(key), value)
 
     def _pair(self, key: str, value: Any) -> tuple[float, float]:
@@ -157,7 +171,8 @@ class Node:
 
 
 def read_object(path: Path, schema: str | None = None) -> Node | None:
-    """The JSON object in a file; None if there is no such file, FileError if it holds anything else."""
+    """The JSON object in a file; None if there is no such file, FileError if it holds anything
+    else."""
     if not path.exists():
         return None
     content = read_json(path)
@@ -170,13 +185,16 @@ def read_object(path: Path, schema: str | None = None) -> Node | None:
 
 
 def read_columns(path: Path) -> dict[str, FloatArray] | None:
-    """The columns of a numeric CSV by name, each (n,); None if there is no such file. A blank cell reads as nan."""
+    """The columns of a numeric CSV by name, each (n,); None if there is no such file. A blank cell
+    reads as nan."""
     if not path.exists():
         return None
     try:
         text = read_data(path, TABLE).decode("utf-8").replace("\r\n", "\n")
     except (OSError, UnicodeDecodeError) as error:
-        raise FileError(f"{path} cannot be read as text: {error}.", REMEDY, code="damaged") from None
+        raise FileError(
+            f"{path} cannot be read as text: {error}.", REMEDY, code="damaged"
+        ) from None
     header, _, body = text.partition("\n")
     names = header.split(",")
     if not body.strip():
@@ -184,12 +202,18 @@ def read_columns(path: Path) -> dict[str, FloatArray] | None:
     if len(set(names)) != len(names) or not all(names):
         raise FileError(f"{path}: every column needs a name of its own.", REMEDY, code="damaged")
     try:
-        table = np.loadtxt(_BLANK_CELL.sub("nan", body).splitlines(), delimiter=",", ndmin=2, comments=None)
+        table = np.loadtxt(
+            _BLANK_CELL.sub("nan", body).splitlines(), delimiter=",", ndmin=2, comments=None
+        )
     except ValueError as error:
         raise FileError(f"{path}, below the header: {error}.", REMEDY, code="damaged") from None
     if table.shape[1] != len(names):
         message = f"{path}: {len(names)} names stand above {table.shape[1]} columns."
         raise FileError(message, REMEDY, code="damaged")
     if (np.abs(table) > SQUARED).any():
-        raise FileError(f"{path} holds a number beyond {SQUARED:g}, which nothing shows.", REMEDY, code="damaged")
+        raise FileError(
+            f"{path} holds a number beyond {SQUARED:g}, which nothing shows.",
+            REMEDY,
+            code="damaged",
+        )
     return dict(zip(names, table.T.copy(), strict=True))

@@ -1,7 +1,8 @@
-"""All samples of a run as the page carries them: which columns are drawn, in which order, and numbers packed into text.
+"""All samples of a run as the page carries them: which columns are drawn, in which order, and
+numbers packed into text.
 
-A trace is quantised to 65535 levels over its span; whole numbers are stored as their differences, byte by byte,
-deflated, in base64. The page unpacks what it draws, when it draws it.
+A trace is quantised to 65535 levels over its span; whole numbers are stored as their differences,
+byte by byte, deflated, in base64. The page unpacks what it draws, when it draws it.
 """
 
 from __future__ import annotations
@@ -19,9 +20,10 @@ from pamid.report.load import KEYS, Residual
 from pamid.report.reading import FloatArray
 
 LEVELS, MISSING = 65534, -1
-MOST_VALUES = 16_000_000   # about 20 MB of page; beyond it recordings are cut short, those held out last
+# about 20 MB of page; beyond it recordings are cut short, those held out last
+MOST_VALUES = 16_000_000
 KINDS = ("data_sheet", "refitted", "cause", "network", "loop", "loop_network")
-_TICKS = 30_000            # per sampling period: times are whole numbers of them
+_TICKS = 30_000  # per sampling period: times are whole numbers of them
 
 IntArray = NDArray[np.int64]
 
@@ -37,16 +39,18 @@ class Packed:
 
 @dataclass(frozen=True)
 class Stretch:
-    """A recording's rows of residual.csv in order of time; windows: (first, last place among them, is it held out)."""
+    """A recording's rows of residual.csv in order of time; windows: (first, last place among them,
+    is it held out)."""
 
     recording: int
     rows: IntArray
     windows: tuple[tuple[int, int, bool], ...]
-    cut: bool                 # there was more of it than a page can hold
+    cut: bool  # there was more of it than a page can hold
 
 
 def packed(values: FloatArray) -> Packed:
-    """Quantised to 65535 levels between the least and the largest value; what is not finite stays missing."""
+    """Quantised to 65535 levels between the least and the largest value; what is not finite stays
+    missing."""
     usable = np.isfinite(values)
     if not usable.any():
         return Packed(0.0, 1.0, text_of(np.full(values.size, MISSING)))
@@ -74,8 +78,11 @@ def text_of(numbers: IntArray) -> str:
 
 def channels_of(residual: Residual) -> list[str]:
     """Measured columns beside which a refitted model stands."""
-    return [name for name, values in residual.columns.items()
-            if np.isfinite(values).any() and has(residual, name, "refitted")]
+    return [
+        name
+        for name, values in residual.columns.items()
+        if np.isfinite(values).any() and has(residual, name, "refitted")
+    ]
 
 
 def has(residual: Residual, channel: str, kind: str) -> bool:
@@ -88,14 +95,20 @@ def inputs_of(residual: Residual) -> list[str]:
     """What was sent and asked for, where it varies: neither measured nor modelled."""
     channels = channels_of(residual)
     stems = {f"{split_column(name)[0]}_{kind}" for name in channels for kind in KINDS}
-    return [name for name, values in residual.columns.items() if name not in (*KEYS, *channels)
-            and (stem := split_column(name)[0]) not in stems and not stem.endswith("_loop")
-            and np.isfinite(values).any() and np.nanmin(values) < np.nanmax(values)]
+    return [
+        name
+        for name, values in residual.columns.items()
+        if name not in (*KEYS, *channels)
+        and (stem := split_column(name)[0]) not in stems
+        and not stem.endswith("_loop")
+        and np.isfinite(values).any()
+        and np.nanmin(values) < np.nanmax(values)
+    ]
 
 
 def stretches_of(residual: Residual, most_rows: int) -> list[Stretch]:
-    """Every recording in order of time, each time once; rows beyond `most_rows` in all are left out from the end of
-    the list of recordings, of what was fitted before what was held out."""
+    """Every recording in order of time, each time once; rows beyond `most_rows` in all are left out
+    from the end of the list of recordings, of what was fitted before what was held out."""
     columns = residual.columns
     usable = np.flatnonzero(np.isfinite(columns["time_s"]))
     kept = usable[np.argsort(columns["part"][usable] != 1, kind="stable")][:most_rows]
@@ -111,8 +124,17 @@ def stretches_of(residual: Residual, most_rows: int) -> list[Stretch]:
             continue
         place = np.full(columns["time_s"].size, -1)
         place[rows] = np.arange(rows.size)
-        inside = [(int(place[w.start]), int(place[w.stop - 1]), bool(columns["part"][w.start] == 1))
-                  for w in windows if columns["recording"][w.start] == number]
-        found.append(Stretch(int(number), rows, tuple(sorted(one for one in inside if 0 <= one[0] < one[1])),
-                             rows.size < own.size))
+        inside = [
+            (int(place[w.start]), int(place[w.stop - 1]), bool(columns["part"][w.start] == 1))
+            for w in windows
+            if columns["recording"][w.start] == number
+        ]
+        found.append(
+            Stretch(
+                int(number),
+                rows,
+                tuple(sorted(one for one in inside if 0 <= one[0] < one[1])),
+                rows.size < own.size,
+            )
+        )
     return found

@@ -1,5 +1,5 @@
-"""The findings in sentences, built from the numbers: verdict, titles of the figures. No file content is trusted here
-to be more than text; escaping happens where the page is made.
+"""The findings in sentences, built from the numbers: verdict, titles of the figures. No file
+content is trusted here to be more than text; escaping happens where the page is made.
 """
 
 from __future__ import annotations
@@ -11,19 +11,30 @@ from pamid.report.budget import MODELS, ChannelErrors, Window, headline
 from pamid.report.diagnosed import Candidate, Diagnosis, Pull, Regime, Sensor, Where
 from pamid.report.load import Network, RunData
 from pamid.report.reading import FloatArray
-from pamid.report.words import channel_unit, channel_words, effect_words, percent, percent_span, with_unit_text
+from pamid.report.words import (
+    channel_unit,
+    channel_words,
+    effect_words,
+    percent,
+    percent_span,
+    with_unit_text,
+)
 
 
 def causes_words(diagnosis: Diagnosis) -> str:
-    """ "Coulomb friction", "Coulomb friction and dead time"; for an ambiguous verdict joined by "or". """
+    """ "Coulomb friction", "Coulomb friction and dead time"; for an ambiguous verdict joined by
+    "or"."""
     last = "or" if diagnosis.verdict == "ambiguous" else "and"
     return words.join((effect_words(cause.effect) for cause in diagnosis.causes), last)
 
 
 def model_words(field: str, diagnosis: Diagnosis | None) -> str:
-    """What a field of ChannelErrors is called in a legend: "refitted", "with Coulomb friction", "with the causes"."""
+    """What a field of ChannelErrors is called in a legend: "refitted", "with Coulomb friction",
+    "with the causes"."""
     if field == "with_cause" and diagnosis is not None and diagnosis.verdict == "explained":
-        return f"with {causes_words(diagnosis)}" if len(diagnosis.causes) == 1 else "with the causes"
+        return (
+            f"with {causes_words(diagnosis)}" if len(diagnosis.causes) == 1 else "with the causes"
+        )
     return MODELS[field]
 
 
@@ -33,13 +44,14 @@ def candidate_order(diagnosis: Diagnosis) -> list[Candidate]:
 
 
 def over_channels(diagnosis: Diagnosis) -> str:
-    """ " over all channels" where the ranking is about several of them. """
+    """ " over all channels" where the ranking is about several of them."""
     several = any(len(one.held_out) > 1 for one in diagnosis.ranking) or len(diagnosis.how_far) > 1
     return " over all channels" if several else ""
 
 
 def runner_up(diagnosis: Diagnosis) -> Candidate | None:
-    """The best candidate that is neither a cause nor a look-alike of one; else the best that is no cause."""
+    """The best candidate that is neither a cause nor a look-alike of one; else the best that is no
+    cause."""
     named = {cause.effect for cause in diagnosis.causes}
     alike = {name for group in diagnosis.look_alikes if named & set(group) for name in group}
     others = [one for one in diagnosis.ranking if one.effect not in named]
@@ -55,9 +67,18 @@ def verdict_sentence(run: RunData, rows: tuple[ChannelErrors, ...]) -> str:
     if diagnosis.remark:
         return words.clean(diagnosis.remark)
     if diagnosis.verdict == "no-structural-gap":
-        return "No structural gap: retuned parameters and the background account for what was measured."
+        return (
+            "No structural gap: retuned parameters and the background account for what was "
+            "measured."
+        )
     if diagnosis.verdict == "unknown-effect":
-        port = diagnosis.unknown.port if diagnosis.unknown else diagnosis.where.port if diagnosis.where else ""
+        port = (
+            diagnosis.unknown.port
+            if diagnosis.unknown
+            else diagnosis.where.port
+            if diagnosis.where
+            else ""
+        )
         at = f" at the {words.port_words(port)} port" if port else ""
         return f"Something material enters{at} that no effect of the catalogue explains."
     if diagnosis.verdict == "ambiguous":
@@ -71,12 +92,20 @@ def _fit_sentence(run: RunData, row: ChannelErrors | None) -> str:
         return "Fitted, not yet diagnosed."
     unit_text, what = channel_unit(row.channel), channel_words(row.channel)
     if row.data_sheet is None:
-        return f"Refitted, not yet diagnosed: the held-out {what} error is {with_unit_text(row.refitted, unit_text)}."
+        return (
+            f"Refitted, not yet diagnosed: the held-out {what} error is "
+            f"{with_unit_text(row.refitted, unit_text)}."
+        )
     if row.refitted >= row.data_sheet:
-        return (f"Refitting does not help: the held-out {what} error is {with_unit_text(row.refitted, unit_text)}, "
-                f"{words.short(row.data_sheet)} from the data sheet; the cause is not yet diagnosed.")  # fmt: skip
-    return (f"Refitting takes the held-out {what} error from {words.short(row.data_sheet)} to "
-            f"{with_unit_text(row.refitted, unit_text)}; what is left is not yet diagnosed.")  # fmt: skip
+        return (
+            f"Refitting does not help: the held-out {what} error is "
+            f"{with_unit_text(row.refitted, unit_text)}, "
+            f"{words.short(row.data_sheet)} from the data sheet; the cause is not yet diagnosed."
+        )
+    return (
+        f"Refitting takes the held-out {what} error from {words.short(row.data_sheet)} to "
+        f"{with_unit_text(row.refitted, unit_text)}; what is left is not yet diagnosed."
+    )
 
 
 def _removes(diagnosis: Diagnosis) -> str:
@@ -91,20 +120,27 @@ def _gain(row: ChannelErrors | None) -> str:
 
 
 def ports_title(where: Where) -> str:
-    """ "81 % of the gap enters at the joint port, 12 % at the muscle port", or that the verdict names another port. """
+    """ "81 % of the gap enters at the joint port, 12 % at the muscle port", or that the verdict
+    names another port."""
     ordered = sorted(where.shares, key=lambda one: -one[1])
     named = [one for one in ordered if one[0] == where.port]
     if named and named[0][1] < ordered[0][1]:
-        return (f"{percent(ordered[0][1])} of the gap might enter at the {words.port_words(ordered[0][0])} port; the "
-                f"verdict names the {words.port_words(where.port)} port, with {percent(named[0][1])}")  # fmt: skip
+        return (
+            f"{percent(ordered[0][1])} of the gap might enter at the "
+            f"{words.port_words(ordered[0][0])} port; the "
+            f"verdict names the {words.port_words(where.port)} port, with {percent(named[0][1])}"
+        )
     ordered = named + [one for one in ordered if one[0] != where.port]
     (port, share), others = ordered[0], ordered[1:2]
-    tail = f", {percent(others[0][1])} at the {words.port_words(others[0][0])} port" if others else ""
+    tail = (
+        f", {percent(others[0][1])} at the {words.port_words(others[0][0])} port" if others else ""
+    )
     return f"{percent(share)} of the gap enters at the {words.port_words(port)} port{tail}"
 
 
 def sensor_words(name: str) -> str:
-    """ "force_1_n and force_2_n" -> "force 1 and force 2"; "the value at port angle_sensor" -> "... angle sensor". """
+    """ "force_1_n and force_2_n" -> "force 1 and force 2"; "the value at port angle_sensor" -> "...
+    angle sensor"."""
     if name.startswith("the "):
         return words.port_words(name)
     return words.join(map(channel_words, name.split(" and ")))
@@ -116,46 +152,65 @@ def split_words(sensor: Sensor) -> list[str]:
 
 
 def regime_words(one: Regime) -> str:
-    """ "velocity between -2 and 2 deg/s". """
+    """ "velocity between -2 and 2 deg/s"."""
     unit_text = words.unit_words(one.unit)
     if one.low is not None and one.high is not None:
-        place = f"{words.port_words(one.signal)} between {words.short(one.low)} and {words.short(one.high)}"
+        place = (
+            f"{words.port_words(one.signal)} between {words.short(one.low)} and "
+            f"{words.short(one.high)}"
+        )
         return place + (f"{words.SPACE}{unit_text}" if unit_text else "")
-    return f"{words.port_words(one.signal)} {words.span(one.low, one.high, unit_text)}".replace(words.DASH, "")
+    return f"{words.port_words(one.signal)} {words.span(one.low, one.high, unit_text)}".replace(
+        words.DASH, ""
+    )
 
 
 def regimes_title(told: list[Regime]) -> str:
-    """ "70 % of the gap lies in 20 % of the time: velocity between -2 and 2 deg/s". """
+    """ "70 % of the gap lies in 20 % of the time: velocity between -2 and 2 deg/s"."""
     best = told[0]
-    return f"{percent(best.share_of_gap)} of the gap lies in {percent(best.share_of_time)} of the time: " \
-           f"{regime_words(best)}"  # fmt: skip
+    return (
+        f"{percent(best.share_of_gap)} of the gap lies in {percent(best.share_of_time)} of the "
+        "time: "
+        f"{regime_words(best)}"
+    )
 
 
 def missing_title(port: str, signal: str, share: float) -> str:
-    """ "Velocity alone accounts for 31 % of what is missing at the joint port". """
+    """ "Velocity alone accounts for 31 % of what is missing at the joint port"."""
     at = f" at the {words.port_words(port)} port" if port else ""
     text = f"{words.port_words(signal)} alone accounts for {percent(share)} of what is missing{at}"
     return words.sentence(text).removesuffix(".")
 
 
 def ranking_title(diagnosis: Diagnosis) -> str:
-    """The best candidate against the runner-up; for verdicts without a cause, how far the best falls short."""
+    """The best candidate against the runner-up; for verdicts without a cause, how far the best
+    falls short."""
     best, second = diagnosis.ranking[0], runner_up(diagnosis)
     if diagnosis.verdict in ("unknown-effect", "no-structural-gap"):
-        tail = "not enough to be named" if diagnosis.verdict == "unknown-effect" else "no effect is needed"
-        return words.sentence(f"the best candidate, {effect_words(best.effect)}, removes {percent(best.shrinkage)} "
-                              f"of the held-out error{over_channels(diagnosis)}; {tail}").removesuffix(".")  # fmt: skip
+        tail = (
+            "not enough to be named"
+            if diagnosis.verdict == "unknown-effect"
+            else "no effect is needed"
+        )
+        return words.sentence(
+            f"the best candidate, {effect_words(best.effect)}, removes {percent(best.shrinkage)} "
+            f"of the held-out error{over_channels(diagnosis)}; {tail}"
+        ).removesuffix(".")
     if second is None or second.shrinkage is None:
-        text = f"{effect_words(best.effect)} removes {percent(best.shrinkage)} of the held-out error"
+        text = (
+            f"{effect_words(best.effect)} removes {percent(best.shrinkage)} of the held-out error"
+        )
     else:
-        text = (f"{effect_words(best.effect)} removes {percent(best.shrinkage)} of the held-out error"
-                f"{over_channels(diagnosis)}, the runner-up {effect_words(second.effect)} "
-                f"{percent(second.shrinkage)}")  # fmt: skip
+        text = (
+            f"{effect_words(best.effect)} removes {percent(best.shrinkage)} of the held-out error"
+            f"{over_channels(diagnosis)}, the runner-up {effect_words(second.effect)} "
+            f"{percent(second.shrinkage)}"
+        )
     return words.sentence(text).removesuffix(".")
 
 
 def budget_title(rows: tuple[ChannelErrors, ...], diagnosis: Diagnosis | None) -> str:
-    """ "Coulomb friction removes 78 % of the held-out angle error". """
+    """ "Coulomb friction removes 78 % of the held-out angle error"."""
     row = headline(rows)
     if row is None or row.refitted is None:
         return "Held-out error of each model"
@@ -163,27 +218,49 @@ def budget_title(rows: tuple[ChannelErrors, ...], diagnosis: Diagnosis | None) -
     explained = diagnosis is not None and diagnosis.verdict == "explained"
     if explained and diagnosis is not None and row.with_cause is not None and row.refitted > 0:
         share = row.shrinkage if row.shrinkage is not None else 1.0 - row.with_cause / row.refitted
-        text = f"{causes_words(diagnosis)} {_removes(diagnosis)} {percent(share)} of the held-out {what} error"
+        text = (
+            f"{causes_words(diagnosis)} {_removes(diagnosis)} {percent(share)} of the held-out "
+            f"{what} error"
+        )
         return words.sentence(text).removesuffix(".")
     if row.data_sheet is None:
-        return f"The refitted model errs by {with_unit_text(row.refitted, unit_text)} in {what}, held out"
+        return (
+            f"The refitted model errs by {with_unit_text(row.refitted, unit_text)} in {what}, "
+            "held out"
+        )
     text = f"Refitting changes the held-out {what} error from {words.short(row.data_sheet)} to "
     text += with_unit_text(row.refitted, unit_text)
-    return text if row.noise_floor is None else f"{text}; the noise floor is {words.short(row.noise_floor)}"
+    return (
+        text
+        if row.noise_floor is None
+        else f"{text}; the noise floor is {words.short(row.noise_floor)}"
+    )
 
 
-def window_title(channel: str, window: Window, diagnosis: Diagnosis | None, kinds: tuple[str, ...]) -> str:
-    """ "Worst held-out window: the angle error falls from 1.20 to 0.210 deg with Coulomb friction". """
+def window_title(
+    channel: str, window: Window, diagnosis: Diagnosis | None, kinds: tuple[str, ...]
+) -> str:
+    """ "Worst held-out window: the angle error falls from 1.20 to 0.210 deg with Coulomb
+    friction"."""
     part = "held-out" if window.held_out else "fitted"
     what, unit_text = channel_words(channel), channel_unit(channel)
     before = window.mae["refitted"]
     for kind in reversed(kinds):
         if kind in ("cause", "network") and kind in window.mae:
-            cause = causes_words(diagnosis) if diagnosis is not None and kind == "cause" else "the network"
+            cause = (
+                causes_words(diagnosis)
+                if diagnosis is not None and kind == "cause"
+                else "the network"
+            )
             change = "falls" if window.mae[kind] < before else "grows"
-            return (f"Worst {part} window: the {what} error {change} from {words.short(before)} to "
-                    f"{with_unit_text(window.mae[kind], unit_text)} with {cause}")  # fmt: skip
-    return f"Worst {part} window: the refitted model errs by {with_unit_text(before, unit_text)} in {what}"
+            return (
+                f"Worst {part} window: the {what} error {change} from {words.short(before)} to "
+                f"{with_unit_text(window.mae[kind], unit_text)} with {cause}"
+            )
+    return (
+        f"Worst {part} window: the refitted model errs by {with_unit_text(before, unit_text)} "
+        f"in {what}"
+    )
 
 
 def pulls_title(pulls: tuple[Pull, ...]) -> str:
@@ -199,12 +276,18 @@ def pulls_title(pulls: tuple[Pull, ...]) -> str:
 
 def training_title(trace: dict[str, FloatArray], network: Network | None) -> str:
     """Where the training ended, and how many parameters it uses."""
-    text = f"Training ends at iteration {words.count(float(trace['iteration'][-1]))} with an MSE of "
+    text = (
+        f"Training ends at iteration {words.count(float(trace['iteration'][-1]))} with an MSE of "
+    )
     text += words.short(float(trace["mse"][-1]))
     gamma = trace.get("gamma")
     if gamma is None or not np.isfinite(gamma[-1]):
         return text
-    of = f" of {words.count(network.n_weights)}" if network is not None and network.n_weights is not None else ""
+    of = (
+        f" of {words.count(network.n_weights)}"
+        if network is not None and network.n_weights is not None
+        else ""
+    )
     return f"{text}, using {words.short(float(gamma[-1]))}{of} parameters"
 
 

@@ -1,4 +1,5 @@
-"""Sheets of A4: text, tables and drawings one below the other, broken into pages, written as one PDF."""
+"""Sheets of A4: text, tables and drawings one below the other, broken into pages, written as one
+PDF."""
 
 from __future__ import annotations
 
@@ -21,8 +22,8 @@ from pamid.report.style import Drawing, colour, label, settings
 WIDE_IN, TALL_IN, SIDE_IN, TOP_IN, FOOT_IN = 8.27, 11.69, 0.62, 0.55, 0.7
 TEXT_IN = WIDE_IN - 2.0 * SIDE_IN
 CREATOR = "pamid"
-LINE = 1.38             # line height in font sizes
-GAP_IN = 0.14           # between the columns of a table
+LINE = 1.38  # line height in font sizes
+GAP_IN = 0.14  # between the columns of a table
 _PIECES = re.compile(r"[^\s_-]*[_-]+\s*|[^\s_-]+\s*")  # what a line may be broken behind
 
 
@@ -39,7 +40,9 @@ class Style:
     mark: str = ""
 
     def scaled(self, factor: float) -> Style:
-        return replace(self, size=factor * self.size, before=factor * self.before, after=factor * self.after)
+        return replace(
+            self, size=factor * self.size, before=factor * self.before, after=factor * self.after
+        )
 
     @property
     def line_in(self) -> float:
@@ -50,9 +53,11 @@ class Style:
 class Page:
     """What stands where, in from the top left corner."""
 
-    texts: list[tuple[float, float, str, Style, str]] = field(default_factory=list)   # x, baseline y, text, style, side
-    rules: list[tuple[float, float, float, str]] = field(default_factory=list)        # x, to x, y, role
-    drawings: list[tuple[float, float, Drawing]] = field(default_factory=list)        # top, height
+    # x, baseline y, text, style, side
+    texts: list[tuple[float, float, str, Style, str]] = field(default_factory=list)
+    # x, to x, y, role
+    rules: list[tuple[float, float, float, str]] = field(default_factory=list)
+    drawings: list[tuple[float, float, Drawing]] = field(default_factory=list)  # top, height
 
 
 class Sheets:
@@ -103,23 +108,36 @@ class Sheets:
         self.pages[-1].drawings.append((self._y, height, drawing))
         self._y += height + 0.12
 
-    def table(self, rows: Sequence[Sequence[str]], numeric: frozenset[int], head: Style, body: Style) -> None:
+    def table(
+        self, rows: Sequence[Sequence[str]], numeric: frozenset[int], head: Style, body: Style
+    ) -> None:
         """The first row is the head; it stands again on every page that the table reaches."""
         widths = _widths(rows, head, body)
         for k, row in enumerate(rows):
             style = body if k else head
-            cells = [[line for part in cell.split("\n") for line in wrapped(part, style, width)]
-                     for cell, width in zip(row, widths, strict=True)]  # fmt: skip
+            cells = [
+                [line for part in cell.split("\n") for line in wrapped(part, style, width)]
+                for cell, width in zip(row, widths, strict=True)
+            ]
             height = max(map(len, cells)) * style.line_in + 0.05
             if height > self.left_in:
                 self.turn()
                 if k:
-                    self._row([wrapped(cell, head, width) for cell, width in zip(rows[0], widths, strict=True)], widths,
-                              numeric, head)
+                    self._row(
+                        [
+                            wrapped(cell, head, width)
+                            for cell, width in zip(rows[0], widths, strict=True)
+                        ],
+                        widths,
+                        numeric,
+                        head,
+                    )
             self._row(cells, widths, numeric, style)
         self._y += 0.1
 
-    def _row(self, cells: list[list[str]], widths: list[float], numeric: frozenset[int], style: Style) -> None:
+    def _row(
+        self, cells: list[list[str]], widths: list[float], numeric: frozenset[int], style: Style
+    ) -> None:
         top, x = self._y, SIDE_IN
         for column, (lines, width) in enumerate(zip(cells, widths, strict=True)):
             for k, line in enumerate(lines):
@@ -128,7 +146,9 @@ class Sheets:
                 self._put(at, line, style, "right" if column in numeric else "left")
             x += width + GAP_IN
         self._y = top + max(map(len, cells)) * style.line_in + 0.05
-        self.pages[-1].rules.append((SIDE_IN, SIDE_IN + sum(widths) + GAP_IN * (len(widths) - 1), self._y, "line"))
+        self.pages[-1].rules.append(
+            (SIDE_IN, SIDE_IN + sum(widths) + GAP_IN * (len(widths) - 1), self._y, "line")
+        )
 
     def _put(self, x: float, text: str, style: Style, side: str = "left") -> None:
         self.pages[-1].texts.append((x, self._y - 0.25 * style.line_in, text, style, side))
@@ -136,8 +156,18 @@ class Sheets:
     def pdf(self, title: str) -> bytes:
         """All pages with their numbers; the same content gives the same bytes."""
         buffer = io.BytesIO()
-        with settings(title), PdfPages(buffer, metadata={"Title": title, "CreationDate": None, "Creator": CREATOR,
-                                                         "Producer": None}) as file:  # fmt: skip
+        with (
+            settings(title),
+            PdfPages(
+                buffer,
+                metadata={
+                    "Title": title,
+                    "CreationDate": None,
+                    "Creator": CREATOR,
+                    "Producer": None,
+                },
+            ) as file,
+        ):
             for number, page in enumerate(self.pages, start=1):
                 file.savefig(_figure(page, title, f"{number} of {len(self.pages)}"))
         return buffer.getvalue()
@@ -157,7 +187,11 @@ def wrapped(text: str, style: Style, width: float) -> list[str]:
 def _broken(text: str, style: Style, width: float) -> Iterator[str]:
     for word in _PIECES.findall(text):
         while width_of(word.rstrip(), style) > width and len(word) > 1:
-            part = next(n for n in range(len(word) - 1, 0, -1) if n == 1 or width_of(word[:n], style) <= width)
+            part = next(
+                n
+                for n in range(len(word) - 1, 0, -1)
+                if n == 1 or width_of(word[:n], style) <= width
+            )
             yield word[:part]
             word = word[part:]
         yield word
@@ -178,15 +212,24 @@ def _points(text: str, bold: bool) -> float:
 
 @lru_cache(maxsize=2)
 def _font(bold: bool) -> Any:
-    font = FT2Font(findfont(FontProperties(family="DejaVu Sans", weight="bold" if bold else "normal")))
+    font = FT2Font(
+        findfont(FontProperties(family="DejaVu Sans", weight="bold" if bold else "normal"))
+    )
     font.set_size(100.0, 72.0)
     return font
 
 
 def _widths(rows: Sequence[Sequence[str]], head: Style, body: Style) -> list[float]:
     """Columns as wide as their widest cell where there is room; else the widest give way."""
-    natural = [max(width_of(label(part, len(part) + 1), style) for cell, style in _cells(rows, column, head, body)
-                   for part in cell.split("\n")) + 0.01 for column in range(len(rows[0]))]  # fmt: skip
+    natural = [
+        max(
+            width_of(label(part, len(part) + 1), style)
+            for cell, style in _cells(rows, column, head, body)
+            for part in cell.split("\n")
+        )
+        + 0.01
+        for column in range(len(rows[0]))
+    ]
     room = TEXT_IN - GAP_IN * (len(natural) - 1)
     if sum(natural) <= room:
         return natural
@@ -200,7 +243,9 @@ def _widths(rows: Sequence[Sequence[str]], head: Style, body: Style) -> list[flo
     return [one if one <= limit and wide else min(one, share) for one in natural]
 
 
-def _cells(rows: Sequence[Sequence[str]], column: int, head: Style, body: Style) -> Iterator[tuple[str, Style]]:
+def _cells(
+    rows: Sequence[Sequence[str]], column: int, head: Style, body: Style
+) -> Iterator[tuple[str, Style]]:
     for k, row in enumerate(rows):
         yield row[column], body if k else head
 
@@ -213,18 +258,43 @@ def _figure(page: Page, title: str, number: str) -> Figure:
         for top, height, _ in page.drawings:
             heights += [top - y, height]
             y = top + height
-        places = GridSpec(len(heights) + 1, 3, figure=figure, height_ratios=[*heights, TALL_IN - y],
-                          width_ratios=[SIDE_IN, TEXT_IN, SIDE_IN])  # fmt: skip
+        places = GridSpec(
+            len(heights) + 1,
+            3,
+            figure=figure,
+            height_ratios=[*heights, TALL_IN - y],
+            width_ratios=[SIDE_IN, TEXT_IN, SIDE_IN],
+        )
         for k, (_, _, drawing) in enumerate(page.drawings):
             drawing.draw(cast(Figure, figure.add_subfigure(places[2 * k + 1, 1])), False)
     for x, y, text, style, side in page.texts:
-        figure.text(x / WIDE_IN, 1.0 - y / TALL_IN, text, fontsize=style.size, color=colour(style.role), ha=side,
-                    fontweight="bold" if style.bold else "normal", va="baseline")  # fmt: skip
+        figure.text(
+            x / WIDE_IN,
+            1.0 - y / TALL_IN,
+            text,
+            fontsize=style.size,
+            color=colour(style.role),
+            ha=side,
+            fontweight="bold" if style.bold else "normal",
+            va="baseline",
+        )
     for x, to, y, role in page.rules:
         ends = [x / WIDE_IN, to / WIDE_IN], [1.0 - y / TALL_IN] * 2
         figure.add_artist(Line2D(*ends, color=colour(role), linewidth=0.6))
     foot = Style(7.5, role="muted")
-    figure.text(SIDE_IN / WIDE_IN, 0.4 / TALL_IN, wrapped(title, foot, TEXT_IN - 1.0)[0], fontsize=7.5,
-                color=colour("muted"))
-    figure.text(1.0 - SIDE_IN / WIDE_IN, 0.4 / TALL_IN, number, fontsize=7.5, color=colour("muted"), ha="right")
+    figure.text(
+        SIDE_IN / WIDE_IN,
+        0.4 / TALL_IN,
+        wrapped(title, foot, TEXT_IN - 1.0)[0],
+        fontsize=7.5,
+        color=colour("muted"),
+    )
+    figure.text(
+        1.0 - SIDE_IN / WIDE_IN,
+        0.4 / TALL_IN,
+        number,
+        fontsize=7.5,
+        color=colour("muted"),
+        ha="right",
+    )
     return figure

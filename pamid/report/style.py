@@ -1,7 +1,9 @@
-"""How the figures look, and how one drawing becomes a PNG file and two SVG texts that follow the page's colours.
+"""How the figures look, and how one drawing becomes a PNG file and two SVG texts that follow the
+page's colours.
 
-Colours are those of Okabe and Ito (2008), told apart with any colour vision; every bar and line is named as well. In
-the SVG each colour is replaced by a variable of the page, so that one picture serves light and dark.
+Colours are those of Okabe and Ito (2008), told apart with any colour vision; every bar and line is
+named as well. In the SVG each colour is replaced by a variable of the page, so that one picture
+serves light and dark.
 """
 
 from __future__ import annotations
@@ -85,7 +87,8 @@ _SIZE = re.compile(r'<svg [^>]*viewBox="([^"]*)"[^>]*>')
 
 @dataclass(frozen=True)
 class Drawing:
-    """What to draw: `draw(figure, narrow)` fills an empty figure; heights in inches; `title` states a finding."""
+    """What to draw: `draw(figure, narrow)` fills an empty figure; heights in inches; `title` states
+    a finding."""
 
     name: str
     title: str
@@ -96,7 +99,8 @@ class Drawing:
 
 @dataclass(frozen=True)
 class Picture:
-    """A drawing carried out: SVG for wide and narrow pages, PNG with its title for papers and slides."""
+    """A drawing carried out: SVG for wide and narrow pages, PNG with its title for papers and
+    slides."""
 
     name: str
     title: str
@@ -124,7 +128,9 @@ def colour(role: str) -> str:
 def label(text: str, longest: int = 34) -> str:
     """Text as it may stand in a figure: one line, not too long, only letters that the font has."""
     known = _letters()
-    shown = "".join(letter if letter in known else "\ufffd" for letter in clean(text).replace("\u00a0", " "))
+    shown = "".join(
+        letter if letter in known else "\ufffd" for letter in clean(text).replace("\u00a0", " ")
+    )
     return shown if len(shown) <= longest else shown[: longest - 1] + "…"
 
 
@@ -141,13 +147,21 @@ def bare(axes: Axes) -> None:
 
 def legend_above(axes: Axes, columns: int) -> None:
     """The legend between the title and the axes, where it hides nothing."""
-    axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, handlelength=1.8, columnspacing=1.2,
-                borderaxespad=0.3, borderpad=0.0)
+    axes.legend(
+        loc="lower left",
+        bbox_to_anchor=(0.0, 1.0),
+        ncols=columns,
+        handlelength=1.8,
+        columnspacing=1.2,
+        borderaxespad=0.3,
+        borderpad=0.0,
+    )
 
 
 @contextmanager
 def settings(salt: str) -> Iterator[None]:
-    """Everything drawn inside looks the same whatever the user's matplotlibrc says; salt: of the names in an SVG."""
+    """Everything drawn inside looks the same whatever the user's matplotlibrc says; salt: of the
+    names in an SVG."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()  # a matplotlibrc of the user's must not change the report
         matplotlib.rcParams.update({**SETTINGS, "svg.hashsalt": salt})
@@ -161,7 +175,11 @@ def _svg(drawing: Drawing, *, narrow: bool) -> str:
         FigureCanvasSVG(figure)
         drawing.draw(figure, narrow)
         buffer = io.StringIO()
-        figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+        figure.savefig(
+            buffer,
+            format="svg",
+            metadata={"Date": None, "Creator": None, "Format": None, "Type": None},
+        )
     text = buffer.getvalue()
     return _for_page(text[text.index("<svg") :])
 
@@ -169,12 +187,20 @@ def _svg(drawing: Drawing, *, narrow: bool) -> str:
 def _png(drawing: Drawing) -> bytes:
     with settings(drawing.name):
         lines = textwrap.wrap(label(drawing.title, 400), 88)
-        figure = Figure(figsize=(WIDE_IN, drawing.height + 0.2 + 0.19 * len(lines)), layout="constrained")
+        figure = Figure(
+            figsize=(WIDE_IN, drawing.height + 0.2 + 0.19 * len(lines)), layout="constrained"
+        )
         FigureCanvasAgg(figure)
         drawing.draw(figure, False)
         figure.suptitle("\n".join(lines), x=0.012, ha="left", fontsize=10.5, fontweight="bold")
         buffer = io.BytesIO()
-        figure.savefig(buffer, format="png", dpi=PNG_DPI, facecolor=colour("paper"), metadata={"Software": None})
+        figure.savefig(
+            buffer,
+            format="png",
+            dpi=PNG_DPI,
+            facecolor=colour("paper"),
+            metadata={"Software": None},
+        )
     return buffer.getvalue()
 
 
@@ -183,7 +209,11 @@ def _for_page(svg: str) -> str:
     svg = _SHEET.sub("", _METADATA.sub("", _COMMENT.sub("", svg)))
     svg = _NAMED_GROUP.sub("<g>", svg)
     svg = _STYLE_ATTRIBUTE.sub(lambda style: _page_style(style.group()), svg)
-    svg = _SIZE.sub(r'<svg viewBox="\1" xmlns:xlink="http://www.w3.org/1999/xlink" aria-hidden="true">', svg, count=1)
+    svg = _SIZE.sub(
+        r'<svg viewBox="\1" xmlns:xlink="http://www.w3.org/1999/xlink" aria-hidden="true">',
+        svg,
+        count=1,
+    )
     return "\n".join(line.strip() for line in svg.splitlines() if line.strip())
 
 

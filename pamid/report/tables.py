@@ -10,21 +10,34 @@ from pamid.report.diagnosed import Diagnosis, Estimate, Transfer, Where
 from pamid.report.load import Fit, LoopError, Parameter, RunData, Step, Together
 from pamid.report.markup import Html, Part, tag
 from pamid.report.sentences import sensor_words, split_words
-from pamid.report.words import channel_unit, channel_words, count, effect_words, number, percent, percent_span
+from pamid.report.words import (
+    channel_unit,
+    channel_words,
+    count,
+    effect_words,
+    number,
+    percent,
+    percent_span,
+)
 
 STRAINED = 3.0
-#: figures of `grounds` in diagnosis.json -> what each one is; all on the held-out windows that choose
+#: figures of `grounds` in diagnosis.json -> what each one is; all on the held-out windows that
+#: choose
 GROUNDS = {
-    "visible": "Error of the refitted model over the noise floor, in the channel where it is largest.",
-    "gap": "Error of the refitted model above the noise floor, in floors, summed over the channels.",
-    "of_signal": "Error of the refitted model over the standard deviation of the signal, in the worst channel.",
+    "visible": "Error of the refitted model over the noise floor, in the channel where it is "
+    "largest.",
+    "gap": "Error of the refitted model above the noise floor, in floors, summed over the "
+    "channels.",
+    "of_signal": "Error of the refitted model over the standard deviation of the signal, in the "
+    "worst channel.",
     "left": "Share of the gap that remains with the best model.",
     "ceiling": "Share of the gap that a black box trained on the same data leaves.",
     "shrinkage": "Share of the error that the best model removes.",
     "gain": "Log squared error per channel that the best model gains on the refitted one.",
     "sure": "The same gain in its standard errors.",
     "helps": "Share of the resampled window sets on which the first candidate helps at all.",
-    "margin": "Share of the gap by which the best candidate of another family is worse than the first.",
+    "margin": "Share of the gap by which the best candidate of another family is worse than the "
+    "first.",
     "margin_gain": "The same margin in log squared error per channel.",
     "margin_sure": "The same margin in its standard errors.",
     "wins": "Share of the resampled window sets that the family of the first candidate wins.",
@@ -37,13 +50,17 @@ GROUNDS = {
 SHARES = frozenset({"left", "ceiling", "shrinkage", "helps", "margin", "wins", "at_port"})
 
 
-def table(heads: Iterable[str], rows: Iterable[Iterable[Part]], numeric: Iterable[int] = ()) -> Html:
+def table(
+    heads: Iterable[str], rows: Iterable[Iterable[Part]], numeric: Iterable[int] = ()
+) -> Html:
     """A table in a box that scrolls sideways on narrow pages; `numeric` columns are set right."""
     right = set(numeric)
 
     def cells(kind: str, parts: Iterable[Part]) -> list[Html]:
-        return [tag(kind, part, class_="n") if column in right else tag(kind, part)
-                for column, part in enumerate(parts)]  # fmt: skip
+        return [
+            tag(kind, part, class_="n") if column in right else tag(kind, part)
+            for column, part in enumerate(parts)
+        ]
 
     head = tag("tr", cells("th", heads))
     body = [tag("tr", cells("td", row)) for row in rows]
@@ -59,14 +76,23 @@ def mae_table(rows: tuple[ChannelErrors, ...]) -> Html:
     """Held-out MAE (eq. 11) per channel and model."""
     fields = mae_fields(rows)
     shrinks = any(row.shrinkage is not None for row in rows)
-    heads = ["channel", "unit", *(MODELS[name] for name in fields), *([f"shrinkage ({words.INTERVAL})"] * shrinks)]
+    heads = [
+        "channel",
+        "unit",
+        *(MODELS[name] for name in fields),
+        *([f"shrinkage ({words.INTERVAL})"] * shrinks),
+    ]
     body = []
     for row in rows:
         known = row.known()
         cells = [channel_words(row.channel), channel_unit(row.channel) or "-"]
         cells += [number(known.get(name)) for name in fields]
         interval = percent_span(row.low, row.high)
-        cells += [percent(row.shrinkage) + ("" if interval == words.DASH else f" ({interval})")] if shrinks else []
+        cells += (
+            [percent(row.shrinkage) + ("" if interval == words.DASH else f" ({interval})")]
+            if shrinks
+            else []
+        )
         body.append(cells)
     return table(heads, body, range(2, len(heads)))
 
@@ -78,32 +104,61 @@ def mae_text(rows: tuple[ChannelErrors, ...]) -> str:
     for row in rows:
         known, unit_text = row.known(), channel_unit(row.channel)
         name = f"{channel_words(row.channel)} [{unit_text or '-'}]"
-        lines.append([name, *(number(known.get(field)).replace(words.SPACE, " ") for field in fields)])
+        lines.append(
+            [name, *(number(known.get(field)).replace(words.SPACE, " ") for field in fields)]
+        )
     widths = [max(len(line[column]) for line in lines) for column in range(len(lines[0]))]
     return "\n".join(
-        "  ".join(cell.rjust(width) if column else cell.ljust(width)
-                  for column, (cell, width) in enumerate(zip(line, widths, strict=True))).rstrip()
+        "  ".join(
+            cell.rjust(width) if column else cell.ljust(width)
+            for column, (cell, width) in enumerate(zip(line, widths, strict=True))
+        ).rstrip()
         for line in lines
-    )  # fmt: skip
+    )
 
 
 def loop_table(errors: tuple[LoopError, ...]) -> Html:
     """MAE of the model in its own loop, with the band that small parameter changes cause."""
     heads = ["channel", "unit", "data sheet", "refitted", "band (0.1 % of conductances)"]
-    body = [[channel_words(one.channel), channel_unit(one.channel) or "-", number(one.data_sheet), number(one.refitted),
-             "" if one.band is None else f"± {number(one.band)}"] for one in errors]  # fmt: skip
+    body = [
+        [
+            channel_words(one.channel),
+            channel_unit(one.channel) or "-",
+            number(one.data_sheet),
+            number(one.refitted),
+            "" if one.band is None else f"± {number(one.band)}",
+        ]
+        for one in errors
+    ]
     return table(heads, body, (2, 3, 4))
 
 
 def parameter_table(parameters: tuple[Parameter, ...], with_cause: dict[str, Estimate]) -> Html:
     """Value, interval, prior, unit, how well it is known, strain, and what to think of it."""
     beside = any(one.name in with_cause for one in parameters)
-    heads = ["parameter", "unit", "value", words.INTERVAL, "prior", *(["with cause"] * beside), "strain", "known"]
+    heads = [
+        "parameter",
+        "unit",
+        "value",
+        words.INTERVAL,
+        "prior",
+        *(["with cause"] * beside),
+        "strain",
+        "known",
+    ]
     body: list[list[Part]] = []
     for one in parameters:
-        name: Part = [tag("code", words.clean(one.name)), tag("small", words.clean(one.source)) if one.source else ""]
-        row: list[Part] = [name, words.unit_words(one.unit) or "-", number(one.value), words.span(one.low, one.high),
-                           number(one.prior)]  # fmt: skip
+        name: Part = [
+            tag("code", words.clean(one.name)),
+            tag("small", words.clean(one.source)) if one.source else "",
+        ]
+        row: list[Part] = [
+            name,
+            words.unit_words(one.unit) or "-",
+            number(one.value),
+            words.span(one.low, one.high),
+            number(one.prior),
+        ]
         if beside:
             other = with_cause.get(one.name)
             row.append(number(other.value) if other is not None else words.DASH)
@@ -119,19 +174,45 @@ def together_table(groups: tuple[Together, ...]) -> Html:
     body: list[list[Part]] = []
     for group in groups:
         for one in group.known:
-            body.append([tag("code", words.clean(one.name)), words.unit_words(one.unit) or words.DASH,
-                         number(one.value, 5), f"{number(one.low, 5)} to {number(one.high, 5)}", number(one.prior),
-                         words.clean(", ".join(group.parameters))])  # fmt: skip
-    return table(["combination", "unit", "value", words.INTERVAL, "prior", "ties together"], body, range(2, 5))
+            body.append(
+                [
+                    tag("code", words.clean(one.name)),
+                    words.unit_words(one.unit) or words.DASH,
+                    number(one.value, 5),
+                    f"{number(one.low, 5)} to {number(one.high, 5)}",
+                    number(one.prior),
+                    words.clean(", ".join(group.parameters)),
+                ]
+            )
+    return table(
+        ["combination", "unit", "value", words.INTERVAL, "prior", "ties together"],
+        body,
+        range(2, 5),
+    )
 
 
 def parameters_of(run: RunData) -> tuple[tuple[Parameter, ...], dict[str, Estimate]]:
-    """The fitted parameters, and those of the diagnosis beside them; the latter alone where there is no fit."""
+    """The fitted parameters, and those of the diagnosis beside them; the latter alone where there
+    is no fit."""
     found = run.diagnosis.parameters if run.diagnosis is not None else {}
     if run.fit is not None and run.fit.parameters:
-        return run.fit.parameters, found if run.diagnosis is not None and run.diagnosis.causes else {}
+        return (
+            run.fit.parameters,
+            found if run.diagnosis is not None and run.diagnosis.causes else {},
+        )
     alone = tuple(
-        Parameter(name, one.value, one.low, one.high, one.prior, words.channel_unit(name), "", "", one.strain, "")
+        Parameter(
+            name,
+            one.value,
+            one.low,
+            one.high,
+            one.prior,
+            words.channel_unit(name),
+            "",
+            "",
+            one.strain,
+            "",
+        )
         for name, one in found.items()
     )
     return alone, {}
@@ -140,7 +221,9 @@ def parameters_of(run: RunData) -> tuple[tuple[Parameter, ...], dict[str, Estima
 def _remark(one: Parameter, strained: bool) -> str:
     told = [words.clean(one.word)] if one.word else []
     told += ["may be absorbing structure"] if strained else []
-    told += [f"at its {'lower' if one.at_bound == 'low' else 'upper'} bound"] if one.at_bound else []
+    told += (
+        [f"at its {'lower' if one.at_bound == 'low' else 'upper'} bound"] if one.at_bound else []
+    )
     return ", ".join(told) or words.DASH
 
 
@@ -148,52 +231,87 @@ def ranking_table(diagnosis: Diagnosis) -> Html:
     """Every candidate that was refitted, with its errors per channel."""
     channels = list(dict.fromkeys(name for one in diagnosis.ranking for name in one.held_out))
     heads = ["effect", "family", "port", "P", "removed", words.INTERVAL]
-    heads += [f"{channel_words(name)} MAE [{channel_unit(name) or '-'}]" for name in channels] + ["remark"]
+    heads += [f"{channel_words(name)} MAE [{channel_unit(name) or '-'}]" for name in channels] + [
+        "remark"
+    ]
     body: list[list[Part]] = []
     for one in diagnosis.ranking:
-        row: list[Part] = [tag("code", words.clean(one.effect)), effect_words(one.family), words.port_words(one.port)]
+        row: list[Part] = [
+            tag("code", words.clean(one.effect)),
+            effect_words(one.family),
+            words.port_words(one.port),
+        ]
         row += [number(one.probability, 2), percent(one.shrinkage), percent_span(one.low, one.high)]
         for name in channels:
             before, after = one.held_out.get(name, (None, None))
             row.append(words.DASH if after is None else f"{number(before)} → {number(after)}")
-        body.append([*row, "" if one.converged else f"not converged: {words.clean(one.why) or 'no reason given'}"])
+        body.append(
+            [
+                *row,
+                ""
+                if one.converged
+                else f"not converged: {words.clean(one.why) or 'no reason given'}",
+            ]
+        )
     return table(heads, body, range(3, 6 + len(channels)))
 
 
 def recordings_table(fit: Fit) -> Html:
     """What was recorded and which part it played."""
     heads = ["recording", "role", "samples", "period [ms]", "loop"]
-    body = [[words.clean(one.name), words.clean(one.role), count(one.samples),
-             words.DASH if one.period_s is None else number(1e3 * one.period_s), words.clean(one.loop) or words.DASH]
-            for one in fit.recordings]  # fmt: skip
+    body = [
+        [
+            words.clean(one.name),
+            words.clean(one.role),
+            count(one.samples),
+            words.DASH if one.period_s is None else number(1e3 * one.period_s),
+            words.clean(one.loop) or words.DASH,
+        ]
+        for one in fit.recordings
+    ]
     return table(heads, body, (2, 3))
 
 
 def steps_table(steps: tuple[Step, ...]) -> Html:
     """Every command that worked on the run."""
     heads = ["command", "seed", "begun", "ended", "outcome"]
-    body = [[tag("code", words.clean(" ".join(one.command))), count(one.seed), _moment(one.begun) or words.DASH,
-             _moment(one.ended) or "did not end", one.outcome or words.DASH] for one in steps]  # fmt: skip
+    body = [
+        [
+            tag("code", words.clean(" ".join(one.command))),
+            count(one.seed),
+            _moment(one.begun) or words.DASH,
+            _moment(one.ended) or "did not end",
+            one.outcome or words.DASH,
+        ]
+        for one in steps
+    ]
     return table(heads, body, (1,))
 
 
 def versions_words(steps: tuple[Step, ...]) -> str:
     """What the commands ran on; of several versions the latest."""
     versions = dict(pair for step in steps for pair in step.versions)
-    listed = ", ".join(f"{words.clean(name)} {words.clean(version)}" for name, version in versions.items())
-    places = words.join(dict.fromkeys(words.clean(step.platform) for step in steps if step.platform))
+    listed = ", ".join(
+        f"{words.clean(name)} {words.clean(version)}" for name, version in versions.items()
+    )
+    places = words.join(
+        dict.fromkeys(words.clean(step.platform) for step in steps if step.platform)
+    )
     return f"Versions: {listed}{f'; on {places}' if places else ''}." if listed else ""
 
 
 def _moment(stamp: str) -> str:
-    """ "2024-05-01T10:00:00+00:00" -> "2024-05-01 10:00:00 UTC". """
+    """ "2024-05-01T10:00:00+00:00" -> "2024-05-01 10:00:00 UTC"."""
     return words.clean(stamp).replace("T", " ").replace("+00:00", " UTC")
 
 
 def inputs_table(steps: tuple[Step, ...]) -> Html:
     """Every input file with the sha256 it had."""
     inputs = dict.fromkeys(pair for step in steps for pair in step.inputs)
-    return table(["input", "sha256"], [[words.clean(path), tag("code", words.clean(sha))] for path, sha in inputs])
+    return table(
+        ["input", "sha256"],
+        [[words.clean(path), tag("code", words.clean(sha))] for path, sha in inputs],
+    )
 
 
 def transfer_table(told: tuple[Transfer, ...], fit: Fit | None) -> Html:
@@ -203,26 +321,46 @@ def transfer_table(told: tuple[Transfer, ...], fit: Fit | None) -> Html:
     heads += [f"{channel_words(name)} MAE [{channel_unit(name) or '-'}]" for name in channels]
     body: list[list[Part]] = []
     for one in told:
-        known = [r.name for r in (fit.recordings if fit is not None else ()) if r.sha256.startswith(one.recording)]
-        row: list[Part] = [words.clean(known[0]) if known else tag("code", words.clean(one.recording)),
-                           words.clean(one.differs) or words.DASH]  # fmt: skip
+        known = [
+            r.name
+            for r in (fit.recordings if fit is not None else ())
+            if r.sha256.startswith(one.recording)
+        ]
+        row: list[Part] = [
+            words.clean(known[0]) if known else tag("code", words.clean(one.recording)),
+            words.clean(one.differs) or words.DASH,
+        ]
         for name in channels:
             before, after, removed = one.mae.get(name, (None, None, None))
-            row.append(words.DASH if after is None else
-                       f"{number(before)} → {number(after)} ({percent(removed)} removed)")  # fmt: skip
+            row.append(
+                words.DASH
+                if after is None
+                else f"{number(before)} → {number(after)} ({percent(removed)} removed)"
+            )
         body.append(row)
     return table(heads, body, range(2, 2 + len(channels)))
 
 
 def sensors_table(where: Where) -> Html:
     """Further sensors and the groups of ports that each would take apart."""
-    body = [[words.sentence(sensor_words(one.name)).removesuffix("."), "; ".join(split_words(one)) or words.DASH]
-            for one in where.sensors]  # fmt: skip
+    body = [
+        [
+            words.sentence(sensor_words(one.name)).removesuffix("."),
+            "; ".join(split_words(one)) or words.DASH,
+        ]
+        for one in where.sensors
+    ]
     return table(["one more sensor", "takes apart"], body)
 
 
 def grounds_table(grounds: dict[str, float]) -> Html:
     """The figures that the verdict rests on, and what each one means."""
-    body = [[words.port_words(name), percent(value) if name in SHARES else number(value), GROUNDS.get(name, words.DASH)]
-            for name, value in grounds.items()]  # fmt: skip
+    body = [
+        [
+            words.port_words(name),
+            percent(value) if name in SHARES else number(value),
+            GROUNDS.get(name, words.DASH),
+        ]
+        for name, value in grounds.items()
+    ]
     return table(["figure", "value", "meaning"], body, (1,))

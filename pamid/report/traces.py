@@ -1,5 +1,5 @@
-"""The section of the page in which every sample can be looked at: plots with one time axis and one cursor, and the
-buttons beside the answers that lead to a place in them.
+"""The section of the page in which every sample can be looked at: plots with one time axis and one
+cursor, and the buttons beside the answers that lead to a place in them.
 
 Nothing of it shows without scripts or in print: there the still pictures stand.
 """
@@ -39,16 +39,31 @@ from pamid.report.words import channel_unit, channel_words
 MEASURED = "measured"
 #: kind of trace -> the role its colour goes by, its dashes [px]; in the order they are drawn
 LOOKS: dict[str, tuple[str, tuple[int, ...]]] = {
-    MEASURED: ("ink", ()), "data_sheet": ("data-sheet", (6, 3)), "loop": ("black-box", (10, 3)),
-    "loop_network": ("black-box", (2, 2)), "refitted": ("refitted", ()), "network": ("with-network", (3, 2)),
+    MEASURED: ("ink", ()),
+    "data_sheet": ("data-sheet", (6, 3)),
+    "loop": ("black-box", (10, 3)),
+    "loop_network": ("black-box", (2, 2)),
+    "refitted": ("refitted", ()),
+    "network": ("with-network", (3, 2)),
     "cause": ("with-cause", ()),
-}  # fmt: skip
-_FIELDS = {"data_sheet": "data_sheet", "refitted": "refitted", "network": "with_network", "cause": "with_cause"}
+}
+_FIELDS = {
+    "data_sheet": "data_sheet",
+    "refitted": "refitted",
+    "network": "with_network",
+    "cause": "with_cause",
+}
 _IN_LOOP = {"loop": "refitted, own loop", "loop_network": "with network, own loop"}
-_MOVING = ("Drag across a plot to enlarge a stretch of time, down to single samples; double-click to see all of it "
-           "again. After a click into a plot the wheel and the keys +, −, ← and → work, too; on a screen to touch, two "
-           "fingers enlarge and one moves. A bar on top: held out; grey: not scored, while a window finds its start.")
-_HUGE = 4.0  # times the refitted error: a model that is off by more hides the others and is not drawn at first
+_MOVING = (
+    "Drag across a plot to enlarge a stretch of time, down to single samples; double-click to see "
+    "all of it "
+    "again. After a click into a plot the wheel and the keys +, −, ← and → work, too; on a screen "
+    "to touch, two "
+    "fingers enlarge and one moves. A bar on top: held out; grey: not scored, while a window "
+    "finds its start."
+)
+# times the refitted error: a model that is off by more hides the others and is not drawn at first
+_HUGE = 4.0
 
 
 @dataclass(frozen=True)
@@ -60,17 +75,24 @@ class Traces:
 
     def buttons(self, answer: str) -> Html:
         """The places that this answer speaks of."""
-        named = [(number, place) for number, place in enumerate(self.places) if place.answer == answer]
+        named = [
+            (number, place) for number, place in enumerate(self.places) if place.answer == answer
+        ]
         if not named:
             return Html("")
-        found = [tag("button", place.label, type="button", data_place=str(number)) for number, place in named]
+        found = [
+            tag("button", place.label, type="button", data_place=str(number))
+            for number, place in named
+        ]
         lead = "Look at the worst windows:" if answer == "how far" else "Look at the samples:"
         return tag("p", tag("span", lead), found, class_="show scripted")
 
 
 def traces_scripts() -> tuple[str, ...]:
     """What draws the plots: the library with its licence, then our own."""
-    library, licence, own = (_asset(name) for name in ("uplot.iife.min.js", "uplot.LICENSE", "traces.js"))
+    library, licence, own = (
+        _asset(name) for name in ("uplot.iife.min.js", "uplot.LICENSE", "traces.js")
+    )
     return f"/*\n{licence.strip()}\n*/\n{library.strip()}\n", own
 
 
@@ -83,8 +105,11 @@ def _asset(name: str) -> str:
     return resources.files("pamid.report").joinpath(f"assets/{name}").read_text(encoding="utf-8")
 
 
-def traces_of(run: RunData, rows: tuple[ChannelErrors, ...], most_values: int = MOST_VALUES) -> Traces:
-    """Every sample of residual.csv up to this many values; nothing where no measured channel has a model beside it."""
+def traces_of(
+    run: RunData, rows: tuple[ChannelErrors, ...], most_values: int = MOST_VALUES
+) -> Traces:
+    """Every sample of residual.csv up to this many values; nothing where no measured channel has a
+    model beside it."""
     residual = run.residual
     if residual is None or not (channels := channels_of(residual)):
         return Traces()
@@ -99,32 +124,69 @@ def traces_of(run: RunData, rows: tuple[ChannelErrors, ...], most_values: int = 
     kinds = [kind for kind in LOOKS if any(kind in plot["kinds"] for plot in plots)]
     plan = {
         "plots": plots,
-        "kinds": {kind: {"name": _kind_words(kind, run), "role": LOOKS[kind][0], "dash": LOOKS[kind][1],
-                         "off": _hides(kind, rows) or (kind in _IN_LOOP and "loop_network" not in kinds)}
-                  for kind in kinds},
+        "kinds": {
+            kind: {
+                "name": _kind_words(kind, run),
+                "role": LOOKS[kind][0],
+                "dash": LOOKS[kind][1],
+                "off": _hides(kind, rows) or (kind in _IN_LOOP and "loop_network" not in kinds),
+            }
+            for kind in kinds
+        },
         "recordings": [_recording(run, residual, one) for one in found],
-        "places": [{"label": one.label, "answer": one.answer, "recording": one.recording, "begin": one.begin,
-                    "end": one.end, "bands": one.bands} for one in places],
-    }  # fmt: skip
+        "places": [
+            {
+                "label": one.label,
+                "answer": one.answer,
+                "recording": one.recording,
+                "begin": one.begin,
+                "end": one.end,
+                "bands": one.bands,
+            }
+            for one in places
+        ],
+    }
     section = tag(
-        "section", tag("h2", "All samples"), paragraphs([_MOVING], "note scripted"),
-        tag("noscript", tag("p", "The plots of all samples need scripts; the pictures above do not.", class_="note")),
-        tag("div", class_="plots scripted"), paragraphs(_exactness(residual, found, channels), "note scripted"),
-        _blocks(residual, found, plots), class_="samples", id="samples",
+        "section",
+        tag("h2", "All samples"),
+        paragraphs([_MOVING], "note scripted"),
+        tag(
+            "noscript",
+            tag(
+                "p",
+                "The plots of all samples need scripts; the pictures above do not.",
+                class_="note",
+            ),
+        ),
+        tag("div", class_="plots scripted"),
+        paragraphs(_exactness(residual, found, channels), "note scripted"),
+        _blocks(residual, found, plots),
+        class_="samples",
+        id="samples",
         data_plan=json.dumps(plan, ensure_ascii=False, separators=(",", ":")),
-    )  # fmt: skip
+    )
     return Traces(section, tuple(places))
 
 
 def _channel_plot(residual: Residual, channel: str) -> dict[str, Any]:
     kinds = [kind for kind in LOOKS if kind == MEASURED or has(residual, channel, kind)]
-    return {"name": channel_words(channel), "unit": channel_unit(channel), "column": channel, "kinds": kinds,
-            "modelled": True}  # fmt: skip
+    return {
+        "name": channel_words(channel),
+        "unit": channel_unit(channel),
+        "column": channel,
+        "kinds": kinds,
+        "modelled": True,
+    }
 
 
 def _input_plot(column: str) -> dict[str, Any]:
-    return {"name": channel_words(column), "unit": channel_unit(column), "column": column, "kinds": [MEASURED],
-            "modelled": False}  # fmt: skip
+    return {
+        "name": channel_words(column),
+        "unit": channel_unit(column),
+        "column": column,
+        "kinds": [MEASURED],
+        "modelled": False,
+    }
 
 
 def _kind_words(kind: str, run: RunData) -> str:
@@ -134,25 +196,43 @@ def _kind_words(kind: str, run: RunData) -> str:
 
 
 def _hides(kind: str, rows: tuple[ChannelErrors, ...]) -> bool:
-    """Is the model off by so much, in the channel that leads, that nothing else could be read beside it?"""
+    """Is the model off by so much, in the channel that leads, that nothing else could be read
+    beside it?"""
     row = headline(rows)
     error = getattr(row, _FIELDS[kind]) if row is not None and kind in _FIELDS else None
-    return error is not None and row is not None and row.refitted is not None and error > _HUGE * row.refitted
+    return (
+        error is not None
+        and row is not None
+        and row.refitted is not None
+        and error > _HUGE * row.refitted
+    )
 
 
 def _recording(run: RunData, residual: Residual, stretch: Stretch) -> dict[str, Any]:
     known = run.fit.recordings if run.fit is not None else ()
     number = stretch.recording
-    name = words.clean(known[number].name) if 0 <= number < len(known) else f"recording {number + 1}"
-    return {"number": number, "name": name, "samples": stretch.rows.size,
-            "windows": [[first, last, int(held)] for first, last, held in stretch.windows]}  # fmt: skip
+    name = (
+        words.clean(known[number].name) if 0 <= number < len(known) else f"recording {number + 1}"
+    )
+    return {
+        "number": number,
+        "name": name,
+        "samples": stretch.rows.size,
+        "windows": [[first, last, int(held)] for first, last, held in stretch.windows],
+    }
 
 
-def _blocks(residual: Residual, found: Sequence[Stretch], plots: list[dict[str, Any]]) -> list[Html]:
+def _blocks(
+    residual: Residual, found: Sequence[Stretch], plots: list[dict[str, Any]]
+) -> list[Html]:
     """The samples as blocks of text that no browser runs, named by recording, plot and kind."""
     blocks = []
     for one in found:
-        blocks.append(_block(f"samples-{one.recording}-time", packed_times(residual.columns["time_s"][one.rows])))
+        blocks.append(
+            _block(
+                f"samples-{one.recording}-time", packed_times(residual.columns["time_s"][one.rows])
+            )
+        )
         for number, plot in enumerate(plots):
             for kind in plot["kinds"]:
                 values = _values(residual, plot["column"], kind)[one.rows]
@@ -161,19 +241,27 @@ def _blocks(residual: Residual, found: Sequence[Stretch], plots: list[dict[str, 
 
 
 def _block(name: str, content: Packed) -> Html:
-    return tag("script", Html(content.text), type="text/plain", id=name, data_offset=repr(content.offset),
-               data_step=repr(content.step))  # fmt: skip
+    return tag(
+        "script",
+        Html(content.text),
+        type="text/plain",
+        id=name,
+        data_offset=repr(content.offset),
+        data_step=repr(content.step),
+    )
 
 
 def _values(residual: Residual, column: str, kind: str) -> FloatArray:
-    """A trace as it is drawn. The cause was run over what was held out; before it stands a copy of the refitted model,
-    which is no trace of the cause."""
+    """A trace as it is drawn. The cause was run over what was held out; before it stands a copy of
+    the refitted model, which is no trace of the cause."""
     values = residual.columns[column] if kind == MEASURED else residual.of(column, kind)
     assert values is not None
     if kind != "cause":
         return values
     fitted, refitted = residual.columns["part"] == 0, residual.of(column, "refitted")
-    copied = refitted is not None and np.array_equal(values[fitted], refitted[fitted], equal_nan=True)
+    copied = refitted is not None and np.array_equal(
+        values[fitted], refitted[fitted], equal_nan=True
+    )
     return np.where(fitted, np.nan, values) if copied else values
 
 
@@ -181,13 +269,25 @@ def _exactness(residual: Residual, found: Sequence[Stretch], channels: list[str]
     """How exact the numbers are, and what is left out."""
     exact = []
     for channel in channels:
-        traces = [_values(residual, channel, kind) for kind in (MEASURED, *KINDS)
-                  if kind == MEASURED or has(residual, channel, kind)]
+        traces = [
+            _values(residual, channel, kind)
+            for kind in (MEASURED, *KINDS)
+            if kind == MEASURED or has(residual, channel, kind)
+        ]
         span = max(float(np.nanmax(one) - np.nanmin(one)) for one in traces)
-        exact.append(f"{channel_words(channel)} {words.with_unit_text(0.5 * span / LEVELS, channel_unit(channel), 2)}")
-    told = ["Every sample is here, in 65535 steps over the span of its trace, so that a value is off by at most: "
-            f"{words.join(exact)}."]
+        exact.append(
+            f"{channel_words(channel)} "
+            f"{words.with_unit_text(0.5 * span / LEVELS, channel_unit(channel), 2)}"
+        )
+    told = [
+        "Every sample is here, in 65535 steps over the span of its trace, so that a value is off "
+        "by at most: "
+        f"{words.join(exact)}."
+    ]
     if any(one.cut for one in found):
-        told.append("The recordings are too long for a page: a part of what was fitted is left out; residual.csv has "
-                    "all of it.")
+        told.append(
+            "The recordings are too long for a page: a part of what was fitted is left out; "
+            "residual.csv has "
+            "all of it."
+        )
     return told

@@ -27,8 +27,8 @@ class Share:
 
 @dataclass(frozen=True)
 class Scored:
-    """A row of the table with its figure and interval in the row's unit, None where there were no cases; texts: its
-    cells as the terminal shows them."""
+    """A row of the table with its figure and interval in the row's unit, None where there were no
+    cases; texts: its cells as the terminal shows them."""
 
     row: Row
     texts: tuple[str, ...]
@@ -54,8 +54,8 @@ class Bin:
 
 @dataclass(frozen=True)
 class Trial:
-    """trial.json. strata: dimension -> bin -> rate -> share; confusion: planted family -> answer -> cases; content: the
-    file as it stands, every part of it checked."""
+    """trial.json. strata: dimension -> bin -> rate -> share; confusion: planted family -> answer ->
+    cases; content: the file as it stands, every part of it checked."""
 
     content: Mapping[str, Any]
     scored: tuple[Scored, ...]
@@ -85,15 +85,23 @@ def read_trial(path: Path) -> Trial | None:
         if key not in parts["rates"]:
             Node(path, "rates", {}).refuse(key, "a rate")
         _share(parts["rates"][key])
-    scored = tuple(_scored(row, parts[row.section][row.key], node) for row in rows_of(node.content)
-                   if row.key in parts[row.section])
-    strata = {name: {key: _rates(bin_) for key, bin_ in one.nested().items()}
-              for name, one in node.children("strata").items()}  # fmt: skip
+    scored = tuple(
+        _scored(row, parts[row.section][row.key], node)
+        for row in rows_of(node.content)
+        if row.key in parts[row.section]
+    )
+    strata = {
+        name: {key: _rates(bin_) for key, bin_ in one.nested().items()}
+        for name, one in node.children("strata").items()
+    }
     failures = node.child("failures")
     return Trial(
         content=node.content,
         scored=scored,
-        reliability=tuple(Bin(one.number("said"), _share(one.needed("right"))) for one in node.listed("reliability")),
+        reliability=tuple(
+            Bin(one.number("said"), _share(one.needed("right")))
+            for one in node.listed("reliability")
+        ),
         strata=strata,
         confusion={name: one.numbers() for name, one in node.children("confusion").items()},
         failures={} if failures is None else {key: failures.text(key) for key in failures.content},
@@ -121,28 +129,45 @@ def _rates(node: Node) -> dict[str, Share]:
 def _share(node: Node) -> Share:
     if node.number("of") > 0:
         node.number("share")
-    return Share(node.maybe("share"), node.number("low"), node.number("high"), node.number("hits"), node.number("of"))
+    return Share(
+        node.maybe("share"),
+        node.number("low"),
+        node.number("high"),
+        node.number("hits"),
+        node.number("of"),
+    )
 
 
-# ---- sentences ---------------------------------------------------------------------------------------------------
+# ---- sentences ---------------------------------------------------------------------------------
 
 
 def reached_words(trial: Trial) -> str:
-    """ "9 of 12 targets are reached". """
+    """ "9 of 12 targets are reached"."""
     judged = [one.reached for one in trial.scored if one.reached is not None]
-    return f"{sum(judged)} of {len(judged)} targets are reached" if judged else "No case counts for a target"
+    return (
+        f"{sum(judged)} of {len(judged)} targets are reached"
+        if judged
+        else "No case counts for a target"
+    )
 
 
 def targets_title(trial: Trial) -> str:
-    """ "9 of 12 targets are reached; missed: family named first (81.0 %, target >= 92 %)". """
-    missed = [f"{one.row.title.removeprefix('... ')} ({one.texts[1]}, target {one.texts[4]})"
-              for one in trial.scored if one.reached is False]  # fmt: skip
+    """ "9 of 12 targets are reached; missed: family named first (81.0 %, target >= 92 %)"."""
+    missed = [
+        f"{one.row.title.removeprefix('... ')} ({one.texts[1]}, target {one.texts[4]})"
+        for one in trial.scored
+        if one.reached is False
+    ]
     more = f" and {len(missed) - 2} more" if len(missed) > 2 else ""
-    return f"{reached_words(trial)}; missed: {', '.join(missed[:2])}{more}" if missed else reached_words(trial)
+    return (
+        f"{reached_words(trial)}; missed: {', '.join(missed[:2])}{more}"
+        if missed
+        else reached_words(trial)
+    )
 
 
 def reliability_title(trial: Trial) -> str:
-    """ "Stated probabilities are off by 0.042 on average (target <= 0.05)". """
+    """ "Stated probabilities are off by 0.042 on average (target <= 0.05)"."""
     one = trial.of("ece")
     if one is None or one.value is None:
         return "Stated probabilities against the share that was right"
@@ -151,33 +176,53 @@ def reliability_title(trial: Trial) -> str:
 
 
 def confusion_title(trial: Trial) -> str:
-    """ "104 of 120 visible single faults are given their family; most often mistaken: friction for leak, 5 of 20". """
+    """ "104 of 120 visible single faults are given their family; most often mistaken: friction for
+    leak, 5 of 20"."""
     rows = trial.confusion
-    right, every = sum(row.get(family, 0.0) for family, row in rows.items()), sum(map(_total, rows.values()))
-    text = f"{words.count(right)} of {words.count(every)} visible single faults are given their family"
-    wrong = [(count, family, answer) for family, row in rows.items() for answer, count in row.items()
-             if answer != family and count > 0]  # fmt: skip
+    right, every = (
+        sum(row.get(family, 0.0) for family, row in rows.items()),
+        sum(map(_total, rows.values())),
+    )
+    text = (
+        f"{words.count(right)} of {words.count(every)} visible single faults are given their family"
+    )
+    wrong = [
+        (count, family, answer)
+        for family, row in rows.items()
+        for answer, count in row.items()
+        if answer != family and count > 0
+    ]
     if not wrong:
         return text
     count, family, answer = max(wrong, key=lambda one: one[0])
-    return (f"{text}; most often mistaken: {effect_words(family)} for {effect_words(answer)}, {words.count(count)} of "
-            f"{words.count(_total(rows[family]))}")  # fmt: skip
+    return (
+        f"{text}; most often mistaken: {effect_words(family)} for {effect_words(answer)}, "
+        f"{words.count(count)} of "
+        f"{words.count(_total(rows[family]))}"
+    )
 
 
 def strata_title(trial: Trial) -> str:
-    """ "The family comes first in 61 % (visibility 1.1 to 1.3) to 98 % (visibility >= 2) of the cases". """
-    found = [(rates["family_first"].share, stratum_words(name, key))
-             for name, bins in trial.strata.items() for key, rates in bins.items()]  # fmt: skip
+    """ "The family comes first in 61 % (visibility 1.1 to 1.3) to 98 % (visibility >= 2) of the
+    cases"."""
+    found = [
+        (rates["family_first"].share, stratum_words(name, key))
+        for name, bins in trial.strata.items()
+        for key, rates in bins.items()
+    ]
     told = [(share, where) for share, where in found if share is not None]
     if not told:
         return "No visible single fault in any stratum"
     (low, worst), (high, best) = min(told), max(told)
-    return f"The family is named first in {percent(low)} ({worst}) to {percent(high)} ({best}) of the visible faults"
+    return (
+        f"The family is named first in {percent(low)} ({worst}) to {percent(high)} ({best}) of "
+        "the visible faults"
+    )
 
 
 def stratum_words(dimension: str, key: str) -> str:
-    """ "inertia_kg_m2", "0.014" -> "inertia 0.014 kg m²". """
-    return f"{words.channel_words(dimension)} {words.clean(key)} {words.channel_unit(dimension)}".strip()
+    """ "inertia_kg_m2", "0.014" -> "inertia 0.014 kg m²"."""
+    return f"{words.channel_words(dimension)} {words.clean(key)} {words.channel_unit(dimension)}".strip()  # noqa: E501
 
 
 def _total(row: dict[str, float]) -> float:

@@ -27,7 +27,12 @@ SERIES = {"family_first": ("refitted", -0.16, "o"), "false_alarm": ("with_cause"
 
 def trial_drawings(trial: Trial) -> list[Drawing]:
     """The drawings that the content of this trial allows."""
-    found = [targets_drawing(trial), reliability_drawing(trial), confusion_drawing(trial), strata_drawing(trial)]
+    found = [
+        targets_drawing(trial),
+        reliability_drawing(trial),
+        confusion_drawing(trial),
+        strata_drawing(trial),
+    ]
     return [drawing for drawing in found if drawing is not None]
 
 
@@ -42,15 +47,23 @@ def targets_drawing(trial: Trial) -> Drawing | None:
         for row, one in enumerate(told):
             _target(axes, row, one)
         titles = [label(one.row.title.removeprefix("... "), 60) for one in told]
-        axes.set_yticks(range(len(told)), [textwrap.fill(one, 24 if narrow else 60) for one in titles])
+        axes.set_yticks(
+            range(len(told)), [textwrap.fill(one, 24 if narrow else 60) for one in titles]
+        )
         axes.set_ylim(len(told) - 0.4, -0.6)
         grid(axes)
         bare(axes)
         _percent_axis(axes, narrow)
-        note = "bar: target, open: missed" if narrow else "line: 95 % interval, bar: target, open: missed"
+        note = (
+            "bar: target, open: missed"
+            if narrow
+            else "line: 95 % interval, bar: target, open: missed"
+        )
         axes.set_xlabel(f"share of the cases [%]\n{note}")
 
-    return Drawing("targets", targets_title(trial), draw, 0.85 + 0.28 * len(told), 0.85 + 0.42 * len(told))
+    return Drawing(
+        "targets", targets_title(trial), draw, 0.85 + 0.28 * len(told), 0.85 + 0.42 * len(told)
+    )
 
 
 def _target(axes: Axes, row: int, one: Scored) -> None:
@@ -59,27 +72,65 @@ def _target(axes: Axes, row: int, one: Scored) -> None:
     if one.low is not None and one.high is not None:
         axes.plot([one.low, one.high], [row, row], color=ink, linewidth=1.8, solid_capstyle="butt")
     axes.plot([one.row.target] * 2, [row - 0.36, row + 0.36], color=colour("ink"), linewidth=2.0)
-    axes.plot(one.value, row, marker="o", markersize=5.5, color=ink, markeredgewidth=1.3, linestyle="none",
-              markerfacecolor=ink if one.reached else colour("paper"))
-    axes.text(103.0, row, one.texts[1], va="center", fontsize=8.5, color=colour("ink"), clip_on=False)
+    axes.plot(
+        one.value,
+        row,
+        marker="o",
+        markersize=5.5,
+        color=ink,
+        markeredgewidth=1.3,
+        linestyle="none",
+        markerfacecolor=ink if one.reached else colour("paper"),
+    )
+    axes.text(
+        103.0, row, one.texts[1], va="center", fontsize=8.5, color=colour("ink"), clip_on=False
+    )
 
 
 def reliability_drawing(trial: Trial) -> Drawing | None:
-    """Share of right answers over the probability stated [-], with 95 % intervals and the number of answers."""
+    """Share of right answers over the probability stated [-], with 95 % intervals and the number of
+    answers."""
     if not trial.reliability:
         return None
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
-        axes.plot([0.0, 1.0], [0.0, 1.0], color=colour("muted"), linewidth=0.9, linestyle=(0, (4, 3)),
-                  label="as stated")
+        axes.plot(
+            [0.0, 1.0],
+            [0.0, 1.0],
+            color=colour("muted"),
+            linewidth=0.9,
+            linestyle=(0, (4, 3)),
+            label="as stated",
+        )
         for one in trial.reliability:
-            axes.plot([one.said] * 2, [one.right.low, one.right.high], color=colour("refitted"), linewidth=1.6)
-            axes.annotate(words.count(one.right.of), (one.said, one.right.high), xytext=(0, 3), ha="center",
-                          textcoords="offset points", fontsize=8.0, color=colour("muted"))
-        said, right = zip(*((one.said, one.right.share or 0.0) for one in trial.reliability), strict=True)
-        axes.plot(said, right, color=colour("refitted"), linewidth=1.2, marker="o", markersize=5.0,
-                  label="share right, 95 % interval, number of answers")
+            axes.plot(
+                [one.said] * 2,
+                [one.right.low, one.right.high],
+                color=colour("refitted"),
+                linewidth=1.6,
+            )
+            axes.annotate(
+                words.count(one.right.of),
+                (one.said, one.right.high),
+                xytext=(0, 3),
+                ha="center",
+                textcoords="offset points",
+                fontsize=8.0,
+                color=colour("muted"),
+            )
+        said, right = zip(
+            *((one.said, one.right.share or 0.0) for one in trial.reliability), strict=True
+        )
+        axes.plot(
+            said,
+            right,
+            color=colour("refitted"),
+            linewidth=1.2,
+            marker="o",
+            markersize=5.0,
+            label="share right, 95 % interval, number of answers",
+        )
         axes.set_xlim(-0.02, 1.02)
         axes.set_ylim(-0.02, 1.1)
         axes.set_xlabel("probability stated for the first candidate [-]")
@@ -106,13 +157,34 @@ def confusion_drawing(trial: Trial) -> Drawing | None:
                 count = row.get(answer, 0.0)
                 role = "with_network" if answer == family else "with_cause"
                 if count:
-                    axes.barh(y, 1.0, left=x - 0.5, height=1.0, color=colour(role), alpha=0.15 + 0.6 * count / total,
-                              linewidth=0.0)
-                    axes.text(x, y, words.count(count), ha="center", va="center", fontsize=size, color=colour("ink"))
+                    axes.barh(
+                        y,
+                        1.0,
+                        left=x - 0.5,
+                        height=1.0,
+                        color=colour(role),
+                        alpha=0.15 + 0.6 * count / total,
+                        linewidth=0.0,
+                    )
+                    axes.text(
+                        x,
+                        y,
+                        words.count(count),
+                        ha="center",
+                        va="center",
+                        fontsize=size,
+                        color=colour("ink"),
+                    )
         longest = 16 if narrow else 24
-        axes.set_xticks(range(len(answers)), [label(effect_words(name), longest) for name in answers], rotation=90,
-                        fontsize=size)
-        axes.set_yticks(range(len(rows)), [label(effect_words(name), longest) for name in rows], fontsize=size)
+        axes.set_xticks(
+            range(len(answers)),
+            [label(effect_words(name), longest) for name in answers],
+            rotation=90,
+            fontsize=size,
+        )
+        axes.set_yticks(
+            range(len(rows)), [label(effect_words(name), longest) for name in rows], fontsize=size
+        )
         axes.set_xlim(-0.5, len(answers) - 0.5)
         axes.set_ylim(len(rows) - 0.5, -0.5)
         axes.set_xlabel("answer [cases]")
@@ -124,12 +196,19 @@ def confusion_drawing(trial: Trial) -> Drawing | None:
 
 def strata_drawing(trial: Trial) -> Drawing | None:
     """Points with 95 % intervals: family first, and false alarms [%], by condition."""
-    told = [(name, key, rates) for name, bins in trial.strata.items() for key, rates in bins.items()
-            if any(rates[series].of for series in SERIES)]  # fmt: skip
+    told = [
+        (name, key, rates)
+        for name, bins in trial.strata.items()
+        for key, rates in bins.items()
+        if any(rates[series].of for series in SERIES)
+    ]
     if not told:
         return None
     heads = [name for name, _, _ in told]
-    steps = [0.0, *(1.0 if name == before else 1.7 for before, name in zip(heads, heads[1:], strict=False))]
+    steps = [
+        0.0,
+        *(1.0 if name == before else 1.7 for before, name in zip(heads, heads[1:], strict=False)),
+    ]
     places = [sum(steps[: k + 1]) for k in range(len(steps))]
 
     def draw(figure: Figure, narrow: bool) -> None:
@@ -137,16 +216,36 @@ def strata_drawing(trial: Trial) -> Drawing | None:
         for series, (role, offset, marker) in SERIES.items():
             for place, (_, _, rates) in zip(places, told, strict=True):
                 _point(axes, place + offset, rates[series], role, marker)
-            axes.plot([], [], color=colour(role), marker=marker, markersize=4.5, linewidth=1.5, label=TITLES[series])
+            axes.plot(
+                [],
+                [],
+                color=colour(role),
+                marker=marker,
+                markersize=4.5,
+                linewidth=1.5,
+                label=TITLES[series],
+            )
         axes.set_yticks(places, [label(stratum_words(name, key)) for name, key, _ in told])
         axes.set_ylim(places[-1] + 0.6, places[0] - 0.7)
         grid(axes)
         bare(axes)
         _percent_axis(axes, narrow)
-        axes.set_xlabel("share of cases [%]" if narrow else "share of the cases [%], number of cases at the right")
+        axes.set_xlabel(
+            "share of cases [%]"
+            if narrow
+            else "share of the cases [%], number of cases at the right"
+        )
         for place, (_, _, rates) in zip(places, told, strict=True):
             counts = " / ".join(words.count(rates[series].of) for series in SERIES)
-            axes.text(103.0, place, counts, va="center", fontsize=8.0, color=colour("muted"), clip_on=False)
+            axes.text(
+                103.0,
+                place,
+                counts,
+                va="center",
+                fontsize=8.0,
+                color=colour("muted"),
+                clip_on=False,
+            )
         legend_above(axes, 2)
 
     height = 0.95 + 0.26 * (places[-1] + 1.0)
@@ -156,8 +255,17 @@ def strata_drawing(trial: Trial) -> Drawing | None:
 def _point(axes: Axes, place: float, share: Share, role: str, marker: str) -> None:
     if share.share is None:
         return
-    axes.plot([100.0 * share.low, 100.0 * share.high], [place, place], color=colour(role), linewidth=1.5)
-    axes.plot(100.0 * share.share, place, marker=marker, markersize=4.5, color=colour(role), linestyle="none")
+    axes.plot(
+        [100.0 * share.low, 100.0 * share.high], [place, place], color=colour(role), linewidth=1.5
+    )
+    axes.plot(
+        100.0 * share.share,
+        place,
+        marker=marker,
+        markersize=4.5,
+        color=colour(role),
+        linestyle="none",
+    )
 
 
 def _percent_axis(axes: Axes, narrow: bool) -> None:

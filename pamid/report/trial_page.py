@@ -20,20 +20,46 @@ def trial_html(trial: Trial, steps: tuple[Step, ...], pictures: dict[str, Pictur
     lead = words.sentence(reached_words(trial))
     main = tag(
         "main",
-        tag("header", tag("p", f"Blind trial, part {words.clean(trial.content['part'])}", class_="rig"),
-            tag("h1", prose(lead)), paragraphs([words.clean(summary(dict(trial.content)))])),
-        _section("Figures and targets", pictures, "targets", _figures(trial),
-                 "Intervals: Wilson for shares, bootstrap over cases for the others, 95 %."),
-        _section("Are stated probabilities right?", pictures, "reliability", Html(""),
-                 "Answers in ten bins of the probability that the diagnosis stated for its first candidate."),
-        _section("What is taken for what?", pictures, "confusion", _confusion(trial),
-                 "Visible single faults; in parentheses how naming a family was avoided."),
-        _section("When does it work?", pictures, "strata", _strata(trial),
-                 "Family first: of visible single faults; detected: single faults, visible or not; false alarm: of "
-                 "cases in which nothing is planted."),
+        tag(
+            "header",
+            tag("p", f"Blind trial, part {words.clean(trial.content['part'])}", class_="rig"),
+            tag("h1", prose(lead)),
+            paragraphs([words.clean(summary(dict(trial.content)))]),
+        ),
+        _section(
+            "Figures and targets",
+            pictures,
+            "targets",
+            _figures(trial),
+            "Intervals: Wilson for shares, bootstrap over cases for the others, 95 %.",
+        ),
+        _section(
+            "Are stated probabilities right?",
+            pictures,
+            "reliability",
+            Html(""),
+            "Answers in ten bins of the probability that the diagnosis stated for its first "
+            "candidate.",
+        ),
+        _section(
+            "What is taken for what?",
+            pictures,
+            "confusion",
+            _confusion(trial),
+            "Visible single faults; in parentheses how naming a family was avoided.",
+        ),
+        _section(
+            "When does it work?",
+            pictures,
+            "strata",
+            _strata(trial),
+            "Family first: of visible single faults; detected: single faults, visible or not; "
+            "false alarm: of "
+            "cases in which nothing is planted.",
+        ),
         _failures(trial),
         _provenance(trial, steps),
-    )  # fmt: skip
+    )
     return document(lead, main)
 
 
@@ -55,8 +81,13 @@ def _figures(trial: Trial) -> Html:
 
 
 def _confusion(trial: Trial) -> Html:
-    body = [[effect_words(family), ", ".join(f"{effect_words(answer)} {words.count(n)}" for answer, n in row.items())]
-            for family, row in trial.confusion.items()]  # fmt: skip
+    body = [
+        [
+            effect_words(family),
+            ", ".join(f"{effect_words(answer)} {words.count(n)}" for answer, n in row.items()),
+        ]
+        for family, row in trial.confusion.items()
+    ]
     if not body:
         return Html("")
     return tag("details", tag("summary", "The same in words"), table(["planted", "answers"], body))
@@ -67,15 +98,22 @@ def _strata(trial: Trial) -> Html:
     for name, rows in strata(dict(trial.content)).items():
         unit_text = words.channel_unit(name)
         head = f"{words.channel_words(name)}{f' [{unit_text}]' if unit_text else ''}"
-        parts.append(table([head, *TITLES.values()], [[words.clean(key), *rates] for key, rates in rows],
-                           range(1, 1 + len(TITLES))))
+        parts.append(
+            table(
+                [head, *TITLES.values()],
+                [[words.clean(key), *rates] for key, rates in rows],
+                range(1, 1 + len(TITLES)),
+            )
+        )
     return joined(parts)
 
 
 def _failures(trial: Trial) -> Html:
     if not trial.failures:
         return Html("")
-    told = [f"Case {words.clean(number)}: {words.clean(why)}" for number, why in trial.failures.items()]
+    told = [
+        f"Case {words.clean(number)}: {words.clean(why)}" for number, why in trial.failures.items()
+    ]
     more = [f"... and {len(told) - _SHOWN_FAILURES} more"] if len(told) > _SHOWN_FAILURES else []
     points = [tag("li", one) for one in told[:_SHOWN_FAILURES] + more]
     return tag("section", tag("h2", "Failed cases"), tag("ul", points))
@@ -83,7 +121,11 @@ def _failures(trial: Trial) -> Html:
 
 def _provenance(trial: Trial, steps: tuple[Step, ...]) -> Html:
     told = [f"Seed {words.count(trial.content['seed'])}."]
-    told += [f"sha256 of the cases and their labels: `{words.clean(trial.digest)}`."] if trial.digest else []
+    told += (
+        [f"sha256 of the cases and their labels: `{words.clean(trial.digest)}`."]
+        if trial.digest
+        else []
+    )
     parts: list[Part] = [tag("h2", "Provenance"), tag("div", steps_table(steps), class_="steps")]
     parts += [inputs_table(steps)] if any(step.inputs for step in steps) else []
     return tag("section", parts, paragraphs([*told, versions_words(steps)], "note"))

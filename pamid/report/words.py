@@ -1,4 +1,5 @@
-"""Names, numbers and units as people read them; the same on the page, in the figures and on the terminal."""
+"""Names, numbers and units as people read them; the same on the page, in the figures and on the
+terminal."""
 
 from __future__ import annotations
 
@@ -9,8 +10,17 @@ from collections.abc import Iterable
 from pamid.base.units import NONE, split_column
 
 #: names of people and letters that a hyphenated effect name has lost
-_PROPER = {"coulomb": "Coulomb", "stribeck": "Stribeck", "lugre": "LuGre", "maxwell": "Maxwell", "bouc wen": "Bouc-Wen",
-           "prandtl ishlinskii": "Prandtl-Ishlinskii", "dahl": "Dahl", "pwm": "PWM", "aprbs": "APRBS"}  # fmt: skip
+_PROPER = {
+    "coulomb": "Coulomb",
+    "stribeck": "Stribeck",
+    "lugre": "LuGre",
+    "maxwell": "Maxwell",
+    "bouc wen": "Bouc-Wen",
+    "prandtl ishlinskii": "Prandtl-Ishlinskii",
+    "dahl": "Dahl",
+    "pwm": "PWM",
+    "aprbs": "APRBS",
+}
 _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\u202a-\u202e\u2066-\u2069\ud800-\udfff]+")
 _POWER = re.compile(r"(?<=[A-Za-z])\d")
@@ -19,12 +29,13 @@ INTERVAL = f"95{SPACE}% interval"
 
 
 def clean(text: str) -> str:
-    """One line without control characters or direction marks, as it may stand anywhere on a page."""
+    """One line without control characters or direction marks, as it may stand anywhere on a
+    page."""
     return " ".join(_CONTROL.sub(" ", text).split())
 
 
 def effect_words(name: str) -> str:
-    """ "coulomb-friction@joint_2" -> "Coulomb friction at joint 2". """
+    """ "coulomb-friction@joint_2" -> "Coulomb friction at joint 2"."""
     stem, _, port = clean(name).partition("@")
     words = stem.replace("-", " ").replace("_", " ")
     for plain, proper in _PROPER.items():
@@ -33,22 +44,22 @@ def effect_words(name: str) -> str:
 
 
 def port_words(name: str) -> str:
-    """ "joint_2" -> "joint 2". """
+    """ "joint_2" -> "joint 2"."""
     return clean(name).replace("_", " ")
 
 
 def channel_words(name: str) -> str:
-    """ "pressure_1_kpa" -> "pressure 1". """
+    """ "pressure_1_kpa" -> "pressure 1"."""
     return clean(split_column(name)[0]).replace("_", " ")
 
 
 def channel_unit(name: str) -> str:
-    """ "pressure_1_kpa" -> "kPa"; "" without unit. """
+    """ "pressure_1_kpa" -> "kPa"; "" without unit."""
     return unit_words(split_column(name)[1])
 
 
 def unit_words(symbol: str) -> str:
-    """ "kg m2" -> "kg m²"; "" where there is no unit. """
+    """ "kg m2" -> "kg m²"; "" where there is no unit."""
     symbol = clean(symbol)
     if symbol in ("", NONE):
         return ""
@@ -56,12 +67,13 @@ def unit_words(symbol: str) -> str:
 
 
 def axis_label(what: str, unit_text: str) -> str:
-    """ "angle", "deg" -> "angle [deg]"; a quantity without unit says so: "[-]". """
+    """ "angle", "deg" -> "angle [deg]"; a quantity without unit says so: "[-]"."""
     return f"{what} [{unit_text or '-'}]"
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """`digits` significant digits, powers of ten where the number is very small or large; a dash for None."""
+    """`digits` significant digits, powers of ten where the number is very small or large; a dash
+    for None."""
     if value is None:
         return DASH
     if not math.isfinite(value):
@@ -82,15 +94,20 @@ def superscript(exponent: int) -> str:
 
 
 def short(value: float | None, digits: int = 3) -> str:
-    """As `number`, without zeros at the end: for sentences and bars, where nothing stands in columns."""
+    """As `number`, without zeros at the end: for sentences and bars, where nothing stands in
+    columns."""
     text = number(value, digits)
     head, times, power = text.partition(f"{SPACE}×")
     return (head.rstrip("0").rstrip(".") if "." in head else head) + times + power
 
 
 def with_unit_text(value: float | None, unit_text: str, digits: int = 3) -> str:
-    """ "0.52 deg". """
-    return f"{short(value, digits)}{SPACE}{unit_text}" if unit_text and value is not None else short(value, digits)
+    """ "0.52 deg"."""
+    return (
+        f"{short(value, digits)}{SPACE}{unit_text}"
+        if unit_text and value is not None
+        else short(value, digits)
+    )
 
 
 def percent(share: float | None) -> str:
@@ -107,7 +124,7 @@ def percent(share: float | None) -> str:
 
 
 def span(low: float | None, high: float | None, unit_text: str = "", digits: int = 3) -> str:
-    """ "0.38 to 0.44 N m"; open sides are "above" and "below"; a dash where both are open. """
+    """ "0.38 to 0.44 N m"; open sides are "above" and "below"; a dash where both are open."""
     tail = f"{SPACE}{unit_text}" if unit_text else ""
     if low is None and high is None:
         return DASH
@@ -115,7 +132,10 @@ def span(low: float | None, high: float | None, unit_text: str = "", digits: int
         return f"below {short(high, digits)}{tail}"
     if high is None:
         return f"above {short(low, digits)}{tail}"
-    first, last = number(low, digits).partition(f"{SPACE}×"), number(high, digits).partition(f"{SPACE}×")
+    first, last = (
+        number(low, digits).partition(f"{SPACE}×"),
+        number(high, digits).partition(f"{SPACE}×"),
+    )
     if first[1] and first[2] == last[2]:  # one power of ten is enough
         return f"({first[0]} to {last[0]}){''.join(last[1:])}{tail}"
     return f"{short(low, digits)} to {short(high, digits)}{tail}"
@@ -131,12 +151,12 @@ def chance(probability: float | None) -> str:
 
 
 def interval_tail(interval: str) -> str:
-    """ " (95 % interval 74 to 82 %)"; "" where there is none. """
+    """ " (95 % interval 74 to 82 %)"; "" where there is none."""
     return "" if interval == DASH else f" ({INTERVAL} {interval})"
 
 
 def percent_span(low: float | None, high: float | None) -> str:
-    """ "74 to 82 %". """
+    """ "74 to 82 %"."""
     if low is None or high is None:
         return DASH
     return f"{percent(low).removesuffix(f'{SPACE}%')} to {percent(high)}"
@@ -148,9 +168,15 @@ def count(value: float | None) -> str:
 
 
 def join(parts: Iterable[str], last: str = "and") -> str:
-    """ "a, b and c". """
+    """ "a, b and c"."""
     words = list(parts)
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} {last} {words[-1]}" if words else ""
+    return (
+        words[0]
+        if len(words) == 1
+        else f"{', '.join(words[:-1])} {last} {words[-1]}"
+        if words
+        else ""
+    )
 
 
 def sentence(text: str) -> str:
@@ -159,5 +185,3 @@ def sentence(text: str) -> str:
     if not text:
         return ""
     return text[0].upper() + text[1:] + ("" if text.endswith((".", "!", "?", ":")) else ".")
-
-

@@ -1,4 +1,5 @@
-"""`write_report`: from the folder of a run, a trial or a reproduced paper to its page, figures and PDF."""
+"""`write_report`: from the folder of a run, a trial or a reproduced paper to its page, figures and
+PDF."""
 
 from __future__ import annotations
 
@@ -31,15 +32,31 @@ from pamid.report.trial import read_trial
 from pamid.report.trial_figures import trial_drawings
 from pamid.report.trial_page import trial_html
 
-#: every figure this version can write; older ones of these names are removed when a run no longer has them
-FIGURE_NAMES = ("ports", "regimes", "timeline", "missing", "ranking", "budget", "window", "window-network",
-                "background", "training", "targets", "reliability", "confusion", "strata")
+#: every figure this version can write; older ones of these names are removed when a run no longer
+#: has them
+FIGURE_NAMES = (
+    "ports",
+    "regimes",
+    "timeline",
+    "missing",
+    "ranking",
+    "budget",
+    "window",
+    "window-network",
+    "background",
+    "training",
+    "targets",
+    "reliability",
+    "confusion",
+    "strata",
+)
 TRIAL = "trial.json"
 
 
 @dataclass(frozen=True)
 class Report:
-    """What was written; `errors` are the rows of the MAE table, `pdf` is there where it was asked for."""
+    """What was written; `errors` are the rows of the MAE table, `pdf` is there where it was asked
+    for."""
 
     page: Path
     figures: tuple[Path, ...]
@@ -54,7 +71,8 @@ class Report:
 
 @dataclass(frozen=True)
 class Content:
-    """What a folder has to say: rows of the MAE table, drawings, and the page once these are pictures."""
+    """What a folder has to say: rows of the MAE table, drawings, and the page once these are
+    pictures."""
 
     errors: tuple[ChannelErrors, ...]
     drawings: list[Drawing]
@@ -63,17 +81,20 @@ class Content:
 
 
 def write_report(run_folder: Path, output: Path | None = None, pdf: Path | None = None) -> Report:
-    """Read a run, a trial or a reproduced paper, write `report.html` (or `output`) and RUN/figures/*.png; the same
-    folder gives the same bytes. pdf: a file for the same on paper.
+    """Read a run, a trial or a reproduced paper, write `report.html` (or `output`) and
+    RUN/figures/*.png; the same folder gives the same bytes. pdf: a file for the same on paper.
 
-    FileError if the folder is no run, holds no result, a file of it is damaged, or `output` or `pdf` exists and is no
-    report.
+    FileError if the folder is no run, holds no result, a file of it is damaged, or `output` or
+    `pdf` exists and is no report.
     """
     page = run_folder / "report.html" if output is None else output
     content = content_of(run_folder)
     _require_own(page, lambda found: found.startswith(MARK.encode()))
     if pdf is not None:
-        _require_own(pdf, lambda found: found.startswith(b"%PDF") and f"/Creator ({CREATOR})".encode() in found)
+        _require_own(
+            pdf,
+            lambda found: found.startswith(b"%PDF") and f"/Creator ({CREATOR})".encode() in found,
+        )
     pictures = {drawing.name: render(drawing) for drawing in content.drawings}
     html = content.html_of(pictures)  # everything is drawn before anything is written
     paper = pdf_of(html, [*content.drawings, *content.stills]) if pdf is not None else b""
@@ -84,9 +105,13 @@ def write_report(run_folder: Path, output: Path | None = None, pdf: Path | None 
         make_folder(one.parent)
     run = Run.open(run_folder)
     run.remove(*(file for file in own if file not in drawn))
-    figures = run.claim(*drawn, *(one.name for one in beside if one.parent == run_folder))[: len(drawn)]
+    figures = run.claim(*drawn, *(one.name for one in beside if one.parent == run_folder))[
+        : len(drawn)
+    ]
     files = {path: pictures[own[file]].png for path, file in zip(figures, drawn, strict=True)}
-    write_together({**files, **({pdf: paper} if pdf is not None else {}), page: html.encode(errors="replace")})
+    write_together(
+        {**files, **({pdf: paper} if pdf is not None else {}), page: html.encode(errors="replace")}
+    )
     return Report(page, tuple(figures), content.errors, pdf)
 
 
@@ -107,12 +132,18 @@ def content_of(run_folder: Path) -> Content:
 
 
 def _paper_content(run_folder: Path, paper: Paper, steps: tuple[Step, ...]) -> Content:
-    """The paper's own pictures stay as they are; those of the diagnosis of its record are drawn, where there is one."""
+    """The paper's own pictures stay as they are; those of the diagnosis of its record are drawn,
+    where there is one."""
     if not (run_folder / "diagnosis.json").exists():
         return Content((), [], partial(paper_html, paper, steps, None, ()), paper_drawings(paper))
     run = load_run(run_folder)
     rows = errors_of(run)
-    return Content(rows, drawings_of(run, rows), partial(paper_html, paper, steps, run, rows), paper_drawings(paper))
+    return Content(
+        rows,
+        drawings_of(run, rows),
+        partial(paper_html, paper, steps, run, rows),
+        paper_drawings(paper),
+    )
 
 
 def drawings_of(run: RunData, rows: tuple[ChannelErrors, ...]) -> list[Drawing]:
@@ -125,7 +156,10 @@ def drawings_of(run: RunData, rows: tuple[ChannelErrors, ...]) -> list[Drawing]:
         found += [ports_drawing(diagnosis), regimes_drawing(diagnosis)] if gap else []
     found += [budget_drawing(rows, diagnosis), pulls_drawing(pulls_of(run))]
     if run.residual is not None and row is not None:
-        found += [*([timeline_drawing(run, row.channel)] if gap else []), *_windows(run, row.channel)]
+        found += [
+            *([timeline_drawing(run, row.channel)] if gap else []),
+            *_windows(run, row.channel),
+        ]
     if run.trace is not None:
         found.append(training_drawing(run.trace, run.network))
     return [drawing for drawing in found if drawing is not None]
@@ -150,6 +184,10 @@ def _require_own(page: Path, is_own: Callable[[bytes], bool]) -> None:
     try:
         own = is_own(read_data(page, PAGE))
     except OSError as error:
-        raise FileError(f"{page} cannot be replaced: {error.strerror}.", "Choose another name.") from error
+        raise FileError(
+            f"{page} cannot be replaced: {error.strerror}.", "Choose another name."
+        ) from error
     if not own:
-        raise FileError(f"{page} exists and is not a report.", "Choose another name.", code="exists")
+        raise FileError(
+            f"{page} exists and is not a report.", "Choose another name.", code="exists"
+        )

@@ -1,13 +1,14 @@
-"""Muscles in antagonistic pairs with a fill and a vent valve each: equations that every rig driven by them shares.
+"""Muscles in antagonistic pairs with a fill and a vent valve each: equations that every rig driven
+by them shares.
 
 Equations
-    muscle       F = max(0, scale F_static(chi, p) - R dchi/dt P), p gauge, P absolute
-    pressure     dP/dt = n (P_atm Q - P dV/dt)/V(chi)
-    flow         ISO 6358 through opened valves
-    valves       one muscle stays at p0, only the other is vented: u > 0 fills 1 up to p0, then vents 2; u < 0 mirrored
+    muscle       F = max(0, scale F_static(chi, p) - R dchi/dt P), p gauge, P absolute pressure
+    dP/dt = n (P_atm Q - P dV/dt)/V(chi) flow         ISO 6358 through opened valves valves
+    one muscle stays at p0, only the other is vented: u > 0 fills 1 up to p0, then vents 2; u < 0
+    mirrored
 
-A rig's parameters bear the names used here (`PARAMETERS`), and its ports those of `port`: valve, pressure, relief,
-muscle, chain.
+A rig's parameters bear the names used here (`PARAMETERS`), and its ports those of `port`: valve,
+pressure, relief, muscle, chain.
 """
 
 from __future__ import annotations
@@ -34,31 +35,78 @@ MUSCLE = {"position": "", "velocity": "1/s", "pressure": "Pa", "side": "", "law"
 MUSCLE_SIZE = {"value": 700.0, "position": 0.08, "velocity": 0.2, "pressure": 4e5}
 CHAIN = {"position": "", "pressure": "Pa", "law": "", "drag": "N s"}
 
-LENGTH = Parameter("length", 0.250, 0.05, 2.0, "m", fitted=False, source="data sheet, nominal length")
+LENGTH = Parameter(
+    "length", 0.250, 0.05, 2.0, "m", fitted=False, source="data sheet, nominal length"
+)
 SUPPLY = (
-    Parameter("supply_pressure", 600.0, 200.0, 900.0, "kPa", fitted=False, source="estimate, gauge"),
-    Parameter("initial_pressure", 550.0, 0.0, 850.0, "kPa", fitted=False, source="first paper's scheme, gauge"),
+    Parameter(
+        "supply_pressure", 600.0, 200.0, 900.0, "kPa", fitted=False, source="estimate, gauge"
+    ),
+    Parameter(
+        "initial_pressure",
+        550.0,
+        0.0,
+        850.0,
+        "kPa",
+        fitted=False,
+        source="first paper's scheme, gauge",
+    ),
 )
 AIR = (
-    Parameter("damping", 6e-4, 6e-5, 4e-3, "m2 s", spread=2.0, log=True, source="estimate, R of eq. 2"),
-    Parameter("scale", 1.0, 0.5, 1.6, spread=0.15, source="specimens differ from the chart by 10-19 %"),
-    Parameter("conductance_in", 3.777e-9, 1e-9, 1e-8, "m3/(s Pa)", spread=1.15, log=True,
-              source="22.66 l/(min bar), fill valve"),
-    Parameter("conductance_out", 3.777e-9, 1e-9, 1e-8, "m3/(s Pa)", spread=1.15, log=True,
-              source="22.66 l/(min bar), vent valve"),
-    Parameter("critical_ratio", 0.433, 0.1, 0.6, spread=0.08, source="literature on the same valves"),
-    Parameter("polytropic", 1.0, 1.0, 1.4, spread=0.2, source="1: isothermal, eq. 3 of the first paper"),
+    Parameter(
+        "damping", 6e-4, 6e-5, 4e-3, "m2 s", spread=2.0, log=True, source="estimate, R of eq. 2"
+    ),
+    Parameter(
+        "scale", 1.0, 0.5, 1.6, spread=0.15, source="specimens differ from the chart by 10-19 %"
+    ),
+    Parameter(
+        "conductance_in",
+        3.777e-9,
+        1e-9,
+        1e-8,
+        "m3/(s Pa)",
+        spread=1.15,
+        log=True,
+        source="22.66 l/(min bar), fill valve",
+    ),
+    Parameter(
+        "conductance_out",
+        3.777e-9,
+        1e-9,
+        1e-8,
+        "m3/(s Pa)",
+        spread=1.15,
+        log=True,
+        source="22.66 l/(min bar), vent valve",
+    ),
+    Parameter(
+        "critical_ratio", 0.433, 0.1, 0.6, spread=0.08, source="literature on the same valves"
+    ),
+    Parameter(
+        "polytropic", 1.0, 1.0, 1.4, spread=0.2, source="1: isothermal, eq. 3 of the first paper"
+    ),
 )
 ATTACHING = (
-    Parameter("contraction_0", 0.10, 0.05, 0.15, spread=0.005, source="estimate, both muscles at p0"),
-    Parameter("dead_volume", 5.0, 0.0, 20.0, "cm3", spread=4.0, source="estimate, tube and fittings"),
+    Parameter(
+        "contraction_0", 0.10, 0.05, 0.15, spread=0.005, source="estimate, both muscles at p0"
+    ),
+    Parameter(
+        "dead_volume", 5.0, 0.0, 20.0, "cm3", spread=4.0, source="estimate, tube and fittings"
+    ),
 )
 
 
 def force_map(name: str = "force_map") -> SmoothGain:
     """What a specimen's force map differs from its law by."""
-    return SmoothGain(name, ("position", 0.0, 0.20), tolerance=0.03, degree=8, along=("pressure", 0.0, 6e5),
-                      level=True, drift=True)
+    return SmoothGain(
+        name,
+        ("position", 0.0, 0.20),
+        tolerance=0.03,
+        degree=8,
+        along=("pressure", 0.0, 6e5),
+        level=True,
+        drift=True,
+    )
 
 
 def flow_tolerance(name: str = "flow") -> SplitGain:
@@ -68,8 +116,8 @@ def flow_tolerance(name: str = "flow") -> SplitGain:
 
 @dataclass(frozen=True)
 class Muscle:
-    """One muscle as the equations see it: its place at the ports, its side of the joint (+1 pulls forwards), its
-    contraction (1) and contraction rate (1/s), its absolute pressure (Pa)."""
+    """One muscle as the equations see it: its place at the ports, its side of the joint (+1 pulls
+    forwards), its contraction (1) and contraction rate (1/s), its absolute pressure (Pa)."""
 
     place: str
     side: float
@@ -84,22 +132,33 @@ class Muscle:
 
 def pull_of(m: Muscle, static_force: Law, p: Any, port: Any) -> Expr:
     """Force of a muscle, N."""
+
     def law(contraction: Expr, pressure: Expr) -> Expr:
         return p.scale * static_force(contraction, pressure)
 
     gauge = m.gauge
     drag = p.damping * m.pressure
     pull = law(m.contraction, gauge) - drag * m.rate
-    pull = port("muscle", pull, place=m.place, position=m.contraction, velocity=m.rate, pressure=gauge, side=m.side,
-                law=law)
-    pull = port("chain", pull, place=m.place, position=m.contraction, pressure=gauge, law=law, drag=drag)
+    pull = port(
+        "muscle",
+        pull,
+        place=m.place,
+        position=m.contraction,
+        velocity=m.rate,
+        pressure=gauge,
+        side=m.side,
+        law=law,
+    )
+    pull = port(
+        "chain", pull, place=m.place, position=m.contraction, pressure=gauge, law=law, drag=drag
+    )
     return maximum(0.0, pull)
 
 
 @dataclass(frozen=True)
 class Valves:
-    """The valves of one muscle: flow in (m3/s at atmospheric conditions, negative out), whether the muscle is being
-    filled, how far its fill valve is open, downstream over upstream pressure."""
+    """The valves of one muscle: flow in (m3/s at atmospheric conditions, negative out), whether the
+    muscle is being filled, how far its fill valve is open, downstream over upstream pressure."""
 
     flow: Expr
     fills: Expr
@@ -112,20 +171,30 @@ class Valves:
         return maximum(self.flow, 0.0)
 
 
-def valves_of(pair: tuple[Muscle, Muscle], command: Expr, p: Any, vented: Number = 0.0) -> tuple[Valves, Valves]:
-    """The valves of both muscles of a joint at a command; vented: 1 where both vent valves stand open whatever is
-    sent."""
+def valves_of(
+    pair: tuple[Muscle, Muscle], command: Expr, p: Any, vented: Number = 0.0
+) -> tuple[Valves, Valves]:
+    """The valves of both muscles of a joint at a command; vented: 1 where both vent valves stand
+    open whatever is sent."""
     size = absolute(command)
     supply, hold = p.supply_pressure + ATMOSPHERE_PA, p.initial_pressure + ATMOSPHERE_PA
     share1, share2 = (clip((hold - m.pressure) / FILL_BLEND_PA, 0.0, 1.0) for m in pair)
     found = []
-    for m, fills, own, other in ((pair[0], command > 0.0, share1, share2), (pair[1], command < 0.0, share2, share1)):
+    for m, fills, own, other in (
+        (pair[0], command > 0.0, share1, share2),
+        (pair[1], command < 0.0, share2, share1),
+    ):
         up, down = where(fills, supply, m.pressure), where(fills, m.pressure, ATMOSPHERE_PA)
-        opening = where(fills, size * own * p.conductance_in, -size * (1.0 - other) * p.conductance_out)
+        opening = where(
+            fills, size * own * p.conductance_in, -size * (1.0 - other) * p.conductance_out
+        )
         flow = opening * iso_flow(up, down, p.critical_ratio)
-        ambient = (iso_flow(ATMOSPHERE_PA, m.pressure, p.critical_ratio)
-                   - iso_flow(m.pressure, ATMOSPHERE_PA, p.critical_ratio))
-        found.append(Valves(flow + vented * p.conductance_out * ambient, fills, size * own, down / up))
+        ambient = iso_flow(ATMOSPHERE_PA, m.pressure, p.critical_ratio) - iso_flow(
+            m.pressure, ATMOSPHERE_PA, p.critical_ratio
+        )
+        found.append(
+            Valves(flow + vented * p.conductance_out * ambient, fills, size * own, down / up)
+        )
     return found[0], found[1]
 
 
@@ -134,14 +203,34 @@ def pressure_rate(m: Muscle, valves: Valves, drawn: Expr, force: Expr, p: Any, p
     supply = p.supply_pressure + ATMOSPHERE_PA
 
     def fill(at_supply: Expr) -> Expr:
-        through = valves.opening * p.conductance_in * iso_flow(at_supply, m.pressure, p.critical_ratio)
+        through = (
+            valves.opening * p.conductance_in * iso_flow(at_supply, m.pressure, p.critical_ratio)
+        )
         return where(valves.fills, through, 0.0)
 
-    flow = port("valve", valves.flow, place=m.place, pressure=m.pressure, ratio=valves.ratio, drawn=drawn, fill=fill,
-                supply=supply, side=m.side)
+    flow = port(
+        "valve",
+        valves.flow,
+        place=m.place,
+        pressure=m.pressure,
+        ratio=valves.ratio,
+        drawn=drawn,
+        fill=fill,
+        supply=supply,
+        side=m.side,
+    )
     volume = muscle_volume(m.contraction, p.dead_volume)
-    vent = p.polytropic * ATMOSPHERE_PA * p.conductance_out / volume * iso_flow(
-        m.pressure, ATMOSPHERE_PA, p.critical_ratio)
-    change = p.polytropic * (ATMOSPHERE_PA * flow - m.pressure * muscle_volume_slope(m.contraction) * m.rate) / volume
+    vent = (
+        p.polytropic
+        * ATMOSPHERE_PA
+        * p.conductance_out
+        / volume
+        * iso_flow(m.pressure, ATMOSPHERE_PA, p.critical_ratio)
+    )
+    change = (
+        p.polytropic
+        * (ATMOSPHERE_PA * flow - m.pressure * muscle_volume_slope(m.contraction) * m.rate)
+        / volume
+    )
     change = port("pressure", change, place=m.place, stored=m.pressure, outflow=vent)
     return port("relief", change, place=m.place, force=force, outflow=vent)

@@ -1,7 +1,9 @@
-"""Static force laws of a 20 mm fluidic muscle: force in N from contraction (1) and gauge pressure (Pa).
+"""Static force laws of a 20 mm fluidic muscle: force in N from contraction (1) and gauge pressure
+(Pa).
 
-The coefficients are refits to the maker's chart of the 20 mm muscle (contraction -3..25 %, 0..6 bar) unless said
-otherwise; measured specimens lie 10-19 % above the chart, so every rig scales the law by a fitted factor.
+The coefficients are refits to the maker's chart of the 20 mm muscle (contraction -3..25 %, 0..6
+bar) unless said otherwise; measured specimens lie 10-19 % above the chart, so every rig scales the
+law by a fitted factor.
 """
 
 from __future__ import annotations
@@ -16,9 +18,10 @@ Law = Callable[[Expr, Expr], Expr]
 
 
 def exponential(contraction: Expr, pressure: Expr) -> Expr:
-    """Six coefficients after Sarosi: F = (a1 p + a2) exp(a3 e) + a4 p e + a5 p + a6, e in %, p in bar (rms 7.0 N)."""
+    """Six coefficients after Sarosi: F = (a1 p + a2) exp(a3 e) + a4 p e + a5 p + a6, e in %, p in
+    bar (rms 7.0 N)."""
     p, e = pressure * 1e-5, contraction * 100.0
-    return ((-15.3369 * p + 275.7318) * exp(-0.3046 * e) - 8.2115 * p * e + 268.3102 * p - 274.2475)
+    return (-15.3369 * p + 275.7318) * exp(-0.3046 * e) - 8.2115 * p * e + 268.3102 * p - 274.2475
 
 
 POLYNOMIAL = (  # rows: power of contraction/0.25, columns: power of pressure/6 bar
@@ -32,7 +35,8 @@ POLYNOMIAL = (  # rows: power of contraction/0.25, columns: power of pressure/6 
 
 
 def polynomial(contraction: Expr, pressure: Expr) -> Expr:
-    """Fifth-order surface as in the first paper (rms 5.5 N); held at the edge outside -3..25 %, where it bends off."""
+    """Fifth-order surface as in the first paper (rms 5.5 N); held at the edge outside -3..25 %,
+    where it bends off."""
     x, y = clip(contraction, -0.03, 0.25) * 4.0, clip(pressure, 0.0, 6.5e5) * (1.0 / 6e5)
     total: Expr | float = 0.0
     for row in reversed(POLYNOMIAL):
@@ -40,12 +44,14 @@ def polynomial(contraction: Expr, pressure: Expr) -> Expr:
         for coefficient in reversed(row):
             inner = inner * y + coefficient
         total = total * x + inner
-    # beyond the edges the muscle still softens: continue with the chart's mean slope, N per unit contraction
+    # beyond the edges the muscle still softens: continue with the chart's mean slope, N per unit
+    # contraction
     return total - 4.0e3 * (contraction - clip(contraction, -0.03, 0.25))
 
 
 def braid_and_rubber(contraction: Expr, pressure: Expr) -> Expr:
-    """Chou-Hannaford / Tondu-Lopez braid, 25.1 deg, end factor 0.959, less the rubber's own pull (rms 10.3 N)."""
+    """Chou-Hannaford / Tondu-Lopez braid, 25.1 deg, end factor 0.959, less the rubber's own pull
+    (rms 10.3 N)."""
     angle, end, radius = math.radians(25.10), 0.959, 0.010
     a, b = 3.0 / math.tan(angle) ** 2, 1.0 / math.sin(angle) ** 2
     braid = math.pi * radius**2 * pressure * (a * (1.0 - end * contraction) ** 2 - b)
@@ -59,7 +65,9 @@ def three_element(contraction: Expr, pressure: Expr) -> Expr:
     F = F_ce(p) - K(p) x with x in mm and p in kPa, identified for 150..550 kPa and held outside.
     """
     p = pressure * 1e-3
-    spring = where(p < 314.0, 32.7 - 0.0321 * clip(p, 150.0, 314.0), 17.0 + 0.0179 * clip(p, 314.0, 550.0))
+    spring = where(
+        p < 314.0, 32.7 - 0.0321 * clip(p, 150.0, 314.0), 17.0 + 0.0179 * clip(p, 314.0, 550.0)
+    )
     return 2.91 * p + 44.6 - spring * (contraction * 250.0)
 
 
@@ -74,5 +82,7 @@ LAWS: dict[str, Law] = {
 def law_named(name: str) -> Law:
     """A law of LAWS. FileError for an unknown name."""
     if name not in LAWS:
-        raise FileError(f"unknown force law {name!r}", nearest(name, list(LAWS)) or f"laws: {', '.join(LAWS)}")
+        raise FileError(
+            f"unknown force law {name!r}", nearest(name, list(LAWS)) or f"laws: {', '.join(LAWS)}"
+        )
     return LAWS[name]

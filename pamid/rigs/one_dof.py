@@ -26,7 +26,8 @@ from pamid.symbolic.vocabulary import Expr, Number
 Array = NDArray[np.float64]
 
 BOTH = ("1", "2")
-ARM_M = 0.30  # drawn length; estimate: an arm of 0.35 kg and 0.30 m has three quarters of the nominal inertia
+# drawn length; estimate: an arm of 0.35 kg and 0.30 m has three quarters of the nominal inertia
+ARM_M = 0.30
 
 
 class OneDof(Rig):
@@ -35,52 +36,135 @@ class OneDof(Rig):
     name = "one-dof"
     inputs = {"command": "", "external_torque_nm": "N m"}
     optional = {"external_torque_nm": 0.0}
-    outputs = {"angle_deg": "rad", "pressure_1_kpa": "Pa", "pressure_2_kpa": "Pa", "force_1_n": "N", "force_2_n": "N"}
+    outputs = {
+        "angle_deg": "rad",
+        "pressure_1_kpa": "Pa",
+        "pressure_2_kpa": "Pa",
+        "force_1_n": "N",
+        "force_2_n": "N",
+    }
     ports = {
         "command": Port("command", "", size={"value": 1.0}, general=False),
         "valve": Port("flow", "m3/s", pair.VALVE, BOTH, size=pair.VALVE_SIZE, general=False),
-        "pressure": Port("rate", "Pa/s", pair.PRESSURE, BOTH, size=pair.PRESSURE_SIZE, general=False),
-        "relief": Port("rate", "Pa/s", pair.RELIEF, BOTH, group="muscle", size=pair.RELIEF_SIZE, general=False),
-        "muscle": Port("actuator-force", "N", pair.MUSCLE, BOTH, size=pair.MUSCLE_SIZE, general=False),
-        "chain": Port("transmission", "N", pair.CHAIN, BOTH, group="structure", size={"value": 700.0}, general=False),
-        "joint": Port("motion", "N m", {"position": "rad", "velocity": "rad/s", "load": "N"},
-                      size={"value": 10.0, "velocity": 2.0, "position": 0.7, "load": 1000.0}, general=False),
-        "arm": Port("transmission", "N m", {"position": "rad", "velocity": "rad/s", "inertia": "kg m2"},
-                    group="structure", size={"value": 10.0, "velocity": 2.0, "position": 0.7}, general=False),
-        "angle_sensor": Port("reading", "rad", {"rate": "rad/s"}, group="sensor",
-                             size={"value": 0.7, "rate": 2.0}, general=False),
-        "pressure_sensor": Port("reading", "Pa", {"rate": "Pa/s"}, BOTH, group="sensor",
-                                size={"value": 4e5, "rate": 1e6}, general=False),
-        "force_sensor": Port("reading", "N", {"rate": "N/s"}, BOTH, group="sensor", size={"value": 700.0},
-                             general=False),
+        "pressure": Port(
+            "rate", "Pa/s", pair.PRESSURE, BOTH, size=pair.PRESSURE_SIZE, general=False
+        ),
+        "relief": Port(
+            "rate", "Pa/s", pair.RELIEF, BOTH, group="muscle", size=pair.RELIEF_SIZE, general=False
+        ),
+        "muscle": Port(
+            "actuator-force", "N", pair.MUSCLE, BOTH, size=pair.MUSCLE_SIZE, general=False
+        ),
+        "chain": Port(
+            "transmission",
+            "N",
+            pair.CHAIN,
+            BOTH,
+            group="structure",
+            size={"value": 700.0},
+            general=False,
+        ),
+        "joint": Port(
+            "motion",
+            "N m",
+            {"position": "rad", "velocity": "rad/s", "load": "N"},
+            size={"value": 10.0, "velocity": 2.0, "position": 0.7, "load": 1000.0},
+            general=False,
+        ),
+        "arm": Port(
+            "transmission",
+            "N m",
+            {"position": "rad", "velocity": "rad/s", "inertia": "kg m2"},
+            group="structure",
+            size={"value": 10.0, "velocity": 2.0, "position": 0.7},
+            general=False,
+        ),
+        "angle_sensor": Port(
+            "reading",
+            "rad",
+            {"rate": "rad/s"},
+            group="sensor",
+            size={"value": 0.7, "rate": 2.0},
+            general=False,
+        ),
+        "pressure_sensor": Port(
+            "reading",
+            "Pa",
+            {"rate": "Pa/s"},
+            BOTH,
+            group="sensor",
+            size={"value": 4e5, "rate": 1e6},
+            general=False,
+        ),
+        "force_sensor": Port(
+            "reading",
+            "N",
+            {"rate": "N/s"},
+            BOTH,
+            group="sensor",
+            size={"value": 700.0},
+            general=False,
+        ),
     }
-    states = (State("angle", "rad"), State("velocity", "rad/s"),
-              State("pressure_1", "Pa"), State("pressure_2", "Pa"))
+    states = (
+        State("angle", "rad"),
+        State("velocity", "rad/s"),
+        State("pressure_1", "Pa"),
+        State("pressure_2", "Pa"),
+    )
     parameters = (
         Parameter("inertia", 0.014, 0.001, 1.0, "kg m2", fitted=False, source="first paper, Jn"),
-        Parameter("radius", 0.030, 0.005, 0.2, "m", fitted=False, source="estimate: +-40 deg at contraction 0.10"),
-        pair.LENGTH, *pair.SUPPLY, *pair.AIR,
-        Parameter("viscous", 0.02, 0.0, 0.5, "N m s", spread=0.1, source="estimate, bearing and chain"),
+        Parameter(
+            "radius",
+            0.030,
+            0.005,
+            0.2,
+            "m",
+            fitted=False,
+            source="estimate: +-40 deg at contraction 0.10",
+        ),
+        pair.LENGTH,
+        *pair.SUPPLY,
+        *pair.AIR,
+        Parameter(
+            "viscous", 0.02, 0.0, 0.5, "N m s", spread=0.1, source="estimate, bearing and chain"
+        ),
         *pair.ATTACHING,
     )
     background = {"muscle": pair.force_map(), "valve": pair.flow_tolerance()}
     loops = (Loop("command", "reference_deg", "angle_deg"),)
-    controller = {"kp_per_deg": 0.10, "kd_s_per_deg": 0.003, "derivative_filter_s": 0.006, "command_limit": 1.0}
-    noise = {"angle_deg": 0.05, "pressure_1_kpa": 1.0, "pressure_2_kpa": 1.0, "force_1_n": 3.0, "force_2_n": 3.0}
+    controller = {
+        "kp_per_deg": 0.10,
+        "kd_s_per_deg": 0.003,
+        "derivative_filter_s": 0.006,
+        "command_limit": 1.0,
+    }
+    noise = {
+        "angle_deg": 0.05,
+        "pressure_1_kpa": 1.0,
+        "pressure_2_kpa": 1.0,
+        "force_1_n": 3.0,
+        "force_2_n": 3.0,
+    }
     period_s = 0.003
     excited = {"reference_deg": 40.0, "command": 0.8}
     filled_by = {"1": ("command", 1.0), "2": ("command", -1.0)}
     variants = tuple(LAWS)
 
     def __init__(self, law: str = "exponential") -> None:
-        self.static_force = law_named(law)  # a rig file may put another here, such as networks.force_law
+        # a rig file may put another here, such as networks.force_law
+        self.static_force = law_named(law)
 
     def start(self, p: Any) -> dict[str, float]:
         """Both muscles at p0, the arm at rest in the middle."""
-        return {"pressure_1": p.initial_pressure + ATMOSPHERE_PA, "pressure_2": p.initial_pressure + ATMOSPHERE_PA}
+        return {
+            "pressure_1": p.initial_pressure + ATMOSPHERE_PA,
+            "pressure_2": p.initial_pressure + ATMOSPHERE_PA,
+        }
 
     def muscles(self, x: Any, p: Any) -> tuple[Muscle, Muscle]:
         """Both muscles where the joint has taken them."""
+
         def at(place: str, side: float, pressure: Expr) -> Muscle:
             arm = side * p.radius / p.length
             return Muscle(place, side, p.contraction_0 + arm * x.angle, arm * x.velocity, pressure)
@@ -97,8 +181,10 @@ class OneDof(Rig):
         muscles = self.muscles(x, p)
         valves = valves_of(muscles, port("command", u.command), p)
         drawn = valves[0].drawn + valves[1].drawn
-        first, second = (pressure_rate(m, v, drawn, force, p, port)
-                         for m, v, force in zip(muscles, valves, self.pulls(x, p, port), strict=True))
+        first, second = (
+            pressure_rate(m, v, drawn, force, p, port)
+            for m, v, force in zip(muscles, valves, self.pulls(x, p, port), strict=True)
+        )
         return first, second
 
     def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
@@ -107,13 +193,20 @@ class OneDof(Rig):
         torque = port("joint", torque, position=x.angle, velocity=x.velocity, load=f1 + f2)
         torque = port("arm", torque, position=x.angle, velocity=x.velocity, inertia=p.inertia)
         dp1, dp2 = self.pressure_rates(x, u, p, port)
-        return {"angle": x.velocity, "velocity": torque / p.inertia, "pressure_1": dp1, "pressure_2": dp2}
+        return {
+            "angle": x.velocity,
+            "velocity": torque / p.inertia,
+            "pressure_1": dp1,
+            "pressure_2": dp2,
+        }
 
     def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
         dp = self.pressure_rates(x, u, p, port)
         out = {"angle_deg": port("angle_sensor", x.angle, rate=x.velocity)}
         for i, state, rate in (("1", x.pressure_1, dp[0]), ("2", x.pressure_2, dp[1])):
-            out[f"pressure_{i}_kpa"] = port("pressure_sensor", state - ATMOSPHERE_PA, place=i, rate=rate)
+            out[f"pressure_{i}_kpa"] = port(
+                "pressure_sensor", state - ATMOSPHERE_PA, place=i, rate=rate
+            )
         for i, force in zip(BOTH, self.pulls(x, p, port), strict=True):
             out[f"force_{i}_n"] = port("force_sensor", force, place=i, rate=0.0)
         return out

@@ -1,5 +1,5 @@
-"""Which samples may be used for what: parameters are fitted on one part, effects chosen on a second, figures given
-on a third that neither has seen."""
+"""Which samples may be used for what: parameters are fitted on one part, effects chosen on a
+second, figures given on a third that neither has seen."""
 
 from __future__ import annotations
 
@@ -16,16 +16,25 @@ from pamid.recording.noise import noise_level
 from pamid.recording.overlap import require_apart
 from pamid.recording.recording import Recording, require_excited
 from pamid.simulation.replay import Replay
-from pamid.simulation.simulate import free_run, input_table, known_values, measured_outputs, output_table, state_spread
+from pamid.simulation.simulate import (
+    free_run,
+    input_table,
+    known_values,
+    measured_outputs,
+    output_table,
+    state_spread,
+)
 from pamid.simulation.windows import Track, noise_of, stated_noise, track_of
 
 Array = NDArray[np.float64]
-FEWEST = 400           # samples of a recording
+FEWEST = 400  # samples of a recording
 HELD_OUT_SHARE = 0.3
-LEAD_S = 6.0           # before a held-out part, to find the state it begins in
-SHOWS = 3.0            # times its noise: a signal that moves
-FADED = 0.5            # of the first half's motion: what is left in the second half of a motion that dies away
-DEPARTS = 0.01         # of a state's spread: what a model may be off by in a state that nothing measures, per window
+LEAD_S = 6.0  # before a held-out part, to find the state it begins in
+SHOWS = 3.0  # times its noise: a signal that moves
+# of the first half's motion: what is left in the second half of a motion that dies away
+FADED = 0.5
+# of a state's spread: what a model may be off by in a state that nothing measures, per window
+DEPARTS = 0.01
 
 
 @dataclass(frozen=True)
@@ -39,9 +48,9 @@ class Span:
 
 @dataclass(frozen=True)
 class Evidence:
-    """Recordings of one rig, divided. channels: outputs that are both fitted and held out somewhere and that move in
-    one of the recordings; noise: their white noise (SI); jump: by what the rig's states may depart from what a window
-    before has led to (SI)."""
+    """Recordings of one rig, divided. channels: outputs that are both fitted and held out somewhere
+    and that move in one of the recordings; noise: their white noise (SI); jump: by what the rig's
+    states may depart from what a window before has led to (SI)."""
 
     rig: Rig
     fit: tuple[Span, ...]
@@ -53,9 +62,14 @@ class Evidence:
     def tracks(self, assembly: Assembly, held_out: bool = False) -> tuple[Track, ...]:
         """Tracks for this assembly; parameters the recordings know are held in each."""
         spans = self.held_out if held_out else self.fit
-        return tuple(track_of(assembly, s.recording, self.channels, self.jump)
-                     .part(s.start, s.stop, max(300, round(LEAD_S / s.recording.sampling_period_s)) if held_out else 0)
-                     for s in spans)
+        return tuple(
+            track_of(assembly, s.recording, self.channels, self.jump).part(
+                s.start,
+                s.stop,
+                max(300, round(LEAD_S / s.recording.sampling_period_s)) if held_out else 0,
+            )
+            for s in spans
+        )
 
     def lacking(self, recording: Recording) -> list[str]:
         """Channels that other recordings have and this one has not."""
@@ -69,30 +83,41 @@ class Evidence:
 def gather(rig: Rig, recordings: list[Recording], held_out: list[Recording]) -> Evidence:
     """Divide the recordings; without `held_out` the last 30 % of every recording is held out.
 
-    DataError where the recordings cannot answer: too short, nothing moves, or two hold the same samples. An input or a
-    channel may rest, as long as another one moves.
+    DataError where the recordings cannot answer: too short, nothing moves, or two hold the same
+    samples. An input or a channel may rest, as long as another one moves.
     """
     plain = Assembly(rig)
     everything = [*recordings, *held_out]
     require_apart(tuple(rig.outputs), recordings, held_out)
     seen = {id(r): measured_outputs(plain, r) for r in everything}
-    channels = tuple(c for c in rig.outputs if all(any(c in seen[id(r)] for r in role)
-                                                   for role in (recordings, held_out or recordings)))
+    channels = tuple(
+        c
+        for c in rig.outputs
+        if all(any(c in seen[id(r)] for r in role) for role in (recordings, held_out or recordings))
+    )
     if not channels:
-        raise FileError("no measured output is both fitted and held out",
-                        f"rig {rig.name!r} offers {', '.join(rig.outputs)}")
+        raise FileError(
+            "no measured output is both fitted and held out",
+            f"rig {rig.name!r} offers {', '.join(rig.outputs)}",
+        )
     for role in (recordings, held_out):
         for r in role:
             if not any(c in seen[id(r)] for c in channels):
-                raise FileError(f"{r.path} holds nothing that is both fitted and held out: {', '.join(channels)}",
-                                "leave it out, or hold out a recording that has the same sensors")
+                raise FileError(
+                    f"{r.path} holds nothing that is both fitted and held out: "
+                    f"{', '.join(channels)}",
+                    "leave it out, or hold out a recording that has the same sensors",
+                )
     moving: set[str] = set()
     for r in everything:
         moving |= require_lesson(rig, r)
         seconds = len(r) * r.sampling_period_s
         if len(r) < FEWEST:
-            raise DataError(f"{r.path}: {len(r)} samples ({seconds:.2f} s) are too few to fit and judge a model",
-                            f"at least {FEWEST} samples are needed; 20 s and more are sensible on a 3 ms rig")
+            raise DataError(
+                f"{r.path}: {len(r)} samples ({seconds:.2f} s) are too few to fit and judge a "
+                "model",
+                f"at least {FEWEST} samples are needed; 20 s and more are sensible on a 3 ms rig",
+            )
     channels = tuple(c for c in channels if c in moving)
     if held_out:
         fit = [Span(r, 0, len(r)) for r in recordings]
@@ -101,18 +126,30 @@ def gather(rig: Rig, recordings: list[Recording], held_out: list[Recording]) -> 
         edges = [round((1.0 - HELD_OUT_SHARE) * len(r)) for r in recordings]
         fit = [Span(r, 0, e) for r, e in zip(recordings, edges, strict=True)]
         kept = [Span(r, e, len(r)) for r, e in zip(recordings, edges, strict=True)]
-    order = sorted(range(len(fit)), key=lambda i: fit[i].recording.sha256)  # names and order must not matter
-    by_content = sorted(everything, key=lambda r: r.sha256)     # a sum depends on its order in the last digit
+    # names and order must not matter
+    order = sorted(range(len(fit)), key=lambda i: fit[i].recording.sha256)
+    # a sum depends on its order in the last digit
+    by_content = sorted(everything, key=lambda r: r.sha256)
     stated = stated_noise(rig, channels)
-    noise = np.sqrt(seen_mean(np.stack([noise_of((track_of(plain, r, channels),), stated) ** 2 for r in by_content])))
-    return Evidence(rig, tuple(fit[i] for i in order),
-                    tuple(sorted(kept, key=lambda s: (s.recording.sha256, s.start))), channels, noise,
-                    DEPARTS * _usual([state_spread(plain, r) for r in by_content]))
+    noise = np.sqrt(
+        seen_mean(
+            np.stack([noise_of((track_of(plain, r, channels),), stated) ** 2 for r in by_content])
+        )
+    )
+    return Evidence(
+        rig,
+        tuple(fit[i] for i in order),
+        tuple(sorted(kept, key=lambda s: (s.recording.sha256, s.start))),
+        channels,
+        noise,
+        DEPARTS * _usual([state_spread(plain, r) for r in by_content]),
+    )
 
 
 def require_lesson(rig: Rig, recording: Recording) -> set[str]:
-    """The outputs that change in this recording. DataError where nothing in it can teach: no output changes; or no
-    input does while the outputs go on moving, which neither they nor the data sheet's run explain."""
+    """The outputs that change in this recording. DataError where nothing in it can teach: no output
+    changes; or no input does while the outputs go on moving, which neither they nor the data
+    sheet's run explain."""
     inputs = [n for n in rig.inputs if recording.has(n)]
     found, still = _moving(recording, [n for n in rig.outputs if recording.has(n)])
     if not found and still is not None:
@@ -138,7 +175,8 @@ def _moving(recording: Recording, names: list[str]) -> tuple[set[str], DataError
 
 
 def _let_go(rig: Rig, recording: Recording, channels: list[str]) -> bool:
-    """Nothing being sent, does what moves come to rest, or does the data sheet's run move as well?"""
+    """Nothing being sent, does what moves come to rest, or does the data sheet's run move as
+    well?"""
     assembly = Assembly(rig)
     half = len(recording) // 2
     y = output_table(tuple(channels), recording)
@@ -156,16 +194,19 @@ def _let_go(rig: Rig, recording: Recording, channels: list[str]) -> bool:
 
 
 def _usual(spreads: list[Array]) -> Array:
-    """Root mean square of every state's spread over the recordings that say something of it; infinite where none
-    does."""
+    """Root mean square of every state's spread over the recordings that say something of it;
+    infinite where none does."""
     table = np.stack(spreads)
     said = np.isfinite(table)
     count = said.sum(axis=0)
-    return np.where(count, np.sqrt((np.where(said, table, 0.0) ** 2).sum(axis=0) / np.maximum(count, 1)), np.inf)
+    return np.where(
+        count, np.sqrt((np.where(said, table, 0.0) ** 2).sum(axis=0) / np.maximum(count, 1)), np.inf
+    )
 
 
 def selection_part(replays: list[Replay]) -> NDArray[np.bool_]:
-    """Which held-out windows choose the effect (True); the others only report. Alternating pairs of windows."""
+    """Which held-out windows choose the effect (True); the others only report. Alternating pairs of
+    windows."""
     count = sum(len(r.windows) for r in replays)
     run = 2 if count >= 12 else 1
     return (np.arange(count) // run) % 2 == 0

@@ -1,7 +1,8 @@
-"""What a model leaves over: recorded-command replay in short windows, and the noise floor of that comparison.
+"""What a model leaves over: recorded-command replay in short windows, and the noise floor of that
+comparison.
 
-A window starts from a state estimated on its first part, which is not scored; then the model runs freely on the
-recorded command. What effects remember runs on from window to window.
+A window starts from a state estimated on its first part, which is not scored; then the model runs
+freely on the recorded command. What effects remember runs on from window to window.
 """
 
 from __future__ import annotations
@@ -20,12 +21,14 @@ from pamid.simulation.windows import Runner, Track, Window, cut, estimate_start
 
 Array = NDArray[np.float64]
 
-WINDOW_S, SHORTEST_S, WARM_UP = 2.3, 1.0, 0.15   # s, s; share of a window that only serves to find its start
-ENOUGH = 16                                     # windows wanted: verdicts are resampled over them
+# s, s; share of a window that only serves to find its start
+WINDOW_S, SHORTEST_S, WARM_UP = 2.3, 1.0, 0.15
+ENOUGH = 16  # windows wanted: verdicts are resampled over them
 
 
 def replay_windows(track: Track) -> list[Window]:
-    """2.3 s windows, shorter (to 1 s) where the record would not give 16; at least 150 samples on slow rigs."""
+    """2.3 s windows, shorter (to 1 s) where the record would not give 16; at least 150 samples on
+    slow rigs."""
     total = len(track) * track.period_s
     length = max(round(min(WINDOW_S, max(SHORTEST_S, total / ENOUGH)) / track.period_s), 150)
     return cut(len(track), max(40, min(length, len(track) // 4)))
@@ -35,9 +38,9 @@ def replay_windows(track: Track) -> list[Window]:
 class Replay:
     """A model run over a track window by window, its lead-in included.
 
-    led: the track; whole: the model's outputs over it (samples x channels, SI); cuts: its windows; carried, starts:
-    the rig's states to which the window before has led and at which the window was entered (windows x states); finite:
-    nothing of what is scored became unstable.
+    led: the track; whole: the model's outputs over it (samples x channels, SI); cuts: its windows;
+    carried, starts: the rig's states to which the window before has led and at which the window was
+    entered (windows x states); finite: nothing of what is scored became unstable.
     """
 
     led: Track
@@ -87,11 +90,13 @@ class Replay:
         return self.led.seen
 
     def losses(self, power: int = 1) -> Array:
-        """Mean |residual|^power per window and channel over the scored part (windows x channels); NaN where a channel
-        was not recorded."""
+        """Mean |residual|^power per window and channel over the scored part (windows x channels);
+        NaN where a channel was not recorded."""
         r = np.abs(self.residual) ** power
         r[:, ~self.seen] = np.nan
-        return np.array([r[w.start : w.stop][self.scored[w.start : w.stop]].mean(axis=0) for w in self.windows])
+        return np.array(
+            [r[w.start : w.stop][self.scored[w.start : w.stop]].mean(axis=0) for w in self.windows]
+        )
 
 
 def warm_up(window: Window) -> int:
@@ -99,27 +104,38 @@ def warm_up(window: Window) -> int:
     return max(10, round(WARM_UP * (window.stop - window.start)))
 
 
-def replay(assembly: Assembly, p: Array, track: Track, stepping: Stepping, noise: Array,
-           jumps: Array | None = None) -> Replay:
-    """Run the model over the track window by window; the sensor noise per channel (SI) weighs the start estimates.
+def replay(
+    assembly: Assembly,
+    p: Array,
+    track: Track,
+    stepping: Stepping,
+    noise: Array,
+    jumps: Array | None = None,
+) -> Replay:
+    """Run the model over the track window by window; the sensor noise per channel (SI) weighs the
+    start estimates.
 
-    Windows of the track's lead-in find their start from all of their samples. jumps: by what the states are known to
-    have departed from what was carried over (windows x states).
+    Windows of the track's lead-in find their start from all of their samples. jumps: by what the
+    states are known to have departed from what was carried over (windows x states).
     """
     runner = Runner(assembly, track, stepping)
     values = runner.parameters(p)
     memory = runner.memory(values)
     whole, lead, finite = np.empty_like(track.y), track.lead, True
     windows = replay_windows(track.part(lead, len(track)))
-    cuts = (*(cut(lead, windows[0].stop) if lead else []), *(Window(w.start + lead, w.stop + lead) for w in windows))
+    cuts = (
+        *(cut(lead, windows[0].stop) if lead else []),
+        *(Window(w.start + lead, w.stop + lead) for w in windows),
+    )
     carried, starts = np.empty((2, len(cuts), runner.rig_states))
     for k, window in enumerate(cuts):
         ahead = window.start < lead
         seen = window if ahead else Window(window.start, window.start + warm_up(window))
         carried[k] = memory.x[: runner.rig_states]
         guess = carried[k] if jumps is None else carried[k] + jumps[k]
-        x, usable = estimate_start(runner, memory, seen, values, 1.0 / noise, guess,
-                                   track.jump if k else None)
+        x, usable = estimate_start(
+            runner, memory, seen, values, 1.0 / noise, guess, track.jump if k else None
+        )
         starts[k] = x if usable else carried[k]
         runner.enter(memory, starts[k])
         Y, _, fine = runner.run(memory, window, values, False)
@@ -131,23 +147,40 @@ def replay(assembly: Assembly, p: Array, track: Track, stepping: Stepping, noise
     return Replay(track, whole, cuts, carried, starts, finite)
 
 
-def followed(program: Program, assembly: Assembly, p: Array, track: Track, windows: Sequence[Window], starts: Array,
-             stepping: Stepping) -> Array:
-    """Outputs of `program`, the assembly's equations with further outputs, over windows entered at these states
-    (samples x outputs)."""
+def followed(
+    program: Program,
+    assembly: Assembly,
+    p: Array,
+    track: Track,
+    windows: Sequence[Window],
+    starts: Array,
+    stepping: Stepping,
+) -> Array:
+    """Outputs of `program`, the assembly's equations with further outputs, over windows entered at
+    these states (samples x outputs)."""
     n, rows = len(assembly.rig.states), []
     values = Runner(assembly, track, stepping).parameters(p)
     memory = program.memory(assembly.start(values), stepping=stepping, period_s=track.period_s)
     for w, x in zip(windows, starts, strict=True):
         memory.x[:n], memory.join = x, True
-        rows.append(program.run(memory, track.u[w.start : w.stop], values, period_s=track.period_s,
-                                time_s=(track.first + w.start) * track.period_s, stepping=stepping)[0])
+        rows.append(
+            program.run(
+                memory,
+                track.u[w.start : w.stop],
+                values,
+                period_s=track.period_s,
+                time_s=(track.first + w.start) * track.period_s,
+                stepping=stepping,
+            )[0]
+        )
     return np.nan_to_num(np.concatenate(rows))
 
 
-def noise_floor(assembly: Assembly, p: Array, done: Replay, stepping: Stepping, noise: Array, seed: int = 0) -> Replay:
-    """The same comparison where the model is the truth: its own outputs plus white noise, replayed. Where its states
-    departed from what was carried over, so did the truth's."""
+def noise_floor(
+    assembly: Assembly, p: Array, done: Replay, stepping: Stepping, noise: Array, seed: int = 0
+) -> Replay:
+    """The same comparison where the model is the truth: its own outputs plus white noise, replayed.
+    Where its states departed from what was carried over, so did the truth's."""
     random = np.random.default_rng(seed)
     y = done.whole + noise * random.standard_normal(done.whole.shape)
     y[:, ~done.seen] = np.nan

@@ -1,4 +1,5 @@
-"""Recordings in, trajectories out: input tables, integration steps, free runs, virtual rigs, sizes at the ports."""
+"""Recordings in, trajectories out: input tables, integration steps, free runs, virtual rigs, sizes
+at the ports."""
 
 from __future__ import annotations
 
@@ -18,13 +19,16 @@ from pamid.symbolic.vocabulary import Expr
 
 Array = NDArray[np.float64]
 
-STEADY = 1.8        # |eigenvalue| x step up to which the explicit step is used: half its stability limit and accurate
-MOST_SUBSTEPS = 4   # beyond, the implicit step is cheaper
+# |eigenvalue| x step up to which the explicit step is used: half its stability limit and accurate
+STEADY = 1.8
+MOST_SUBSTEPS = 4  # beyond, the implicit step is cheaper
 
 
-def input_table(assembly: Assembly, recording: Recording, names: tuple[str, ...] | None = None) -> Array:
-    """The assembly's inputs (samples x inputs, SI), or those named, from a recording; missing optional ones at their
-    default."""
+def input_table(
+    assembly: Assembly, recording: Recording, names: tuple[str, ...] | None = None
+) -> Array:
+    """The assembly's inputs (samples x inputs, SI), or those named, from a recording; missing
+    optional ones at their default."""
     columns = []
     for name in assembly.traced.inputs if names is None else names:
         if recording.has(name):
@@ -34,20 +38,30 @@ def input_table(assembly: Assembly, recording: Recording, names: tuple[str, ...]
         elif name.startswith("noise_"):
             columns.append(np.zeros(len(recording)))
         else:
-            raise FileError(f"{recording.path}: rig {assembly.rig.name!r} needs the input column {name!r}",
-                            nearest(name, list(recording.columns)) or f"columns: {', '.join(recording.columns)}",
-                            code="missing-column")
-    return np.ascontiguousarray(np.stack(columns, axis=1)) if columns else np.zeros((len(recording), 0))
+            raise FileError(
+                f"{recording.path}: rig {assembly.rig.name!r} needs the input column {name!r}",
+                nearest(name, list(recording.columns))
+                or f"columns: {', '.join(recording.columns)}",
+                code="missing-column",
+            )
+    return (
+        np.ascontiguousarray(np.stack(columns, axis=1))
+        if columns
+        else np.zeros((len(recording), 0))
+    )
 
 
 def measured_outputs(assembly: Assembly, recording: Recording) -> tuple[str, ...]:
     """The rig's outputs that this recording holds; at least one must be there."""
     found = tuple(name for name in assembly.rig.outputs if recording.has(name))
     if not found:
-        raise FileError(f"{recording.path} holds none of the outputs of rig {assembly.rig.name!r}: "
-                        f"{', '.join(assembly.rig.outputs)}",
-                        nearest(next(iter(assembly.rig.outputs)), list(recording.columns)) or "Name another --rig, or "
-                        f"rename the columns; there are {', '.join(recording.columns)}.")
+        raise FileError(
+            f"{recording.path} holds none of the outputs of rig {assembly.rig.name!r}: "
+            f"{', '.join(assembly.rig.outputs)}",
+            nearest(next(iter(assembly.rig.outputs)), list(recording.columns))
+            or "Name another --rig, or "
+            f"rename the columns; there are {', '.join(recording.columns)}.",
+        )
     return found
 
 
@@ -62,17 +76,32 @@ def known_values(assembly: Assembly, known: dict[str, float]) -> tuple[Array, li
 
 
 def choose_stepping(assembly: Assembly, u: Array, p: Array, period_s: float, x: Array) -> Stepping:
-    """Steps per sample from the spectral radius of df/dx along a robust run of the first seconds."""
+    """Steps per sample from the spectral radius of df/dx along a robust run of the first
+    seconds."""
     program = assembly.program
     careful = Stepping(2, implicit=True)
     memory = program.memory(x, stepping=careful, period_s=period_s)
     fastest = 0.0
     block = max(1, min(len(u), 3000) // 40)
     for i in range(0, min(len(u), 3000), block):
-        matrix = program.rate_matrix(memory, u[i], p, period_s=period_s, time_s=i * period_s) if i else None
+        matrix = (
+            program.rate_matrix(memory, u[i], p, period_s=period_s, time_s=i * period_s)
+            if i
+            else None
+        )
         if matrix is not None and np.isfinite(matrix).all():
             fastest = max(fastest, float(np.abs(np.linalg.eigvals(matrix)).max(initial=0.0)))
-        if program.run(memory, u[i : i + block], p, period_s=period_s, time_s=i * period_s, stepping=careful)[2] >= 0:
+        if (
+            program.run(
+                memory,
+                u[i : i + block],
+                p,
+                period_s=period_s,
+                time_s=i * period_s,
+                stepping=careful,
+            )[2]
+            >= 0
+        ):
             break
     needed = int(2 ** np.ceil(np.log2(max(1.0, fastest * period_s / STEADY))))
     return Stepping(needed) if needed <= MOST_SUBSTEPS else Stepping(1, implicit=True)
@@ -80,15 +109,23 @@ def choose_stepping(assembly: Assembly, u: Array, p: Array, period_s: float, x: 
 
 @dataclass(frozen=True)
 class FreeRun:
-    """Outputs of a run (samples x outputs, SI); `blown_up` is the first sample without a finite state, or -1."""
+    """Outputs of a run (samples x outputs, SI); `blown_up` is the first sample without a finite
+    state, or -1."""
 
     outputs: Array
     blown_up: int
     memory: Memory
 
 
-def free_run(assembly: Assembly, u: Array, p: Array, period_s: float, *, start: Array | None = None,
-             stepping: Stepping | None = None) -> FreeRun:
+def free_run(
+    assembly: Assembly,
+    u: Array,
+    p: Array,
+    period_s: float,
+    *,
+    start: Array | None = None,
+    stepping: Stepping | None = None,
+) -> FreeRun:
     """Simulate from `start` (default: the rig's own) over the inputs u (samples x inputs)."""
     x = assembly.start(p) if start is None else start
     step = stepping or choose_stepping(assembly, u, p, period_s, x)
@@ -97,12 +134,19 @@ def free_run(assembly: Assembly, u: Array, p: Array, period_s: float, *, start: 
     return FreeRun(outputs, bad, memory)
 
 
-def virtual_recording(assembly: Assembly, excitation: Recording, p: Array, *, noise: float = 1.0, seed: int = 0,
-                      fineness: int = 4) -> dict[str, Array]:
+def virtual_recording(
+    assembly: Assembly,
+    excitation: Recording,
+    p: Array,
+    *,
+    noise: float = 1.0,
+    seed: int = 0,
+    fineness: int = 4,
+) -> dict[str, Array]:
     """What a rig with these effects would have recorded: columns in their own units.
 
-    Sensor noise is white with the rig's standard deviations times `noise`; in a closed loop the controller sees it.
-    Integrated with `fineness` times the steps that a fit would take.
+    Sensor noise is white with the rig's standard deviations times `noise`; in a closed loop the
+    controller sees it. Integrated with `fineness` times the steps that a fit would take.
     """
     rig, period = assembly.rig, excitation.sampling_period_s
     jitter = sensor_noise(assembly, len(excitation), noise, seed)
@@ -115,8 +159,10 @@ def virtual_recording(assembly: Assembly, excitation: Recording, p: Array, *, no
     memory = program.memory(assembly.start(p), stepping=step, period_s=period)
     Y, _, bad = program.run(memory, u, p, period_s=period, stepping=step)
     if bad >= 0:
-        raise DataError(f"the virtual rig {rig.name!r} became unstable at {bad * period:.3f} s",
-                        "lower the amplitude, or mend the parameters of the effects")
+        raise DataError(
+            f"the virtual rig {rig.name!r} became unstable at {bad * period:.3f} s",
+            "lower the amplitude, or mend the parameters of the effects",
+        )
     columns = {name: excitation.columns[name] for name in excitation.columns}
     for i, name in enumerate(program.outputs):
         clean = from_si(Y[:, i], split_column(name)[1])
@@ -125,9 +171,13 @@ def virtual_recording(assembly: Assembly, excitation: Recording, p: Array, *, no
 
 
 def sensor_noise(assembly: Assembly, samples: int, noise: float, seed: int) -> dict[str, Array]:
-    """White noise on every output, in the column's unit, with the rig's standard deviations times `noise`."""
+    """White noise on every output, in the column's unit, with the rig's standard deviations times
+    `noise`."""
     rig, random = assembly.rig, np.random.default_rng(seed)
-    return {name: noise * rig.noise.get(name, 0.0) * random.standard_normal(samples) for name in rig.outputs}
+    return {
+        name: noise * rig.noise.get(name, 0.0) * random.standard_normal(samples)
+        for name in rig.outputs
+    }
 
 
 def noisy_inputs(u: Array, names: tuple[str, ...], jitter: dict[str, Array]) -> Array:
@@ -140,7 +190,8 @@ def noisy_inputs(u: Array, names: tuple[str, ...], jitter: dict[str, Array]) -> 
 
 
 def port_sizes(assembly: Assembly, runs: list[tuple[Array, Array, float]]) -> Sizes:
-    """Magnitude (95th percentile of |signal|) of every value and signal at every port, over runs (u, p, period).
+    """Magnitude (95th percentile of |signal|) of every value and signal at every port, over runs
+    (u, p, period).
 
     What the rig declares itself is not measured again.
     """
@@ -169,8 +220,8 @@ def port_sizes(assembly: Assembly, runs: list[tuple[Array, Array, float]]) -> Si
 
 
 def state_spread(assembly: Assembly, recording: Recording) -> Array:
-    """Standard deviation of each of the rig's states over a free run on the recorded inputs (SI); infinite where the
-    run says nothing of it: a state that runs away or does not move."""
+    """Standard deviation of each of the rig's states over a free run on the recorded inputs (SI);
+    infinite where the run says nothing of it: a state that runs away or does not move."""
     p, _ = known_values(assembly, recording.known)
     u, period = input_table(assembly, recording), recording.sampling_period_s
     names = assembly.rig.states

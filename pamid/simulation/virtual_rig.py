@@ -21,7 +21,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class VirtualRecording:
-    """columns in their own units; meta: the tables of the TOML beside the recording; effects: labels with values."""
+    """columns in their own units; meta: the tables of the TOML beside the recording; effects:
+    labels with values."""
 
     columns: dict[str, Array]
     meta: dict[str, Any]
@@ -29,7 +30,7 @@ class VirtualRecording:
 
 
 def split_spec(spec: str) -> tuple[str, dict[str, float]]:
-    """"dead-time:delay_s=0.03,gain=2" -> ("dead-time", {...})."""
+    """ "dead-time:delay_s=0.03,gain=2" -> ("dead-time", {...})."""
     name, _, rest = spec.partition(":")
     values = {}
     for pair in filter(None, rest.split(",")):
@@ -39,8 +40,10 @@ def split_spec(spec: str) -> tuple[str, dict[str, float]]:
         except ValueError:
             sign = ""
         if not sign:
-            raise UsageError(f"effect {spec!r}: {pair!r} is not parameter=number",
-                             "for example dead-time:delay_s=0.03")
+            raise UsageError(
+                f"effect {spec!r}: {pair!r} is not parameter=number",
+                "for example dead-time:delay_s=0.03",
+            )
     return name, values
 
 
@@ -58,8 +61,8 @@ def attach_specs(rig: Any, specs: tuple[str, ...]) -> list[tuple[Attachment, dic
 
 
 def in_its_loop(rig: Rig, excitation: Recording) -> bool:
-    """Does the controller run? With the references of all loops and no command it does, with all commands or nothing of
-    either it does not. FileError for anything between."""
+    """Does the controller run? With the references of all loops and no command it does, with all
+    commands or nothing of either it does not. FileError for anything between."""
     commands = [q.command for q in rig.loops if excitation.has(q.command)]
     references = [q.reference for q in rig.loops if excitation.has(q.reference)]
     if len(commands) == len(rig.loops) or not commands and not references:
@@ -69,14 +72,24 @@ def in_its_loop(rig: Rig, excitation: Recording) -> bool:
     there = " and ".join([*references, *commands])
     lacking = (q.command if commands else q.reference for q in rig.loops)
     missing = " and ".join(c for c in lacking if not excitation.has(c))
-    raise FileError(f"{excitation.path} has {there}, but not {missing}",
-                    f"rig {rig.name!r} runs with the references of all its loops, or with all their commands "
-                    "(0 leaves the valves shut)")
+    raise FileError(
+        f"{excitation.path} has {there}, but not {missing}",
+        f"rig {rig.name!r} runs with the references of all its loops, or with all their commands "
+        "(0 leaves the valves shut)",
+    )
 
 
-def virtual_rig(rig_name: str, excitation: Recording, specs: tuple[str, ...], known: dict[str, float],
-                hidden: dict[str, float], noise: float, seed: int) -> VirtualRecording:
-    """Simulate. Effects without given values act at their typical size; `known` goes before what the excitation knows.
+def virtual_rig(
+    rig_name: str,
+    excitation: Recording,
+    specs: tuple[str, ...],
+    known: dict[str, float],
+    hidden: dict[str, float],
+    noise: float,
+    seed: int,
+) -> VirtualRecording:
+    """Simulate. Effects without given values act at their typical size; `known` goes before what
+    the excitation knows.
     """
     rig = rig_named(rig_name)
     chosen = attach_specs(rig, specs)
@@ -88,21 +101,30 @@ def virtual_rig(rig_name: str, excitation: Recording, specs: tuple[str, ...], kn
     if not closed:
         u = input_table(plain, excitation)
         sizes = port_sizes(plain, [(u, plain.values(known), excitation.sampling_period_s)])
-    assembly = Assembly(rig, tuple(a for a, _ in chosen), controller=tuple(sorted(settings.items())), sizes=sizes)
+    assembly = Assembly(
+        rig, tuple(a for a, _ in chosen), controller=tuple(sorted(settings.items())), sizes=sizes
+    )
     p = assembly.values({**known, **hidden})
     told = []
     for a, values in chosen:
         own = {b.name: b for b in assembly.parameters if b.owner == a.label}
         for name, value in values.items():
             if name not in own:
-                raise FileError(f"effect {a.label!r} has no parameter {name!r}",
-                                nearest(name, list(own)) or f"parameters: {', '.join(own)}")
+                raise FileError(
+                    f"effect {a.label!r} has no parameter {name!r}",
+                    nearest(name, list(own)) or f"parameters: {', '.join(own)}",
+                )
             p[assembly.index_of(f"{a.label}:{name}")] = value * own[name].factor
         given = ",".join(f"{b.name}={p[assembly.keys[b.key]] / b.factor:.6g}" for b in own.values())
         told.append(f"{a.label}:{given}")
     columns = virtual_recording(assembly, excitation, p, noise=noise, seed=seed)
-    meta: dict[str, Any] = {"recording": {"rig": rig_name, "loop": "closed" if closed else "open",
-                                          "sampling_period_s": excitation.sampling_period_s}}
+    meta: dict[str, Any] = {
+        "recording": {
+            "rig": rig_name,
+            "loop": "closed" if closed else "open",
+            "sampling_period_s": excitation.sampling_period_s,
+        }
+    }
     if known:
         meta["known"] = known
     if closed:

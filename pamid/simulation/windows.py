@@ -1,7 +1,8 @@
-"""Recordings cut into windows, and one window run from a start state: the ground of fitting and of scoring.
+"""Recordings cut into windows, and one window run from a start state: the ground of fitting and of
+scoring.
 
-The rig's own states are set anew at the start of each window; what effects remember (plays, lags, creep) is carried
-on from the window before, so that no effect has to be told its past.
+The rig's own states are set anew at the start of each window; what effects remember (plays, lags,
+creep) is carried on from the window before, so that no effect has to be told its past.
 """
 
 from __future__ import annotations
@@ -28,10 +29,11 @@ Array = NDArray[np.float64]
 class Track:
     """One recording as a fit sees it. SI throughout.
 
-    u (samples x inputs), y (samples x channels; NaN where a channel was not recorded), known: places of parameters that
-    are held for it, p their values put into the data sheet's; jump: by what each of the rig's states may depart, where
-    a window begins, from what the window before has led to; first: index in the recording file of the first sample (for
-    time and reports); lead: samples at the beginning that only serve to find the state, and are never scored.
+    u (samples x inputs), y (samples x channels; NaN where a channel was not recorded), known:
+    places of parameters that are held for it, p their values put into the data sheet's; jump: by
+    what each of the rig's states may depart, where a window begins, from what the window before has
+    led to; first: index in the recording file of the first sample (for time and reports); lead:
+    samples at the beginning that only serve to find the state, and are never scored.
     """
 
     name: str
@@ -55,22 +57,43 @@ class Track:
     def part(self, start: int, stop: int, lead: int = 0) -> Track:
         """Samples start..stop, led in by up to `lead` samples before them."""
         begin = max(0, start - lead)
-        return replace(self, u=self.u[begin:stop], y=self.y[begin:stop], first=self.first + begin, lead=start - begin)
+        return replace(
+            self,
+            u=self.u[begin:stop],
+            y=self.y[begin:stop],
+            first=self.first + begin,
+            lead=start - begin,
+        )
 
 
-def track_of(assembly: Assembly, recording: Recording, channels: tuple[str, ...], jump: Array | None = None) -> Track:
-    """The recording's inputs and measured channels for this assembly; without `jump` states depart as they like."""
+def track_of(
+    assembly: Assembly, recording: Recording, channels: tuple[str, ...], jump: Array | None = None
+) -> Track:
+    """The recording's inputs and measured channels for this assembly; without `jump` states depart
+    as they like."""
     p, known = known_values(assembly, recording.known)
     free = np.full(len(assembly.rig.states), np.inf)
-    return Track(recording.name, input_table(assembly, recording), _measured(channels, recording), p, tuple(known),
-                 recording.sampling_period_s, free if jump is None else jump)
+    return Track(
+        recording.name,
+        input_table(assembly, recording),
+        _measured(channels, recording),
+        p,
+        tuple(known),
+        recording.sampling_period_s,
+        free if jump is None else jump,
+    )
 
 
 def stated_noise(rig: Rig, channels: Sequence[str]) -> Array:
-    """What the rig says of its sensors: standard deviation per channel (SI), 0 where it says nothing."""
+    """What the rig says of its sensors: standard deviation per channel (SI), 0 where it says
+    nothing."""
     units = [split_column(name)[1] for name in channels]
-    return np.array([to_si(rig.noise.get(name, 0.0), unit) - to_si(0.0, unit)
-                     for name, unit in zip(channels, units, strict=True)])
+    return np.array(
+        [
+            to_si(rig.noise.get(name, 0.0), unit) - to_si(0.0, unit)
+            for name, unit in zip(channels, units, strict=True)
+        ]
+    )
 
 
 def _measured(channels: tuple[str, ...], recording: Recording) -> Array:
@@ -84,7 +107,8 @@ def _measured(channels: tuple[str, ...], recording: Recording) -> Array:
 
 
 def noise_of(tracks: Sequence[Track], stated: Array) -> Array:
-    """Noise level per channel over all tracks that have it; NaN where none has. stated: see `sensor_noise`."""
+    """Noise level per channel over all tracks that have it; NaN where none has. stated: see
+    `sensor_noise`."""
     if all(t.seen.all() for t in tracks):
         return sensor_noise([t.y for t in tracks], stated)
     noise = np.full(tracks[0].y.shape[1], np.nan)
@@ -111,15 +135,15 @@ def cut(samples: int, length: int) -> list[Window]:
 class Runner:
     """Runs windows of one track with given parameters.
 
-    free: places of the parameters that get sensitivity columns; after them come the rig's own states at the window's
-    start, so a Jacobian has len(free) + rig_states columns.
+    free: places of the parameters that get sensitivity columns; after them come the rig's own
+    states at the window's start, so a Jacobian has len(free) + rig_states columns.
     """
 
     assembly: Assembly
     track: Track
     stepping: Stepping
     free: tuple[int, ...] = ()
-    whole: bool = False       # set anew the effects' states, too
+    whole: bool = False  # set anew the effects' states, too
 
     @cached_property
     def rig_states(self) -> int:
@@ -140,17 +164,26 @@ class Runner:
         return out
 
     def memory(self, p: Array) -> Memory:
-        return self.assembly.program.memory(self.assembly.start(p), len(self.free) + self.rig_states,
-                                            stepping=self.stepping, period_s=self.track.period_s)
+        return self.assembly.program.memory(
+            self.assembly.start(p),
+            len(self.free) + self.rig_states,
+            stepping=self.stepping,
+            period_s=self.track.period_s,
+        )
 
     def widened(self, memory: Memory) -> Memory:
         """A copy of another run's memory with this runner's (empty) sensitivities."""
-        fresh = self.assembly.program.memory(memory.x, len(self.free) + self.rig_states, stepping=self.stepping,
-                                             period_s=self.track.period_s)
+        fresh = self.assembly.program.memory(
+            memory.x,
+            len(self.free) + self.rig_states,
+            stepping=self.stepping,
+            period_s=self.track.period_s,
+        )
         return replace(memory.copy(), S=fresh.S, buffer_S=fresh.buffer_S)
 
     def enter(self, memory: Memory, x: Array) -> None:
-        """Start a window at rig state x: sensitivities to x begin here, those to parameters live on in memories."""
+        """Start a window at rig state x: sensitivities to x begin here, those to parameters live on
+        in memories."""
         n, k = self.rig_states, len(self.free)
         memory.x[:n] = x
         memory.join = True
@@ -159,27 +192,53 @@ class Runner:
         memory.S[:n, k : k + n] = np.eye(n)
         memory.buffer_S[:, :, k:] = 0.0
 
-    def run(self, memory: Memory, window: Window, p: Array, sensitivities: bool,
-            weights: Array | None = None) -> tuple[Array, Array, bool]:
-        """Outputs, Jacobian (samples x channels, padded columns) times weights per channel; did all stay finite?"""
+    def run(
+        self,
+        memory: Memory,
+        window: Window,
+        p: Array,
+        sensitivities: bool,
+        weights: Array | None = None,
+    ) -> tuple[Array, Array, bool]:
+        """Outputs, Jacobian (samples x channels, padded columns) times weights per channel; did all
+        stay finite?"""
         t = self.track
         Y, J, bad = self.assembly.program.run(
-            memory, t.u[window.start : window.stop], p, period_s=t.period_s,
-            time_s=(t.first + window.start) * t.period_s, stepping=self.stepping,
-            columns=self.columns if sensitivities else None, weights=weights)
-        return Y, J.reshape(J.shape[0] * J.shape[1], J.shape[2]), bad < 0 and bool(np.isfinite(Y).all())
+            memory,
+            t.u[window.start : window.stop],
+            p,
+            period_s=t.period_s,
+            time_s=(t.first + window.start) * t.period_s,
+            stepping=self.stepping,
+            columns=self.columns if sensitivities else None,
+            weights=weights,
+        )
+        return (
+            Y,
+            J.reshape(J.shape[0] * J.shape[1], J.shape[2]),
+            bad < 0 and bool(np.isfinite(Y).all()),
+        )
 
 
-PULL = 1e-5          # information of a carried state against what a window says by itself
+PULL = 1e-5  # information of a carried state against what a window says by itself
 
 
-def estimate_start(runner: Runner, memory: Memory, window: Window, p: Array, weight: Array, carried: Array,
-                   jump: Array | None, iterations: int = 6) -> tuple[Array, bool]:
-    """Rig state at the start of a window from its data, by Gauss-Newton with a pull to the carried state.
+def estimate_start(
+    runner: Runner,
+    memory: Memory,
+    window: Window,
+    p: Array,
+    weight: Array,
+    carried: Array,
+    jump: Array | None,
+    iterations: int = 6,
+) -> tuple[Array, bool]:
+    """Rig state at the start of a window from its data, by Gauss-Newton with a pull to the carried
+    state.
 
-    memory is left untouched. weight: 1/sigma per channel. jump: by what each state may depart from the carried value
-    (standard deviation; None or infinite where nothing is known of it: a weak pull remains). Returns the state, and
-    whether it is usable.
+    memory is left untouched. weight: 1/sigma per channel. jump: by what each state may depart from
+    the carried value (standard deviation; None or infinite where nothing is known of it: a weak
+    pull remains). Returns the state, and whether it is usable.
     """
     own = Runner(runner.assembly, runner.track, runner.stepping, whole=runner.whole)
     n = own.rig_states

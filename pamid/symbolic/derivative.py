@@ -69,7 +69,9 @@ def gradients(roots: list[Expr], parameters: frozenset[str] | None = None) -> li
     for node in walk(roots):
         if node.op == "symbol":
             space, name = node.value
-            moves = space in SPACES and (space != "parameter" or parameters is None or name in parameters)
+            moves = space in SPACES and (
+                space != "parameter" or parameters is None or name in parameters
+            )
             table[node] = {node: ONE} if moves else {}
         elif node.op == "const":
             table[node] = {}
@@ -84,6 +86,3 @@ def gradients(roots: list[Expr], parameters: frozenset[str] | None = None) -> li
                         total[key] = total[key] + term if key in total else term
             table[node] = total
     return [{k: v for k, v in table[r].items() if v is not ZERO} for r in roots]
-
-
-

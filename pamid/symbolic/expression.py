@@ -1,6 +1,8 @@
-"""Expressions: the graph beneath every equation, hash-consed so that building one twice gives the same object.
+"""Expressions: the graph beneath every equation, hash-consed so that building one twice gives the
+same object.
 
-`pamid.symbolic.vocabulary` is the vocabulary that rigs and effects are written in; this is what it builds.
+`pamid.symbolic.vocabulary` is the vocabulary that rigs and effects are written in; this is what it
+builds.
 """
 
 from __future__ import annotations
@@ -14,25 +16,40 @@ from pamid.base.errors import PamidError
 Number = Union["Expr", float, int]
 
 _UNARY: dict[str, Callable[[float], float]] = {
-    "sqrt": math.sqrt, "exp": math.exp, "log": math.log, "tanh": math.tanh, "sin": math.sin, "cos": math.cos,
-    "abs": abs, "floor": math.floor, "neg": lambda a: -a,
+    "sqrt": math.sqrt,
+    "exp": math.exp,
+    "log": math.log,
+    "tanh": math.tanh,
+    "sin": math.sin,
+    "cos": math.cos,
+    "abs": abs,
+    "floor": math.floor,
+    "neg": lambda a: -a,
 }
 _BINARY: dict[str, Callable[[float, float], Any]] = {
-    "add": lambda a, b: a + b, "sub": lambda a, b: a - b, "mul": lambda a, b: a * b, "div": lambda a, b: a / b,
-    "pow": lambda a, b: a**b, "min": min, "max": max,
-    "lt": lambda a, b: float(a < b), "le": lambda a, b: float(a <= b),
+    "add": lambda a, b: a + b,
+    "sub": lambda a, b: a - b,
+    "mul": lambda a, b: a * b,
+    "div": lambda a, b: a / b,
+    "pow": lambda a, b: a**b,
+    "min": min,
+    "max": max,
+    "lt": lambda a, b: float(a < b),
+    "le": lambda a, b: float(a <= b),
 }
 
 
 class EquationError(PamidError):
-    """An equation cannot be traced: a Python `if` on a signal, a wrong type, a value that is not finite."""
+    """An equation cannot be traced: a Python `if` on a signal, a wrong type, a value that is not
+    finite."""
 
     def __init__(self, message: str, hint: str = "") -> None:
         super().__init__(message, hint, code="equation", exit_code=3)
 
 
 class Expr:
-    """A node: `op` with `args`; leaves are constants (`value`) and symbols (`value` = (space, name))."""
+    """A node: `op` with `args`; leaves are constants (`value`) and symbols (`value` = (space,
+    name))."""
 
     __slots__ = ("args", "op", "value")
     _table: dict[tuple[Any, ...], Expr] = {}
@@ -54,14 +71,17 @@ class Expr:
     def __bool__(self) -> bool:
         raise EquationError(
             "a Python `if`, `and`, `or`, `min`, `max` or `abs` was used on a signal",
-            "write where(condition, a, b), minimum(a, b), maximum(a, b) from pamid.equations instead",
+            "write where(condition, a, b), minimum(a, b), maximum(a, b) from pamid.equations "
+            "instead",
         )
 
     def __float__(self) -> float:
         if self.op == "const":
             return float(self.value)
-        raise EquationError(f"the value of {text(self)} is not known before the simulation",
-                            "use sqrt, exp, tanh, ... from pamid.equations instead of math.* or numpy.*")
+        raise EquationError(
+            f"the value of {text(self)} is not known before the simulation",
+            "use sqrt, exp, tanh, ... from pamid.equations instead of math.* or numpy.*",
+        )
 
     def __repr__(self) -> str:
         return text(self)
@@ -119,12 +139,15 @@ def const(value: float) -> Expr:
     """A constant node; refuses anything that is not a finite number."""
     number = float(value)
     if not math.isfinite(number):
-        raise EquationError(f"an equation contains the constant {number}", "guard the division or the logarithm")
+        raise EquationError(
+            f"an equation contains the constant {number}", "guard the division or the logarithm"
+        )
     return Expr("const", (), 0.0 if number == 0.0 else number)
 
 
 def symbol(space: str, name: str) -> Expr:
-    """A leaf: `space` is one of state, cell, past, input, parameter, tick; `name` is unique inside it."""
+    """A leaf: `space` is one of state, cell, past, input, parameter, tick; `name` is unique inside
+    it."""
     return Expr("symbol", (), (space, name))
 
 
@@ -135,8 +158,10 @@ def expression(value: Number) -> Expr:
     try:
         return const(float(value))
     except (TypeError, ValueError):
-        raise EquationError(f"an equation returned {value!r}, which is neither a number nor an expression",
-                            "rates, measure and act return expressions or numbers") from None
+        raise EquationError(
+            f"an equation returned {value!r}, which is neither a number nor an expression",
+            "rates, measure and act return expressions or numbers",
+        ) from None
 
 
 ZERO, ONE = const(0.0), const(1.0)
@@ -153,7 +178,9 @@ def unary(op: str, argument: Number) -> Expr:
         try:
             return const(_UNARY[op](a.value))
         except (ValueError, OverflowError):
-            raise EquationError(f"{op}({a.value}) is not a number", "guard the argument with maximum(...)") from None
+            raise EquationError(
+                f"{op}({a.value}) is not a number", "guard the argument with maximum(...)"
+            ) from None
     if op == "neg" and a.op == "neg":
         return a.args[0]
     return Expr(op, (a,))
@@ -166,7 +193,9 @@ def binary(op: str, left: Number, right: Number) -> Expr:
         try:
             return const(_BINARY[op](a.value, b.value))
         except (ZeroDivisionError, OverflowError, ValueError):
-            raise EquationError(f"{op}({a.value}, {b.value}) is not a number", "guard the divisor") from None
+            raise EquationError(
+                f"{op}({a.value}, {b.value}) is not a number", "guard the divisor"
+            ) from None
     return Expr(op, (a, b))
 
 
@@ -208,7 +237,9 @@ def mul(left: Number, right: Number) -> Expr:
 def div(left: Number, right: Number) -> Expr:
     a, b = expression(left), expression(right)
     if _is(b, 0.0):
-        raise EquationError(f"{text(a)} is divided by zero", "guard the divisor with maximum(..., 1e-9)")
+        raise EquationError(
+            f"{text(a)} is divided by zero", "guard the divisor with maximum(..., 1e-9)"
+        )
     if _is(a, 0.0):
         return ZERO
     if b.op == "const":
@@ -241,7 +272,7 @@ def where(condition: Number, a: Number, b: Number) -> Expr:
     return Expr("where", (c, left, right))
 
 
-# ---- walking -----------------------------------------------------------------------------------------------------
+# ---- walking -----------------------------------------------------------------------------------
 
 
 def walk(roots: Iterable[Expr]) -> list[Expr]:
@@ -263,7 +294,12 @@ def walk(roots: Iterable[Expr]) -> list[Expr]:
 
 
 _REBUILD: dict[str, Callable[..., Expr]] = {
-    "add": add, "sub": sub, "mul": mul, "div": div, "pow": power, "where": where,
+    "add": add,
+    "sub": sub,
+    "mul": mul,
+    "div": div,
+    "pow": power,
+    "where": where,
 }
 
 
@@ -287,7 +323,11 @@ def substitute(roots: Iterable[Expr], values: dict[Expr, Expr]) -> list[Expr]:
             new[node] = values[node]
         elif node.args:
             args = tuple(new[a] for a in node.args)
-            new[node] = node if all(a is b for a, b in zip(args, node.args, strict=True)) else rebuild(node, args)
+            new[node] = (
+                node
+                if all(a is b for a, b in zip(args, node.args, strict=True))
+                else rebuild(node, args)
+            )
         else:
             new[node] = node
     return [new[r] for r in roots]
@@ -298,10 +338,17 @@ def symbols(roots: Iterable[Expr]) -> set[tuple[str, str]]:
     return {n.value for n in walk(roots) if n.op == "symbol"}
 
 
-# ---- printing ----------------------------------------------------------------------------------------------------
+# ---- printing ----------------------------------------------------------------------------------
 
-_INFIX = {"add": ("+", 1), "sub": ("-", 1), "mul": ("*", 2), "div": ("/", 2), "pow": ("**", 4),
-          "lt": ("<", 0), "le": ("<=", 0)}
+_INFIX = {
+    "add": ("+", 1),
+    "sub": ("-", 1),
+    "mul": ("*", 2),
+    "div": ("/", 2),
+    "pow": ("**", 4),
+    "lt": ("<", 0),
+    "le": ("<=", 0),
+}
 
 
 def text(node: Expr) -> str:
@@ -318,7 +365,11 @@ def _text(node: Expr) -> tuple[str, int]:
         sign_, level = _INFIX[node.op]
         (left, a), (right, b) = _text(node.args[0]), _text(node.args[1])
         left = f"({left})" if a < level else left
-        right = f"({right})" if b < level or (b == level and node.op in ("sub", "div", "pow")) else right
+        right = (
+            f"({right})"
+            if b < level or (b == level and node.op in ("sub", "div", "pow"))
+            else right
+        )
         return (f"{left} {sign_} {right}" if level < 4 else f"{left}{sign_}{right}", level)
     if node.op == "neg":
         inner, level = _text(node.args[0])

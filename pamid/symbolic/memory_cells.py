@@ -1,8 +1,9 @@
 """Memory operators become cells: values kept from step to step by the engine.
 
-A cell is updated at the start of every step (of every sample where `sampled`), from the state at that instant and
-its own past, and holds over the step. Inside the step an operator is evaluated relative to its cell, so a play or a
-bristle is exact for a motion one way, whatever the integrator's stages do, and no operator is stiff.
+A cell is updated at the start of every step (of every sample where `sampled`), from the state at
+that instant and its own past, and holds over the step. Inside the step an operator is evaluated
+relative to its cell, so a play or a bristle is exact for a motion one way, whatever the
+integrator's stages do, and no operator is stiff.
 
     play     x less a deflection that follows x and saturates at +-r
     bristle  z(x) relaxes over |x - x_k| towards +-reach
@@ -10,8 +11,8 @@ bristle is exact for a motion one way, whatever the integrator's stages do, and 
     delay    ring buffer kept by the driver, linear between samples
     integral an ordinary state
 
-Where the state is set anew between two windows of a recording, deflections stay as they are: memories are kept
-relative to the signal, so that a corrected position is not taken for a motion.
+Where the state is set anew between two windows of a recording, deflections stay as they are:
+memories are kept relative to the signal, so that a corrected position is not taken for a motion.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from pamid.symbolic.expression import rebuild, symbol, symbols, text, walk
 from pamid.symbolic.vocabulary import EquationError, Expr, exp, maximum, minimum, where
 
 TICKS = ("time", "step", "period", "fresh", "begin", "join")
-# s, s, s; 1 at the first step of a sample, at the very first step, at the first one after the state was set anew
+# s, s, s; 1 at the first step of a sample, at the very first step, at the first one after the state
+# was set anew
 
 
 def tick(name: str) -> Expr:
@@ -31,14 +33,16 @@ def tick(name: str) -> Expr:
 
 @dataclass(frozen=True)
 class Cell:
-    """A remembered value. `update` may read states, inputs, parameters, its own past and other cells' new values."""
+    """A remembered value. `update` may read states, inputs, parameters, its own past and other
+    cells' new values."""
 
     name: str
     update: Expr
     start: Expr
     sampled: bool = False
     joined: Expr | None = None  # the update where the state was set anew
-    buffer_s: float = 0.0      # > 0: a delay line of that length; `update` is what goes in, `seconds` the delay
+    # > 0: a delay line of that length; `update` is what goes in, `seconds` the delay
+    buffer_s: float = 0.0
     seconds: Expr | None = None
 
     @property
@@ -57,7 +61,7 @@ class Lowered:
     states: tuple[str, ...]
     rates: tuple[Expr, ...]
     outputs: tuple[Expr, ...]
-    cells: tuple[Cell, ...]      # in the order they have to be updated
+    cells: tuple[Cell, ...]  # in the order they have to be updated
 
 
 def _held(node: Expr) -> bool:
@@ -114,7 +118,12 @@ class _Lowering:
             out = x + (cell.here - x) * (tau / h) * (1.0 - decay)
         else:
             slope = (x - before) / h
-            cell = Cell(name, x - slope * tau + (y - before + slope * tau) * decay, x, joined=x + (y - before))
+            cell = Cell(
+                name,
+                x - slope * tau + (y - before + slope * tau) * decay,
+                x,
+                joined=x + (y - before),
+            )
             out = x + (cell.here - symbol("cell", f"{name}_input"))
         self.cells += [Cell(f"{name}_input", x, x), cell]
         return out
@@ -122,7 +131,10 @@ class _Lowering:
     def delay(self, x: Expr, seconds: Expr, longest_s: float) -> Expr:
         name = self.name("delay")
         now = symbol("cell", f"{name}_input")
-        self.cells += [Cell(f"{name}_input", x, x), Cell(name, now, now, buffer_s=longest_s, seconds=seconds)]
+        self.cells += [
+            Cell(f"{name}_input", x, x),
+            Cell(name, now, now, buffer_s=longest_s, seconds=seconds),
+        ]
         out = symbol("cell", name)
         return out if _held(x) else x + (out - now)
 
@@ -147,23 +159,35 @@ class _Lowering:
 def _ordered(cells: list[Cell]) -> tuple[Cell, ...]:
     """Cells such that each one reads only new values of cells before it."""
     names = {c.name: c for c in cells}
-    needs = {c.name: {n for space, n in symbols([e for e in (c.update, c.start, c.joined, c.seconds) if e is not None])
-                      if space == "cell"} - {c.name} for c in cells}
+    needs = {
+        c.name: {
+            n
+            for space, n in symbols(
+                [e for e in (c.update, c.start, c.joined, c.seconds) if e is not None]
+            )
+            if space == "cell"
+        }
+        - {c.name}
+        for c in cells
+    }
     order: list[Cell] = []
     placed: set[str] = set()
     while len(order) < len(cells):
         ready = [c for c in cells if c.name not in placed and needs[c.name] <= placed]
         if not ready:
             stuck = [n for n in names if n not in placed]
-            raise EquationError(f"algebraic loop through {', '.join(stuck)}: "
-                                f"{text(names[stuck[0]].update)[:120]}",
-                                "put a delay, a lag or a state into the loop")
+            raise EquationError(
+                f"algebraic loop through {', '.join(stuck)}: {text(names[stuck[0]].update)[:120]}",
+                "put a delay, a lag or a state into the loop",
+            )
         order += ready[:1]
         placed.add(ready[0].name)
     return tuple(order)
 
 
-def lower(rates: dict[str, Expr], outputs: dict[str, Expr], cells: tuple[Cell, ...] = ()) -> Lowered:
+def lower(
+    rates: dict[str, Expr], outputs: dict[str, Expr], cells: tuple[Cell, ...] = ()
+) -> Lowered:
     """Replace every memory operator by cells; adds a state per integral."""
     work = _Lowering()
     explicit = [e for c in cells for e in (c.update, c.start)]
@@ -171,8 +195,12 @@ def lower(rates: dict[str, Expr], outputs: dict[str, Expr], cells: tuple[Cell, .
     done = [Cell(c.name, work.new[c.update], work.new[c.start], c.sampled) for c in cells]
     rate_nodes = [work.new[e] for e in rates.values()]
     out_nodes = [work.new[e] for e in outputs.values()]
-    return Lowered((*rates, *(n for n, _ in work.states)), (*rate_nodes, *(e for _, e in work.states)),
-                   tuple(out_nodes), _ordered(done + work.cells))
+    return Lowered(
+        (*rates, *(n for n, _ in work.states)),
+        (*rate_nodes, *(e for _, e in work.states)),
+        tuple(out_nodes),
+        _ordered(done + work.cells),
+    )
 
 
 def cell_update(cell: Cell) -> Expr:

@@ -1,20 +1,54 @@
-"""The vocabulary of equations: written once as plain Python, run on symbols, then printed, differentiated, compiled.
+"""The vocabulary of equations: written once as plain Python, run on symbols, then printed,
+differentiated, compiled.
 
-Memory is part of the language. `play`, `stop`, `bristle`, `lag`, `delay` and `integral` remember their past; the
-engine gives each one the cells or buffers it needs (see `pamid.symbolic.memory_cells`). All of them are exactly the
-identity (or zero, for `stop`) at their null.
+Memory is part of the language. `play`, `stop`, `bristle`, `lag`, `delay` and `integral` remember
+their past; the engine gives each one the cells or buffers it needs (see
+`pamid.symbolic.memory_cells`). All of them are exactly the identity (or zero, for `stop`) at their
+null.
 
 No Python `if` on an expression: use `where(condition, a, b)`.
 """
 
 from __future__ import annotations
 
-from pamid.symbolic.expression import ZERO, EquationError, Expr, Number, binary, expression, sub, unary, where
+from pamid.symbolic.expression import (
+    ZERO,
+    EquationError,
+    Expr,
+    Number,
+    binary,
+    expression,
+    sub,
+    unary,
+    where,
+)
 
 __all__ = [
-    "EquationError", "Expr", "Number", "ZERO", "absolute", "bristle", "clip", "cos", "delay", "exp", "expression",
-    "floor", "integral", "lag", "log", "maximum", "minimum", "play", "sign", "sin", "smooth_step", "sqrt", "stop",
-    "tanh", "where",
+    "EquationError",
+    "Expr",
+    "Number",
+    "ZERO",
+    "absolute",
+    "bristle",
+    "clip",
+    "cos",
+    "delay",
+    "exp",
+    "expression",
+    "floor",
+    "integral",
+    "lag",
+    "log",
+    "maximum",
+    "minimum",
+    "play",
+    "sign",
+    "sin",
+    "smooth_step",
+    "sqrt",
+    "stop",
+    "tanh",
+    "where",
 ]
 
 
@@ -73,21 +107,24 @@ def smooth_step(x: Number) -> Expr:
     return s * s * (3.0 - 2.0 * s)
 
 
-# ---- memory ------------------------------------------------------------------------------------------------------
+# ---- memory ------------------------------------------------------------------------------------
 
 
 def play(x: Number, half_width: Number) -> Expr:
-    """Backlash operator: follows `x` with a clearance of +-half_width; equals x at half_width = 0."""
+    """Backlash operator: follows `x` with a clearance of +-half_width; equals x at half_width =
+    0."""
     return Expr("play", (expression(x), expression(half_width)))
 
 
 def stop(x: Number, half_width: Number) -> Expr:
-    """Elastic-perfectly-plastic operator x - play(x): rises 1:1 with x, saturates at +-half_width; 0 at its null."""
+    """Elastic-perfectly-plastic operator x - play(x): rises 1:1 with x, saturates at +-half_width;
+    0 at its null."""
     return sub(x, play(x, half_width))
 
 
 def bristle(x: Number, reach: Number) -> Expr:
-    """Dahl's bristle deflection: dz/dx = 1 - z sign(dx)/reach, in the unit of x, exact for steps one way."""
+    """Dahl's bristle deflection: dz/dx = 1 - z sign(dx)/reach, in the unit of x, exact for steps
+    one way."""
     return Expr("bristle", (expression(x), maximum(reach, 1e-12)))
 
 
@@ -97,7 +134,8 @@ def lag(x: Number, time_constant_s: Number) -> Expr:
 
 
 def delay(x: Number, seconds: Number, longest_s: float) -> Expr:
-    """Transport delay of x by `seconds` (0 .. longest_s), linear between samples; equals x at delay 0."""
+    """Transport delay of x by `seconds` (0 .. longest_s), linear between samples; equals x at delay
+    0."""
     if not longest_s > 0.0:
         raise EquationError(f"a delay needs a longest value above 0 s, got {longest_s}")
     return Expr("delay", (expression(x), expression(seconds)), float(longest_s))

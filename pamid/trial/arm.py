@@ -1,8 +1,10 @@
-"""The arm of the blind trial: the same machine as the two-link rig on paper, in equations of its own.
+"""The arm of the blind trial: the same machine as the two-link rig on paper, in equations of its
+own.
 
-Two links in a vertical plane, two antagonistic 20 mm muscles at each joint, four pulse-driven valve pairs on one
-supply, a PD controller at each joint. Muscles, valves and air are those of `plant`; links and their coupling stand in
-`arm_kernel`. Angle 1 is counted from hanging straight down, angle 2 from link 1.
+Two links in a vertical plane, two antagonistic 20 mm muscles at each joint, four pulse-driven valve
+pairs on one supply, a PD controller at each joint. Muscles, valves and air are those of `plant`;
+links and their coupling stand in `arm_kernel`. Angle 1 is counted from hanging straight down, angle
+2 from link 1.
 """
 
 from __future__ import annotations
@@ -33,27 +35,46 @@ from pamid.trial.plant import (
 Array = NDArray[np.float64]
 
 # gentler than the joint's: with that one the arm, ten times as heavy, never comes to rest
-CONTROLLER = {"kp_per_deg": 0.03, "kd_s_per_deg": 0.003, "derivative_filter_s": 0.006, "command_limit": 1.0}
-RADII = (0.035, 0.025)                      # m
-LENGTH_1, LENGTH_2 = 0.40, 0.30             # m
-GRAVITY = 9.81                              # m/s2
-SHEET = {"mass_1": 2.2, "centre_1": 0.20, "inertia_1": 0.040, "mass_2": 0.70, "centre_2": 0.13, "inertia_2": 0.0075}
-OFF_SHEET = {"mass": 0.15, "centre": 0.10, "inertia": 0.25}   # estimate: weighed and drawn without all that is on it
-VISCOUS = (0.10, 0.05)                      # N m s, on the sheet
-CHANNELS = (*(f"angle_{j}_deg" for j in JOINTS), *(f"contraction_{i}" for i in MUSCLES),
-            *(f"pressure_{i}_kpa" for i in MUSCLES), *(f"force_{i}_n" for i in MUSCLES))
-NOISE = np.repeat([np.radians(0.05), 2e-4, 1e3, 3.0], (2, 4, 4, 4))   # SI, at factor 1
+CONTROLLER = {
+    "kp_per_deg": 0.03,
+    "kd_s_per_deg": 0.003,
+    "derivative_filter_s": 0.006,
+    "command_limit": 1.0,
+}
+RADII = (0.035, 0.025)  # m
+LENGTH_1, LENGTH_2 = 0.40, 0.30  # m
+GRAVITY = 9.81  # m/s2
+SHEET = {
+    "mass_1": 2.2,
+    "centre_1": 0.20,
+    "inertia_1": 0.040,
+    "mass_2": 0.70,
+    "centre_2": 0.13,
+    "inertia_2": 0.0075,
+}
+# estimate: weighed and drawn without all that is on it
+OFF_SHEET = {"mass": 0.15, "centre": 0.10, "inertia": 0.25}
+VISCOUS = (0.10, 0.05)  # N m s, on the sheet
+CHANNELS = (
+    *(f"angle_{j}_deg" for j in JOINTS),
+    *(f"contraction_{i}" for i in MUSCLES),
+    *(f"pressure_{i}_kpa" for i in MUSCLES),
+    *(f"force_{i}_n" for i in MUSCLES),
+)
+NOISE = np.repeat([np.radians(0.05), 2e-4, 1e3, 3.0], (2, 4, 4, 4))  # SI, at factor 1
 TO_COLUMN = np.repeat([180.0 / np.pi, 1.0, 1e-3, 1.0], (2, 4, 4, 4))
 CONTRACTION_STEP = 5e-5
-SCALE_APART, VISCOUS_APART = 0.02, 2.0      # joints against each other; friction against its sheet, a factor
+# joints against each other; friction against its sheet, a factor
+SCALE_APART, VISCOUS_APART = 0.02, 2.0
 
 
 @dataclass(frozen=True)
 class ArmBody:
     """What the equations of motion see of the links, payload included; SI.
 
-    inertia_1: of link 1 about its joint, with all of link 2 at the elbow; inertia_2: of link 2 about the elbow;
-    coupling, weight_1, weight_2: factors of the cosine of the bend and of the sines of both angles against the vertical
+    inertia_1: of link 1 about its joint, with all of link 2 at the elbow; inertia_2: of link 2
+    about the elbow; coupling, weight_1, weight_2: factors of the cosine of the bend and of the
+    sines of both angles against the vertical
     """
 
     inertia_1: float
@@ -67,7 +88,8 @@ class ArmBody:
 
 @dataclass(frozen=True, eq=False)
 class ArmSpecimen:
-    """True constants of one arm. joints: the muscles and valves of each; links: as in SHEET, SI; viscous: N m s."""
+    """True constants of one arm. joints: the muscles and valves of each; links: as in SHEET, SI;
+    viscous: N m s."""
 
     joints: tuple[Specimen, Specimen]
     links: Mapping[str, float]
@@ -79,38 +101,64 @@ class ArmSpecimen:
         moment = own["mass_2"] * own["centre_2"] + payload_kg * LENGTH_2
         beyond = own["mass_2"] + payload_kg
         return ArmBody(
-            inertia_1=own["inertia_1"] + own["mass_1"] * own["centre_1"] ** 2 + beyond * LENGTH_1**2,
-            inertia_2=own["inertia_2"] + own["mass_2"] * own["centre_2"] ** 2 + payload_kg * LENGTH_2**2,
-            coupling=moment * LENGTH_1, weight_1=GRAVITY * (own["mass_1"] * own["centre_1"] + beyond * LENGTH_1),
-            weight_2=GRAVITY * moment, viscous_1=self.viscous[0], viscous_2=self.viscous[1])
+            inertia_1=own["inertia_1"]
+            + own["mass_1"] * own["centre_1"] ** 2
+            + beyond * LENGTH_1**2,
+            inertia_2=own["inertia_2"]
+            + own["mass_2"] * own["centre_2"] ** 2
+            + payload_kg * LENGTH_2**2,
+            coupling=moment * LENGTH_1,
+            weight_1=GRAVITY * (own["mass_1"] * own["centre_1"] + beyond * LENGTH_1),
+            weight_2=GRAVITY * moment,
+            viscous_1=self.viscous[0],
+            viscous_2=self.viscous[1],
+        )
 
 
 def draw_arm(random: np.random.Generator, background: float) -> ArmSpecimen:
-    """An arm within about one tolerance of its data sheet; background: rms error of its force maps (0 .. 0.04).
+    """An arm within about one tolerance of its data sheet; background: rms error of its force maps
+    (0 .. 0.04).
 
-    Muscles and valves of both joints come from one lot: what is not of the single piece is the same in all.
+    Muscles and valves of both joints come from one lot: what is not of the single piece is the same
+    in all.
     """
     first, other = draw_specimen(random, background), draw_specimen(random, background)
     part = background / 0.04
-    uneven = {name: 1.0 + 0.03 * part * float(random.uniform(-1.0, 1.0)) for name in ("fill_1", "fill_2", "vent_1",
-                                                                                      "vent_2")}
+    uneven = {
+        name: 1.0 + 0.03 * part * float(random.uniform(-1.0, 1.0))
+        for name in ("fill_1", "fill_2", "vent_1", "vent_2")
+    }
     second = replace(
-        first, **{name: getattr(first, name) * factor for name, factor in uneven.items()},
+        first,
+        **{name: getattr(first, name) * factor for name, factor in uneven.items()},
         scale=first.scale * (1.0 + SCALE_APART * part * float(random.uniform(-1.0, 1.0))),
-        drift_1=other.drift_1, drift_2=other.drift_2, waves=other.waves)
-    links = {name: value * (1.0 + OFF_SHEET[name.partition("_")[0]] * float(random.uniform(-1.0, 1.0)))
-             for name, value in SHEET.items()}
+        drift_1=other.drift_1,
+        drift_2=other.drift_2,
+        waves=other.waves,
+    )
+    links = {
+        name: value * (1.0 + OFF_SHEET[name.partition("_")[0]] * float(random.uniform(-1.0, 1.0)))
+        for name, value in SHEET.items()
+    }
     viscous = [value * VISCOUS_APART ** float(random.uniform(-1.0, 1.0)) for value in VISCOUS]
     return ArmSpecimen((first, second), links, (viscous[0], viscous[1]))
 
 
-def record_arm(arm: ArmSpecimen, faults: Mapping[str, Mapping[str, float]], excitation: Excitation, *,
-               payload_kg: float, noise: float, seed: int, steps: int = STEPS) -> dict[str, Array]:
+def record_arm(
+    arm: ArmSpecimen,
+    faults: Mapping[str, Mapping[str, float]],
+    excitation: Excitation,
+    *,
+    payload_kg: float,
+    noise: float,
+    seed: int,
+    steps: int = STEPS,
+) -> dict[str, Array]:
     """What this arm, with these faults (fault@place -> sizes), would have recorded.
 
-    excitation: references or commands of shape (samples, 2). noise: factor of the sensors' white noise (0.05 deg,
-    2e-4 contraction, 1 kPa, 3 N). The columns of a recording come back in their own units. UsageError if the arm flies
-    apart.
+    excitation: references or commands of shape (samples, 2). noise: factor of the sensors' white
+    noise (0.05 deg, 2e-4 contraction, 1 kPa, 3 N). The columns of a recording come back in their
+    own units. UsageError if the arm flies apart.
     """
     from pamid.trial.arm_kernel import run  # compiling takes seconds: only who records pays
 
@@ -121,22 +169,44 @@ def record_arm(arm: ArmSpecimen, faults: Mapping[str, Mapping[str, float]], exci
     extended = np.concatenate([asked, np.repeat(asked[-1:], AHEAD, axis=0)]).T.copy()
     jitter = noise * NOISE * np.random.default_rng(seed).standard_normal((n + AHEAD, len(CHANNELS)))
     readings, commands = np.zeros((n + AHEAD, len(CHANNELS))), np.zeros((2, n + AHEAD))
-    run(packed(**asdict(arm.body(payload_kg))), joint_records(arm), np.array([packed(**asdict(one)) for one in f]),
-        joint_waves(arm), extended, closed, np.array(list(CONTROLLER.values())), np.degrees(jitter[:, :2]).T.copy(),
-        PERIOD_S, steps, readings, commands)
+    run(
+        packed(**asdict(arm.body(payload_kg))),
+        joint_records(arm),
+        np.array([packed(**asdict(one)) for one in f]),
+        joint_waves(arm),
+        extended,
+        closed,
+        np.array(list(CONTROLLER.values())),
+        np.degrees(jitter[:, :2]).T.copy(),
+        PERIOD_S,
+        steps,
+        readings,
+        commands,
+    )
     if not np.isfinite(readings).all():
-        raise UsageError(f"the arm flies apart with {', '.join(faults) or 'no fault'}", "draw smaller sizes")
+        raise UsageError(
+            f"the arm flies apart with {', '.join(faults) or 'no fault'}", "draw smaller sizes"
+        )
     time = np.arange(n, dtype=np.float64) * PERIOD_S
     logged = _logged(arm.joints[0], f, readings, jitter[:n], time)
     asked_for = {f"reference_{j}_deg": asked[:, k] for k, j in enumerate(JOINTS)} if closed else {}
-    return {"time_s": time, **asked_for, **{f"command_{j}": commands[k, :n] for k, j in enumerate(JOINTS)},
-            **{name: logged[:, i] for i, name in enumerate(CHANNELS)}}
+    return {
+        "time_s": time,
+        **asked_for,
+        **{f"command_{j}": commands[k, :n] for k, j in enumerate(JOINTS)},
+        **{name: logged[:, i] for i, name in enumerate(CHANNELS)},
+    }
 
 
 def joint_records(arm: ArmSpecimen) -> Any:
     """Constants of the muscles and valves at each joint as compiled code reads them."""
-    return np.array([machine_record(one, 0.0, {**KNOWN, "radius": radius})  # the links' inertia is the arm's
-                     for one, radius in zip(arm.joints, RADII, strict=True)])
+    # the links' inertia is the arm's
+    return np.array(
+        [
+            machine_record(one, 0.0, {**KNOWN, "radius": radius})
+            for one, radius in zip(arm.joints, RADII, strict=True)
+        ]
+    )
 
 
 def joint_waves(arm: ArmSpecimen) -> Array:
@@ -147,10 +217,16 @@ def joint_waves(arm: ArmSpecimen) -> Array:
     return waves
 
 
-def _logged(lot: Specimen, f: tuple[Planted, ...], readings: Array, jitter: Array, time: Array) -> Array:
-    """Readings (SI, running on past the end) as the logger writes them: shifted clock, sensor errors, noise, steps."""
+def _logged(
+    lot: Specimen, f: tuple[Planted, ...], readings: Array, jitter: Array, time: Array
+) -> Array:
+    """Readings (SI, running on past the end) as the logger writes them: shifted clock, sensor
+    errors, noise, steps."""
     shown = stamped(f[6], readings, time)
     for i in range(4):
         shown[:, 6 + i] += f[i].pressure_zero_pa + f[i].pressure_gain * shown[:, 6 + i]
-    steps = np.repeat([np.radians(lot.angle_step), CONTRACTION_STEP, lot.pressure_step, lot.force_step], (2, 4, 4, 4))
+    steps = np.repeat(
+        [np.radians(lot.angle_step), CONTRACTION_STEP, lot.pressure_step, lot.force_step],
+        (2, 4, 4, 4),
+    )
     return np.asarray(np.floor((shown + jitter) / steps + 0.5) * steps * TO_COLUMN)

@@ -1,16 +1,19 @@
-"""Time stepping of the trial's arm: two links, four muscles, semi-implicit Euler at a tenth of a millisecond, compiled.
+"""Time stepping of the trial's arm: two links, four muscles, semi-implicit Euler at a tenth of a
+millisecond, compiled.
 
-The links are described by their angles against the vertical, u_1 and u_2 their speeds, from Newton's equations of the
-two bodies: with the pull of link 2 on the elbow eliminated they are
+The links are described by their angles against the vertical, u_1 and u_2 their speeds, from
+Newton's equations of the two bodies: with the pull of link 2 on the elbow eliminated they are
 
     a u_1' + b cos(p_2 - p_1) u_2' = b sin(p_2 - p_1) u_2^2 - w_1 sin p_1 + (what acts on link 1)
     b cos(p_2 - p_1) u_1' + c u_2' = -b sin(p_2 - p_1) u_1^2 - w_2 sin p_2 + (what acts on link 2)
 
-A torque of joint 2 acts on link 2 and, the other way round, on link 1; with a flexible joint it acts on the wheel, and
-what spring or play pass on acts on the link. `a` is the arm's record (fields of `arm.ArmBody`), `m[j]` the machine of
-joint j, `f[i]` what is planted in muscle i (0 to 3), f[4 + j] in joint j, f[6] in what all share.
+A torque of joint 2 acts on link 2 and, the other way round, on link 1; with a flexible joint it
+acts on the wheel, and what spring or play pass on acts on the link. `a` is the arm's record (fields
+of `arm.ArmBody`), `m[j]` the machine of joint j, `f[i]` what is planted in muscle i (0 to 3), f[4 +
+j] in joint j, f[6] in what all share.
 
-Compiled once per process (seconds), not cached: the compiler's cache would not see a change in `kernel`.
+Compiled once per process (seconds), not cached: the compiler's cache would not see a change in
+`kernel`.
 """
 
 from __future__ import annotations
@@ -51,36 +54,50 @@ from pamid.trial.kernel import (
 
 Array = NDArray[np.float64]
 
-JOINT, SHARED = 4, 6    # in f
-READINGS = 14           # two angles; contractions, gauge pressures and forces of four muscles
+JOINT, SHARED = 4, 6  # in f
+READINGS = 14  # two angles; contractions, gauge pressures and forces of four muscles
 
 
 @njit
 def wheel_inertia(j: int, a: Any, f: Any) -> float:
-    """Inertia (kg m2) before the spring of a flexible joint: a share of what the joint feels, the arm stretched."""
-    felt = a.inertia_1 - a.coupling**2 / a.inertia_2 if j == 0 else a.inertia_2 - (
-        (a.inertia_2 + a.coupling) ** 2 / (a.inertia_1 + a.inertia_2 + 2.0 * a.coupling))
+    """Inertia (kg m2) before the spring of a flexible joint: a share of what the joint feels, the
+    arm stretched."""
+    felt = (
+        a.inertia_1 - a.coupling**2 / a.inertia_2
+        if j == 0
+        else a.inertia_2
+        - ((a.inertia_2 + a.coupling) ** 2 / (a.inertia_1 + a.inertia_2 + 2.0 * a.coupling))
+    )
     return (1.0 - f.outboard) * felt
 
 
 @njit
 def advance_arm(x: Array, a: Any, f: Any, torque: Array, h: float) -> None:
-    """Angles and speeds of both joints one step on, in place; torque: N m at each joint, by muscles and places.
+    """Angles and speeds of both joints one step on, in place; torque: N m at each joint, by muscles
+    and places.
 
-    Of joint j `x[j]` holds angle and speed of its wheel against the link before it, and those of link j against the
-    vertical as load.
+    Of joint j `x[j]` holds angle and speed of its wheel against the link before it, and those of
+    link j against the vertical as load.
     """
     bend = x[1, LOAD_ANGLE] - x[0, LOAD_ANGLE]
     m_11, m_12, m_22 = a.inertia_1, a.coupling * np.cos(bend), a.inertia_2
     spin = a.coupling * np.sin(bend)
-    on = np.array([spin * x[1, LOAD_SPEED] ** 2 - a.weight_1 * np.sin(x[0, LOAD_ANGLE]),
-                   -spin * x[0, LOAD_SPEED] ** 2 - a.weight_2 * np.sin(x[1, LOAD_ANGLE])])
+    on = np.array(
+        [
+            spin * x[1, LOAD_SPEED] ** 2 - a.weight_1 * np.sin(x[0, LOAD_ANGLE]),
+            -spin * x[0, LOAD_SPEED] ** 2 - a.weight_2 * np.sin(x[1, LOAD_ANGLE]),
+        ]
+    )
     along = np.zeros((2, 2))  # shares of a torque of joint j that act on the links
     along[1, 0] = -1.0
     wheel, turning = np.zeros(2), np.zeros(2)  # inertia and speed of the wheels of flexible joints
     for j in range(2):
         planted = f[JOINT + j]
-        push = torque[j] - bristles(x[j], planted, h) - (a.viscous_1 if j == 0 else a.viscous_2) * x[j, SPEED]
+        push = (
+            torque[j]
+            - bristles(x[j], planted, h)
+            - (a.viscous_1 if j == 0 else a.viscous_2) * x[j, SPEED]
+        )
         if planted.outboard > 0.0:
             wheel[j] = wheel_inertia(j, a, planted)
             turning[j] = x[j, SPEED] + (x[0, LOAD_SPEED] if j == 1 else 0.0)
@@ -97,11 +114,18 @@ def advance_arm(x: Array, a: Any, f: Any, torque: Array, h: float) -> None:
     det = m_11 * m_22 - m_12 * m_12
     ease = np.array([[m_22, -m_12], [-m_12, m_11]]) / det
     speed = np.array([x[0, LOAD_SPEED], x[1, LOAD_SPEED]])
-    speed += h * np.array([ease[0, 0] * on[0] + ease[0, 1] * on[1], ease[1, 0] * on[0] + ease[1, 1] * on[1]])
+    speed += h * np.array(
+        [ease[0, 0] * on[0] + ease[0, 1] * on[1], ease[1, 0] * on[0] + ease[1, 1] * on[1]]
+    )
     for j in range(2):
-        if f[JOINT + j].stick_nm > 0.0:  # an impulse that stops the joint or slows it, never turns it round
-            gives = np.array([ease[0, 0] * along[j, 0] + ease[0, 1] * along[j, 1],
-                              ease[1, 0] * along[j, 0] + ease[1, 1] * along[j, 1]])
+        # an impulse that stops the joint or slows it, never turns it round
+        if f[JOINT + j].stick_nm > 0.0:
+            gives = np.array(
+                [
+                    ease[0, 0] * along[j, 0] + ease[0, 1] * along[j, 1],
+                    ease[1, 0] * along[j, 0] + ease[1, 1] * along[j, 1],
+                ]
+            )
             slip = along[j, 0] * speed[0] + along[j, 1] * speed[1]
             mobility = along[j, 0] * gives[0] + along[j, 1] * gives[1]
             if wheel[j] > 0.0:
@@ -122,24 +146,43 @@ def advance_arm(x: Array, a: Any, f: Any, torque: Array, h: float) -> None:
 
 @njit
 def read(y: Array, x: Array, s: Array, m: Any, f: Any, h: float) -> None:
-    """Filters of all readings, in their order, one step on. Contractions are read where the chains leave the wheel."""
+    """Filters of all readings, in their order, one step on. Contractions are read where the chains
+    leave the wheel."""
     for j in range(2):
         wound = winding(x[j], m[j], f[JOINT + j])[0]
         smoothed(y[j], x[j, ANGLE], m[j].filter_lag + f[JOINT + j].angle_lag_s, h)
         for i in range(2):
             k = 2 * j + i
             smoothed(y[2 + k], m[j].contraction_0 + (1 - 2 * i) * wound, m[j].filter_lag, h)
-            smoothed(y[6 + k], s[j, i, PRESSURE] - ATMOSPHERE, m[j].filter_lag + f[k].pressure_lag_s, h)
+            smoothed(
+                y[6 + k], s[j, i, PRESSURE] - ATMOSPHERE, m[j].filter_lag + f[k].pressure_lag_s, h
+            )
             smoothed(y[10 + k], s[j, i, PULL], m[j].filter_lag, h)
 
 
 @njit
-def run(a: Any, m: Any, f: Any, waves: Array, asked: Array, closed: bool, controller: Array, noise_deg: Array,
-        period: float, steps: int, readings: Array, commands: Array) -> None:
-    """Fill readings (samples x 14, SI, before noise) and commands (2 x samples); asked (2 x samples): references in
-    deg, or the commands themselves; waves: (joint, muscle, wave, 3)."""
+def run(
+    a: Any,
+    m: Any,
+    f: Any,
+    waves: Array,
+    asked: Array,
+    closed: bool,
+    controller: Array,
+    noise_deg: Array,
+    period: float,
+    steps: int,
+    readings: Array,
+    commands: Array,
+) -> None:
+    """Fill readings (samples x 14, SI, before noise) and commands (2 x samples); asked (2 x
+    samples): references in deg, or the commands themselves; waves: (joint, muscle, wave, 3)."""
     h, n = period / steps, asked.shape[1]
-    x, s, z = np.zeros((2, JOINT_STATES)), np.zeros((2, 2, MUSCLE_STATES)), np.zeros((2, 2, 2, ELEMENTS))
+    x, s, z = (
+        np.zeros((2, JOINT_STATES)),
+        np.zeros((2, 2, MUSCLE_STATES)),
+        np.zeros((2, 2, 2, ELEMENTS)),
+    )
     y, memory, torque, drive = np.zeros((READINGS, 2)), np.zeros((2, 2)), np.zeros(2), np.zeros(2)
     for j in range(2):
         x[j, SUPPLY] = m[j].supply_pressure
@@ -149,8 +192,20 @@ def run(a: Any, m: Any, f: Any, waves: Array, asked: Array, closed: bool, contro
             readings[k] = y[:, 0]
             for j in range(2):
                 readings[k, j] = moved_zero(y[j, 0], f[JOINT + j])
-                commands[j, k] = asked[j, k] if not closed else command_of(
-                    memory[j], k, asked[j, k], readings[k, j], noise_deg[j, k], m[j], controller, period)
+                commands[j, k] = (
+                    asked[j, k]
+                    if not closed
+                    else command_of(
+                        memory[j],
+                        k,
+                        asked[j, k],
+                        readings[k, j],
+                        noise_deg[j, k],
+                        m[j],
+                        controller,
+                        period,
+                    )
+                )
         for step in range(steps):
             at = k * steps + step
             drawn = 0.0
@@ -161,6 +216,16 @@ def run(a: Any, m: Any, f: Any, waves: Array, asked: Array, closed: bool, contro
             x[:, SUPPLY] = supply_after(x[0, SUPPLY], drawn, m[0], f[SHARED], h)
             for j in range(2):
                 torque[j] = place_torque(x[j], f[JOINT + j], at * h) + pair_torque(
-                    x[j], s[j], z[j], m[j], f[JOINT + j], f[2 * j], f[2 * j + 1], waves[j], max(k, 0) / n, h)
+                    x[j],
+                    s[j],
+                    z[j],
+                    m[j],
+                    f[JOINT + j],
+                    f[2 * j],
+                    f[2 * j + 1],
+                    waves[j],
+                    max(k, 0) / n,
+                    h,
+                )
             advance_arm(x, a, f, torque, h)
             read(y, x, s, m, f, h)

@@ -1,4 +1,5 @@
-"""What the calibration cases teach: the logistic functions behind a verdict, and how wide an interval has to be.
+"""What the calibration cases teach: the logistic functions behind a verdict, and how wide an
+interval has to be.
 
 Nothing but the grounds and the labels of the calibration part is used; the test part stays unseen.
 """
@@ -23,11 +24,20 @@ from pamid.trial.marking import Marked
 Array = NDArray[np.float64]
 
 SCHEMA = "pamid.calibration/1"
-RIDGE = 1.0             # prior precision of every weight, features in their standard deviations
+RIDGE = 1.0  # prior precision of every weight, features in their standard deviations
 #: question -> features it may look at
 LOOKS_AT = {
     "gap": ("visible", "missing", "of_signal", "sure"),
-    "known": ("left", "shrinkage", "sure", "margin_sure", "at_port", "unexplained", "visible", "missing"),
+    "known": (
+        "left",
+        "shrinkage",
+        "sure",
+        "margin_sure",
+        "at_port",
+        "unexplained",
+        "visible",
+        "missing",
+    ),
     "first": ("left", "sure", "margin", "margin_sure", "wins", "at_port", "unexplained"),
     "further": ("of_left", "sure"),
 }
@@ -40,38 +50,64 @@ def calibrated_from(folder: Path) -> dict[str, Any]:
     told = read_json(folder / "labels.json")
     results = [read_json(path) for path in sorted((folder / "cases").glob("*.json"))]
     drawn = {label["number"] for label in told["cases"]}
-    return calibrate(told["cases"], [r for r in results if r["case"] in drawn], seed=int(told["seed"]),
-                     digest=str(told["cases_sha256"]))
+    return calibrate(
+        told["cases"],
+        [r for r in results if r["case"] in drawn],
+        seed=int(told["seed"]),
+        digest=str(told["cases_sha256"]),
+    )
 
 
-def calibrate(labels: Sequence[dict[str, Any]], results: Sequence[dict[str, Any]], *, seed: int,
-              digest: str) -> dict[str, Any]:
-    """calibration.json from the labels and results of a trial's calibration part. DataError for any other part."""
+def calibrate(
+    labels: Sequence[dict[str, Any]], results: Sequence[dict[str, Any]], *, seed: int, digest: str
+) -> dict[str, Any]:
+    """calibration.json from the labels and results of a trial's calibration part. DataError for any
+    other part."""
     if any(label["part"] != "calibration" for label in labels):
-        raise DataError("only the calibration part may teach the judgement",
-                        "give the folder of a trial with --part calibration")
+        raise DataError(
+            "only the calibration part may teach the judgement",
+            "give the folder of a trial with --part calibration",
+        )
     known = {label["number"]: label for label in labels}
     everything = [Marked(known[r["case"]], r) for r in results if not r["failed"]]
     cases = [m for m in everything if m.found.get("grounds") and (m.visible or not m.truth)]
     silent = sum(not m.truth for m in everything) - sum(not m.truth for m in cases)
     x = [features(Grounds(**m.found["grounds"])) for m in cases]
-    gap, right, exact = (np.array([bool(f(m)) for m in cases]) for f in (lambda m: m.truth, _right, _exact_right))
+    gap, right, exact = (
+        np.array([bool(f(m)) for m in cases]) for f in (lambda m: m.truth, _right, _exact_right)
+    )
     real = np.flatnonzero(gap)
-    lines = {"gap": _line(x, gap, LOOKS_AT["gap"]),
-             "known": _line([x[i] for i in real], right[real], LOOKS_AT["known"]),
-             "first": _line(x, exact, LOOKS_AT["first"])}
+    lines = {
+        "gap": _line(x, gap, LOOKS_AT["gap"]),
+        "known": _line([x[i] for i in real], right[real], LOOKS_AT["known"]),
+        "first": _line(x, exact, LOOKS_AT["first"]),
+    }
     said = {q: np.array([line.probability(row) for row in x]) for q, line in lines.items()}
-    yes = {"gap": _alarm_from(said["gap"][~gap], silent), "known": _known_from(said["known"][real], right[real]),
-           "first": max(_alarm_from(said["first"][~gap], silent), _alarm_from(said["first"][real][~right[real]]))}
-    lines = {q: replace(line, yes=yes[q]) for q, line in lines.items()} | {"further": _further(everything)}
-    return {"schema": SCHEMA, "cases": {"part": "calibration", "seed": seed, "sha256": digest, "used": len(cases)},
-            "lines": {q: asdict(line) for q, line in lines.items()}, "spread": _spread(cases)}
+    yes = {
+        "gap": _alarm_from(said["gap"][~gap], silent),
+        "known": _known_from(said["known"][real], right[real]),
+        "first": max(
+            _alarm_from(said["first"][~gap], silent), _alarm_from(said["first"][real][~right[real]])
+        ),
+    }
+    lines = {q: replace(line, yes=yes[q]) for q, line in lines.items()} | {
+        "further": _further(everything)
+    }
+    return {
+        "schema": SCHEMA,
+        "cases": {"part": "calibration", "seed": seed, "sha256": digest, "used": len(cases)},
+        "lines": {q: asdict(line) for q, line in lines.items()},
+        "spread": _spread(cases),
+    }
 
 
 def _right(m: Marked) -> bool:
     """Is the first of the ranking of a planted family, or not to be told from a planted effect?"""
-    return _exact_right(m) or (m.stratum in ("single", "double") and m.families[:1] != []
-                               and m.families[0] in {t["family"] for t in m.truth})
+    return _exact_right(m) or (
+        m.stratum in ("single", "double")
+        and m.families[:1] != []
+        and m.families[0] in {t["family"] for t in m.truth}
+    )
 
 
 def _exact_right(m: Marked) -> bool:
@@ -81,11 +117,15 @@ def _exact_right(m: Marked) -> bool:
 def _further(cases: list[Marked]) -> Line:
     """Is a further effect, weighed beside a first one, of a planted family?"""
     weighed = [(m, told) for m in cases for told in m.found["further"]]
-    real = [m.stratum in ("single", "double") and told["family"] in {t["family"] for t in m.truth}
-            for m, told in weighed]
+    real = [
+        m.stratum in ("single", "double") and told["family"] in {t["family"] for t in m.truth}
+        for m, told in weighed
+    ]
     x = [Newcomer(**told).features() for _, told in weighed]
     line = _line(x, np.array(real, bool), LOOKS_AT["further"])
-    return replace(line, yes=_most_right(np.array([line.probability(row) for row in x]), np.array(real, bool)))
+    return replace(
+        line, yes=_most_right(np.array([line.probability(row) for row in x]), np.array(real, bool))
+    )
 
 
 def _most_right(p: Array, right: NDArray[np.bool_]) -> float:
@@ -96,44 +136,56 @@ def _most_right(p: Array, right: NDArray[np.bool_]) -> float:
 
 
 def _line(x: list[dict[str, float]], yes: NDArray[np.bool_], names: tuple[str, ...]) -> Line:
-    """Ridge-penalised logistic regression; weights for the features as they are, `yes` still even odds."""
+    """Ridge-penalised logistic regression; weights for the features as they are, `yes` still even
+    odds."""
     table = np.array([[row[k] for k in names] for row in x])
     centre, spread = table.mean(axis=0), np.maximum(table.std(axis=0), 1e-6)
     z, y = (table - centre) / spread, np.where(yes, 1.0, -1.0)
 
     def loss(w: Array) -> float:
-        return float(np.logaddexp(0.0, -y * (w[0] + z @ w[1:])).sum() + 0.5 * RIDGE * (w[1:] ** 2).sum())
+        return float(
+            np.logaddexp(0.0, -y * (w[0] + z @ w[1:])).sum() + 0.5 * RIDGE * (w[1:] ** 2).sum()
+        )
 
     w = minimize(loss, np.zeros(1 + len(names)), method="BFGS").x
     weights = w[1:] / spread
-    return Line(float(w[0] - weights @ centre), dict(zip(names, weights.tolist(), strict=True)), 0.5)
+    return Line(
+        float(w[0] - weights @ centre), dict(zip(names, weights.tolist(), strict=True)), 0.5
+    )
 
 
 def _alarm_from(wrong: Array, silent: int = 0) -> float:
-    """The lowest probability that is reached by no more than 2 % of the cases in which it should not be; of `silent`
-    further ones it is 0."""
+    """The lowest probability that is reached by no more than 2 % of the cases in which it should
+    not be; of `silent` further ones it is 0."""
     quiet = np.sort(np.concatenate([np.zeros(silent), wrong]))
-    return float(np.clip(quiet[int(np.ceil((1.0 - FALSE_ALARMS) * len(quiet))) - 1] + 1e-6, 0.2, 0.98))
+    return float(
+        np.clip(quiet[int(np.ceil((1.0 - FALSE_ALARMS) * len(quiet))) - 1] + 1e-6, 0.2, 0.98)
+    )
 
 
 def _known_from(p: Array, right: NDArray[np.bool_]) -> float:
-    """Where wrong abstentions and missed unknowns are, each against what is allowed, equally rare."""
+    """Where wrong abstentions and missed unknowns are, each against what is allowed, equally
+    rare."""
     grid = np.linspace(0.05, 0.95, 91)
-    worst = [max((p[right] < t).mean() / WRONG_ABSTENTIONS, (p[~right] >= t).mean() / MISSED_UNKNOWNS) for t in grid]
+    worst = [
+        max((p[right] < t).mean() / WRONG_ABSTENTIONS, (p[~right] >= t).mean() / MISSED_UNKNOWNS)
+        for t in grid
+    ]
     best = np.flatnonzero(np.array(worst) <= min(worst) + 1e-12)
     return float(grid[best].mean())
 
 
 def _spread(cases: list[Marked]) -> float:
-    """What, times the root of the shrinkage and added in squares to the half-widths of the moving-block intervals
-    (logarithm of the error ratio), lets them cover 95 % of the cases."""
+    """What, times the root of the shrinkage and added in squares to the half-widths of the
+    moving-block intervals (logarithm of the error ratio), lets them cover 95 % of the cases."""
     need = []
     for m in cases:
         s = m.result["shrinkage"]
         if m.verdict != "explained" or s is None:
             continue
-        middle, low, high, got = (np.log(max(1.0 - s[k], 1e-9))
-                                  for k in ("predicted", "raw_high", "raw_low", "achieved"))
+        middle, low, high, got = (
+            np.log(max(1.0 - s[k], 1e-9)) for k in ("predicted", "raw_high", "raw_low", "achieved")
+        )
         half = high - middle if got > middle else middle - low
         need.append(np.sqrt(max((got - middle) ** 2 - half**2, 0.0) / max(s["predicted"], LEAST)))
     return float(np.quantile(need, COVERAGE)) if need else 0.5

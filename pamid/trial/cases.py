@@ -1,7 +1,8 @@
-"""The cases of the blind trial: what is planted, under which conditions it is recorded, what the tool may not know.
+"""The cases of the blind trial: what is planted, under which conditions it is recorded, what the
+tool may not know.
 
-A case depends on the trial's machine, seed, part and number alone, never on how many are drawn and never on the
-processor: what is drawn is rounded to DRAWN_DIGITS before it is used or digested.
+A case depends on the trial's machine, seed, part and number alone, never on how many are drawn and
+never on the processor: what is drawn is rounded to DRAWN_DIGITS before it is used or digested.
 """
 
 from __future__ import annotations
@@ -25,16 +26,17 @@ from pamid.trial.machines import ONE_DOF, Machine, machine_named
 PARTS = ("calibration", "test")
 STRATA = {"single": 0.45, "double": 0.12, "no-gap": 0.23, "withheld": 0.12, "nameless": 0.08}
 NAMELESS = "nameless:"
-GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0     # steps of this share spread evenly, wherever they stop
-# exp, log and pow differ in their last bit (1e-16) between processors. A number near the edge between two rounded
-# ones still goes either way: once in 10^(16 - digits) numbers. With 9 digits that is once in 10^4 trials of 200 cases.
+GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0  # steps of this share spread evenly, wherever they stop
+# exp, log and pow differ in their last bit (1e-16) between processors. A number near the edge
+# between two rounded ones still goes either way: once in 10^(16 - digits) numbers. With 9 digits
+# that is once in 10^4 trials of 200 cases.
 DRAWN_DIGITS = 9
 
 
 @dataclass(frozen=True)
 class Case:
-    """One case with its label. planted: fault, or fault@place, -> sizes; removed: effects taken out of the tool's
-    catalogue; conditions: as the machine draws them."""
+    """One case with its label. planted: fault, or fault@place, -> sizes; removed: effects taken out
+    of the tool's catalogue; conditions: as the machine draws them."""
 
     number: int
     part: str
@@ -47,7 +49,8 @@ class Case:
 
     @property
     def sha256(self) -> str:
-        told = {k: v for k, v in asdict(self).items() if k != "rig"}  # the conditions of no two rigs are alike
+        # the conditions of no two rigs are alike
+        told = {k: v for k, v in asdict(self).items() if k != "rig"}
         return hashlib.sha256(json_text(told).encode()).hexdigest()
 
     def label(self) -> dict[str, Any]:
@@ -64,12 +67,15 @@ def draw_cases(part: str, count: int, seed: int, rig: str = ONE_DOF) -> tuple[Ca
     cases = tuple(_draw(machine, part, number, seed) for number in range(count))
     for other in PARTS:
         if other != part:
-            assert not {c.seed for c in cases} & {_seed(other, n, seed) for n in range(count)}, "parts share a seed"
+            assert not {c.seed for c in cases} & {_seed(other, n, seed) for n in range(count)}, (
+                "parts share a seed"
+            )
     return cases
 
 
 def cases_sha256(cases: Sequence[Case]) -> str:
-    """One digest over all cases, labels and all: two trials with the same one posed the same questions."""
+    """One digest over all cases, labels and all: two trials with the same one posed the same
+    questions."""
     return hashlib.sha256("".join(c.sha256 for c in cases).encode()).hexdigest()
 
 
@@ -78,7 +84,8 @@ def _stream(part: str, number: int, seed: int) -> np.random.SeedSequence:
 
 
 def _seed(part: str, number: int, seed: int) -> int:
-    return int(_stream(part, number, seed).generate_state(1, np.uint64)[0] >> np.uint64(11))  # exact in any JSON
+    # exact in any JSON
+    return int(_stream(part, number, seed).generate_state(1, np.uint64)[0] >> np.uint64(11))
 
 
 def _draw(machine: Machine, part: str, number: int, seed: int) -> Case:
@@ -90,15 +97,20 @@ def _draw(machine: Machine, part: str, number: int, seed: int) -> Case:
     conditions = replace(conditions, **_rounded(asdict(conditions)))
     planted = {site: _rounded(sizes) for site, sizes in (machine.plant(n, random) for n in names)}
     removed = withheld(machine.faults[names[0]], effects()) if stratum == "withheld" else ()
-    return Case(number, part, _seed(part, number, seed), stratum, planted, removed, conditions, machine.name)
+    return Case(
+        number, part, _seed(part, number, seed), stratum, planted, removed, conditions, machine.name
+    )
 
 
 def _rounded(drawn: dict[str, Any]) -> dict[str, Any]:
-    return {k: float(f"{v:.{DRAWN_DIGITS}g}") if isinstance(v, float) else v for k, v in drawn.items()}
+    return {
+        k: float(f"{v:.{DRAWN_DIGITS}g}") if isinstance(v, float) else v for k, v in drawn.items()
+    }
 
 
 def _stratum(part: str, number: int, seed: int) -> tuple[str, float]:
-    """Stratum of a case and its place in it, both spread evenly over the numbers however many are drawn."""
+    """Stratum of a case and its place in it, both spread evenly over the numbers however many are
+    drawn."""
     first = np.random.default_rng([seed, PARTS.index(part)]).random()
     at = (first + number * GOLDEN) % 1.0
     for stratum, share in STRATA.items():
@@ -108,7 +120,9 @@ def _stratum(part: str, number: int, seed: int) -> tuple[str, float]:
     return stratum, 1.0 - 1e-9  # rounding of the sum of the shares
 
 
-def _planted(machine: Machine, stratum: str, place: float, random: np.random.Generator) -> list[str]:
+def _planted(
+    machine: Machine, stratum: str, place: float, random: np.random.Generator
+) -> list[str]:
     if stratum == "no-gap":
         return []
     faults = machine.faults
@@ -124,7 +138,9 @@ def _planted(machine: Machine, stratum: str, place: float, random: np.random.Gen
 def withheld(fault: Fault, catalogue: dict[str, type[Effect]]) -> tuple[str, ...]:
     """A fault's whole family, and whatever its members call a look-alike or are called one by."""
     exact, family = fault.exact, fault.family
-    kin = {n for n, e in catalogue.items() if n in exact or family in (e.family, *e.families.values())}
+    kin = {
+        n for n, e in catalogue.items() if n in exact or family in (e.family, *e.families.values())
+    }
     named = {other for n in kin for other in catalogue[n].look_alikes}
     naming = {n for n, e in catalogue.items() if kin & set(e.look_alikes)}
     return tuple(sorted((kin | named | naming) & catalogue.keys()))

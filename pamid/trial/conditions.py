@@ -9,19 +9,19 @@ import numpy as np
 
 from pamid.trial.faults import HIGH_INERTIA, LONG_HOLDS, PRESSURES, WIDE_RANGE, Fault
 
-INERTIAS = (0.014, 0.0896)                # kg m2: the arm of the first paper, and 6.4 times it
-PAYLOADS = (0.0, 0.5)                     # kg at the tip of the arm
-HOLDS, SLOW_HOLD = ((0.4, 1.6), (0.8, 3.0)), (3.0, 12.0)   # s
-BACKGROUND = (0.005, 0.04)                # log-uniform
+INERTIAS = (0.014, 0.0896)  # kg m2: the arm of the first paper, and 6.4 times it
+PAYLOADS = (0.0, 0.5)  # kg at the tip of the arm
+HOLDS, SLOW_HOLD = ((0.4, 1.6), (0.8, 3.0)), (3.0, 12.0)  # s
+BACKGROUND = (0.005, 0.04)  # log-uniform
 SECONDS = 40.0
 ALL, NO_FORCES, ANGLE, ANGLES_AND_PRESSURES = "all", "no-forces", "angle", "angles-and-pressures"
 
 
 @dataclass(frozen=True)
 class JointConditions:
-    """How a case of one joint is recorded. loop: "closed" | "open"; channels: "all" | "no-forces" | "angle"; noise:
-    factor on the sensors' usual noise; background: size of what no model of the tool can represent; amplitude in deg,
-    holds in s."""
+    """How a case of one joint is recorded. loop: "closed" | "open"; channels: "all" | "no-forces" |
+    "angle"; noise: factor on the sensors' usual noise; background: size of what no model of the
+    tool can represent; amplitude in deg, holds in s."""
 
     inertia_kg_m2: float
     loop: str
@@ -35,8 +35,8 @@ class JointConditions:
 
 @dataclass(frozen=True)
 class ArmConditions:
-    """How a case of the arm is recorded: as one of a joint, with a payload and an amplitude for each joint; channels:
-    "all" | "no-forces" | "angles-and-pressures"."""
+    """How a case of the arm is recorded: as one of a joint, with a payload and an amplitude for
+    each joint; channels: "all" | "no-forces" | "angles-and-pressures"."""
 
     payload_kg: float
     loop: str
@@ -52,7 +52,9 @@ class ArmConditions:
 Conditions = JointConditions | ArmConditions
 
 
-def draw_joint_conditions(random: np.random.Generator, faults: Sequence[Fault], clean: bool) -> JointConditions:
+def draw_joint_conditions(
+    random: np.random.Generator, faults: Sequence[Fault], clean: bool
+) -> JointConditions:
     """Drawn at large, then narrowed to what the faults need to show."""
     needs, u = _needs(faults), random.random(7)
     angle_only = u[2] < 0.2 and PRESSURES not in needs
@@ -60,12 +62,17 @@ def draw_joint_conditions(random: np.random.Generator, faults: Sequence[Fault], 
         inertia_kg_m2=INERTIAS[1] if HIGH_INERTIA in needs else INERTIAS[int(u[0] * 2)],
         loop=_loop(u[1]),
         channels=ANGLE if angle_only else NO_FORCES if u[2] < 0.6 else ALL,
-        noise=_noise(u[3]), background=_background(u[4], clean), seconds=_seconds(needs),
+        noise=_noise(u[3]),
+        background=_background(u[4], clean),
+        seconds=_seconds(needs),
         amplitude_deg=float(32.0 + 8.0 * u[5] if WIDE_RANGE in needs else 25.0 + 15.0 * u[5]),
-        hold_s=_holds(u[6], needs))
+        hold_s=_holds(u[6], needs),
+    )
 
 
-def draw_arm_conditions(random: np.random.Generator, faults: Sequence[Fault], clean: bool) -> ArmConditions:
+def draw_arm_conditions(
+    random: np.random.Generator, faults: Sequence[Fault], clean: bool
+) -> ArmConditions:
     """Drawn at large, then narrowed to what the faults need to show."""
     needs, u = _needs(faults), random.random(8)
     wide = WIDE_RANGE in needs
@@ -73,10 +80,13 @@ def draw_arm_conditions(random: np.random.Generator, faults: Sequence[Fault], cl
         payload_kg=PAYLOADS[1] if HIGH_INERTIA in needs else PAYLOADS[int(u[0] * 2)],
         loop=_loop(u[1]),
         channels=ANGLES_AND_PRESSURES if u[2] < 0.2 else NO_FORCES if u[2] < 0.6 else ALL,
-        noise=_noise(u[3]), background=_background(u[4], clean), seconds=_seconds(needs),
+        noise=_noise(u[3]),
+        background=_background(u[4], clean),
+        seconds=_seconds(needs),
         amplitude_1_deg=float(25.0 + 5.0 * u[5] if wide else 15.0 + 15.0 * u[5]),
         amplitude_2_deg=float(34.0 + 6.0 * u[7] if wide else 20.0 + 20.0 * u[7]),
-        hold_s=_holds(u[6], needs))
+        hold_s=_holds(u[6], needs),
+    )
 
 
 def _needs(faults: Sequence[Fault]) -> frozenset[str]:

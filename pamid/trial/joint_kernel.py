@@ -1,7 +1,8 @@
 """Time stepping of the one-dof joint: semi-implicit Euler at a tenth of a millisecond, compiled.
 
-Order within a step: valves, air, pulls, joint, sensor filters; each part uses what the parts before it have just set.
-Compiled once per process (seconds), not cached: the compiler's cache would not see a change in `kernel`.
+Order within a step: valves, air, pulls, joint, sensor filters; each part uses what the parts before
+it have just set. Compiled once per process (seconds), not cached: the compiler's cache would not
+see a change in `kernel`.
 """
 
 from __future__ import annotations
@@ -55,15 +56,27 @@ def advance_joint(x: Array, m: Any, f: Any, torque: float, h: float) -> None:
         x[LOAD_SPEED] += h * link / load
         x[LOAD_ANGLE] += h * x[LOAD_SPEED]
     free = (x[SPEED] + h * torque / own) / (1.0 + h * m.viscous / own)
-    if f.stick_nm > 0.0:  # dry friction as an impulse: it stops the arm or slows it, never turns it round
+    # dry friction as an impulse: it stops the arm or slows it, never turns it round
+    if f.stick_nm > 0.0:
         free = np.sign(free) * max(0.0, abs(free) - h * sticking(x[SPEED], f) / own)
     x[SPEED] = free
     x[ANGLE] += h * free
 
 
 @njit
-def advance(x: Array, s: Array, z: Array, m: Any, f: Any, waves: Array, drive: float, clock: float, worn: float,
-            held: bool, h: float) -> None:
+def advance(
+    x: Array,
+    s: Array,
+    z: Array,
+    m: Any,
+    f: Any,
+    waves: Array,
+    drive: float,
+    clock: float,
+    worn: float,
+    held: bool,
+    h: float,
+) -> None:
     """One step; `held`: pressures are kept where they are, as before a recording begins."""
     if not held:
         x[SUPPLY] = supply_after(x[SUPPLY], pair_air(x, s, m, f, f, drive, h), m, f, h)
@@ -72,12 +85,28 @@ def advance(x: Array, s: Array, z: Array, m: Any, f: Any, waves: Array, drive: f
 
 
 @njit
-def run(m: Any, f: Any, waves: Array, asked: Array, closed: bool, controller: Array, noise_deg: Array, period: float,
-        steps: int, readings: Array, commands: Array) -> None:
-    """Fill readings (samples x 5, SI, before noise: angle, gauge pressures, forces) and commands; asked: reference in
-    deg, or the command itself."""
+def run(
+    m: Any,
+    f: Any,
+    waves: Array,
+    asked: Array,
+    closed: bool,
+    controller: Array,
+    noise_deg: Array,
+    period: float,
+    steps: int,
+    readings: Array,
+    commands: Array,
+) -> None:
+    """Fill readings (samples x 5, SI, before noise: angle, gauge pressures, forces) and commands;
+    asked: reference in deg, or the command itself."""
     h, n = period / steps, asked.shape[0]
-    x, s, z, y = np.zeros(JOINT_STATES), np.zeros((2, MUSCLE_STATES)), np.zeros((2, 2, ELEMENTS)), np.zeros((5, 2))
+    x, s, z, y = (
+        np.zeros(JOINT_STATES),
+        np.zeros((2, MUSCLE_STATES)),
+        np.zeros((2, 2, ELEMENTS)),
+        np.zeros((5, 2)),
+    )
     x[SUPPLY] = m.supply_pressure
     at_rest(s, m)
     memory = np.zeros(2)
@@ -85,8 +114,13 @@ def run(m: Any, f: Any, waves: Array, asked: Array, closed: bool, controller: Ar
         if k >= 0:
             readings[k] = y[:, 0]
             readings[k, 0] = moved_zero(y[0, 0], f)
-            commands[k] = asked[k] if not closed else command_of(
-                memory, k, asked[k], readings[k, 0], noise_deg[k], m, controller, period)
+            commands[k] = (
+                asked[k]
+                if not closed
+                else command_of(
+                    memory, k, asked[k], readings[k, 0], noise_deg[k], m, controller, period
+                )
+            )
         for j in range(steps):
             at = k * steps + j
             drive = driven(x, m, f, commands, at, steps, period) if k >= 0 else 0.0

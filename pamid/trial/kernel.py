@@ -1,9 +1,10 @@
-"""What the trial's machines are made of: valves, air, muscles, friction, sensors, controller; compiled.
+"""What the trial's machines are made of: valves, air, muscles, friction, sensors, controller;
+compiled.
 
-`m` is the machine (fields of `plant.Specimen` and the known constants), `f` what is planted (fields of
-`faults.Planted`), both as records; `x` the state of a joint, `s` that of its two muscles, `z` of their hystereses; SI
-throughout. All functions live in this one file: the compiler's cache looks only at the file of the function that is
-called.
+`m` is the machine (fields of `plant.Specimen` and the known constants), `f` what is planted (fields
+of `faults.Planted`), both as records; `x` the state of a joint, `s` that of its two muscles, `z` of
+their hystereses; SI throughout. All functions live in this one file: the compiler's cache looks
+only at the file of the function that is called.
 """
 
 from __future__ import annotations
@@ -17,34 +18,53 @@ from pamid.engine.numba_cache import njit
 
 Array = NDArray[np.float64]
 
-ATMOSPHERE = 101325.0   # Pa
-REFERENCE = 1.0e5       # Pa, of the conductances (ISO 8778)
-ROOM = 293.15           # K
+ATMOSPHERE = 101325.0  # Pa
+REFERENCE = 1.0e5  # Pa, of the conductances (ISO 8778)
+ROOM = 293.15  # K
 R_AIR, CV_AIR = 287.05, 717.6  # J/(kg K)
-TANK = 2.0e-4           # m3, between regulator and valves
-TUBE_VOLUME = 6.0e-5    # m3, of a tube that lags by 15 ms: a wide one, that throttles little
-BLEND = 10e3            # Pa, over which filling hands over to venting
-ELEMENTS = 12           # of each hysteresis
-LAMINAR = 0.99          # pressure ratio from which flow is linear
-HANGING = 333           # samples at held pressures before a recording: the arm comes to hang where its muscles balance
+TANK = 2.0e-4  # m3, between regulator and valves
+TUBE_VOLUME = 6.0e-5  # m3, of a tube that lags by 15 ms: a wide one, that throttles little
+BLEND = 10e3  # Pa, over which filling hands over to venting
+ELEMENTS = 12  # of each hysteresis
+LAMINAR = 0.99  # pressure ratio from which flow is linear
+# samples at held pressures before a recording: the arm comes to hang where its muscles balance
+HANGING = 333
 
 # of the joint
 ANGLE, SPEED, LOAD_ANGLE, LOAD_SPEED, SUPPLY, BRISTLE, LATCHED, ON_FOR, OFF_FOR, OPEN = range(10)
 JOINT_STATES = 10
 # of each muscle
-PRESSURE, TUBE, WARMTH, WALL, CONTRACTION, RATE, PULL, CREEP_1, CREEP_2, LOOP, THREAD, RELIEF, BLOWING, WEAR = range(14)
+(
+    PRESSURE,
+    TUBE,
+    WARMTH,
+    WALL,
+    CONTRACTION,
+    RATE,
+    PULL,
+    CREEP_1,
+    CREEP_2,
+    LOOP,
+    THREAD,
+    RELIEF,
+    BLOWING,
+    WEAR,
+) = range(14)
 MUSCLE_STATES = 14
 
 
 @njit(cache=True)
 def pulse(x: Array, m: Any, f: Any, command: float, clock: float, h: float, period: float) -> float:
-    """Signed share of this step in which the drive is on; clock: s since the start of the recording."""
+    """Signed share of this step in which the drive is on; clock: s since the start of the
+    recording."""
     duty, sign = abs(command), np.sign(command)
-    if f.lost_duty > 0.0:  # the poppet lifts sooner the harder it is driven: all is regained at full command
+    # the poppet lifts sooner the harder it is driven: all is regained at full command
+    if f.lost_duty > 0.0:
         duty = max(0.0, duty - f.lost_duty) * (1.0 + f.lost_duty * duty / (1.0 - f.lost_duty))
     if f.pulse_period_s <= 0.0:
         carrier = period / m.pulses_per_sample
-        begun = (clock + 0.25 * h) % carrier - 0.25 * h  # the quarter step keeps rounding from turning the phase over
+        # the quarter step keeps rounding from turning the phase over
+        begun = (clock + 0.25 * h) % carrier - 0.25 * h
         low, high = 0.5 * (1.0 - duty) * carrier, 0.5 * (1.0 + duty) * carrier
         return sign * max(0.0, min(begun + h, high) - max(begun, low)) / h
     begun = (clock + 0.25 * h) % f.pulse_period_s - 0.25 * h
@@ -67,7 +87,8 @@ def pulse(x: Array, m: Any, f: Any, command: float, clock: float, h: float, peri
 
 @njit(cache=True)
 def through(up: float, down: float, conductance: float, ratio: float) -> float:
-    """p V flow (W) of an ISO 6358 orifice, the straight piece near equal pressures included; 0 backwards."""
+    """p V flow (W) of an ISO 6358 orifice, the straight piece near equal pressures included; 0
+    backwards."""
     if down >= up:
         return 0.0
     r = down / up
@@ -92,8 +113,11 @@ def volume(m: Any, f: Any, contraction: float, pressure: float) -> tuple[float, 
 
 
 @njit(cache=True)
-def advance_air(i: int, x: Array, s: Array, m: Any, f: Any, fill: float, vent: float, h: float) -> float:
-    """Pressures of muscle i one step on, for the openings of its valves. Returns the p V flow taken from the supply."""
+def advance_air(
+    i: int, x: Array, s: Array, m: Any, f: Any, fill: float, vent: float, h: float
+) -> float:
+    """Pressures of muscle i one step on, for the openings of its valves. Returns the p V flow taken
+    from the supply."""
     mate = (1.0 - 2.0 * i) * 0.5
     share = (1.0 + mate * f.flow_mismatch) * (1.0 - f.wear * s[i, WEAR])
     c_in, c_out = (m.fill_1, m.vent_1) if i == 0 else (m.fill_2, m.vent_2)
@@ -107,18 +131,25 @@ def advance_air(i: int, x: Array, s: Array, m: Any, f: Any, fill: float, vent: f
         s[i, TUBE] = pressed / (1.0 + h / f.tube_s)
         passed = (s[i, TUBE] - s[i, PRESSURE]) * space / f.tube_s
         gained, lost = max(passed, 0.0), max(-passed, 0.0)
-    if f.leak > 0.0:  # a hole: another critical ratio than the valves', not quite alike in both muscles
+    # a hole: another critical ratio than the valves', not quite alike in both muscles
+    if f.leak > 0.0:
         lost += through(s[i, PRESSURE], ATMOSPHERE, f.leak * (1.0 + 0.4 * mate) * m.vent_1, 0.25)
     if f.relief > 0.0:
         s[i, RELIEF] += h / 0.01 * (s[i, BLOWING] - s[i, RELIEF])
-        lost += s[i, RELIEF] * through(s[i, PRESSURE], ATMOSPHERE, f.relief * m.vent_1, m.critical_ratio)
+        lost += s[i, RELIEF] * through(
+            s[i, PRESSURE], ATMOSPHERE, f.relief * m.vent_1, m.critical_ratio
+        )
     inside, slope = volume(m, f, s[i, CONTRACTION], s[i, PRESSURE])
     heating = gained - lost - s[i, PRESSURE] * slope * s[i, RATE]
     change = (1.0 + (m.polytropic - 1.0) * (1.0 - f.heat)) * heating / inside
     if f.heat > 0.0:
         warmth, wall = s[i, WARMTH], s[i, WALL]
         mass = s[i, PRESSURE] * inside / (R_AIR * warmth)
-        stored = gained * (1.4 - warmth / ROOM) / 0.4 - lost * warmth / ROOM - s[i, PRESSURE] * slope * s[i, RATE]
+        stored = (
+            gained * (1.4 - warmth / ROOM) / 0.4
+            - lost * warmth / ROOM
+            - s[i, PRESSURE] * slope * s[i, RATE]
+        )
         turning = (f.heat * stored - f.wall_w_k * (warmth - wall)) / (mass * CV_AIR)
         s[i, WARMTH] += h * turning
         s[i, WALL] += h * (f.wall_w_k * (warmth - wall) - 0.3 * (wall - ROOM)) / 25.0
@@ -130,8 +161,8 @@ def advance_air(i: int, x: Array, s: Array, m: Any, f: Any, fill: float, vent: f
 
 @njit(cache=True)
 def pair_air(x: Array, s: Array, m: Any, f_1: Any, f_2: Any, drive: float, h: float) -> float:
-    """Pressures of both muscles one step on: one is filled up to p0, then the other vented. Returns the p V flow taken
-    from the supply; f_1, f_2: what is planted in each muscle."""
+    """Pressures of both muscles one step on: one is filled up to p0, then the other vented. Returns
+    the p V flow taken from the supply; f_1, f_2: what is planted in each muscle."""
     share_1 = min(max((m.hold_pressure - s[0, PRESSURE]) / BLEND, 0.0), 1.0)
     share_2 = min(max((m.hold_pressure - s[1, PRESSURE]) / BLEND, 0.0), 1.0)
     up, down = max(drive, 0.0), max(-drive, 0.0)
@@ -141,7 +172,8 @@ def pair_air(x: Array, s: Array, m: Any, f_1: Any, f_2: Any, drive: float, h: fl
 
 @njit(cache=True)
 def supply_after(pressure: float, drawn: float, m: Any, f: Any, h: float) -> float:
-    """Supply pressure (Pa) one step on, for the p V flow drawn from the tank behind the regulator."""
+    """Supply pressure (Pa) one step on, for the p V flow drawn from the tank behind the
+    regulator."""
     if f.sag_pa <= 0.0:
         return pressure
     settling = TANK * f.sag_pa / 3e-3 / REFERENCE
@@ -149,8 +181,11 @@ def supply_after(pressure: float, drawn: float, m: Any, f: Any, h: float) -> flo
 
 
 @njit(cache=True)
-def static_pull(i: int, contraction: float, pressure: float, m: Any, f: Any, waves: Array, worn: float) -> float:
-    """Force (N) of muscle i at rest; pressure gauge; waves: (amplitude, cycles per unit, phase) along contraction."""
+def static_pull(
+    i: int, contraction: float, pressure: float, m: Any, f: Any, waves: Array, worn: float
+) -> float:
+    """Force (N) of muscle i at rest; pressure gauge; waves: (amplitude, cycles per unit, phase)
+    along contraction."""
     side = 1.0 - 2.0 * i
     chi = 1.0 - (1.0 - contraction) / (1.0 + 0.5 * side * f.length_difference)
     p = pressure
@@ -167,12 +202,21 @@ def static_pull(i: int, contraction: float, pressure: float, m: Any, f: Any, wav
     for k in range(1, waves.shape[1]):
         error += waves[i, k, 0] * np.cos(waves[i, k, 1] * chi + waves[i, k, 2])
     stronger = 1.0 + 0.5 * side * f.force_difference * (0.7 + 3.0 * chi)
-    return m.scale * stronger * (1.0 + error) * (1.0 + worn * (m.drift_1 if i == 0 else m.drift_2)) * pull
+    return (
+        m.scale
+        * stronger
+        * (1.0 + error)
+        * (1.0 + worn * (m.drift_1 if i == 0 else m.drift_2))
+        * pull
+    )
 
 
 @njit(cache=True)
-def held_back(i: int, chi: float, step: float, rate: float, p: float, s: Array, z: Array, f: Any) -> float:
-    """Rate-independent friction (N) within muscle i after a change of contraction by `step`; z: its elements."""
+def held_back(
+    i: int, chi: float, step: float, rate: float, p: float, s: Array, z: Array, f: Any
+) -> float:
+    """Rate-independent friction (N) within muscle i after a change of contraction by `step`; z: its
+    elements."""
     pressed = max(p, 0.0) / 6e5
     force = 0.0
     if f.slip_n > 0.0:  # widths over a factor 50, ever weaker
@@ -188,7 +232,9 @@ def held_back(i: int, chi: float, step: float, rate: float, p: float, s: Array, 
         total = 0.0
         for j in range(ELEMENTS):
             width = f.play_reach * (j + 0.5) / ELEMENTS
-            z[i, 1, j] = min(max(z[i, 1, j] + step * (1.0 + f.play_bend * (chi - 0.1)), -width), width)
+            z[i, 1, j] = min(
+                max(z[i, 1, j] + step * (1.0 + f.play_bend * (chi - 0.1)), -width), width
+            )
             total += z[i, 1, j] / width / ELEMENTS
         force += f.play_n * (0.12 + 0.88 * pressed**0.8) * total
     if f.loop_n > 0.0:
@@ -204,9 +250,20 @@ def held_back(i: int, chi: float, step: float, rate: float, p: float, s: Array, 
 
 
 @njit(cache=True)
-def advance_pull(i: int, s: Array, z: Array, m: Any, f: Any, waves: Array, at: float, rate: float, worn: float,
-                 h: float) -> None:
-    """Force of muscle i, whose contraction by the angle is `at`; an elastic chain lets the muscle run ahead of it."""
+def advance_pull(
+    i: int,
+    s: Array,
+    z: Array,
+    m: Any,
+    f: Any,
+    waves: Array,
+    at: float,
+    rate: float,
+    worn: float,
+    h: float,
+) -> None:
+    """Force of muscle i, whose contraction by the angle is `at`; an elastic chain lets the muscle
+    run ahead of it."""
     absolute = s[i, PRESSURE]
     p = absolute - ATMOSPHERE
     old = s[i, CONTRACTION]
@@ -216,7 +273,9 @@ def advance_pull(i: int, s: Array, z: Array, m: Any, f: Any, waves: Array, at: f
         surplus = static_pull(i, old + crept, p, m, f, waves, worn) - dry
         stretch = m.length * (old - at)
         hard = (1.0 + abs(stretch) / 0.02) / f.chain_m_n
-        moved = h * (surplus - hard * stretch) / (m.damping * absolute + h * (m.length * hard + 5e3))
+        moved = (
+            h * (surplus - hard * stretch) / (m.damping * absolute + h * (m.length * hard + 5e3))
+        )
         if stretch + m.length * moved < 0.0:  # slack: nothing holds the muscle
             moved = h * surplus / (m.damping * absolute + h * 5e3)
         s[i, CONTRACTION], s[i, RATE] = old + moved, moved / h
@@ -238,16 +297,32 @@ def advance_pull(i: int, s: Array, z: Array, m: Any, f: Any, waves: Array, at: f
 
 @njit(cache=True)
 def winding(x: Array, m: Any, f: Any) -> tuple[float, float]:
-    """What a joint's wheel has wound from one chain to the other, over the length of a muscle, and its lever (m)."""
+    """What a joint's wheel has wound from one chain to the other, over the length of a muscle, and
+    its lever (m)."""
     turn = f.wheel_waves * x[ANGLE] + f.wheel_rad
-    wound = m.radius * (x[ANGLE] + f.wheel / f.wheel_waves * (np.sin(turn) - np.sin(f.wheel_rad))) / m.length
+    wound = (
+        m.radius
+        * (x[ANGLE] + f.wheel / f.wheel_waves * (np.sin(turn) - np.sin(f.wheel_rad)))
+        / m.length
+    )
     return wound, m.radius * (1.0 + f.wheel * np.cos(turn))
 
 
 @njit(cache=True)
-def pair_torque(x: Array, s: Array, z: Array, m: Any, f: Any, f_1: Any, f_2: Any, waves: Array, worn: float,
-                h: float) -> float:
-    """Torque (N m) of both muscles on the wheel; f, f_1, f_2: what is planted in the joint and in each muscle."""
+def pair_torque(
+    x: Array,
+    s: Array,
+    z: Array,
+    m: Any,
+    f: Any,
+    f_1: Any,
+    f_2: Any,
+    waves: Array,
+    worn: float,
+    h: float,
+) -> float:
+    """Torque (N m) of both muscles on the wheel; f, f_1, f_2: what is planted in the joint and in
+    each muscle."""
     wound, lever = winding(x, m, f)
     rate = lever * x[SPEED] / m.length
     advance_pull(0, s, z, m, f_1, waves, m.contraction_0 + wound, rate, worn, h)
@@ -271,12 +346,15 @@ def place_torque(x: Array, f: Any, clock: float) -> float:
 
 @njit(cache=True)
 def bristles(x: Array, f: Any, h: float) -> float:
-    """Friction torque (N m) of bending contacts at the present speed: steep Dahl, elasto-plastic bristle."""
+    """Friction torque (N m) of bending contacts at the present speed: steep Dahl, elasto-plastic
+    bristle."""
     speed = x[SPEED]
     if f.dahl_nm > 0.0:
         z = x[BRISTLE]
         yielding = 1.0 - z * np.sign(speed)
-        x[BRISTLE] = min(max(z + h * speed / f.dahl_rad * abs(yielding) ** 1.5 * np.sign(yielding), -1.0), 1.0)
+        x[BRISTLE] = min(
+            max(z + h * speed / f.dahl_rad * abs(yielding) ** 1.5 * np.sign(yielding), -1.0), 1.0
+        )
         return f.dahl_nm * x[BRISTLE]
     if f.plastic_nm > 0.0:
         level = f.plastic_nm * (1.0 + f.plastic_peak / (1.0 + (speed / f.plastic_rad_s) ** 2))
@@ -331,9 +409,18 @@ def moved_zero(angle: float, f: Any) -> float:
 
 
 @njit(cache=True)
-def command_of(memory: Array, k: int, asked: float, angle: float, noise_deg: float, m: Any, controller: Array,
-               period: float) -> float:
-    """The PD controller's command at sample k; memory: its last error and the slope of it, in deg and s."""
+def command_of(
+    memory: Array,
+    k: int,
+    asked: float,
+    angle: float,
+    noise_deg: float,
+    m: Any,
+    controller: Array,
+    period: float,
+) -> float:
+    """The PD controller's command at sample k; memory: its last error and the slope of it, in deg
+    and s."""
     kp, kd, smoothing, limit = controller
     error = asked - np.floor((np.degrees(angle) + noise_deg) / m.angle_step + 0.5) * m.angle_step
     if k > 0:
@@ -344,7 +431,8 @@ def command_of(memory: Array, k: int, asked: float, angle: float, noise_deg: flo
 
 @njit(cache=True)
 def driven(x: Array, m: Any, f: Any, commands: Array, at: int, steps: int, period: float) -> float:
-    """Signed share of step `at` of the recording in which the drive is on; commands: one per sample."""
+    """Signed share of step `at` of the recording in which the drive is on; commands: one per
+    sample."""
     h = period / steps
     late = int(np.floor((at - f.delay_s / h + 1e-6) / steps))
     return pulse(x, m, f, commands[late] if late >= 0 else 0.0, at * h, h, period)

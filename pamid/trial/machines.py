@@ -1,4 +1,5 @@
-"""The machines of the trial, one per rig: which faults they can have, how they are drawn and how they are recorded."""
+"""The machines of the trial, one per rig: which faults they can have, how they are drawn and how
+they are recorded."""
 
 from __future__ import annotations
 
@@ -42,9 +43,14 @@ class OneDof:
     controller: ClassVar[Mapping[str, float]] = plant.CONTROLLER
     #: channels of a case -> how the columns begin that its recordings do not have
     withheld_columns: ClassVar[Mapping[str, tuple[str, ...]]] = {
-        ALL: (), NO_FORCES: ("force_",), ANGLE: ("force_", "pressure_")}
+        ALL: (),
+        NO_FORCES: ("force_",),
+        ANGLE: ("force_", "pressure_"),
+    }
 
-    def draw_conditions(self, random: np.random.Generator, faults: Sequence[Fault], clean: bool) -> Conditions:
+    def draw_conditions(
+        self, random: np.random.Generator, faults: Sequence[Fault], clean: bool
+    ) -> Conditions:
         """How a case with these faults is recorded; clean: without background."""
         return draw_joint_conditions(random, faults, clean)
 
@@ -55,7 +61,12 @@ class OneDof:
     def truth(self, site: str) -> dict[str, Any]:
         """What counts as the right answer to a planted fault."""
         fault = FAULTS[site]
-        return {"fault": site, "family": fault.family, "port": fault.port, "exact": sorted(fault.exact)}
+        return {
+            "fault": site,
+            "family": fault.family,
+            "port": fault.port,
+            "exact": sorted(fault.exact),
+        }
 
     def known(self, c: Conditions) -> dict[str, float]:
         """[known] of a recording."""
@@ -65,7 +76,9 @@ class OneDof:
     def reference(self, c: Conditions, seed: int) -> Excitation:
         """What the closed loop is asked to follow."""
         assert isinstance(c, JointConditions)
-        return Excitation(reference_deg=aprbs(c.seconds, PERIOD_S, c.amplitude_deg, c.hold_s, seed=seed))
+        return Excitation(
+            reference_deg=aprbs(c.seconds, PERIOD_S, c.amplitude_deg, c.hold_s, seed=seed)
+        )
 
     def commands(self, columns: Mapping[str, Array]) -> Excitation:
         """The commands of a recording, for an open loop."""
@@ -75,8 +88,9 @@ class OneDof:
         """A drawn machine, recorded under these conditions."""
         assert isinstance(c, JointConditions)
         specimen = plant.draw_specimen(random, c.background)
-        return lambda faults, signal, seed: plant.record(specimen, faults, signal, inertia_kg_m2=c.inertia_kg_m2,
-                                                         noise=c.noise, seed=seed)
+        return lambda faults, signal, seed: plant.record(
+            specimen, faults, signal, inertia_kg_m2=c.inertia_kg_m2, noise=c.noise, seed=seed
+        )
 
 
 class TwoLink:
@@ -86,9 +100,14 @@ class TwoLink:
     faults: ClassVar[Mapping[str, Fault]] = ARM_FAULTS
     controller: ClassVar[Mapping[str, float]] = arm.CONTROLLER
     withheld_columns: ClassVar[Mapping[str, tuple[str, ...]]] = {
-        ALL: (), NO_FORCES: ("force_",), ANGLES_AND_PRESSURES: ("force_", "contraction_")}
+        ALL: (),
+        NO_FORCES: ("force_",),
+        ANGLES_AND_PRESSURES: ("force_", "contraction_"),
+    }
 
-    def draw_conditions(self, random: np.random.Generator, faults: Sequence[Fault], clean: bool) -> Conditions:
+    def draw_conditions(
+        self, random: np.random.Generator, faults: Sequence[Fault], clean: bool
+    ) -> Conditions:
         return draw_arm_conditions(random, faults, clean)
 
     def plant(self, fault: str, random: np.random.Generator) -> tuple[str, dict[str, float]]:
@@ -105,9 +124,17 @@ class TwoLink:
     def reference(self, c: Conditions, seed: int) -> Excitation:
         assert isinstance(c, ArmConditions)
         seeds = np.random.SeedSequence(seed).generate_state(len(JOINTS))
-        return Excitation(reference_deg=np.stack(
-            [aprbs(c.seconds, PERIOD_S, amplitude, c.hold_s, seed=int(own))
-             for amplitude, own in zip((c.amplitude_1_deg, c.amplitude_2_deg), seeds, strict=True)], axis=1))
+        return Excitation(
+            reference_deg=np.stack(
+                [
+                    aprbs(c.seconds, PERIOD_S, amplitude, c.hold_s, seed=int(own))
+                    for amplitude, own in zip(
+                        (c.amplitude_1_deg, c.amplitude_2_deg), seeds, strict=True
+                    )
+                ],
+                axis=1,
+            )
+        )
 
     def commands(self, columns: Mapping[str, Array]) -> Excitation:
         return Excitation(command=np.stack([columns[f"command_{j}"] for j in JOINTS], axis=1))
@@ -115,8 +142,9 @@ class TwoLink:
     def build(self, random: np.random.Generator, c: Conditions) -> Record:
         assert isinstance(c, ArmConditions)
         specimen = arm.draw_arm(random, c.background)
-        return lambda faults, signal, seed: arm.record_arm(specimen, faults, signal, payload_kg=c.payload_kg,
-                                                           noise=c.noise, seed=seed)
+        return lambda faults, signal, seed: arm.record_arm(
+            specimen, faults, signal, payload_kg=c.payload_kg, noise=c.noise, seed=seed
+        )
 
 
 Machine = OneDof | TwoLink
@@ -126,6 +154,8 @@ MACHINES: dict[str, Machine] = {ONE_DOF: OneDof(), TWO_LINK: TwoLink()}
 def machine_named(rig: str) -> Machine:
     """The machine that stands for this rig. UsageError for a rig that the trial has none for."""
     if rig not in MACHINES:
-        raise UsageError(f"the trial has no machine for the rig {rig!r}",
-                         nearest(rig, list(MACHINES)) or f"rigs: {', '.join(MACHINES)}")
+        raise UsageError(
+            f"the trial has no machine for the rig {rig!r}",
+            nearest(rig, list(MACHINES)) or f"rigs: {', '.join(MACHINES)}",
+        )
     return MACHINES[rig]

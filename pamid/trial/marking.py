@@ -1,6 +1,7 @@
 """One case of the trial marked: its label beside the answer that the diagnosis wrote.
 
-A case names a cause where its verdict is "explained" or "ambiguous"; a ranking below an abstention names nothing.
+A case names a cause where its verdict is "explained" or "ambiguous"; a ranking below an abstention
+names nothing.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-VISIBLE = 1.1       # visibility from which a fault has to be named
+VISIBLE = 1.1  # visibility from which a fault has to be named
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +91,8 @@ class Marked:
 
     @cached_property
     def exact_first(self) -> bool:
-        """Is the first of the ranking a planted fault, or one that these recordings cannot tell from it?"""
+        """Is the first of the ranking a planted fault, or one that these recordings cannot tell
+        from it?"""
         exact = {name for t in self.truth for name in t["exact"]}
         if not self.ranking:
             return False
@@ -107,20 +109,28 @@ class Marked:
 
     @cached_property
     def port_right(self) -> bool:
-        """Is the gap placed at the fault's port, at one that cannot be told from it, or at an exact equivalent? A fault
-        with a place (fault@place) has none: the same effect elsewhere is wrong."""
+        """Is the gap placed at the fault's port, at one that cannot be told from it, or at an exact
+        equivalent? A fault with a place (fault@place) has none: the same effect elsewhere is wrong.
+        """
         where, truth = self.found["where"], self.truth[0]
         if not self.alarms:
             return False
-        same = {where["port"], *(p for group in where["indistinguishable"] if where["port"] in group for p in group)}
+        same = {
+            where["port"],
+            *(p for group in where["indistinguishable"] if where["port"] in group for p in group),
+        }
         twin = "@" not in truth["fault"] and any(
-            c["port"] == where["port"] and _bare(c["effect"]) in truth["exact"] for c in self.found["causes"])
+            c["port"] == where["port"] and _bare(c["effect"]) in truth["exact"]
+            for c in self.found["causes"]
+        )
         return truth["port"] in same or twin
 
     @cached_property
     def port_exact(self) -> bool:
         """Does the first of the ranking act at the fault's own port, number and all?"""
-        return self.alarms and bool(self.ranking) and self.ranking[0]["port"] == self.truth[0]["port"]
+        return (
+            self.alarms and bool(self.ranking) and self.ranking[0]["port"] == self.truth[0]["port"]
+        )
 
     @cached_property
     def caught(self) -> int:

@@ -1,8 +1,10 @@
-"""The joint of the blind trial: the same machine as the one-dof rig on paper, in equations of its own.
+"""The joint of the blind trial: the same machine as the one-dof rig on paper, in equations of its
+own.
 
-Two antagonistic 20 mm muscles, one kept at p0 while the other is vented, pulse-driven valves, a PD controller at
-3 ms. Nothing is shared with the rig, the effects or the engine: force law, volume, valves, air, sensors and
-integration are written anew, so that no model of the tool describes the recordings exactly.
+Two antagonistic 20 mm muscles, one kept at p0 while the other is vented, pulse-driven valves, a PD
+controller at 3 ms. Nothing is shared with the rig, the effects or the engine: force law, volume,
+valves, air, sensors and integration are written anew, so that no model of the tool describes the
+recordings exactly.
 """
 
 from __future__ import annotations
@@ -21,13 +23,19 @@ from pamid.trial.faults import Planted, planted
 Array = NDArray[np.float64]
 
 PERIOD_S = 0.003
-CONTROLLER = {"kp_per_deg": 0.10, "kd_s_per_deg": 0.003, "derivative_filter_s": 0.006, "command_limit": 1.0}
-KNOWN = {"radius": 0.030, "length": 0.250, "supply_pressure": 701325.0, "hold_pressure": 651325.0}  # m, absolute Pa
+CONTROLLER = {
+    "kp_per_deg": 0.10,
+    "kd_s_per_deg": 0.003,
+    "derivative_filter_s": 0.006,
+    "command_limit": 1.0,
+}
+# m, absolute Pa
+KNOWN = {"radius": 0.030, "length": 0.250, "supply_pressure": 701325.0, "hold_pressure": 651325.0}
 CHANNELS = ("angle_deg", "pressure_1_kpa", "pressure_2_kpa", "force_1_n", "force_2_n")
 NOISE = np.array([np.radians(0.05), 1e3, 1e3, 3.0, 3.0])  # SI, at factor 1
 TO_COLUMN = np.array([180.0 / np.pi, 1e-3, 1e-3, 1.0, 1.0])
-STEPS = 30      # per sample
-AHEAD = 32      # samples run on after the end, for readings stamped early
+STEPS = 30  # per sample
+AHEAD = 32  # samples run on after the end, for readings stamped early
 STROKE, LOW_PA, HIGH_PA = 0.20, 1e5, 6e5  # over which the error of the force map has its size
 
 
@@ -35,38 +43,39 @@ STROKE, LOW_PA, HIGH_PA = 0.20, 1e5, 6e5  # over which the error of the force ma
 class Specimen:
     """True constants of one machine, SI unless said otherwise.
 
-    waves: error of the force map, shape (2 muscles, 1 + waves, 3): relative amplitude, angular wave number and phase
-    of cosines; the first runs over gauge pressure, the others over contraction.
+    waves: error of the force map, shape (2 muscles, 1 + waves, 3): relative amplitude, angular wave
+    number and phase of cosines; the first runs over gauge pressure, the others over contraction.
     """
 
-    law: float               # 0: threads and rubber, 1: quadratic through the chart
-    rubber: float            # stiffness of the rubber, 1: as in the chart
-    scale: float             # force against the chart
-    damping: float           # m2 s, force per contraction rate and absolute pressure
-    fill_1: float            # sonic conductances, m3/(s Pa)
+    law: float  # 0: threads and rubber, 1: quadratic through the chart
+    rubber: float  # stiffness of the rubber, 1: as in the chart
+    scale: float  # force against the chart
+    damping: float  # m2 s, force per contraction rate and absolute pressure
+    fill_1: float  # sonic conductances, m3/(s Pa)
     fill_2: float
     vent_1: float
     vent_2: float
     critical_ratio: float
-    viscous: float           # N m s
-    contraction_0: float     # both muscles, arm in the middle
-    dead_volume: float       # m3 per muscle
+    viscous: float  # N m s
+    contraction_0: float  # both muscles, arm in the middle
+    dead_volume: float  # m3 per muscle
     polytropic: float
-    bore: float              # m
-    braid_angle: float       # rad from the axis, at rest
+    bore: float  # m
+    braid_angle: float  # rad from the axis, at rest
     pulses_per_sample: float  # of the valves' drive: 1 to 3, 333 to 1000 Hz
-    filter_lag: float        # s, group delay of the second-order filters of all readings
-    angle_step: float        # deg
-    pressure_step: float     # Pa
-    force_step: float        # N
-    drift_1: float           # share of force gained over a recording
+    filter_lag: float  # s, group delay of the second-order filters of all readings
+    angle_step: float  # deg
+    pressure_step: float  # Pa
+    force_step: float  # N
+    drift_1: float  # share of force gained over a recording
     drift_2: float
     waves: Array = field(repr=False)
 
 
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """What the machine is asked for, one value per 3 ms: a reference (the loop is closed) or the command itself."""
+    """What the machine is asked for, one value per 3 ms: a reference (the loop is closed) or the
+    command itself."""
 
     reference_deg: Array | None = None
     command: Array | None = None
@@ -77,7 +86,9 @@ class Excitation:
 
 
 def draw_specimen(random: np.random.Generator, background: float) -> Specimen:
-    """A machine within about one tolerance of its data sheet; background: rms error of its force map (0 .. 0.04)."""
+    """A machine within about one tolerance of its data sheet; background: rms error of its force
+    map (0 .. 0.04)."""
+
     def even(low: float, high: float) -> float:
         return float(random.uniform(low, high))
 
@@ -88,19 +99,35 @@ def draw_specimen(random: np.random.Generator, background: float) -> Specimen:
     c_in, c_out = times(3.777e-9, 1.15), times(3.777e-9, 1.15)
     uneven = [1.0 + 0.03 * part * even(-1.0, 1.0) for _ in range(4)]
     return Specimen(
-        law=float(random.integers(2)), rubber=1.0 + float(random.choice((-1.0, 1.0))) * even(0.07, 0.12),
-        scale=even(0.85, 1.15), damping=times(6e-4, 1.8), fill_1=c_in * uneven[0], fill_2=c_in * uneven[1],
-        vent_1=c_out * uneven[2], vent_2=c_out * uneven[3], critical_ratio=even(0.35, 0.51), viscous=even(0.01, 0.10),
-        contraction_0=even(0.096, 0.104), dead_volume=even(2e-6, 9e-6), polytropic=even(1.0, 1.2), bore=0.020,
-        braid_angle=math.radians(even(28.1, 29.1)), pulses_per_sample=float(random.integers(1, 4)),
-        filter_lag=even(2e-4, 4e-4), angle_step=even(0.005, 0.02),
+        law=float(random.integers(2)),
+        rubber=1.0 + float(random.choice((-1.0, 1.0))) * even(0.07, 0.12),
+        scale=even(0.85, 1.15),
+        damping=times(6e-4, 1.8),
+        fill_1=c_in * uneven[0],
+        fill_2=c_in * uneven[1],
+        vent_1=c_out * uneven[2],
+        vent_2=c_out * uneven[3],
+        critical_ratio=even(0.35, 0.51),
+        viscous=even(0.01, 0.10),
+        contraction_0=even(0.096, 0.104),
+        dead_volume=even(2e-6, 9e-6),
+        polytropic=even(1.0, 1.2),
+        bore=0.020,
+        braid_angle=math.radians(even(28.1, 29.1)),
+        pulses_per_sample=float(random.integers(1, 4)),
+        filter_lag=even(2e-4, 4e-4),
+        angle_step=even(0.005, 0.02),
         pressure_step=1e6 / 2.0 ** int(random.integers(12, 17)),
-        force_step=2e3 / 2.0 ** int(random.integers(12, 17)), drift_1=0.5 * background * even(-1.0, 1.0),
-        drift_2=0.5 * background * even(-1.0, 1.0), waves=draw_waves(random, background))
+        force_step=2e3 / 2.0 ** int(random.integers(12, 17)),
+        drift_1=0.5 * background * even(-1.0, 1.0),
+        drift_2=0.5 * background * even(-1.0, 1.0),
+        waves=draw_waves(random, background),
+    )
 
 
 def draw_waves(random: np.random.Generator, rms: float) -> Array:
-    """Force-map errors of both muscles: 1 to 6 half waves along the stroke and one slow wave along the pressure."""
+    """Force-map errors of both muscles: 1 to 6 half waves along the stroke and one slow wave along
+    the pressure."""
     count = int(random.integers(1, 7))
     waves = np.zeros((2, count + 1, 3))
     chi, pressure = np.meshgrid(np.linspace(0.0, STROKE, 101), np.linspace(LOW_PA, HIGH_PA, 51))
@@ -109,7 +136,9 @@ def draw_waves(random: np.random.Generator, rms: float) -> Array:
         muscle[0, :2] = 0.4, np.pi * random.uniform(0.5, 1.5) / HIGH_PA
         muscle[1:, 0] = random.uniform(0.5, 1.0, count) / np.arange(1, count + 1)
         muscle[1:, 1] = np.pi * np.arange(1, count + 1) / STROKE
-        error = sum(a * np.cos(k * (pressure if i == 0 else chi) + c) for i, (a, k, c) in enumerate(muscle))
+        error = sum(
+            a * np.cos(k * (pressure if i == 0 else chi) + c) for i, (a, k, c) in enumerate(muscle)
+        )
         muscle[:, 0] *= rms / np.sqrt(np.mean(np.square(error)))
     return waves
 
@@ -119,18 +148,29 @@ def packed(**values: float) -> Any:
     return np.array([tuple(values.values())], dtype=[(name, np.float64) for name in values])[0]
 
 
-def machine_record(specimen: Specimen, inertia_kg_m2: float, known: Mapping[str, float] = KNOWN) -> Any:
+def machine_record(
+    specimen: Specimen, inertia_kg_m2: float, known: Mapping[str, float] = KNOWN
+) -> Any:
     """The machine's constants as compiled code reads them."""
     own = {f.name: float(getattr(specimen, f.name)) for f in fields(specimen) if f.name != "waves"}
     return packed(**own, **known, inertia=inertia_kg_m2)
 
 
-def record(specimen: Specimen, faults: Mapping[str, Mapping[str, float]], excitation: Excitation, *,
-           inertia_kg_m2: float, noise: float, seed: int, steps: int = STEPS) -> dict[str, Array]:
-    """What this machine, with these faults (name -> sizes, as `Fault.draw` gives them), would have recorded.
+def record(
+    specimen: Specimen,
+    faults: Mapping[str, Mapping[str, float]],
+    excitation: Excitation,
+    *,
+    inertia_kg_m2: float,
+    noise: float,
+    seed: int,
+    steps: int = STEPS,
+) -> dict[str, Array]:
+    """What this machine, with these faults (name -> sizes, as `Fault.draw` gives them), would have
+    recorded.
 
-    noise: factor of the sensors' white noise (0.05 deg, 1 kPa, 3 N). The columns of a recording come back in their
-    own units. UsageError if the machine flies apart.
+    noise: factor of the sensors' white noise (0.05 deg, 1 kPa, 3 N). The columns of a recording
+    come back in their own units. UsageError if the machine flies apart.
     """
     from pamid.trial.joint_kernel import run  # compiling takes seconds: only who records pays
 
@@ -141,15 +181,32 @@ def record(specimen: Specimen, faults: Mapping[str, Mapping[str, float]], excita
     extended = np.concatenate([asked, np.full(AHEAD, asked[-1])])
     jitter = noise * NOISE * np.random.default_rng(seed).standard_normal((n + AHEAD, len(CHANNELS)))
     readings, commands = np.zeros((n + AHEAD, len(CHANNELS))), np.zeros(n + AHEAD)
-    run(machine_record(specimen, inertia_kg_m2), packed(**asdict(f)), specimen.waves, extended, closed,
-        np.array(list(CONTROLLER.values())), np.degrees(jitter[:, 0]), PERIOD_S, steps, readings, commands)
+    run(
+        machine_record(specimen, inertia_kg_m2),
+        packed(**asdict(f)),
+        specimen.waves,
+        extended,
+        closed,
+        np.array(list(CONTROLLER.values())),
+        np.degrees(jitter[:, 0]),
+        PERIOD_S,
+        steps,
+        readings,
+        commands,
+    )
     if not np.isfinite(readings).all():
-        raise UsageError(f"the machine flies apart with {', '.join(faults) or 'no fault'}", "draw smaller sizes")
+        raise UsageError(
+            f"the machine flies apart with {', '.join(faults) or 'no fault'}", "draw smaller sizes"
+        )
     time = np.arange(n, dtype=np.float64) * PERIOD_S
     logged = _logged(specimen, f, readings, jitter[:n], time)
     asked_for = {"reference_deg": asked} if closed else {}
-    return {"time_s": time, **asked_for, "command": commands[:n],
-            **{name: logged[:, i] for i, name in enumerate(CHANNELS)}}
+    return {
+        "time_s": time,
+        **asked_for,
+        "command": commands[:n],
+        **{name: logged[:, i] for i, name in enumerate(CHANNELS)},
+    }
 
 
 def stamped(f: Planted, readings: Array, time: Array) -> Array:
@@ -162,9 +219,16 @@ def stamped(f: Planted, readings: Array, time: Array) -> Array:
 
 
 def _logged(specimen: Specimen, f: Planted, readings: Array, jitter: Array, time: Array) -> Array:
-    """Readings (SI, running on past the end) as the logger writes them: shifted clock, sensor errors, noise, steps."""
+    """Readings (SI, running on past the end) as the logger writes them: shifted clock, sensor
+    errors, noise, steps."""
     shown = stamped(f, readings, time)
     for column, share in ((1, 1.0), (2, 0.9)):
         shown[:, column] += share * f.pressure_zero_pa + f.pressure_gain * shown[:, column]
-    steps = np.array([np.radians(specimen.angle_step), *2 * (specimen.pressure_step,), *2 * (specimen.force_step,)])
+    steps = np.array(
+        [
+            np.radians(specimen.angle_step),
+            *2 * (specimen.pressure_step,),
+            *2 * (specimen.force_step,),
+        ]
+    )
     return np.asarray(np.floor((shown + jitter) / steps + 0.5) * steps * TO_COLUMN)

@@ -1,7 +1,7 @@
 """The scorer: alone opens the labels, and reads nothing of the diagnosis but what it wrote.
 
-Naming counts only where the fault shows: visibility is the refitted model's error over that of a twin recording
-without the fault, in the channel where it is largest.
+Naming counts only where the fault shows: visibility is the refitted model's error over that of a
+twin recording without the fault, in the channel where it is largest.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from pamid.base.metrics import wilson_interval
 from pamid.trial.marking import VISIBLE, Marked
 
 SCHEMA = "pamid.trial/1"
-PLAIN = 2.0         # visibility from which a fault is plain to see
+PLAIN = 2.0  # visibility from which a fault is plain to see
 BINS = 10
 DRAWS = 1000
 Array = NDArray[np.float64]
@@ -42,7 +42,8 @@ class Rate:
 
 @dataclass(frozen=True)
 class Figure:
-    """A figure over `of` cases with its 95 % bootstrap interval over cases; None where there were none."""
+    """A figure over `of` cases with its 95 % bootstrap interval over cases; None where there were
+    none."""
 
     value: float | None
     low: float | None
@@ -52,7 +53,8 @@ class Figure:
 
 @dataclass(frozen=True)
 class Bin:
-    """Answers given with a probability between low and high: mean probability said, share that was right."""
+    """Answers given with a probability between low and high: mean probability said, share that was
+    right."""
 
     low: float
     high: float
@@ -78,33 +80,61 @@ class Score:
     def as_json(self) -> dict[str, Any]:
         """trial.json, but for the digest of the cases."""
         return {
-            "schema": SCHEMA, "part": self.part, "seed": self.seed, "cases": self.cases,
+            "schema": SCHEMA,
+            "part": self.part,
+            "seed": self.seed,
+            "cases": self.cases,
             "rates": {k: r.as_json() for k, r in self.rates.items()},
             "figures": {k: asdict(f) for k, f in self.figures.items()},
-            "reliability": [{"low": b.low, "high": b.high, "said": b.said, "right": b.right.as_json()}
-                            for b in self.reliability],
-            "strata": {d: {b: {k: r.as_json() for k, r in rates.items()} for b, rates in bins.items()}
-                       for d, bins in self.strata.items()},
+            "reliability": [
+                {"low": b.low, "high": b.high, "said": b.said, "right": b.right.as_json()}
+                for b in self.reliability
+            ],
+            "strata": {
+                d: {b: {k: r.as_json() for k, r in rates.items()} for b, rates in bins.items()}
+                for d, bins in self.strata.items()
+            },
             "confusion": self.confusion,
             "baselines": {k: r.as_json() for k, r in self.baselines.items()},
         }
 
 
-def score(labels: Sequence[dict[str, Any]], results: Sequence[dict[str, Any]], *, part: str = "test",
-          seed: int = 0) -> Score:
-    """Compare results with the labels of the same cases. seed: of the shuffled control and of the bootstrap."""
+def score(
+    labels: Sequence[dict[str, Any]],
+    results: Sequence[dict[str, Any]],
+    *,
+    part: str = "test",
+    seed: int = 0,
+) -> Score:
+    """Compare results with the labels of the same cases. seed: of the shuffled control and of the
+    bootstrap."""
     known = {label["number"]: label for label in labels}
     marked = [Marked(known[r["case"]], r) for r in results if not r["failed"]]
     singles = [m for m in marked if m.stratum == "single"]
-    rates = {"failed": Rate(len(results) - len(marked), len(results)),
-             "unseen": _rate((m for m in marked if m.truth), lambda m: not m.visible),
-             **_naming(singles), **_refusing(marked), **_doubles(marked, singles)}
+    rates = {
+        "failed": Rate(len(results) - len(marked), len(results)),
+        "unseen": _rate((m for m in marked if m.truth), lambda m: not m.visible),
+        **_naming(singles),
+        **_refusing(marked),
+        **_doubles(marked, singles),
+    }
     figures, covered = _forecasts(marked, seed)
     rates["shrinkage_covered"] = covered
-    sure, reliability = _calibration([m for m in marked if m.names and m.ranking and (m.visible or not m.truth)], seed)
+    sure, reliability = _calibration(
+        [m for m in marked if m.names and m.ranking and (m.visible or not m.truth)], seed
+    )
     visible = [m for m in singles if m.visible]
-    return Score(part, seed, len(results), rates, {**sure, **figures}, reliability, _strata(marked),
-                 _confusion(visible), _baselines(visible, seed))
+    return Score(
+        part,
+        seed,
+        len(results),
+        rates,
+        {**sure, **figures},
+        reliability,
+        _strata(marked),
+        _confusion(visible),
+        _baselines(visible, seed),
+    )
 
 
 def _rate(cases: Iterable[Marked], right: Callable[[Marked], bool]) -> Rate:
@@ -115,15 +145,19 @@ def _rate(cases: Iterable[Marked], right: Callable[[Marked], bool]) -> Rate:
 def _naming(singles: list[Marked]) -> dict[str, Rate]:
     """One known fault that shows: is it named?"""
     seen = [m for m in singles if m.visible]
-    return {"family_first": _rate(seen, lambda m: m.answer == m.family),
-            "family_first_two": _rate(seen, lambda m: m.names and m.family in m.families[:2]),
-            "exact_first": _rate(seen, lambda m: m.names and m.exact_first),
-            "family_first_of_ranking": _rate(seen, lambda m: m.families[:1] == [m.family]),
-            "port": _rate(seen, lambda m: m.port_right),
-            "port_exact": _rate(seen, lambda m: m.port_exact),
-            "ambiguous_holds": _rate((m for m in seen if m.verdict == "ambiguous"), lambda m: m.exact_first),
-            "wrong_abstention": _rate(seen, lambda m: m.abstains),
-            "missed": _rate(seen, lambda m: not m.alarms)}
+    return {
+        "family_first": _rate(seen, lambda m: m.answer == m.family),
+        "family_first_two": _rate(seen, lambda m: m.names and m.family in m.families[:2]),
+        "exact_first": _rate(seen, lambda m: m.names and m.exact_first),
+        "family_first_of_ranking": _rate(seen, lambda m: m.families[:1] == [m.family]),
+        "port": _rate(seen, lambda m: m.port_right),
+        "port_exact": _rate(seen, lambda m: m.port_exact),
+        "ambiguous_holds": _rate(
+            (m for m in seen if m.verdict == "ambiguous"), lambda m: m.exact_first
+        ),
+        "wrong_abstention": _rate(seen, lambda m: m.abstains),
+        "missed": _rate(seen, lambda m: not m.alarms),
+    }
 
 
 def _refusing(marked: list[Marked]) -> dict[str, Rate]:
@@ -132,36 +166,54 @@ def _refusing(marked: list[Marked]) -> dict[str, Rate]:
     clean = [m for m in quiet if m.conditions["background"] == 0.0]
     rough = [m for m in quiet if m.conditions["background"] > 0.0]
     unknown = [m for m in marked if m.stratum in ("withheld", "nameless") and m.visible]
-    return {"false_alarm": _rate(quiet, lambda m: m.alarms),
-            "false_alarm_clean": _rate(clean, lambda m: m.alarms),
-            "false_alarm_background": _rate(rough, lambda m: m.alarms),
-            "abstains": _rate(unknown, lambda m: m.abstains),
-            "abstains_plain": _rate((m for m in unknown if m.visibility >= PLAIN), lambda m: m.abstains),
-            "abstains_withheld": _rate((m for m in unknown if m.stratum == "withheld"), lambda m: m.abstains),
-            "abstains_nameless": _rate((m for m in unknown if m.stratum == "nameless"), lambda m: m.abstains),
-            "unknown_port": _rate(unknown, lambda m: m.port_right)}
+    return {
+        "false_alarm": _rate(quiet, lambda m: m.alarms),
+        "false_alarm_clean": _rate(clean, lambda m: m.alarms),
+        "false_alarm_background": _rate(rough, lambda m: m.alarms),
+        "abstains": _rate(unknown, lambda m: m.abstains),
+        "abstains_plain": _rate(
+            (m for m in unknown if m.visibility >= PLAIN), lambda m: m.abstains
+        ),
+        "abstains_withheld": _rate(
+            (m for m in unknown if m.stratum == "withheld"), lambda m: m.abstains
+        ),
+        "abstains_nameless": _rate(
+            (m for m in unknown if m.stratum == "nameless"), lambda m: m.abstains
+        ),
+        "unknown_port": _rate(unknown, lambda m: m.port_right),
+    }
 
 
 def _doubles(marked: list[Marked], singles: list[Marked]) -> dict[str, Rate]:
     """Two faults at once, and one taken for two."""
     doubles = [m for m in marked if m.stratum == "double" and m.visible]
     one = [m for m in singles if m.visible and m.verdict == "explained"]
-    return {"both_of_two": _rate(doubles, lambda m: m.caught == 2),
-            "both_seen": _rate((m for m in doubles if m.each_visible), lambda m: m.caught == 2),
-            "one_of_two": _rate(doubles, lambda m: m.caught >= 1),
-            "extra_causes": _rate(one, lambda m: len(m.found["causes"]) > 1)}
+    return {
+        "both_of_two": _rate(doubles, lambda m: m.caught == 2),
+        "both_seen": _rate((m for m in doubles if m.each_visible), lambda m: m.caught == 2),
+        "one_of_two": _rate(doubles, lambda m: m.caught >= 1),
+        "extra_causes": _rate(one, lambda m: len(m.found["causes"]) > 1),
+    }
 
 
 def _forecasts(marked: list[Marked], seed: int) -> tuple[dict[str, Figure], Rate]:
     """Predicted against achieved shrinkage of explained cases, and the time a diagnosis took."""
-    told = [s for m in marked if m.verdict == "explained" and (s := m.result["shrinkage"]) is not None]
+    told = [
+        s for m in marked if m.verdict == "explained" and (s := m.result["shrinkage"]) is not None
+    ]
     error = np.array([abs(s["predicted"] - s["achieved"]) for s in told])
     bias = np.array([s["predicted"] - s["achieved"] for s in told])
     seconds = np.array([m.result["seconds"] for m in marked])
     covered = sum(s["low"] <= s["achieved"] <= s["high"] for s in told)
-    return ({"shrinkage_error": _figure(error, np.median, seed), "shrinkage_bias": _figure(bias, np.median, seed),
-             "seconds": _figure(seconds, np.median, seed), "seconds_worst": _worst(seconds)},
-            Rate(covered, len(told)))
+    return (
+        {
+            "shrinkage_error": _figure(error, np.median, seed),
+            "shrinkage_bias": _figure(bias, np.median, seed),
+            "seconds": _figure(seconds, np.median, seed),
+            "seconds_worst": _worst(seconds),
+        },
+        Rate(covered, len(told)),
+    )
 
 
 def _worst(values: Array) -> Figure:
@@ -179,20 +231,39 @@ def _figure(rows: Array, figure: Callable[[Array], Any], seed: int) -> Figure:
 
 
 def _calibration(answers: list[Marked], seed: int) -> tuple[dict[str, Figure], tuple[Bin, ...]]:
-    """The first candidate's probability against being right, wherever a cause was named, rightly or not: expected
-    calibration error, Brier score, its skill against always saying the share that is right, area under the curve of
-    risk over coverage, and the reliability bins (empty ones left out)."""
-    rows = np.array([(m.ranking[0]["probability"], m.exact_first and m.stratum in ("single", "double"))
-                     for m in answers], float).reshape(-1, 2)
+    """The first candidate's probability against being right, wherever a cause was named, rightly or
+    not: expected calibration error, Brier score, its skill against always saying the share that is
+    right, area under the curve of risk over coverage, and the reliability bins (empty ones left
+    out)."""
+    rows = np.array(
+        [
+            (m.ranking[0]["probability"], m.exact_first and m.stratum in ("single", "double"))
+            for m in answers
+        ],
+        float,
+    ).reshape(-1, 2)
     bins = []
     place = _bin(rows[:, 0])
     for k in range(BINS):
         inside = rows[place == k]
         if len(inside):
-            bins.append(Bin(k / BINS, (k + 1) / BINS, float(inside[:, 0].mean()),
-                            Rate(int(inside[:, 1].sum()), len(inside))))
-    return ({"ece": _figure(rows, _ece, seed), "brier": _figure(rows, _brier, seed),
-             "brier_skill": _figure(rows, _skill, seed), "aurc": _figure(rows, _risk, seed)}, tuple(bins))
+            bins.append(
+                Bin(
+                    k / BINS,
+                    (k + 1) / BINS,
+                    float(inside[:, 0].mean()),
+                    Rate(int(inside[:, 1].sum()), len(inside)),
+                )
+            )
+    return (
+        {
+            "ece": _figure(rows, _ece, seed),
+            "brier": _figure(rows, _brier, seed),
+            "brier_skill": _figure(rows, _skill, seed),
+            "aurc": _figure(rows, _risk, seed),
+        },
+        tuple(bins),
+    )
 
 
 def _bin(probability: Array) -> NDArray[np.intp]:
@@ -200,7 +271,8 @@ def _bin(probability: Array) -> NDArray[np.intp]:
 
 
 def _ece(rows: Array) -> float:
-    """Sum over bins of share of cases x |mean probability - share right|; rows of (probability, right)."""
+    """Sum over bins of share of cases x |mean probability - share right|; rows of (probability,
+    right)."""
     gaps = np.bincount(_bin(rows[:, 0]), rows[:, 0] - rows[:, 1], BINS)
     return float(np.abs(gaps).sum() / len(rows))
 
@@ -215,13 +287,14 @@ def _skill(rows: Array) -> float:
 
 
 def _risk(rows: Array) -> float:
-    """Share that is wrong among the k surest answers, averaged over k: 0 where all doubt sits on wrong ones alone."""
+    """Share that is wrong among the k surest answers, averaged over k: 0 where all doubt sits on
+    wrong ones alone."""
     wrong = 1.0 - rows[np.argsort(-rows[:, 0], kind="stable"), 1]
     return float((np.cumsum(wrong) / np.arange(1, len(wrong) + 1)).mean())
 
 
-#: condition -> its value in a case (None where its rig has no such condition), and the edges between which cases are
-#: put together
+#: condition -> its value in a case (None where its rig has no such condition), and the edges
+#: between which cases are put together
 DIMENSIONS: dict[str, tuple[Callable[[Marked], Any], tuple[float, ...]]] = {
     "visibility": (lambda m: m.visibility, (VISIBLE, 1.3, PLAIN)),
     "background": (lambda m: m.conditions["background"], (0.005, 0.01, 0.02)),
@@ -241,12 +314,14 @@ def _between(value: Any, edges: tuple[float, ...]) -> str:
 
 
 def _strata(marked: list[Marked]) -> dict[str, dict[str, dict[str, Rate]]]:
-    """The main rates by condition, of those that the cases have. detected: single faults, visible or not, for which
-    there is any alarm."""
+    """The main rates by condition, of those that the cases have. detected: single faults, visible
+    or not, for which there is any alarm."""
     out: dict[str, dict[str, dict[str, Rate]]] = {}
     for dimension, (value, edges) in DIMENSIONS.items():
         bins: dict[str, list[Marked]] = {}
-        told = (m for m in marked if (m.truth or dimension != "visibility") and value(m) is not None)
+        told = (
+            m for m in marked if (m.truth or dimension != "visibility") and value(m) is not None
+        )
         for m in sorted(told, key=value):
             bins.setdefault(_between(value(m), edges), []).append(m)
         out[dimension] = {name: _main_rates(cases) for name, cases in bins.items()}
@@ -256,21 +331,30 @@ def _strata(marked: list[Marked]) -> dict[str, dict[str, dict[str, Rate]]]:
 def _main_rates(cases: list[Marked]) -> dict[str, Rate]:
     singles = [m for m in cases if m.stratum == "single"]
     named = _naming(singles)
-    return {"family_first": named["family_first"], "exact_first": named["exact_first"],
-            "detected": _rate(singles, lambda m: m.alarms),
-            "false_alarm": _rate((m for m in cases if m.stratum == "no-gap"), lambda m: m.alarms)}
+    return {
+        "family_first": named["family_first"],
+        "exact_first": named["exact_first"],
+        "detected": _rate(singles, lambda m: m.alarms),
+        "false_alarm": _rate((m for m in cases if m.stratum == "no-gap"), lambda m: m.alarms),
+    }
 
 
 def _confusion(visible: list[Marked]) -> dict[str, dict[str, int]]:
-    return {family: dict(Counter(m.answer for m in visible if m.family == family).most_common())
-            for family in sorted({m.family for m in visible})}
+    return {
+        family: dict(Counter(m.answer for m in visible if m.family == family).most_common())
+        for family in sorted({m.family for m in visible})
+    }
 
 
 def _baselines(visible: list[Marked], seed: int) -> dict[str, Rate]:
-    """What naming a family takes: always the most common one, the screen's first choice, the labels dealt at random."""
+    """What naming a family takes: always the most common one, the screen's first choice, the labels
+    dealt at random."""
     families = [m.family for m in visible]
     common = Counter(families).most_common(1)[0][1] if families else 0
     shuffled = np.random.default_rng(seed).permutation(np.array(families, dtype=object))
     hits = sum(m.answer == family for m, family in zip(visible, shuffled, strict=True))
-    return {"most_common_family": Rate(common, len(families)), "screening": _rate(visible, lambda m: m.screened_right),
-            "shuffled_labels": Rate(hits, len(families))}
+    return {
+        "most_common_family": Rate(common, len(families)),
+        "screening": _rate(visible, lambda m: m.screened_right),
+        "shuffled_labels": Rate(hits, len(families)),
+    }

@@ -11,7 +11,8 @@ from pamid.trial.machines import ONE_DOF, TWO_LINK
 
 @dataclass(frozen=True)
 class Row:
-    """A figure of trial.json. target: what is aimed for, in the unit shown; upward: more is better."""
+    """A figure of trial.json. target: what is aimed for, in the unit shown; upward: more is
+    better."""
 
     section: str
     key: str
@@ -32,7 +33,7 @@ ROWS = (
     Row("rates", "exact_first", "effect, or one measured to look alike, named first", 80.0),
     Row("rates", "family_first_of_ranking", "family first in the ranking, whatever the verdict"),
     Row("rates", "port", "port of the gap right", 97.0),
-    Row("rates", "ambiguous_holds", "\"cannot tell A from B\": the truth is among them"),
+    Row("rates", "ambiguous_holds", '"cannot tell A from B": the truth is among them'),
     Row("rates", "wrong_abstention", "known effect called unknown", 10.0, upward=False),
     Row("rates", "missed", "visible effect called no gap"),
     Row("rates", "extra_causes", "one effect explained by two and more"),
@@ -51,7 +52,14 @@ ROWS = (
     Row("figures", "brier", "Brier score", unit=""),
     Row("figures", "brier_skill", "Brier skill", unit=""),
     Row("figures", "aurc", "risk over coverage, area", upward=False, unit=""),
-    Row("figures", "shrinkage_error", "predicted shrinkage off by (median)", 5.0, upward=False, unit="pp"),
+    Row(
+        "figures",
+        "shrinkage_error",
+        "predicted shrinkage off by (median)",
+        5.0,
+        upward=False,
+        unit="pp",
+    ),
     Row("figures", "shrinkage_bias", "... too high by (median)", unit="pp"),
     Row("rates", "shrinkage_covered", "achieved shrinkage inside the 95 % interval", 90.0),
     Row("figures", "seconds", "CPU seconds of a diagnosis (median)", unit="s"),
@@ -62,12 +70,23 @@ ROWS = (
 )
 _ARM_TARGETS = {"family_first": 80.0, "port_exact": 85.0}
 _ARM_ROWS = [replace(row, target=_ARM_TARGETS.get(row.key)) for row in ROWS]
-_ARM_ROWS.insert(5, Row("rates", "port_exact", "... by the first of the ranking, number of joint or muscle and all",
-                        _ARM_TARGETS["port_exact"]))
+_ARM_ROWS.insert(
+    5,
+    Row(
+        "rates",
+        "port_exact",
+        "... by the first of the ranking, number of joint or muscle and all",
+        _ARM_TARGETS["port_exact"],
+    ),
+)
 ROWS_OF = {ONE_DOF: ROWS, TWO_LINK: tuple(_ARM_ROWS)}
 HEAD = ("", "measured", "95 %", "of", "target")
-TITLES = {"family_first": "family first", "exact_first": "exact first", "detected": "detected",
-          "false_alarm": "false alarm"}
+TITLES = {
+    "family_first": "family first",
+    "exact_first": "exact first",
+    "detected": "detected",
+    "false_alarm": "false alarm",
+}
 
 
 def rows_of(found: Mapping[str, Any]) -> tuple[Row, ...]:
@@ -86,11 +105,16 @@ def trial_text(found: dict[str, Any]) -> str:
         lines += [f"{name:24s}" + "".join(f"{cell:>18s}" for cell in row) for name, row in table]
     if found["reliability"]:
         lines += ["", f"{'probability said':24s}{'mean':>18s}{'right':>18s}"]
-        lines += [f"{b['low']:.1f} to {b['high']:.1f}".ljust(24) + f"{b['said']:18.2f}{_share(b['right']):>18s}"
-                  for b in found["reliability"]]
+        lines += [
+            f"{b['low']:.1f} to {b['high']:.1f}".ljust(24)
+            + f"{b['said']:18.2f}{_share(b['right']):>18s}"
+            for b in found["reliability"]
+        ]
     lines += ["", "planted -> named first (visible single effects)"]
-    lines += [f"{family:24s} " + ", ".join(f"{answer} {n}" for answer, n in answers.items())
-              for family, answers in found["confusion"].items()]
+    lines += [
+        f"{family:24s} " + ", ".join(f"{answer} {n}" for answer, n in answers.items())
+        for family, answers in found["confusion"].items()
+    ]
     lines += [f"failed: case {number}: {why}" for number, why in found["failures"].items()]
     return "\n".join(lines)
 
@@ -99,7 +123,10 @@ def trial_markdown(found: dict[str, Any]) -> str:
     """The main table and the breakdown by condition as Markdown."""
     lines = [summary(found), "", *_markdown(HEAD, [cells(found, row) for row in rows_of(found)])]
     for dimension, table in strata(found).items():
-        lines += ["", *_markdown((dimension, *TITLES.values()), [(name, *row) for name, row in table])]
+        lines += [
+            "",
+            *_markdown((dimension, *TITLES.values()), [(name, *row) for name, row in table]),
+        ]
     return "\n".join(lines)
 
 
@@ -107,28 +134,38 @@ def summary(found: dict[str, Any]) -> str:
     """How many cases there are, and how many of them count."""
     failed, unseen = found["rates"]["failed"]["hits"], found["rates"]["unseen"]
     rig = "" if rows_of(found) is ROWS else f" of rig {found['rig']}"
-    return (f"Blind trial{rig}, part {found['part']}, seed {found['seed']}: {found['cases']} cases, {failed} failed; "
-            f"{unseen['hits']} of {unseen['of']} planted gaps do not show and count for nothing but detection.")
+    return (
+        f"Blind trial{rig}, part {found['part']}, seed {found['seed']}: {found['cases']} cases, "
+        f"{failed} failed; "
+        f"{unseen['hits']} of {unseen['of']} planted gaps do not show and count for nothing but "
+        "detection."
+    )
 
 
 def cells(found: dict[str, Any], row: Row) -> tuple[str, ...]:
     """title, measured, interval, number of cases, target."""
     at = found[row.section][row.key]
     value = at["value"] if row.section == "figures" else at["share"]
-    write: Callable[[float], str] = (lambda v: f"{v:.3f}") if row.unit == "" else (lambda v: f"{v:.1f}")
+    write: Callable[[float], str] = (
+        (lambda v: f"{v:.3f}") if row.unit == "" else (lambda v: f"{v:.1f}")
+    )
     unit = f" {row.unit}" if row.unit else ""
     sign = ">=" if row.upward else "<="
     measured = "-" if value is None else write(row.factor * value) + unit
     sure = at["low"] is not None and value is not None
-    interval = f"{write(row.factor * at['low'])} .. {write(row.factor * at['high'])}" if sure else ""
+    interval = (
+        f"{write(row.factor * at['low'])} .. {write(row.factor * at['high'])}" if sure else ""
+    )
     aim = "" if row.target is None else f"{sign} {row.target:g}{unit}"
     return row.title, measured, interval, str(at["of"]), aim
 
 
 def strata(found: dict[str, Any]) -> dict[str, list[tuple[str, list[str]]]]:
     """dimension -> (bin, rates as text) in the order of TITLES."""
-    return {dimension: [(name, [_share(rates[key]) for key in TITLES]) for name, rates in bins.items()]
-            for dimension, bins in found.get("strata", {}).items()}
+    return {
+        dimension: [(name, [_share(rates[key]) for key in TITLES]) for name, rates in bins.items()]
+        for dimension, bins in found.get("strata", {}).items()
+    }
 
 
 def _share(rate: dict[str, Any]) -> str:
@@ -136,5 +173,8 @@ def _share(rate: dict[str, Any]) -> str:
 
 
 def _markdown(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
-    return [f"| {' | '.join(head)} |", "|---" + "|---:" * (len(head) - 1) + "|",
-            *(f"| {' | '.join(row)} |" for row in rows)]
+    return [
+        f"| {' | '.join(head)} |",
+        "|---" + "|---:" * (len(head) - 1) + "|",
+        *(f"| {' | '.join(row)} |" for row in rows),
+    ]

@@ -1,7 +1,9 @@
-"""One case worked through: recorded, diagnosed blind, and held against what only the trial can measure.
+"""One case worked through: recorded, diagnosed blind, and held against what only the trial can
+measure.
 
-The diagnosis sees a recording as a user would hand it in, and a catalogue. Apart from it are made: the same recording
-without the fault (does the fault show at all?) and a fresh one with it (does the shrinkage hold elsewhere?).
+The diagnosis sees a recording as a user would hand it in, and a catalogue. Apart from it are made:
+the same recording without the fault (does the fault show at all?) and a fresh one with it (does the
+shrinkage hold elsewhere?).
 """
 
 from __future__ import annotations
@@ -38,14 +40,25 @@ from pamid.trial.plant import PERIOD_S
 from pamid.trial.score import score
 
 Array = NDArray[np.float64]
-COSTS = {"no-gap": 0.2, "double": 2.0}       # of a diagnosis, against one with a single fault, about
+# of a diagnosis, against one with a single fault, about
+COSTS = {"no-gap": 0.2, "double": 2.0}
 Done = Callable[[int, int], None]
 CASE_SCHEMA, LABELS_SCHEMA = "pamid.trial-case/1", "pamid.trial-labels/1"
 
 
-def run_trial(folder: Path, part: str, count: int, seed: int, crew: Crew, *, rig: str = ONE_DOF, only: str = "",
-              done: Done = lambda finished, total: None) -> dict[str, Any]:
-    """Draw, run and score the cases (only: of this stratum); writes labels.json, cases/ and trial.json, returns it.
+def run_trial(
+    folder: Path,
+    part: str,
+    count: int,
+    seed: int,
+    crew: Crew,
+    *,
+    rig: str = ONE_DOF,
+    only: str = "",
+    done: Done = lambda finished, total: None,
+) -> dict[str, Any]:
+    """Draw, run and score the cases (only: of this stratum); writes labels.json, cases/ and
+    trial.json, returns it.
 
     A case whose result is in the folder already is not run again.
     """
@@ -53,12 +66,25 @@ def run_trial(folder: Path, part: str, count: int, seed: int, crew: Crew, *, rig
     labels = [c.label() for c in cases]
     digest = cases_sha256(cases)
     sweep(folder / "cases")
-    write_json(folder / "labels.json", {"schema": LABELS_SCHEMA, "rig": rig, "part": part, "seed": seed,
-                                        "cases_sha256": digest, "cases": labels})
+    write_json(
+        folder / "labels.json",
+        {
+            "schema": LABELS_SCHEMA,
+            "rig": rig,
+            "part": part,
+            "seed": seed,
+            "cases_sha256": digest,
+            "cases": labels,
+        },
+    )
     results = run_cases(cases, folder, crew, done=done)
-    found = {**score(labels, results, part=part, seed=seed).as_json(), "rig": rig, "cases_sha256": digest,
-             "failures": {str(r["case"]): r["failed"]["message"] for r in results if r["failed"]},
-             "failed_jobs": failed_jobs(results)}
+    found = {
+        **score(labels, results, part=part, seed=seed).as_json(),
+        "rig": rig,
+        "cases_sha256": digest,
+        "failures": {str(r["case"]): r["failed"]["message"] for r in results if r["failed"]},
+        "failed_jobs": failed_jobs(results),
+    }
     write_json(folder / "trial.json", found)
     return found
 
@@ -68,15 +94,17 @@ def chosen(part: str, count: int, seed: int, *, rig: str = ONE_DOF, only: str = 
     return [c for c in draw_cases(part, count, seed, rig) if only in ("", c.stratum)]
 
 
-def run_cases(cases: Sequence[Case], folder: Path, crew: Crew, *,
-              done: Done = lambda finished, total: None) -> list[dict[str, Any]]:
-    """Results in the order of the cases, each written as it comes; done(finished, total) counts those that were there
-    already, too. A case whose process is killed again and again is one that failed."""
+def run_cases(
+    cases: Sequence[Case], folder: Path, crew: Crew, *, done: Done = lambda finished, total: None
+) -> list[dict[str, Any]]:
+    """Results in the order of the cases, each written as it comes; done(finished, total) counts
+    those that were there already, too. A case whose process is killed again and again is one that
+    failed."""
     make_folder(folder / "cases")
     made = {c.number: r for c in cases if (r := finished(c, folder)) is not None}
     todo = [c for c in cases if c.number not in made]
     if crew.hands is None and crew.jobs > 1 and len(todo) > 1:
-        Bench.of(todo[0]).run({})   # compiles the machine: the processes inherit it
+        Bench.of(todo[0]).run({})  # compiles the machine: the processes inherit it
     for i, result in crew.finished(Examining(), todo):
         c = todo[i]
         if isinstance(result, Failed):
@@ -89,9 +117,15 @@ def run_cases(cases: Sequence[Case], folder: Path, crew: Crew, *,
 
 def failed_jobs(results: Sequence[dict[str, Any]]) -> list[dict[str, str]]:
     """Which cases failed, or jobs of their diagnosis, and why."""
-    found = [{"job": f"case {r['case']}", "why": r["failed"]["message"]} for r in results if r["failed"]]
-    return found + [{"job": f"case {r['case']}, {f['job']}", "why": f["why"]} for r in results if not r["failed"]
-                    for f in r["diagnosis"].get("failed_jobs", ())]
+    found = [
+        {"job": f"case {r['case']}", "why": r["failed"]["message"]} for r in results if r["failed"]
+    ]
+    return found + [
+        {"job": f"case {r['case']}, {f['job']}", "why": f["why"]}
+        for r in results
+        if not r["failed"]
+        for f in r["diagnosis"].get("failed_jobs", ())
+    ]
 
 
 def finished(case: Case, folder: Path) -> dict[str, Any] | None:
@@ -113,7 +147,8 @@ class Examining(Work[Case, dict[str, Any]]):
                 return _result(item, **examine(item, Path(place)))
         except PamidError as error:
             return _result(item, failed=error.as_dict())
-        except Exception as error:  # the tool's own fault: it counts against it, and must not cost the other cases
+        # the tool's own fault: it counts against it, and must not cost the other cases
+        except Exception as error:
             return _result(item, failed=PamidError(fault_text(error), code="unexpected").as_dict())
 
     def restored(self, item: Case, found: Plain) -> dict[str, Any]:
@@ -127,7 +162,13 @@ class Examining(Work[Case, dict[str, Any]]):
 
 
 def _result(case: Case, *, failed: dict[str, str] | None = None, **found: Any) -> dict[str, Any]:
-    return {"schema": CASE_SCHEMA, "case": case.number, "sha256": case.sha256, "failed": failed, **found}
+    return {
+        "schema": CASE_SCHEMA,
+        "case": case.number,
+        "sha256": case.sha256,
+        "failed": failed,
+        **found,
+    }
 
 
 def _path(case: Case, folder: Path) -> Path:
@@ -135,26 +176,42 @@ def _path(case: Case, folder: Path) -> Path:
 
 
 def examine(case: Case, place: Path) -> dict[str, Any]:
-    """diagnosis, CPU seconds it took, visibility (None where nothing is planted) and, of two faults, that of the less
-    visible one beside the other, shrinkage predicted and achieved."""
+    """diagnosis, CPU seconds it took, visibility (None where nothing is planted) and, of two
+    faults, that of the less visible one beside the other, shrinkage predicted and achieved."""
     bench = Bench.of(case)
     recorded = _written(case, bench.run(case.planted), place / "recording.csv")
     catalogue = {k: v for k, v in effects().items() if k not in case.removed}
     begun = time.process_time()
     d, told = diagnosed(gather(catalogue_rig(case.rig), [recorded], []), catalogue)
     seconds = time.process_time() - begun
-    seen = _visibility(d, _written(case, bench.run({}), place / "twin.csv")) if case.planted else None
-    each = [_visibility(d, _written(case, bench.run({k: v}), place / "twin.csv"))
-            for k, v in case.planted.items()] if len(case.planted) > 1 else []
+    seen = (
+        _visibility(d, _written(case, bench.run({}), place / "twin.csv")) if case.planted else None
+    )
+    each = (
+        [
+            _visibility(d, _written(case, bench.run({k: v}), place / "twin.csv"))
+            for k, v in case.planted.items()
+        ]
+        if len(case.planted) > 1
+        else []
+    )
     held = None
     if d.cause is not None:
         fresh = _written(case, bench.run(case.planted, fresh=True), place / "fresh.csv")
         held = _shrinkage(d, told, fresh)
-    return {"diagnosis": told, "screened_family": d.screened, "seconds": seconds,
-            "visibility": seen, "visibility_each": min(each, default=seen), "shrinkage": held}
+    return {
+        "diagnosis": told,
+        "screened_family": d.screened,
+        "seconds": seconds,
+        "visibility": seen,
+        "visibility_each": min(each, default=seen),
+        "shrinkage": held,
+    }
 
 
-def diagnosed(evidence: Evidence, catalogue: dict[str, type[Effect]]) -> tuple[Diagnosis, dict[str, Any]]:
+def diagnosed(
+    evidence: Evidence, catalogue: dict[str, type[Effect]]
+) -> tuple[Diagnosis, dict[str, Any]]:
     """The tool under trial: it is given this and nothing else."""
     crew = Crew()
     d = diagnose(evidence, catalogue, crew=crew)
@@ -164,7 +221,8 @@ def diagnosed(evidence: Evidence, catalogue: dict[str, type[Effect]]) -> tuple[D
 
 @dataclass(frozen=True)
 class Bench:
-    """The machine of one case. seeds: excitation and noise of its recording, and those of the fresh one."""
+    """The machine of one case. seeds: excitation and noise of its recording, and those of the fresh
+    one."""
 
     case: Case
     machine: Machine
@@ -178,7 +236,8 @@ class Bench:
         return cls(case, machine, machine.build(random, case.conditions), seeds)
 
     def run(self, faults: dict[str, dict[str, float]], *, fresh: bool = False) -> dict[str, Array]:
-        """Columns of a recording. Open loop: the commands that the machine without a fault would have used."""
+        """Columns of a recording. Open loop: the commands that the machine without a fault would
+        have used."""
         c = self.case.conditions
         first, noise = self.seeds[2:] if fresh else self.seeds[:2]
         signal = self.machine.reference(c, first)
@@ -188,28 +247,36 @@ class Bench:
 
 
 def _written(case: Case, columns: dict[str, Array], path: Path) -> Recording:
-    """The recording as a user has it: written to a file with the channels of the case, and read back."""
+    """The recording as a user has it: written to a file with the channels of the case, and read
+    back."""
     c, machine = case.conditions, machine_named(case.rig)
     hidden = machine.withheld_columns[c.channels]
-    meta: dict[str, Any] = {"recording": {"rig": case.rig, "loop": c.loop, "sampling_period_s": PERIOD_S},
-                            "known": machine.known(c)}
+    meta: dict[str, Any] = {
+        "recording": {"rig": case.rig, "loop": c.loop, "sampling_period_s": PERIOD_S},
+        "known": machine.known(c),
+    }
     if c.loop == "closed":
         meta["controller"] = dict(machine.controller)
-    write_recording(path, columns[TIME], {k: v for k, v in columns.items()
-                                          if k != TIME and not k.startswith(hidden)}, meta)
+    write_recording(
+        path,
+        columns[TIME],
+        {k: v for k, v in columns.items() if k != TIME and not k.startswith(hidden)},
+        meta,
+    )
     return read_recording(path)
 
 
 def _visibility(d: Diagnosis, twin: Recording) -> float:
-    """The refitted model's held-out error over that on a recording without the fault, in the channel of the largest."""
+    """The refitted model's held-out error over that on a recording without the fault, in the
+    channel of the largest."""
     healthy = fit_model(gather(d.evidence.rig, [twin], []))
     errors = np.concatenate([r.losses(1) for r in healthy.held_out]).mean(axis=0)
     return float((d.budget.baseline.absolutes.mean(axis=0) / errors).max())
 
 
 def _shrinkage(d: Diagnosis, told: dict[str, Any], fresh: Recording) -> dict[str, Any] | None:
-    """Shrinkage predicted (with its interval) and achieved on a fresh recording, overall and by channel; None where a
-    model became unstable on it."""
+    """Shrinkage predicted (with its interval) and achieved on a fresh recording, overall and by
+    channel; None where a model became unstable on it."""
     assert d.cause is not None
     rows = d.reporting if d.reporting.any() else d.chosen
     other = replace(gather(d.evidence.rig, [fresh], []), held_out=(Span(fresh, 0, len(fresh)),))
@@ -220,10 +287,19 @@ def _shrinkage(d: Diagnosis, told: dict[str, Any], fresh: Recording) -> dict[str
     floor = d.budget.floor.mean(axis=0)
     was, now = (d.budget.channel_losses(m.absolutes)[rows] for m in (d.budget.baseline, d.cause))
     raw, (low, high) = shrinkage_interval(was, now), forecast_interval(was, now)
-    return {"predicted": d.budget.shrinkage(d.cause.absolutes, rows), "low": low, "high": high,
-            "raw_low": raw[0], "raw_high": raw[1],
-            "achieved": float(1.0 - (errors[1] / floor).sum() / (errors[0] / floor).sum()),
-            "channels": {c: {**{k: told["how_far"][c][k] for k in ("low", "high")},
-                             "predicted": told["how_far"][c]["shrinkage"],
-                             "achieved": float(1.0 - errors[1][i] / errors[0][i])}
-                         for i, c in enumerate(d.evidence.channels)}}
+    return {
+        "predicted": d.budget.shrinkage(d.cause.absolutes, rows),
+        "low": low,
+        "high": high,
+        "raw_low": raw[0],
+        "raw_high": raw[1],
+        "achieved": float(1.0 - (errors[1] / floor).sum() / (errors[0] / floor).sum()),
+        "channels": {
+            c: {
+                **{k: told["how_far"][c][k] for k in ("low", "high")},
+                "predicted": told["how_far"][c]["shrinkage"],
+                "achieved": float(1.0 - errors[1][i] / errors[0][i]),
+            }
+            for i, c in enumerate(d.evidence.channels)
+        },
+    }

@@ -19,18 +19,36 @@ class Carts(Rig):
     outputs = {"position_1_m": "m", "position_2_m": "m"}
     ports = {
         "amplifier": Port("command", "N", (), BOTH, size={"value": 20.0}),
-        "drive": Port("actuator-force", "N", ("position", "velocity"), BOTH,
-                      size={"value": 20.0, "position": 0.3, "velocity": 1.0}),
-        "guide": Port("motion", "N", ("position", "velocity", "load"), BOTH,
-                      size={"value": 20.0, "position": 0.3, "velocity": 1.0, "load": 20.0}),
-        "mast": Port("transmission", "N", {"inertia": "kg"}, BOTH, size={"value": 20.0, "position": 0.3}),
+        "drive": Port(
+            "actuator-force",
+            "N",
+            ("position", "velocity"),
+            BOTH,
+            size={"value": 20.0, "position": 0.3, "velocity": 1.0},
+        ),
+        "guide": Port(
+            "motion",
+            "N",
+            ("position", "velocity", "load"),
+            BOTH,
+            size={"value": 20.0, "position": 0.3, "velocity": 1.0, "load": 20.0},
+        ),
+        "mast": Port(
+            "transmission", "N", {"inertia": "kg"}, BOTH, size={"value": 20.0, "position": 0.3}
+        ),
         "ruler": Port("reading", "m", (), BOTH, size={"value": 0.3}),
     }
-    states = tuple(State(f"{name}_{i}", unit) for i in BOTH for name, unit in (("position", "m"), ("velocity", "m/s")))
+    states = tuple(
+        State(f"{name}_{i}", unit)
+        for i in BOTH
+        for name, unit in (("position", "m"), ("velocity", "m/s"))
+    )
     parameters = (
         Parameter("mass", 2.0, 0.1, 20.0, "kg", source="kitchen scale"),
         Parameter("viscous", 4.0, 0.0, 50.0, "N s/m", source="run-out"),
-        Parameter("stiffness", 40.0, 0.0, 500.0, "N/m", source="rubber cord that keeps the cart in range"),
+        Parameter(
+            "stiffness", 40.0, 0.0, 500.0, "N/m", source="rubber cord that keeps the cart in range"
+        ),
         Parameter("offset", 0.0, -5.0, 5.0, "N", source="guide not quite level"),
     )
     period_s = 0.002
@@ -42,10 +60,14 @@ class Carts(Rig):
             force = port("amplifier", getattr(u, f"force_{i}_n"), place=i)
             force = port("drive", force, place=i, position=position, velocity=velocity)
             force = force - p.viscous * velocity - p.stiffness * position + p.offset
-            force = port("guide", force, place=i, position=position, velocity=velocity, load=9.81 * p.mass)
+            force = port(
+                "guide", force, place=i, position=position, velocity=velocity, load=9.81 * p.mass
+            )
             force = port("mast", force, place=i, inertia=p.mass)
             out |= {f"position_{i}": velocity, f"velocity_{i}": force / p.mass}
         return out
 
     def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
-        return {f"position_{i}_m": port("ruler", getattr(x, f"position_{i}"), place=i) for i in BOTH}
+        return {
+            f"position_{i}_m": port("ruler", getattr(x, f"position_{i}"), place=i) for i in BOTH
+        }

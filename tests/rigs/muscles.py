@@ -20,10 +20,17 @@ class Muscles(Rig):
     outputs = {"contraction_1": "", "contraction_2": ""}
     ports = {
         "regulator": Port("command", "Pa", (), BOTH, size={"value": 3e5}),
-        "muscle": Port("actuator-force", "N", {"position": "", "velocity": "1/s", "pressure": "Pa", "law": ""}, BOTH,
-                       size={"value": 400.0, "position": 0.1, "velocity": 0.5, "pressure": 3e5}),
+        "muscle": Port(
+            "actuator-force",
+            "N",
+            {"position": "", "velocity": "1/s", "pressure": "Pa", "law": ""},
+            BOTH,
+            size={"value": 400.0, "position": 0.1, "velocity": 0.5, "pressure": 3e5},
+        ),
     }
-    states = tuple(State(f"{name}_{i}", unit) for i in BOTH for name, unit in (("chi", ""), ("rate", "1/s")))
+    states = tuple(
+        State(f"{name}_{i}", unit) for i in BOTH for name, unit in (("chi", ""), ("rate", "1/s"))
+    )
     parameters = (
         Parameter("nominal", 1200.0, 300.0, 3000.0, "N", source="data sheet"),
         Parameter("length", 0.2, 0.1, 0.5, "m", fitted=False, source="tape measure"),
@@ -41,7 +48,15 @@ class Muscles(Rig):
         for i in BOTH:
             chi, rate = getattr(x, f"chi_{i}"), getattr(x, f"rate_{i}")
             pressure = port("regulator", getattr(u, f"pressure_{i}_kpa"), place=i)
-            pull = port("muscle", law(chi, pressure), place=i, position=chi, velocity=rate, pressure=pressure, law=law)
+            pull = port(
+                "muscle",
+                law(chi, pressure),
+                place=i,
+                position=chi,
+                velocity=rate,
+                pressure=pressure,
+                law=law,
+            )
             load = p.length * (p.spring * chi + p.viscous * rate)
             out |= {f"chi_{i}": rate, f"rate_{i}": (pull - load) / (p.mass * p.length)}
         return out

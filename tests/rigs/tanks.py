@@ -44,4 +44,7 @@ class Tanks(Rig):
 
     def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
         rates = {i: self._rate(i, x, u, p, port) for i in BOTH}
-        return {f"level_{i}_m": port("gauge", getattr(x, f"level_{i}") - 0.2, place=i, rate=rates[i]) for i in BOTH}
+        return {
+            f"level_{i}_m": port("gauge", getattr(x, f"level_{i}") - 0.2, place=i, rate=rates[i])
+            for i in BOTH
+        }

@@ -1,7 +1,7 @@
 """HDF5 files, also those that Octave saves.
 
-Only what lies in the file itself is read: links to other files and objects are not followed, cells of Python objects,
-texts and references are left out by name.
+Only what lies in the file itself is read: links to other files and objects are not followed, cells
+of Python objects, texts and references are left out by name.
 """
 
 from __future__ import annotations
@@ -19,7 +19,8 @@ UNIT_NAMES = ("unit", "units", "Unit", "Units", "UNIT", "UNITS", "unit_string")
 
 
 def read_hdf5(path: Path) -> Log:
-    """Every dataset of numbers as a channel without stamps, named by its groups; fields of compounds one by one."""
+    """Every dataset of numbers as a channel without stamps, named by its groups; fields of
+    compounds one by one."""
     import h5py
 
     gathering = Gathering()
@@ -84,4 +85,6 @@ def _unit(dataset: Any) -> str:
     return ""
 
 
-KIND = Kind("hdf5", (".h5", ".hdf5", ".hdf", ".he5"), read_hdf5, (b"\x89HDF\r\n\x1a\n",), "hdf5", ("h5py",))
+KIND = Kind(
+    "hdf5", (".h5", ".hdf5", ".hdf", ".he5"), read_hdf5, (b"\x89HDF\r\n\x1a\n",), "hdf5", ("h5py",)
+)

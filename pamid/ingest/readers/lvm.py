@@ -1,4 +1,5 @@
-"""LabVIEW measurement files (.lvm): a header of tags, then segments, each with a header of its own and a table."""
+"""LabVIEW measurement files (.lvm): a header of tags, then segments, each with a header of its own
+and a table."""
 
 from __future__ import annotations
 
@@ -33,19 +34,24 @@ class _Way:
 
 
 def read_lvm(path: Path) -> Log:
-    """Channels by name ("segment 2/name" where there are several segments), stamped by their X column or, where there
-    is none, by X0 and Delta_X."""
+    """Channels by name ("segment 2/name" where there are several segments), stamped by their X
+    column or, where there is none, by X0 and Delta_X."""
     text, encoding = decode(path)
     lines = text.split("\n")
     ends = [index for index, line in enumerate(lines) if line.startswith(END)]
     if not text.startswith(FIRST_TAG) or len(ends) < 2:
-        raise FileError(f"{path} is no complete LabVIEW measurement file.",
-                        f"It begins with {FIRST_TAG!r} and has {END} twice before its numbers.")  # fmt: skip
+        raise FileError(
+            f"{path} is no complete LabVIEW measurement file.",
+            f"It begins with {FIRST_TAG!r} and has {END} twice before its numbers.",
+        )
     way = _way(path, lines[: ends[0]])
     gathering = Gathering()
     gathering.note(f"encoding: {encoding}; decimal {'comma' if way.decimal == ',' else 'point'}")
     gathering.note("stamps: " + ("X0 and Delta_X" if way.x_columns == "No" else "X_Value"))
-    heads = [ends[0] + 1, *(_header_above(lines, below, above) for above, below in pairwise(ends[1:]))]
+    heads = [
+        ends[0] + 1,
+        *(_header_above(lines, below, above) for above, below in pairwise(ends[1:])),
+    ]
     for number, (head, end) in enumerate(zip(heads, ends[1:], strict=True)):
         stop = heads[number + 1] if number + 1 < len(heads) else len(lines)
         prefix = f"segment {number + 1}/" if len(heads) > 1 else ""
@@ -62,7 +68,9 @@ def _way(path: Path, lines: Sequence[str]) -> _Way:
     delimiter = _SEPARATORS.get(word, mark)
     decimal = head.get("Decimal_Separator") or "."
     if delimiter not in _SEPARATORS.values() or decimal not in (".", ",") or decimal == delimiter:
-        raise FileError(f"{path}: separator {delimiter!r} and decimal separator {decimal!r} do not go together.")
+        raise FileError(
+            f"{path}: separator {delimiter!r} and decimal separator {decimal!r} do not go together."
+        )
     return _Way(path, delimiter, decimal, head.get("X_Columns", "One"))
 
 
@@ -73,15 +81,22 @@ def _tags(lines: Sequence[str], delimiter: str) -> dict[str, list[str]]:
 
 
 def _header_above(lines: Sequence[str], below: int, above: int) -> int:
-    """Where the header begins that ends at line `below`; the table before it began under line `above`."""
+    """Where the header begins that ends at line `below`; the table before it began under line
+    `above`."""
     for index in range(below, above, -1):
         if lines[index].startswith("Channels"):
             return index
     return below
 
 
-def _segment(gathering: Gathering, prefix: str, tags: dict[str, list[str]], lines: Sequence[str], first: int,
-             way: _Way) -> None:  # fmt: skip
+def _segment(
+    gathering: Gathering,
+    prefix: str,
+    tags: dict[str, list[str]],
+    lines: Sequence[str],
+    first: int,
+    way: _Way,
+) -> None:
     """Enter one table, whose names stand in line `first`, counted from 1."""
     names = [name.strip() for name in lines[0].split(way.delimiter)] if lines else []
     rows = [line for line in lines[1:] if line.strip()]
@@ -104,11 +119,18 @@ def _segment(gathering: Gathering, prefix: str, tags: dict[str, list[str]], line
             x = channel.values
             continue
         stamps = _even_stamps(channel, tags, number, way.decimal) if way.x_columns == "No" else x
-        gathering.add(prefix + channel.name, channel.values, stamps, units[number] if number < len(units) else "")
+        gathering.add(
+            prefix + channel.name,
+            channel.values,
+            stamps,
+            units[number] if number < len(units) else "",
+        )
         number += 1
 
 
-def _even_stamps(channel: Channel, tags: dict[str, list[str]], number: int, decimal: str) -> FloatArray | None:
+def _even_stamps(
+    channel: Channel, tags: dict[str, list[str]], number: int, decimal: str
+) -> FloatArray | None:
     """X0 + k Delta_X of the channel with this number; None if the header does not say."""
     try:
         start, step = (float(tags[tag][number].replace(decimal, ".")) for tag in ("X0", "Delta_X"))

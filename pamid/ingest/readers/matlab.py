@@ -1,6 +1,8 @@
-"""MAT files v4 to v7.3: arrays, Structure With Time, ControlDesk's X and Y, structs with Time and Data, tables.
+"""MAT files v4 to v7.3: arrays, Structure With Time, ControlDesk's X and Y, structs with Time and
+Data, tables.
 
-Objects of MATLAB classes (timeseries, Simulink's Dataset) are opaque outside MATLAB; they are left out with advice.
+Objects of MATLAB classes (timeseries, Simulink's Dataset) are opaque outside MATLAB; they are left
+out with advice.
 """
 
 from __future__ import annotations
@@ -17,13 +19,16 @@ from pamid.ingest.gathering import Gathering
 from pamid.ingest.kinds import Kind
 from pamid.ingest.readers.octave import read_octave_text
 
-OPAQUE = ("an object of a MATLAB class; save the struct('Time', x.Time, 'Data', x.Data) of a timeseries x, the "
-          "timetable of a Dataset")  # fmt: skip
+OPAQUE = (
+    "an object of a MATLAB class; save the struct('Time', x.Time, 'Data', x.Data) of a timeseries "
+    "x, the "
+    "timetable of a Dataset"
+)
 
 
 def read_matlab(path: Path) -> Log:
-    """Variables as channels named by their fields. Stamps where a struct brings its time, none for plain arrays: their
-    time is a channel like the others."""
+    """Variables as channels named by their fields. Stamps where a struct brings its time, none for
+    plain arrays: their time is a channel like the others."""
     head = _head(path)
     if head.startswith(b"# Created by Octave"):
         return read_octave_text(path)
@@ -53,17 +58,22 @@ def _head(path: Path) -> bytes:
 
 
 def _has_objects(head: bytes) -> bool:
-    """True for v7.3, which is HDF5, and where a v5 file has the part in which objects of classes are kept."""
+    """True for v7.3, which is HDF5, and where a v5 file has the part in which objects of classes
+    are kept."""
     return head[512:520] == b"\x89HDF\r\n\x1a\n" or (
-        head.startswith(b"MATLAB") and head[116:124].strip(b" \0") != b"")  # fmt: skip
+        head.startswith(b"MATLAB") and head[116:124].strip(b" \0") != b""
+    )
 
 
 def _plain(value: Any) -> Any:
-    """MATLAB's arrays of structs and cells as dicts and lists, its texts as str; numbers and tables as they are."""
+    """MATLAB's arrays of structs and cells as dicts and lists, its texts as str; numbers and tables
+    as they are."""
     if not isinstance(value, np.ndarray) or type(value).__name__.startswith("Matlab"):
         return value
     if value.dtype.names:
-        structs = [{name: _plain(item[name]) for name in value.dtype.names} for item in value.ravel()]
+        structs = [
+            {name: _plain(item[name]) for name in value.dtype.names} for item in value.ravel()
+        ]
         return structs[0] if len(structs) == 1 else structs
     if value.dtype.kind == "O":
         items = [_plain(item) for item in value.ravel()]
@@ -105,10 +115,15 @@ def _enter_struct(gathering: Gathering, name: str, value: dict[str, Any]) -> Non
             _enter(gathering, f"{name}/{key}", inside)
 
 
-def _enter_simulink(gathering: Gathering, name: str, time: Any, signals: list[dict[str, Any]]) -> None:
+def _enter_simulink(
+    gathering: Gathering, name: str, time: Any, signals: list[dict[str, Any]]
+) -> None:
     """Structure With Time of Simulink; without time its signals have no stamps."""
     stamps = _stamps(time)
-    gathering.note(f"{name}: Simulink structure, " + ("stamps from its time" if stamps is not None else "without time"))
+    gathering.note(
+        f"{name}: Simulink structure, "
+        + ("stamps from its time" if stamps is not None else "without time")
+    )
     for index, signal in enumerate(signals):
         label = signal.get("label") or (str(index + 1) if len(signals) > 1 else "")
         full = f"{name}/{label}" if isinstance(label, str) and label else name
@@ -116,7 +131,8 @@ def _enter_simulink(gathering: Gathering, name: str, time: Any, signals: list[di
 
 
 def _enter_controldesk(gathering: Gathering, name: str, value: dict[str, Any]) -> None:
-    """What ControlDesk exports: X has the stamps, each Y says with XIndex (from 1) which are its own."""
+    """What ControlDesk exports: X has the stamps, each Y says with XIndex (from 1) which are its
+    own."""
     rasters = [_stamps(one.get("Data")) for one in _structs(value["X"])]
     gathering.note(f"{name}: ControlDesk structure, stamps from X")
     for index, one in enumerate(_structs(value["Y"])):
@@ -142,7 +158,9 @@ def _enter_table(gathering: Gathering, name: str, table: Any) -> None:
         _add(gathering, f"{name}/{column}", table[column].to_numpy(), stamps, "")
 
 
-def _add(gathering: Gathering, name: str, values: Any, stamps: FloatArray | None, unit: str) -> None:
+def _add(
+    gathering: Gathering, name: str, values: Any, stamps: FloatArray | None, unit: str
+) -> None:
     if isinstance(values, np.ndarray):
         if values.dtype.kind == "O":  # a column of a table: cells, all of one size
             values = np.stack([np.ravel(cell) for cell in values]) if values.size else values
@@ -174,4 +192,6 @@ def _unit(struct: dict[str, Any]) -> str:
     return ""
 
 
-KIND = Kind("mat", (".mat",), read_matlab, (b"MATLAB ", b"# Created by Octave"), "matlab", ("matio", "h5py"))
+KIND = Kind(
+    "mat", (".mat",), read_matlab, (b"MATLAB ", b"# Created by Octave"), "matlab", ("matio", "h5py")
+)

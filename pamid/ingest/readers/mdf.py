@@ -1,4 +1,5 @@
-"""MDF files, versions 3 and 4, channel by channel with the stamps of its own group: nothing is filled in."""
+"""MDF files, versions 3 and 4, channel by channel with the stamps of its own group: nothing is
+filled in."""
 
 from __future__ import annotations
 
@@ -12,26 +13,33 @@ from pamid.ingest.channels import Log
 from pamid.ingest.gathering import Gathering
 from pamid.ingest.kinds import Kind
 
-#: conversion_type of formulas (not evaluated: a log shall not bring code) and of texts (raw numbers are read instead)
+#: conversion_type of formulas (not evaluated: a log shall not bring code) and of texts (raw numbers
+#: are read instead)
 _FORMULA = {True: (3,), False: (10,)}
 _TEXT = {True: (7, 8, 9, 10, 11), False: (11, 12)}
 _TIME_MASTER = (0, 1)  # sync_type of a master: unknown, time
 
 
 def read_mdf(path: Path) -> Log:
-    """Channels by their name, or "group 2/name" where several groups have it; stamps in s since the measurement began.
-    A value marked invalid is NaN."""
+    """Channels by their name, or "group 2/name" where several groups have it; stamps in s since the
+    measurement began. A value marked invalid is NaN."""
     from asammdf import MDF
 
     gathering = Gathering()
     with MDF(path) as file:
         groups: list[Any] = list(file.groups)
-        wanted = [(number, index) for number, group in enumerate(groups)
-                  for index in range(len(group.channels)) if index != file.masters_db.get(number)]  # fmt: skip
+        wanted = [
+            (number, index)
+            for number, group in enumerate(groups)
+            for index in range(len(group.channels))
+            if index != file.masters_db.get(number)
+        ]
         names = Counter(groups[number].channels[index].name for number, index in wanted)
         for number, index in wanted:
             channel = groups[number].channels[index]
-            name = channel.name if names[channel.name] == 1 else f"group {number + 1}/{channel.name}"
+            name = (
+                channel.name if names[channel.name] == 1 else f"group {number + 1}/{channel.name}"
+            )
             _add(gathering, file, number, index, name)
         gathering.note(f"measured from {file.start_time}")
     return gathering.log(path, "mdf")
@@ -60,14 +68,17 @@ def _add(gathering: Gathering, file: Any, number: int, index: int, name: str) ->
     if signal.invalidation_bits is not None:
         invalid = np.asarray(signal.invalidation_bits, dtype=bool)
         if invalid.any():
-            gathering.note(f"{name}: {int(invalid.sum())} values are marked invalid and become empty")
+            gathering.note(
+                f"{name}: {int(invalid.sum())} values are marked invalid and become empty"
+            )
             values = np.where(invalid, np.nan, values.astype(np.float64))
     stamps = _stamps(gathering, file, number, signal, name)
     gathering.add(name, values, stamps, signal.unit or "")
 
 
 def _clock_conversion(file: Any, number: int) -> Any:
-    """The conversion_type of the channel that stamps a group: whoever reads another one evaluates it, too."""
+    """The conversion_type of the channel that stamps a group: whoever reads another one evaluates
+    it, too."""
     master = file.masters_db.get(number)
     clock = None if master is None else file.groups[number].channels[master]
     return getattr(getattr(clock, "conversion", None), "conversion_type", None)
@@ -85,4 +96,6 @@ def _stamps(gathering: Gathering, file: Any, number: int, signal: Any, name: str
     return np.asarray(signal.timestamps, dtype=np.float64)
 
 
-KIND = Kind("mdf", (".mf4", ".mdf", ".mf3"), read_mdf, (b"MDF     ", b"UnFinMF "), "mdf", ("asammdf",))
+KIND = Kind(
+    "mdf", (".mf4", ".mdf", ".mf3"), read_mdf, (b"MDF     ", b"UnFinMF "), "mdf", ("asammdf",)
+)

@@ -15,7 +15,8 @@ _STRUCTS = ("struct", "scalar struct")
 
 
 def read_octave_text(path: Path) -> Log:
-    """Matrices as channels without stamps, also those inside structs; everything else is left out by name."""
+    """Matrices as channels without stamps, also those inside structs; everything else is left out
+    by name."""
     text, _ = decode(path)
     gathering = Gathering()
     for block in text.split("# name: ")[1:]:
@@ -23,7 +24,11 @@ def read_octave_text(path: Path) -> Log:
         parted = (line.lstrip("# ").partition(":") for line in lines[1:] if line.startswith("#"))
         head = {key: value.strip() for key, _, value in parted}
         kind = head.get("type", "unknown")
-        if kind == "matrix" and head.get("rows", "").isdecimal() and head.get("columns", "").isdecimal():
+        if (
+            kind == "matrix"
+            and head.get("rows", "").isdecimal()
+            and head.get("columns", "").isdecimal()
+        ):
             _matrix(gathering, path, lines, int(head["rows"]), int(head["columns"]))
         elif kind not in _STRUCTS:
             gathering.leave_out(lines[0], f"{kind}, save it with -v7")
@@ -34,7 +39,10 @@ def read_octave_text(path: Path) -> Log:
 def _matrix(gathering: Gathering, path: Path, lines: list[str], rows: int, columns: int) -> None:
     cells = " ".join(line for line in lines[1:] if not line.startswith("#")).split()
     if len(cells) != rows * columns:
-        raise FileError(f"{path}: {lines[0]} has {len(cells)} values where {rows} x {columns} are announced.",
-                        "The file is damaged or was cut.", code="damaged")  # fmt: skip
+        raise FileError(
+            f"{path}: {lines[0]} has {len(cells)} values where {rows} x {columns} are announced.",
+            "The file is damaged or was cut.",
+            code="damaged",
+        )
     numbers = np.array(["nan" if cell == "NA" else cell for cell in cells], dtype=np.float64)
     gathering.add(lines[0], numbers.reshape(rows, columns))

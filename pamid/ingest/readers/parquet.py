@@ -1,4 +1,5 @@
-"""Parquet files. Columns of numbers, truth values, dates and durations; texts and nested ones are left out by name."""
+"""Parquet files. Columns of numbers, truth values, dates and durations; texts and nested ones are
+left out by name."""
 
 from __future__ import annotations
 
@@ -14,7 +15,8 @@ from pamid.ingest.readers.hdf5 import UNIT_NAMES
 
 
 def read_parquet(path: Path) -> Log:
-    """Every column as a channel without stamps; null becomes NaN; the unit is the field's metadata `unit`."""
+    """Every column as a channel without stamps; null becomes NaN; the unit is the field's metadata
+    `unit`."""
     import pyarrow
     import pyarrow.parquet
 
@@ -34,8 +36,13 @@ def _columns(gathering: Gathering, file: Any) -> list[str]:
     kept = []
     for field in file.schema_arrow:
         kind = field.type
-        if types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind) or types.is_decimal(kind) or (
-                types.is_timestamp(kind) or types.is_duration(kind) or types.is_date(kind)):  # fmt: skip
+        if (
+            types.is_integer(kind)
+            or types.is_floating(kind)
+            or types.is_boolean(kind)
+            or types.is_decimal(kind)
+            or (types.is_timestamp(kind) or types.is_duration(kind) or types.is_date(kind))
+        ):
             if gathering.fits(field.name, file.metadata.num_rows):
                 kept.append(field.name)
         else:
@@ -45,7 +52,11 @@ def _columns(gathering: Gathering, file: Any) -> list[str]:
 
 def _values(pyarrow: Any, column: Any) -> Any:
     kind = column.type
-    if pyarrow.types.is_decimal(kind) or pyarrow.types.is_float16(kind) or pyarrow.types.is_boolean(kind):
+    if (
+        pyarrow.types.is_decimal(kind)
+        or pyarrow.types.is_float16(kind)
+        or pyarrow.types.is_boolean(kind)
+    ):
         column = column.cast(pyarrow.float64())
     elif pyarrow.types.is_date(kind):
         column = column.cast(pyarrow.timestamp("ms"))

@@ -1,7 +1,8 @@
-"""ROS 1 bags, ROS 2 bags (folder, sqlite or MCAP): every number in every message, stamped when it was measured.
+"""ROS 1 bags, ROS 2 bags (folder, sqlite or MCAP): every number in every message, stamped when it
+was measured.
 
-Stamps are those of the message's header; the time at which the recorder got it, which jitters, is used only where there
-is no header, and said.
+Stamps are those of the message's header; the time at which the recorder got it, which jitters, is
+used only where there is no header, and said.
 """
 
 from __future__ import annotations
@@ -26,7 +27,8 @@ class _Topic:
     """Messages of one topic: numbers by the path of their field, and both stamps, ns."""
 
     rows: list[dict[str, float]] = field(default_factory=list)
-    measured: list[int] = field(default_factory=list)  # of the header; fewer than rows where there is none
+    # of the header; fewer than rows where there is none
+    measured: list[int] = field(default_factory=list)
     received: list[int] = field(default_factory=list)
 
     @property
@@ -39,18 +41,24 @@ class _Topic:
 
 
 def read_ros(path: Path) -> Log:
-    """Channels "topic/field/field", elements of arrays by the names the message gives them (JointState) or numbered
-    from 1; stamps in s since the earliest of all topics."""
+    """Channels "topic/field/field", elements of arrays by the names the message gives them
+    (JointState) or numbered from 1; stamps in s since the earliest of all topics."""
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
     gathering = Gathering()
     topics: dict[str, _Topic] = {}
     with AnyReader([path], default_typestore=get_typestore(Stores.LATEST)) as reader:
-        known = [connection for connection in reader.connections if connection.msgtype in reader.typestore.types]
+        known = [
+            connection
+            for connection in reader.connections
+            if connection.msgtype in reader.typestore.types
+        ]
         for connection in reader.connections:
             if connection not in known:
-                gathering.leave_out(connection.topic, f"its type {connection.msgtype} is not described in the bag")
+                gathering.leave_out(
+                    connection.topic, f"its type {connection.msgtype} is not described in the bag"
+                )
         for connection, received, data in reader.messages(known) if known else ():
             message = reader.deserialize(data, connection.msgtype)
             topic = topics.setdefault(connection.topic, _Topic())
@@ -73,9 +81,13 @@ def _enter(gathering: Gathering, name: str, topic: _Topic, zero: int) -> None:
     if topic.stamped:
         apart = abs(topic.measured[0] - topic.received[0]) / 1e9
         if apart > CLOCKS_APART:
-            gathering.note(f"{name}: its header is {apart:.0f} s away from the clock of the recorder")
+            gathering.note(
+                f"{name}: its header is {apart:.0f} s away from the clock of the recorder"
+            )
     else:
-        gathering.note(f"{name} has no header: its stamps tell when it was recorded, not when it was measured")
+        gathering.note(
+            f"{name} has no header: its stamps tell when it was recorded, not when it was measured"
+        )
     stamps: FloatArray = np.array([stamp - zero for stamp in topic.stamps], dtype=np.float64) / 1e9
     for path in dict.fromkeys(path for row in topic.rows for path in row):
         gathering.add(path, np.array([row.get(path, np.nan) for row in topic.rows]), stamps)
@@ -99,8 +111,9 @@ def _flatten(gathering: Gathering, value: Any, path: str, row: dict[str, float])
         gathering.leave_out(path, "text")
 
 
-def _flatten_field(gathering: Gathering, value: Any, path: str, row: dict[str, float],
-                   labels: list[str] | None) -> None:  # fmt: skip
+def _flatten_field(
+    gathering: Gathering, value: Any, path: str, row: dict[str, float], labels: list[str] | None
+) -> None:
     count = _length(value)
     if count is None:
         _flatten(gathering, value, path, row)
@@ -108,7 +121,9 @@ def _flatten_field(gathering: Gathering, value: Any, path: str, row: dict[str, f
         gathering.leave_out(path, f"more than {MAX_COLUMNS} elements")
     else:
         for index in range(count):
-            _flatten(gathering, value[index], f"{path}/{labels[index] if labels else index + 1}", row)
+            _flatten(
+                gathering, value[index], f"{path}/{labels[index] if labels else index + 1}", row
+            )
 
 
 def _length(value: Any) -> int | None:
@@ -116,5 +131,11 @@ def _length(value: Any) -> int | None:
     return len(value) if isinstance(value, list | np.ndarray) else None
 
 
-KIND = Kind("ros", (".bag", ".db3", ".mcap"), read_ros, (b"#ROSBAG V2.0", b"SQLite format 3\0", b"\x89MCAP0\r\n"),
-            "ros", ("rosbags",))
+KIND = Kind(
+    "ros",
+    (".bag", ".db3", ".mcap"),
+    read_ros,
+    (b"#ROSBAG V2.0", b"SQLite format 3\0", b"\x89MCAP0\r\n"),
+    "ros",
+    ("rosbags",),
+)

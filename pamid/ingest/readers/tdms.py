@@ -1,4 +1,5 @@
-"""TDMS files of LabVIEW. Stamps come from a waveform's increment and start; channels may begin at different times."""
+"""TDMS files of LabVIEW. Stamps come from a waveform's increment and start; channels may begin at
+different times."""
 
 from __future__ import annotations
 
@@ -13,22 +14,31 @@ from pamid.ingest.kinds import Kind
 
 
 def read_tdms(path: Path) -> Log:
-    """Channels "group/channel"; with stamps in s since the earliest start where they are waveforms."""
+    """Channels "group/channel"; with stamps in s since the earliest start where they are
+    waveforms."""
     from nptdms import TdmsFile
 
     gathering = Gathering()
     file = TdmsFile.read(path)
     if file.file_status.incomplete_final_segment:
-        gathering.note("the last segment is incomplete, as after a crash: what was written of it is read")
+        gathering.note(
+            "the last segment is incomplete, as after a crash: what was written of it is read"
+        )
     channels = [channel for group in file.groups() for channel in group.channels()]
-    starts = [channel.properties["wf_start_time"] for channel in channels if _is_waveform(channel) and
-              isinstance(channel.properties.get("wf_start_time"), np.datetime64)]  # fmt: skip
+    starts = [
+        channel.properties["wf_start_time"]
+        for channel in channels
+        if _is_waveform(channel)
+        and isinstance(channel.properties.get("wf_start_time"), np.datetime64)
+    ]
     zero = min(starts) if starts else None
     for channel in channels:
         name = f"{channel.group_name}/{channel.name}"
         if gathering.fits(name, len(channel)) and len(channel):
             stamps = _stamps(gathering, name, channel, zero) if _is_waveform(channel) else None
-            unit = channel.properties.get("unit_string", channel.properties.get("NI_UnitDescription", ""))
+            unit = channel.properties.get(
+                "unit_string", channel.properties.get("NI_UnitDescription", "")
+            )
             gathering.add(name, channel[:], stamps, str(unit))
         elif not len(channel):
             gathering.leave_out(name, "empty")
@@ -48,7 +58,9 @@ def _stamps(gathering: Gathering, name: str, channel: Any, zero: Any) -> Any:
         offset += float((start - zero) / np.timedelta64(1, "ns")) / 1e9
         gathering.note(f"stamps: increment and start of each waveform, in s since {zero}")
     elif zero is not None:
-        gathering.note(f"{name} does not say when it starts: its stamps count from its own beginning")
+        gathering.note(
+            f"{name} does not say when it starts: its stamps count from its own beginning"
+        )
     else:
         gathering.note("stamps: increment of each waveform, none says when it starts")
     return offset + np.arange(len(channel)) * float(properties["wf_increment"])

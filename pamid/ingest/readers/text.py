@@ -1,6 +1,7 @@
 """Text logs: CSV of any dialect, LabVIEW measurement files, text saved by Octave.
 
-What is decided (encoding, delimiter, decimal mark, names, columns left out) stands in the details of the log.
+What is decided (encoding, delimiter, decimal mark, names, columns left out) stands in the details
+of the log.
 """
 
 from __future__ import annotations
@@ -27,8 +28,8 @@ FOOTER = 20
 
 
 def read_text(path: Path) -> Log:
-    """A table of numbers in a text file. Every column is a channel without stamps; FileError if it is no table or can
-    be read in two ways."""
+    """A table of numbers in a text file. Every column is a channel without stamps; FileError if it
+    is no table or can be read in two ways."""
     text, encoding = decode(path)
     head = text.split("\n", SAMPLE)[:SAMPLE]
     dialect = find_dialect(path, head)
@@ -48,7 +49,10 @@ def decode(path: Path) -> tuple[str, str]:
         raise FileError(f"{path} is empty.")
     wide = data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     if b"\0" in data and not wide:
-        raise FileError(f"{path} is no text: there are zero bytes in it.", "It may be damaged, or of another kind.")
+        raise FileError(
+            f"{path} is no text: there are zero bytes in it.",
+            "It may be damaged, or of another kind.",
+        )
     text, used = "", ""
     for used in ("utf-16",) if wide else ("utf-8-sig", *OLD_ENCODINGS):
         try:
@@ -62,20 +66,33 @@ def decode(path: Path) -> tuple[str, str]:
     return text.replace("\r\n", "\n").replace("\r", "\n"), name
 
 
-def add_table(gathering: Gathering, text: str, dialect: Dialect, path: Path, *, stamps: Any = None) -> None:
-    """Enter the columns of rows of cells. Cells that are missing at the end of a row are an error, unless the log was
-    cut there."""
+def add_table(
+    gathering: Gathering, text: str, dialect: Dialect, path: Path, *, stamps: Any = None
+) -> None:
+    """Enter the columns of rows of cells. Cells that are missing at the end of a row are an error,
+    unless the log was cut there."""
     import pandas
 
     body, lines = _whole_rows(gathering, text, dialect, path)
     separator = r"\s+" if dialect.delimiter == " " else dialect.delimiter
     try:
-        frame = pandas.read_csv(io.BytesIO(body), sep=separator, header=None, names=range(dialect.width),
-                                index_col=False, decimal=dialect.decimal, na_values=list(MISSING), encoding="utf-8",
-                                skipinitialspace=True, low_memory=False)  # fmt: skip
+        frame = pandas.read_csv(
+            io.BytesIO(body),
+            sep=separator,
+            header=None,
+            names=range(dialect.width),
+            index_col=False,
+            decimal=dialect.decimal,
+            na_values=list(MISSING),
+            encoding="utf-8",
+            skipinitialspace=True,
+            low_memory=False,
+        )
     except (ValueError, OverflowError) as error:
-        raise FileError(f"{path}: its {lines} rows from line {dialect.first + 1} on cannot be read as a table: "
-                        f"{error}.") from error  # fmt: skip
+        raise FileError(
+            f"{path}: its {lines} rows from line {dialect.first + 1} on cannot be read as a table: "
+            f"{error}."
+        ) from error
     for column, (name, unit) in enumerate(zip(dialect.names, dialect.units, strict=True)):
         series = frame[column]
         if name == f"column_{column + 1}" and series.isna().all():
@@ -84,8 +101,8 @@ def add_table(gathering: Gathering, text: str, dialect: Dialect, path: Path, *, 
 
 
 def _whole_rows(gathering: Gathering, text: str, dialect: Dialect, path: Path) -> tuple[bytes, int]:
-    """The rows that have all their cells, and how many; a row cut short and lines of text at the end are dropped and
-    said."""
+    """The rows that have all their cells, and how many; a row cut short and lines of text at the
+    end are dropped and said."""
     if any("\n" + mark in text for mark in COMMENT):
         kept = [line for line in text.split("\n") if not line.startswith(tuple(COMMENT))]
         gathering.note(f"{text.count(chr(10)) + 1 - len(kept)} lines of comment are left out")
@@ -108,14 +125,18 @@ def _whole_rows(gathering: Gathering, text: str, dialect: Dialect, path: Path) -
         wrong = wrong[wrong < last]
     if wrong.size:
         line = dialect.first + 1 + int(wrong[0])
-        raise FileError(f"{path}, line {line}: {widths[wrong[0]]} cells, the others have {dialect.width} "
-                        f"({DELIMITERS[dialect.delimiter]}).", "The log may be damaged there; mend or cut the line.",
-                        code="ragged")  # fmt: skip
+        raise FileError(
+            f"{path}, line {line}: {widths[wrong[0]]} cells, the others have {dialect.width} "
+            f"({DELIMITERS[dialect.delimiter]}).",
+            "The log may be damaged there; mend or cut the line.",
+            code="ragged",
+        )
     return body[: ends[last] + 1], good.size
 
 
 def _widths(body: bytes, delimiter: str) -> tuple[Any, Any]:
-    """Cells of every line, 0 for a blank one, and where the lines end; body ends with a line end."""
+    """Cells of every line, 0 for a blank one, and where the lines end; body ends with a line
+    end."""
     data = np.frombuffer(body, dtype=np.uint8)
     ends = np.flatnonzero(data == 10)
     blank = (data == 32) | (data == 9) | (data == 10)

@@ -1,0 +1,308 @@
+"""The frame of the command line: quick help, one JSON object, exit codes, nearest names."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import shlex
+import subprocess
+import sys
+from collections.abc import Callable
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+from pamid_cli import frame
+from pamid_cli.progress import Progress
+from pamid_cli.table import COMMANDS
+
+from pamid.base.errors import ConvergenceError, DataError, FileError, PartialError, UsageError
+from pamid.base.files import sha256_of
+from pamid.recording.recording import read_recording
+
+PRESENT = [
+    name
+    for name, (place, _) in COMMANDS.items()
+    if importlib.util.find_spec(f"pamid_cli.{place.partition(':')[0]}")
+]
+HEAVY = ("pamid", "numpy", "scipy", "pandas", "torch", "numba", "matplotlib", "pysindy", "sympy")
+CART = Path(__file__).resolve().parents[2] / "data" / "rigs" / "cart.py"
+Planted = Callable[[Callable[[], frame.Result]], None]
+
+
+@pytest.fixture
+def planted(monkeypatch: pytest.MonkeyPatch) -> Planted:
+    """Make `pamid plant` run a function of the test."""
+
+    def plant(function: Callable[[], frame.Result]) -> None:
+        made = frame.command("plant", example="pamid plant")(lambda: function())
+        module = type(sys)("pamid_cli._planted")
+        module.command = made  # type: ignore[attr-defined]
+        monkeypatch.setitem(sys.modules, "pamid_cli._planted", module)
+        monkeypatch.setitem(COMMANDS, "plant", ("_planted:command", "A test."))
+
+    return plant
+
+
+def _object(text: str) -> dict[str, Any]:
+    found = json.loads(text)
+    assert isinstance(found, dict)
+    return found
+
+
+def test_help_loads_nothing_heavy() -> None:
+    code = (
+        "import sys; from pamid_cli.frame import run; code = run(['--help']);"
+        f"print([m for m in {HEAVY!r} if m in sys.modules], code)"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.splitlines()[-1] == "[] 0"
+    for name in COMMANDS:
+        assert name in found.stdout
+
+
+@pytest.mark.parametrize("name", PRESENT)
+def test_help_of_a_command_is_light_and_ends_with_an_example(name: str) -> None:
+    code = (
+        f"import sys; from pamid_cli.frame import run; run([{name!r}, '--help']);"
+        f"print([m for m in {HEAVY!r} if m in sys.modules])"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    *text, loaded = found.stdout.splitlines()
+    assert loaded == "[]"
+    body = "\n".join(text)
+    example = body.rpartition("\nExample:\n")[2]
+    assert example and all(line.startswith("  ") for line in example.splitlines())
+    assert f"pamid {name}" in example
+    assert "--json" in body and "--debug" in body
+
+
+@pytest.mark.slow
+def test_examples_run_one_after_the_other(tmp_path: Path) -> None:
+    """In the order of the table, in one folder: what one example writes, the next may read; data/
+    lies in it. What is made of a fitted model comes last."""
+    (tmp_path / "data").symlink_to(Path(__file__).resolve().parents[2] / "data")
+    lines: list[str] = []
+    for name in PRESENT:
+        found = subprocess.run(
+            [sys.executable, "-m", "pamid_cli", name, "--help"], capture_output=True, text=True
+        )
+        lines += found.stdout.rpartition("\nExample:\n")[2].splitlines()
+    for line in sorted(lines, key=lambda one: "--model fitted" in one):
+        words = shlex.split(line, comments=True)
+        if words:
+            done = subprocess.run(
+                [sys.executable, "-m", "pamid_cli", *words[1:]],
+                cwd=tmp_path,
+                capture_output=True,
+                text=True,
+            )
+            assert done.returncode == 0, f"{line}\n{done.stderr}"
+
+
+def test_unknown_command_offers_the_nearest(capsys: pytest.CaptureFixture[str]) -> None:
+    assert frame.run(["diagnos"]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == "" and "Did you mean 'diagnose'?" in captured.err
+    assert frame.run([]) == 2
+    assert "Usage: pamid" in capsys.readouterr().err
+
+
+USAGE = [
+    ["diagnos"],
+    [],
+    ["generate-aprbs"],
+    ["generate-aprbs", "--seeed", "1"],
+    ["generate-aprbs", "--levels", "two"],
+    ["generate-aprbs", "--loop", "half", "--output", "x.csv"],
+    ["--nonsense"],
+]
+
+
+@pytest.mark.parametrize("arguments", USAGE, ids=" ".join)
+def test_wrong_usage_as_json(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert frame.run([*arguments, "--json"]) == 2
+    captured = capsys.readouterr()
+    error = _object(captured.out)
+    assert error.keys() == {"schema", "code", "message", "hint"}
+    assert (error["schema"], error["code"]) == ("pamid.error/1", "usage")
+    assert captured.err == ""
+
+
+ERRORS = [(UsageError, 2), (FileError, 3), (DataError, 4), (ConvergenceError, 5), (PartialError, 6)]
+
+
+@pytest.mark.parametrize(("kind", "code"), ERRORS)
+def test_exit_codes(
+    kind: type, code: int, planted: Planted, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def fail() -> frame.Result:
+        raise kind("What.", "How.")
+
+    planted(fail)
+    assert frame.run(["plant"]) == code
+    assert capsys.readouterr().err == "pamid: error: What.\n  How.\n"
+    assert frame.run(["plant", "--json"]) == code
+    captured = capsys.readouterr()
+    assert _object(captured.out)["message"] == "What." and captured.err == ""
+
+
+def test_unexpected_errors(planted: Planted, capsys: pytest.CaptureFixture[str]) -> None:
+    def fail() -> frame.Result:
+        raise ZeroDivisionError("division\nby zero")
+
+    planted(fail)
+    assert frame.run(["plant"]) == 1
+    told = capsys.readouterr()
+    assert (
+        told.err.startswith("pamid: error: ZeroDivisionError: division by zero\n")
+        and "--debug" in told.err
+    )
+    assert "Traceback" not in told.err
+    assert frame.run(["plant", "--debug", "--json"]) == 1
+    told = capsys.readouterr()
+    assert _object(told.out)["code"] == "unexpected" and "Traceback" in told.err
+
+
+def test_interrupt(planted: Planted, capsys: pytest.CaptureFixture[str]) -> None:
+    def stop() -> frame.Result:
+        raise KeyboardInterrupt
+
+    planted(stop)
+    assert frame.run(["plant"]) == 130
+    assert frame.run(["plant", "--json"]) == 130
+    assert _object(capsys.readouterr().out)["code"] == "interrupted"
+
+
+def test_only_the_object_reaches_stdout(
+    planted: Planted, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def chatter() -> frame.Result:
+        print("a library that prints")
+        return frame.Result(
+            {"schema": "pamid.test/1", "value": 1.5}, "The value is 1.5.", exit_code=6
+        )
+
+    planted(chatter)
+    assert frame.run(["plant", "--json"]) == 6
+    captured = capsys.readouterr()
+    assert _object(captured.out) == {"schema": "pamid.test/1", "value": 1.5}
+    assert captured.err == "a library that prints\n"
+    assert frame.run(["plant"]) == 6
+    assert capsys.readouterr().out == "a library that prints\nThe value is 1.5.\n"
+
+
+def test_a_result_that_is_not_finite_fails_as_json(
+    planted: Planted, capsys: pytest.CaptureFixture[str]
+) -> None:
+    planted(lambda: frame.Result({"schema": "pamid.test/1", "value": float("nan")}))
+    assert frame.run(["plant", "--json"]) == 1
+    assert _object(capsys.readouterr().out)["schema"] == "pamid.error/1"
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--help"], ["--version"], ["generate-aprbs", "--help"]], ids=" ".join
+)
+def test_help_and_version_as_json(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert frame.run([*arguments, "--json"]) == 0
+    assert _object(capsys.readouterr().out)["text"]
+
+
+@pytest.mark.parametrize(
+    "arguments", [["--version"], ["nonsense"], ["nonsense", "--json"]], ids=" ".join
+)
+def test_no_escape_codes_under_no_color(arguments: list[str]) -> None:
+    found = subprocess.run(
+        [sys.executable, "-m", "pamid_cli", *arguments],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "NO_COLOR": "1"},
+    )
+    assert "\x1b" not in found.stdout + found.stderr
+
+
+def test_a_reader_that_leaves_is_no_error() -> None:
+    line = f"{shlex.quote(sys.executable)} -m pamid_cli --help | true; exit ${{PIPESTATUS[0]}}"
+    found = subprocess.run(["bash", "-c", line], capture_output=True, text=True)
+    assert "Traceback" not in found.stderr and "Error" not in found.stderr
+
+
+def test_progress_on_a_terminal_and_in_a_log(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = iter([0.0, 5.0, 16.0, 17.0, 40.0])
+    monkeypatch.setattr("time.monotonic", lambda: next(clock))
+    log = StringIO()
+    with Progress("fitting", 4, stream=log) as progress:
+        for done in range(4):
+            progress.update(done, "x")
+    assert (
+        log.getvalue()
+        == "fitting: 1/4 x (16 s, at most 48 s left)\nfitting: 3/4 x (40 s, at most 13 s left)\n"
+    )
+
+    class Terminal(StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    screen = Terminal()
+    clock = iter([0.0, 0.01, 1.0])
+    with Progress("fitting", stream=screen) as progress:
+        progress.update(1)
+        progress.update(2)
+    assert screen.getvalue() == "\rfitting: 2 (1 s)\x1b[K\r\x1b[K"
+
+
+def _generate(*more: str) -> int:
+    return frame.run(["generate-aprbs", "--duration", "20", "--seed", "7", *more])
+
+
+def test_generate_aprbs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "new" / "excitation.csv"
+    assert _generate("--output", str(path), "--json") == 0
+    told = _object(capsys.readouterr().out)
+    assert told == json.loads(path.with_suffix(".json").read_text())
+    assert (
+        told["sha256"] == sha256_of(path) and told["range"] == [-40, 40] and told["unit"] == "deg"
+    )
+    recording = read_recording(path)
+    assert list(recording.columns) == ["reference_deg"] and recording.sampling_period_s == 0.003
+    first = path.read_bytes()
+    assert _generate("--output", str(path)) == 3
+    assert "--overwrite" in capsys.readouterr().err
+    assert _generate("--output", str(path), "--overwrite") == 0 and path.read_bytes() == first
+    assert "evenness" in capsys.readouterr().out
+
+
+def test_generate_aprbs_open_loop_and_own_column(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert _generate("--loop", "open", "--output", str(tmp_path / "a.csv")) == 0
+    assert list(read_recording(tmp_path / "a.csv").columns) == ["command"]
+    own = ["--rig", str(CART), "--column", "force_n", "--amplitude", "30"]
+    assert _generate(*own, "--output", str(tmp_path / "b.csv")) == 0
+    assert list(read_recording(tmp_path / "b.csv").columns) == ["force_n"]
+    capsys.readouterr()
+
+
+@pytest.mark.parametrize(
+    ("more", "code", "words"),
+    [
+        (["--rig", "one-dog"], 3, "'one-dof'"),
+        (["--loop", "open", "--amplitude", "2"], 2, "+-1"),
+        (["--hold", "2", "1"], 2, "shorter time first"),
+        (["--amplitude", "nan"], 2, "positive"),
+        (["--column", "force_n"], 2, "--amplitude"),
+    ],
+)
+def test_generate_aprbs_refuses(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], more: list[str], code: int, words: str
+) -> None:
+    assert _generate(*more, "--output", str(tmp_path / "x.csv")) == code
+    assert words in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_click_still_has_the_names_the_frame_uses() -> None:
+    assert issubclass(click.exceptions.NoArgsIsHelpError, click.UsageError)

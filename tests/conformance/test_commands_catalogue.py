@@ -1,0 +1,412 @@
+"""`pamid effects`, `pamid rigs`, `pamid check`: the catalogue is complete, and what is wrong is
+said in full."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pamid_cli.frame import run
+
+from pamid.checks.conformance import (
+    Bench,
+    Trial,
+    finite_everywhere,
+    null_error,
+    rig_findings,
+    sensitivity_error,
+    visible_change,
+)
+from pamid.model import catalogue
+from pamid.model import registry as library
+from pamid.model.assembly import Assembly
+from pamid.model.attachment import attach
+from pamid.model.effect import SECTIONS
+from pamid.recording.recording import write_recording
+
+RIGS = Path(__file__).parents[2] / "data" / "rigs"
+
+EFFECT = '''"""A push of a kind.
+
+What it is
+    A push.
+What it looks like
+    Pushed.
+Looks like it
+    A pull.
+Equation
+    value += size
+References
+    Nobody (2001), A Journal 1(1).
+"""
+
+from pamid.model.effect import Effect
+from pamid.symbolic.vocabulary import floor, sqrt
+from pamid.model.parameter import Parameter
+
+
+class Push(Effect):
+    """A push."""
+
+    family = "offset"
+    general_kinds = ("motion",)
+    parameters = (Parameter("amount", 0.1, low=-1.0, high=1.0, null=0.0, source="test"),)
+
+    def act(self, value, at, p, z):
+        return {result}
+'''
+
+RIG = '''"""A mass."""
+
+from pamid.model.effect import State
+from pamid.model.parameter import Parameter
+from pamid.model.rig import Port, Rig
+
+
+class Mass(Rig):
+    """A mass that is pushed."""
+
+    inputs = {{"force_n": "N"}}
+    outputs = {{"position_m": "m"}}
+    ports = {{"push": Port("motion", "N", ("velocity",)), "gauge": Port("reading", "m"){more}}}
+    states = (State("position", "m"), State("velocity", "m/s"))
+    parameters = (Parameter("mass", 1.0, 0.1, 10.0, "kg", source="test"),)
+
+    def rates(self, x, u, p, port):
+        return {{"position": x.velocity, "velocity": port("push", u.force_n, velocity=x.velocity) / {mass}}}
+
+    def measure(self, x, u, p, port):
+        return {{"position_m": port("gauge", x.position)}}
+'''  # noqa: E501
+
+
+def call(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> tuple[int, dict[str, Any]]:
+    """Exit code and the JSON object of `pamid ... --json`."""
+    code = run([*map(str, arguments), "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def wrong(said: dict[str, Any]) -> list[str]:
+    return [f["check"] for f in said["findings"] if not f["ok"] and not f["advice"]]
+
+
+def effect_file(folder: Path, result: str) -> Path:
+    path = folder / "push.py"
+    path.write_text(EFFECT.format(result=result), encoding="utf-8")
+    return path
+
+
+# ---- effects --------------------
+
+
+def test_list_of_effects_is_the_scanned_catalogue(capsys: pytest.CaptureFixture[str]) -> None:
+    code, said = call(capsys, "effects")
+    assert code == 0 and said["schema"] == "pamid.effects/1"
+    assert [row["name"] for row in said["effects"]] == sorted(library.effects())
+    assert all(row["families"] and row["title"] for row in said["effects"])
+    assert run(["effects"]) == 0
+    shown = capsys.readouterr().out
+    assert all(f"  {name} " in shown for name in library.effects())
+
+
+def test_list_of_effects_for_one_rig_leaves_out_what_does_not_fit(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    joint = {row["name"] for row in call(capsys, "effects", "--rig", "one-dof")[1]["effects"]}
+    drive = {
+        row["name"] for row in call(capsys, "effects", "--rig", RIGS / "emps.py")[1]["effects"]
+    }
+    assert "coulomb-friction" in joint & drive
+    assert "angle-sensor-lag" in joint and "first-order-lag" not in joint
+    assert "first-order-lag" in drive and "angle-sensor-lag" not in drive
+
+
+def test_every_effect_tells_its_story(capsys: pytest.CaptureFixture[str]) -> None:
+    rigs = [library.rig_named("one-dof"), library.rig_named(str(RIGS / "emps.py")), Bench()]
+    known = library.effects()
+    for name, effect in known.items():
+        said = catalogue.effect_story(effect, rigs, known.values())
+        assert set(SECTIONS) <= set(said["story"]), name
+        assert said["places"] and said["parameters"], name
+        shown = catalogue.effect_text(said)
+        assert all(p["name"] in shown for p in said["parameters"]), name
+        json.dumps(said, allow_nan=False)
+
+
+def test_story_names_parameters_as_the_rig_does(capsys: pytest.CaptureFixture[str]) -> None:
+    code, said = call(capsys, "effects", "viscous-friction", "--rig", RIGS / "emps.py")
+    (place,) = said["effect"]["places"]
+    assert (code, place["ports"]) == (0, ["force"])
+    assert place["parameters"] == [{"name": "damping_n_s_per_m", "unit": "N s/m"}]
+    assert said["effect"]["absorbed_by"] == ["viscous", "damping"]
+
+
+def test_unknown_effect_offers_the_nearest_name(capsys: pytest.CaptureFixture[str]) -> None:
+    code, said = call(capsys, "effects", "colomb-friction")
+    assert (code, said["schema"], said["code"]) == (3, "pamid.error/1", "unknown-effect")
+    assert "'coulomb-friction'" in said["hint"]
+
+
+def test_an_effect_of_ones_own_is_explained_from_its_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = effect_file(tmp_path, "value + p.amount")
+    code, said = call(capsys, "effects", path, "--rig", RIGS / "emps.py")
+    assert (code, said["effect"]["name"], said["effect"]["places"][0]["effect"]) == (
+        0,
+        "push",
+        "push",
+    )
+
+
+# ---- rigs --------------------
+
+
+def test_list_of_rigs_is_the_scanned_catalogue(capsys: pytest.CaptureFixture[str]) -> None:
+    code, said = call(capsys, "rigs")
+    assert code == 0 and said["schema"] == "pamid.rigs/1"
+    assert {row["name"] for row in said["rigs"]} == set(library.rigs())
+
+
+def test_story_of_a_rig_writes_ports_into_its_equations(capsys: pytest.CaptureFixture[str]) -> None:
+    code, said = call(capsys, "rigs", "one-dof")
+    rig = said["rig"]
+    assert code == 0
+    assert rig["equations"]["rates"]["d velocity/dt"] == "arm / inertia"
+    assert rig["equations"]["ports"]["arm"] == "joint"
+    assert "chain[1]" in rig["equations"]["ports"]["joint"]
+    assert {p["name"] for p in rig["ports"]} == set(library.rig_named("one-dof").ports)
+    assert all(p["source"] for p in rig["parameters"])
+    assert run(["rigs", "one-dof"]) == 0
+    assert "conductance_in" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", ["emps.py", "cart.py"])
+def test_rig_files_of_the_data_folder_are_sound(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, said = call(capsys, "rigs", RIGS / name)
+    assert code == 0 and said["rig"]["equations"]["rates"]["d position/dt"] == "velocity"
+    code, said = call(capsys, "check", RIGS / name)
+    assert code == 0 and wrong(said) == []
+    fit = next(f["detail"] for f in said["findings"] if f["check"] == "effects")
+    assert "coulomb-friction" in fit and "quadratic-drag" in fit
+
+
+def test_unknown_rig_offers_the_nearest_name(capsys: pytest.CaptureFixture[str]) -> None:
+    code, said = call(capsys, "rigs", "one-dfo")
+    assert code == 3 and "'one-dof'" in said["hint"]
+
+
+# ---- check: rigs and effects --------------------
+
+
+def test_check_refuses_a_rig_with_an_unused_port(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "mass.py"
+    path.write_text(
+        RIG.format(more=', "brake": Port("motion", "N")', mass="p.mass"), encoding="utf-8"
+    )
+    code, said = call(capsys, "check", path)
+    assert (code, wrong(said), said["ok"]) == (3, ["equations"], False)
+    assert "'brake'" in said["message"]
+
+
+def test_check_finds_the_point_where_a_rig_blows_up(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "mass.py"
+    path.write_text(RIG.format(more="", mass="((5.0 - p.mass) ** 0.5)"), encoding="utf-8")
+    code, said = call(capsys, "check", path)
+    assert code == 3 and set(wrong(said)) == {"finite"}
+    assert "at mass_kg = " in said["message"]
+
+
+def test_check_lists_faults_of_a_rigs_declarations(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "mass.py"
+    path.write_text(
+        RIG.format(more=', "brake": Port("motin", "N")', mass="p.mass"), encoding="utf-8"
+    )
+    code, said = call(capsys, "check", path)
+    assert code == 3 and "'motion'" in said["message"]
+
+
+@pytest.mark.parametrize(
+    ("result", "check"),
+    [
+        ("value + p.amount + 1e-3", "null"),
+        ("value + p.amount * (1.0 / sqrt(0.5 - p.amount))", "finite"),
+        ("value + p.amount * 0.5 + floor(p.amount * 1e9) * 0.5e-9", "sensitivities"),
+        ("value + p.amont", "equations"),
+    ],
+)
+def test_check_catches_an_effect_that_misbehaves(
+    result: str, check: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, said = call(capsys, "check", effect_file(tmp_path, result))
+    assert code == 3 and set(wrong(said)) == {check}
+    if check == "equations":
+        assert "amount" in said["message"]
+
+
+def test_check_passes_a_sound_effect_and_says_where_it_was_tried(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = effect_file(tmp_path, "value + p.amount")
+    code, said = call(capsys, "check", path)
+    assert (code, said["kind"], said["effects"], wrong(said)) == (0, "effect", ["push"], [])
+    assert "bench, push" in next(f["detail"] for f in said["findings"] if f["check"] == "null")
+    assert run(["check", str(path)]) == 0
+    assert capsys.readouterr().out.rstrip().endswith("nothing is wrong")
+
+
+def test_check_lists_every_gap_of_a_data_sheet(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = effect_file(tmp_path, "value + p.amount")
+    bare = path.read_text(encoding="utf-8").replace(
+        "References\n    Nobody (2001), A Journal 1(1).\n", ""
+    )
+    path.write_text(
+        bare.replace(', source="test"', "").replace('family = "offset"', 'family = ""'),
+        encoding="utf-8",
+    )
+    code, said = call(capsys, "check", path)
+    assert code == 3 and wrong(said) == ["data sheet"] * 3
+    assert all(word in str(said["findings"]) for word in ("'References'", "no family", "no source"))
+
+
+def test_check_names_the_line_of_broken_python(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "broken.py"
+    path.write_text("x = 1\nclass Rig(:\n", encoding="utf-8")
+    code, said = call(capsys, "check", path)
+    assert code == 3 and "line 2" in said["message"]
+
+
+# ---- check: recordings --------------------
+
+
+def recording(folder: Path, **changes: Any) -> Path:
+    time = 0.001 * np.arange(300)
+    columns = {
+        "force_n": np.where(time < 0.1, 0.0, 1.0 + np.sin(60.0 * time)),
+        "position_m": np.maximum(time - 0.1, 0),
+    }
+    write_recording(
+        folder / "rec.csv", time, {**columns, **changes}, {"recording": {"loop": "open"}}
+    )
+    return folder / "rec.csv"
+
+
+def test_check_says_what_is_in_a_recording(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = recording(tmp_path, spare_v=np.full(300, 2.5), drive_v=np.zeros(300))
+    code, said = call(capsys, "check", path, "--rig", RIGS / "emps.py")
+    assert (code, said["kind"], said["samples"], said["sampling_period_s"]) == (
+        0,
+        "recording",
+        300,
+        0.001,
+    )
+    position = said["columns"]["position_m"]
+    assert position["rest_s"] == pytest.approx(0.1 + 0.02 * 0.199, abs=0.002)
+    assert (position["low"], position["high"], position["unit"]) == (0.0, pytest.approx(0.199), "m")
+    assert said["columns"]["spare_v"]["constant"] and not position["constant"]
+    assert any("'spare_v'" in f["detail"] for f in said["findings"] if f["check"] == "column")
+
+
+def test_check_lists_every_problem_of_a_recording(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = recording(tmp_path)
+    lines = path.read_text(encoding="utf-8").splitlines()
+    lines[5] = lines[5].rsplit(",", 1)[0] + ",nan"
+    lines[9] = lines[8]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    path.with_suffix(".toml").write_text('[recording]\nloop = "opne"\n', encoding="utf-8")
+    code, said = call(capsys, "check", path)
+    assert code == 3 and {"cell", "stamps-repeated", "toml"} <= set(wrong(said))
+    assert any("line 6" in f["detail"] for f in said["findings"])
+
+
+def test_check_compares_a_recording_with_its_rig(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = recording(tmp_path)
+    path.write_text(
+        path.read_text(encoding="utf-8").replace("force_n", "forze_n"), encoding="utf-8"
+    )
+    path.with_suffix(".toml").write_text("[known]\nmas_kg = 90.0\n", encoding="utf-8")
+    code, said = call(capsys, "check", path, "--rig", RIGS / "emps.py")
+    assert code == 3 and set(wrong(said)) == {"input", "known"}
+    assert "'forze_n'" in said["message"] and "'mass_kg'" in str(said["findings"])
+
+
+def test_check_refuses_a_recording_without_excitation(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    resting = recording(tmp_path, force_n=np.ones(300), position_m=np.ones(300))
+    code, said = call(capsys, "check", resting, "--rig", RIGS / "emps.py")
+    assert code == 3 and wrong(said) == ["excitation"]
+
+
+def test_check_of_a_missing_file_offers_the_nearest(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording(tmp_path)
+    code, said = call(capsys, "check", tmp_path / "rek.csv")
+    assert (code, said["schema"]) == (3, "pamid.error/1") and "rec.csv" in said["hint"]
+
+
+# ---- the checks themselves --------------------
+
+
+def test_the_bench_is_sound_and_offers_a_port_of_every_kind() -> None:
+    from pamid.model.effect import KINDS
+
+    assert {port.kind for port in Bench.ports.values()} == set(KINDS)
+    assert [f for f in rig_findings(Bench(), library.effects().values()) if f.wrong] == []
+
+
+@pytest.mark.parametrize(
+    "name", ["first-order-lag@ruler", "clock-skew", "dahl-friction", "overflow"]
+)
+def test_general_effects_vanish_at_their_null_and_act_otherwise(name: str) -> None:
+    attachment = attach(Bench(), name, library.effects())
+    assert null_error(Bench(), attachment) < 1e-10
+    assert visible_change(Bench(), attachment) > 1e-3
+    assert finite_everywhere(Bench(), attachment) == []
+    assert sensitivity_error(Bench(), attachment) < 1e-5
+
+
+def test_clock_skew_shifts_every_reading_by_the_same_time() -> None:
+    rig = Bench()
+    trial = Trial(rig, attach(rig, "clock-skew", library.effects()))
+    assert set(trial.attachment.ports if trial.attachment else ()) == {
+        "ruler",
+        "dial",
+        "gauge",
+        "cell",
+    }
+    p = trial.assembly.values({"clock-skew:start_s": 3 * rig.period_s, "clock-skew:skew_ppm": 0.0})
+    plain = Trial(rig).run(Assembly(rig).values(), trial.stepping(p))
+    late = trial.run(p, trial.stepping(p))
+    np.testing.assert_allclose(late[3:], plain[:-3], rtol=1e-9, atol=1e-12)
+
+
+def test_clock_skew_leads_an_early_reading_by_its_slope() -> None:
+    rig = Bench()
+    trial = Trial(rig, attach(rig, "clock-skew", library.effects()))
+    p = trial.assembly.values({"clock-skew:start_s": -rig.period_s, "clock-skew:skew_ppm": 0.0})
+    plain = Trial(rig).run(Assembly(rig).values(), trial.stepping(p))[:, 0]
+    early = trial.run(p, trial.stepping(p))[:, 0]
+    assert np.abs(early[:-1] - plain[1:]).max() < 0.05 * np.abs(plain[1:] - plain[:-1]).max()

@@ -1,0 +1,299 @@
+"""Every effect of the catalogue, at every port it fits on every rig, found by scanning: no names in
+here."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from conformance_rules import (
+    Case,
+    assembled,
+    at_null,
+    cases,
+    drawn,
+    excitation,
+    own,
+    plain_run,
+    rig_names,
+    rig_of,
+    run,
+    typical,
+)
+
+from pamid.engine.program import Stepping
+from pamid.model.assembly import Assembly
+from pamid.model.attachment import Attachment, attachments
+from pamid.model.effect import Effect, Hints, problems
+from pamid.model.registry import effects
+from pamid.model.rig import check_rig
+
+CASES = cases()
+CATALOGUE = list(effects().values())
+each_case = pytest.mark.parametrize("case", CASES, ids=str)
+each_effect = pytest.mark.parametrize("effect", CATALOGUE, ids=lambda e: e.name)
+
+
+def seeded(case: Case) -> np.random.Generator:
+    return np.random.default_rng(list(str(case).encode()))
+
+
+# ---- data sheets --------------------
+
+
+@each_effect
+def test_data_sheet_is_sound(effect: type[Effect]) -> None:
+    assert problems(effect) == []
+
+
+@each_effect
+def test_name_is_the_file_name(effect: type[Effect]) -> None:
+    assert effect.__module__ == f"pamid.effects.{effect.name.replace('-', '_')}"
+
+
+@each_effect
+def test_cross_references_exist(effect: type[Effect]) -> None:
+    assert set(effect.look_alikes) <= set(effects()) - {effect.name}
+    assert len(set(effect.look_alikes)) == len(effect.look_alikes)
+    known = {p.name for name in rig_names() for p in rig_of(name).parameters}
+    assert set(effect.absorbed_by) <= known
+
+
+@each_effect
+def test_starts_are_admissible(effect: type[Effect]) -> None:
+    """Starting values name the effect's own parameters and keep to their bounds, whatever the
+    spectrum shows."""
+    bounds = {p.name: p for p in effect.parameters}
+    for peaks in ((), (1e-3, 3.0, 0.7, 1e4), tuple(np.linspace(0.01, 200.0, 50))):
+        for start in effect().starts(Hints(peaks, {})):
+            assert start
+            assert all(bounds[k].low <= v <= bounds[k].high for k, v in start.items())
+    for start in effect().starts(Hints((3.0,), {"position": 0.5, "force": 900.0})):
+        assert set(start) <= set(bounds)
+    for q in effect.parameters:
+        assert all(q.low <= t <= q.high for t in q.tries)
+
+
+@each_effect
+def test_fits_somewhere(effect: type[Effect]) -> None:
+    assert any(isinstance(c.attachment.effect, effect) for c in CASES)
+
+
+@pytest.mark.parametrize("name", rig_names())
+def test_rig_is_sound_and_its_background_vanishes(name: str) -> None:
+    rig = rig_of(name)
+    check_rig(rig, name)
+    assert all(p.source for p in rig.parameters)
+    with_background = Assembly(rig, background=True)
+    y, _, bad = run(
+        with_background, excitation(name), at_null(with_background, with_background.values())
+    )
+    assert bad == -1
+    np.testing.assert_allclose(
+        y, plain_run(name), rtol=0.0, atol=1e-12 * np.abs(plain_run(name)).max()
+    )
+
+
+@pytest.mark.parametrize("name", rig_names())
+def test_excitation_moves_the_rig(name: str) -> None:
+    """Otherwise every test below would pass on a rig at rest."""
+    y = plain_run(name)
+    assert np.all(np.ptp(y, axis=0) > 0.1 * np.abs(y).max(axis=0))
+
+
+# ---- behaviour --------------------
+
+
+@each_case
+def test_null_is_exact(case: Case) -> None:
+    assembly, rng = assembled(case), seeded(case)
+    u, plain = excitation(case.rig), plain_run(case.rig)
+    scale = np.abs(plain).max(axis=0)
+    for _ in range(3):
+        y, _, bad = run(assembly, u, at_null(assembly, drawn(assembly, rng)))
+        assert bad == -1
+        assert np.max(np.abs(y - plain) / scale) <= 1e-12
+
+
+@each_case
+def test_typical_size_is_seen(case: Case) -> None:
+    """An effect that changes nothing at its typical size is no effect. Force limits may lie beyond
+    this motion."""
+    assembly = assembled(case)
+    plain = plain_run(case.rig)
+    points = [assembly.values(), typical(assembly)]
+    for i in own(assembly):
+        for value in assembly.parameters[i].tries:
+            points.append(assembly.values())
+            points[-1][i] = value
+    for start in case.attachment.effect.starts(Hints((3.0,), {"position": 0.2, "force": 400.0})):
+        points.append(assembly.values())
+        for name, value in start.items():
+            points[-1][assembly.keys[f"{case.attachment.label}:{name}"]] = value
+    changes = [
+        np.max(
+            np.abs(run(assembly, excitation(case.rig), p)[0] - plain) / np.abs(plain).max(axis=0)
+        )
+        for p in points
+    ]
+    assert max(changes) > 1e-5
+
+
+@each_case
+def test_finite_within_the_bounds(case: Case) -> None:
+    assembly, rng = assembled(case), seeded(case)
+    for _ in range(20):
+        p = drawn(assembly, rng)
+        y, _, bad = run(assembly, excitation(case.rig), p)
+        if bad != -1:  # stiff: a fit takes the implicit step there
+            y, _, bad = run(assembly, excitation(case.rig), p, stepping=Stepping(4, implicit=True))
+        assert bad == -1 and np.all(np.isfinite(y)), dict(zip(assembly.keys, p, strict=True))
+
+
+@each_case
+def test_sensitivities_equal_central_differences(case: Case) -> None:
+    """Half of all samples to 1e-5 of the largest sensitivity, 95 % to 1e-2.
+
+    A difference quotient errs by truncation (wide steps), round-off (narrow ones) and where it
+    straddles a kink (a play that turns round, a pulse that ends), after which the whole motion is
+    another; each fades at some width. A wrong derivative is wrong at every width, so the best of
+    three widths is asked for.
+    """
+    assembly = assembled(case)
+    u, p = excitation(case.rig), typical(assembly)
+    columns = [*own(assembly), next(i for i, b in enumerate(assembly.parameters) if b.fitted)]
+    y, exact, bad = run(assembly, u, p, columns)
+    assert bad == -1
+    np.testing.assert_allclose(y, run(assembly, u, p)[0], rtol=0.0, atol=1e-11 * np.abs(y).max())
+    for k, i in enumerate(columns):
+        b = assembly.parameters[i]
+        span = abs(p[i]) if b.log else b.high - b.low
+        errors = [
+            quotient_error(assembly, u, p, i, width * span, exact[:, :, k])
+            for width in (1e-6, 1e-7, 1e-8)
+        ]
+        assert min(np.median(e) for e in errors) < 1e-5, b.key
+        assert min(np.quantile(e, 0.95) for e in errors) < 1e-2, b.key
+
+
+def quotient_error(
+    assembly: Assembly, u: np.ndarray, p: np.ndarray, i: int, h: float, exact: np.ndarray
+) -> np.ndarray:
+    """|central difference - exact|, relative to the largest value of each output."""
+    up, down = p.copy(), p.copy()
+    up[i] += h
+    down[i] -= h
+    above, below = run(assembly, u, up)[0], run(assembly, u, down)[0]
+    quotient = (above - below) / (2.0 * h)
+    noise = 1e-9 * np.abs(above).max(axis=0) / h  # nothing below this can be told from round-off
+    return np.abs(quotient - exact) / np.maximum(np.abs(quotient).max(axis=0), noise)
+
+
+# ---- copies --------------------
+
+
+def placed(case: Case) -> tuple[str, ...]:
+    """Places of the case's port."""
+    return rig_of(case.rig).ports[case.attachment.ports[0]].places
+
+
+def apart(case: Case) -> bool:
+    """Are the places of this rig uncoupled, so that one can be left alone?"""
+    return not rig_of(case.rig).loops and len(placed(case)) == len(rig_of(case.rig).inputs)
+
+
+@pytest.mark.parametrize("case", [c for c in CASES if apart(c)], ids=str)
+def test_copies_share_nothing(case: Case) -> None:
+    """What happens at place 2 leaves place 1 as it was, to the last bit."""
+    assembly = assembled(case)
+    u, p = excitation(case.rig), typical(assembly)
+    y = run(assembly, u, p)[0]
+    still = u.copy()
+    still[:, 1] *= 0.3
+    other = run(assembly, still, p)[0]
+    np.testing.assert_array_equal(y[:, 0], other[:, 0])
+    assert np.any(y[:, 1] != other[:, 1])
+
+
+@pytest.mark.parametrize(
+    "case",
+    [c for c in CASES if placed(c) and not apart(c) and len(c.attachment.ports) == 1],
+    ids=str,
+)
+def test_one_copy_per_place(case: Case) -> None:
+    """Attached to both places at once or to each by itself: the same model."""
+    a = case.attachment
+    port = a.ports[0]
+    single = [
+        Attachment(a.effect, a.ports, f"{a.effect.name}@{port}_{place}", place)
+        for place in placed(case)
+    ]
+    both, each = assembled(case), Assembly(rig_of(case.rig), tuple(single))
+    p = typical(both)
+    values = {both.parameters[i].key.split(":")[1]: p[i] for i in own(both)}
+    q = each.values()
+    for i in own(each):
+        q[i] = values[each.parameters[i].key.split(":")[1]]
+    together, separate = (run(m, excitation(case.rig), v)[0] for m, v in ((both, p), (each, q)))
+    np.testing.assert_allclose(separate, together, rtol=0.0, atol=1e-12 * np.abs(together).max())
+
+
+# ---- dry friction --------------------
+
+FRICTION = [
+    c
+    for c in CASES
+    if rig_of(c.rig).ports[c.attachment.ports[0]].kind == "motion"
+    and apart(c)
+    and c.attachment.effect.family_at("motion") == "friction"
+    and any(q.size == "position" for q in c.attachment.effect.parameters)
+]
+
+
+@pytest.mark.parametrize("case", FRICTION, ids=str)
+def test_dry_friction_sticks(case: Case) -> None:
+    """A constant force below the level bends the contact and moves nothing; one above it does."""
+    assembly = assembled(case)
+    rig = assembly.rig
+    # no overshoot, or it would break away
+    p = assembly.values({"stiffness_n_per_m": 0.0, "viscous_n_s_per_m": 60.0})
+    level = sliding_resistance(assembly, p)
+    give = max(
+        p[i]
+        for i in own(assembly)
+        if next(
+            q
+            for q in case.attachment.effect.parameters
+            if assembly.parameters[i].key.endswith(f":{q.name}")
+        ).size
+        == "position"
+    )
+    n = round(15.0 / rig.period_s)
+    held, _, bad = run(assembly, np.full((n, 2), 0.7 * level), p)
+    assert bad == -1
+    x = held[round(10.0 / rig.period_s) :, 0]  # after the contact has taken up the load
+    assert 0.0 < x[-1] < 2.0 * give
+    assert np.ptp(x) < 1e-3 * give
+    assert abs(x[-1] - x[-2]) / rig.period_s < 1e-6
+    moved = run(assembly, np.full((n, 2), 4.0 * level), p)[0]
+    assert moved[-1, 0] > 100.0 * give
+
+
+def sliding_resistance(assembly: Assembly, p: np.ndarray) -> float:
+    """Force lost to friction at speed: what is missing from the terminal speed under a strong
+    push."""
+    push, period = 40.0, assembly.rig.period_s
+    y = run(assembly, np.full((round(8.0 / period), 2), push), p)[0][:, 0]
+    speed = (y[-1] - y[-101]) / (100 * period)
+    lost = push - p[assembly.index_of("viscous_n_s_per_m")] * speed
+    assert 0.0 < lost < push
+    return float(lost)
+
+
+def test_friction_is_tested() -> None:
+    named = {
+        e.name
+        for e in CATALOGUE
+        if e.family_at("motion") == "friction" and any(q.size == "position" for q in e.parameters)
+    }
+    assert named == {c.attachment.effect.name for c in FRICTION}
+    assert len(attachments(rig_of(rig_names()[0]), CATALOGUE)) > 30

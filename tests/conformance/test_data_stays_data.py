@@ -1,0 +1,325 @@
+"""What data cannot do either: be evaluated or unpickled anywhere, leave the folder of its run, or
+break out of the quotes and comments of the files that pamid writes from it."""
+
+from __future__ import annotations
+
+import ast
+import io
+import json
+import shutil
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from identified_runs import SEEN, fitted_run, put_network, random_network
+from pamid_cli import frame
+from synthetic_run import diagnosis_json, fit_json, make_run
+from virtual_joint import record
+
+from pamid.base.errors import FileError
+from pamid.excitation.writers import FORMATS, Signals
+from pamid.ingest.guess import guess_mapping
+from pamid.ingest.reading import read_log
+from pamid.model.registry import catalogue_rig
+from pamid.networks.elman import Elman
+from pamid.recording.recording import toml_text
+from pamid.report.style import Picture
+from pamid.report.writing import write_report
+
+ROOT = Path(__file__).resolve().parents[2]
+#: what runs or unpacks what it is given; as a name, or as the last part of module.name
+DANGEROUS = {
+    "eval",
+    "exec",
+    "compile",
+    "__import__",
+    "pickle",
+    "cloudpickle",
+    "dill",
+    "joblib",
+    "shelve",
+    "marshal",
+    "read_pickle",
+    "numexpr",
+    "sympify",
+    "parse_expr",
+    "lambdify",
+    "system",
+    "popen",
+    "fromstring",
+    "unpack_archive",
+    "extractall",
+}
+#: where it is meant: a file the user named; jobs of a cluster the user named; a digest of code;
+#: compiled patterns
+MEANT = {
+    ("pamid/model/registry.py", "exec"),
+    ("pamid/parallel/dask_backend.py", "cloudpickle"),
+    ("pamid/parallel/store.py", "marshal"),
+}
+HARMLESS = {"re.compile", "platform.system"}
+
+
+def dangerous(tree: ast.AST) -> set[str]:
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Attribute):
+            owner = node.value.id if isinstance(node.value, ast.Name) else ""
+            found |= {node.attr} & DANGEROUS if f"{owner}.{node.attr}" not in HARMLESS else set()
+        elif isinstance(node, ast.Name):
+            found |= {node.id} & DANGEROUS - {"system"}  # a variable
+        elif isinstance(node, ast.Import | ast.ImportFrom):
+            modules = [alias.name for alias in node.names] + [getattr(node, "module", None) or ""]
+            found |= {name.split(".")[0] for name in modules} & DANGEROUS
+        elif isinstance(node, ast.keyword) and node.arg in (
+            "allow_pickle",
+            "shell",
+            "weights_only",
+        ):
+            safe = isinstance(node.value, ast.Constant) and node.value.value is (
+                node.arg == "weights_only"
+            )
+            found |= set() if safe else {node.arg}
+    return found
+
+
+def test_nothing_evaluates_or_unpickles() -> None:
+    found, arrays = set(), []
+    for path in (path for folder in ("pamid", "cli") for path in (ROOT / folder).rglob("*.py")):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        found |= {(path.relative_to(ROOT).as_posix(), name) for name in dangerous(tree)}
+        arrays += [
+            ast.unparse(node)
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Call)
+            and ast.unparse(node.func) in ("np.load", "numpy.load", "torch.load", "npy.read_array")
+        ]
+    assert found == MEANT
+    assert arrays and all("allow_pickle=False" in call for call in arrays)
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "eval(x)",
+        "import pickle",
+        "numpy.load(f, allow_pickle=True)",
+        "os.system(x)",
+        "from pickle import loads",
+        "subprocess.run(x, shell=True)",
+        "pandas.read_pickle(x)",
+        "torch.load(x, weights_only=False)",
+        "__import__('os')",
+    ],
+)
+def test_the_test_above_sees(code: str) -> None:
+    assert dangerous(ast.parse(code))
+
+
+# ---- a run stays in its folder --------------------
+
+
+def test_nothing_is_written_or_removed_through_a_link(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A run folder is anybody's: its `figures` may be a link into the user's own pictures."""
+    run, own = make_run(tmp_path / "run"), tmp_path / "pictures"
+    own.mkdir()
+    for name in ("window.png", "targets.png", "motion.gif"):
+        (own / name).write_text("mine")
+    (run / "figures").symlink_to(own)
+    with pytest.raises(FileError, match="is a link"):
+        write_report(run)
+    assert frame.run(["animate", str(run), "--json"]) == 3
+    assert "is a link" in json.loads(capsys.readouterr().out)["message"]
+    assert {path.name: path.read_text() for path in own.iterdir()} == dict.fromkeys(
+        ("window.png", "targets.png", "motion.gif"), "mine"
+    )
+    assert not (run / "report.html").exists()
+
+
+def test_a_page_vouches_for_nothing_outside_its_run(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither for an excitation elsewhere, nor with a line to copy that is two commands."""
+    monkeypatch.setattr(
+        "pamid.report.writing.render", lambda one: Picture(one.name, one.title, "", "", b"")
+    )
+    diagnosis = diagnosis_json("explained")
+    assert (
+        "next-experiment.csv"
+        in write_report(make_run(tmp_path / "good", diagnosis=diagnosis)).page.read_text()
+    )
+    diagnosis["next_experiment"]["excitation"] = "../../other.csv"
+    assert (
+        "other.csv"
+        not in write_report(make_run(tmp_path / "bad", diagnosis=diagnosis)).page.read_text()
+    )
+    fit = fit_json()
+    fit["recordings"][0]["path"] = "rec.csv; touch stolen"
+    run = make_run(tmp_path / "fit", fit=fit)
+    (run / "diagnosis.json").unlink()
+    assert (
+        "pamid diagnose &#x27;rec.csv; touch stolen&#x27; --rig"
+        in write_report(run).page.read_text()
+    )
+
+
+# ---- names in what is written --------------------
+
+NASTY = (
+    'a"b',
+    "a'b",
+    "a\nrig = './evil.py'",
+    "a]\n[recording",
+    "a = 1\nrig",
+    "a\\",
+    "*/ int x; /*",
+    "*) x := 1; (*",
+    "\x00\x1b[2J",
+    "\u202egnp",
+    "a\r\nb",
+    '"""',
+    "#",
+)
+
+
+@pytest.mark.parametrize("nasty", NASTY)
+def test_names_cannot_leave_their_place_in_toml(nasty: str) -> None:
+    tables = {
+        "recording": {"rig": nasty, "loop": "open"},
+        "known": {nasty: 1.0, "inertia_kg_m2": 0.5},
+    }
+    assert tomllib.loads(toml_text(tables)) == tables
+
+
+@pytest.mark.parametrize("nasty", NASTY[:7])
+def test_names_of_a_log_cannot_leave_their_place_in_a_mapping(nasty: str, tmp_path: Path) -> None:
+    """A guessed mapping holds names and units of the log, in quotes and in comments."""
+    quoted = nasty.replace('"', '""')
+    rows = "".join(f"{0.003 * k:.3f},{np.sin(k / 20):.4f},{k % 3}\n" for k in range(300))
+    (tmp_path / "log.csv").write_text(
+        f'time,"angle {quoted} [deg]","{quoted} [{quoted}]"\n{rows}', encoding="utf-8", newline=""
+    )
+    found = guess_mapping(read_log(tmp_path / "log.csv"), "one-dof", catalogue_rig("one-dof"))
+    told = tomllib.loads(found.text)
+    assert told["rig"] == "one-dof" and set(told) <= {
+        "rig",
+        "loop",
+        "time",
+        "signals",
+        "atmosphere",
+        "known",
+    }
+
+
+@pytest.mark.parametrize("form", ["st", "h"])
+def test_names_cannot_leave_the_comments_of_an_excitation(form: str) -> None:
+    about = "pamid */ int stolen; /* *) stolen : BOOL; (*\nstolen"
+    content = FORMATS[form].content
+    assert content is not None
+    text = content(Signals({"command": np.array([0.0, 1.0, 1.0])}, 0.003, "sent", about)).decode()
+    outside = text.split("*/" if form == "h" else "*)")
+    assert "stolen" in outside[0] and not any(
+        "stolen" in part.split("/*" if form == "h" else "(*")[0] for part in outside[1:]
+    )
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    place = tmp_path_factory.mktemp("fitted")
+    fitted_run(place / "run", record(place / "rec.csv", 6.0).path)
+    put_network(place / "run", random_network(Elman(len(SEEN), 2), SEEN, "angle_deg", 1.0))
+    return place / "run"
+
+
+INJECTED = "x\n*/ int stolen(void) { return 1; } /* \" 'stolen"
+#: texts of a run that an export has to find as they were: everything else may say what it likes
+NAMES = (
+    "schema",
+    "rig",
+    "effects",
+    "channels",
+    "name",
+    "path",
+    "sha256",
+    "loop",
+    "kind",
+    "enters",
+    "model",
+    "file",
+)
+
+
+def poisoned(node: Any, key: str = "") -> Any:
+    """The same with something else in all texts that are no names."""
+    if isinstance(node, dict):
+        return {k: poisoned(v, k) for k, v in node.items()}
+    if isinstance(node, list):
+        return [poisoned(one, key) for one in node]
+    return f"{node}{INJECTED}" if isinstance(node, str) and key not in NAMES else node
+
+
+def misnamed(node: Any) -> Any:
+    """The same with something else in every name: of parameters, channels, effects, rigs,
+    inputs."""
+    if isinstance(node, dict):
+        return {
+            f"{k}{INJECTED}" if "_" in k and k not in ("n_weights", "period_s") else k: misnamed(v)
+            for k, v in node.items()
+        }
+    if isinstance(node, list):
+        return [misnamed(one) for one in node]
+    return (
+        f"{node}{INJECTED}"
+        if isinstance(node, str) and "pamid." not in node and len(node) < 64
+        else node
+    )
+
+
+@pytest.mark.parametrize("form", ["c", "matlab"])
+def test_no_text_of_a_run_becomes_source(
+    form: str, fitted: Path, tmp_path: Path, unchecked: None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Names in exported source are those of the rig and its effects: what a run calls otherwise is
+    refused. Its texts (why a fit ended, where a value is from) are not written at all."""
+
+    def exported(run: Path, which: str) -> list[str]:
+        out = run / ("out" if form == "c" else "out.m")
+        frame.run(["export", str(run), "--to", form, "--which", which, "--output", str(out)])
+        capsys.readouterr()
+        files = [out] if out.is_file() else list(out.glob("*.[ch]"))
+        return [path.read_text() for path in files]
+
+    files = {
+        name: json.loads((fitted / name).read_text())
+        for name in ("run.json", "fit.json", "network.json")
+    }
+    for number, change in enumerate((poisoned, *[misnamed] * len(files))):
+        shutil.copytree(fitted, run := tmp_path / str(number))
+        for name in list(files) if number == 0 else list(files)[number - 1 : number]:
+            (run / name).write_text(json.dumps(change(files[name])))
+        made = [text for which in ("refitted", "network") for text in exported(run, which)]
+        assert made or number, "as its texts are no names, the model is exported"
+        assert not any("stolen" in text for text in made)
+
+
+def test_what_is_kept_of_jobs_is_data(tmp_path: Path) -> None:
+    """Under the right name, with the right entries, and yet an object: not unpacked."""
+    from pamid.parallel.store import Store
+
+    class Loud:
+        def __reduce__(self) -> tuple[Any, ...]:
+            return (Path.touch, (tmp_path / "ran",))
+
+    store = Store(tmp_path / "jobs")
+    store.put("a" * 64, "job", {"x": np.arange(3.0)})
+    assert store.get("a" * 64) is not None
+    with np.load(tmp_path / "jobs" / f"{'a' * 64}.npz") as held:
+        whole = {name: held[name] for name in held.files}
+    buffer = io.BytesIO()
+    np.savez(buffer, **{**whole, "a0": np.array([Loud()], dtype=object)})
+    (tmp_path / "jobs" / f"{'a' * 64}.npz").write_bytes(buffer.getvalue())
+    assert store.get("a" * 64) is None and not (tmp_path / "ran").exists()

@@ -1,0 +1,108 @@
+"""Two look-ups, one for names from data and one for words of the user; and what is read of a file
+is what runs."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import py_compile
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+from pamid.base.errors import FileError
+from pamid.base.files import sha256_of
+from pamid.model import registry as library
+
+CART = Path(__file__).resolve().parents[2] / "data" / "rigs" / "cart.py"
+
+
+@pytest.mark.parametrize(
+    "word", ["one-dof:{evil}", "{evil}", "./evil.py", "evil", "", "one-dof:", "../one-dof"]
+)
+def test_the_look_up_for_data_never_loads(
+    word: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ("evil.py", "one-dof:evil.py"):
+        (tmp_path / name).write_text("raise SystemExit('run')")
+    if word == "one-dof:":
+        assert library.catalogue_rig(word).name == "one-dof"
+        return
+    with pytest.raises(FileError):
+        library.catalogue_rig(word.format(evil=tmp_path / "evil.py"))
+
+
+#: who may look up a word that the user said, and nobody else: what came from data goes to
+#: `catalogue_rig`
+CODE_LOADING = ("rig_named", "rig_again", "effects_again", "effects_with", "load_file")
+MAY_LOAD = {
+    "pamid/model/registry.py",
+    "pamid/checks/inspection.py",
+    "pamid/correction/identified_model.py",
+    "pamid/correction/port_network.py",
+    "pamid/simulation/virtual_rig.py",
+    "pamid/report/motion.py",
+    "cli/diagnose.py",
+    "cli/effects.py",
+    "cli/excite.py",
+    "cli/hints.py",
+    "cli/ingest.py",
+    "cli/options.py",
+    "cli/rigs.py",
+}
+
+
+def test_who_may_load_code() -> None:
+    root = Path(__file__).resolve().parents[2]
+    found = set()
+    for path in (path for folder in ("pamid", "cli") for path in (root / folder).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = (
+                [node.attr]
+                if isinstance(node, ast.Attribute)
+                else [node.id]
+                if isinstance(node, ast.Name)
+                else []
+            )
+            if set(names) & set(CODE_LOADING):
+                found.add(path.relative_to(root).as_posix())
+    assert found == MAY_LOAD
+
+
+def test_what_was_read_is_what_runs(tmp_path: Path) -> None:
+    """A compiled copy planted beside a rig file was once run instead of what can be read there."""
+    path, marker = tmp_path / "cart.py", tmp_path / "ran"
+    shutil.copy(CART, path)
+    (tmp_path / "other.py").write_text(f"open({str(marker)!r}, 'w')\n")
+    copy_of = importlib.util.cache_from_source(str(path))
+    py_compile.compile(
+        str(tmp_path / "other.py"),
+        cfile=copy_of,
+        invalidation_mode=py_compile.PycInvalidationMode.UNCHECKED_HASH,
+    )
+    assert library.rig_named(str(path)).name == "cart" and not marker.exists()
+    assert not [name for name in sys.modules if name == "cart"]
+
+
+def test_a_file_that_is_named_again_is_read_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What is checked is what is run: were it read twice, it could be exchanged between."""
+    path = tmp_path / "cart.py"
+    shutil.copy(CART, path)
+    noted, seen = {"cart.py": sha256_of(path)}, []
+    real = Path.read_bytes
+
+    def read(self: Path) -> bytes:
+        seen.append(self)
+        content = real(self)
+        self.write_text("raise SystemExit('exchanged')")
+        return content
+
+    monkeypatch.setattr(Path, "read_bytes", read)
+    assert library.rig_again("cart.py", str(path), noted).name == "cart" and seen == [path]
+    with pytest.raises(FileError, match="SHA-256 differs"):
+        library.rig_again("cart.py", str(path), noted)

@@ -1,0 +1,572 @@
+"""Every line that a command prints to be copied runs: taken from what the command really prints,
+and run as it stands.
+
+A diagnosis of the joint takes half a minute; where it is not what is asked for, it counts as run
+once it has taken its recordings (`taken`). The slow tests run them to their end.
+"""
+
+from __future__ import annotations
+
+import re
+import shlex
+import shutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pamid_cli import frame
+from pamid_cli.demo import demo_text
+from small_cart import others, record_cart
+
+import pamid.diagnosis.diagnose as whole
+import pamid.trial.work as trial_work
+from pamid.base.errors import PamidError
+from pamid.diagnosis.next_experiment import bench_of, sent_with
+from pamid.diagnosis.proposal import NEXT_FILES, Proposal, proposal_json
+from pamid.excitation.experiments import MENU, Bench, Experiment, menu
+from pamid.model.registry import rig_named
+from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.report.answers import next_answer
+from pamid.report.load import load_run
+from pamid.simulation.data_split import Evidence, gather
+
+ROOT = Path(__file__).resolve().parents[2]
+TAKEN = 77
+SIGNALS = ("aprbs", "prbs", "multisine", "chirp", "steps", "staircase", "torque-loops")
+LASTING = ("aprbs", "prbs", "multisine", "chirp", "steps", "torque-loops")
+RIGS = ("one-dof", "two-link", "cart.py")
+MULTISINE = ("--band", "0.2", "5")
+
+Run = Callable[..., str]
+
+
+def offered() -> list[tuple[str, ...]]:
+    """Every signal and experiment of `pamid generate-aprbs` that these rigs have, as its
+    options."""
+    found: list[tuple[str, ...]] = []
+    for rig in RIGS:
+        for signal in SIGNALS:
+            last = ("--duration", "12") if signal in LASTING else ()
+            told = (
+                "--rig",
+                rig,
+                "--signal",
+                signal,
+                *last,
+                *(MULTISINE if signal == "multisine" else ()),
+            )
+            if rig == "cart.py":
+                found += [(*told, "--amplitude", "2")] if signal != "torque-loops" else []
+            elif signal == "torque-loops":
+                found += [told, (*told, "--pressure", "300")]
+            else:
+                found += [told, (*told, "--loop", "open")]
+    found += [
+        ("--rig", rig, "--experiment", "valve-pulses", "--muscle", m)
+        for rig, m in (("one-dof", "2"), ("two-link", "11"))
+    ]
+    return [
+        *found,
+        ("--rig", "two-link", "--experiment", "gravity-test", "--duration", "12"),
+        (
+            "--rig",
+            "two-link",
+            "--experiment",
+            "gravity-test",
+            "--duration",
+            "12",
+            "--clamped",
+            "1",
+            "--release",
+            "0",
+            "30",
+        ),
+    ]
+
+
+def sampled(
+    every: list[Any], quick: Callable[[Any], bool], name: Callable[[Any], str]
+) -> list[Any]:
+    """Parameters of a walk; what is not of the quick sample is left to the slow tests."""
+    return [
+        pytest.param(
+            *(one if isinstance(one[1], Experiment) else (one,)),
+            id=name(one),
+            marks=() if quick(one) else pytest.mark.slow,
+        )
+        for one in every
+    ]
+
+
+# ---- how a line is found and run --------------------
+
+
+def lines_of(text: str, word: str = "Next: ") -> list[list[str]]:
+    """The commands of the lines that begin with this word: arguments of `pamid`, remarks in
+    brackets left out."""
+    (line,) = [one.removeprefix(word) for one in text.splitlines() if one.startswith(word)]
+    said = [re.sub(r"   \(.*", "", part) for part in line.split("   or   ")]
+    found = [shlex.split(part[part.index("pamid ") :]) for part in said if "pamid " in part]
+    return [words[1:] for words in found]
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty working folder, but for the cart."""
+    shutil.copy(ROOT / "data" / "rigs" / "cart.py", tmp_path)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def run(capsys: pytest.CaptureFixture[str]) -> Run:
+    """Run `pamid` with these arguments; what it prints. It has to come to a good end."""
+
+    def command(*words: str, code: int = 0) -> str:
+        capsys.readouterr()
+        assert frame.run(list(words)) == code, (words, capsys.readouterr())
+        return capsys.readouterr().out
+
+    return command
+
+
+@pytest.fixture
+def taken(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Evidence]]:
+    """Let `pamid diagnose` end with exit code `TAKEN` once it has taken its recordings; what it
+    took."""
+    found: list[Evidence] = []
+
+    def begun(run: Any, evidence: Evidence, *_: Any, **__: Any) -> None:
+        found.append(evidence)
+        raise PamidError("taken", exit_code=TAKEN)
+
+    monkeypatch.setattr(whole, "diagnose_into", begun)
+    yield found
+
+
+def free(words: list[str]) -> list[str]:
+    """The arguments, which write nothing that is there already."""
+    output = Path(words[words.index("--output") + 1])
+    assert not output.exists()
+    return words
+
+
+# ---- excitations --------------------
+
+
+def quick(options: tuple[str, ...]) -> bool:
+    return (
+        options[1] == "cart.py"
+        or bool({"torque-loops", "valve-pulses", "gravity-test"} & set(options))
+        or (options[1] == "one-dof" and "aprbs" in options)
+    )
+
+
+@pytest.mark.parametrize("options", sampled(offered(), quick, " ".join))
+def test_what_is_generated_is_simulated_checked_and_taken(
+    options: tuple[str, ...], here: Path, run: Run, taken: list[Evidence]
+) -> None:
+    (simulate,) = lines_of(run("generate-aprbs", *options, "--output", "sent.csv"))
+    (diagnose,) = lines_of(run(*free(simulate)))
+    rig = options[1]
+    assert diagnose[diagnose.index("--rig") + 1] == rig
+    run("check", "rec.csv", "--rig", rig)
+    run(*free(diagnose), code=TAKEN)
+    (evidence,) = taken
+    assert len(evidence.recordings) == 1 and evidence.channels
+
+
+def test_names_that_are_taken_are_not_suggested(
+    here: Path, run: Run, taken: list[Evidence]
+) -> None:
+    """Neither those of files that are there, nor that of the excitation itself."""
+    (here / "run").mkdir()
+    options = ("generate-aprbs", "--duration", "6", "--output")
+    (simulate,) = lines_of(run(*options, "rec.csv"))
+    assert simulate[-1] == "rec-2.csv"
+    (diagnose,) = lines_of(run(*simulate))
+    assert diagnose[-1] == "run-2"
+    run(*diagnose, code=TAKEN)
+    (again,) = lines_of(run(*options, "other.csv"))
+    assert again[-1] == "rec-3.csv"
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--column", "force_n", "--amplitude", "3"), "needs command"),
+        (
+            ("--rig", "two-link", "--column", "reference_1_deg", "--amplitude", "3"),
+            "but not reference_2_deg",
+        ),
+        (
+            ("--rig", "two-link", "--column", "force_n", "--amplitude", "3"),
+            "knows none of the columns",
+        ),
+        (
+            ("--rig", "./gone.py", "--column", "force_n", "--amplitude", "3"),
+            "no such file: gone.py",
+        ),
+    ],
+)
+def test_no_line_sends_a_rig_what_it_cannot_take(
+    options: tuple[str, ...], words: str, here: Path, run: Run
+) -> None:
+    text = run("generate-aprbs", *options, "--duration", "6", "--output", "sent.csv")
+    assert lines_of(text) == [] and words in text.splitlines()[-1]
+
+
+def test_too_short_for_a_fit_is_said_instead(here: Path, run: Run) -> None:
+    write_recording("sent.csv", 0.01 * np.arange(120), {"force_n": np.sin(0.3 * np.arange(120))})
+    (check,) = lines_of(
+        run("simulate", "--rig", "cart.py", "--excitation", "sent.csv", "--output", "rec.csv")
+    )
+    assert check[0] == "check"
+    run(*check)
+
+
+# ---- the experiments that a diagnosis recommends --------------------
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Recording]:
+    """A recording of each rig, as it would be diagnosed first."""
+    folder, found = tmp_path_factory.mktemp("recorded"), {}
+    shutil.copy(ROOT / "data" / "rigs" / "cart.py", folder)
+    for rig, more in (("one-dof", ()), ("two-link", ()), ("cart.py", ("--amplitude", "2"))):
+        named = str(folder / rig) if rig.endswith(".py") else rig
+        sent, rec = folder / f"{rig}-sent.csv", folder / f"{rig}-rec.csv"
+        for words in (
+            ["generate-aprbs", "--rig", named, "--duration", "12", *more, "--output", str(sent)],
+            ["simulate", "--rig", named, "--excitation", str(sent), "--output", str(rec)],
+        ):
+            assert frame.run(words) == 0
+        found[rig] = read_recording(rec)
+    return found
+
+
+def proposed(rig: str, recording: Recording, e: Experiment, folder: Path) -> list[Path]:
+    """The files of an entry of the menu, proposed after this recording."""
+    evidence = gather(rig_named(rig), [recording], [])
+    bench = bench_of(evidence)
+    columns = e.signals(bench)
+    p = Proposal(
+        e.name,
+        e.why,
+        ("a", "b"),
+        1.0,
+        e.minutes_on(bench),
+        columns,
+        sent_with(evidence, bench, columns),
+        tuple(s for s in e.settings(bench) if s),
+    )
+    p.write(lambda *names: [folder / name for name in names])
+    said = proposal_json(p)
+    assert said is not None and len(said["excitations"]) == max(1, len(said["settings"]))
+    assert said["excitation"] == said["excitations"][0]
+    files = [folder / name for name in said["excitations"]]
+    for path, setting in zip(files, said["settings"], strict=False):
+        assert read_recording(path).known.items() >= setting.items()
+    return files
+
+
+ARM = Bench(rig_named("two-link"), {}, 0.003)
+ENTRIES = [
+    (rig, e)
+    for rig, names in (
+        ("one-dof", {e.name for e in MENU} - {"gravity-test"}),
+        ("two-link", {e.name for e in MENU}),
+        ("cart.py", {"odd-multisine", "slow-reversals", "constant-speed-runs", "amplitude-sweep"}),
+    )
+    for e in MENU
+    if e.name in names
+]
+
+
+def test_the_entries_walked_are_the_whole_menu(recorded: dict[str, Recording], here: Path) -> None:
+    for rig, recording in recorded.items():
+        assert menu(bench_of(gather(rig_named(rig), [recording], []))) == [
+            e for r, e in ENTRIES if r == rig
+        ]
+
+
+@pytest.mark.parametrize(
+    ("rig", "e"),
+    sampled(
+        ENTRIES,
+        lambda one: one[0] != "two-link" or one[1].settings(ARM) != ({},),
+        lambda one: f"{one[0]} {one[1].name}",
+    ),
+)
+def test_a_recommended_experiment_is_simulated_checked_and_taken(
+    rig: str,
+    e: Experiment,
+    here: Path,
+    run: Run,
+    recorded: dict[str, Recording],
+    taken: list[Evidence],
+) -> None:
+    """By itself, and together with the recording that it was recommended after."""
+    made = []
+    for k, path in enumerate(proposed(rig, recorded[rig], e, here)):
+        made.append(f"new-{k}.csv")
+        (diagnose,) = lines_of(
+            run("simulate", "--rig", rig, "--excitation", str(path), "--output", made[-1])
+        )
+        run("check", made[-1], "--rig", rig)
+        run(*diagnose, code=TAKEN)
+    run("diagnose", str(recorded[rig].path), *made, "--rig", rig, "--output", "all", code=TAKEN)
+    assert len(taken[-1].recordings) == len(made) + 1
+    assert len(taken) == len(made) + 1
+
+
+def test_several_settings_are_several_files_that_a_run_owns(
+    recorded: dict[str, Recording], here: Path
+) -> None:
+    e = next(e for e in MENU if e.name == "torque-loops-two-pressures")
+    files = proposed("one-dof", recorded["one-dof"], e, here)
+    assert [p.name for p in files] == list(NEXT_FILES)
+    assert [read_recording(p).known["initial_pressure_kpa"] for p in files] == [200.0, 500.0]
+    for path in files:
+        assert path.with_suffix(".toml").is_file()
+
+
+# ---- runs --------------------
+
+
+@pytest.fixture(scope="module")
+def cart(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record_cart(tmp_path_factory.mktemp("cart"))
+
+
+def test_after_a_diagnosis(cart: Path, here: Path, run: Run) -> None:
+    """What it recommends is sent, and both recordings are diagnosed together."""
+    text = run(
+        "diagnose", str(cart), "--rig", "cart.py", *others(), "--jobs", "1", "--output", "run"
+    )
+    (report,) = lines_of(text)
+    run(*report)
+    (line,) = [one for one in text.splitlines() if one.startswith("Measure next: ")]
+    files = line.split("ready to run: ")[1].split(" and ")
+    assert files == ["run/next-experiment.csv"]
+    (diagnose,) = lines_of(
+        run(
+            "simulate",
+            "--rig",
+            "cart.py",
+            "--excitation",
+            files[0],
+            "--effect",
+            "coulomb-friction",
+            "--output",
+            "next.csv",
+        )
+    )
+    assert diagnose[-1] == "run-2"
+    run("fit", str(cart), "next.csv", "--rig", "cart.py", "--output", "both")
+
+
+def test_after_a_fit(cart: Path, here: Path, run: Run, taken: list[Evidence]) -> None:
+    train, report = lines_of(run("fit", str(cart), "--rig", "cart.py", "--output", "run"))
+    page = next_answer(load_run(here / "run")).details[0]
+    (again,) = re.findall("`pamid (.*)`", page)
+    run(*free(shlex.split(again)), code=TAKEN)
+    text = run(*train, "--iterations", "2")
+    assert lines_of(text) == [report]
+    run(*report)
+
+
+def test_after_a_fit_with_a_recording_held_out(
+    cart: Path, here: Path, run: Run, taken: list[Evidence]
+) -> None:
+    other = record_cart(here, seconds=6.0)
+    run("fit", str(cart), "--held-out", str(other), f"--rig={here / 'cart.py'}", "--output", "run")
+    (again,) = re.findall("`pamid (.*)`", next_answer(load_run(here / "run")).details[0])
+    run(*shlex.split(again), code=TAKEN)
+    assert [s.recording.sha256 for s in taken[0].held_out] == [read_recording(other).sha256]
+
+
+def test_after_a_fit_of_very_little(here: Path, run: Run) -> None:
+    """Fewer samples than the usual network has weights: a smaller one is trained."""
+    rec = record_cart(here, seconds=4.2)
+    train, _ = lines_of(run("fit", str(rec), "--rig", "cart.py", "--output", "run"))
+    assert ", " in run(*train, "--iterations", "2")
+
+
+def test_no_network_over_two_periods(cart: Path, here: Path, run: Run) -> None:
+    quick = read_recording(cart)  # mirrored: the same samples twice would be refused
+    write_recording(
+        "slow.csv",
+        quick.time[:450] * 2.0,
+        {name: -x[:450] for name, x in quick.columns.items()},
+        {"recording": {"sampling_period_s": 0.02}},
+    )
+    (report,) = lines_of(run("fit", str(cart), "slow.csv", "--rig", "cart.py", "--output", "run"))
+    assert report == ["report", "run"]
+    run(*report)
+    run("train-residual", "run", code=4)
+
+
+@pytest.mark.parametrize("rig", ["one-dof", "./cart.py"])
+def test_from_a_log_to_a_recording(rig: str, cart: Path, here: Path, run: Run) -> None:
+    """A mapping names a rig's file; that is run only where the line names it again."""
+    log = here / "recording.csv"
+    shutil.copy(cart if rig != "one-dof" else ROOT / "data" / "example" / "joint.csv", log)
+    (ingest,) = lines_of(
+        run(
+            "ingest",
+            "--guess",
+            "recording.csv",
+            "--rig",
+            rig,
+            "--pressures",
+            "gauge",
+            "--kind",
+            "csv",
+            "--output",
+            "map.toml",
+        )
+    )
+    assert (
+        "--kind" in ingest
+        and ingest[-1] == "recording-2.csv"
+        and ("--rig" in ingest) == (rig != "one-dof")
+    )
+    (check,) = lines_of(run(*ingest))
+    assert ("--rig" in check) == (rig != "one-dof")
+    run(*check)
+
+
+def test_what_is_missing_for_a_mapping_is_made_by_the_line_said(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copy(ROOT / "data" / "example" / "joint.csv", "log.csv")
+    assert frame.run(["ingest", "log.csv", "--output", "rec.csv"]) == 2
+    (line,) = re.findall("`pamid (.*)`", capsys.readouterr().err)
+    assert frame.run([*shlex.split(line), "--pressures", "gauge"]) == 0
+    assert frame.run(["ingest", "log.csv", "--mapping", "map.toml"]) == 2
+    (output,) = re.findall(r"--output (\S+\.csv)", capsys.readouterr().err)
+    assert frame.run(["ingest", "log.csv", "--mapping", "map.toml", "--output", output]) == 0
+
+
+@pytest.mark.parametrize("more", [(), ("--rig", "two-link", "--only", "no-gap")])
+def test_after_a_share_of_a_trial(
+    more: tuple[str, ...],
+    here: Path,
+    run: Run,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """The cases themselves are left out."""
+    drawn: list[tuple[Any, ...]] = []
+
+    def scored(
+        output: Path, part: str, cases: int, seed: int, *_: Any, rig: str, only: str, **__: Any
+    ) -> None:
+        drawn.append((part, cases, seed, rig, only))
+        raise PamidError("taken", exit_code=TAKEN)
+
+    monkeypatch.setattr(trial_work, "run_cases", lambda *_, **__: [])
+    monkeypatch.setattr(trial_work, "run_trial", scored)
+    text = run(
+        "trial", "--output", "shared", "--index", "1/2", "--cases", "3", "--seed", "4", *more
+    )
+    (score,) = lines_of(text, "When all shares are finished: ")
+    run(*score, code=TAKEN)
+    assert drawn == [("test", 3, 4, *(("two-link", "no-gap") if more else ("one-dof", "")))]
+
+
+def test_after_a_demo(
+    recorded: dict[str, Recording], here: Path, run: Run, taken: list[Evidence]
+) -> None:
+    shutil.copytree(recorded["one-dof"].path.parent, here / "demo-run")
+    (here / "demo-run" / "one-dof-rec.csv").rename(here / "demo-run" / "rec.csv")
+    truth = {"effect": "valve-dead-band", "family": "valve", "as_simulated": [], "parameters": {}}
+    text = demo_text(
+        {
+            "withheld": truth,
+            "hit": "right",
+            "sentence": "",
+            "causes": [],
+            "parameters": {},
+            "how_far": {},
+            "network": {},
+            "page": "x",
+        },
+        Path("demo-run"),
+    )
+    story, diagnose = lines_of(text)
+    run(*story)
+    run(*free(diagnose), code=TAKEN)
+
+
+@pytest.mark.parametrize("command", ["effects", "rigs"])
+def test_one_of_them_is_there(command: str, here: Path, run: Run) -> None:
+    line = run(command).splitlines()[-1]
+    run(*shlex.split(line.split("pamid ")[1]))
+
+
+def test_every_command_that_prints_such_a_line_is_walked() -> None:
+    """A new one needs its test here."""
+    printing = {
+        path.stem
+        for path in (ROOT / "cli").glob("*.py")
+        if re.search(r'"Next: |f"Next: ', path.read_text())
+    }
+    assert printing == {
+        "demo",
+        "diagnose",
+        "fit",
+        "force_law",
+        "generate_aprbs",
+        "ingest",
+        "simulate",
+        "train_residual",
+    }
+
+
+# ---- to the end, slow --------------------
+
+
+@pytest.mark.slow
+def test_the_example_of_the_readme_and_what_it_recommends(here: Path, run: Run) -> None:
+    """Diagnosed, what it recommends sent at both pressures, and all three recordings diagnosed
+    together."""
+    example = ROOT / "data" / "example" / "joint.csv"
+    text = run("diagnose", str(example), "--rig", "one-dof", "--output", "run")
+    (line,) = [one for one in text.splitlines() if one.startswith("Measure next: ")]
+    files = line.split("ready to run: ")[1].split(" and ")
+    assert line.startswith("Measure next: torque-loops-two-pressures") and len(files) == 2
+    for k, path in enumerate(files):
+        run(
+            "simulate",
+            "--excitation",
+            path,
+            "--effect",
+            "coulomb-friction:torque_n_m=0.4",
+            "--set",
+            "damping_m2_s=7e-4",
+            "--set",
+            "scale=1.1",
+            "--seed",
+            str(k),
+            "--output",
+            f"next-{k}.csv",
+        )
+    together = run(
+        "diagnose", str(example), "next-0.csv", "next-1.csv", "--rig", "one-dof", "--output", "all"
+    )
+    assert together.startswith("coulomb-friction")
+    run(*lines_of(together)[0])
+
+
+@pytest.mark.slow
+def test_torque_loops_alone_to_the_end(here: Path, run: Run) -> None:
+    (simulate,) = lines_of(
+        run("generate-aprbs", "--signal", "torque-loops", "--output", "sent.csv")
+    )
+    (diagnose,) = lines_of(run(*simulate))
+    (report,) = lines_of(run(*diagnose))
+    run(*report)

@@ -1,0 +1,172 @@
+"""README, CONTRIBUTING and data/README say what is true: commands, options, names, links, and the
+cart."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import click
+import pytest
+from pamid_cli.table import COMMANDS
+
+from pamid.model.effect import KINDS
+from pamid.model.registry import effects, rigs
+from pamid.simulation.virtual_rig import split_spec
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "CONTRIBUTING.md",
+    ROOT / "SECURITY.md",
+    ROOT / "data" / "README.md",
+]
+VERDICTS = {"explained", "ambiguous", "unknown-effect", "no-structural-gap"}
+#: hyphenated words in backquotes that are neither commands nor members of the catalogue
+OTHER = {"my-effect"}
+#: files that a reader is to write
+TO_WRITE = {"pamid/effects/NAME.py", "pamid/effects/my_effect.py"}
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    """The fenced blocks of a language."""
+    return re.findall(
+        rf"^```{language}\n(.*?)^```$", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL
+    )
+
+
+def prose(page: Path) -> str:
+    """The page without its fenced blocks."""
+    return re.sub(
+        r"^```.*?^```$", "", page.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL
+    )
+
+
+def quoted(page: Path) -> list[str]:
+    """What stands in backquotes in the running text, on one line."""
+    return [" ".join(found.split()) for found in re.findall(r"`([^`]+)`", prose(page))]
+
+
+def command_lines(page: Path) -> list[list[str]]:
+    """Every command line of a page, from its sh blocks and from its running text, as words."""
+    lines = [line for block in blocks(page, "sh") for line in block.splitlines()]
+    lines += [
+        text for text in quoted(page) if re.match(r"(\.venv/bin/)?pamid |make |python ", text)
+    ]
+    return [shlex.split(line, comments=True) for line in lines if line.strip()]
+
+
+def options_of(name: str) -> set[str]:
+    module, _, function = COMMANDS[name][0].partition(":")
+    command = getattr(importlib.import_module(f"pamid_cli.{module}"), function)
+    assert isinstance(command, click.Command)
+    return {word for one in command.params for word in (*one.opts, *one.secondary_opts)}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
+def test_commands_and_their_options_exist(page: Path) -> None:
+    targets = set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    seen = 0
+    for words in command_lines(page):
+        if words[0] == "make":
+            assert words[1] in targets, words
+        elif words[0] == "python":
+            assert (ROOT / words[1]).is_file(), words
+        elif words[0].removeprefix(".venv/bin/") == "pamid" and words[1] != "--help":
+            assert words[1] in COMMANDS, f"{' '.join(words)}: no command {words[1]!r}"
+            known = options_of(words[1])
+            assert not [w for w in words[2:] if w.startswith("--") and w not in known], words
+        seen += 1
+    assert seen
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
+def test_effects_and_rigs_named_exist(page: Path) -> None:
+    names = {*effects(), *rigs(), *COMMANDS, *VERDICTS, *KINDS, *OTHER}
+    for words in command_lines(page):
+        for option, value in zip(words, words[1:], strict=False):
+            if option == "--effect" and not value.endswith(".py"):
+                assert split_spec(value)[0] in effects(), value
+            if option == "--rig" and value.endswith(".py") and not value.startswith("./"):
+                assert (ROOT / value).is_file(), value
+            if option == "--rig" and not value.endswith(".py"):
+                assert value in rigs(), value
+    for text in quoted(page):
+        if re.fullmatch(r"[a-z]+(-[a-z]+)+", text):
+            assert text in names, f"{page.name} names {text!r}, which does not exist"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())
+def test_files_linked_or_named_exist(page: Path) -> None:
+    links = [t for t in re.findall(r"\]\(([^)]+)\)", prose(page)) if "://" not in t]
+    for target in links:
+        assert (page.parent / target).is_file(), target
+    here, place = (
+        [page.parent, ROOT],
+        r"(pamid|tests|data|notebooks|benchmarks|cli|rigs|example)/[\w./]+\.\w+",
+    )
+    for text in quoted(page):
+        if text not in TO_WRITE and re.fullmatch(place, text):
+            assert any((folder / text).is_file() for folder in here), f"{page.name} names {text}"
+
+
+def test_the_first_two_commands_are_those_of_a_fresh_machine() -> None:
+    assert blocks(PAGES[0], "sh")[0].split("\n")[:2] == ["make demo", "make test"]
+
+
+def test_the_cart_shown_is_the_cart_shipped() -> None:
+    assert (ROOT / "data" / "rigs" / "cart.py").read_text(encoding="utf-8") in blocks(
+        PAGES[0], "python"
+    )
+
+
+def test_number_of_effects() -> None:
+    assert f"a catalogue of {len(effects())} " in " ".join(
+        PAGES[0].read_text(encoding="utf-8").split()
+    )
+
+
+def test_pictures_are_small() -> None:
+    pictures = sorted((ROOT / "notebooks" / "pictures").iterdir())
+    assert pictures and all(p.suffix == ".png" and p.stat().st_size < 60_000 for p in pictures)
+
+
+def test_python_blocks_compile() -> None:
+    for page in PAGES:
+        for block in blocks(page, "python"):
+            compile(block, str(page), "exec")
+
+
+def shape(line: str) -> str:
+    """A line of output without its numbers: these may move in the last digits, the words may
+    not."""
+    return " ".join(re.sub(r"-?\d+(\.\d+)?(e-?\d+)?", "#", line).split())
+
+
+@pytest.mark.slow
+def test_the_answer_shown_is_the_answer_given(tmp_path: Path) -> None:
+    shown = next(b for b in blocks(PAGES[0], "text") if "explains the gap" in b)
+    (tmp_path / "data").symlink_to(ROOT / "data")
+    said = ""
+    for words in command_lines(PAGES[0]):
+        if words[0] == "pamid" and "data/example/joint.csv" in words and "run" in words:
+            done = subprocess.run(
+                [sys.executable, "-m", "pamid_cli", *words[1:]],
+                cwd=tmp_path,
+                capture_output=True,
+                text=True,
+                env={**os.environ, "OMP_NUM_THREADS": "1"},
+            )
+            assert done.returncode == 0, done.stderr
+            said = done.stdout
+            break
+    given = [shape(line) for line in said.splitlines()]
+    missing = [
+        line for line in shown.splitlines() if not any(one.startswith(shape(line)) for one in given)
+    ]
+    assert missing == [], said

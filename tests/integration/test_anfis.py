@@ -1,0 +1,418 @@
+"""The ANFIS network against finite differences and plain sums; its use as a muscle's force law
+inside a rig."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from compiled import differences, program, run, sensitivities, state
+from scripts import load_script
+
+import pamid.networks.anfis as anfis_module
+from pamid.base.errors import DataError
+from pamid.correction.force_law import ForceLaw, _on_grid, _steps, check_force_law, force_law
+from pamid.engine.program import Stepping
+from pamid.model.assembly import Assembly
+from pamid.model.registry import rig_named
+from pamid.networks.anfis import Anfis
+from pamid.networks.elman import Elman
+from pamid.networks.scaling import Scaling
+from pamid.networks.store import TrainedNetwork, load_network, save_network, train_on_signals
+from pamid.networks.training import train
+from pamid.rigs.muscle import exponential
+from pamid.simulation.simulate import free_run
+from pamid.symbolic.vocabulary import expression
+
+ROOT = Path(__file__).resolve().parents[2]
+DATA = ROOT.parent / "shared" / "data"
+KINDS = pytest.mark.parametrize(
+    "network",
+    [
+        Anfis(1, 4),
+        Anfis(2, 3),
+        Anfis(3, 2),
+        Anfis(1, 4, "bell"),
+        Anfis(2, 3, "bell"),
+        Anfis(3, 2, "bell"),
+    ],
+    ids=str,
+)
+
+
+def record(network: Anfis, samples: int = 40, seed: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """Weights of order one and inputs that also lie on a grid place and outside [-1, 1]."""
+    draw = np.random.default_rng(seed)
+    u = draw.uniform(-1.3, 1.3, (samples, network.inputs))
+    u[0] = -1.0
+    return draw.normal(size=network.n_weights), u
+
+
+def by_hand(network: Anfis, weights: np.ndarray, row: np.ndarray) -> float:
+    """The documented equations and layout, rule by rule."""
+    m, n, h = network.inputs, network.sets, 2.0 / (network.sets - 1)
+    per_set = 3 if network.shape == "bell" else 2
+    grid = [-1.0 + h * i for i in range(n)]
+    w = [float(v) for v in weights]
+
+    def membership(k: int, i: int) -> float:
+        own = w[(k * n + i) * per_set : (k * n + i + 1) * per_set]
+        bent = [
+            limit * math.tanh(d / limit)
+            for d, limit in zip(own, (0.45, 1.5, math.log(2.0)), strict=False)
+        ]
+        t = (row[k] - grid[i] - h * bent[0]) / (
+            h * {"gaussian": 0.6, "bell": 0.7}[network.shape] * math.exp(bent[1])
+        )
+        return (
+            math.exp(-0.5 * t * t)
+            if per_set == 2
+            else 1.0 / (1.0 + abs(t) ** (4.0 * math.exp(bent[2])))
+        )
+
+    above = below = 0.0
+    for r, rule in enumerate(itertools.product(range(n), repeat=m)):
+        fired = math.prod(membership(k, i) for k, i in enumerate(rule))
+        bias, *slopes = w[m * n * per_set + r * (m + 1) :][: m + 1]
+        above += fired * (
+            bias
+            + sum(
+                s * (row[k] - grid[i]) / h
+                for k, (s, i) in enumerate(zip(slopes, rule, strict=True))
+            )
+        )
+        below += fired
+    return above / below
+
+
+@KINDS
+def test_output_follows_the_documented_equations(network):
+    weights, u = record(network)
+    held = np.clip(u, -1.0, 1.0)  # beyond the range counts as its edge
+    assert (held != u).any()
+    np.testing.assert_allclose(
+        network.simulate(weights, u), [by_hand(network, weights, x) for x in held], atol=1e-12
+    )
+
+
+@KINDS
+def test_jacobian_against_central_differences(network):
+    weights, u = record(network)
+    step, found = 1e-6, network.jacobian(weights, u)
+    for i, one in enumerate(np.eye(network.n_weights)):
+        ahead, behind = (
+            network.simulate(weights + step * one, u),
+            network.simulate(weights - step * one, u),
+        )
+        np.testing.assert_allclose(found[:, i], (ahead - behind) / (2.0 * step), rtol=0, atol=5e-9)
+
+
+@KINDS
+def test_output_is_linear_in_the_consequents(network):
+    weights, u = record(network)
+    features = network.features(weights, u)
+    assert features.shape == (len(u), network.rules * (network.inputs + 1))
+    np.testing.assert_allclose(
+        features @ weights[network.linear], network.simulate(weights, u), atol=1e-13
+    )
+    other = weights.copy()
+    other[network.linear] = 0.0
+    np.testing.assert_array_equal(network.features(other, u), features)
+
+
+@KINDS
+def test_shares_of_the_rules_sum_to_one(network):
+    """Also far outside, where every membership underflows."""
+    weights, u = record(network)
+    biases = np.zeros(network.n_weights)
+    biases[: network.premises] = weights[: network.premises]
+    biases[network.linear][:: network.inputs + 1] = 1.0
+    np.testing.assert_allclose(network.simulate(biases, np.vstack([u, 1e6 * u])), 1.0, atol=1e-14)
+
+
+@KINDS
+def test_a_linear_function_is_reproduced_exactly(network):
+    weights, u = record(network)
+    slopes = np.arange(1.0, network.inputs + 1.0)
+    grid = np.array(
+        list(itertools.product(np.linspace(-1.0, 1.0, network.sets), repeat=network.inputs))
+    )
+    rows = np.column_stack(
+        [0.5 + grid @ slopes, np.tile(slopes * network.spacing, (network.rules, 1))]
+    )
+    weights[network.linear] = rows.ravel()
+    np.testing.assert_allclose(
+        network.simulate(weights, u), 0.5 + np.clip(u, -1.0, 1.0) @ slopes, atol=1e-12
+    )
+
+
+@KINDS
+def test_expression_is_the_network(network):
+    weights, u = record(network, 10)
+    inside = np.clip(u, -1.0, 1.0)
+    found = [float(network.expression(weights, [expression(float(v)) for v in x])) for x in inside]
+    np.testing.assert_allclose(found, network.simulate(weights, inside), atol=1e-12)
+
+
+@pytest.mark.parametrize("shape", ["gaussian", "bell"])
+def test_chunks_add_up_to_the_whole(shape, monkeypatch):
+    network = Anfis(2, 3, shape)
+    weights, u = record(network, 70)
+    target, whole, y = np.cos(u[:, 0]), network.jacobian(weights, u), network.simulate(weights, u)
+    monkeypatch.setattr(anfis_module, "CHUNK", 16)
+    np.testing.assert_array_equal(network.simulate(weights, u), y)
+    for washout in (0, 20):
+        sse, jtj, jte = network.normal_equations(weights, u, target, washout)
+        error, rows = (target - y)[washout:], whole[washout:]
+        assert sse == pytest.approx(error @ error, rel=1e-12)
+        np.testing.assert_allclose(jtj, rows.T @ rows, atol=1e-10)
+        np.testing.assert_allclose(jte, rows.T @ error, atol=1e-10)
+
+
+@pytest.mark.parametrize("shape", ["gaussian", "bell"])
+def test_wild_weights_neither_cross_sets_nor_collapse_them(shape):
+    network = Anfis(2, 5, shape)
+    weights, u = record(network)
+    sets = network.membership(1e8 * weights)
+    assert (np.diff(sets.centre, axis=1) > 0.09 * network.spacing).all()
+    assert (sets.width > 0.1 * network.spacing).all() and (sets.width < 3.2 * network.spacing).all()
+    assert np.isfinite(network.jacobian(1e8 * weights, u)).all()
+    assert not np.isfinite(network.normal_equations(1e300 * weights, u, u[:, 0])[0])
+
+
+def test_untouched_grid_gives_zero_and_starts_differ():
+    network = Anfis(2, 5)
+    u = record(network)[1]
+    assert not network.simulate(np.zeros(network.n_weights), u).any()
+    starts = [network.initial(seed) for seed in (0, 0, 1)]
+    np.testing.assert_array_equal(starts[0], starts[1])
+    assert (starts[0] != starts[2]).any() and not starts[2][network.linear].any()
+    assert network.n_weights == 20 + 75 and Anfis(2, 5, "bell").n_weights == 30 + 75
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: Anfis(2, 1), "sets must be a whole number of at least 2"),
+        (lambda: Anfis(0, 3), "inputs must be a whole number"),
+        (lambda: Anfis(2, 3, "triangular"), "unknown shape 'triangular'"),
+        (lambda: Anfis(5, 5), "more than 5000"),
+        (lambda: Anfis(10**6, 10**6), "more than 5000"),
+        (lambda: Anfis(2, 3).simulate(np.zeros(3), np.zeros((4, 2))), "39 weights"),
+        (lambda: Anfis(2, 3).simulate(np.zeros(39), np.zeros((4, 3))), r"takes inputs \(N, 2\)"),
+        (
+            lambda: Anfis(2, 3).normal_equations(np.zeros(39), np.zeros((4, 2)), np.zeros(3)),
+            "Target has shape",
+        ),
+    ],
+)
+def test_refusals(call, words):
+    with pytest.raises(DataError, match=words):
+        call()
+
+
+def test_training_recovers_a_smooth_function():
+    """Noise of 2e-3 of the range; 95 weights from 4000 samples leave an error of about 3e-4."""
+    draw = np.random.default_rng(0)
+    u = draw.uniform(-1.0, 1.0, (4000, 2))
+    truth = 0.75 * np.tanh(2.0 * u[:, 0] + u[:, 1]) + 0.2 * np.sin(2.0 * u[:, 1]) * u[:, 0]
+    network = Anfis(2, 5)
+    training = train(network, u, truth + 4e-3 * draw.standard_normal(len(u)), iterations=15)
+    error = network.simulate(training.weights, u) - truth
+    assert math.sqrt(np.mean(error**2)) / np.ptp(truth) < 4e-4
+
+
+# ---- force laws --------------------
+
+
+def chart(contraction: np.ndarray, pressure_kpa: np.ndarray) -> np.ndarray:
+    """The rig's own law, N."""
+    pairs = zip(contraction.tolist(), pressure_kpa.tolist(), strict=True)
+    return np.array([float(exponential(expression(e), expression(1e3 * p))) for e, p in pairs])
+
+
+@pytest.fixture(scope="module")
+def muscle() -> TrainedNetwork:
+    """5 x 5 rules on 2000 points of the rig's own law; pressure first."""
+    draw = np.random.default_rng(0)
+    e, p = draw.uniform(-0.03, 0.25, 2000), draw.uniform(0.0, 650.0, 2000)
+    return train_on_signals(
+        Anfis(2, 5),
+        {"pressure_bar": p / 100.0, "contraction": e},
+        chart(e, p) / 1e3,
+        output_name="force_kn",
+        period_s=1.0,
+        iterations=60,
+    )[0]
+
+
+def evaluated(law: ForceLaw, contraction: float, pressure_kpa: float) -> float:
+    return float(law(expression(contraction), expression(1e3 * pressure_kpa)))
+
+
+def test_force_law_is_the_networks_prediction_in_si(muscle, tmp_path):
+    save_network(tmp_path, muscle)
+    law, draw = force_law(tmp_path), np.random.default_rng(3)
+    np.testing.assert_array_equal(load_network(tmp_path).weights, muscle.weights)
+    assert load_network(tmp_path).network == muscle.network
+    for e, p in zip(draw.uniform(-0.02, 0.24, 20), draw.uniform(10.0, 640.0, 20), strict=True):
+        wanted = 1e3 * muscle.predict(np.array([[p / 100.0, e]]))[0]
+        assert evaluated(law, e, p) == pytest.approx(wanted, abs=1e-8)
+        assert wanted == pytest.approx(chart(np.array([e]), np.array([p]))[0], abs=1.0)  # N
+
+
+def test_force_law_goes_on_in_straight_lines_without_a_kink(muscle):
+    law = force_law(muscle)
+    first, second, third = (evaluated(law, e, 300.0) for e in (0.26, 0.27, 0.28))
+    assert third - second == pytest.approx(second - first, rel=1e-9)
+    low, high = muscle.input_scaling.low[1], muscle.input_scaling.high[1]
+    for end, away in ((low, -1e-4), (high, 1e-4)):
+        inward, outward = (
+            (evaluated(law, end + d, 300.0) - evaluated(law, end, 300.0)) / d for d in (-away, away)
+        )
+        assert outward == pytest.approx(inward, rel=1e-2)
+    # N
+    assert abs(evaluated(law, 0.3, 700.0) - chart(np.array([0.3]), np.array([700.0]))[0]) < 40.0
+
+
+def test_the_guard_looks_at_the_law_itself(muscle):
+    """Its grid, beyond the trained range too, holds the forces that the equations give."""
+    grid, law = _on_grid(muscle), force_law(muscle)
+    # pressure in bar, contraction
+    steps = muscle.input_scaling.backward(np.stack([_steps(), _steps()], axis=1))
+    force = muscle.output_scaling.backward(grid.ravel()).reshape(grid.shape) * 1e3
+    for i, k in ((0, 0), (0, 60), (120, 120), (3, 118), (60, 60), (119, 2)):
+        # N
+        assert force[i, k] == pytest.approx(
+            evaluated(law, steps[k, 1], 100.0 * steps[i, 0]), abs=0.05
+        )
+
+
+RIG_FILE = """
+from pathlib import Path
+
+from pamid.correction.force_law import force_law
+from pamid.rigs.one_dof import OneDof
+
+
+class TrainedJoint(OneDof):
+    def __init__(self) -> None:
+        super().__init__()
+        self.static_force = force_law(Path(__file__).parent)
+"""
+
+
+def test_rig_file_with_the_trained_law_moves_as_the_rig_with_its_own(muscle, tmp_path):
+    """Over 30 deg and more; the angle agrees to 0.01 deg."""
+    save_network(tmp_path, muscle)
+    (tmp_path / "trained_joint.py").write_text(RIG_FILE)
+    command = np.repeat(np.random.default_rng(5).choice([-1.0, 1.0], 16), 60)
+    u = np.column_stack([command, np.zeros_like(command)])
+    angles = []
+    for name in ("one-dof", str(tmp_path / "trained_joint.py")):
+        assembly = Assembly(rig_named(name))
+        angles.append(np.rad2deg(free_run(assembly, u, assembly.values({}), 0.003).outputs[:, 0]))
+    assert np.ptp(angles[0]) > 30.0
+    assert 0.0 < np.abs(angles[1] - angles[0]).max() < 0.01
+
+
+def test_compiled_derivative_of_the_law(muscle):
+    """A weight on a muscle, starting beyond the trained range and pulled into it."""
+    law, chi, rate, stepping = force_law(muscle), state("chi"), state("rate"), Stepping(2)
+    pull = law(chi, 3e5 + 0.0 * rate)
+    made = program(
+        {"chi": rate, "rate": 2e-2 * pull - 8.0 * rate - 2.0}, {"chi": chi, "force": pull}
+    )
+    u, x = np.zeros(60), [-0.04, 0.0]
+    assert run(made, u, x=x, stepping=stepping)[:, 0].max() > 0.05
+    exact, nudged = sensitivities(made, u, [], x, stepping), differences(made, u, [], x, stepping)
+    np.testing.assert_allclose(exact, nudged, rtol=1e-6, atol=1e-6 * np.abs(nudged).max())
+
+
+def wavy(along: int, size_n: float) -> TrainedNetwork:
+    """1000 N at 500 kPa and contraction 0, falling to 0, with a wave along one input that counters
+    the slope midway."""
+    x = np.random.default_rng(0).uniform(-1.0, 1.0, (3000, 2))
+    network = Anfis(2, 5)
+    wave = size_n * np.sin(4.0 * x[:, along]) * (1.0 if along == 0 else -1.0)
+    force = 500.0 + 250.0 * (x[:, 1] - x[:, 0]) + wave
+    weights = train(network, x, force / 500.0 - 1.0, iterations=10).weights
+    return TrainedNetwork(
+        network,
+        weights,
+        ("contraction", "pressure_kpa"),
+        "force_n",
+        Scaling((0.0, 0.0), (0.25, 500.0)),
+        Scaling((0.0,), (1000.0,)),
+        1.0,
+    )
+
+
+def test_guard_lets_a_monotone_law_pass(muscle):
+    assert max(check_force_law(muscle)) < 1.0
+    assert max(check_force_law(wavy(1, 0.0))) < 0.1
+
+
+@pytest.mark.parametrize(
+    ("along", "words"),
+    [
+        (1, r"falls from .* N between pressure_kpa = .* and "),
+        (0, r"grows from .* N between contraction = .* and "),
+    ],
+)
+def test_guard_says_where_a_law_moves_the_wrong_way(along, words):
+    law = wavy(along, 150.0)
+    with pytest.raises(DataError, match=words) as refused:
+        force_law(law)
+    assert ("between contraction" in str(refused.value)) == (along == 0)
+    with pytest.warns(UserWarning, match=words):
+        found = check_force_law(law, strict=False)
+    turn = math.acos(250.0 / 600.0) / 4.0  # the slope of 150 sin 4x - 250 x changes sign at +-turn
+    fall = 2.0 * (150.0 * math.sin(4.0 * turn) - 250.0 * turn)
+    assert found[1 - along] == pytest.approx(fall, rel=0.02)
+    assert found[along] < 5.0
+
+
+@pytest.mark.parametrize(
+    ("network", "names", "output", "words"),
+    [
+        (
+            Anfis(2, 3),
+            ("contraction", "angle_deg"),
+            "force_n",
+            "gives a force from a contraction and a pressure",
+        ),
+        (Anfis(2, 3), ("contraction", "pressure_kpa"), "angle_deg", "gives a force from"),
+        (Anfis(1, 3), ("pressure_kpa",), "force_n", "gives a force from"),
+        (Elman(2, 3), ("contraction", "pressure_kpa"), "force_n", "'elman' has memory"),
+    ],
+)
+def test_what_is_no_force_law_is_refused(network, names, output, words):
+    n = len(names)
+    made = TrainedNetwork(
+        network,
+        np.zeros(network.n_weights),
+        names,
+        output,
+        Scaling((0.0,) * n, (1.0,) * n),
+        Scaling((0.0,), (1.0,)),
+        1.0,
+    )
+    with pytest.raises(DataError, match=words):
+        force_law(made)
+
+
+@pytest.mark.skipif(
+    not (DATA / "festo_force_map").is_dir(),
+    reason="the measured force map is not beside the project",
+)
+@pytest.mark.parametrize("first", [0, 1, 2])
+def test_measured_map_of_a_20_mm_muscle(first):
+    """Every third point held out; 10 N is 0.6 % of the largest force."""
+    benchmark = load_script("anfis.py")
+    network, table, held_out = benchmark.map_network(DATA, first)
+    error = benchmark.pulled(network, table) - table[:, 2]
+    assert math.sqrt(np.mean(error[held_out] ** 2)) <= 10.0

@@ -1,0 +1,401 @@
+"""The moving rig: poses from a run, the GIF, the player on the page; catalogued rigs, a user's, and
+none."""
+
+from __future__ import annotations
+
+import io
+import json
+import re
+import shutil
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+import pytest
+from pamid_cli.frame import run as run_command
+from PIL import Image
+from synthetic_run import fit_json, make_run, run_json
+from test_report import scripts_of
+
+from pamid.base.errors import DataError
+from pamid.report.animation import RATE, gif_of
+from pamid.report.budget import errors_of, worst_window
+from pamid.report.load import RunData, load_run
+from pamid.report.motion import MEASURED, motion_of, rig_of_run, scale_of
+from pamid.report.page import page_html
+from pamid.report.player import player_html, player_script
+
+STEP_S = 1.0 / RATE
+LINK_1_M, LINK_2_M = 0.4, 0.3
+CART = '''
+import numpy as np
+from pathlib import Path
+from pamid import Parameter, Port, Rig, State
+
+Path(__file__).with_suffix(".ran").touch()
+
+
+class Cart(Rig):
+    """A cart, drawn as a box on wheels; the width is fitted here."""
+
+    inputs = {"force_n": "N"}
+    outputs = {"position_m": "m"}
+    ports = {"force": Port("motion", "N", signals=("velocity", "position"))}
+    states = (State("position", "m"), State("velocity", "m/s"))
+    parameters = (Parameter("width", 20.0, 1.0, 100.0, "cm"),)
+
+    def pose(self, y, p):
+        x = y["position_m"]
+        corners = np.array([[-0.5, 0.0], [-0.5, 0.4], [0.5, 0.4], [0.5, 0.0]]) * p.width
+        rail = np.array([[-1.0, 0.0], [1.0, 0.0]])
+        return {"box": corners + np.stack([x, 0.0 * x], axis=1)[:, None],
+                "rail": np.repeat(rail[None], len(x), axis=0)}
+'''
+
+
+def bare_run(
+    folder: Path, rig: str, columns: dict[str, Any], parameters: dict[str, float] | None = None
+) -> Path:
+    """A fitted run of any rig: 40 s at 10 ms, the last 30 % held out, windows of 2 s of which the
+    first 0.3 s is not scored; `columns` are functions of time."""
+    folder.mkdir(parents=True)
+    time = 0.01 * np.arange(4000)
+    since = time % 2.0
+    table = {
+        "time_s": time,
+        "recording": 0 * time,
+        "part": 1.0 * (time >= 28.0),
+        "window": np.where(since < 0.3, -1, time // 2.0),
+    }
+    table |= {
+        name: values(time) if callable(values) else values for name, values in columns.items()
+    }
+    known = {name: {"value": value, "unit": "cm"} for name, value in (parameters or {}).items()}
+    fit = {
+        **fit_json(),
+        "rig": rig,
+        "channels": [],
+        "mae": {},
+        "closed_loop": {},
+        "parameters": known,
+    }
+    for name, content in (("run", run_json()), ("fit", fit)):
+        (folder / f"{name}.json").write_text(json.dumps(content), encoding="utf-8")
+    np.savetxt(
+        folder / "residual.csv",
+        np.stack(list(table.values()), axis=1),
+        delimiter=",",
+        fmt="%.9g",
+        header=",".join(table),
+        comments="",
+    )
+    return folder
+
+
+def swing(amplitude: float, rate: float, gap: float = 0.0) -> Callable[[np.ndarray], np.ndarray]:
+    return lambda time: amplitude * np.sin(rate * time) + gap * (1.0 + 0.1 * np.cos(rate * time))
+
+
+def two_link_run(folder: Path) -> Path:
+    return bare_run(
+        folder,
+        "two-link",
+        {
+            "angle_1_deg": swing(20, 1.1),
+            "angle_1_data_sheet_deg": swing(20, 1.1, 3.0),
+            "angle_1_refitted_deg": swing(20, 1.1, 0.5),
+            "angle_2_deg": swing(30, 1.7),
+            "angle_2_data_sheet_deg": swing(30, 1.7, -2.0),
+            "angle_2_refitted_deg": swing(30, 1.7, 0.25),
+        },
+    )
+
+
+def cart_run(folder: Path) -> Path:
+    return bare_run(
+        folder,
+        "cart",
+        {
+            "position_m": swing(0.5, 1.1),
+            "position_data_sheet_m": swing(0.5, 1.1, 0.02),
+            "position_refitted_m": swing(0.5, 1.1, 0.001),
+        },
+        {"width_cm": 30.0},
+    )
+
+
+@pytest.fixture(scope="module")
+def joint(tmp_path_factory: pytest.TempPathFactory) -> RunData:
+    """A fit of the one-dof rig."""
+    return load_run(
+        make_run(tmp_path_factory.mktemp("fit") / "RUN", without=("diagnosis.json", "network.json"))
+    )
+
+
+@pytest.fixture(scope="module")
+def links(tmp_path_factory: pytest.TempPathFactory) -> RunData:
+    return load_run(two_link_run(tmp_path_factory.mktemp("links") / "RUN"))
+
+
+def page_of(run: RunData) -> str:
+    return page_html(run, errors_of(run), {})
+
+
+def test_poses_are_those_of_the_angles_at_their_times(links: RunData) -> None:
+    motion = motion_of(links, rig_of_run(links), STEP_S)
+    assert list(motion.lines) == [MEASURED, "data_sheet", "refitted"]
+    assert motion.time[0] >= 28.0 and motion.time[-1] - motion.time[0] <= 12.0
+    for kind, gap_1, gap_2 in (
+        (MEASURED, 0.0, 0.0),
+        ("data_sheet", 3.0, -2.0),
+        ("refitted", 0.5, 0.25),
+    ):
+        first = np.deg2rad(swing(20, 1.1, gap_1)(motion.time))
+        both = first + np.deg2rad(swing(30, 1.7, gap_2)(motion.time))
+        elbow = LINK_1_M * np.stack([np.sin(first), -np.cos(first)], axis=1)  # hanging down at 0
+        tip = elbow + LINK_2_M * np.stack([np.sin(both), -np.cos(both)], axis=1)
+        (arm,) = motion.lines[kind]
+        np.testing.assert_allclose(np.abs(arm[:, 1] - elbow).max(), 0.0, atol=2e-4)
+        np.testing.assert_allclose(np.abs(motion.tip(kind) - tip).max(), 0.0, atol=2e-4)
+    assert motion.pivots.tolist() == [[0.0, 0.0]]
+
+
+def test_gaps_and_title_are_those_of_the_scored_rows(links: RunData) -> None:
+    motion = motion_of(links, rig_of_run(links), STEP_S)
+    assert set(motion.gaps) == {"angle_1_deg", "angle_2_deg"}
+    expected = 3.0 + 0.3 * np.cos(1.1 * motion.time)
+    np.testing.assert_allclose(motion.gaps["angle_1_deg"]["data_sheet"], expected, atol=1e-3)
+    assert motion.means["angle_2_deg"]["refitted"] == pytest.approx(0.25, rel=0.1)
+    assert re.fullmatch(
+        r"The refitted model follows angle 1 to 0\.5\d? and angle 2 to 0\.2\d deg on average "
+        r"\(data sheet: [23]\.?\d? and [12]\.?\d? deg\)",
+        motion.title.replace("\u00a0", " "),
+    )
+    np.testing.assert_allclose(np.diff(motion.restarts), 2.0, atol=1e-6)
+
+
+def test_a_diagnosis_shows_the_cause_over_the_refitted_model(tmp_path: Path) -> None:
+    run = load_run(make_run(tmp_path / "RUN"))
+    motion = motion_of(run, rig_of_run(run), STEP_S)
+    assert list(motion.lines) == [MEASURED, "refitted", "cause"]
+    assert motion.title.startswith("The model with Coulomb friction follows the angle to ")
+    page = page_of(run)
+    assert (
+        "with Coulomb friction follows the angle" in page
+        and "best cause" in page
+        and "before refitted" in page
+    )
+
+
+def test_times_choose_what_is_shown(joint: RunData) -> None:
+    rig = rig_of_run(joint)
+    assert joint.residual is not None
+    worst = worst_window(joint.residual, "angle_deg")
+    whole = motion_of(joint, rig, STEP_S)
+    assert (
+        worst is not None
+        and whole.time[0] <= worst.start_s
+        and whole.time[-1] >= worst.end_s - STEP_S
+    )
+    part = motion_of(joint, rig, STEP_S, 3.0, 5.0)
+    assert (part.time[0], part.time.size) == (pytest.approx(3.0), 51)
+    assert motion_of(joint, rig, 0.5 * STEP_S, 3.0, 5.0).time.size == 101
+    assert motion_of(joint, rig, STEP_S, 3.0).time[-1] == pytest.approx(15.0)
+    for begin, end in (
+        (50.0, None),
+        (5.0, 5.0),
+        (6.0, 5.0),
+        (float("nan"), None),
+        (3.0, float("nan")),
+    ):
+        with pytest.raises(DataError, match="spans 0 to 39.99 s"):
+            motion_of(joint, rig, STEP_S, begin, end)
+
+
+def test_blank_cells_are_bridged(tmp_path: Path) -> None:
+    folder = two_link_run(tmp_path / "RUN")
+    lines = (folder / "residual.csv").read_text(encoding="utf-8").splitlines()
+    at = lines[0].split(",").index("angle_2_refitted_deg")
+    for k in range(3500, 3505):
+        cells = lines[k].split(",")
+        lines[k] = ",".join([*cells[:at], "", *cells[at + 1 :]])
+    (folder / "residual.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    run = load_run(folder)
+    motion = motion_of(run, rig_of_run(run), STEP_S)
+    assert all(np.isfinite(line).all() for lines_ in motion.lines.values() for line in lines_)
+
+
+def test_the_gif_plays_in_real_time_and_is_small(links: RunData) -> None:
+    motion = motion_of(links, rig_of_run(links), STEP_S, 30.0, 36.0)
+    done: list[int] = []
+    gif = gif_of(motion, 480, lambda k, of: done.append(k))
+    assert done[-1] == motion.time.size == 151
+    assert len(gif) < 1_500_000
+    with Image.open(io.BytesIO(gif)) as picture:
+        assert (picture.format, picture.n_frames, picture.width) == ("GIF", 151, 480)
+        assert picture.info["duration"] == 40 and picture.info["loop"] == 0
+        frames = []
+        for k in (0, 75):
+            picture.seek(k)
+            frames.append(np.asarray(picture.convert("RGB")).astype(int))
+    assert (np.abs(frames[0] - frames[1]).max(axis=2) > 100).sum() > 500  # the arm is elsewhere
+    for frame in frames:
+        assert (frame[:, 2] == 255).mean() > 0.9  # on white
+        assert (np.abs(frame - [0x00, 0x72, 0xB2]).max(axis=2) < 8).sum() > 200
+        assert (np.abs(frame - [0x1B, 0x1F, 0x24]).max(axis=2) < 8).sum() > 800
+
+
+def test_the_same_motion_gives_the_same_gif(joint: RunData) -> None:
+    motion = motion_of(joint, rig_of_run(joint), STEP_S, 30.0, 30.4)
+    first = gif_of(motion, 320)
+    with matplotlib.rc_context({"font.size": 20.0, "axes.grid": True, "figure.dpi": 50}):
+        assert gif_of(motion, 320) == first
+    with pytest.raises(DataError, match="too many"):
+        gif_of(motion_of(joint, rig_of_run(joint), 0.001, 30.0, 33.0))
+
+
+def test_the_page_grows_little_and_runs_its_player(links: RunData) -> None:
+    player = player_html(links)
+    assert len(player.encode()) + len(player_script()) < 150_000
+    page = page_of(links)
+    assert player_script() in scripts_of(page)
+    assert page.index('<figure class="motion"') > page.index("How far")
+    assert not re.search(r"https?://|fetch|import\(|eval|innerHTML", player_script())
+
+
+def test_the_still_frame_is_one_of_the_frames(links: RunData) -> None:
+    player = player_html(links)
+    frames, still, rate = (
+        int(re.findall(rf'data-{name}="(\d+)"', player)[0]) for name in ("frames", "still", "rate")
+    )
+    assert rate <= 30 and frames <= 12 * rate + 1
+    lines = re.findall(
+        r'<polyline points="([^"]*)" class="(\w+)[^"]*" data-points="([^"]*)" data-tail="(\d+)"',
+        player,
+    )
+    assert [kind for _, kind, _, _ in lines] == ["trail", "trail", "arm", "arm", "arm"]
+    for shown, kind, text, tail in lines:
+        values = text.split()
+        each = 6 if kind == "arm" else 2
+        assert len(values) == frames * each and all(0 <= int(value) <= 1000 for value in values)
+        assert shown.split() == values[max(0, still - int(tail)) * each : (still + 1) * each]
+
+
+def test_the_script_is_sound() -> None:
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("no node on this machine")
+    found = subprocess.run(
+        [node, "--check", "-"], input=player_script(), capture_output=True, text=True
+    )
+    assert found.returncode == 0, found.stderr
+
+
+@pytest.mark.parametrize("break_it", ["rig", "residual", "channel"])
+def test_no_player_without_rig_residual_or_channel(break_it: str, tmp_path: Path) -> None:
+    folder = cart_run(tmp_path / "RUN") if break_it == "rig" else two_link_run(tmp_path / "RUN")
+    if break_it == "residual":
+        (folder / "residual.csv").unlink()
+    if break_it == "channel":
+        text = (folder / "residual.csv").read_text(encoding="utf-8")
+        (folder / "residual.csv").write_text(
+            text.replace("angle_2_deg", "elbow_deg", 1), encoding="utf-8"
+        )
+    page = page_of(load_run(folder))
+    assert player_script() not in scripts_of(page) and 'class="motion"' not in page
+
+
+def test_a_rig_file_is_run_only_when_it_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, file = cart_run(tmp_path / "RUN"), tmp_path / "cart.py"
+    file.write_text(CART, encoding="utf-8")
+    fit = json.loads((folder / "fit.json").read_text(encoding="utf-8"))
+    (folder / "fit.json").write_text(json.dumps({**fit, "rig": str(file)}), encoding="utf-8")
+    assert run_command(["animate", str(folder)]) == 3
+    assert "add --rig FILE" in capsys.readouterr().err
+    assert 'class="motion"' not in page_of(load_run(folder))
+    assert not file.with_suffix(".ran").exists()
+    (folder / "fit.json").write_text(json.dumps(fit), encoding="utf-8")
+    out = tmp_path / "new" / "cart.gif"
+    assert (
+        run_command(
+            [
+                "animate",
+                str(folder),
+                "--rig",
+                str(file),
+                "--output",
+                str(out),
+                "--json",
+                "--from",
+                "30",
+                "--to",
+                "31",
+                "--size",
+                "300",
+            ]
+        )
+        == 0
+    )
+    told = json.loads(capsys.readouterr().out)
+    assert (told["schema"], told["frames"], told["width_px"]) == ("pamid.animate/1", 26, 300)
+    assert told["mean_gap"]["position_m"]["data_sheet"] == pytest.approx(0.02, rel=0.1)
+    assert told["bytes"] == out.stat().st_size
+    assert [path.name for path in out.parent.iterdir()] == ["cart.gif"]
+
+
+def test_fitted_parameters_shape_the_pose(tmp_path: Path) -> None:
+    file = tmp_path / "cart.py"
+    file.write_text(CART, encoding="utf-8")
+    run = load_run(cart_run(tmp_path / "RUN"))
+    motion = motion_of(run, rig_of_run(run, str(file)), STEP_S)
+    # m, of 30 cm, not of the data sheet's 20
+    assert np.ptp(motion.lines[MEASURED][0][0, :, 0]) == pytest.approx(0.3)
+    assert motion.pivots.tolist() == [[-1.0, 0.0], [1.0, 0.0]]
+
+
+def test_refusals_say_how_to_mend(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, plain, wrong = (
+        two_link_run(tmp_path / "RUN"),
+        tmp_path / "plain.py",
+        tmp_path / "wrong.py",
+    )
+    plain.write_text(
+        CART.replace("class Cart", "class TwoLink").replace("def pose", "def posture"),
+        encoding="utf-8",
+    )
+    wrong.write_text(
+        CART.replace("np.repeat(rail[None], len(x), axis=0)", "rail"), encoding="utf-8"
+    )
+    cart = cart_run(tmp_path / "CART")
+    for arguments, code, told in (
+        ([str(tmp_path)], 3, "not a run folder"),
+        ([str(folder), "--rig", "one-dof"], 3, "is 'one-dof'"),
+        ([str(folder), "--rig", str(plain)], 3, "no pose"),
+        ([str(cart), "--rig", str(wrong)], 3, "'rail' has the shape (2, 2)"),
+        ([str(folder), "--from", "90"], 4, "spans 0 to 39.99 s"),
+        ([str(folder), "--speed", "0"], 2, "--speed"),
+    ):
+        assert run_command(["animate", *arguments]) == code
+        assert told in capsys.readouterr().err
+    assert not (folder / "figures").exists()
+
+
+def test_a_strangers_file_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder, out = two_link_run(tmp_path / "RUN"), tmp_path / "arm.gif"
+    out.write_bytes(b"mine")
+    short = [str(folder), "--from", "30", "--to", "30.2", "--size", "200"]
+    assert run_command(["animate", *short, "--output", str(out)]) == 3
+    assert out.read_bytes() == b"mine" and "--overwrite" in capsys.readouterr().err
+    assert run_command(["animate", *short, "--output", str(out), "--overwrite"]) == 0
+    assert run_command(["animate", *short]) == 0
+    assert (folder / "figures" / "motion.gif").read_bytes() == out.read_bytes()
+    assert "follows angle 1" in capsys.readouterr().out.replace("\u00a0", " ")
+
+
+def test_scales_are_round() -> None:
+    assert [scale_of(x) for x in (0.61, 6.0, 13.0, 31.0)] == pytest.approx([0.1, 1.0, 2.0, 5.0])

@@ -1,0 +1,228 @@
+"""Jobs on a Dask cluster of two worker processes: bit for bit what one process finds, also where
+workers are killed."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import socket
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pamid_cli import frame
+from small_cart import FEW, RIG, cart_evidence, others, record_cart
+
+from pamid.base.errors import FileError
+from pamid.base.json_file import read_json
+from pamid.base.run_folder import Run
+from pamid.diagnosis.diagnose import diagnose_into
+from pamid.model.registry import effects
+from pamid.parallel.dask_backend import Cluster, Patience, cluster
+from pamid.parallel.jobs import Crew, Failed, Work
+from pamid.parallel.store import Store
+
+distributed = pytest.importorskip("distributed", reason="needs pamid[cluster]")
+
+# whatever else this machine does: a limit only for what hangs
+LONG = Patience(900.0, 900.0, 900.0)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _patient() -> Iterator[None]:
+    import dask
+
+    # a worker that was killed is called for as long as "connect": each time that a result lay with
+    # it
+    waits = {"distributed.comm.timeouts.connect": "20s", "distributed.comm.timeouts.tcp": "900s"}
+    fewer = {"distributed.worker.daemon": True, "distributed.scheduler.allowed-failures": 1}
+    with pytest.MonkeyPatch.context() as patch, dask.config.set({**fewer, **waits}):
+        patch.setattr("pamid.parallel.dask_backend.USUAL", LONG)
+        yield
+
+
+@pytest.fixture(scope="module")
+def made() -> Iterator[Any]:
+    """Two worker processes of one thread each, every one watched over by a nanny that replaces it
+    when it dies."""
+    with distributed.LocalCluster(
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0", silence_logs=50
+    ) as found:
+        yield found
+
+
+@pytest.fixture
+def address(made: Any) -> str:
+    """Where they are found, both of them: what a test before has killed is replaced."""
+    with distributed.Client(made, set_as_default=False) as client:
+        client.wait_for_workers(2)
+    found: str = made.scheduler_address
+    return found
+
+
+@pytest.fixture
+def threads() -> Iterator[Any]:
+    """Make a cluster of so many workers, threads of this process: where nothing is to be killed."""
+    with contextlib.ExitStack() as open_ones:
+        yield (
+            lambda n: (
+                open_ones.enter_context(
+                    distributed.LocalCluster(
+                        n_workers=n,
+                        threads_per_worker=1,
+                        processes=False,
+                        protocol="tcp",
+                        dashboard_address=":0",
+                        silence_logs=50,
+                    )
+                ).scheduler_address
+            )
+        )
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record_cart(tmp_path_factory.mktemp("cart"))
+
+
+def workers(hands: Cluster) -> dict[str, int]:
+    """Process numbers of the workers, by address."""
+    found: dict[str, int] = hands.client.run(os.getpid)
+    return found
+
+
+def diagnosed(
+    folder: Path, recording: Path, crew: Crew, told: Any = lambda text: None
+) -> dict[str, bytes]:
+    """Files of a diagnosis."""
+    run = Run.create(folder, command="test", seed=0)
+    diagnose_into(
+        run, cart_evidence(recording), {k: effects()[k] for k in FEW}, crew=crew, told=told
+    )
+    return {
+        name: (folder / name).read_bytes()
+        for name in ("diagnosis.json", "fit.json", "residual.csv")
+    }
+
+
+def test_a_worker_killed_in_the_middle_changes_no_bit(
+    address: str, recording: Path, tmp_path: Path
+) -> None:
+    """The rig is a file that the workers have never seen: it is sent along."""
+    alone = diagnosed(tmp_path / "alone", recording, Crew())
+    killed = []
+
+    def told(text: str) -> None:
+        if text.startswith("screening 2/") and not killed:
+            killed.append(next(iter(workers(hands).values())))
+            os.kill(killed[0], signal.SIGKILL)
+
+    with cluster(address) as hands:
+        crew = Crew(store=Store(tmp_path / "jobs"), hands=hands)
+        assert diagnosed(tmp_path / "together", recording, crew, told) == alone
+        assert killed and killed[0] not in workers(hands).values()
+    assert crew.failed == [] and json.loads(alone["diagnosis.json"])["verdict"] == "explained"
+    resumed = Crew(2, store=Store(tmp_path / "jobs"))
+    assert diagnosed(tmp_path / "again", recording, resumed) == alone
+    assert resumed.worked == 0 and resumed.kept == crew.worked, (
+        "found by the cluster, used by this machine"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Deadly(Work[int, float]):
+    """Sums; one item kills whoever takes it."""
+
+    what = "sum"
+    table: np.ndarray
+    deadly: int
+
+    def __call__(self, item: int) -> dict[str, Any]:
+        if item == self.deadly:
+            os.kill(os.getpid(), signal.SIGKILL)
+        time.sleep(0.05)
+        return {"sum": float((self.table * item).sum())}
+
+    def restored(self, item: int, found: dict[str, Any]) -> float:
+        total: float = found["sum"]
+        return total
+
+
+def test_a_job_that_always_kills_its_worker_fails_alone(address: str) -> None:
+    table = np.random.default_rng(0).standard_normal((400, 40))
+    expected = Crew().run(_Deadly(table, -1), list(range(12)))
+    with cluster(address) as hands:
+        crew = Crew(hands=hands)
+        found = crew.run(_Deadly(table, 5), list(range(12)))
+        assert isinstance(found[5], Failed) and "killed 2 times" in found[5].why
+        assert found[:5] + found[6:] == expected[:5] + expected[6:]
+        assert [f.job for f in crew.failed] == ["sum 5"]
+
+
+def test_the_command(
+    address: str, recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["diagnose", str(recording), "--rig", RIG, *others(), "--json"]
+    assert frame.run([*words, "--output", str(tmp_path / "far"), "--cluster", address]) == 0
+    assert frame.run([*words, "--output", str(tmp_path / "near"), "--jobs", "1"]) == 0
+    assert (tmp_path / "far" / "diagnosis.json").read_bytes() == (
+        tmp_path / "near" / "diagnosis.json"
+    ).read_bytes()
+    assert (
+        read_json(tmp_path / "far" / "run.json")["jobs"]
+        == read_json(tmp_path / "near" / "run.json")["jobs"]
+    )
+    capsys.readouterr()
+
+
+def test_nobody_there_is_said(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with socket.socket() as taken:  # listens, and says nothing
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        for wrong in (f"tcp://127.0.0.1:{taken.getsockname()[1]}", "tcp://127.0.0.1:1"):
+            with (
+                pytest.raises(FileError, match="no scheduler answers") as caught,
+                cluster(wrong, Patience(0.5)),
+            ):
+                pass
+            assert caught.value.code == "cluster"
+    words = ["diagnose", str(recording), "--rig", RIG, "--output", str(tmp_path / "run"), "--json"]
+    assert frame.run([*words, "--cluster", "nonsense://x"]) == 3
+    assert "dask scheduler" in json.loads(capsys.readouterr().out)["hint"]
+    assert not (tmp_path / "run").exists(), "no folder is claimed"
+
+
+def test_workers_have_to_be_there(threads: Any) -> None:
+    with (
+        pytest.raises(FileError, match="has no workers"),
+        cluster(threads(0), Patience(LONG.answer_s, 0.0)),
+    ):
+        pass
+
+
+def test_workers_have_to_be_alike(threads: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Asked first for itself, this process has another code than afterwards, when its threads are
+    asked."""
+    said = iter(["another"])
+    monkeypatch.setattr("pamid.parallel.dask_backend.code_sha256", lambda: next(said, "this"))
+    with pytest.raises(FileError, match="2 of 2 workers .* another pamid"), cluster(threads(2)):
+        pass
+    with cluster(threads(2)):
+        pass
+
+
+def test_a_missing_package_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "distributed", None)
+    with (
+        pytest.raises(FileError, match=r"distributed.*pamid\[cluster\]"),
+        cluster("tcp://127.0.0.1:1"),
+    ):
+        pass

@@ -1,0 +1,112 @@
+"""A Dask cluster over TLS: its certificates come from Dask's own configuration, and without them
+nobody is let in."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+from dataclasses import dataclass
+from typing import Any
+
+import pytest
+from pamid_cli.job import cluster_option
+
+from pamid.base.errors import FileError
+from pamid.parallel.dask_backend import Patience, cluster
+from pamid.parallel.jobs import Crew, Work
+
+distributed = pytest.importorskip("distributed", reason="needs pamid[cluster]")
+
+
+@dataclass(frozen=True)
+class Doubled(Work[float, float]):
+    what = "double"
+
+    def __call__(self, item: float) -> dict[str, Any]:
+        return {"double": 2.0 * item}
+
+    def restored(self, item: float, found: dict[str, Any]) -> float:
+        return float(found["double"])
+
+
+@pytest.fixture(scope="module")
+def certificates(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Dask's own settings for a cluster over TLS, with a certificate that is its own authority."""
+    if shutil.which("openssl") is None:
+        pytest.skip("needs openssl")
+    place = tmp_path_factory.mktemp("tls")
+    key, certificate = str(place / "key.pem"), str(place / "certificate.pem")
+    subprocess.run(
+        [
+            "openssl",
+            "req",
+            "-x509",
+            "-newkey",
+            "ec",
+            "-pkeyopt",
+            "ec_paramgen_curve:prime256v1",
+            "-nodes",
+            "-keyout",
+            key,
+            "-out",
+            certificate,
+            "-days",
+            "2",
+            "-subj",
+            "/CN=pamid-test",
+            "-addext",
+            "subjectAltName=IP:127.0.0.1",
+        ],
+        check=True,
+        capture_output=True,
+    )
+    whose = {
+        f"distributed.comm.tls.{who}.{what}": path
+        for who in ("client", "scheduler", "worker")
+        for what, path in (("cert", certificate), ("key", key))
+    }
+    return {"distributed.comm.tls.ca-file": certificate, **whose}
+
+
+def test_over_tls_with_the_certificates_of_dasks_configuration(
+    certificates: dict[str, str],
+) -> None:
+    import dask
+
+    def made(**more: Any) -> Any:
+        return distributed.LocalCluster(
+            n_workers=1,
+            processes=False,
+            threads_per_worker=1,
+            dashboard_address=None,
+            protocol="tls",
+            host="127.0.0.1",
+            silence_logs=50,
+            **more,
+        )
+
+    with dask.config.set(certificates), made(security=distributed.Security()) as ours:
+        address = ours.scheduler_address
+        assert address.startswith("tls://")
+        with cluster(address) as hands:
+            assert len(hands.client.scheduler_info()["workers"]) == 1
+            (found,) = Crew(hands=hands).run(Doubled(), [21.0])
+            assert found == 42.0
+        nobody = dict.fromkeys(certificates)
+        with (
+            dask.config.set(nobody),
+            pytest.raises(FileError, match="DASK_DISTRIBUTED__COMM__TLS__CA_FILE"),
+            cluster(address, Patience(answer_s=5.0)),
+        ):
+            pass
+
+
+def test_the_help_says_whom_to_trust() -> None:
+    def command() -> None: ...
+
+    (option,) = cluster_option(command).__click_params__  # type: ignore[attr-defined]
+    assert (
+        "must be trusted" in option.help
+        and "tls://" in option.help
+        and "TLS__CA_FILE" in option.help
+    )

@@ -1,0 +1,387 @@
+"""Excitations as files, read back by who would play them: Octave, a C compiler, a parser of
+structured text."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cli import frame
+from pamid.base.errors import FileError, UsageError
+from pamid.base.files import write_together
+from pamid.excitation.aprbs import aprbs
+from pamid.excitation.writers import FORMATS, change_points, format_of, write_excitation
+from pamid.recording.recording import read_recording
+
+Array = NDArray[np.float64]
+
+PERIOD = 0.003
+needs_octave = pytest.mark.skipif(
+    shutil.which("octave-cli") is None, reason="octave-cli is not installed"
+)
+needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
+
+
+def columns(samples: int = 2000) -> dict[str, Array]:
+    """Two columns with numbers that need all their bits: held levels, and a sine that never
+    rests."""
+    held = aprbs(samples * PERIOD, PERIOD, 40.0, seed=1)
+    return {"reference_1_deg": held, "command_2": 0.7 * np.sin(np.arange(samples) / 37.0) / 3.0}
+
+
+def write(
+    path: Path,
+    form: str,
+    sent: dict[str, Array] | None = None,
+    period_s: float = PERIOD,
+    **more: Any,
+) -> dict[str, Any]:
+    return write_excitation(
+        path, sent or columns(), period_s, {"rig": "one-dof", "seed": 1}, form=form, **more
+    )
+
+
+def octave(script: str, folder: Path) -> None:
+    call = ["octave-cli", "--no-init-file", "--eval", script]
+    done = subprocess.run(call, cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def dumped(path: Path, shape: tuple[int, ...]) -> Array:
+    """Doubles as Octave wrote them, column by column."""
+    return np.fromfile(path, dtype="<f8").reshape(shape, order="F")
+
+
+# ---- Simulink --------------------
+
+
+@needs_octave
+def test_octave_reads_every_mat_file_to_the_bit(tmp_path: Path) -> None:
+    sent = columns()
+    for form in ("mat", "mat-file", "mat-matrix"):
+        write(tmp_path / f"{form}.mat", form)
+    octave(
+        """
+        a = load('mat.mat'); r = a.reference_1_deg; c = a.command_2;
+        assert(r.signals.dimensions, 1); assert(r.signals.label, 'reference_1_deg');
+        assert(size(r.time), [2000 1]); assert(size(r.signals.values), [2000 1]);
+        assert(sort(fieldnames(a)), {'command_2'; 'reference_1_deg'});
+        b = load('mat-file.mat'); d = load('mat-matrix.mat');
+        f = fopen('out.bin', 'w');
+        fwrite(f, r.time, 'double'); fwrite(f, r.signals.values, 'double'); fwrite(f, c.signals.values, 'double');
+        fwrite(f, b.excitation', 'double'); fwrite(f, d.excitation, 'double'); fclose(f);
+        """,  # noqa: E501
+        tmp_path,
+    )
+    found = dumped(tmp_path / "out.bin", (2000, 9))
+    wanted = np.stack([PERIOD * np.arange(2000), *sent.values()], axis=1)
+    for first in (0, 3, 6):
+        assert np.array_equal(found[:, first : first + 3], wanted)
+
+
+def test_from_file_is_version_4_and_the_others_bear_no_date(tmp_path: Path) -> None:
+    write(tmp_path / "a.mat", "mat-file")
+    # little endian, full matrix of doubles
+    assert (tmp_path / "a.mat").read_bytes()[:4] == b"\0\0\0\0"
+    for form in ("mat", "mat-matrix"):
+        write(tmp_path / "b.mat", form)
+        head = (tmp_path / "b.mat").read_bytes()[:128]
+        assert (
+            head.startswith(b"MATLAB 5.0 MAT-file")
+            and head[124:] == b"\x00\x01IM"
+            and b":" not in head[:116]
+        )
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_same_request_same_bytes(form: str, tmp_path: Path) -> None:
+    path = tmp_path / f"sent{FORMATS[form].suffix}"
+    first = write(path, form), path.read_bytes()
+    assert (write(path, form), path.read_bytes()) == first
+
+
+# ---- C --------------------
+
+MAIN = """
+#include <stdio.h>
+#include "my-sent.h"
+int main(void)
+{
+    unsigned long k;
+    printf("%d %.17g\\n", MY_SENT_SAMPLES, MY_SENT_PERIOD_S);
+    for (k = 0; k < MY_SENT_SAMPLES; k++) {
+        printf("%.17g %.17g\\n", my_sent_reference_1_deg[k], my_sent_command_2[k]);
+    }
+    for (k = 0; k < MY_SENT_REFERENCE_1_DEG_CHANGES; k++) {
+        printf("%.17g %.17g\\n", my_sent_reference_1_deg_change_s[k], my_sent_reference_1_deg_change[k]);
+    }
+    return 0;
+}
+"""  # noqa: E501
+
+
+@needs_gcc
+def test_a_strict_c99_compiler_takes_the_header_and_prints_the_numbers(tmp_path: Path) -> None:
+    sent = columns()
+    write(tmp_path / "my-sent.h", "h")
+    (tmp_path / "main.c").write_text(MAIN)
+    for flags in (["-O0"], ["-O2", "-include", "my-sent.h"]):  # included twice: the guard holds
+        done = subprocess.run(
+            [
+                "gcc",
+                "-std=c99",
+                "-Wall",
+                "-Wextra",
+                "-pedantic",
+                "-Werror",
+                *flags,
+                "main.c",
+                "-o",
+                "main",
+            ],
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+        )
+        assert done.returncode == 0, done.stderr
+    lines = subprocess.run(
+        [tmp_path / "main"], capture_output=True, text=True, check=True
+    ).stdout.splitlines()
+    assert lines[0].split() == ["2000", "0.0030000000000000001"]
+    numbers = np.array([line.split() for line in lines[1:]], dtype=float)
+    assert np.array_equal(numbers[:2000], np.stack(list(sent.values()), axis=1))
+    at = change_points(sent["reference_1_deg"])
+    assert np.array_equal(
+        numbers[2000:], np.stack([PERIOD * at, sent["reference_1_deg"][at]], axis=1)
+    )
+    text = (tmp_path / "my-sent.h").read_text()
+    assert "in deg, one value per sample" in text and "no unit" in text
+
+
+# ---- structured text --------------------
+
+
+def parsed(text: str) -> dict[str, Any]:
+    """Constants of a VAR_GLOBAL block: numbers, times in s and arrays of them, counted against
+    their bounds."""
+    body = re.sub(r"\(\*.*?\*\)", "", text, flags=re.DOTALL)
+    inside = re.fullmatch(r"\s*VAR_GLOBAL CONSTANT(.*)END_VAR\s*", body, flags=re.DOTALL)
+    assert inside is not None
+    found: dict[str, Any] = {}
+    for statement in filter(str.strip, inside.group(1).split(";")):
+        declared = re.fullmatch(
+            r"\s*([A-Za-z][A-Za-z0-9]*(?:_[A-Za-z0-9]+)*) : (.*?) := (.*)",
+            statement,
+            flags=re.DOTALL,
+        )
+        assert declared is not None, statement
+        name, kind, value = declared.groups()
+        array = re.fullmatch(r"ARRAY\[1\.\.(\d+)\] OF (\w+)", kind)
+        if array is None:
+            found[name] = literal(kind, value)
+            continue
+        items = value.strip().removeprefix("[").removesuffix("]").split(",")
+        assert len(items) == int(array.group(1))
+        found[name] = np.array([literal(array.group(2), item) for item in items])
+    return found
+
+
+def literal(kind: str, text: str) -> float:
+    text = text.strip()
+    if kind == "DINT":
+        return int(text)
+    if kind == "REAL":
+        assert re.fullmatch(r"-?\d+\.\d+(E-?\d+)?", text), text
+        return float(np.float32(text))
+    number = re.fullmatch({"TIME": r"T#(\d+)ms", "LTIME": r"LTIME#(\d+)ns"}[kind], text)
+    assert number is not None, text
+    return int(number.group(1)) * {"TIME": 1e-3, "LTIME": 1e-9}[kind]
+
+
+@pytest.mark.parametrize("period_s", [0.003, 0.0005, 1.0 / 3000.0])
+def test_the_change_points_of_the_plc_play_the_signal(period_s: float, tmp_path: Path) -> None:
+    sent = columns()
+    write(tmp_path / "sent.st", "st", sent, period_s)
+    text = (tmp_path / "sent.st").read_text()
+    assert ("LTIME" in text) == (period_s != 0.003) and "in deg" in text
+    found = parsed(text)
+    assert found["sent_end"] == pytest.approx(2000 * period_s, abs=1e-9)
+    middle = period_s * (np.arange(2000) + 0.5)
+    for column, samples in sent.items():
+        times, values = found[f"sent_{column}_time"], found[f"sent_{column}_value"]
+        assert found[f"sent_{column}_count"] == times.size == values.size and times[0] == 0.0
+        played = values[np.searchsorted(times, middle, side="right") - 1]
+        assert np.array_equal(played, samples.astype(np.float32))
+    assert found["sent_reference_1_deg_count"] < 15
+
+
+def test_reals_have_a_point_whatever_their_size(tmp_path: Path) -> None:
+    values = np.array([0.0, 1.0, -2.5e-7, 1e12, 123456789.0, -0.1] + [0.0] * 10)
+    write(tmp_path / "sent.st", "st", {"force_n": values})
+    np.testing.assert_array_equal(
+        parsed((tmp_path / "sent.st").read_text())["sent_force_n_value"],
+        values[:7].astype(np.float32),
+    )
+
+
+# ---- beside them --------------------
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_the_note_holds_what_is_needed_to_play_it(form: str, tmp_path: Path) -> None:
+    path = tmp_path / f"sent{FORMATS[form].suffix}"
+    assert (
+        frame.run(
+            [
+                "generate-aprbs",
+                "--signal",
+                "prbs",
+                "--duration",
+                "20",
+                "--seed",
+                "6",
+                "--rate-limit",
+                "900",
+                "--format",
+                form,
+                "--output",
+                str(path),
+            ]
+        )
+        == 0
+    )
+    note = json.loads(path.with_suffix(".json").read_text())
+    assert note["schema"] == "pamid.excitation/1" and note["generator"].startswith("pamid ")
+    assert (
+        note["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
+        and note["file"] == path.name
+    )
+    assert note["signal"] == "prbs" and note["hold_s"] == [0.1, 1.0] and note["seed"] == 6
+    assert (
+        note["range"] == [-40.0, 40.0]
+        and note["unit"] == "deg"
+        and note["rate_limit_per_s"] == 900.0
+    )
+    assert note["sampling_period_s"] == PERIOD and note["samples"] == 6667
+    if form == "csv":
+        assert "format" not in note
+    else:
+        assert note["format"] == form and note["interpolation"].startswith("hold")
+    assert ("Interpolate data" in note.get("interpolation", "")) == (form in ("mat", "mat-matrix"))
+
+
+def test_the_csv_has_nine_digits_and_mat_has_all(tmp_path: Path) -> None:
+    from scipy.io import loadmat
+
+    sent = columns()
+    write(tmp_path / "a.csv", "csv")
+    write(tmp_path / "a.mat", "mat-matrix")
+    read = read_recording(tmp_path / "a.csv").columns["command_2"]
+    assert not np.array_equal(read, sent["command_2"])
+    np.testing.assert_allclose(read, sent["command_2"], rtol=1e-8)
+    assert np.array_equal(loadmat(tmp_path / "a.mat")["excitation"][:, 2], sent["command_2"])
+
+
+def test_an_experiment_goes_into_every_format_with_its_settings(tmp_path: Path) -> None:
+    path = tmp_path / "pulses.mat"
+    assert frame.run(["generate-aprbs", "--experiment", "valve-pulses", "--output", str(path)]) == 0
+    assert 'loop = "open"' in path.with_suffix(".toml").read_text()
+    assert json.loads(path.with_suffix(".json").read_text())["experiment"] == "valve-pulses"
+
+
+@pytest.mark.parametrize("form", FORMATS)
+def test_what_is_not_finite_is_never_written(form: str, tmp_path: Path) -> None:
+    for wrong in (np.nan, np.inf):
+        with pytest.raises(FileError, match="not finite"):
+            write(
+                tmp_path / f"sent{FORMATS[form].suffix}",
+                form,
+                {"force_n": np.array([0.0, wrong, 1.0])},
+            )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_names_that_a_language_cannot_tell_apart_are_refused(tmp_path: Path) -> None:
+    zeros = np.zeros(60)
+    for form in ("mat", "st", "h"):
+        with pytest.raises(FileError, match="same name"):
+            write(
+                tmp_path / f"sent{FORMATS[form].suffix}", form, {"force_n": zeros, "Force n": zeros}
+            )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_all_or_none(tmp_path: Path) -> None:
+    old, new, taken = tmp_path / "old.csv", tmp_path / "new.toml", tmp_path / "taken.json"
+    old.write_bytes(b"former")
+    taken.mkdir()
+    with pytest.raises(FileError):
+        write_together({old: b"later", new: b"new", taken: b"cannot be"})
+    assert (
+        old.read_bytes() == b"former"
+        and not new.exists()
+        and sorted(tmp_path.iterdir()) == [old, taken]
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "chosen", "found"),
+    [
+        ("a.csv", None, "csv"),
+        ("a.MAT", None, "mat"),
+        ("a.mat", "mat-file", "mat-file"),
+        ("a.st", None, "st"),
+        ("a.h", None, "h"),
+        ("a.txt", None, "csv"),
+        ("a.txt", "st", "st"),
+    ],
+)
+def test_the_suffix_or_the_option_chooses(name: str, chosen: str | None, found: str) -> None:
+    assert format_of(Path(name), chosen) == found
+
+
+def test_an_option_against_the_suffix_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(UsageError, match=r"mat does not go into a \.csv"):
+        format_of(Path("a.csv"), "mat")
+    assert frame.run(["generate-aprbs", "--format", "h", "--output", str(tmp_path / "a.mat")]) == 2
+    assert "a.h" in capsys.readouterr().err and list(tmp_path.iterdir()) == []
+
+
+def test_the_command_offers_every_format() -> None:
+    from cli.generate_aprbs import FORMATS as OFFERED
+
+    assert tuple(FORMATS) == OFFERED
+
+
+def test_a_toml_that_is_left_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "sent.csv"
+    assert (
+        frame.run(
+            [
+                "generate-aprbs",
+                "--signal",
+                "torque-loops",
+                "--pressure",
+                "200",
+                "--output",
+                str(path),
+            ]
+        )
+        == 0
+    )
+    capsys.readouterr()
+    assert (
+        frame.run(["generate-aprbs", "--duration", "20", "--output", str(path), "--overwrite"]) == 0
+    )
+    assert "sent.toml was there before" in capsys.readouterr().out

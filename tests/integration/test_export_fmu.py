@@ -1,0 +1,335 @@
+"""The exported FMUs, judged by FMPy: valid, equal to pamid at 3 ms and at 10 ms, rewound bit by
+bit."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import re
+import shutil
+import subprocess
+import zipfile
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from exported import PERIOD_S, Array, Case, case, simulated
+from pamid_cli import frame
+
+from pamid.export.c_source import asset, model_name
+from pamid.export.fmu import Fmu, make_fmu
+from pamid.export.step import step_of
+
+fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed (pip install 'pamid[verify]')")
+
+needs_gcc = pytest.mark.skipif(shutil.which("gcc") is None, reason="there is no gcc")
+SEVERAL = "several effects, two steps"
+HEADERS = {
+    "fmi2FunctionTypes.h": "756da446057a5a6dec47a5938e099ba3a9b1882326672b393c6f7dd8571e3456",
+    "fmi2Functions.h": "9df3cb9d50d810ef993e1fc2925d19b5886e08809b31ac10de361ceeba62ad1a",
+    "fmi2TypesPlatform.h": "50a180641623f47f2e48fc445707549ce4ec2e27358e2451a2dad5b6dfc55287",
+    "fmi3FunctionTypes.h": "77bb086dbf9b9123f75edc2a90a0f27fb5c32f913ab3f9b69fe2e2cbc2448b24",
+    "fmi3Functions.h": "6367e9f7895848ed8d06c8a9b7f77e72d9f3eae102f64c313d51c10049b720ee",
+    "fmi3PlatformTypes.h": "19ea19ae07cdab582931fc1a545d9aeef3d5066da131ee96a7e393e72164fa30",
+}
+
+
+@cache
+def fmu_of(name: str, version: int, compiler: str | None = None) -> Fmu:
+    return make_fmu(step_of(case(name, 1).model), version, compiler=compiler)
+
+
+class Slave:
+    """One running FMU behind the same few verbs for both versions."""
+
+    def __init__(
+        self,
+        name: str,
+        version: int,
+        folder: Path,
+        *,
+        start: float = 0.0,
+        changed: dict[str, float] | None = None,
+    ) -> None:
+        from fmpy.fmi2 import FMU2Slave
+        from fmpy.fmi3 import FMU3Slave
+
+        folder.mkdir(exist_ok=True)
+        path = folder / "model.fmu"
+        path.write_bytes(fmu_of(name, version).data)
+        self.description = fmpy.read_model_description(str(path))
+        self.places = {v.name: v.valueReference for v in self.description.modelVariables}
+        self.fmu = (FMU2Slave if version == 2 else FMU3Slave)(
+            guid=self.description.guid,
+            unzipDirectory=fmpy.extract(str(path), str(folder / "unzipped")),
+            modelIdentifier=self.description.coSimulation.modelIdentifier,
+            instanceName="one",
+        )
+        self.fmu.instantiate()
+        self.put: Callable[[Any, Any], None] = (
+            self.fmu.setReal if version == 2 else self.fmu.setFloat64
+        )
+        self.get: Callable[[Any], Any] = self.fmu.getReal if version == 2 else self.fmu.getFloat64
+        for key, value in (changed or {}).items():
+            self.put([self.places[key]], [value])
+        if version == 2:
+            self.fmu.setupExperiment(startTime=start)
+            self.fmu.enterInitializationMode()
+        else:
+            self.fmu.enterInitializationMode(startTime=start)
+        self.fmu.exitInitializationMode()
+        self.inputs = [
+            v.valueReference for v in self.description.modelVariables if v.causality == "input"
+        ]
+        self.outputs = [
+            v.valueReference for v in self.description.modelVariables if v.causality == "output"
+        ]
+
+    def run(
+        self, inputs: Array, step: float = PERIOD_S, start: float = 0.0, ahead: bool = False
+    ) -> Array:
+        """Outputs of every communication step, read before it or (ahead) after it."""
+        found = np.empty((len(inputs), len(self.outputs)))
+        for k, row in enumerate(inputs.tolist()):
+            self.put(self.inputs, row)
+            if not ahead:
+                found[k] = self.get(self.outputs)
+            self.fmu.doStep(start + k * step, step)
+            if ahead:
+                found[k] = self.get(self.outputs)
+        return found
+
+
+@pytest.fixture(params=[2, 3], ids=["fmi2", "fmi3"])
+def version(request: pytest.FixtureRequest) -> Iterator[int]:
+    yield request.param
+
+
+@needs_gcc
+@pytest.mark.parametrize("name", [SEVERAL, "arm", "kettle", "implicit", "network"])
+def test_valid_in_the_eyes_of_fmpy(name: str, version: int, tmp_path: Path) -> None:
+    from fmpy.validation import validate_fmu
+
+    (tmp_path / "model.fmu").write_bytes(fmu_of(name, version).data)
+    assert validate_fmu(str(tmp_path / "model.fmu")) == []
+
+
+@needs_gcc
+def test_equal_to_pamid_over_a_recording(version: int, tmp_path: Path) -> None:
+    c = case(SEVERAL, 66667)
+    assert c.error(Slave(SEVERAL, version, tmp_path).run(c.inputs)) < 1e-12
+
+
+@needs_gcc
+@pytest.mark.parametrize("name", ["implicit", "cart", "network"])
+def test_equal_to_pamid(name: str, version: int, tmp_path: Path) -> None:
+    c = case(name, 5000)
+    assert c.error(Slave(name, version, tmp_path).run(c.inputs)) < 1e-12
+
+
+@needs_gcc
+def test_a_host_that_steps_by_10_ms(version: int, tmp_path: Path) -> None:
+    """Its inputs hold for 10 ms, the model goes on in samples of 3 ms, and time does not begin at
+    0."""
+    # samples until the end of every step
+    hosts, n = case(SEVERAL, 2000).inputs, np.arange(1, 2001) * 10 // 3
+    within = np.searchsorted(n, np.arange(n[-1] + 1), side="right").clip(max=len(n) - 1)
+    fine = simulated(case(SEVERAL, 1).model, hosts[within])
+    found = Slave(SEVERAL, version, tmp_path, start=7.0).run(hosts, 0.01, 7.0, ahead=True)
+    assert Case(case(SEVERAL, 1).model, hosts, fine[n]).error(found) < 1e-12
+
+
+@needs_gcc
+def test_an_output_that_hangs_on_an_input(version: int, tmp_path: Path) -> None:
+    """Before a step it is that of the inputs just set, after it that of those held."""
+    c = case("kettle", 400)
+    slave = Slave("kettle", version, tmp_path / "a")
+    assert c.error(slave.run(c.inputs)) < 1e-12
+    after = Slave("kettle", version, tmp_path / "b").run(c.inputs, ahead=True)
+    assert np.allclose(after[:-1, 0], c.outputs[1:, 0], rtol=1e-12) and np.array_equal(
+        after[:, 1], c.inputs[:, 0]
+    )
+    structure = {
+        o.variable.name: [v.name for v in o.dependencies] for o in slave.description.outputs
+    }
+    assert structure == {"water_degc": [], "int_w": ["power_w"]}
+
+
+@needs_gcc
+def test_a_state_brings_back_every_bit(version: int, tmp_path: Path) -> None:
+    c, slave = case(SEVERAL, 2000), Slave(SEVERAL, version, tmp_path)
+    take, put, free = (
+        ("getFMUstate", "setFMUstate", "freeFMUstate")
+        if version == 2
+        else ("getFMUState", "setFMUState", "freeFMUState")
+    )
+    pack, unpack = (
+        ("serializeFMUstate", "deSerializeFMUstate")
+        if version == 2
+        else ("serializeFMUState", "deserializeFMUState")
+    )
+    slave.run(c.inputs[:1000])
+    state = getattr(slave.fmu, take)()
+    packed = getattr(slave.fmu, pack)(state)
+    first = slave.run(c.inputs[1000:], start=3.0)
+    getattr(slave.fmu, put)(state)
+    assert np.array_equal(slave.run(c.inputs[1000:], start=3.0), first)
+    again = getattr(slave.fmu, unpack)(packed)
+    getattr(slave.fmu, put)(again)
+    assert np.array_equal(slave.run(c.inputs[1000:], start=3.0), first)
+    for one in (state, again):
+        getattr(slave.fmu, free)(one)
+    with pytest.raises(Exception, match="doStep|DoStep"):
+        slave.fmu.doStep(0.0, PERIOD_S)  # back in time without a state
+    slave.fmu.reset()
+    if version == 2:
+        slave.fmu.setupExperiment(startTime=0.0)
+        slave.fmu.enterInitializationMode()
+    else:
+        slave.fmu.enterInitializationMode(startTime=0.0)
+    slave.fmu.exitInitializationMode()
+    assert c.error(slave.run(c.inputs)) < 1e-12
+
+
+@needs_gcc
+def test_parameters_before_and_while_it_runs(version: int, tmp_path: Path) -> None:
+    c = case(SEVERAL, 600)
+    lower = c.model.knowing({"initial_pressure_kpa": 400.0})
+    heavy = lower.knowing({"inertia_kg_m2": 0.5})
+    slave = Slave(SEVERAL, version, tmp_path, changed={"initial_pressure_kpa": 400.0})
+    assert (
+        Case(lower, c.inputs[:300], simulated(lower, c.inputs[:300])).error(
+            slave.run(c.inputs[:300])
+        )
+        < 1e-12
+    )
+    slave.put([slave.places["inertia_kg_m2"]], [0.5])
+    run = {"period_s": PERIOD_S, "stepping": lower.stepping}
+    memory = lower.program.memory(lower.start, **run)
+    lower.program.run(memory, c.inputs[:300], lower.values, **run)
+    wanted = lower.program.run(memory, c.inputs[300:], heavy.values, time_s=0.9, **run)[0]
+    found = slave.run(c.inputs[300:], start=0.9)
+    assert np.allclose(found[:, 0], np.degrees(wanted[:, 0]), rtol=1e-10, atol=1e-10)
+    assert np.abs(wanted[:, 0] - simulated(lower, c.inputs)[300:, 0] * np.pi / 180.0).max() > 1e-3
+
+
+@needs_gcc
+def test_units_are_real(version: int, tmp_path: Path) -> None:
+    """Factor, offset and exponents lead to SI; the step is the sample, which hosts take it for."""
+    with zipfile.ZipFile(io.BytesIO(fmu_of("kettle", version).data)) as file:
+        root = ElementTree.fromstring(file.read("modelDescription.xml"))
+    units = {u.attrib["name"]: dict(u[0].attrib) for u in root.iter("Unit")}
+    assert units["degC"] == {"K": "1", "offset": "273.15"} and units["W"] == {
+        "kg": "1",
+        "m": "2",
+        "s": "-3",
+    }
+    assert root.find("DefaultExperiment").attrib["stepSize"] == "0.003"  # type: ignore[union-attr]
+    with zipfile.ZipFile(io.BytesIO(fmu_of(SEVERAL, version).data)) as file:
+        root = ElementTree.fromstring(file.read("modelDescription.xml"))
+    units = {u.attrib["name"]: dict(u[0].attrib) for u in root.iter("Unit")}
+    assert units["deg"] == {"rad": "1", "factor": "0.017453292519943295"}
+    assert units["kPa"] == {"kg": "1", "m": "-1", "s": "-2", "factor": "1000.0"}
+    slave = Slave(SEVERAL, version, tmp_path)
+    about = {v.name: v for v in slave.description.modelVariables}
+    assert (
+        about["angle_deg"].unit,
+        about["command"].unit,
+        about["coulomb-friction:torque_n_m"].unit,
+    ) == ("deg", None, "N m")
+    assert (about["inertia_kg_m2"].start, about["inertia_kg_m2"].variability) == (
+        "0.014",
+        "tunable",
+    )
+    assert about["inertia_kg_m2"].description == "first paper, Jn"
+
+
+@needs_gcc
+@pytest.mark.parametrize("name", ["implicit", "kettle"])
+def test_sources_compile_without_warnings(name: str, version: int, tmp_path: Path) -> None:
+    step, names = (
+        step_of(case(name, 1).model),
+        [n for n in HEADERS if n.startswith(f"fmi{version}")],
+    )
+    with zipfile.ZipFile(io.BytesIO(fmu_of(name, version, "").data)) as file:
+        file.extractall(tmp_path)
+    sources = tmp_path / "sources"
+    for header in names:
+        (tmp_path / header).write_text(asset(header))
+    done = subprocess.run(
+        [
+            "gcc",
+            "-std=c99",
+            "-Wall",
+            "-Wextra",
+            "-pedantic",
+            "-Werror",
+            "-O2",
+            "-fPIC",
+            "-shared",
+            "-I",
+            tmp_path,
+            *sorted(sources.glob("*.c")),
+            "-lm",
+            "-o",
+            tmp_path / "model.so",
+        ],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    shim = (sources / f"fmi{version}.c").read_text()
+    declared = set(
+        re.findall(
+            rf"FMI{version}_Export \w+TYPE +(\w+)",
+            re.sub(r"\s+", " ", asset(f"fmi{version}Functions.h")),
+        )
+    )
+    defined = set(re.findall(rf"^[\w* ]*?\b(fmi{version}\w+)\(", shim, re.MULTILINE))
+    assert declared == defined and len(declared) > 40
+    assert model_name(step) in shim + (sources / "fmu.h").read_text()
+
+
+def test_without_a_compiler_the_sources_are_shipped(version: int) -> None:
+    plain, failed = fmu_of("kettle", version, ""), fmu_of("kettle", version, "false")
+    assert plain.data == failed.data and (plain.binary, failed.binary) == ("", "")
+    assert "no C compiler" in plain.why and "false failed" in failed.why
+    with zipfile.ZipFile(io.BytesIO(plain.data)) as file:
+        assert not [n for n in file.namelist() if n.startswith("binaries")]
+        assert "sources/pamid_kettle.c" in file.namelist()
+
+
+@needs_gcc
+def test_the_same_model_gives_the_same_file(version: int) -> None:
+    assert (
+        make_fmu(step_of(case("kettle", 1).model), version).data == fmu_of("kettle", version).data
+    )
+
+
+def test_the_command_says_how_to_build(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(
+        "pamid.correction.identified_model.load_identified",
+        lambda *_, **__: case("kettle", 1).model,
+    )
+    monkeypatch.setattr("shutil.which", lambda *_: None)
+    path = tmp_path / "kettle.fmu"
+    assert frame.run(["export", "run", "--to", "fmu3", "--output", str(path)]) == 0
+    told = capsys.readouterr()
+    assert "no C compiler" in told.err and "fmpy compile" in told.err and str(path) in told.out
+    with zipfile.ZipFile(path) as file:
+        assert b'fmiVersion="3.0"' in file.read("modelDescription.xml")
+
+
+def test_the_headers_are_those_of_the_standard() -> None:
+    for name, sha256 in HEADERS.items():
+        assert hashlib.sha256(asset(name).encode()).hexdigest() == sha256
+        assert (Path(fmpy.__file__).parent / "c-code" / name).read_text() == asset(name)
+    assert "2-Clause" in asset("fmi3Functions.h") and "Redistribution and use" in asset(
+        "FMI-LICENSE.txt"
+    )

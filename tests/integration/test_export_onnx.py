@@ -1,0 +1,328 @@
+"""ONNX files against what they stand for: onnxruntime over long runs, the reference evaluator
+sample by sample."""
+
+from __future__ import annotations
+
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from identified_runs import (
+    PERIOD_S,
+    RANGES,
+    SEEN,
+    fitted_run,
+    joint_recording,
+    put_network,
+    random_network,
+)
+
+from pamid.base.errors import FileError, UsageError
+from pamid.base.files import sha256_of
+from pamid.base.units import as_column, split_column, to_si
+from pamid.correction.identified_model import Identified, load_identified, simulate_identified
+from pamid.engine.program import Stepping
+from pamid.excitation.aprbs import aprbs
+from pamid.model.assembly import Assembly
+from pamid.model.registry import rig_named
+from pamid.networks.anfis import Anfis
+from pamid.networks.elman import Elman
+from pamid.networks.narx import Narx
+from pamid.networks.network import Network
+from pamid.recording.recording import Recording
+from pamid.simulation.virtual_rig import attach_specs
+
+onnx = pytest.importorskip("onnx", reason="pip install 'pamid[onnx]'")
+ort = pytest.importorskip("onnxruntime", reason="pip install 'pamid[verify]'")
+
+from pamid.export.onnx_model import network_onnx_bytes, onnx_bytes, write_network_onnx, write_onnx  # noqa: E402
+
+LONG = 66667  # samples: 200 s at 3 ms
+CLOSE = 1e-9  # of each channel's span
+FILES = Path(__file__).parents[1] / "rigs"
+LOOP = tuple(name for name in RANGES if name not in SEEN[1:] and name != "command")
+
+
+def start_of(content: bytes) -> np.ndarray:
+    return np.array(
+        json.loads({p.key: p.value for p in onnx.load_from_string(content).metadata_props}["start"])
+    )
+
+
+def session(content: bytes) -> Any:
+    options = ort.SessionOptions()
+    options.intra_op_num_threads = options.inter_op_num_threads = 1
+    return ort.InferenceSession(content, options, providers=["CPUExecutionProvider"])
+
+
+def run_whole(
+    content: bytes, u: np.ndarray, state: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Outputs and last state of a run file under onnxruntime; inputs in the columns' units."""
+    found = session(content).run(
+        None, {"inputs": u, "state": start_of(content) if state is None else state}
+    )
+    return found[0], found[1]
+
+
+def run_cell(content: bytes, u: np.ndarray) -> np.ndarray:
+    """Outputs of a cell file, sample by sample, under the reference evaluator."""
+    from onnx.reference import ReferenceEvaluator
+
+    cell, state, found = ReferenceEvaluator(onnx.load_from_string(content)), start_of(content), []
+    for row in u:
+        outputs, state = cell.run(None, {"inputs": row, "state": state})
+        found.append(outputs)
+    return np.array(found)
+
+
+def outputs_of(model: Identified, u: np.ndarray) -> np.ndarray:
+    """What the export has to give: inputs and outputs in the units of their columns."""
+    si = np.stack([to_si(u[:, i], split_column(n)[1]) for i, n in enumerate(model.inputs)], axis=1)
+    Y = simulate_identified(model, si)
+    return np.stack(
+        [Y[:, i] / to_si(1.0, split_column(n)[1]) for i, n in enumerate(model.outputs)], axis=1
+    )
+
+
+def assert_close(found: np.ndarray, wanted: np.ndarray, share: float = CLOSE) -> None:
+    span = np.ptp(wanted, axis=0)
+    assert (span > 0.0).all() and np.isfinite(wanted).all()
+    worst = (np.abs(found - wanted) / span).max()
+    assert worst < share, f"off by {worst:.2e} of the span"
+
+
+# ---- networks by themselves --------------------
+
+NETWORKS: list[Network] = [
+    Elman(5, 10),
+    Elman(5, 1),
+    Narx(5, 10),
+    Narx(5, 4, 0, 1, 1),
+    Narx(5, 4, 1, 2, 1),
+    Anfis(5, 2),
+    Anfis(5, 2, "bell"),
+]
+
+
+@pytest.fixture(scope="module")
+def signals() -> np.ndarray:
+    """200 s of what a network in the control loop is given, beyond its scaling's range at times."""
+    drawn = [aprbs(200.0, PERIOD_S, 1.1, seed=k)[:LONG] for k in range(len(LOOP))]
+    low, high = np.array([RANGES[n] for n in LOOP]).T
+    return np.ascontiguousarray(0.5 * (low + high) + 0.5 * (high - low) * np.stack(drawn, axis=1))
+
+
+@pytest.mark.parametrize("network", NETWORKS, ids=repr)
+def test_a_network_over_200_seconds(network: Network, signals: np.ndarray) -> None:
+    trained = random_network(network, LOOP, "angle_deg", 2.0)
+    wanted = trained.predict(signals)[:, None]
+    run, cell = network_onnx_bytes(trained)
+    first, between = run_whole(run, signals[:41])
+    rest, _ = run_whole(run, signals[41:], between)  # a run may be cut anywhere
+    assert_close(np.concatenate([first, rest]), wanted, 1e-12)
+    np.testing.assert_allclose(run_cell(cell, signals[:60]), wanted[:60], rtol=0.0, atol=1e-12)
+
+
+def test_what_the_numbers_of_a_network_mean(tmp_path: Path) -> None:
+    trained = random_network(Elman(5, 3), LOOP, "angle_deg", 2.0)
+    for path in write_network_onnx(trained, tmp_path / "net.onnx"):
+        told = {p.key: p.value for p in onnx.load(path).metadata_props}
+        assert (told["schema"], told["network"], json.loads(told["dt_s"])) == (
+            "pamid.onnx/1",
+            "elman",
+            PERIOD_S,
+        )
+        assert json.loads(told["inputs"])[3] == {"name": "velocity_loop_deg_per_s", "unit": "deg/s"}
+        assert json.loads(told["inputs"])[1] == {"name": "command_loop", "unit": ""}
+        assert json.loads(told["outputs"]) == [{"name": "angle_deg", "unit": "deg"}]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["net-cell.onnx", "net.onnx"]
+
+
+# ---- models --------------------
+
+EXPLICIT, TWICE, IMPLICIT = Stepping(1), Stepping(2), Stepping(1, implicit=True)
+
+
+def model_of(rig: str, effects: tuple[str, ...], stepping: Stepping) -> Identified:
+    """A rig with effects at these values, its background a little off."""
+    made = rig_named(rig)
+    chosen = attach_specs(made, effects)
+    assembly = Assembly(made, tuple(a for a, _ in chosen), background=True)
+    p = assembly.values()
+    for a, values in chosen:
+        for name, value in values.items():
+            i = assembly.index_of(f"{a.label}:{name}")
+            p[i] = value * assembly.parameters[i].factor
+    for k, (i, b) in enumerate((i, b) for i, b in enumerate(assembly.parameters) if b.nuisance):
+        p[i] = 0.3 * (-1) ** k * b.spread
+    return Identified(made.name, assembly, p, PERIOD_S, stepping)
+
+
+def joint_inputs(samples: int) -> np.ndarray:
+    return np.stack(
+        [
+            0.6 * aprbs(0.003 * samples + 4.0, PERIOD_S, 1.0, seed=2)[:samples],
+            0.5 * np.sin(0.01 * np.arange(samples)),
+        ],
+        axis=1,
+    )
+
+
+@pytest.mark.parametrize(
+    ("effects", "stepping"),
+    [
+        ((), EXPLICIT),
+        (("coulomb-friction:torque_n_m=0.4",), TWICE),
+        (("coulomb-friction:torque_n_m=0.4",), IMPLICIT),
+        (("dead-time:delay_s=0.0125",), EXPLICIT),
+        (("dead-time:delay_s=0.0125", "tube-lag:time_constant_s=0.02"), TWICE),
+        (("lugre-friction:torque_n_m=0.3", "muscle-creep"), EXPLICIT),
+        (("bouc-wen-hysteresis",), IMPLICIT),
+        (("angle-sensor-lag:time_constant_s=0.01", "gravity"), TWICE),
+        (("pwm-quantisation", "clock-skew"), EXPLICIT),
+        (("two-mass",), Stepping(2, implicit=True)),
+    ],
+    ids=repr,
+)
+def test_every_kind_of_memory_and_step(effects: tuple[str, ...], stepping: Stepping) -> None:
+    """Plays, bristles, lags, delay lines, integrals, the ticks; explicit and implicit, one and two
+    steps a sample."""
+    model, u = (
+        model_of("one-dof", effects, stepping),
+        joint_inputs(80 if stepping.implicit else 300),
+    )
+    run, cell = onnx_bytes(model)
+    wanted = outputs_of(model, u)
+    assert_close(run_whole(run, u)[0], wanted)
+    np.testing.assert_allclose(run_cell(cell, u[:5]), wanted[:5], rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("rig", ["carts.py", "tanks.py"])
+def test_a_rig_of_ones_own_over_200_seconds(rig: str) -> None:
+    model = model_of(str(FILES / rig), (), EXPLICIT)
+    u = np.stack(
+        [
+            0.2 * (1.0 + aprbs(201.0, PERIOD_S, 1.0, seed=k)[:LONG])
+            for k in range(len(model.inputs))
+        ],
+        axis=1,
+    )
+    assert_close(run_whole(onnx_bytes(model)[0], u)[0], outputs_of(model, u))
+
+
+@pytest.mark.slow
+def test_a_joint_over_200_seconds() -> None:
+    model = model_of(
+        "one-dof", ("coulomb-friction:torque_n_m=0.4", "dead-time:delay_s=0.01"), EXPLICIT
+    )
+    u = joint_inputs(LONG)
+    assert_close(run_whole(onnx_bytes(model)[0], u)[0], outputs_of(model, u))
+
+
+# ---- what a run found --------------------
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Recording]:
+    folder = tmp_path_factory.mktemp("joint")
+    recording = joint_recording(folder)
+    fitted_run(folder / "run", recording.path, ("coulomb-friction",))
+    return folder / "run", recording
+
+
+def commands(recording: Recording, samples: int = 400) -> np.ndarray:
+    return np.stack([recording.signal("command"), np.zeros(len(recording))], axis=1)[:samples]
+
+
+NETWORKS_OF_RUNS: list[tuple[Network, str, dict[str, Any]]] = [
+    (Elman(3, 4), "angle_deg", {}),
+    (Narx(3, 3, 2, 2, 5), "force_1_n", {}),
+    (Anfis(3, 3), "pressure_2_kpa", {}),
+    (
+        Elman(3, 4),
+        "missing_nm",
+        {"enters": {"port": "joint"}, "parameters": {"viscous_n_m_s": 0.05}},
+    ),
+    (Narx(3, 3, 2, 2, 5), "missing_n", {"enters": {"port": "muscle_2"}, "parameters": {}}),
+]
+
+
+@pytest.mark.parametrize(("network", "output", "about"), NETWORKS_OF_RUNS, ids=repr)
+def test_a_model_with_a_network(
+    found: tuple[Path, Recording], network: Network, output: str, about: dict[str, Any]
+) -> None:
+    """Behind a channel or at a port, the network is part of the sample."""
+    folder, recording = found
+    put_network(folder, random_network(network, SEEN, output, 2.0), **about)
+    model, u = load_identified(folder), commands(recording)
+    run, cell = onnx_bytes(model)
+    wanted = outputs_of(model, u)
+    assert np.abs(wanted - outputs_of(load_identified(folder, which="refitted"), u)).max() > 0.1
+    assert_close(run_whole(run, u)[0], wanted)
+    np.testing.assert_allclose(run_cell(cell, u[:8]), wanted[:8], rtol=1e-12, atol=1e-12)
+
+
+def test_a_network_in_steps_of_half_a_sample(found: tuple[Path, Recording]) -> None:
+    """It holds its value over the sample, whatever the steps are."""
+    folder, recording = found
+    put_network(
+        folder,
+        random_network(Elman(3, 4), SEEN, "missing_nm", 2.0),
+        enters={"port": "joint"},
+        parameters={},
+    )
+    model, u = replace(load_identified(folder), stepping=TWICE), commands(recording)
+    assert_close(run_whole(onnx_bytes(model)[0], u)[0], outputs_of(model, u))
+
+
+def test_what_the_numbers_mean(found: tuple[Path, Recording], tmp_path: Path) -> None:
+    folder, _ = found
+    model = load_identified(folder, which="refitted")
+    for path in write_onnx(model, tmp_path / "joint.onnx"):
+        content = onnx.load(path)
+        told = {p.key: p.value for p in content.metadata_props}
+        assert (told["rig"], told["network"], told["fit_sha256"]) == (
+            "one-dof",
+            "",
+            sha256_of(folder / "fit.json"),
+        )
+        assert (
+            json.loads(told["effects"]) == ["coulomb-friction"]
+            and json.loads(told["dt_s"]) == PERIOD_S
+        )
+        assert json.loads(told["inputs"]) == [
+            {"name": "command", "unit": ""},
+            {"name": "external_torque_nm", "unit": "N m"},
+        ]
+        assert json.loads(told["outputs"])[:2] == [
+            {"name": "angle_deg", "unit": "deg"},
+            {"name": "pressure_1_kpa", "unit": "kPa"},
+        ]
+        assert len(json.loads(told["start"])) == sum(json.loads(told["state"]).values())
+        kinds = {
+            v.type.tensor_type.elem_type for v in (*content.graph.input, *content.graph.output)
+        }
+        assert kinds == {onnx.TensorProto.DOUBLE}
+        first = session(path.read_bytes())
+        assert first.get_modelmeta().custom_metadata_map["rig"] == "one-dof"
+    rest = as_column("pressure_1_kpa", model.start[2] - 101325.0)
+    u = np.zeros((2, 2))
+    assert run_whole((tmp_path / "joint.onnx").read_bytes(), u)[0][0, 1] == pytest.approx(rest)
+
+
+def test_what_cannot_be_written_is_refused(
+    found: tuple[Path, Recording], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, _ = found
+    put_network(folder, random_network(Elman(5, 3), LOOP, "angle_deg", 2.0), model="loop")
+    with pytest.raises(UsageError, match="its own control loop"):
+        write_onnx(load_identified(folder), tmp_path / "a.onnx")
+    monkeypatch.setitem(sys.modules, "onnx", None)
+    with pytest.raises(FileError, match=r"pip install 'pamid\[onnx\]'"):
+        write_onnx(load_identified(folder, which="refitted"), tmp_path / "a.onnx")
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,305 @@
+"""Pipes, devices, files without end and packed bombs, where data is expected: refused at once, with
+exit code 3."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import shutil
+import signal
+import struct
+import tracemalloc
+import zipfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pamid_cli import frame
+from small_cart import RIG, record_cart
+
+from pamid.base.errors import FileError
+from pamid.base.files import JSON, TABLE, TOML, read_data, read_lines, sha256_of
+from pamid.base.npz import load_arrays
+from pamid.parallel.store import Store
+
+
+@pytest.fixture(autouse=True)
+def _never_blocks() -> Iterator[None]:
+    """What waits for a pipe ends as a failure; a busy machine is given its time."""
+
+    def hangs(*_: object) -> None:
+        raise AssertionError("it waits for a file that never ends")
+
+    former = signal.signal(signal.SIGALRM, hangs)
+    signal.alarm(60)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, former)
+
+
+def pipe(path: Path) -> None:
+    os.mkfifo(path)
+
+
+def device(path: Path) -> None:
+    path.symlink_to("/dev/zero")
+
+
+def endless(path: Path) -> None:
+    """A terabyte of zeros that takes no room on the disk."""
+    with open(path, "wb") as file:
+        file.truncate(1 << 40)
+
+
+def folder(path: Path) -> None:
+    path.mkdir()
+
+
+NOT_FILES: dict[str, Callable[[Path], None]] = {
+    "pipe": pipe,
+    "device": device,
+    "too large": endless,
+    "folder": folder,
+}
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A recording of a cart and a run fitted to it, with a checkpoint."""
+    place = tmp_path_factory.mktemp("made")
+    record_cart(place)
+    assert (
+        frame.run(["fit", str(place / "rec.csv"), "--rig", RIG, "--output", str(place / "run")])
+        == 0
+    )
+    assert frame.run(
+        ["train-residual", str(place / "run"), "--hidden", "2", "--iterations", "1"]
+    ) in (0, 5)
+    return place
+
+
+@pytest.fixture
+def place(made: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of it, as working folder."""
+    shutil.copytree(made, tmp_path / "copy")
+    monkeypatch.chdir(tmp_path / "copy")
+    return tmp_path / "copy"
+
+
+def refused(capsys: pytest.CaptureFixture[str], words: list[str]) -> str:
+    capsys.readouterr()
+    assert frame.run([*words, "--json"]) == 3
+    said = json.loads(capsys.readouterr().out)
+    return str(said.get("message") or said["findings"])
+
+
+#: the file that is replaced, and a command that reads it
+READ = {
+    "rec.csv": ["check", "rec.csv"],
+    "rec.toml": ["fit", "rec.csv", "--rig", RIG, "--output", "other"],
+    "push.csv": ["simulate", "--rig", RIG, "--excitation", "push.csv", "--output", "sim.csv"],
+    "map.toml": ["ingest", "push.csv", "--mapping", "map.toml", "--output", "out.csv"],
+    "log.csv": ["ingest", "--guess", "log.csv", "--output", "guess.toml"],
+    "log.mat": ["ingest", "--guess", "log.mat", "--output", "guess.toml"],
+    "points.csv": ["force-law", "points.csv", "--output", "law"],
+    "run/fit.json": ["report", "run"],
+    "run/residual.csv": ["report", "run"],
+    "run/trace.csv": ["report", "run"],
+    "run/diagnosis.json": ["report", "run"],
+    "run/report.html": ["report", "run"],
+    "run/trial.json": ["report", "run"],
+    "run/network.json": ["export", "run", "--to", "c", "--output", "c", "--rig", RIG],
+    "run/network.npz": [
+        "simulate",
+        "--model",
+        "run",
+        "--rig",
+        RIG,
+        "--excitation",
+        "push.csv",
+        "--output",
+        "sim.csv",
+    ],
+    "run/checkpoint.npz": [
+        "train-residual",
+        "run",
+        "--hidden",
+        "2",
+        "--iterations",
+        "2",
+        "--resume",
+    ],
+    "pose/run.json": ["animate", "pose"],
+    "before/fit.json": ["fit", "rec.csv", "--rig", RIG, "--from", "before", "--output", "other"],
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        (name, kind)
+        for name in READ
+        for kind in NOT_FILES
+        # that is exit code 2
+        if (name, kind) != ("map.toml", "folder")
+    ],
+)
+def test_what_is_no_plain_file_is_refused_at_once(
+    name: str, kind: str, place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if name.startswith("before"):
+        shutil.copytree("run", "before")
+    path = Path(name)
+    path.parent.mkdir(exist_ok=True)
+    path.unlink(missing_ok=True)
+    NOT_FILES[kind](path)
+    said = refused(capsys, READ[name])
+    assert path.name in said and (kind in said or "no run.json" in said or "is a folder" in said), (
+        said
+    )
+    assert not Path("out.csv").exists() and not Path("sim.csv").exists()
+
+
+def test_settings_without_end_are_refused(place: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    endless(Path("pamid.toml"))
+    assert "too large" in refused(capsys, ["check", "rec.csv"])
+
+
+def test_a_bag_of_robots_with_a_pipe_in_it_is_refused(
+    place: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    Path("bag").mkdir()
+    Path("bag/metadata.yaml").write_text("rosbag2_bagfile_information: {}\n")
+    pipe(Path("bag/log.db3"))
+    assert "log.db3 is a pipe" in refused(capsys, ["ingest", "--guess", "bag"])
+
+
+def test_a_line_without_end_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name, head in (("rec.csv", b""), ("other.csv", b"time_s,angle_deg\n0,1\n")):
+        (tmp_path / name).write_bytes(head + b"1" * (4 << 20))
+        assert "line" in refused(capsys, ["check", str(tmp_path / name)])
+    with pytest.raises(FileError, match="line 1 is longer than 1 MiB"):
+        list(read_lines(tmp_path / "rec.csv"))
+
+
+def test_limits_hold_for_links_and_are_said(tmp_path: Path) -> None:
+    endless(tmp_path / "huge")
+    (tmp_path / "link").symlink_to(tmp_path / "huge")
+    for most, words in ((TOML, "1 MiB"), (JSON, "64 MiB"), (TABLE, "1 GiB")):
+        with pytest.raises(FileError, match=f"link is too large: 1024 GiB, .* {words}") as caught:
+            read_data(tmp_path / "link", most)
+        assert caught.value.exit_code == 3 and caught.value.code == "too-large"
+    (tmp_path / "small").write_bytes(b"abc")
+    (tmp_path / "good").symlink_to(tmp_path / "small")
+    assert read_data(tmp_path / "good", 3) == b"abc" and sha256_of(tmp_path / "good") == sha256_of(
+        tmp_path / "small"
+    )
+    pipe(tmp_path / "pipe")
+    with pytest.raises(FileError, match="is a pipe, not a file"):
+        sha256_of(tmp_path / "pipe")
+
+
+# ---- npz --------------------
+
+MANY = 200_000_000
+
+
+def header(shape: tuple[int, ...], dtype: str = "<f8") -> bytes:
+    buffer = io.BytesIO()
+    np.lib.format.write_array_header_1_0(
+        buffer, {"descr": dtype, "fortran_order": False, "shape": shape}
+    )
+    return buffer.getvalue()
+
+
+def packed(path: Path, members: dict[str, bytes], compression: int = zipfile.ZIP_STORED) -> Path:
+    with zipfile.ZipFile(path, "w", compression) as archive:
+        for name, content in members.items():
+            archive.writestr(name, content)
+    return path
+
+
+def compressed(path: Path) -> None:
+    packed(path, {"weights.npy": header((4_000_000,)) + bytes(32_000_000)}, zipfile.ZIP_DEFLATED)
+
+
+def promising(path: Path) -> None:
+    packed(path, {"weights.npy": header((MANY,)) + bytes(800)})
+
+
+def overflowing(path: Path) -> None:
+    packed(path, {"weights.npy": header((1 << 62, 4)) + bytes(800)})
+
+
+def holding_the_same_often(path: Path) -> None:
+    """Every entry of its directory points to one and the same array."""
+    one = packed(path, {"a.npy": header((100_000,)) + bytes(800_000)}).read_bytes()
+    end = one.rindex(b"PK\x05\x06")
+    start = struct.unpack("<L", one[end + 16 : end + 20])[0]
+    entry, count = one[start:end], 1000
+    tail = struct.pack("<4s4H2LH", b"PK\x05\x06", 0, 0, count, count, count * len(entry), start, 0)
+    path.write_bytes(one[:start] + entry * count + tail)
+
+
+def with_a_directory_of_gigabytes(path: Path) -> None:
+    one = packed(path, {"a.npy": header((10,)) + bytes(80)}).read_bytes()
+    path.write_bytes(one[:-10] + struct.pack("<LLH", 1 << 30, 0, 0))
+
+
+def with_objects(path: Path) -> None:
+    np.savez(path, weights=np.array([print, None], dtype=object))
+
+
+@pytest.mark.parametrize(
+    "bomb",
+    [
+        compressed,
+        promising,
+        overflowing,
+        holding_the_same_often,
+        with_a_directory_of_gigabytes,
+        with_objects,
+    ],
+)
+def test_a_packed_bomb_is_refused_before_it_is_unpacked(
+    bomb: Callable[[Path], None], tmp_path: Path
+) -> None:
+    path = tmp_path / "bomb.npz"
+    bomb(path)
+    data = path.read_bytes()
+    tracemalloc.start()
+    for read in (lambda: load_arrays(path), lambda: load_arrays(path, data)):
+        with pytest.raises(FileError, match="not a plain npz"):
+            read()
+    assert tracemalloc.get_traced_memory()[1] < 20e6
+    tracemalloc.stop()
+
+
+def test_what_pamid_packs_is_read_back(tmp_path: Path) -> None:
+    held = {
+        "a": np.arange(6.0).reshape(2, 3),
+        "b": np.asfortranarray(np.ones((3, 2), np.float32)),
+        "c": np.array("words"),
+        "d": np.zeros(0),
+        "e": np.array(3),
+        "f": np.array([True, False]),
+    }
+    np.savez(tmp_path / "a.npz", **held)  # type: ignore[arg-type]
+    found = load_arrays(tmp_path / "a.npz")
+    assert found.keys() == held.keys()
+    for name, array in held.items():
+        np.testing.assert_array_equal(found[name], array)
+        assert (
+            found[name].dtype == array.dtype
+            and found[name].flags.f_contiguous == array.flags.f_contiguous
+        )
+
+
+def test_results_of_jobs_that_are_no_files_are_worked_out_again(tmp_path: Path) -> None:
+    store, key = Store(tmp_path), "ab" * 32
+    for kind in ("pipe", "device", "too large"):
+        (tmp_path / f"{key}.npz").unlink(missing_ok=True)
+        NOT_FILES[kind](tmp_path / f"{key}.npz")
+        assert store.get(key) is None

@@ -1,0 +1,339 @@
+"""What `pamid check` calls wrong stops a fit, with or without a stated period, and stops nothing
+that is right."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from small_cart import RIG, record_cart
+from virtual_joint import record
+
+from cli.frame import run
+from cli.options import evidence_from
+from pamid.base.errors import DataError, PamidError
+from pamid.checks.recording_quality import blocking, examine
+from pamid.diagnosis.contender import contender_from
+from pamid.diagnosis.misfit_beyond_range import doubt
+from pamid.diagnosis.tournament import Diagnosis
+from pamid.diagnosis.verdict import sentence
+from pamid.estimation.fit_model import fit_model
+from pamid.model.registry import effects, rig_named
+from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.simulation.data_split import gather
+
+Array = NDArray[np.float64]
+Columns = dict[str, Array]
+ROOT = Path(__file__).resolve().parents[2]
+MEASURED = ROOT.parent / "shared" / "data"
+P1, P2, ANGLE = "pressure_1_kpa", "pressure_2_kpa", "angle_deg"
+
+PISTON = '''"""A piston."""
+from pamid import Parameter, Port, Rig, State
+
+class Piston(Rig):
+    """A piston that is held at a pressure and pushes."""
+    inputs = {"pressure_bar": "Pa"}
+    outputs = {"force_n": "N"}
+    ports = {"rod": Port("actuator-force", "N", {"pressure": "Pa"}), "cell": Port("reading", "N")}
+    states = (State("force", "N"),)
+    parameters = (Parameter("area_cm2", 5.0, low=0.1, high=100.0, source="calliper"),
+                  Parameter("lag", 20.0, 1.0, 50.0, "ms", fitted=False, source="data sheet"))
+    def rates(self, x, u, p, port):
+        push = port("rod", p.area_cm2 * u.pressure_bar, pressure=u.pressure_bar)
+        return {"force": (push - x.force) / p.lag}
+    def measure(self, x, u, p, port):
+        return {"force_n": port("cell", x.force)}
+'''
+
+TANKS = '''"""Two tanks."""
+from pamid import Parameter, Port, Rig, State
+from pamid.symbolic.vocabulary import maximum, sqrt
+
+class Tanks(Rig):
+    """Two tanks in a row."""
+    inputs = {"pump_v": "V"}
+    outputs = {"level_v": "V"}
+    ports = {"inflow": Port("motion", "V"), "sensor": Port("reading", "V")}
+    states = (State("upper", "V", start=5.0), State("lower", "V", start=5.0))
+    parameters = tuple(Parameter(k, 0.05, low=0.001, high=1.0, source="guess") for k in ("k1", "k2", "k3"))
+    def rates(self, x, u, p, port):
+        upper, lower = p.k1 * sqrt(maximum(x.upper, 1e-3)), p.k2 * sqrt(maximum(x.lower, 1e-3))
+        return {"upper": port("inflow", p.k3 * u.pump_v) - upper, "lower": upper - lower}
+    def measure(self, x, u, p, port):
+        return {"level_v": port("sensor", x.lower)}
+'''  # noqa: E501
+
+
+@pytest.fixture(scope="module")
+def joint(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    return record(
+        tmp_path_factory.mktemp("gate") / "joint.csv", 9.0, seed=3, effects=("coulomb-friction",)
+    )
+
+
+@pytest.fixture(scope="module")
+def pushed(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    return read_recording(record_cart(tmp_path_factory.mktemp("cart")))
+
+
+def written(folder: Path, r: Recording, columns: Columns, clock: float = 1.0) -> Path:
+    write_recording(
+        folder / "bad.csv", r.time * clock, {**r.columns, **columns}, {"known": r.known}
+    )
+    return folder / "bad.csv"
+
+
+BAD: dict[str, tuple[Callable[[Columns], Columns], float, int, str, tuple[str, ...]]] = {
+    "radians": (lambda c: {ANGLE: np.radians(c[ANGLE])}, 1.0, 3, "check", ("unit", ANGLE, "rad")),
+    "exchanged": (lambda c: {P1: c[P2], P2: c[P1]}, 1.0, 3, "check", ("exchanged", P1, P2)),
+    "sign": (lambda c: {ANGLE: -c[ANGLE]}, 1.0, 3, "check", ("sign", ANGLE)),
+    "two at once": (
+        lambda c: {ANGLE: np.radians(c[ANGLE]), P1: c[P2], P2: c[P1]},
+        1.0,
+        3,
+        "check",
+        ("exchanged", "unit", ANGLE),
+    ),
+    "dead": (
+        lambda c: {P1: np.full(c[P1].size, 101.0)},
+        1.0,
+        4,
+        "not-excited",
+        (P1, "constant (101 kPa)"),
+    ),
+    "milliseconds": (
+        lambda c: {},
+        1e3,
+        3,
+        "check",
+        ("clock", "3 s apart", "milliseconds", "divide them by 1000"),
+    ),
+    "microseconds": (lambda c: {}, 1e6, 3, "check", ("clock", "microseconds")),
+    "counted": (lambda c: {}, 1.0 / 0.003, 3, "check", ("clock", "a count of samples")),
+}
+
+
+@pytest.mark.parametrize("kind", BAD)
+@pytest.mark.parametrize("command", ["fit", "diagnose"])
+def test_what_check_calls_wrong_stops_a_fit(
+    command: str, kind: str, joint: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    change, clock, code, word, needles = BAD[kind]
+    path, output = written(tmp_path, joint, change(joint.columns), clock), tmp_path / "run"
+    got = run([command, str(path), "--rig", "one-dof", "--output", str(output), "--json"])
+    said = json.loads(capsys.readouterr().out)
+    told = f"{said['message']} {said['hint']}"
+    assert (got, said["code"]) == (code, word), said
+    assert not [n for n in needles if n not in told], told
+    assert "bad.csv" in told and "--no-check" in said["hint"] and not output.exists()
+    assert run(["check", str(path), "--rig", "one-dof"]) == 3
+    assert evidence_from("one-dof", (path,), (), check=False).fit, "--no-check takes it"
+
+
+def test_held_out_recordings_are_asked_too(joint: Recording, tmp_path: Path) -> None:
+    bad = written(tmp_path, record(tmp_path / "other.csv", 6.0, seed=8), {})
+    good = read_recording(bad)
+    bad = written(tmp_path, good, {ANGLE: np.radians(good.columns[ANGLE])})
+    with pytest.raises(PamidError, match="bad.csv: unit"):
+        evidence_from("one-dof", (joint.path,), (bad,))
+
+
+def test_no_check_is_an_option_of_both_commands(
+    tmp_path: Path, pushed: Recording, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = written(tmp_path, pushed, {"position_m": -pushed.columns["position_m"]})
+    arguments = ["fit", str(path), "--rig", RIG, "--output", str(tmp_path / "run"), "--json"]
+    assert run(arguments) == 3 and json.loads(capsys.readouterr().out)["code"] == "check"
+    assert run([*arguments, "--no-check"]) in (0, 5) and (tmp_path / "run" / "fit.json").is_file()
+
+
+@pytest.mark.parametrize(
+    ("clock", "words"), [(1e3, "milliseconds"), (1e6, "microseconds"), (1.0 / 60.0, "minutes")]
+)
+def test_the_clock_of_a_rig_that_states_no_period(
+    clock: float, words: str, pushed: Recording, tmp_path: Path
+) -> None:
+    (issue,) = blocking(read_recording(written(tmp_path, pushed, {}, clock)), rig_named(RIG))
+    assert issue.kind == "clock" and words in issue.hint
+
+
+@pytest.mark.parametrize("clock", [0.1, 0.5, 2.0, 10.0])
+def test_another_sampling_rate_is_no_other_clock(
+    clock: float, joint: Recording, tmp_path: Path
+) -> None:
+    """A rig may be sampled ten times as often, or as rarely, as it says."""
+    again = read_recording(written(tmp_path, joint, {}, clock))
+    assert "clock" not in [i.kind for i in blocking(again, rig_named("one-dof"))]
+
+
+def test_what_is_right_is_taken(joint: Recording, pushed: Recording) -> None:
+    example = read_recording(ROOT / "data" / "example" / "joint.csv")
+    for recording, rig in ((joint, "one-dof"), (pushed, RIG), (example, "one-dof")):
+        assert not blocking(recording, rig_named(rig))
+
+
+@pytest.mark.skipif(
+    not MEASURED.is_dir(), reason="the measured recordings are not beside the project"
+)
+def test_measured_recordings_are_taken_and_their_clock_is_known(tmp_path: Path) -> None:
+    (tmp_path / "tanks.py").write_text(TANKS)
+    cases = {
+        MEASURED / "emps" / "estimation.csv": str(ROOT / "data/rigs/emps.py"),
+        MEASURED / "emps" / "pulses.csv": str(ROOT / "data/rigs/emps.py"),
+        MEASURED / "cascaded_tanks" / "estimation.csv": str(tmp_path / "tanks.py"),
+        MEASURED / "cascaded_tanks" / "validation.csv": str(tmp_path / "tanks.py"),
+    }
+    for path, name in cases.items():
+        rig, recording = rig_named(name), read_recording(path)
+        assert not blocking(recording, rig), path
+        slow = read_recording(written(tmp_path, recording, {}, 1e3))
+        assert [i.kind for i in blocking(slow, rig)] == ["clock"], path
+
+
+# ---- off by powers of ten --------------------
+
+
+@pytest.fixture(scope="module")
+def piston(tmp_path_factory: pytest.TempPathFactory) -> tuple[Recording, str]:
+    """5 cm2 that push, and a rig that takes the 5 for square metres."""
+    folder, random = tmp_path_factory.mktemp("piston"), np.random.default_rng(1)
+    (folder / "piston.py").write_text(PISTON)
+    pressure = np.repeat(random.uniform(1.0, 7.0, 40), 50)
+    force = (
+        5e-4
+        * 1e5
+        * np.convolve(np.concatenate([np.full(20, pressure[0]), pressure]), np.full(3, 1 / 3))[
+            20:-2
+        ]
+    )
+    write_recording(
+        folder / "rec.csv",
+        0.01 * np.arange(pressure.size),
+        {"pressure_bar": pressure, "force_n": force + 0.5 * random.standard_normal(force.size)},
+    )
+    return read_recording(folder / "rec.csv"), str(folder / "piston.py")
+
+
+def test_a_data_sheet_that_is_far_off_is_told_with_the_slip(piston: tuple[Recording, str]) -> None:
+    recording, rig = piston
+    (issue,) = [i for i in examine(recording, rig_named(rig)) if i.kind == "far-off"]
+    assert issue.severity == "advice" and issue.figures["error"] > 1e3
+    assert (
+        "Check units and signs" in issue.hint
+        and "the parameter area_cm2 times 0.0001" in issue.hint
+    )
+    assert not blocking(recording, rig_named(rig)), "what is only likely stops nothing"
+
+
+def test_far_off_after_the_refit_explains_nothing(piston: tuple[Recording, str]) -> None:
+    recording, rig = piston
+    evidence = gather(rig_named(rig), [recording], [])
+    model = fit_model(evidence)
+    base = contender_from(model.assembly, model.fit, model.held_out)
+    found = doubt(evidence, base, None)
+    assert found is not None and found["error_over_spread"]["force_n"] > 10.0
+    assert {"kind": "parameter", "name": "area_cm2", "factor": 1e-4} in found["slips"]
+    chosen = np.ones(len(base.squares), bool)
+    told = Diagnosis(evidence, None, chosen, "unknown-effect", units=found)  # type: ignore[arg-type]
+    assert "Check units and signs: " in sentence(told, None) and "area_cm2" in sentence(told, None)
+
+
+def test_a_good_fit_is_in_no_doubt(pushed: Recording) -> None:
+    evidence = gather(rig_named(RIG), [pushed], [])
+    model = fit_model(evidence)
+    assert doubt(evidence, contender_from(model.assembly, model.fit, model.held_out), None) is None
+
+
+def test_the_verdict_of_a_diagnosis_gives_way(
+    piston: tuple[Recording, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording, rig = piston
+    without = [
+        word
+        for name in effects()
+        if name not in ("dead-zone", "dead-time", "offset")
+        for word in ("--without", name)
+    ]  # a dead zone would have explained 89 % of it
+    code = run(
+        [
+            "diagnose",
+            str(recording.path),
+            "--rig",
+            rig,
+            "--jobs",
+            "1",
+            "--json",
+            *without,
+            "--output",
+            str(tmp_path / "run"),
+        ]
+    )
+    said = json.loads(capsys.readouterr().out)
+    assert code in (0, 5) and said["verdict"] == "unknown-effect" and not said["causes"]
+    assert "Check units and signs" in said["sentence"] and said["units"]["slips"]
+
+
+# ---- what may rest --------------------
+
+
+def test_the_experiments_that_pamid_recommends_are_taken(tmp_path: Path) -> None:
+    """Torque loops leave the command at 0."""
+    sent, made = str(tmp_path / "sent.csv"), tmp_path / "rec.csv"
+    assert (
+        run(
+            [
+                "generate-aprbs",
+                "--rig",
+                "one-dof",
+                "--signal",
+                "torque-loops",
+                "--duration",
+                "12",
+                "--output",
+                sent,
+            ]
+        )
+        == 0
+    )
+    assert (
+        run(
+            [
+                "simulate",
+                "--rig",
+                "one-dof",
+                "--excitation",
+                sent,
+                "--seed",
+                "1",
+                "--output",
+                str(made),
+            ]
+        )
+        == 0
+    )
+    assert not np.ptp(read_recording(made).columns["command"])
+    assert "angle_deg" in evidence_from("one-dof", (made,), ()).channels
+    assert run(["check", str(made), "--rig", "one-dof"]) == 0
+
+
+def spring(folder: Path, force: Array, position: Array) -> Recording:
+    write_recording(
+        folder / "rec.csv", 0.01 * np.arange(force.size), {"force_n": force, "position_m": position}
+    )
+    return read_recording(folder / "rec.csv")
+
+
+def test_only_where_nothing_can_teach_is_a_recording_refused(tmp_path: Path) -> None:
+    time, noise = 0.01 * np.arange(1200), 1e-4 * np.random.default_rng(1).standard_normal(1200)
+    still, rig = np.zeros(1200), rig_named(RIG)
+    rolling = spring(tmp_path, still, np.exp(-0.5 * time) * np.cos(5.0 * time) + noise)
+    assert gather(rig, [rolling], []).channels == ("position_m",), "let go, it comes to rest"
+    for position in (noise, np.full(1200, 0.3), np.cos(5.0 * time) + noise):
+        with pytest.raises(DataError) as refused:
+            gather(rig, [spring(tmp_path, still, position)], [])
+        assert refused.value.code == "not-excited"

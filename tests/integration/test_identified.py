@@ -1,0 +1,489 @@
+"""The model of a run: rebuilt to the last bit, with networks and causes, never by running what the
+folder holds."""
+
+from __future__ import annotations
+
+import io
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from identified_runs import RANGES, SEEN, fitted_run, joint_recording, put_network, random_network
+from pamid_cli import frame
+
+from pamid.base.errors import FileError, UsageError
+from pamid.base.files import sha256_of
+from pamid.base.json_file import read_json, write_json
+from pamid.base.units import from_si, split_column
+from pamid.correction.identified_model import (
+    Identified,
+    load_identified,
+    record_identified,
+    simulate_identified,
+)
+from pamid.correction.port_network import Corrected, entry_of
+from pamid.diagnosis.diagnose import models_json
+from pamid.estimation.fit_model import GreyBox, loop_motion
+from pamid.estimation.quantities import agreed
+from pamid.model.registry import rig_named
+from pamid.networks.anfis import Anfis
+from pamid.networks.elman import Elman
+from pamid.networks.narx import Narx
+from pamid.networks.network import Network
+from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.simulation.simulate import free_run
+
+Made = tuple[Path, Recording, GreyBox]
+Copy = Callable[[], Path]
+EFFECTS = ("coulomb-friction", "leak@pressure_2")
+OUTPUTS = ("angle_deg", "pressure_1_kpa", "pressure_2_kpa", "force_1_n", "force_2_n")
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Made:
+    """A recording of a joint with dry friction, and a run with effects at a port and at one place
+    of another."""
+    folder = tmp_path_factory.mktemp("joint")
+    recording = joint_recording(folder)
+    return folder / "run", recording, fitted_run(folder / "run", recording.path, EFFECTS)
+
+
+@pytest.fixture
+def run(made: Made, tmp_path: Path) -> Copy:
+    """Fresh copies of that run."""
+    numbers = iter(range(100))
+    return lambda: Path(shutil.copytree(made[0], tmp_path / f"run{next(numbers)}"))
+
+
+def commands_of(recording: Recording) -> np.ndarray:
+    """The joint's inputs, SI."""
+    return np.stack([recording.si("command"), np.zeros(len(recording))], axis=1)
+
+
+def columns(model: Identified, Y: np.ndarray) -> dict[str, np.ndarray]:
+    return {
+        n: np.asarray(from_si(Y[:, i], split_column(n)[1])) for i, n in enumerate(model.outputs)
+    }
+
+
+def seen_by(
+    trained: Any, recording: Recording, outputs: dict[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """A network's inputs from the recording and a model's outputs."""
+    return {
+        n: recording.signal(n) if recording.has(n) else outputs[n.replace("_refitted", "")]
+        for n in trained.input_names
+    }
+
+
+def test_the_model_is_the_fitted_one(made: Made) -> None:
+    """Every parameter to the last bit, the background's included; the run with them, too."""
+    folder, recording, fitted = made
+    model = load_identified(folder)
+    assert list(model.assembly.keys) == list(fitted.assembly.keys)
+    np.testing.assert_array_equal(model.values, agreed(fitted.fit))
+    assert any(
+        b.nuisance and v != 0.0
+        for b, v in zip(model.assembly.parameters, model.values, strict=True)
+    )
+    assert (model.stepping, model.period_s, model.outputs) == (fitted.fit.stepping, 0.003, OUTPUTS)
+    assert [a.label for a in model.effects] == list(EFFECTS)
+    # as the recording states it
+    assert model.values[model.assembly.index_of("inertia_kg_m2")] == 0.0896
+    u = commands_of(recording)
+    Y = simulate_identified(model, u)
+    again = free_run(fitted.assembly, u, agreed(fitted.fit), 0.003, stepping=fitted.fit.stepping)
+    seen = [model.outputs.index(c) for c in fitted.evidence.channels]
+    np.testing.assert_allclose(
+        Y[:, seen], again.outputs, rtol=0.0, atol=1e-12 * np.ptp(again.outputs, axis=0).max()
+    )
+    assert np.abs(columns(model, Y)["angle_deg"] - recording.signal("angle_deg")).mean() < 0.1
+
+
+def test_the_place_of_an_effect_matters(made: Made, run: Copy) -> None:
+    folder = run()
+    fit = read_json(folder / "fit.json")
+    told = json.dumps(fit["model"]).replace("leak@pressure_2", "leak@pressure_1")
+    write_json(folder / "fit.json", fit | {"model": json.loads(told)})
+    u = commands_of(made[1])
+    here, there = (simulate_identified(load_identified(f), u) for f in (made[0], folder))
+    assert np.abs(here - there)[:, 1:3].max() > 10.0
+
+
+def test_known_values_and_the_rigs_start(made: Made) -> None:
+    model = load_identified(made[0]).knowing({"inertia_kg_m2": 0.05, "initial_pressure_kpa": 300.0})
+    p = model.constants
+    assert p["inertia"] == 0.05 and model.start[2] == model.start[3] == pytest.approx(
+        300e3 + 101325.0
+    )
+    with pytest.raises(FileError, match="no parameter 'inertia_kg'"):
+        model.knowing({"inertia_kg": 1.0})
+
+
+def test_the_cause_of_a_diagnosis(made: Made, tmp_path: Path) -> None:
+    """`pamid diagnose` leaves its cause beside the refitted model; the cause is what the run has
+    found."""
+    _, recording, fitted = made
+    plain = fitted_run(tmp_path / "plain", recording.path)
+    found: Any = SimpleNamespace(budget=SimpleNamespace(model=plain), cause=fitted)
+    write_json(tmp_path / "plain" / "fit.json", models_json(found, 0))
+    best, refitted = (load_identified(tmp_path / "plain", which=w) for w in ("best", "refitted"))
+    np.testing.assert_array_equal(best.values, agreed(fitted.fit))
+    np.testing.assert_array_equal(refitted.values, agreed(plain.fit))
+    assert not refitted.effects
+    with pytest.raises(FileError, match="has no cause"):
+        load_identified(made[0], which="cause")
+    with pytest.raises(FileError, match="has no network"):
+        load_identified(made[0], which="network")
+    with pytest.raises(UsageError, match="--which 'worst'"):
+        load_identified(made[0], which="worst")
+
+
+NETWORKS: list[Network] = [
+    Elman(3, 4),
+    Narx(3, 3, 2, 2, 5),
+    Narx(3, 2, 0, 1, 1),
+    Anfis(3, 3),
+    Anfis(3, 2, "bell"),
+]
+
+
+@pytest.mark.parametrize("network", NETWORKS, ids=repr)
+def test_a_network_behind_the_model(made: Made, run: Copy, network: Network) -> None:
+    """As equations it is what it is sample by sample, and acts on its channel alone."""
+    folder, (_, recording, _) = run(), made
+    trained = random_network(network, SEEN, "angle_deg", 3.0)
+    put_network(folder, trained)
+    model, alone = load_identified(folder), load_identified(folder, which="refitted")
+    u = commands_of(recording)
+    found, before = (
+        columns(model, simulate_identified(model, u)),
+        columns(alone, simulate_identified(alone, u)),
+    )
+    value = trained.predict(seen_by(trained, recording, before))
+    assert np.ptp(value) > 0.1
+    np.testing.assert_allclose(
+        found["angle_deg"] - before["angle_deg"], value, rtol=0.0, atol=1e-11
+    )
+    for name in OUTPUTS[1:]:
+        np.testing.assert_allclose(found[name], before[name], rtol=1e-11)
+
+
+@pytest.mark.parametrize("port", ["joint", "muscle_1", "command"])
+def test_a_network_at_a_port(made: Made, run: Copy, port: str) -> None:
+    """It sees what the uncorrected model puts out, and enters where it was trained, in its unit,
+    held over a sample."""
+    folder, (_, recording, fitted) = run(), made
+    size, unit = {"joint": (1.0, "_nm"), "muscle_1": (30.0, "_n"), "command": (0.1, "")}[port]
+    trained = random_network(Elman(3, 4), SEEN, f"missing{unit}", size)
+    bent = fitted.fit.p.copy()
+    bent[fitted.assembly.index_of("viscous_n_m_s")] *= 2.0
+    put_network(
+        folder,
+        trained,
+        enters={"port": port},
+        parameters={"viscous_n_m_s": float(bent[fitted.assembly.index_of("viscous_n_m_s")])},
+    )
+    model, alone = load_identified(folder), load_identified(folder, which="refitted")
+    u = commands_of(recording)
+    Y, before = simulate_identified(model, u), simulate_identified(alone, u)
+    value = trained.predict(seen_by(trained, recording, columns(alone, before)))
+    corrected = Corrected(fitted, entry_of(rig_named("one-dof"), port), bent).assembly
+    p = bent.copy()
+    p[corrected.index_of("inertia_kg_m2")] = 0.0896
+    entered = free_run(
+        corrected, np.column_stack([u, value]), p, 0.003, stepping=model.stepping
+    ).outputs
+    seen = [model.outputs.index(c) for c in fitted.evidence.channels]
+    assert np.abs(Y - before).max() > 1.0
+    np.testing.assert_allclose(
+        Y[:, seen], entered, rtol=0.0, atol=1e-10 * np.ptp(entered, axis=0).max()
+    )
+    assert model.inputs == alone.inputs == ("command", "external_torque_nm")
+
+
+def test_a_network_in_the_control_loop(made: Made, run: Copy) -> None:
+    """Its derivatives look ahead: a finished run in the loop is corrected, a replay of commands is
+    refused."""
+    folder, (_, recording, _) = run(), made
+    moving = (
+        "angle_loop_deg",
+        "velocity_loop_deg_per_s",
+        "acceleration_loop_deg_per_s2",
+        "command_loop",
+    )
+    trained = random_network(Elman(5, 3), ("reference_deg", *moving), "angle_deg", 2.0)
+    put_network(folder, trained, model="loop")
+    model, alone = load_identified(folder), load_identified(folder, which="refitted")
+    wanted = {"reference_deg": recording.signal("reference_deg")}
+    reference = Recording("r", Path("r.csv"), "", recording.time, wanted, 0.003)
+    found, before = (record_identified(m, reference, noise=0.0).columns for m in (model, alone))
+    motion = loop_motion(before["angle_deg"], before["command"], 0.003)
+    signals = dict(zip(moving, motion, strict=True)) | wanted
+    np.testing.assert_allclose(
+        found["angle_deg"], before["angle_deg"] + trained.predict(signals), rtol=0.0, atol=1e-12
+    )
+    np.testing.assert_array_equal(found["force_1_n"], before["force_1_n"])
+    with pytest.raises(UsageError, match="in its own control loop"):
+        simulate_identified(model, commands_of(recording))
+
+
+# ---- the command --------------------
+
+
+def simulate(folder: Path, excitation: Path, output: Path, *more: str) -> int:
+    return frame.run(
+        [
+            "simulate",
+            "--model",
+            str(folder),
+            "--excitation",
+            str(excitation),
+            "--output",
+            str(output),
+            *more,
+            "--json",
+        ]
+    )
+
+
+def test_the_command_replays_and_closes_the_loop(
+    made: Made, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, recording, _ = made
+    model, out = load_identified(folder), tmp_path / "out.csv"
+    assert simulate(folder, recording.path, out, "--noise", "none") == 0
+    said = json.loads(capsys.readouterr().out)
+    assert (said["loop"], said["rig"], said["effects"]) == ("open", "one-dof", list(EFFECTS))
+    replayed = read_recording(out)
+    for name, values in columns(model, simulate_identified(model, commands_of(recording))).items():
+        np.testing.assert_allclose(replayed.signal(name), values, rtol=1e-11, atol=1e-11)
+    assert replayed.known == {"inertia_kg_m2": 0.0896}
+    reference = tmp_path / "reference.csv"
+    write_recording(reference, recording.time, {"reference_deg": recording.signal("reference_deg")})
+    assert simulate(folder, reference, tmp_path / "loop.csv", "--noise", "none") == 0
+    looped = read_recording(tmp_path / "loop.csv")
+    assert looped.loop == "closed" and looped.controller == recording.controller
+    assert np.abs(looped.signal("angle_deg") - recording.signal("angle_deg")).mean() < 0.5
+    assert simulate(folder, reference, tmp_path / "noisy.csv", "--seed", "1") == 0
+    assert (
+        0.03
+        < np.diff(read_recording(tmp_path / "noisy.csv").signal("angle_deg"), 4).std() / np.sqrt(70)
+        < 0.07
+    )
+
+
+def test_the_command_refuses(
+    made: Made, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    slow = tmp_path / "slow.csv"
+    write_recording(slow, np.arange(200) * 0.01, {"reference_deg": np.zeros(200)})
+    recording, out = made[1].path, tmp_path / "out.csv"
+    for excitation, more, code, words in (
+        (slow, (), 4, "the model's sample is 0.003 s"),
+        (recording, ("--which", "cause"), 3, "has no cause"),
+        (recording, ("--effect", "leak"), 2, "only its effect files"),
+        (recording, ("--rig", "two-link"), 3, "not of 'two-link'"),
+        (recording, ("--set", "mas=1"), 3, "no parameter"),
+    ):
+        assert simulate(made[0], excitation, out, *more) == code
+        assert words in capsys.readouterr().out
+    assert (
+        frame.run(
+            ["simulate", "--excitation", str(recording), "--which", "cause", "--output", str(out)]
+        )
+        == 2
+    )
+    assert not out.exists()
+
+
+# ---- folders that are not as they should be --------------------
+
+
+def _without(*path: str) -> Callable[[dict[str, Any]], None]:
+    def change(fit: dict[str, Any]) -> None:
+        inner = fit
+        for name in path[:-1]:
+            inner = inner[name]
+        del inner[path[-1]]
+
+    return change
+
+
+def _with(value: Any, *path: str) -> Callable[[dict[str, Any]], None]:
+    def change(fit: dict[str, Any]) -> None:
+        inner = fit
+        for name in path[:-1]:
+            inner = inner[name]
+        inner[path[-1]] = value
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (_without("model"), "does not hold its model"),
+        (_with("pamid.fit/2", "schema"), "is not a fit"),
+        (_without("model", "values", "radius"), "differ in radius"),
+        (_with(1.0, "model", "values", "raduis"), "differ in raduis"),
+        (_with("x", "model", "values", "radius"), "ValueError"),
+        (_with(None, "model", "values"), "AttributeError"),
+        (_with(["no-such-effect"], "model", "effects"), "unknown effect"),
+        (_with(["leak"], "model", "effects"), "differ in"),
+        (_with([], "recordings"), "IndexError"),
+        (_with(10**9, "model", "stepping", "substeps"), "out of range"),
+        (_with(0, "model", "stepping", "substeps"), "out of range"),
+        (_without("rig"), "KeyError"),
+        (_with("two-link", "rig"), "not of 'one-dof'"),
+        (_with(1e400, "model", "values", "radius"), "Infinity"),
+        (_with([1], "model"), "TypeError"),
+    ],
+)
+def test_a_damaged_fit(run: Copy, change: Callable[[dict[str, Any]], None], words: str) -> None:
+    folder = run()
+    fit = read_json(folder / "fit.json")
+    change(fit)
+    (folder / "fit.json").write_text(json.dumps(fit), encoding="utf-8")
+    with pytest.raises(FileError, match=words):
+        load_identified(folder)
+
+
+def test_no_run_and_no_fit(run: Copy, tmp_path: Path) -> None:
+    with pytest.raises(FileError, match="not a run folder"):
+        load_identified(tmp_path)
+    folder = run()
+    (folder / "fit.json").unlink()
+    with pytest.raises(FileError, match="does not exist"):
+        load_identified(folder)
+
+
+@pytest.mark.parametrize(
+    ("about", "words"),
+    [
+        ({"enters": {"port": "elbow"}, "parameters": {}}, "no such port"),
+        ({"enters": {"port": "joint"}}, "parameters"),
+        ({"enters": {"port": "joint"}, "parameters": {"raduis_m": 1.0}}, "no parameter"),
+        ({"enters": {}}, "'port'"),
+        ({"inputs": 3}, "describe a network"),
+        ({"kind": "os"}, "unknown kind"),
+        ({"enters": {"port": "joint"}, "parameters": [1]}, "AttributeError"),
+    ],
+)
+def test_a_damaged_network(run: Copy, about: dict[str, Any], words: str) -> None:
+    folder = run()
+    put_network(folder, random_network(Elman(3, 2), SEEN, "angle_deg", 1.0), **about)
+    with pytest.raises(FileError, match=words) as told:
+        load_identified(folder)
+    assert "network.json" in str(told.value) or "no parameter" in str(told.value)
+
+
+def test_a_network_that_sees_what_the_model_is_not(
+    run: Copy, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(RANGES, "angle_data_sheet_deg", (-40.0, 40.0))
+    folder = run()
+    put_network(folder, random_network(Elman(1, 2), ("angle_data_sheet_deg",), "angle_deg", 1.0))
+    with pytest.raises(FileError, match="angle_data_sheet_deg"):
+        load_identified(folder)
+
+
+class Trap:
+    """Unpickled, it would leave a file behind."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return (Path.touch, (self.path,))
+
+
+def test_a_crafted_archive_runs_nothing(run: Copy, tmp_path: Path) -> None:
+    folder, sprung = run(), tmp_path / "sprung"
+    put_network(folder, random_network(Elman(3, 2), SEEN, "angle_deg", 1.0))
+    buffer = io.BytesIO()
+    np.savez(buffer, weights=np.array([Trap(sprung)] * 16, dtype=object), allow_pickle=True)
+    (folder / "network.npz").write_bytes(buffer.getvalue())
+    about = read_json(folder / "network.json")
+    about["weights"]["sha256"] = sha256_of(folder / "network.npz")
+    (folder / "network.json").write_text(json.dumps(about), encoding="utf-8")
+    with pytest.raises(FileError, match=r"network\.npz"):
+        load_identified(folder)
+    assert not sprung.exists()
+
+
+# ---- rigs and effects that are files --------------------
+
+DAMPED = '''
+from pathlib import Path
+Path(__file__).with_suffix(".ran").touch()
+from pamid import Effect, Parameter
+
+class Stiction(Effect):
+    """A drag that grows with the speed."""
+    name, family, kinds = "my-drag", "drag", ("motion",)
+    signals = ("velocity",)
+    parameters = (Parameter("drag", 0.0, low=0.0, high=5.0, unit="N s/m", null=0.0, spread=1.0),)
+
+    def act(self, value, at, p, z):
+        return value - p.drag * at.velocity
+'''
+
+
+def test_code_is_run_only_where_it_is_named_again(tmp_path: Path) -> None:
+    """The rig and the effect of a run are files: neither is imported by its folder, nor when it was
+    changed since."""
+    rig, effect, ran = tmp_path / "cart.py", tmp_path / "drag.py", tmp_path / "drag.ran"
+    shutil.copy(Path(__file__).parents[2] / "data" / "rigs" / "cart.py", rig)
+    effect.write_text(DAMPED, encoding="utf-8")
+    time = np.arange(3000) * 0.003
+    write_recording(
+        tmp_path / "push.csv", time, {"force_n": np.sin(3.0 * time) + np.sign(np.sin(0.9 * time))}
+    )
+    common = ["--rig", str(rig), "--effect", str(effect), "--json"]
+    assert (
+        frame.run(
+            [
+                "simulate",
+                "--excitation",
+                str(tmp_path / "push.csv"),
+                "--noise",
+                "none",
+                "--output",
+                str(tmp_path / "cart.csv"),
+                "--rig",
+                str(rig),
+                "--effect",
+                f"{effect}:drag_n_s_per_m=0.7",
+            ]
+        )
+        == 0
+    )
+    assert (
+        frame.run(["fit", str(tmp_path / "cart.csv"), "--output", str(tmp_path / "run"), *common])
+        == 0
+    )
+    ran.unlink()
+    with pytest.raises(FileError, match=r"rig file .*add --rig"):
+        load_identified(tmp_path / "run")
+    with pytest.raises(FileError, match=r"effect file .*add --effect"):
+        load_identified(tmp_path / "run", rig=str(rig))
+    assert not ran.exists()
+    model = load_identified(tmp_path / "run", rig=str(rig), effects=(str(effect),))
+    assert model.constants["my-drag:drag"] == pytest.approx(0.7, rel=0.02)
+    assert (
+        simulate(tmp_path / "run", tmp_path / "push.csv", tmp_path / "out.csv", *common[:-1]) == 0
+    )
+    ran.unlink()
+    effect.write_text(DAMPED + "\n", encoding="utf-8")
+    with pytest.raises(FileError, match="SHA-256 differs"):
+        load_identified(tmp_path / "run", rig=str(rig), effects=(str(effect),))
+    assert not ran.exists()
+    rig.write_text(rig.read_text(encoding="utf-8") + "\n", encoding="utf-8")
+    with pytest.raises(FileError, match=r"cart\.py that the run was made with"):
+        load_identified(tmp_path / "run", rig=str(rig), effects=(str(effect),))

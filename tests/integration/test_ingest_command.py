@@ -1,0 +1,596 @@
+"""`pamid ingest`: raw logs in, recordings out, with every repair told; all files or none."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pamid_cli import frame
+
+from pamid.base.errors import DataError, FileError
+from pamid.base.metrics import FloatArray
+from pamid.ingest import account
+from pamid.ingest.channels import Channel, Log
+from pamid.ingest.conversion import Conversion, convert
+from pamid.ingest.mapping import mapping_of
+from pamid.model.registry import rig_named
+from pamid.recording.recording import Recording, read_recording, write_recording
+
+T, N = 0.003, 2000
+ONE_DOF = rig_named("one-dof")
+
+
+def plant(t: FloatArray) -> dict[str, FloatArray]:
+    """What an arm might do at the times t (s), in the units of the columns, with the digits of a
+    recording."""
+    angle = 20.0 * np.sin(2 * np.pi * 0.4 * t) + 2.0 * np.sin(2 * np.pi * 9.0 * t)
+    made = {
+        "reference_deg": 20.0 * np.sign(np.sin(2 * np.pi * 0.4 * t)),
+        "command": np.clip(np.cos(5 * t), -0.9, 0.9),
+        "angle_deg": angle,
+        "pressure_1_kpa": 400.0 + 5.0 * angle,
+        "pressure_2_kpa": 400.0 - 5.0 * angle,
+    }
+    return {
+        name: np.array([float(f"{value:.9g}") for value in values]) for name, values in made.items()
+    }
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def ran(capsys: pytest.CaptureFixture[str], *words: str) -> tuple[int, dict[str, Any]]:
+    code = frame.run(["ingest", *words, "--json"])
+    return code, json.loads(capsys.readouterr().out)
+
+
+MAPPING = """
+rig = "one-dof"
+loop = "closed"
+[time]
+source = "Zeit"
+unit = "ms"
+{time}
+[signals.reference_deg]
+source = "Soll"
+unit = "rad"
+sign = -1
+[signals.command]
+source = "u"
+unit = "%"
+[signals.angle_deg]
+source = "Ist"
+unit = "rad"
+sign = -1
+offset = 1.5
+[signals.pressure_1_kpa]
+source = "p1"
+unit = "bar"
+pressure = "absolute"
+[signals.pressure_2_kpa]
+source = "p2"
+unit = "psi"
+pressure = "gauge"
+[atmosphere]
+pressure_kpa = 98.7
+[known]
+inertia_kg_m2 = 0.0896
+[controller]
+kp_per_deg = 0.1
+"""
+
+
+def raw(t: FloatArray, stamps: FloatArray) -> dict[str, FloatArray]:
+    """The same in the units, signs and offsets of the mapping's log."""
+    y = plant(t)
+    return {
+        "Zeit": stamps * 1e3,
+        "Soll": -np.radians(y["reference_deg"]),
+        "u": 100.0 * y["command"],
+        "Ist": -np.radians(y["angle_deg"] - 1.5),
+        "p1": (y["pressure_1_kpa"] + 98.7) / 100.0,
+        "p2": y["pressure_2_kpa"] / 6.894757293168361,
+    }
+
+
+def write_log(path: Path, columns: dict[str, FloatArray], *, comma: str = ",") -> None:
+    """A German CSV: semicolons and decimal commas, nothing where a value is missing."""
+    rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+    lines = [
+        ";".join("" if value != value else repr(value).replace(".", comma) for value in row)
+        for row in rows
+    ]
+    path.write_text(";".join(columns) + "\n" + "\n".join(lines) + "\n", encoding="utf-8")
+
+
+def prepare(stamps: FloatArray | None = None, t: FloatArray | None = None, time: str = "") -> None:
+    t = np.arange(N) * T if t is None else t
+    write_log(Path("log.csv"), raw(t, t if stamps is None else stamps))
+    Path("map.toml").write_text(MAPPING.format(time=time), encoding="utf-8")
+
+
+def require_plant(made: Recording, t: FloatArray) -> None:
+    for name, values in plant(t).items():
+        assert made.columns[name] == pytest.approx(values, rel=1e-9, abs=1e-12), name
+
+
+# ---- there and back --------------------
+
+
+def test_a_recording_comes_back_from_raw_form(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    prepare()
+    code, said = ran(capsys, "log.csv", "--mapping", "map.toml", "--output", "rec.csv")
+    assert code == 0 and said["schema"] == "pamid.ingest/1"
+    made = read_recording("rec.csv")
+    require_plant(made, np.arange(N) * T)
+    assert (made.loop, made.rig, made.sampling_period_s, made.known, made.controller) == (
+        "closed",
+        "one-dof",
+        T,
+        {"inertia_kg_m2": 0.0896},
+        {"kp_per_deg": 0.1},
+    )
+    told = json.loads(Path("rec.ingest.json").read_text())
+    assert told == said["recordings"][0] and told["schema"] == "pamid.ingest/1"
+    assert (
+        len(told["source"]["sha256"]) == 64
+        and told["mapping"]["signals"]["angle_deg"]["sign"] == -1
+    )
+    assert told["clocks"][0]["state"] == "even" and told["clocks"][0]["repairs"] == []
+    assert told["signals"]["pressure_1_kpa"]["atmosphere_taken_off_kpa"] == 98.7
+    assert sorted(p.name for p in here.iterdir()) == [
+        "log.csv",
+        "map.toml",
+        "rec.csv",
+        "rec.ingest.json",
+        "rec.toml",
+    ]
+
+
+def test_guess_then_ingest_gives_the_recording_back(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    t = np.arange(N) * T
+    write_recording("known.csv", t, plant(t), {"recording": {"loop": "closed"}})
+    code, said = ran(capsys, "--guess", "known.csv", "--output", "map.toml")
+    assert code == 0 and said["open"] == [
+        "signals.pressure_1_kpa.pressure",
+        "signals.pressure_2_kpa.pressure",
+    ]
+    code, error = ran(capsys, "known.csv", "--mapping", "map.toml", "--output", "rec.csv")
+    assert code == 3 and error["message"].startswith(
+        'map.toml: signals.pressure_1_kpa.pressure is "?"; allowed: "gaug'
+    )
+    assert (
+        ran(
+            capsys,
+            "known.csv",
+            "--mapping",
+            "map.toml",
+            "--output",
+            "rec.csv",
+            "--pressures",
+            "gauge",
+        )[0]
+        == 0
+    )
+    before, after = read_recording("known.csv"), read_recording("rec.csv")
+    assert after.columns.keys() == before.columns.keys()
+    assert all((after.columns[c] == before.columns[c]).all() for c in before.columns)
+    assert frame.run(["ingest", "--guess", "known.csv"]) == 0
+    assert capsys.readouterr().out == Path("map.toml").read_text()
+
+
+# ---- the time base, end to end --------------------
+
+
+def late(t: FloatArray, seed: int = 0) -> FloatArray:
+    wait = np.random.default_rng(seed).exponential(0.8e-3, t.size)
+    return np.asarray(np.maximum.accumulate(t + wait) + 1e-9 * np.arange(t.size))
+
+
+def test_late_stamps_leave_the_samples_as_they_are(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    t = np.arange(N) * T
+    prepare(late(t * (1 + 6e-5)))
+    code, said = ran(capsys, "log.csv", "--mapping", "map.toml", "--output", "rec.csv")
+    assert code == 0
+    require_plant(read_recording("rec.csv"), t)
+    told = said["recordings"][0]
+    assert (
+        told["clocks"][0]["cure"] == "late-stamps"
+        and "signals do not follow" in told["clocks"][0]["why"]
+    )
+    assert told["clock_ppm"] == pytest.approx(60.0, abs=20.0)
+
+
+def test_jittered_sampling_is_resampled_by_the_stamps(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    t = np.sort(np.arange(N) * T + np.random.default_rng(1).normal(0.0, 0.8e-3, N))
+    prepare(t, t, "period_s = 0.003")
+    code, said = ran(capsys, "log.csv", "--mapping", "map.toml", "--output", "rec.csv")
+    assert code == 0 and said["recordings"][0]["clocks"][0]["cure"] == "jittered-sampling"
+    made = read_recording("rec.csv")
+    true = plant(t[0] + made.time)
+    assert np.sqrt(np.mean((made.columns["angle_deg"] - true["angle_deg"]) ** 2)) < 0.004
+    # held, nothing in between
+    assert set(np.unique(made.columns["reference_deg"])) <= {-20.0, 20.0}
+    frame.run(
+        [
+            "ingest",
+            "log.csv",
+            "--mapping",
+            "map.toml",
+            "--output",
+            "o.csv",
+            "--time-base",
+            "late-stamps",
+        ]
+    )
+    assert "the data speak against late-stamps" in capsys.readouterr().err
+
+
+def test_where_the_data_do_not_tell_it_is_asked(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    t = np.arange(N) * T
+    write_log(Path("log.csv"), raw(np.zeros(N), late(t)))
+    Path("map.toml").write_text(MAPPING.format(time=""), encoding="utf-8")
+    code, error = ran(capsys, "log.csv", "--mapping", "map.toml", "--output", "rec.csv")
+    assert code == 4 and "no signal moves enough" in error["message"]
+    assert "late-stamps" in error["hint"] and "jittered-sampling" in error["hint"]
+    assert not list(here.glob("rec*"))
+    assert (
+        ran(
+            capsys,
+            "log.csv",
+            "--mapping",
+            "map.toml",
+            "--output",
+            "rec.csv",
+            "--time-base",
+            "late-stamps",
+        )[0]
+        == 0
+    )
+    Path("map.toml").write_text(MAPPING.format(time='repair = "none"'), encoding="utf-8")
+    code, error = ran(capsys, "log.csv", "--mapping", "map.toml", "--output", "o.csv")
+    assert code == 3 and 'time.repair is "none"' in error["message"]
+
+
+def test_seconds_taken_for_milliseconds_are_named(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    prepare(np.arange(N) * T / 1e3)
+    code, error = ran(capsys, "log.csv", "--mapping", "map.toml", "--output", "rec.csv")
+    assert code == 3 and error["code"] == "time-unit"
+    assert (
+        'time.unit is "ms": samples would be 3e-06 s apart; in "s" they would be 0.003 s apart'
+        in error["message"]
+    )
+
+
+def test_gaps_and_long_empty_runs_split_and_short_ones_are_filled(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    k = np.arange(N)
+    t = k * T + (k >= 800) * 1.2345
+    log = raw(t, t)
+    log["Ist"][300:304] = np.nan  # 15 ms: filled
+    log["p1"][1500:1520] = np.nan  # 63 ms: split
+    log["p2"][1990:] = np.nan  # the end is missing
+    stay = (k != 600) & (k != 601)  # two rows never came
+    write_log(Path("log.csv"), {name: values[stay] for name, values in log.items()})
+    Path("map.toml").write_text(MAPPING.format(time="max_gap_s = 0.05"), encoding="utf-8")
+    code, said = ran(capsys, "log.csv", "--mapping", "map.toml", "--output", "out")
+    assert code == 0
+    told = said["recordings"]
+    assert [part["recording"]["path"] for part in told] == [
+        "out/log-1.csv",
+        "out/log-2.csv",
+        "out/log-3.csv",
+    ]
+    assert [part["recording"]["samples"] for part in told] == [800, 700, 470]
+    assert [part["recording"]["first_row"] for part in told] == [0, 798, 1518]
+    repairs = {repair["what"]: repair["count"] for repair in told[0]["clocks"][0]["repairs"]}
+    assert repairs == {"samples-missing": 2, "gaps": 1}
+    assert told[0]["signals"]["angle_deg"]["empty_cells"] == 4
+    for part, begin in zip(told, (0, 800, 1520), strict=True):
+        made = read_recording(part["recording"]["path"])
+        rows = slice(begin, begin + len(made))
+        kept = np.ones(len(made), dtype=bool)
+        if begin == 0:
+            kept[[300, 301, 302, 303, 600, 601]] = False
+        true = plant(t[rows])
+        assert made.columns["angle_deg"][kept] == pytest.approx(true["angle_deg"][kept], rel=1e-9)
+        assert made.columns["angle_deg"] == pytest.approx(true["angle_deg"], abs=0.2)
+
+
+# ---- logs whose channels have clocks of their own --------------------
+
+
+def made_of(channels: list[Channel], signals: dict[str, str], **time: Any) -> Conversion:
+    tables: dict[str, Any] = {"time": time, "signals": {}}
+    for column, source in signals.items():
+        tables["signals"][column] = {"source": source}
+        if column.startswith("pressure"):
+            tables["signals"][column]["pressure"] = "gauge"
+    mapping = mapping_of({**tables, "rig": "one-dof"}, "map.toml")
+    return convert(Log(Path("log.mf4"), "mdf", tuple(channels)), mapping, ONE_DOF, "map.toml")
+
+
+def test_every_channel_comes_to_the_common_base_in_its_own_way() -> None:
+    """Events, a slow pressure and a fast angle with a line that must not alias."""
+    slow, mid, fast = (np.arange(0.0, 12.0, period) for period in (0.01, 0.003, 0.001))
+    events = np.array([0.0, 2.0005, 5.1, 9.3])
+    levels = np.array([0.0, 0.5, -0.5, 0.25])
+    angle = plant(fast)["angle_deg"] + 0.35 * np.sin(2 * np.pi * 310 * fast)
+    made = made_of(
+        [
+            Channel("u", levels, events, ""),
+            Channel("soll", plant(mid)["reference_deg"], mid, "deg"),
+            Channel("w", angle, fast, "deg"),
+            Channel("p", 4.0 + np.sin(slow), slow, "bar"),
+        ],
+        {"reference_deg": "soll", "command": "u", "angle_deg": "w", "pressure_1_kpa": "p"},
+    )
+    assert len(made.recordings) == 1 and made.period == T
+    columns, t = made.recordings[0].columns, made.recordings[0].time
+    inner = slice(50, -50)
+    assert columns["angle_deg"][inner] == pytest.approx(plant(t)["angle_deg"][inner], abs=5e-5)
+    assert columns["pressure_1_kpa"] == pytest.approx(400.0 + 100.0 * np.sin(t), abs=2e-3)
+    assert set(columns["command"]) == {0.0, 0.5, -0.5, 0.25}
+    switch = [float(t[i + 1]) for i in np.flatnonzero(np.diff(columns["command"]))]
+    assert switch == pytest.approx(events[1:], abs=T / 2 + 1e-9)
+    assert list(columns) == ["reference_deg", "command", "angle_deg", "pressure_1_kpa"]
+
+
+def test_a_slow_channel_in_a_fast_table_is_not_full_of_gaps() -> None:
+    t = np.arange(N) * T
+    p = np.where(np.arange(N) % 20 == 0, 4.0 + np.sin(t), np.nan)
+    made = made_of(
+        [
+            Channel("t", t, None, "s"),
+            Channel("w", plant(t)["angle_deg"], None, "deg"),
+            Channel("p", p, None, "bar"),
+        ],
+        {"angle_deg": "w", "pressure_1_kpa": "p"},
+        source="t",
+    )
+    assert len(made.recordings) == 1
+    assert made.recordings[0].columns["pressure_1_kpa"] == pytest.approx(
+        400 + 100 * np.sin(t[:1981]), abs=0.05
+    )
+
+
+def test_a_stated_period_decimates_with_the_filter() -> None:
+    t = np.arange(12000) * 1e-3
+    angle = plant(t)["angle_deg"] + 0.35 * np.sin(2 * np.pi * 310 * t)
+    made = made_of(
+        [Channel("t", t, None, "s"), Channel("w", angle, None, "deg")],
+        {"angle_deg": "w"},
+        source="t",
+        period_s=T,
+    )
+    columns, base = made.recordings[0].columns, made.recordings[0].time
+    assert columns["angle_deg"][50:-50] == pytest.approx(plant(base)["angle_deg"][50:-50], abs=5e-5)
+    assert account.at_limit(np.array([0.0, 1.0, 1.0, 1.0, 0.5, 0.0, 0.0])) == 3
+
+
+def test_what_cannot_be_made_is_refused() -> None:
+    t = np.arange(N) * T
+    w = Channel("w", plant(t)["angle_deg"], None, "deg")
+    with pytest.raises(FileError, match="time says neither source nor period_s"):
+        made_of([w], {"angle_deg": "w"})
+    with pytest.raises(
+        FileError, match=r"time.source is 'zeit'; log.mf4 has no such channel. Did you mean 'Zeit'"
+    ):
+        made_of([w, Channel("Zeit", t)], {"angle_deg": "w"}, source="zeit")
+    with pytest.raises(
+        FileError, match=r"signals.angle_deg.source is 'v'; log.mf4 has no such channel"
+    ):
+        made_of([w], {"angle_deg": "v"}, period_s=T)
+    with pytest.raises(FileError, match=r"time.max_gap_s is 0.001, but samples are 0.003 s apart"):
+        made_of([w], {"angle_deg": "w"}, period_s=T, max_gap_s=0.001)
+    with pytest.raises(FileError, match="No measured signal"):
+        made_of([Channel("u", np.zeros(3), np.arange(3.0))], {"command": "u"})
+    with pytest.raises(DataError, match="nowhere are all channels there"):
+        made_of(
+            [w, Channel("p", np.full(N, np.nan), None, "bar")],
+            {"angle_deg": "w", "pressure_1_kpa": "p"},
+            period_s=T,
+        )
+
+
+# ---- files --------------------
+
+
+def test_several_logs_are_numbered_or_keep_their_names(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    prepare()
+    Path("other.csv").write_bytes(Path("log.csv").read_bytes())
+    assert (
+        ran(capsys, "log.csv", "other.csv", "--mapping", "map.toml", "--output", "rec.csv")[0] == 0
+    )
+    assert ran(capsys, "log.csv", "other.csv", "--mapping", "map.toml", "--output", "out/")[0] == 0
+    found = sorted(str(p) for p in [*Path(".").glob("rec*.csv"), *Path("out").iterdir()])
+    assert found == [
+        "out/log.csv",
+        "out/log.ingest.json",
+        "out/log.toml",
+        "out/other.csv",
+        "out/other.ingest.json",
+        "out/other.toml",
+        "rec-1.csv",
+        "rec-2.csv",
+    ]
+
+
+def test_nothing_is_replaced_without_being_told(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    prepare()
+    words = ("log.csv", "--mapping", "map.toml", "--output")
+    Path("rec.toml").write_text("precious")
+    assert ran(capsys, *words, "rec.csv")[1]["message"] == "rec.toml exists already."
+    assert not Path("rec.csv").exists() and Path("rec.toml").read_text() == "precious"
+    assert ran(capsys, *words, "rec.csv", "--overwrite")[0] == 0
+    for output in ("log.csv", "map.csv"):  # the log itself; map.toml beside map.csv
+        code, error = ran(capsys, *words, output, "--overwrite")
+        assert code == 3 and "it would be lost" in error["message"]
+    code, error = ran(capsys, *words, "rec.txt")
+    assert code == 3 and "neither a .csv file nor a folder" in error["message"]
+
+
+def test_all_files_or_none(
+    here: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    prepare()
+    before = sorted(here.iterdir())
+
+    def full(*_: object) -> None:
+        raise FileError("the disk is full", code="disk-full")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(account, "write_json", full)
+        assert (
+            ran(capsys, "log.csv", "--mapping", "map.toml", "--output", "rec.csv")[1]["code"]
+            == "disk-full"
+        )
+    assert sorted(here.iterdir()) == before
+    moved: list[str] = []
+    replace = os.replace
+
+    def fails_late(source: Path, target: Path) -> None:
+        if "stage" not in str(source) and len(moved) == 2:
+            raise OSError(5, "gone")
+        moved.append(str(target))
+        replace(source, target)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(
+            os,
+            "replace",
+            lambda a, b: (
+                fails_late(a, b)
+                if ".ingest-" in str(a) and ".ingest-" not in str(b)
+                else replace(a, b)
+            ),
+        )
+        assert (
+            ran(capsys, "log.csv", "--mapping", "map.toml", "--output", "rec.csv")[1]["code"]
+            == "write"
+        )
+    assert sorted(here.iterdir()) == before and len(moved) == 2
+
+
+def test_a_rig_file_named_by_a_mapping_is_not_run(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    prepare()
+    Path("evil.py").write_text("open('ran', 'w')\n")
+    Path("map.toml").write_text(
+        MAPPING.format(time="").replace('"one-dof"', '"evil.py"'), encoding="utf-8"
+    )
+    code, error = ran(capsys, "log.csv", "--mapping", "map.toml", "--output", "rec.csv")
+    assert code == 3 and "add --rig evil.py" in error["hint"] and not Path("ran").exists()
+    assert (
+        ran(capsys, "log.csv", "--mapping", "map.toml", "--output", "rec.csv", "--rig", "one-dof")[
+            0
+        ]
+        == 0
+    )
+    assert read_recording("rec.csv").rig == "one-dof"
+
+
+def test_an_unknown_column_is_kept_and_a_text_cell_is_told(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    prepare()
+    extra = '\n[signals.temperature_degc]\nsource = "p1"\nscale = 2.0\noffset = 1.0\n'
+    Path("map.toml").write_text(MAPPING.format(time="") + extra, encoding="utf-8")
+    assert frame.run(["ingest", "log.csv", "--mapping", "map.toml", "--output", "rec.csv"]) == 0
+    shown = capsys.readouterr()
+    assert "does not know the column 'temperature_degc'; it is kept" in shown.err
+    assert "Next: pamid check rec.csv" in shown.out
+    made = read_recording("rec.csv")
+    p1 = raw(made.time, made.time)["p1"]
+    assert made.columns["temperature_degc"] == pytest.approx(2.0 * p1 + 1.0, rel=1e-8)
+    lines = Path("log.csv").read_text().splitlines()
+    lines[700] = lines[700].rpartition(";")[0] + ";overload"
+    Path("log.csv").write_text("\n".join(lines))
+    assert frame.run(["ingest", "log.csv", "--mapping", "map.toml", "--output", "other.csv"]) == 0
+    assert (
+        "1 cells are no numbers and become empty, the first is 'overload'"
+        in capsys.readouterr().out
+    )
+    assert (
+        json.loads(Path("other.ingest.json").read_text())["signals"]["pressure_2_kpa"][
+            "empty_cells"
+        ]
+        == 1
+    )
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["log.csv"],
+        ["log.csv", "--mapping", "map.toml"],
+        ["--guess", "a.csv", "b.csv"],
+        ["--guess", "a.csv", "--mapping", "m.toml"],
+    ],
+)
+def test_wrong_usage(words: list[str], here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert ran(capsys, *words)[0] == 2
+
+
+def test_a_guess_lets_samples_share_a_stamp_where_the_signals_prove_it_late(tmp_path: Path) -> None:
+    """The log of a PC that was busy for a moment: two samples carry the same time."""
+    log = tmp_path / "log.csv"
+    t = 0.003 * np.arange(6000)
+    stamps = np.maximum.accumulate(
+        1000.0 * t + np.random.default_rng(3).exponential(0.6, t.size)
+    ).round(3)
+    assert 0 < np.count_nonzero(np.diff(stamps) == 0.0) < 60
+    y = 20.0 * np.sin(2 * np.pi * 0.7 * t) + 0.01 * np.random.default_rng(4).standard_normal(t.size)
+    rows = "".join(f"{a:.3f},{b:.4f}\n" for a, b in zip(stamps, y, strict=True))
+    log.write_text("t [ms],angle [deg]\n" + rows)
+    assert (
+        frame.run(
+            [
+                "ingest",
+                "--guess",
+                str(log),
+                "--rig",
+                "one-dof",
+                "--output",
+                str(tmp_path / "map.toml"),
+            ]
+        )
+        == 0
+    )
+    assert 'repair = "late-stamps"' in (tmp_path / "map.toml").read_text()
+    words = [
+        "ingest",
+        str(log),
+        "--mapping",
+        str(tmp_path / "map.toml"),
+        "--output",
+        str(tmp_path / "rec.csv"),
+    ]
+    assert frame.run(words) == 0
+    kept = read_recording(tmp_path / "rec.csv")
+    np.testing.assert_allclose(kept.columns["angle_deg"], y.round(4), atol=1e-9)

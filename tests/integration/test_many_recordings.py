@@ -1,0 +1,96 @@
+"""Many short recordings at once, each as short as a fit takes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from counted import calls_of
+from pamid_cli import frame
+from small_cart import PERIOD_S, RIG, others
+
+from pamid.base.json_file import read_json
+from pamid.excitation.aprbs import aprbs
+from pamid.model.registry import rig_named
+from pamid.recording.recording import read_recording, write_recording
+from pamid.simulation.data_split import FEWEST, Evidence
+from pamid.simulation.virtual_rig import virtual_rig
+
+
+def recorded(folder: Path, count: int) -> list[str]:
+    """Paths of recordings of a cart with friction that its model lacks."""
+    paths = []
+    for k in range(count):
+        path, time = folder / f"rec-{k}.csv", PERIOD_S * np.arange(FEWEST)
+        write_recording(
+            path, time, {"force_n": aprbs(FEWEST * PERIOD_S, PERIOD_S, 4.0, (0.1, 0.4), seed=k)}
+        )
+        made = virtual_rig(
+            RIG, read_recording(path), ("coulomb-friction",), {}, {"mass_kg": 1.2}, 1.0, k
+        )
+        write_recording(path, time, made.columns, made.meta)
+        paths.append(str(path))
+    return paths
+
+
+def test_several_are_diagnosed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In any order, and each is read once."""
+    paths, read = recorded(tmp_path, 5), []
+
+    def watched(path: Path) -> object:
+        read.append(str(path))
+        return read_recording(path)
+
+    monkeypatch.setattr("pamid.recording.recording.read_recording", watched)
+    assert frame.run(["fit", *paths, "--rig", RIG, "--output", str(tmp_path / "one")]) == 0
+    assert frame.run(["fit", *paths[::-1], "--rig", RIG, "--output", str(tmp_path / "other")]) == 0
+    assert sorted(read) == sorted(2 * paths)
+    one, other = (read_json(tmp_path / name / "fit.json") for name in ("one", "other"))
+    assert one["parameters"] == other["parameters"] and len(one["recordings"]) == 5
+    assert (
+        frame.run(
+            [
+                "diagnose",
+                *paths,
+                "--rig",
+                RIG,
+                *others(),
+                "--jobs",
+                "1",
+                "--output",
+                str(tmp_path / "run"),
+            ]
+        )
+        == 0
+    )
+    found = read_json(tmp_path / "run" / "diagnosis.json")
+    assert found["verdict"] == "explained" and found["causes"][0]["effect"] == "coulomb-friction"
+
+
+def test_what_is_asked_of_every_recording_takes_one_step_each() -> None:
+    """Twice as many spans, held out and fitted, cost about twice as much, not four times."""
+
+    def asked(count: int) -> int:
+        spans: list[Any] = [SimpleNamespace(recording=object()) for _ in range(count)]
+        evidence = Evidence(
+            rig_named(RIG), tuple(spans), tuple(spans), (), np.zeros(0), np.zeros(0)
+        )
+        assert evidence.recordings == [s.recording for s in spans]
+        return calls_of(lambda: evidence.recordings)
+
+    assert asked(200) < 3 * asked(100)
+
+
+@pytest.mark.slow
+def test_two_hundred_are_diagnosed(tmp_path: Path) -> None:
+    paths = recorded(tmp_path, 200)
+    assert (
+        frame.run(["diagnose", *paths, "--rig", RIG, *others(), "--output", str(tmp_path / "run")])
+        == 0
+    )
+    assert (
+        read_json(tmp_path / "run" / "diagnosis.json")["causes"][0]["effect"] == "coulomb-friction"
+    )

@@ -1,0 +1,120 @@
+"""Recordings that no model of the rig could have made: nothing is explained, whatever an effect
+happens to improve."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from pamid_cli.diagnose import diagnosis_text
+
+from pamid.base.run_folder import Run
+from pamid.diagnosis.diagnose import diagnose_into
+from pamid.diagnosis.naive_forecast import explains_nothing
+from pamid.excitation.aprbs import aprbs
+from pamid.model.registry import effects, rig_named
+from pamid.recording.recording import read_recording, write_recording
+from pamid.simulation.data_split import gather
+from pamid.simulation.virtual_rig import virtual_rig
+from pamid.simulation.windows import cut
+
+Array = NDArray[np.float64]
+CART = str(Path(__file__).resolve().parents[2] / "data" / "rigs" / "cart.py")
+SAMPLES, PERIOD_S = 2400, 0.01
+FEW = ("quantisation", "coulomb-friction", "dead-time")
+
+
+def diagnosed(folder: Path, position: Array, force: Array) -> dict[str, Any]:
+    write_recording(
+        folder / "rec.csv",
+        np.arange(SAMPLES) * PERIOD_S,
+        {"force_n": force, "position_m": position},
+    )
+    run = Run.create(folder / "run", command=["test"], seed=0, overwrite=True)
+    return diagnose_into(
+        run,
+        gather(rig_named(CART), [read_recording(folder / "rec.csv")], []),
+        {name: effects()[name] for name in FEW},
+        jobs=1,
+    )
+
+
+@pytest.fixture(scope="module")
+def rubbing(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Array, Array]:
+    """A cart that rubs, its encoder of 0.5 mm and its force."""
+    folder = tmp_path_factory.mktemp("cart")
+    force = aprbs(SAMPLES * PERIOD_S, PERIOD_S, 3.0, (0.2, 0.8), seed=1)
+    write_recording(folder / "sent.csv", np.arange(SAMPLES) * PERIOD_S, {"force_n": force})
+    made = virtual_rig(
+        CART,
+        read_recording(folder / "sent.csv"),
+        ("coulomb-friction:force_n=0.8",),
+        {},
+        {"mass_kg": 1.2},
+        0.0,
+        1,
+    )
+    return folder, force, np.round(made.columns["position_m"] / 5e-4) * 5e-4
+
+
+def nonsense(kind: str, real: Array, seed: int) -> Array:
+    random = np.random.default_rng(seed)
+    white = random.standard_normal(SAMPLES)
+    made = {
+        "in another order": random.permutation(real),
+        "white noise": white,
+        "a random walk": 0.03 * white.cumsum(),
+        "at rest": 5.0 + 0.02 * white,
+    }
+    return np.asarray(made[kind])
+
+
+@pytest.mark.parametrize("kind", ["in another order", "white noise", "a random walk", "at rest"])
+def test_no_cause_is_found_in_what_the_input_did_not_make(
+    kind: str, rubbing: tuple[Path, Array, Array]
+) -> None:
+    folder, force, real = rubbing
+    found = diagnosed(folder, nonsense(kind, real, 1), force)
+    assert found["verdict"] in {"unknown-effect", "no-structural-gap"} and found["causes"] == []
+    assert (
+        "nothing that this model could have made" in found["sentence"]
+        and found["remark"] == found["sentence"]
+    )
+    assert all(r["probability"] == 0.0 for r in found["ranking"])
+    assert found["unknown"] is None and found["next_experiment"] is None, (
+        "nothing is described, nothing to tell apart"
+    )
+    told = diagnosis_text(found, folder / "run")
+    assert told.startswith(found["remark"]) and "Where" not in told and "shrinkage" not in told
+
+
+def test_the_recording_itself_is_explained(rubbing: tuple[Path, Array, Array]) -> None:
+    folder, force, real = rubbing
+    found = diagnosed(folder, real, force)
+    assert found["verdict"] == "explained" and found["remark"] == ""
+    assert [c["effect"] for c in found["causes"]] == ["coulomb-friction"]
+    assert found["how_far"]["position_m"]["shrinkage"] > 0.5
+
+
+@pytest.mark.parametrize(("error", "nothing"), [(0.02, False), (1.0, True)])
+def test_a_model_is_judged_by_each_channel_where_it_was_recorded(
+    error: float, nothing: bool
+) -> None:
+    """Two recordings, each of which lacks the sensor of the other."""
+    time, windows = np.arange(4000) * PERIOD_S, cut(4000, 100)
+    replays: list[Any] = []
+    for has in (0, 1):
+        y = np.full((4000, 2), np.nan)
+        y[:, has] = np.sin(7.0 * time)
+        replays.append(
+            SimpleNamespace(track=SimpleNamespace(y=y), scored=np.ones(4000, bool), windows=windows)
+        )
+    absolutes = np.full((2 * len(windows), 2), np.nan)
+    absolutes[: len(windows), 0] = absolutes[len(windows) :, 1] = error
+    budget: Any = SimpleNamespace(floor=np.where(np.isnan(absolutes), np.nan, 0.02))
+    model: Any = SimpleNamespace(absolutes=absolutes, replays=replays)
+    assert explains_nothing(budget, model, 0) == nothing

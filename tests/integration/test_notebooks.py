@@ -1,0 +1,69 @@
+"""Every story in notebooks/ runs as a plain script and leaves nothing behind."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+STORIES = sorted((ROOT / "notebooks").glob("*.py"))
+#: the first is quick; the others take half a minute and more each
+RUNS = [
+    pytest.param(story, id=story.stem, marks=pytest.mark.slow if k else ())
+    for k, story in enumerate(STORIES)
+]
+
+
+def files_of_the_repository() -> set[Path]:
+    """Everything but what Python, the tools and git keep for themselves, or make on the side."""
+    hidden = re.compile(r"/(\.[^/]+|__pycache__)(/|$)")
+    return {
+        p
+        for folder in ("notebooks", "data")
+        for p in (ROOT / folder).rglob("*")
+        if not hidden.search(str(p))
+    }
+
+
+def test_there_are_stories() -> None:
+    assert len(STORIES) >= 3
+
+
+@pytest.mark.parametrize("story", RUNS)
+def test_story_runs(story: Path, tmp_path: Path) -> None:
+    own = tmp_path / "tmp"
+    own.mkdir()
+    before = files_of_the_repository()
+    settings = {
+        **os.environ,
+        "TMPDIR": str(own),
+        "OMP_NUM_THREADS": "1",
+        "OPENBLAS_NUM_THREADS": "1",
+    }
+    done = subprocess.run(
+        [sys.executable, "-W", "error", str(story)],
+        cwd=tmp_path,
+        env=settings,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-4000:]
+    assert done.stdout.strip()
+    assert sorted(tmp_path.rglob("*")) == [own], "something was left behind"
+    assert files_of_the_repository() == before, "something was written into the repository"
+
+
+@pytest.mark.parametrize("story", STORIES, ids=lambda p: p.stem)
+def test_story_is_a_notebook_in_percent_format(story: Path) -> None:
+    text = story.read_text(encoding="utf-8")
+    assert text.startswith("# ---\n# jupyter:\n")
+    cells = re.split(r"^# %%.*\n", text, flags=re.MULTILINE)
+    told = text.count("\n# %% [markdown]\n")
+    assert told >= 3 and len(cells) - 1 > told
+    for target in re.findall(r"\]\((pictures/[^)]+)\)", text):
+        assert (story.parent / target).is_file(), target

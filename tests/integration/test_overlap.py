@@ -1,0 +1,210 @@
+"""Samples that stand in two recordings are found by content, in whatever form; repeated experiments
+are not."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from small_cart import RIG
+
+from cli.frame import run
+from pamid.base.errors import DataError
+from pamid.recording.overlap import overlaps, require_apart
+from pamid.recording.recording import Recording, read_recording, write_recording
+
+Array = NDArray[np.float64]
+PERIOD = 0.003
+OUTPUTS = ("angle_deg", "pressure_kpa")
+
+
+def motion(count: int, experiment: int, noise: float, seed: int) -> Array:
+    random, time = np.random.default_rng(experiment), PERIOD * np.arange(count)
+    smooth = sum(
+        a * np.sin(2.0 * np.pi * f * time + p)
+        for a, f, p in random.uniform([1, 0.05, 0], [5, 2, 6], (6, 3))
+    )
+    return np.asarray(smooth + noise * np.random.default_rng(seed).standard_normal(count))
+
+
+def made(
+    folder: Path,
+    name: str,
+    *,
+    count: int = 8000,
+    experiment: int = 1,
+    noise: float = 0.04,
+    seed: int = 1,
+    digits: int = 9,
+    step: float = 0.0,
+    first: int = 0,
+    last: int | None = None,
+    change: Callable[[dict[str, Array]], dict[str, Array]] = lambda columns: columns,
+) -> Recording:
+    """The experiment, its sensors' noise by seed, as written with so many digits; step: of a
+    converter."""
+    angle, pressure = (
+        motion(count, experiment, noise, seed),
+        20.0 * motion(count, experiment + 5, noise, seed + 100),
+    )
+    columns = {"angle_deg": angle, "pressure_kpa": pressure}
+    if step:
+        columns = {k: np.round(v / step) * step for k, v in columns.items()}
+    columns = change({k: v[first:last] for k, v in columns.items()})
+    size = len(next(iter(columns.values())))
+    write_recording(folder / f"{name}.csv", PERIOD * (np.arange(size) + 7), columns, digits=digits)
+    return read_recording(folder / f"{name}.csv")
+
+
+def radians(columns: dict[str, Array]) -> dict[str, Array]:
+    return {
+        "extra": np.arange(len(columns["angle_deg"])) * 1.0,
+        "angle_rad": np.radians(columns["angle_deg"]),
+    }
+
+
+@pytest.mark.parametrize(
+    ("other", "samples"),
+    [
+        ({}, 8000),
+        ({"digits": 5}, 8000),
+        ({"digits": 3}, 8000),
+        ({"first": 3000, "last": 5000}, 2000),
+        ({"first": 6000, "last": 6150}, 150),
+        ({"change": radians}, 8000),
+        ({"change": radians, "digits": 5}, 8000),
+        (
+            {"change": lambda c: {"pressure_kpa": c["pressure_kpa"], "angle_deg": c["angle_deg"]}},
+            8000,
+        ),
+    ],
+    ids=[
+        "copy",
+        "5 digits",
+        "3 digits",
+        "slice",
+        "short slice",
+        "radians",
+        "radians, 5 digits",
+        "columns turned",
+    ],
+)
+def test_a_copy_is_found_in_every_form(
+    other: dict[str, object], samples: int, tmp_path: Path
+) -> None:
+    first, second = made(tmp_path, "a"), made(tmp_path, "b", **other)  # type: ignore[arg-type]
+    for recordings in ([first, second], [second, first]):
+        (found,) = overlaps(OUTPUTS, recordings)
+        assert found.samples == samples
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.04])
+@pytest.mark.parametrize("step", [0.0, 0.2])
+def test_a_stretch_shared_by_two_slices_is_found(noise: float, step: float, tmp_path: Path) -> None:
+    """Sensors with noise and without, of a fine and of a coarse converter."""
+    a = made(tmp_path, "a", noise=noise, step=step, last=5000)
+    b = made(tmp_path, "b", noise=noise, step=step, first=3500)
+    (found,) = overlaps(OUTPUTS, [a, b])
+    assert (found.start, found.again, found.samples) == (3500, 0, 1500)
+    assert not list(overlaps(OUTPUTS, [a, made(tmp_path, "c", noise=noise, step=step, first=5000)]))
+
+
+@pytest.mark.parametrize(
+    "kind",
+    [
+        {"noise": 0.04},
+        {"noise": 0.04, "step": 0.2},
+        {"noise": 0.004, "step": 0.2},
+        {"noise": 0.04, "digits": 4},
+    ],
+)
+def test_the_same_experiment_made_again_is_another_recording(
+    kind: dict[str, float], tmp_path: Path
+) -> None:
+    again = [made(tmp_path, f"r{seed}", seed=seed, **kind) for seed in range(4)]  # type: ignore[arg-type]
+    assert not list(overlaps(OUTPUTS, again))
+
+
+def test_recordings_that_rest_at_the_same_values_are_apart(tmp_path: Path) -> None:
+    def resting(columns: dict[str, Array]) -> dict[str, Array]:
+        return {k: np.where(np.arange(len(v)) < 3000, 2.0, v) for k, v in columns.items()}
+
+    assert not list(
+        overlaps(
+            OUTPUTS, [made(tmp_path, f"r{s}", seed=s, step=0.2, change=resting) for s in range(3)]
+        )
+    )
+    still = [
+        made(
+            tmp_path, f"s{s}", change=lambda c: {k: np.zeros_like(v) for k, v in c.items()}, first=s
+        )
+        for s in range(2)
+    ]
+    assert not list(overlaps(OUTPUTS, still))
+
+
+def test_a_channel_less_hides_no_copy(tmp_path: Path) -> None:
+    less = made(tmp_path, "b", first=1000, change=lambda c: {"angle_deg": c["angle_deg"]})
+    with pytest.raises(
+        DataError, match=r"a\.csv.*b\.csv.*21 s.*what was fitted is not held out"
+    ) as refused:
+        require_apart(OUTPUTS, [made(tmp_path, "a")], [less])
+    assert refused.value.code == "overlap"
+
+
+def test_many_recordings_are_looked_through_together(tmp_path: Path) -> None:
+    base = [made(tmp_path, f"r{s}", seed=s, count=1500, step=0.2) for s in range(40)]
+    copy = made(tmp_path, "copy", seed=17, count=1500, step=0.2, first=200, last=1300)
+    (found,) = overlaps(OUTPUTS, [*base, copy])
+    assert (found.first, found.second, found.start, found.samples) == (17, 40, 200, 1100)
+
+
+def cart(folder: Path, name: str, seed: int, first: int = 0, last: int | None = None) -> Path:
+    random = np.random.default_rng(seed)
+    push = np.repeat(random.uniform(-3.0, 3.0, 40), 30)
+    speed = np.cumsum(0.01 * push)
+    columns = {
+        "force_n": push,
+        "position_m": np.cumsum(0.01 * speed) + 1e-4 * random.standard_normal(push.size),
+    }
+    write_recording(
+        folder / f"{name}.csv",
+        0.01 * np.arange(push.size)[first:last],
+        {k: v[first:last] for k, v in columns.items()},
+    )
+    return folder / f"{name}.csv"
+
+
+@pytest.mark.parametrize("role", ["fitted twice", "held out", "held out twice"])
+@pytest.mark.parametrize("command", ["fit", "diagnose"])
+def test_the_commands_refuse_it_naming_both(
+    command: str, role: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    one, other, new = (
+        cart(tmp_path, "one", 1),
+        cart(tmp_path, "other", 1, 200),
+        cart(tmp_path, "new", 2),
+    )
+    given = {
+        "fitted twice": [one, other],
+        "held out": [one, "--held-out", other],
+        "held out twice": [new, "--held-out", one, "--held-out", other],
+    }[role]
+    output = tmp_path / "run"
+    assert run([command, *map(str, given), "--rig", RIG, "--output", str(output), "--json"]) == 4
+    said = json.loads(capsys.readouterr().out)
+    assert said["code"] == "overlap" and not output.exists()
+    assert "one.csv (2 .. 11.99 s)" in said["message"] and "other.csv" in said["message"]
+    assert "10 s of them" in said["message"]
+    assert ("what was fitted is not held out" in said["message"]) == (role == "held out")
+
+
+def test_the_same_file_twice(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    one = str(cart(tmp_path, "one", 1))
+    for given in ([one, one], [one, "--held-out", one]):
+        assert run(["fit", *given, "--rig", RIG, "--output", str(tmp_path / "run"), "--json"]) == 4
+        assert "given twice (12 s)" in json.loads(capsys.readouterr().out)["message"]

@@ -1,0 +1,364 @@
+"""pamid.toml: what goes first, where a value comes from, what is wrong in it; and what shells
+complete."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import stat
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import click
+import pytest
+from pamid_cli import frame, settings
+from pamid_cli.table import COMMANDS, every_command
+
+from pamid.base import trust
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "data" / "example"
+EXAMPLE_MAP, RECORDING = EXAMPLES / "muscle_map.csv", EXAMPLES / "joint.csv"
+
+
+def config(capsys: pytest.CaptureFixture[str], *words: str) -> dict[str, Any]:
+    assert frame.run(["config", *words, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert isinstance(found, dict)
+    return found
+
+
+def refused(capsys: pytest.CaptureFixture[str], *words: str) -> str:
+    assert frame.run([*words, "--json"]) == 3
+    found = json.loads(capsys.readouterr().out)
+    assert found["schema"] == "pamid.error/1"
+    return str(found["message"])
+
+
+@pytest.fixture
+def project(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    return tmp_path / "pamid.toml"
+
+
+def test_every_value_tells_where_it_comes_from(
+    project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    project.write_text(
+        '[defaults]\nseed = 7\njobs = 3\n[diagnose]\njobs = 4\nwithout = ["clock-skew"]\n'
+    )
+    monkeypatch.setenv("PAMID_DIAGNOSE_SEED", "9")
+    told = config(capsys)
+    diagnose, fit = told["commands"]["diagnose"], told["commands"]["fit"]
+    assert told["file"] == str(project)
+    assert diagnose["jobs"] == {"value": 4, "origin": f"{project} [diagnose]"}
+    assert diagnose["seed"] == {"value": 9, "origin": "environment, PAMID_DIAGNOSE_SEED"}
+    assert diagnose["without"]["value"] == ["clock-skew"]
+    assert diagnose["output"]["origin"] == "required"
+    assert fit["seed"] == {"value": 7, "origin": f"{project} [defaults]"}
+    assert fit["overwrite"] == {"value": False, "origin": "default"}
+
+
+def test_the_file_of_a_folder_above_holds(
+    project: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    project.write_text("[fit]\nseed = 3\n")
+    (below := project.parent / "a" / "b").mkdir(parents=True)
+    monkeypatch.chdir(below)
+    assert config(capsys, "fit")["commands"]["fit"]["seed"]["value"] == 3
+
+
+def test_a_command_takes_them_and_notes_them(
+    project: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    project.write_text("[generate-aprbs]\nduration = 4.0\namplitude = 5\nseed = 11\n")
+    monkeypatch.setattr(sys, "argv", ["pamid", "generate-aprbs"])
+    assert frame.run(["generate-aprbs", "--seed", "2", "--output", "a.csv"]) == 0
+    assert frame.command_line() == [
+        "pamid",
+        "generate-aprbs",
+        "--duration",
+        "4.0",
+        "--amplitude",
+        "5",
+    ]
+    capsys.readouterr()
+    project.unlink()
+    assert (
+        frame.run(
+            [
+                "generate-aprbs",
+                "--duration",
+                "4",
+                "--amplitude",
+                "5",
+                "--seed",
+                "2",
+                "--output",
+                "b.csv",
+            ]
+        )
+        == 0
+    )
+    assert Path("a.csv").read_bytes() == Path("b.csv").read_bytes()
+
+
+def test_a_run_notes_what_it_was_given_elsewhere(
+    project: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The command line in run.json makes the same run where there is no pamid.toml."""
+    project.write_text("[force-law]\nseed = 4\n")
+    words = ["force-law", str(EXAMPLE_MAP), "--output", "law", "--sets", "2"]
+    monkeypatch.setattr(sys, "argv", ["pamid", *words])
+    assert frame.run(words) in (0, 5)
+    noted = json.loads(Path("law/run.json").read_text())["command"]
+    assert noted == ["pamid", *words, "--seed", "4"]
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[diagnos]\n", "Did you mean 'diagnose'?"),
+        ("[defaults]\njobz = 2\n", "Did you mean 'jobs'?"),
+        ("[diagnose]\njobs = 'two'\n", "[diagnose] jobs: 'two' is not a valid integer"),
+        ("[diagnose]\njobs = 0\n", "[diagnose] jobs: 0 is not in the range"),
+        ("[diagnose]\nseeed = 0\n", "Did you mean 'seed'?"),
+        ("[diagnose]\noverwrite = 1\n", "neither true nor false"),
+        ("[diagnose]\nseed = [1, 2]\n", "a list, where one value is wanted"),
+        ("[diagnose.seed]\nx = 1\n", "a table, where a value is wanted"),
+        ("jobs = 3\n", "is no command"),
+        ("[diagnose\n", "is not TOML"),
+        ("[diagnose]\njson = true\n", "no such option"),
+    ],
+)
+def test_what_is_wrong_is_said_with_its_place(
+    project: Path, capsys: pytest.CaptureFixture[str], text: str, said: str
+) -> None:
+    project.write_text(text)
+    message = refused(capsys, "diagnose", "rec.csv", "--output", "run")
+    assert str(project) in message and said in message
+    assert not (project.parent / "run").exists()
+
+
+def test_a_file_that_is_no_text_is_refused(
+    project: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    project.write_bytes(b"\xff\xfe\x00")
+    assert "UTF-8" in refused(capsys, "config")
+
+
+def completions(words: str, at: int) -> list[str]:
+    code = "from pamid_cli import main; main()"
+    found = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={
+            **os.environ,
+            "_PAMID_COMPLETE": "bash_complete",
+            "COMP_WORDS": words,
+            "COMP_CWORD": str(at),
+        },
+    )
+    assert not found.stderr
+    return [line.partition(",")[2] for line in found.stdout.splitlines()]
+
+
+def test_shells_complete_commands_options_rigs_and_effects() -> None:
+    assert completions("pamid diag", 1) == ["diagnose"]
+    assert completions("pamid diagnose --held", 2) == ["--held-out"]
+    assert completions("pamid diagnose --rig o", 3) == ["one-dof"]
+    assert "coulomb-friction" in completions("pamid effects co", 2)
+    assert "angle-sensor-lag" in completions("pamid simulate --effect angle", 3)
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_the_script_of_a_shell(shell: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert frame.run(["completion", shell]) == 0
+    script = capsys.readouterr().out
+    assert f"_PAMID_COMPLETE={shell}_complete" in script
+    if shell == "bash" and shutil.which("bash"):
+        subprocess.run(["bash", "-n"], input=script, text=True, check=True)
+
+
+def test_no_command_is_without_its_settings(capsys: pytest.CaptureFixture[str]) -> None:
+    assert set(config(capsys)["commands"]) == set(COMMANDS)
+
+
+# ---- whose settings are believed --------------------
+
+RISKY = (
+    '[check]\nrig = "./rig.py"\n[fit]\nrig = "./rig.py"\ncluster = "tcp://127.0.0.1:1"\noverwrite '
+    "= true\n"
+    'seed = 3\nheld-out = ["b.csv"]\n'
+)
+RIG = """open(__file__ + ".ran", "w").close()
+from pamid.rigs.one_dof import *
+"""
+
+
+def values(capsys: pytest.CaptureFixture[str], command: str = "fit") -> dict[str, Any]:
+    return {
+        name: about["value"] for name, about in config(capsys, command)["commands"][command].items()
+    }
+
+
+def test_code_an_address_and_leave_to_replace_come_from_my_own_file_at_home(
+    project: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    project.write_text(RISKY)
+    found = values(capsys)
+    assert (found["rig"], found["cluster"], found["overwrite"]) == (
+        "./rig.py",
+        "tcp://127.0.0.1:1",
+        True,
+    )
+    assert config(capsys)["harmless_only"] == "" and config(capsys)["ignored"] == {}
+
+
+def test_outside_my_home_the_working_folder_gives_harmless_options_only(
+    project: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HOME", str(project.parent / "home"))
+    project.write_text(RISKY)
+    (project.parent / "rig.py").write_text(RIG)
+    found = values(capsys)
+    assert (found["rig"], found["cluster"], found["overwrite"]) == (None, None, False)
+    assert found["seed"] == 3 and found["held-out"] == ["b.csv"]  # and the rest counts
+    assert frame.run(["check", str(RECORDING)]) == 0
+    told = capsys.readouterr().err
+    assert (
+        f"{project}: [check] rig is not taken, because the file lies outside your home: say --rig"
+        in told
+    )
+    assert not (project.parent / "rig.py.ran").exists()
+    assert (
+        frame.run(["check", str(RECORDING), "--rig", "one-dof"]) == 0
+        and not capsys.readouterr().err
+    )
+    assert "outside your home" in config(capsys)["harmless_only"]
+    # a name of the catalogue runs nothing
+    project.write_text('[fit]\nrig = "two-link"\n')
+    assert values(capsys)["rig"] == "two-link" and not capsys.readouterr().err
+
+
+def test_of_the_folders_above_only_those_of_my_home_count(
+    project: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A pamid.toml in a folder above the working folder once ran a rig file that nobody had
+    named."""
+    project.write_text(RISKY)
+    (project.parent / "rig.py").write_text(RIG)
+    (below := project.parent / "below").mkdir()
+    monkeypatch.chdir(below)
+    assert values(capsys)["seed"] == 3
+    monkeypatch.setenv("HOME", str(below))
+    assert frame.run(["check", str(RECORDING)]) == 0
+    assert (
+        f"Warning: {project} is ignored: it lies above the working folder and outside your home."
+        in capsys.readouterr().err
+    )
+    assert values(capsys)["seed"] == 0 and config(capsys)["ignored"][str(project)]
+    assert not (project.parent / "rig.py.ran").exists()
+    (below / "pamid.toml").write_text("[fit]\nseed = 5\n")  # the nearer one goes first
+    capsys.readouterr()
+    assert values(capsys)["seed"] == 5 and not capsys.readouterr().err
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="files without owners")
+@pytest.mark.parametrize(
+    ("place", "mode"),
+    [("pamid.toml", 0o666), ("", 0o777), ("", 0o1777), ("..", 0o777), ("pamid.toml", 0o622)],
+)
+def test_what_others_may_write_is_ignored(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    place: str,
+    mode: int,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    (folder := tmp_path / "shared" / "project").mkdir(parents=True)
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.chdir(folder)
+    (folder / "pamid.toml").write_text("[fit]\nseed = 5\n")
+    assert values(capsys)["seed"] == 5
+    (folder / place).resolve().chmod(mode)
+    told = config(capsys, "fit")
+    assert told["commands"]["fit"]["seed"]["value"] == 0 and told["file"] is None
+    assert "others may write" in told["ignored"][str(folder / "pamid.toml")]
+    assert frame.run(["config"]) == 0
+    assert f"Ignored: {folder / 'pamid.toml'}: others may write" in capsys.readouterr().out
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid"), reason="files without owners")
+def test_whose_file_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ownership by what the file system says; another user is played, as tests may not be root."""
+    file = tmp_path / "pamid.toml"
+    file.write_text("")
+    assert trust.why_shared(file) == "" and trust.is_own(file)
+    me = os.geteuid()
+    monkeypatch.setattr(os, "geteuid", lambda: me + 1)  # now it is somebody else's
+    assert not trust.is_own(file)
+    if me:
+        assert "belongs to another user" in trust.why_shared(file)
+    # root's are believed, for harmless options
+    else:
+        assert trust.why_shared(file) == ""
+
+
+def test_a_group_of_one_is_nobody_else(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Many systems give every user a group of their own and let it write by default."""
+    grp, pwd = pytest.importorskip("grp"), pytest.importorskip("pwd")
+
+    def found(mode: int, gid: int) -> os.stat_result:
+        return os.stat_result((stat.S_IFREG | mode, 0, 0, 1, os.geteuid(), gid, 0, 0, 0, 0))
+
+    user = SimpleNamespace(pw_name="ada", pw_gid=4711)
+    groups = {
+        4711: SimpleNamespace(gr_name="ada", gr_mem=[]),
+        4712: SimpleNamespace(gr_name="lab", gr_mem=["ada"]),
+        4713: SimpleNamespace(gr_name="ada", gr_mem=[]),
+    }
+    monkeypatch.setattr(pwd, "getpwuid", lambda uid: user)
+    monkeypatch.setattr(grp, "getgrgid", lambda gid: groups[gid])
+    assert not trust.others_may_write(found(0o664, 4711))
+    assert trust.others_may_write(found(0o664, 4712)) and trust.others_may_write(found(0o664, 4713))
+    groups[4711].gr_mem.append("eve")
+    assert trust.others_may_write(found(0o664, 4711))
+    assert trust.others_may_write(found(0o666, 0)) and not trust.others_may_write(found(0o664, 0))
+
+
+def test_a_link_counts_with_what_it_leads_to(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (home := tmp_path / "home").mkdir()
+    (shared := tmp_path / "shared").mkdir()
+    shared.chmod(0o777)
+    (shared / "pamid.toml").write_text("[fit]\nseed = 5\n")
+    (home / "pamid.toml").symlink_to(shared / "pamid.toml")
+    monkeypatch.setenv("HOME", str(home))
+    monkeypatch.chdir(home)
+    assert values(capsys)["seed"] == 0
+
+
+def test_every_option_that_runs_a_file_is_known_as_one() -> None:
+    """A new command's --rig or --effect would otherwise be taken from anybody's settings."""
+    running = [
+        (c.name, o)
+        for c in every_command()
+        for o in c.params
+        if isinstance(o, click.Option)
+        and re.search(r"\bit is run\b|\(name or file\)", o.help or "")
+    ]
+    assert len(running) > 10
+    assert [(c, o.name) for c, o in running if not settings.is_risky(o, ["./evil.py"])] == []
+    flags = [
+        o for c in every_command() for o in c.params if {"--force", "--overwrite"} & set(o.opts)
+    ]
+    assert flags and all(settings.is_risky(o, True) for o in flags if isinstance(o, click.Option))

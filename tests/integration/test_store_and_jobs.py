@@ -1,0 +1,359 @@
+"""Results known by what went into them, and those who work them out."""
+
+from __future__ import annotations
+
+import json
+import math
+import multiprocessing
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pamid.base.errors import DataError, PamidError
+from pamid.model.registry import effects, rig_named
+from pamid.parallel.jobs import ATTEMPTS, Crew, Failed, Threads, Work, run_jobs
+from pamid.parallel.store import Store, digest, plain
+
+KEY = "ab" * 32
+RESULT = {
+    "values": np.arange(6.0).reshape(2, 3),
+    "turned": np.arange(6.0).reshape(2, 3).T,
+    "none": None,
+    "empty": [],
+    "found": [
+        {
+            "word": "größer",
+            "yes": True,
+            "count": 3,
+            "size": 0.1,
+            "worst": -math.inf,
+            "off": math.nan,
+        }
+    ],
+    "where": np.array([1, 2], np.int64),
+    "chosen": np.array([True, False]),
+}
+
+
+# ---- the store --------------------
+
+
+def same(one: Any, other: Any) -> bool:
+    """Equal to the last bit, kinds and memory layout included."""
+    if isinstance(one, np.ndarray):
+        return (
+            isinstance(other, np.ndarray)
+            and one.dtype == other.dtype
+            and one.tobytes() == other.tobytes()
+            and one.flags.f_contiguous == other.flags.f_contiguous
+            and one.shape == other.shape
+        )
+    if isinstance(one, dict):
+        return one.keys() == other.keys() and all(same(v, other[k]) for k, v in one.items())
+    if isinstance(one, list):
+        return len(one) == len(other) and all(map(same, one, other))
+    return type(one) is type(other) and (one == other or one != one and other != other)
+
+
+def test_a_result_comes_back_to_the_last_bit(tmp_path: Path) -> None:
+    store = Store(tmp_path / "jobs")
+    assert store.get(KEY) is None and store.journal() == []
+    store.put(KEY, "fitting", plain(RESULT))
+    found = store.get(KEY)
+    assert found is not None and same(found, plain(RESULT))
+    assert store.journal() == [{"key": KEY, "what": "fitting"}]
+    (tmp_path / "jobs" / "notes.txt").write_text("mine")
+    store.clear()
+    assert [p.name for p in (tmp_path / "jobs").iterdir()] == ["notes.txt"], (
+        "only its own files are removed"
+    )
+
+
+def test_plain_data_has_one_form() -> None:
+    table = np.arange(12.0).reshape(3, 4)
+    made = plain({"a": np.float64(2.0), "b": (1, 2), "c": table[:, 1:3], "d": np.bool_(True)})
+    assert same(made, {"a": 2.0, "b": [1, 2], "c": np.ascontiguousarray(table[:, 1:3]), "d": True})
+    for wrong in ({1: 2}, {"": 1}, {"a": {1, 2}}, {"a": np.array([object()])}, {"a": len}):
+        with pytest.raises(TypeError):
+            plain(wrong)
+
+
+@pytest.mark.parametrize(
+    "damage", ["cut", "flipped", "renamed", "pickle", "object", "number", "empty"]
+)
+def test_a_damaged_or_foreign_file_is_not_trusted(damage: str, tmp_path: Path) -> None:
+    store, marker = Store(tmp_path), tmp_path / "ran"
+    store.put(KEY, "fitting", plain(RESULT))
+    path = tmp_path / f"{KEY}.npz"
+    content, key = path.read_bytes(), KEY
+    if damage == "cut":
+        path.write_bytes(content[:-200])
+    elif damage == "flipped":
+        at = content.index(np.arange(6.0).tobytes()[:24]) + 8
+        path.write_bytes(content[:at] + bytes([content[at] ^ 1]) + content[at + 1 :])
+    elif damage == "renamed":
+        key = "cd" * 32
+        path.rename(tmp_path / f"{key}.npz")
+    elif damage == "pickle":
+        path.write_bytes(pickle.dumps(_Loud(marker)))
+    elif damage == "object":
+        np.savez(path, about=np.array([_Loud(marker)], object), allow_pickle=True)
+    elif damage == "number":  # a whole file, but its digest is of another result
+        with np.load(path) as held:
+            arrays = dict(held)
+        np.savez(path, **{**arrays, "a0": arrays["a0"] + 1e-9})
+    else:
+        path.write_bytes(b"")
+    assert store.get(key) is None and not marker.exists()
+    store.put(key, "fitting", plain(RESULT))
+    assert store.get(key) is not None, "worked out again, it stands there as new"
+
+
+class _Loud:
+    def __init__(self, marker: Path) -> None:
+        self.marker = marker
+
+    def __reduce__(self) -> Any:
+        return os.mkdir, (str(self.marker),)
+
+
+# ---- digests --------------------
+
+
+@dataclass(frozen=True)
+class Thing:
+    size: float
+    told: Any = field(default=None, compare=False)
+
+
+def test_a_digest_sees_every_part() -> None:
+    a = np.arange(6.0)
+    different = [
+        1,
+        1.0,
+        "1",
+        True,
+        None,
+        (1,),
+        [1],
+        {"a": 1},
+        {"a": 2},
+        {"b": 1},
+        a,
+        a.reshape(2, 3),
+        a.astype(int),
+        a + 1e-15,
+        Thing(1.0),
+        Thing(2.0),
+        Path("1"),
+        frozenset({1}),
+        Thing,
+        effects()["leak"](),
+        effects()["dead-time"](),
+        rig_named("one-dof"),
+        rig_named("one-dof:polynomial"),
+        np.float32(1.0),
+    ]
+    digests = [digest(d) for d in different]
+    assert len(set(digests)) == len(digests)
+    assert digest(Thing(1.0, told=3)) == digest(Thing(1.0, told=print)), (
+        "what does not change the result"
+    )
+    assert digest(a, a) == digest(a.copy(), a) != digest(a)
+    assert digest(-0.0) != digest(0.0)
+
+
+def test_a_digest_is_the_same_in_every_process() -> None:
+    code = (
+        "from pamid.model.registry import effects, rig_named; from pamid.parallel.store import "
+        "digest; import numpy as np;"
+        "print(digest(rig_named('one-dof'), sorted(effects().items()), {'b', 'a', 'c'}, "
+        "np.arange(3.0)))"
+    )
+    found = {
+        subprocess.run(
+            [sys.executable, "-c", code],
+            capture_output=True,
+            text=True,
+            check=True,
+            env={**os.environ, "PYTHONHASHSEED": seed},
+        ).stdout
+        for seed in ("1", "2")
+    }
+    assert len(found) == 1
+
+
+def test_a_digest_sees_a_change_in_a_rig_file(tmp_path: Path) -> None:
+    text = (Path(__file__).parents[2] / "data" / "rigs" / "cart.py").read_text()
+    seen = []
+    for name, content in (
+        ("one", text),
+        ("two", text.replace("force / p.mass_kg", "force / p.mass_kg + 0.0")),
+    ):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "cart.py").write_text(content)
+        seen.append(digest(rig_named(str(tmp_path / name / "cart.py"))))
+    assert seen[0] != seen[1]
+
+
+# ---- jobs --------------------
+
+
+@dataclass(frozen=True)
+class Rooting(Work[float, float]):
+    """Square roots; -1 is a mistake, -2 data that cannot answer, -3 kills its process, -4 once
+    only."""
+
+    what = "root of"
+    shift: float = 0.0
+    once: Path | None = None
+
+    def __call__(self, item: float) -> dict[str, Any]:
+        if item == -2.0:
+            raise DataError("too short")
+        if item == -4.0 and self.once and not self.once.exists():
+            self.once.touch()
+            os.kill(os.getpid(), signal.SIGKILL)
+        if item == -3.0:
+            os.kill(os.getpid(), signal.SIGKILL)
+        time.sleep(0.01 * (5.0 - abs(item)) if abs(item) < 5.0 else 0.0)
+        return {
+            "root": math.sqrt(item if item != -4.0 else 4.0) + self.shift,
+            "here": np.array([item]),
+        }
+
+    def restored(self, item: float, found: dict[str, Any]) -> float:
+        assert found["here"][0] == item
+        root: float = found["root"]
+        return root
+
+
+ITEMS = [4.0, 1.0, 9.0, 16.0, 2.0]
+ROOTS = [2.0, 1.0, 3.0, 4.0, math.sqrt(2.0)]
+
+
+@pytest.mark.parametrize(
+    "crew",
+    [Crew(), Crew(2), Crew(8), Crew(hands=Threads(3))],
+    ids=["one", "two", "many", "threads"],
+)
+def test_results_stand_in_order_whoever_does_the_jobs(crew: Crew) -> None:
+    told: list[str] = []
+    assert crew.run(Rooting(), ITEMS, told.append) == ROOTS and crew.run(Rooting(), []) == []
+    assert len(told) == 5 and told[-1].startswith("root of 5/5: ")
+    assert crew.counts == {"worked": 5, "kept": 0, "failed": 0}
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_job_that_fails_costs_only_itself(jobs: int) -> None:
+    crew = Crew(jobs)
+    found = crew.run(Rooting(), [4.0, -1.0, -2.0, 9.0])
+    assert found[0] == 2.0 and found[3] == 3.0
+    wrong, short = found[1:3]
+    assert (
+        isinstance(wrong, Failed)
+        and "ValueError" in wrong.why
+        and "test_results.py, line" in wrong.why
+    )
+    assert short == Failed("root of -2.0", "too short") and sorted(
+        f.job for f in crew.failed
+    ) == sorted(["root of -1.0", "root of -2.0"])
+    with pytest.raises(PamidError, match="all 2 jobs failed.*too short"):
+        Crew(jobs).run(Rooting(), [-2.0, -2.0])
+
+
+def test_a_process_that_is_killed_costs_no_other_job_anything(tmp_path: Path) -> None:
+    before = {c.pid for c in multiprocessing.active_children()}
+    found = Crew(2).run(Rooting(once=tmp_path / "killed"), [4.0, -3.0, 1.0, 9.0, -4.0])
+    assert found[:1] + found[2:4] == [2.0, 1.0, 3.0]
+    assert (tmp_path / "killed").exists() and found[4] == 2.0, "killed once, it is done again"
+    assert isinstance(found[1], Failed) and f"killed {ATTEMPTS} times (signal 9)" in found[1].why
+    assert {c.pid for c in multiprocessing.active_children()} <= before
+
+
+def test_an_interrupt_ends_the_processes(tmp_path: Path) -> None:
+    def interrupt(text: str) -> None:
+        raise KeyboardInterrupt
+
+    before, awake = (
+        {c.pid for c in multiprocessing.active_children()},
+        tmp_path / "slept to the end",
+    )
+    with pytest.raises(KeyboardInterrupt):
+        Crew(2).run(_Sleeping(awake), [0.0, 300.0, 300.0], interrupt)
+    assert not awake.exists()
+    assert {c.pid for c in multiprocessing.active_children()} <= before
+
+
+@dataclass(frozen=True)
+class _Sleeping(Work[float, None]):
+    awake: Path
+    what = "sleeping"
+
+    def __call__(self, item: float) -> dict[str, Any]:
+        time.sleep(item)
+        if item:
+            self.awake.touch()
+        return {}
+
+    def restored(self, item: float, found: dict[str, Any]) -> None:
+        return None
+
+
+def test_what_is_kept_is_not_worked_out_again(tmp_path: Path) -> None:
+    store = Store(tmp_path / "jobs")
+    assert Crew(2, store).run(Rooting(), ITEMS[:3]) == ROOTS[:3]
+    assert len(store.journal()) == 3
+    later = Crew(1, store)
+    assert later.run(Rooting(), ITEMS) == ROOTS and later.one(Rooting(), 9.0) == 3.0
+    assert later.counts == {"worked": 2, "kept": 4, "failed": 0} and len(store.journal()) == 5
+    other = Crew(1, store)
+    assert other.run(Rooting(shift=1.0), ITEMS) == [r + 1.0 for r in ROOTS] and other.worked == 5, (
+        "another question"
+    )
+    for path in store.folder.glob("*.npz"):
+        path.write_bytes(b"PK damaged")
+    again = Crew(1, store)
+    assert again.run(Rooting(), ITEMS) == ROOTS and again.worked == 5
+
+
+def test_another_version_of_the_code_trusts_nothing_of_the_former(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = Store(tmp_path / "jobs")
+    Crew(1, store).run(Rooting(), ITEMS)
+    monkeypatch.setattr("pamid.parallel.jobs.code_sha256", lambda: "another")
+    crew = Crew(1, store)
+    crew.run(Rooting(), ITEMS)
+    assert crew.counts == {"worked": 5, "kept": 0, "failed": 0}
+
+
+def test_failures_are_not_kept(tmp_path: Path) -> None:
+    store = Store(tmp_path / "jobs")
+    Crew(1, store).run(Rooting(), [4.0, -2.0])
+    assert len(list(store.folder.glob("*.npz"))) == 1
+    with pytest.raises(DataError):
+        Crew(1, store).one(Rooting(), -2.0)
+
+
+def test_plain_functions_on_threads() -> None:
+    assert run_jobs(abs, [-3, 2, -1], jobs=2) == run_jobs(abs, [-3, 2, -1]) == [3, 2, 1]
+    with pytest.raises(ValueError):
+        run_jobs(math.sqrt, [4.0, -1.0], jobs=2)
+
+
+def test_a_journal_that_was_cut_short(tmp_path: Path) -> None:
+    store = Store(tmp_path)
+    store.put(KEY, "fitting", {})
+    with open(tmp_path / "journal.jsonl", "a") as file:
+        file.write(json.dumps({"key": "x"})[:-4])
+    assert [line["key"] for line in store.journal()] == [KEY]

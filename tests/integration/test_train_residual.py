@@ -1,0 +1,607 @@
+"""`pamid train-residual`: what it trains on, how it judges, and that nothing is lost or
+half-written."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pamid_cli import frame
+from pamid_cli.train_residual import EXAMPLE
+from train_command import said, train
+
+from pamid.base.errors import UsageError
+from pamid.base.files import write_atomically
+from pamid.base.json_file import read_json, write_json
+from pamid.base.npz import load_arrays
+from pamid.base.run_folder import Run
+from pamid.correction.output_network import Wanted, with_columns
+from pamid.correction.residual_data import read_columns, read_leftover
+from pamid.estimation.fit_model import fit_json, fit_model, residual_csv
+from pamid.model.registry import rig_named
+from pamid.networks.anfis import Anfis
+from pamid.networks.store import load_network
+from pamid.recording.recording import read_recording
+from pamid.replications.demo import Withheld, write_demo_recording
+from pamid.simulation.data_split import gather
+
+LOOP = [
+    "reference_deg",
+    "command_loop",
+    "angle_loop_deg",
+    "velocity_loop_deg_per_s",
+    "acceleration_loop_deg_per_s2",
+]
+RESULTS = ("network.json", "network.npz", "trace.csv", "residual.csv")
+QUICK = ("--hidden", "3", "--iterations", "4")
+Copy = Callable[[], Path]
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """15 s of a virtual joint with a dead band of its valves and a damping that is off."""
+    withheld = Withheld(
+        "valve-dead-band",
+        "valve-dead-band",
+        "valve-dead-band:dead_band=0.08",
+        {"damping_m2_s": 1.2},
+    )
+    return write_demo_recording(
+        tmp_path_factory.mktemp("recording"), withheld, seed=3, duration_s=15.0
+    )
+
+
+@pytest.fixture(scope="module")
+def fitted(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("fitted") / "run"
+    run = Run.create(folder, command="fit", seed=0, inputs=[recording])
+    model = fit_model(gather(rig_named("one-dof"), [read_recording(recording)], []))
+    write_json(run.path("fit.json"), fit_json(model, 0))
+    write_atomically(run.path("residual.csv"), residual_csv(model))
+    run.finish()
+    return folder
+
+
+@pytest.fixture
+def run(fitted: Path, tmp_path: Path) -> Copy:
+    """Fresh copies of the fitted run."""
+    numbers = iter(range(100))
+    return lambda: Path(shutil.copytree(fitted, tmp_path / f"run{next(numbers)}"))
+
+
+def steps(folder: Path) -> list[dict[str, Any]]:
+    return list(read_json(folder / "run.json")["steps"])
+
+
+def without_loop(folder: Path) -> None:
+    """Make the run one without a known controller: no reference, no loop, but an external torque
+    that is never used."""
+    names, *lines = (folder / "residual.csv").read_text().splitlines()
+    keep = [i for i, n in enumerate(names.split(",")) if n not in LOOP]
+    rows = [",".join([line.split(",")[i] for i in keep]) for line in (names, *lines)]
+    rows = [rows[0] + ",external_torque_nm", *(row + ",0" for row in rows[1:])]
+    (folder / "residual.csv").write_text("\n".join(rows) + "\n")
+
+
+def test_the_first_papers_network(run: Copy, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = run()
+    assert train(folder, "--iterations", "40", "--json") == 0
+    found = said(capsys)
+    assert found == read_json(folder / "network.json")
+    assert (found["kind"], found["n_weights"], found["model"]) == ("elman", 171, "loop")
+    assert [one["name"] for one in found["inputs"]] == LOOP
+    table = read_columns(folder / "residual.csv")
+    held = table["part"] == 1
+    late = held & (table["time_s"] >= table["time_s"][held][0] + 1.0 - 1e-9)
+    for ending, rows in (("", held), ("_after_1_s", late)):
+        for name, column in (("refitted", "angle_loop_deg"), ("with_network", "angle_network_deg")):
+            error = np.abs(table["angle_deg"] - table[column])[rows].mean()
+            assert found["mae"]["angle_deg"][name + ending] == pytest.approx(error, rel=1e-6)
+    # the gain of the first paper's network on its test is 24 %
+    assert found["mae"]["angle_deg"]["with_network"] < 0.76 * found["mae"]["angle_deg"]["refitted"]
+    target = (table["angle_deg"] - table["angle_loop_deg"])[~held]
+    assert (found["output"]["low"], found["output"]["high"]) == pytest.approx(
+        (target.min(), target.max())
+    )
+    trace = np.loadtxt(folder / "trace.csv", delimiter=",", skiprows=1)
+    assert len(trace) == 41 and trace[-1, 1] == found["training"]["mse"] < trace[0, 1]
+    one = load_network(folder).predict({name: table[name][held] for name in LOOP})
+    np.testing.assert_allclose(
+        table["angle_network_deg"][held], table["angle_loop_deg"][held] + one, rtol=1e-7
+    )
+    (step,) = steps(folder)
+    assert step["ended"] and step["outcome"] == "done" and len(step["inputs"]) == 2
+
+
+def test_the_summary_is_told(run: Copy, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = run()
+    assert train(folder, *QUICK) == 0
+    text = capsys.readouterr().out
+    about = read_json(folder / "network.json")
+    t = about["training"]
+    for words in (
+        "elman 5-3-1, 31 weights",
+        f"MSE {t['mse']:.4g}",
+        "gradient",
+        "mu ",
+        f"gamma {t['gamma']:.1f} of 31",
+        f"{t['supported_weights']:.1f} of 31 are supported, counting the "
+        f"{t['effective_samples']:.0f} indep",
+        "iterations used up",
+        "... without 1 s of start-up",
+    ):
+        assert words in text
+    assert "every start" not in text
+
+
+@pytest.mark.parametrize(
+    ("options", "sizes", "words"),
+    [
+        (
+            ("--network", "anfis"),
+            {"inputs": 5, "sets": 2, "shape": "gaussian"},
+            "anfis 2x2x2x2x2 = 32 rules, 212 weights",
+        ),
+        (
+            ("--network", "anfis", "--inputs", "angle_loop_deg,command_loop", "--sets", "3"),
+            {"inputs": 2, "sets": 3, "shape": "gaussian"},
+            "anfis 3x3 = 9 rules, 39 weights",
+        ),
+        (
+            ("--network", "narx", "--hidden", "3"),
+            {"inputs": 5, "hidden": 3, "input_lags": 2, "output_lags": 2, "stride": 10},
+            "narx 5-3-1 seeing 2 earlier inputs and 2 earlier outputs, 10 samples apart, 58 "
+            "weights",
+        ),
+    ],
+)
+def test_every_network_is_trained(
+    run: Copy,
+    capsys: pytest.CaptureFixture[str],
+    options: tuple[str, ...],
+    sizes: dict[str, Any],
+    words: str,
+) -> None:
+    folder = run()
+    assert train(folder, *options, "--iterations", "4") == 0
+    about = read_json(folder / "network.json")
+    assert about["kind"] == options[1] and about["sizes"] == sizes
+    assert capsys.readouterr().out.startswith(words)
+    table = read_columns(folder / "residual.csv")
+    held = table["part"] == 1
+    values = load_network(folder).predict({name: x[held] for name, x in table.items()})
+    np.testing.assert_allclose(
+        table["angle_network_deg"][held], table["angle_loop_deg"][held] + values, rtol=1e-7
+    )
+    trace = np.loadtxt(folder / "trace.csv", delimiter=",", skiprows=1)
+    assert trace[-1, 1] < trace[0, 1]
+
+
+@pytest.mark.parametrize(("inputs", "sets"), [(1, 5), (2, 5), (3, 4), (4, 2), (5, 2), (6, 2)])
+def test_usual_sets_of_an_anfis(inputs: int, sets: int) -> None:
+    network = Wanted("anfis").network(inputs, 0.003)
+    assert network == Anfis(inputs, sets) and network.rules <= 64
+    assert Wanted("anfis", sets=2).network(7, 0.003).n_weights == Anfis(7, 2).n_weights
+    with pytest.raises(UsageError, match="128 rules"):
+        Wanted("anfis").network(7, 0.003)
+
+
+def test_starts_race_on_any_number_of_cores(run: Copy, capsys: pytest.CaptureFixture[str]) -> None:
+    one, other = run(), run()
+    race = ("--hidden", "2", "--iterations", "22", "--starts", "3")
+    assert train(one, *race, "--jobs", "1") == train(other, *race, "--jobs", "2") == 0
+    for name in RESULTS:
+        assert (one / name).read_bytes() == (other / name).read_bytes(), name
+    ends = read_json(one / "network.json")["training"]["starts_mse"]
+    assert len(ends) == 3 and f"MSE of every start: {ends[0]:.3g}, " in capsys.readouterr().out
+
+
+def test_examples_of_the_help_run(run: Copy, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = run()
+    folder.rename(folder.parent / "fitted")
+    monkeypatch.chdir(folder.parent)
+    for line in EXAMPLE.strip().splitlines():
+        assert frame.run(line.split()[1:]) == 0, line
+
+
+def test_same_run_and_seed_same_bytes(run: Copy) -> None:
+    one, other = run(), run()
+    before = (one / "residual.csv").read_text().splitlines()
+    assert train(one, *QUICK) == train(other, *QUICK) == 0
+    for name in (*RESULTS, "checkpoint.npz"):
+        assert (one / name).read_bytes() == (other / name).read_bytes(), name
+    assert [
+        line.rsplit(",", 1)[0] for line in (one / "residual.csv").read_text().splitlines()
+    ] == before
+    # trained again: in the place of the first network
+    assert train(one, *QUICK, "--seed", "1") == 0
+    assert (one / "network.npz").read_bytes() != (other / "network.npz").read_bytes()
+    assert list(read_columns(one / "residual.csv")) == list(read_columns(other / "residual.csv"))
+    assert train(other, *QUICK, "--channel", "pressure_1_kpa") == 0
+    columns = list(read_columns(other / "residual.csv"))
+    assert "pressure_1_network_kpa" in columns and "angle_network_deg" not in columns
+
+
+def test_the_held_out_part_is_never_trained_on(run: Copy) -> None:
+    one, other = run(), run()
+    names, *lines = (other / "residual.csv").read_text().splitlines()
+    place, part = names.split(",").index("angle_deg"), names.split(",").index("part")
+    for i, line in enumerate(lines):
+        cells = line.split(",")
+        if cells[part] == "1":
+            cells[place] = f"{float(cells[place]) + 5.0:.9g}"
+            lines[i] = ",".join(cells)
+    (other / "residual.csv").write_text("\n".join([names, *lines]) + "\n")
+    assert train(one, *QUICK) == train(other, *QUICK) == 0
+    assert (one / "network.npz").read_bytes() == (other / "network.npz").read_bytes()
+    errors = [read_json(folder / "network.json")["mae"]["angle_deg"] for folder in (one, other)]
+    assert errors[1]["with_network"] > errors[0]["with_network"] + 4.0
+
+
+def test_without_a_controller_the_replay_is_corrected(
+    run: Copy, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = run()
+    without_loop(folder)
+    assert train(folder, *QUICK, "--json") == 0
+    found, fit = said(capsys), read_json(folder / "fit.json")
+    assert found["model"] == "replay"
+    outputs = [
+        "angle_refitted_deg",
+        *(
+            f"{q}_{i}_refitted_{u}"
+            for q, u in (("pressure", "kpa"), ("force", "n"))
+            for i in (1, 2)
+        ),
+    ]
+    assert [one["name"] for one in found["inputs"]] == ["command", *outputs]
+    assert any("external_torque_nm is constant" in note for note in found["notes"])
+    # the very rows that fit.json scores
+    assert found["mae"]["angle_deg"]["refitted"] == pytest.approx(
+        fit["mae"]["angle_deg"]["refitted"], rel=1e-6
+    )
+    table = read_columns(folder / "residual.csv")
+    rows = (table["part"] == 1) & (table["window"] >= 0)
+    error = np.abs(table["angle_deg"] - table["angle_network_deg"])[rows].mean()
+    assert found["mae"]["angle_deg"]["with_network"] == pytest.approx(error, rel=1e-6)
+
+
+def test_every_window_is_a_record_of_its_own(run: Copy) -> None:
+    folder = run()
+    without_loop(folder)
+    leftover = read_leftover(folder, "angle_deg", ("command", "angle_refitted_deg"))
+    window, part = leftover.columns["window"], leftover.columns["part"]
+    assert leftover.washout > 0
+    assert len(leftover.stretches) == len(
+        {(p, w) for p, w in zip(part, window, strict=True) if w >= 0}
+    )
+    for s in leftover.stretches:
+        before = window[s.rows][: leftover.washout]
+        scored = window[s.rows][leftover.washout :]
+        assert (
+            (before == -1).all()
+            and np.ptp(scored) == 0
+            and scored[0] >= 0
+            and (part[s.rows] == s.part).all()
+        )
+    assert (
+        sum(s.rows.stop - s.rows.start - leftover.washout for s in leftover.stretches)
+        == (window >= 0).sum()
+    )
+
+
+def test_a_model_that_failed_in_its_own_loop_is_not_corrected(
+    run: Copy, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = run()
+    names, *lines = (folder / "residual.csv").read_text().splitlines()
+    loop = {i for i, n in enumerate(names.split(",")) if n in LOOP[1:]}
+    rows = [
+        ",".join("0" if i in loop else c for i, c in enumerate(line.split(","))) for line in lines
+    ]
+    (folder / "residual.csv").write_text("\n".join([names, *rows]) + "\n")
+    assert train(folder, *QUICK, "--json") == 0
+    found = said(capsys)
+    assert found["model"] == "replay" and "could not be simulated" in found["notes"][0]
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "words"),
+    [
+        (
+            ("--network", "anfis", "--hidden", "5"),
+            2,
+            "--hidden belongs to --network elman or narx, not to anfis",
+        ),
+        (("--network", "narx", "--sets", "3"), 2, "--sets belongs to --network anfis, not to narx"),
+        (("--network", "narx", "--device", "cuda"), 2, "only elman networks are trained, not narx"),
+        (("--device", "gpu"), 2, "There is no device 'gpu'"),
+        (("--network", "elmann"), 2, "Did you mean 'elman'"),
+        (("--channel", "angel_deg"), 2, "Did you mean 'angle_deg'"),
+        (("--inputs", "reference_deg,angle_deg"), 2, "Take angle_refitted_deg"),
+        (("--inputs", "comand_loop"), 2, "Did you mean 'command_loop'"),
+        (("--inputs", "command,command"), 2, "given twice"),
+        (("--hidden", "0"), 2, "hidden"),
+        (("--hidden", "80"), 4, "cannot decide"),
+    ],
+)
+def test_requests_that_are_refused(
+    run: Copy, capsys: pytest.CaptureFixture[str], options: tuple[str, ...], code: int, words: str
+) -> None:
+    folder = run()
+    assert train(folder, *options, "--json") == code
+    found = said(capsys)
+    assert found["schema"] == "pamid.error/1" and words in found["message"] + found["hint"]
+    assert not (folder / "network.json").exists()
+    assert all(step["ended"] for step in steps(folder))
+
+
+def _cut_short(folder: Path) -> None:
+    content = (folder / "residual.csv").read_bytes()
+    (folder / "residual.csv").write_bytes(content[: len(content) // 2 - 3])
+
+
+def _gap(folder: Path) -> None:
+    text = (folder / "residual.csv").read_text().splitlines()
+    cells = text[100].split(",")
+    text[100] = ",".join(["nan" if i == 4 else c for i, c in enumerate(cells)])
+    (folder / "residual.csv").write_text("\n".join(text) + "\n")
+
+
+def _nothing_held_out(folder: Path) -> None:
+    names, *lines = (folder / "residual.csv").read_text().splitlines()
+    (folder / "residual.csv").write_text(
+        "\n".join([names, *(x for x in lines if x.split(",")[2] == "0")]) + "\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("spoil", "code", "words"),
+    [
+        (lambda f: (f / "residual.csv").unlink(), 3, "does not exist"),
+        (lambda f: (f / "residual.csv").write_text("time_s,recording,part,window\n"), 3, "no rows"),
+        (lambda f: (f / "fit.json").write_text("{}"), 3, "pamid.fit/1"),
+        (lambda f: (f / "run.json").unlink(), 3, "not a run folder"),
+        (_cut_short, 3, "residual.csv"),
+        (_gap, 4, "nan"),
+        (_nothing_held_out, 4, "held out"),
+    ],
+)
+def test_damaged_runs_are_refused(
+    run: Copy,
+    capsys: pytest.CaptureFixture[str],
+    spoil: Callable[[Path], None],
+    code: int,
+    words: str,
+) -> None:
+    folder = run()
+    spoil(folder)
+    assert train(folder, *QUICK, "--json") == code
+    found = said(capsys)
+    assert words in found["message"] + found["hint"]
+
+
+def test_recordings_of_different_periods_are_refused(
+    run: Copy, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = run()
+    fit = read_json(folder / "fit.json")
+    write_json(folder / "fit.json", fit | {"recordings": [*fit["recordings"], {"period_s": 0.005}]})
+    names, *lines = (folder / "residual.csv").read_text().splitlines()
+    cells = lines[0].split(",")
+    more = [",".join([str(0.005 * k), "1", "0", "9", *cells[4:]]) for k in range(50)]
+    (folder / "residual.csv").write_text("\n".join([names, *lines, *more]) + "\n")
+    assert train(folder, *QUICK, "--json") == 4
+    assert "one period" in said(capsys)["message"]
+
+
+def test_a_column_goes_to_the_end(tmp_path: Path) -> None:
+    table = tmp_path / "residual.csv"
+    table.write_text(
+        "time_s,recording,part,window,angle_network_deg,angle_deg\n0,0,0,0,7,1.50\n1,0,0,0,8,-2\n"
+    )
+    assert with_columns(table, {"angle_network_deg": [1.25, 2.5]}).decode() == (
+        "time_s,recording,part,window,angle_deg,angle_network_deg\n0,0,0,0,1.50,1.25\n1,0,0,0,-2,2.5\n"
+    )
+
+
+# ---- interrupted, killed --------------------
+
+
+# so that a process which hangs ends the test; no healthy one comes near it on any machine
+GUARD_S = 900.0
+
+#: `pamid` that stands still once it has told of its progress so many times, and says so by a byte
+_HELD = """
+import os, sys, time
+from pamid_cli.frame import main
+from pamid_cli.progress import Progress
+said, left, update = int(sys.argv.pop(1)), [int(sys.argv.pop(1))], Progress.update
+def held(*words):
+    left[0] -= 1
+    if left[0] == 0:
+        os.write(said, b"!")
+        while True:
+            time.sleep(0.01)    # one long wait would never hear a signal that comes just before it begins
+    update(*words)
+Progress.update = held
+main()
+"""  # noqa: E501
+Process = subprocess.Popen[bytes]
+
+
+@pytest.fixture
+def started(tmp_path: Path) -> Iterator[Callable[..., Process]]:
+    """Start `pamid ...` as a process of its own; none outlives the test."""
+    alive: list[Process] = []
+
+    def start(*words: str, code: str, pass_fds: tuple[int, ...] = ()) -> Process:
+        environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+        process = subprocess.Popen(
+            [sys.executable, "-c", code, *words],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            env=environment,
+            pass_fds=pass_fds,
+        )
+        alive.append(process)
+        return process
+
+    yield start
+    for process in alive:
+        if process.poll() is None:
+            process.kill()
+        process.communicate()
+
+
+def held(started: Callable[..., Process], *words: str) -> Process:
+    """`pamid ...` as a process of its own that has come to its fourth word of progress, and stands
+    still there."""
+    hears, says = os.pipe()
+    process = started(str(says), "4", *words, code=_HELD, pass_fds=(says,))
+    os.close(says)
+    with open(hears, "rb") as pipe:
+        assert pipe.read(1) == b"!", process.communicate()
+    return process
+
+
+def everything_parses(folder: Path) -> None:
+    """No file is half there; what a dead process was writing lies apart, under a name of its
+    own."""
+    for path in folder.rglob("*"):
+        if path.is_file() and not (path.name.startswith(".") and path.suffix == ".tmp"):
+            if path.suffix == ".json":
+                read_json(path)
+            elif path.suffix == ".npz":
+                load_arrays(path)
+            elif path.suffix == ".jsonl":
+                assert all(
+                    isinstance(json.loads(line), dict) for line in path.read_text().splitlines()
+                )
+            else:
+                assert (
+                    path.suffix == ".csv"
+                    and np.isfinite(np.loadtxt(path, delimiter=",", skiprows=1)).all()
+                )
+
+
+def resumes_bit_for_bit(folder: Path, other: Path, reached: int) -> None:
+    total = ("--hidden", "10", "--iterations", str(reached + 5))
+    assert train(folder, *total, "--resume") == 0
+    assert train(other, *total) == 0
+    for name in RESULTS:
+        assert (folder / name).read_bytes() == (other / name).read_bytes(), name
+    assert not list(folder.glob(".*.tmp"))
+
+
+def test_interrupted_it_keeps_what_it_reached_and_resumes(run: Copy, started: Any) -> None:
+    folder = run()
+    process = held(
+        started,
+        "train-residual",
+        str(folder),
+        "--hidden",
+        "10",
+        "--iterations",
+        "1000000",
+        "--json",
+    )
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=GUARD_S)
+    assert process.returncode == 130, err.decode()
+    assert json.loads(out)["code"] == "interrupted"
+    about = read_json(folder / "network.json")
+    assert about["training"]["why"] == "interrupted" and "MSE" in err.decode()
+    assert steps(folder)[-1]["outcome"] == "interrupted" and steps(folder)[-1]["ended"]
+    assert load_network(folder).network.n_weights == 171
+    everything_parses(folder)
+    resumes_bit_for_bit(folder, run(), about["training"]["iterations"])
+    # another training than the checkpoint's
+    assert train(folder, *QUICK, "--seed", "9", "--resume") == 3
+    assert steps(folder)[-1]["outcome"] == "failed"
+
+
+def test_killed_in_the_middle_of_a_training(run: Copy, started: Any) -> None:
+    folder = run()
+    process = held(
+        started, "train-residual", str(folder), "--hidden", "10", "--iterations", "1000000"
+    )
+    process.kill()
+    process.communicate()
+    everything_parses(folder)
+    assert steps(folder)[-1]["ended"] is None and not Run.open(folder).finished
+    assert not (folder / "network.json").exists()
+    resumes_bit_for_bit(folder, run(), len(load_arrays(folder / "checkpoint.npz")["steps_0"]) - 1)
+
+
+_DIES = """
+import os, signal, sys
+from pathlib import Path
+from pamid_cli.frame import main
+name, replace = sys.argv.pop(1), os.replace
+def dying(source, target):
+    if Path(target).name == name:
+        os.kill(os.getpid(), signal.SIGKILL)
+    replace(source, target)
+os.replace = dying
+main()
+"""
+
+
+@pytest.mark.parametrize("name", ["network.json", "residual.csv"])
+def test_killed_while_a_result_is_written(run: Copy, started: Any, name: str) -> None:
+    """The process dies with the new file written, but not yet in its place."""
+    folder = run()
+    before = (folder / "residual.csv").read_bytes()
+    process = started(name, "train-residual", str(folder), *QUICK, code=_DIES)
+    process.communicate(timeout=GUARD_S)
+    assert process.returncode == -signal.SIGKILL
+    everything_parses(folder)
+    assert (folder / "residual.csv").read_bytes() == before and steps(folder)[-1]["ended"] is None
+    other = run()
+    assert train(folder, *QUICK, "--resume") == train(other, *QUICK) == 0
+    assert all((folder / file).read_bytes() == (other / file).read_bytes() for file in RESULTS)
+    assert not list(folder.glob(".*.tmp"))
+
+
+@pytest.mark.slow
+def test_killed_in_the_middle_of_a_diagnosis(
+    recording: Path, tmp_path: Path, started: Any, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "run"
+    process = held(started, "diagnose", str(recording), "--output", str(folder), "--jobs", "1")
+    process.kill()
+    process.communicate()
+    everything_parses(folder)
+    assert read_json(folder / "run.json")["ended"] is None and not Run.open(folder).finished
+    assert not (folder / "diagnosis.json").exists()
+    assert frame.run(["report", str(folder), "--json"]) == 3
+    assert "no result yet" in said(capsys)["message"]
+    assert frame.run(["diagnose", str(recording), "--output", str(folder), "--json"]) == 3
+    assert "--overwrite" in said(capsys)["hint"]
+    again = Run.create(folder, command="again", seed=0, overwrite=True)
+    assert again.record["command"] == ["again"]
+
+
+def test_the_report_takes_it_in(run: Copy, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = run()
+    assert train(folder, *QUICK) == 0
+    capsys.readouterr()
+    assert frame.run(["report", str(folder), "--json"]) == 0
+    found = said(capsys)
+    about = read_json(folder / "network.json")
+    assert about["model"] == "loop" and "with_network" not in found["mae"]["angle_deg"], (
+        "loop and replay stay apart"
+    )
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert f"{about['mae']['angle_deg']['with_network']:.3g}" in page and "own loop" in page
+    assert "training.png" in {path.name for path in (folder / "figures").iterdir()}

@@ -1,0 +1,433 @@
+"""A run folder and a trial's written by hand, with every file and every verdict, for the tests of
+the report."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pamid.base.metrics import wilson_interval
+from pamid.trial.table import ROWS
+
+PERIOD_S = 0.01
+WINDOW_ROWS = 200
+CHANNELS = {
+    "angle_deg": (0.05, 1.29, 0.52, 0.11),
+    "pressure_1_kpa": (0.4, 9.0, 2.1, 1.9),
+    "pressure_2_kpa": (0.4, 8.0, 2.3, 2.0),
+}
+
+
+def run_json() -> dict[str, Any]:
+    return {
+        "schema": "pamid.run/1",
+        "command": ["pamid", "diagnose", "rec.csv", "--rig", "one-dof", "--output", "RUN"],
+        "seed": 3,
+        "options": {},
+        "inputs": [{"path": "rec.csv", "sha256": "ab" * 32}],
+        "versions": {"python": "3.11.2", "pamid": "0.1.0", "numpy": "2.4.0"},
+        "platform": "Linux",
+        "begun": "2024-05-01T10:00:00+00:00",
+        "ended": "2024-05-01T10:02:00+00:00",
+        "outcome": "done",
+        "steps": [],
+    }
+
+
+def fit_json() -> dict[str, Any]:
+    def parameter(
+        value: float, prior: float, unit: str, word: str, strain: float, bound: str | None = None
+    ) -> Any:
+        return {
+            "value": value,
+            "low": 0.95 * value,
+            "high": 1.05 * value,
+            "prior": prior,
+            "unit": unit,
+            "word": word,
+            "at_bound": bound,
+            "strain": strain,
+            "source": "Table 2 of the first paper",
+        }
+
+    return {
+        "schema": "pamid.fit/1",
+        "rig": "one-dof",
+        "effects": [],
+        "seed": 0,
+        "recordings": [
+            {
+                "name": "rec",
+                "path": "rec.csv",
+                "sha256": "ab" * 32,
+                "role": "both",
+                "samples": 4000,
+                "period_s": PERIOD_S,
+                "loop": "closed",
+            }
+        ],
+        "channels": list(CHANNELS),
+        "converged": True,
+        "why": "",
+        "iterations": 15,
+        "stepping": {"substeps": 1, "implicit": False, "recheck": 0.003},
+        "noise": {name: values[0] for name, values in CHANNELS.items()},
+        "parameters": {
+            "damping_m2_s": parameter(0.00213, 0.0015, "m2 s", "settled", 1.2),
+            "sonic_conductance_m3_per_s_pa": parameter(1.23e-8, 1.3e-8, "m3/(s Pa)", "weak", 3.4),
+            "dead_volume_m3": parameter(4.1e-5, 4e-5, "m3", "silent", 0.1, "low"),
+        },
+        "background": {
+            "force_map_1": {"pull": 0.8},
+            "force_map_2": {"pull": -1.3},
+            "exhaust_ratio": {"pull": 2.4},
+        },
+        "mae": {
+            name: {"data_sheet": v[1], "refitted": v[2], "noise_floor": v[0]}
+            for name, v in CHANNELS.items()
+        },
+        "closed_loop": {
+            "angle_deg": {"data_sheet": 1.9, "refitted": 0.71, "band": 0.2},
+            "command": {"data_sheet": 0.2, "refitted": 0.05, "band": 0.01},
+        },
+    }
+
+
+def candidate(
+    effect: str, family: str, probability: float, shrinkage: float, **more: Any
+) -> dict[str, Any]:
+    return {
+        "effect": effect,
+        "family": family,
+        "port": more.pop("port", "joint"),
+        "probability": probability,
+        "held_out": {"angle_deg": {"mae_before": 0.52, "mae_after": 0.52 * (1 - shrinkage)}},
+        "shrinkage": shrinkage,
+        "low": shrinkage - 0.05,
+        "high": shrinkage + 0.05,
+        "converged": True,
+        "why": "",
+        **more,
+    }
+
+
+def cause(effect: str, family: str, port: str, share: float) -> dict[str, Any]:
+    return {
+        "effect": effect,
+        "family": family,
+        "port": port,
+        "share": share,
+        "parameters": {"torque_n_m": {"value": 0.41, "low": 0.38, "high": 0.44}},
+    }
+
+
+def diagnosis_json(verdict: str) -> dict[str, Any]:
+    friction = cause("coulomb-friction", "friction", "joint", 0.93)
+    causes = {
+        "explained": [friction],
+        "ambiguous": [friction, cause("leak", "leak", "pressure", 0.07)],
+    }
+    reach = {
+        name: {
+            "mae_data_sheet": v[1],
+            "mae_refitted": v[2],
+            "mae_with_cause": v[3],
+            "noise_floor": v[0],
+            "black_box": round(0.8 * v[2], 6),
+            "shrinkage": 1 - v[3] / v[2],
+            "low": 0.9 - v[3] / v[2],
+            "high": 1.05 - v[3] / v[2],
+        }
+        for name, v in CHANNELS.items()
+    }
+    unknown = {
+        "port": "muscle",
+        "formula": "-0.42 sign(velocity) + 0.11 contraction^2",
+        "variables": ["velocity", "contraction"],
+        "inclusion": 0.83,
+        "described": 0.62,
+        "dissipative": True,
+        "parity": "odd",
+        "memory": False,
+    }
+    elsewhere = [
+        {
+            "recording": "ab" * 6,
+            "differs": {"inertia_kg_m2": 0.014, "loop": "open", "controller": {"kp_per_deg": 0.2}},
+            "angle_deg": {"mae_refitted": 0.61, "mae_with_cause": 0.2, "shrinkage": 0.672},
+        }
+    ]
+    return {
+        "schema": "pamid.diagnosis/1",
+        "verdict": verdict,
+        "causes": causes.get(verdict, []),
+        "ranking": [
+            candidate("coulomb-friction", "friction", 0.91, 0.788),
+            candidate("lugre-friction", "friction", 0.05, 0.77),
+            candidate("bouc-wen-hysteresis", "muscle-hysteresis", 0.03, 0.41, port="muscle"),
+            candidate("dead-time", "command-timing", 0.01, 0.02, port="command"),
+            candidate(
+                "leak",
+                "leak",
+                0.0,
+                -0.9,
+                port="pressure",
+                converged=False,
+                why="parameters ran away",
+            ),
+        ],
+        "where": {
+            "port": "joint",
+            "ports": [
+                {"port": "joint", "share": 0.81},
+                {"port": "muscle", "share": 0.12},
+                {"port": "valve", "share": 0.07},
+            ],
+            "indistinguishable": [["muscle", "joint"], ["valve", "pressure"]],
+            "redundancy": 3,
+            "unseen": ["leak"],
+            "sensors": [
+                {"sensor": "force_1_n and force_2_n", "splits": [["muscle", "joint"]]},
+                {"sensor": "the value at port valve", "splits": [["valve", "pressure"]]},
+            ],
+            "regimes": [
+                {
+                    "signal": "velocity",
+                    "low": -2.0,
+                    "high": 2.0,
+                    "unit": "deg/s",
+                    "share_of_gap": 0.7,
+                    "share_of_time": 0.2,
+                },
+                {
+                    "signal": "valve_ratio_1",
+                    "low": 0.0,
+                    "high": 0.43,
+                    "unit": "",
+                    "share_of_gap": 0.61,
+                    "share_of_time": 0.35,
+                },
+            ],
+            "frequency_hz": [0.2, 2.0],
+            "windows_s": [[29.0, 31.5], [35.0, 36.0]],
+        },
+        "how_far": reach,
+        "transfer": elsewhere if verdict in causes else [],
+        "look_alikes": [["coulomb-friction", "lugre-friction"]],
+        "next_experiment": {
+            "name": "torque-loops-two-pressures",
+            "why": "Friction of the joint does not grow with pressure.",
+            "separates": ["coulomb-friction", "bouc-wen-hysteresis"],
+            "expected_separation": 4.2,
+            "minutes": 8.0,
+            "excitation": "next-experiment.csv",
+            "excitations": ["next-experiment.csv", "next-experiment-2.csv"],
+            "settings": [{"initial_pressure_kpa": 200.0}, {"initial_pressure_kpa": 500.0}],
+        },
+        "parameters": {
+            "damping_m2_s": {
+                "value": 0.0016,
+                "low": 0.0015,
+                "high": 0.0017,
+                "prior": 0.0015,
+                "strain": 0.3,
+            }
+        },
+        "background": {
+            "force_map_1": {"pull": 0.8, "share_of_gap": 0.04},
+            "force_map_2": {"pull": -0.2, "share_of_gap": 0.01},
+        },
+        "unknown": unknown if verdict == "unknown-effect" else None,
+        "grounds": {"visible": 10.4, "left": 0.07, "wins": 0.93, "a_later_figure": 1.5},
+        "confidence": {"gap": 0.995, "known": 0.93, "first": 0.91},
+    }
+
+
+def network_json() -> dict[str, Any]:
+    return {
+        "schema": "pamid.network/1",
+        "kind": "elman",
+        "n_weights": 171,
+        "output": {"name": "angle_deg", "unit": "deg"},
+        "training": {
+            "why": "the gradient is below its goal",
+            "converged": True,
+            "remark": "",
+            "iterations": 119,
+        },
+        "mae": {"angle_deg": {"refitted": 0.52, "with_network": 0.23, "part": "held-out"}},
+    }
+
+
+def write_residual(folder: Path, *, causes: bool, network: bool) -> None:
+    """40 s of a stick-slip-like angle; the last 30 % are held out, the first window of all is
+    unscored."""
+    random = np.random.default_rng(4)
+    rows = np.arange(4000)
+    time = PERIOD_S * rows
+    columns = {
+        "time_s": time,
+        "recording": 0 * rows,
+        "part": (time >= 28.0).astype(int),
+        "window": np.where(rows < 100, -1, rows // WINDOW_ROWS),
+    }
+    shape = np.sin(0.9 * time) + 0.4 * np.sin(2.3 * time)
+    for name, (floor, _, _, _) in CHANNELS.items():
+        stem, unit = name.rsplit("_", 1)
+        scale = 20.0 if unit == "deg" else 60.0
+        measured = scale * shape + random.normal(0, floor, rows.size)
+        gap = np.tanh(8 * np.cos(0.9 * time)) * (1.5 + np.sin(0.31 * time))
+        columns[name] = measured
+        columns[f"{stem}_data_sheet_{unit}"] = 0.93 * scale * shape + gap
+        columns[f"{stem}_refitted_{unit}"] = scale * shape + 0.5 * gap
+        if causes:
+            columns[f"{stem}_cause_{unit}"] = scale * shape + 0.1 * gap
+        if network and name == "angle_deg":
+            columns[f"{stem}_network_{unit}"] = scale * shape + 0.2 * gap
+    columns["command"] = np.clip(shape, -1, 1)
+    rows_of_text = (
+        ",".join(f"{value:.9g}" for value in row) for row in zip(*columns.values(), strict=True)
+    )
+    lines = [",".join(columns), *rows_of_text]
+    (folder / "residual.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def write_missing(folder: Path) -> None:
+    """300 slices of a missing force that opposes the velocity."""
+    random = np.random.default_rng(5)
+    velocity = random.normal(0.0, 20.0, 300)
+    force = -0.42 * np.sign(velocity) + random.normal(0.0, 0.15, 300)
+    columns = {
+        "time_s": 28.0 + 0.04 * np.arange(300),
+        "recording": np.zeros(300),
+        "velocity_deg_per_s": velocity,
+        "contraction": random.uniform(0.03, 0.17, 300),
+        "missing_n": force,
+    }
+    np.savetxt(
+        folder / "missing.csv",
+        np.stack(list(columns.values()), axis=1),
+        delimiter=",",
+        fmt="%.9g",
+        header=",".join(columns),
+        comments="",
+    )
+
+
+def write_trace(folder: Path) -> None:
+    lines = ["iteration,mse,gradient,mu,gamma,alpha,beta"]
+    for k in range(120):
+        mse = 0.002 + 0.3 * np.exp(-k / 9)
+        lines.append(
+            f"{k},{mse:.9g},{np.exp(-k / 12):.9g},{10.0 ** (-2 - (k % 7)):.9g},"
+            f"{171 - 60 * (1 - np.exp(-k / 30)):.9g},0.1,40.0"
+        )
+    (folder / "trace.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def make_run(
+    folder: Path, verdict: str = "explained", *, without: tuple[str, ...] = (), **parts: Any
+) -> Path:
+    """A whole run folder by hand; `parts` replaces the content of a JSON file, `without` leaves
+    files out."""
+    folder.mkdir(parents=True, exist_ok=True)
+    content = {
+        "run": run_json(),
+        "fit": fit_json(),
+        "diagnosis": diagnosis_json(verdict),
+        "network": network_json(),
+    }
+    for name, value in {**content, **parts}.items():
+        if f"{name}.json" not in without:
+            (folder / f"{name}.json").write_text(json.dumps(value), encoding="utf-8")
+    if "residual.csv" not in without:
+        write_residual(folder, causes=verdict == "explained", network="network.json" not in without)
+    if "trace.csv" not in without:
+        write_trace(folder)
+    if verdict == "unknown-effect" and "missing.csv" not in without:
+        write_missing(folder)
+    return folder
+
+
+def share_json(hits: int, of: int) -> dict[str, Any]:
+    low, high = wilson_interval(hits, of)
+    return {"share": hits / of if of else None, "low": low, "high": high, "hits": hits, "of": of}
+
+
+def trial_json() -> dict[str, Any]:
+    """Every row of the table, with some figures short of their target and one without cases."""
+    hits = {
+        "family_first": 96,
+        "family_first_two": 107,
+        "exact_first": 93,
+        "port": 108,
+        "wrong_abstention": 7,
+        "both_of_two": 0,
+        "false_alarm": 9,
+    }
+    counts = {"both_of_two": 0, "false_alarm": 80}
+    parts: dict[str, dict[str, Any]] = {
+        "rates": {"failed": share_json(1, 240), "unseen": share_json(12, 160)},
+        "figures": {},
+        "baselines": {},
+    }
+    for k, row in enumerate(ROWS):
+        if row.section == "figures":
+            parts["figures"][row.key] = {
+                "value": 0.04 + 0.01 * k,
+                "low": 0.02,
+                "high": 0.09 + 0.01 * k,
+                "of": 110,
+            }
+        else:
+            parts[row.section][row.key] = share_json(
+                hits.get(row.key, 60 + k), counts.get(row.key, 110)
+            )
+    families = ["friction", "muscle-hysteresis", "leak", "tube-lag", "command-timing"]
+    confusion = {
+        family: {family: 18 - 2 * k, families[k - 1]: k + 1, "(unknown effect)": 2}
+        for k, family in enumerate(families)
+    }
+    rates = {
+        "family_first": share_json(20, 30),
+        "exact_first": share_json(18, 30),
+        "detected": share_json(28, 30),
+        "false_alarm": share_json(1, 20),
+    }
+    good = {**rates, "family_first": share_json(41, 42), "false_alarm": share_json(0, 0)}
+    bins = [(0.35, 4, 10), (0.55, 9, 15), (0.76, 20, 24), (0.96, 58, 60)]
+    return {
+        "schema": "pamid.trial/1",
+        "part": "test",
+        "seed": 7,
+        "cases": 240,
+        **parts,
+        "confusion": confusion,
+        "reliability": [
+            {
+                "low": int(10 * said) / 10,
+                "high": int(10 * said) / 10 + 0.1,
+                "said": said,
+                "right": share_json(right, of),
+            }
+            for said, right, of in bins
+        ],
+        "strata": {
+            "visibility": {"1.1 to 1.3": rates, ">= 2": good},
+            "inertia_kg_m2": {"0.014": rates, "0.0896": good},
+        },
+        "cases_sha256": "cd" * 32,
+        "failures": {"17": "the joint ran into its stop <b>hard</b>"},
+    }
+
+
+def make_trial(folder: Path, **changes: Any) -> Path:
+    """A trial's folder by hand; `changes` replace parts of trial.json."""
+    folder.mkdir(parents=True, exist_ok=True)
+    run = {**run_json(), "command": ["pamid", "trial", "--output", "TRIAL"], "inputs": []}
+    for name, value in (("run", run), ("trial", {**trial_json(), **changes})):
+        (folder / f"{name}.json").write_text(json.dumps(value), encoding="utf-8")
+    return folder

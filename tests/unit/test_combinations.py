@@ -1,0 +1,110 @@
+"""Parameters that only combinations of are known: what is named, and how well it is known."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import pytest
+from pendulum import TRUTH, Declared, Pendulum, swing
+
+from pamid.estimation.fit_model import GreyBox, fit_json, fit_model
+from pamid.estimation.identifiable_combinations import combinations_of, tied_text
+from pamid.model.registry import rig_named
+from pamid.model.rig import Rig
+from pamid.recording.recording import read_recording
+from pamid.simulation.data_split import gather
+
+MOMENT = TRUTH["mass_kg"] * TRUTH["centre_m"]
+ABOUT_JOINT = TRUTH["inertia_kg_m2"] + MOMENT * TRUTH["centre_m"]
+INERTIAL = ("mass_kg", "centre_m", "inertia_kg_m2")
+
+
+@cache
+def fitted(torque: bool, declares: bool) -> GreyBox:
+    rig: Rig = Declared() if declares else Pendulum()
+    with TemporaryDirectory() as folder:
+        return fit_model(gather(rig, [swing(Path(folder) / "rec.csv", torque=torque)], []))
+
+
+def told(torque: bool, declares: bool) -> dict[str, Any]:
+    return fit_json(fitted(torque, declares), 0)
+
+
+def holds(one: dict[str, Any], truth: float, within: float) -> bool:
+    """Is the truth in the interval (or a tenth of a per mil beside it: one in twenty is), and is
+    that narrow?"""
+    low, high = one["low"] - 1e-4 * truth, one["high"] + 1e-4 * truth
+    return bool(low <= truth <= high and one["high"] - one["low"] < within * truth)
+
+
+def test_a_known_torque_tells_moment_and_inertia_but_no_mass() -> None:
+    found = told(True, True)
+    assert {found["parameters"][n]["word"] for n in INERTIAL} == {"weak"}
+    combos, (tie,) = found["combinations"], found["tied"]
+    assert tie["parameters"] == INERTIAL and tie["directions"] == 2
+    assert set(tie["known"]) == {"first_moment_kg_m", "inertia_about_joint_kg_m2"}
+    assert holds(combos["first_moment_kg_m"], MOMENT, 0.01)
+    assert holds(combos["inertia_about_joint_kg_m2"], ABOUT_JOINT, 0.01)
+    one = combos["inertia_about_joint_kg_m2"]
+    assert (
+        one["declared"]
+        and one["word"] == "settled"
+        and one["unit"] == "kg m2"
+        and one["members"] == INERTIAL
+    )
+    assert one["prior"] == pytest.approx(0.0075 + 0.7 * 0.13**2)
+
+
+def test_a_swing_alone_tells_only_ratios() -> None:
+    found = told(False, True)
+    combos, (tie,) = found["combinations"], found["tied"]
+    assert tie["parameters"] == (*INERTIAL, "viscous_n_m_s") and tie["directions"] == 2
+    assert (
+        combos["first_moment_kg_m"]["word"] == combos["inertia_about_joint_kg_m2"]["word"] == "weak"
+    )
+    assert tie["known"][0] == "first_moment_kg_m / inertia_about_joint_kg_m2"
+    assert holds(combos[tie["known"][0]], MOMENT / ABOUT_JOINT, 0.01)
+    assert "viscous_n_m_s" in tie["known"][1] and combos[tie["known"][1]]["word"] == "settled"
+
+
+def test_without_a_declaration_a_product_of_powers_is_named() -> None:
+    found = told(True, False)
+    (tie,), combos = found["tied"], found["combinations"]
+    assert tie["parameters"] == INERTIAL and tie["directions"] == len(tie["known"]) == 2
+    assert tie["known"][0] == "mass_kg x centre_m" and not combos["mass_kg x centre_m"]["declared"]
+    assert holds(combos["mass_kg x centre_m"], MOMENT, 0.01)
+    other = combos[tie["known"][1]]
+    assert other["word"] == "settled" and (other["high"] - other["low"]) < 0.01 * other["value"]
+    scale_free = told(False, False)
+    assert any(n == "viscous_n_m_s / mass_kg / centre_m" for n in scale_free["tied"][0]["known"])
+
+
+def test_the_sentence_names_parameters_and_figures() -> None:
+    head, *rest = tied_text(told(True, True))
+    assert head == "mass_kg, centre_m and inertia_kg_m2 are known only in combination:"
+    assert len(rest) == 2 and any(
+        line.strip().startswith("first_moment_kg_m = 0.088") for line in rest
+    )
+
+
+def test_draws_take_the_place_of_the_delta_method() -> None:
+    g = fitted(True, True)
+    random = np.random.default_rng(0)
+    free = list(g.fit.problem.free)
+    draws = random.multivariate_normal(
+        g.fit.problem.scale.inside(g.fit.p[free]), 1e-4 * np.eye(len(free)), 4000
+    )
+    one = {c.name: c for c in combinations_of(g.fit, draws)[0]}["first_moment_kg_m"]
+    # log-normal: mass and centre each vary by a hundredth of log 1.3
+    half = 1.96 * 0.01 * np.log(1.3) * np.sqrt(2.0)
+    assert (one.high - one.low) / one.value == pytest.approx(2.0 * half, rel=0.05)
+
+
+def test_parameters_that_are_known_by_themselves_are_not_tied() -> None:
+    example = read_recording(Path(__file__).resolve().parents[2] / "data" / "example" / "joint.csv")
+    found = fit_json(fit_model(gather(rig_named("one-dof"), [example], [])), 0)
+    assert found["tied"] == [] and tied_text(found) == []

@@ -1,0 +1,271 @@
+"""The diagnosis end to end: planted effects, nothing planted, an effect that has no name, a
+measured drive."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+from virtual_joint import record
+
+from pamid.base.run_folder import Run
+from pamid.diagnosis.diagnose import diagnose_into
+from pamid.diagnosis.verdict import SCHEMA, diagnosis_json
+from pamid.model.registry import effects, rig_named
+from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.simulation.data_split import gather
+
+SENSORS = ("reference_deg", "command", "angle_deg", "pressure_1_kpa", "pressure_2_kpa")
+MEASURED = Path(__file__).resolve().parents[3] / "shared" / "data" / "emps"
+
+
+def found_for(
+    folder: Path,
+    recordings: list[Recording],
+    *,
+    without: tuple[str, ...] = (),
+    name: str = "run",
+    jobs: int = 2,
+) -> dict[str, Any]:
+    catalogue = {k: v for k, v in effects().items() if k not in without}
+    run = Run.create(folder / name, command=["test"], seed=0)
+    return diagnose_into(run, gather(rig_named("one-dof"), recordings, []), catalogue, jobs=jobs)
+
+
+@pytest.fixture(scope="module")
+def rubbing(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Recording, dict[str, Any]]:
+    """A joint with dry friction of 0.4 N m and parameters off by 5-30 %, diagnosed."""
+    folder = tmp_path_factory.mktemp("rubbing")
+    recording = record(
+        folder / "rec.csv",
+        45.0,
+        seed=4,
+        effects=("coulomb-friction:torque_n_m=0.4",),
+        columns=SENSORS,
+        known={"inertia_kg_m2": 0.014},
+    )
+    return folder, recording, found_for(folder, [recording])
+
+
+def test_names_the_family_the_port_and_the_size(
+    rubbing: tuple[Path, Recording, dict[str, Any]],
+) -> None:
+    _, _, found = rubbing
+    assert found["verdict"] == "explained"
+    assert [c["family"] for c in found["causes"]] == ["friction"]
+    assert found["causes"][0]["port"] == found["where"]["port"] == "joint"
+    if found["causes"][0]["effect"] == "coulomb-friction":
+        torque = found["causes"][0]["parameters"]["torque_n_m"]
+        assert torque["low"] < torque["value"] < torque["high"]
+        assert torque["value"] == pytest.approx(0.4, rel=0.1)
+
+
+def test_says_how_far(rubbing: tuple[Path, Recording, dict[str, Any]]) -> None:
+    _, _, found = rubbing
+    angle = found["how_far"]["angle_deg"]
+    assert angle["mae_data_sheet"] > angle["mae_refitted"] > 3.0 * angle["noise_floor"]
+    assert angle["mae_with_cause"] < 1.3 * angle["noise_floor"]
+    assert angle["low"] <= angle["shrinkage"] <= angle["high"]
+    assert angle["shrinkage"] == pytest.approx(
+        1.0 - angle["mae_with_cause"] / angle["mae_refitted"]
+    )
+
+
+def test_keeps_the_contract(rubbing: tuple[Path, Recording, dict[str, Any]]) -> None:
+    folder, _, found = rubbing
+    stored = json.loads((folder / "run" / "diagnosis.json").read_text())
+    assert stored["schema"] == SCHEMA == "pamid.diagnosis/1"
+    assert set(stored) >= {
+        "verdict",
+        "causes",
+        "ranking",
+        "where",
+        "how_far",
+        "look_alikes",
+        "next_experiment",
+        "parameters",
+        "background",
+        "unknown",
+    }
+    assert sum(p["share"] for p in stored["where"]["ports"]) == pytest.approx(1.0)
+    assert {p["port"] for p in stored["where"]["ports"]} == {
+        "command",
+        "valve",
+        "pressure",
+        "muscle",
+        "structure",
+        "joint",
+        "sensor",
+    }
+    assert sum(c["share"] for c in stored["causes"]) == pytest.approx(1.0)
+    assert 0.5 < sum(r["probability"] for r in stored["ranking"]) <= 1.0, (
+        "the rest is for what no file describes"
+    )
+    assert set(stored["confidence"]) == {"gap", "known", "first"}
+    assert stored["where"]["sensors"], "what further sensor would help"
+    for row in stored["ranking"]:
+        assert set(row) == {
+            "effect",
+            "family",
+            "port",
+            "probability",
+            "held_out",
+            "shrinkage",
+            "low",
+            "high",
+            "converged",
+            "why",
+        }
+    assert set(stored["how_far"]["angle_deg"]) == {
+        "mae_data_sheet",
+        "mae_refitted",
+        "mae_with_cause",
+        "noise_floor",
+        "black_box",
+        "shrinkage",
+        "low",
+        "high",
+    }
+    assert stored["unknown"] is None and found["verdict"] == stored["verdict"]
+
+
+def test_the_runners_up_stand_beside_it(rubbing: tuple[Path, Recording, dict[str, Any]]) -> None:
+    _, _, found = rubbing
+    assert len({r["family"] for r in found["ranking"]}) >= 2, (
+        "the nearest wrong family is reported, too"
+    )
+    assert any("coulomb-friction" in k for k in found["look_alikes"]), (
+        "friction laws look alike on this record"
+    )
+
+
+@pytest.mark.slow
+def test_same_bytes_under_another_name(tmp_path: Path) -> None:
+    """Neither the name of a recording nor the number of threads matters; same seed, same bytes."""
+    record(
+        tmp_path / "rec.csv",
+        14.0,
+        seed=4,
+        effects=("dead-time:delay_s=0.03",),
+        columns=("reference_deg", "command", "angle_deg"),
+    )
+    for suffix in (".csv", ".toml"):
+        shutil.copy(tmp_path / f"rec{suffix}", tmp_path / f"zzz{suffix}")
+    few = tuple(
+        n for n in effects() if n not in {"dead-time", "coulomb-friction", "tube-lag", "leak"}
+    )
+    found_for(tmp_path, [read_recording(tmp_path / "rec.csv")], without=few, name="one", jobs=2)
+    found_for(tmp_path, [read_recording(tmp_path / "zzz.csv")], without=few, name="two", jobs=1)
+    for name in ("diagnosis.json", "residual.csv"):
+        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
+
+
+@pytest.mark.slow
+def test_order_and_splitting_do_not_change_the_verdict(
+    rubbing: tuple[Path, Recording, dict[str, Any]], tmp_path: Path
+) -> None:
+    """Two recordings in either order: the same bytes; the whole one in two parts: the same
+    answer."""
+    _, whole, found = rubbing
+    few = tuple(
+        n
+        for n, e in effects().items()
+        if e.family not in ("friction", "gravity", "command-timing", "leak")
+    )
+    middle = len(whole) // 2
+    parts = []
+    for name, rows in (("first", slice(0, middle)), ("second", slice(middle, len(whole)))):
+        columns = {k: v[rows] for k, v in whole.columns.items() if k != "time_s"}
+        write_recording(
+            tmp_path / f"{name}.csv",
+            whole.time[rows] - whole.time[rows][0],
+            columns,
+            {"recording": {"loop": "closed"}, "known": whole.known, "controller": whole.controller},
+        )
+        parts.append(read_recording(tmp_path / f"{name}.csv"))
+    split = found_for(tmp_path, parts, without=few, name="split")
+    found_for(tmp_path, parts[::-1], without=few, name="turned")
+    assert (tmp_path / "split" / "diagnosis.json").read_bytes() == (
+        tmp_path / "turned" / "diagnosis.json"
+    ).read_bytes()
+    assert split["verdict"] == found["verdict"] == "explained"
+    assert [c["family"] for c in split["causes"]] == [c["family"] for c in found["causes"]]
+
+
+def test_nothing_planted_is_no_structural_gap(tmp_path: Path) -> None:
+    found = found_for(tmp_path, [record(tmp_path / "rec.csv", 24.0, seed=5, columns=SENSORS)])
+    assert found["verdict"] == "no-structural-gap"
+    assert found["causes"] == []
+    angle = found["how_far"]["angle_deg"]
+    assert angle["mae_data_sheet"] > 3.0 * angle["mae_refitted"]
+
+
+def test_abstains_without_the_right_effect(
+    rubbing: tuple[Path, Recording, dict[str, Any]], tmp_path: Path
+) -> None:
+    """With nothing dissipative left in the catalogue the tool must not name what happens to help a
+    little."""
+    _, recording, _ = rubbing
+    gone = tuple(
+        name
+        for name, e in effects().items()
+        if {e.family, *e.families.values()}
+        & {"friction", "muscle-hysteresis", "hysteresis", "drag"}
+    )
+    found = found_for(tmp_path, [recording], without=gone)
+    assert found["verdict"] == "unknown-effect"
+    assert found["causes"] == []
+    assert found["unknown"]["port"] in {"joint", "muscle", "structure"}
+    assert found["unknown"]["formula"]
+
+
+@pytest.mark.slow
+def test_angle_alone_still_gets_an_answer(tmp_path: Path) -> None:
+    recording = record(
+        tmp_path / "rec.csv",
+        24.0,
+        seed=6,
+        effects=("dead-time:delay_s=0.03",),
+        columns=("reference_deg", "command", "angle_deg"),
+    )
+    found = found_for(tmp_path, [recording])
+    assert list(found["how_far"]) == ["angle_deg"]
+    assert found["verdict"] in {"explained", "ambiguous"}
+    assert "command-timing" in {c["family"] for c in found["causes"]} | {
+        found["ranking"][0]["family"]
+    }
+
+
+@pytest.mark.skipif(
+    not MEASURED.is_dir(), reason="the measured EMPS recordings are not beside the project"
+)
+def test_the_measured_drive_rubs() -> None:
+    """EMPS: friction is named, and the parameters come out within 10 % of the published ones."""
+    rig = rig_named(str(Path(__file__).resolve().parents[2] / "data" / "rigs" / "emps.py"))
+    evidence = gather(
+        rig,
+        [read_recording(MEASURED / "estimation.csv")],
+        [read_recording(MEASURED / "pulses.csv")],
+    )
+    from pamid.diagnosis.tournament import diagnose
+
+    found = diagnosis_json(diagnose(evidence, effects(), jobs=2), None, 0)
+    assert found["verdict"] == "explained"
+    assert [c["family"] for c in found["causes"]] == ["friction"]
+    values = {k: v["value"] for k, v in found["parameters"].items()}
+    assert values["mass_kg"] == pytest.approx(95.11, rel=0.1)
+    assert values["viscous_n_s_per_m"] == pytest.approx(203.5, rel=0.1)
+    assert values["offset_n"] == pytest.approx(-3.16, rel=0.1)
+    assert found["causes"][0]["effect"] == "coulomb-friction"
+    assert found["causes"][0]["parameters"]["force_n"]["value"] == pytest.approx(20.39, rel=0.1)
+    ranking = {r["effect"]: r for r in found["ranking"]}
+    named = ranking["coulomb-friction"]
+    assert named["shrinkage"] > 0.4
+    others = {k: r["shrinkage"] for k, r in ranking.items() if r["family"] != "friction"}
+    assert {"quadratic-drag", "cubic-drag"} <= set(others), (
+        "the tempting wrong ones stand beside it"
+    )
+    assert max(others.values()) < named["low"], "no other family comes within its interval"

@@ -1,0 +1,504 @@
+"""The engine: orders of convergence, stiffness, exact sensitivities, held inputs, joined runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from compiled import (
+    PERIOD_S,
+    Array,
+    begin,
+    differences,
+    parameter,
+    program,
+    run,
+    sensitivities,
+    signal,
+    state,
+    steps,
+)
+
+from pamid.engine.program import Program, Stepping
+from pamid.model.assembly import Assembly
+from pamid.model.attachment import attach
+from pamid.model.effect import State
+from pamid.model.parameter import Parameter
+from pamid.model.registry import effects, rig_named
+from pamid.model.rig import Port, Rig
+from pamid.simulation.simulate import choose_stepping, free_run
+from pamid.simulation.windows import Runner, Track
+from pamid.symbolic.expression import symbol
+from pamid.symbolic.memory_cells import Cell
+from pamid.symbolic.vocabulary import (
+    ZERO,
+    Expr,
+    absolute,
+    bristle,
+    delay,
+    integral,
+    lag,
+    maximum,
+    play,
+    sin,
+    sqrt,
+    stop,
+    tanh,
+    where,
+)
+
+EXPLICIT, IMPLICIT = Stepping(1), Stepping(1, implicit=True)
+BOTH = pytest.mark.parametrize("implicit", [False, True], ids=["rk4", "sdirk2"])
+X, V, U = state("x"), state("v"), signal()
+
+
+# ---- order, stiffness, held inputs --------------------
+
+
+def _orders(
+    made: Program, u: Array, x: list[float], truth: Array, implicit: bool, counts: list[int]
+) -> list[float]:
+    errors = [
+        float(np.abs(run(made, u, x=x, stepping=Stepping(n, implicit)) - truth).max())
+        for n in counts
+    ]
+    return [float(np.log2(a / b)) for a, b in zip(errors[:-1], errors[1:], strict=True)]
+
+
+def _riccati() -> tuple[Program, Array]:
+    """dx/dt = -30 x^2 (x = 1/(1 + 30 t)) beside a vibration at 40 rad/s that x does not touch."""
+    made = program({"x": -30.0 * X * X, "v": 40.0 * state("w"), "w": -40.0 * V}, {"x": X, "v": V})
+    time = np.arange(30) * PERIOD_S
+    return made, np.stack([1.0 / (1.0 + 30.0 * time), np.sin(40.0 * time)], axis=1)
+
+
+def test_rk4_is_of_order_four() -> None:
+    made, truth = _riccati()
+    found = _orders(made, np.zeros(30), [1.0, 0.0, 1.0], truth, False, [2, 4, 8, 16])
+    assert found == pytest.approx([4, 4, 4], abs=0.15)
+
+
+def test_sdirk2_is_of_order_two() -> None:
+    made, truth = _riccati()
+    found = _orders(made, np.zeros(30), [1.0, 0.0, 1.0], truth, True, [8, 16, 32, 64])
+    assert found == pytest.approx([2, 2, 2], abs=0.1)
+
+
+def test_sdirk2_follows_a_slow_input_through_a_rate_of_1e5() -> None:
+    """One step per sample over 1000 time constants: no oscillation, the held input is reached
+    within two samples."""
+    made = program({"x": -1e5 * (X - U), "v": X - V}, {"x": X, "v": V})
+    u = steps(1, 200, hold=10)
+    found = run(made, u, x=[5.0, 0.0], stepping=IMPLICIT)
+    settled = np.arange(200) % 10 >= 3
+    np.testing.assert_allclose(found[settled, 0], u[settled], atol=1e-6)
+    slow = [0.0]
+    for value in u[:-1].tolist():
+        slow.append(value + (slow[-1] - value) * np.exp(-PERIOD_S))
+    np.testing.assert_allclose(found[:, 1], slow, atol=2e-4)
+    blown_up = made.run(
+        begin(made, [5.0, 0.0], EXPLICIT),
+        u[:, None],
+        np.zeros(0),
+        period_s=PERIOD_S,
+        stepping=EXPLICIT,
+    )[2]
+    assert blown_up >= 0
+
+
+@pytest.mark.parametrize("exponent", [2, 4, 6, 8])
+def test_sdirk2_damps_any_rate(exponent: int) -> None:
+    made = program({"x": -(10.0**exponent) * X}, {"x": X})
+    found = np.abs(run(made, np.zeros(60), x=[1.0], stepping=IMPLICIT)[:, 0])
+    assert (np.diff(found) <= 0.0).all() and found[-1] < 1e-12
+
+
+def test_sdirk2_solves_a_stiff_oscillator() -> None:
+    """Van der Pol's, mu = 1e4, away from its jumps: x on the slow manifold v = x / (1 - x^2) /
+    mu."""
+    made = program({"x": V, "v": 1e4 * (1.0 - X * X) * V - X}, {"x": X, "v": V})
+    found = run(made, np.zeros(1000), x=[2.0, 0.0], stepping=IMPLICIT)[2:]
+    np.testing.assert_allclose(found[:, 1], found[:, 0] / (1.0 - found[:, 0] ** 2) / 1e4, rtol=1e-3)
+    time = (np.arange(1000) * PERIOD_S)[2:]
+    x = found[:, 0]
+    np.testing.assert_allclose(
+        (np.log(2.0) - np.log(x)) - (4.0 - x**2) / 2.0, -time / 1e4, atol=1e-6
+    )
+
+
+@pytest.mark.parametrize("width", [1e-1, 1e-2, 1e-4])
+def test_sdirk2_sticks_where_friction_is_a_steep_tanh(width: float) -> None:
+    """A push of at most 100 against a friction of 1000: the speed stays within a tenth of the
+    width."""
+    made = program({"v": 100.0 * U - 1e3 * tanh(V / width)}, {"v": V})
+    found = run(made, steps(3, 100, hold=10), x=[0.5], stepping=IMPLICIT)
+    assert np.abs(found[5:]).max() < 0.2 * width
+
+
+@BOTH
+def test_an_input_acts_from_its_sample_on(implicit: bool) -> None:
+    made = program({"x": U}, {"x": X, "u": U})
+    u = np.zeros(20)
+    u[7:] = 2.0
+    found = run(made, u, x=[1.0], stepping=Stepping(2, implicit))
+    expected = 1.0 + 2.0 * PERIOD_S * np.maximum(np.arange(20) - 7, 0)
+    np.testing.assert_allclose(found[:, 0], expected, rtol=0.0, atol=1e-14)
+    np.testing.assert_array_equal(found[:, 1], u)
+    assert found[7, 0] == 1.0 and found[8, 0] > 1.0
+
+
+def test_time_is_that_of_the_recording() -> None:
+    made = program(
+        {"x": sin(symbol("tick", "time"))},
+        {"x": X, "t": symbol("tick", "time"), "h": symbol("tick", "period")},
+    )
+    memory = begin(made, [0.0], EXPLICIT)
+    first, _, _ = made.run(memory, np.zeros((5, 1)), np.zeros(0), period_s=PERIOD_S, time_s=1.0)
+    np.testing.assert_allclose(first[:, 1], 1.0 + np.arange(5) * PERIOD_S, rtol=1e-15)
+    assert (first[:, 2] == PERIOD_S).all()
+
+
+def test_a_run_that_blows_up_names_its_sample() -> None:
+    made = program({"x": X * X}, {"x": X})
+    _, _, bad = made.run(
+        begin(made, [20.0], EXPLICIT), np.zeros((100, 1)), np.zeros(0), period_s=PERIOD_S
+    )
+    assert 4 <= bad <= 8  # x = 1/(0.05 - t) has its pole at sample 5
+
+
+# ---- sensitivities --------------------
+
+A, B = parameter("a"), parameter("b")
+_OSCILLATOR = {"x": V, "v": 8.0 * U - A * X - B * V - 0.3 * X * X * X}
+Model = tuple[dict[str, Expr], dict[str, Expr], list[float], list[float]]
+MODELS: dict[str, Callable[[], Model]] = {
+    "states": lambda: (_OSCILLATOR, {"x": X, "product": A * X * V}, [40.0, 3.0], [0.3, -0.1]),
+    "branches": lambda: (
+        {
+            "x": V,
+            "v": where(U > 0.0, sqrt(absolute(X) + A), -B * X) - maximum(V, A * X) - absolute(X),
+        },
+        {"x": X},
+        [0.7, 2.0],
+        [0.31, -0.1],
+    ),
+    "play": lambda: (
+        {**_OSCILLATOR, "v": _OSCILLATOR["v"] - 30.0 * play(X, B * 0.01)},
+        {"x": X, "y": play(X, B * 0.02)},
+        [40.0, 3.0],
+        [0.3, -0.1],
+    ),
+    "stop": lambda: (
+        {**_OSCILLATOR, "v": _OSCILLATOR["v"] - A * stop(X, B * 0.05)},
+        {"x": X},
+        [40.0, 3.0],
+        [0.3, -0.1],
+    ),
+    "bristle": lambda: (
+        {**_OSCILLATOR, "v": _OSCILLATOR["v"] - A * bristle(X, B * 0.05)},
+        {"x": X},
+        [40.0, 3.0],
+        [0.3, -0.1],
+    ),
+    "lag of a state": lambda: (
+        {**_OSCILLATOR, "v": _OSCILLATOR["v"] - 9.0 * lag(X, B * 0.01)},
+        {"x": X, "y": lag(V, 0.01 * B)},
+        [40.0, 3.0],
+        [0.3, -0.1],
+    ),
+    "lag of an input": lambda: (
+        {"x": V, "v": 8.0 * lag(U, 0.01 * B) - A * X - V},
+        {"x": X, "y": lag(A * U, 0.02 * B)},
+        [40.0, 3.0],
+        [0.3, -0.1],
+    ),
+    "delay of a state": lambda: (
+        {**_OSCILLATOR, "v": _OSCILLATOR["v"] - 9.0 * delay(X, B, 0.1)},
+        {"x": X, "y": delay(A * V, B, 0.1)},
+        [40.0, 0.0347],
+        [0.3, -0.1],
+    ),
+    "delay of an input": lambda: (
+        {"x": V, "v": 8.0 * delay(A * U, B, 0.1) - 40.0 * X - V},
+        {"x": X},
+        [1.3, 0.0347],
+        [0.3, -0.1],
+    ),
+    "integral": lambda: (
+        {**_OSCILLATOR, "v": _OSCILLATOR["v"] - A * integral(X - B * 0.1)},
+        {"x": X},
+        [40.0, 3.0],
+        [0.3, -0.1],
+    ),
+    "memories of memories": lambda: (
+        {
+            **_OSCILLATOR,
+            "v": _OSCILLATOR["v"] - 20.0 * play(delay(lag(X, 0.01), 0.001 * A, 0.1), 0.01 * B),
+        },
+        {"x": X, "y": delay(play(X, 0.01 * B), 0.0005 * A, 0.1)},
+        [41.3, 3.0],
+        [0.3, -0.1],
+    ),
+}
+
+
+@BOTH
+@pytest.mark.parametrize("name", MODELS)
+def test_sensitivities_equal_central_differences(name: str, implicit: bool) -> None:
+    rates, outputs, p, x = MODELS[name]()
+    made = program(rates, outputs, ["a", "b"])
+    u, stepping = steps(12, 120, hold=17), Stepping(2, implicit)
+    exact, apart = sensitivities(made, u, p, x, stepping), differences(made, u, p, x, stepping)
+    size = np.abs(apart).max(axis=0)
+    assert (size.max(axis=0) > 0.0).all(), "every column acts on some output"
+    error = np.abs(exact - apart).max(axis=0) / (size + 1e-12)
+    assert error.max() < 2e-6, error
+
+
+def _closed_loop(implicit: bool) -> tuple[Program, Array, list[float], list[float]]:
+    """A PD with filtered derivative, once per sample, around the oscillator; gains are
+    parameters."""
+    error, last, slope = U - X, symbol("past", "last"), symbol("past", "slope")
+    raw = (error - last) / PERIOD_S
+    cells = (
+        Cell("slope", slope + (raw - slope) * 0.4, 0.0 * error, sampled=True),
+        Cell("last", error, error, sampled=True),
+        Cell("command", A * error + B * symbol("cell", "slope"), A * error, sampled=True),
+    )
+    made = program(
+        {"x": V, "v": 50.0 * symbol("cell", "command") - 40.0 * X - 3.0 * V},
+        {"x": X, "command": symbol("cell", "command")},
+        ["a", "b"],
+        cells=cells,
+    )
+    return made, steps(13, 120, hold=25), [2.0, 0.07], [0.2, 0.0]
+
+
+@BOTH
+def test_sensitivities_through_a_controller(implicit: bool) -> None:
+    made, u, p, x = _closed_loop(implicit)
+    stepping = Stepping(3, implicit)
+    exact, apart = sensitivities(made, u, p, x, stepping), differences(made, u, p, x, stepping)
+    assert (np.abs(exact - apart).max(axis=0) / np.abs(apart).max(axis=0)).max() < 2e-6
+
+
+def test_a_controller_acts_once_per_sample() -> None:
+    made, u, p, x = _closed_loop(False)
+    found = run(made, u, p, x, Stepping(4))
+    slope, last, command = 0.0, u[0] - x[0], []
+    for k in range(len(u)):
+        error = u[k] - found[k, 0]
+        if k:
+            slope += ((error - last) / PERIOD_S - slope) * 0.4
+        last = error
+        command.append(p[0] * error + p[1] * slope)
+    np.testing.assert_allclose(found[:, 1], command, rtol=1e-12, atol=1e-13)
+
+
+def test_sensitivities_of_the_joint_in_its_own_loop() -> None:
+    """The whole one-dof rig with memories, under its controller: exact against differences."""
+    rig = rig_named("one-dof")
+    attached = tuple(
+        attach(rig, n, effects()) for n in ("coulomb-friction", "dead-time", "angle-sensor-lag")
+    )
+    a = Assembly(rig, attached, controller=tuple(rig.controller.items()))
+    made, p = a.program, a.values()
+    p[a.index_of("dead-time:delay_s")] = 0.0047
+    u = np.zeros((300, len(made.inputs)))
+    u[20:, made.inputs.index("reference_deg")] = np.radians(20.0)
+    names = [
+        "damping",
+        "conductance_out",
+        "dead-time:delay",
+        "coulomb-friction:level",
+        "angle-sensor-lag:time_constant",
+    ]
+    free = [a.keys[n] for n in names]
+    chosen = np.full(len(p), -1, np.int64)
+    chosen[free] = range(len(free))
+
+    def outputs(values: Array, sens: bool) -> tuple[Array, Array]:
+        memory = made.memory(a.start(values), len(free), stepping=Stepping(2), period_s=0.003)
+        y, J, bad = made.run(
+            memory,
+            u,
+            values,
+            period_s=0.003,
+            stepping=Stepping(2),
+            columns=chosen if sens else None,
+        )
+        assert bad == -1
+        return y, J
+
+    _, J = outputs(p, True)
+    for column, i in enumerate(free):
+        h = 1e-6 * abs(p[i])
+        high, low = p.copy(), p.copy()
+        high[i], low[i] = p[i] + h, p[i] - h
+        apart = (outputs(high, False)[0] - outputs(low, False)[0]) / (2.0 * h)
+        error = np.quantile(np.abs(J[:, :, column] - apart), 0.99, axis=0) / np.abs(apart).max(
+            axis=0
+        )
+        assert error.max() < 1e-4, (names[column], error)
+
+
+# ---- stepping --------------------
+
+
+class Sprung(Rig):
+    """A mass on a spring and a damper."""
+
+    inputs = {"force_n": "N"}
+    outputs = {"position_m": "m"}
+    ports = {"force": Port("motion", "N", ("velocity", "position")), "gauge": Port("reading", "m")}
+    states = (State("position", "m"), State("velocity", "m/s"))
+    parameters = (
+        Parameter("mass", 1.0, 0.01, 10.0, "kg", source="test"),
+        Parameter("stiffness", 100.0, 1.0, 1e9, "N/m", source="test"),
+        Parameter("damping", 2.0, 0.0, 1e9, "N s/m", source="test"),
+    )
+    period_s = PERIOD_S
+
+    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:
+        force = u.force_n - p.stiffness * x.position - p.damping * x.velocity
+        force = port("force", force, velocity=x.velocity, position=x.position)
+        return {"position": x.velocity, "velocity": force / p.mass}
+
+    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:
+        return {"position_m": port("gauge", x.position)}
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "damping", "expected"),
+    [
+        (100.0, 2.0, Stepping(1)),
+        (1e5, 100.0, Stepping(2)),
+        (100.0, 500.0, Stepping(4)),
+        (100.0, 1e4, IMPLICIT),
+        (1e8, 1e3, IMPLICIT),
+    ],
+)
+def test_stepping_follows_stiffness(stiffness: float, damping: float, expected: Stepping) -> None:
+    a = Assembly(Sprung())
+    p = np.array([1.0, stiffness, damping])
+    u = steps(14, 300, hold=30)[:, None]
+    assert choose_stepping(a, u, p, PERIOD_S, a.start(p)) == expected
+    found = free_run(a, u, p, PERIOD_S)
+    fine = free_run(a, u, p, PERIOD_S, stepping=Stepping(expected.substeps * 64, expected.implicit))
+    assert found.blown_up == -1
+    late = np.arange(300) % 30 > 20  # a vibration as fast as the steps is damped, not followed
+    assert np.abs((found.outputs - fine.outputs)[late]).max() < 1e-3 * np.abs(fine.outputs).max()
+
+
+# ---- runs that are joined --------------------
+
+
+@BOTH
+@pytest.mark.parametrize("cut", [1, 37, 119])
+def test_two_calls_equal_one(cut: int, implicit: bool) -> None:
+    rates = {
+        **_OSCILLATOR,
+        "v": _OSCILLATOR["v"]
+        - 20.0 * play(delay(lag(X, 0.01), 0.0347, 0.1), 0.01 * B)
+        - 5.0 * bristle(X, 0.1)
+        + sin(30.0 * symbol("tick", "time")),
+    }
+    made = program(
+        rates, {"x": X, "y": delay(play(X, 0.01 * B), 0.001 * A, 0.1), "i": integral(X)}, ["a", "b"]
+    )
+    u, p, stepping = steps(15, 120)[:, None], np.array([41.3, 3.0]), Stepping(2, implicit)
+    chosen = np.arange(2, dtype=np.int64)
+
+    def whole(edges: list[int]) -> tuple[Array, Array]:
+        memory = begin(made, [0.3, -0.1], stepping, 4)
+        memory.S[:2, 2:4] = np.eye(2)
+        parts = [
+            made.run(
+                memory,
+                u[i:j],
+                p,
+                period_s=PERIOD_S,
+                time_s=i * PERIOD_S,
+                stepping=stepping,
+                columns=chosen,
+            )
+            for i, j in zip(edges[:-1], edges[1:], strict=True)
+        ]
+        return np.concatenate([y for y, _, _ in parts]), np.concatenate([J for _, J, _ in parts])
+
+    (y, J), (y2, J2) = whole([0, 120]), whole([0, cut, 120])
+    np.testing.assert_allclose(y2, y, rtol=1e-11, atol=1e-13)
+    np.testing.assert_allclose(J2, J, rtol=1e-9, atol=1e-11)
+
+
+@BOTH
+def test_a_run_without_sensitivities_is_the_same_run(implicit: bool) -> None:
+    rates, outputs, p, x = MODELS["memories of memories"]()
+    made, u, stepping = (
+        program(rates, outputs, ["a", "b"]),
+        steps(16, 120)[:, None],
+        Stepping(2, implicit),
+    )
+    plain, with_, values = begin(made, x, stepping, 4), begin(made, x, stepping, 4), np.array(p)
+    y, _, _ = made.run(plain, u, values, period_s=PERIOD_S, stepping=stepping)
+    y2, J, _ = made.run(
+        with_, u, values, period_s=PERIOD_S, stepping=stepping, columns=np.arange(2, dtype=np.int64)
+    )
+    np.testing.assert_allclose(y2, y, rtol=1e-11, atol=1e-13)
+    np.testing.assert_allclose(with_.cells, plain.cells, rtol=1e-11, atol=1e-13)
+    assert J.shape[:2] == y.shape
+
+
+def _stuck() -> tuple[Runner, Array]:
+    rig = Sprung()
+    friction = attach(rig, "coulomb-friction", effects())
+    a = Assembly(rig, (friction,))
+    p, u = a.values(), steps(17, 200, hold=20, size=30.0)[:, None]
+    track = Track("rec", u, np.zeros((200, 1)), p, (), PERIOD_S, np.full(len(a.rig.states), np.inf))
+    return Runner(a, track, EXPLICIT, free=(1, 2)), p
+
+
+def test_a_new_window_keeps_what_effects_remember() -> None:
+    """A corrected position is not a motion: the friction's deflection stays, and so does its
+    force."""
+    from pamid.simulation.windows import Window
+
+    runner, p = _stuck()
+    memory = runner.memory(p)
+    runner.run(memory, Window(0, 90), p, False)
+    names = runner.assembly.program.cells
+    kept = [i for i, n in enumerate(names) if not n.endswith("_origin")]
+    assert kept
+    before, x = memory.cells[kept].copy(), memory.x.copy()
+    assert np.abs(before).max() > 0.0
+    moved = memory.copy()
+    runner.enter(moved, x + np.array([0.05, 0.0]))
+    runner.run(moved, Window(90, 91), p, False)
+    np.testing.assert_allclose(moved.cells[kept], before, rtol=1e-12)
+    # the same as a motion would be remembered
+    driven = memory.copy()
+    driven.x[0] += 0.05
+    runner.run(driven, Window(90, 91), p, False)
+    assert np.abs(driven.cells[kept] - before).max() > 1e-6
+
+
+def test_entering_where_one_stands_changes_nothing() -> None:
+    from pamid.simulation.windows import Window
+
+    runner, p = _stuck()
+    once, joined = runner.memory(p), runner.memory(p)
+    y, _, _ = runner.run(once, Window(0, 200), p, False)
+    first, _, _ = runner.run(joined, Window(0, 100), p, False)
+    runner.enter(joined, joined.x.copy())
+    second, J, fine = runner.run(joined, Window(100, 200), p, True)
+    assert fine
+    # the step at the join moves the position once more than the memory sees: one step's travel
+    np.testing.assert_allclose(np.concatenate([first, second]), y, atol=0.02 * np.abs(y).max())
+    assert J.reshape(100, 1, -1)[0, 0, 2:4].tolist() == [1.0, 0.0]
+
+
+def test_a_model_without_states_or_cells_runs() -> None:
+    made = program({"x": ZERO}, {"y": 2.0 * U})
+    np.testing.assert_array_equal(run(made, np.arange(5.0)), 2.0 * np.arange(5.0)[:, None])

@@ -1,0 +1,421 @@
+"""Grey-box fits: planted parameters come back with honest intervals, priors rule where the data are
+silent."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from virtual_joint import KNOWN, SPECIMEN, record
+
+from pamid.engine.program import Stepping
+from pamid.estimation.fit_model import COARSE, GreyBox, fit_json, fit_model
+from pamid.estimation.gauss_newton import Fit, Problem, fit, fit_robustly, free_parameters
+from pamid.estimation.intervals import Estimate, bootstrap, estimates
+from pamid.estimation.residual_weights import Weights
+from pamid.model.assembly import Assembly
+from pamid.model.effect import State
+from pamid.model.parameter import Parameter
+from pamid.model.registry import rig_named
+from pamid.model.rig import Port, Rig
+from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.simulation.data_split import gather
+from pamid.simulation.simulate import virtual_recording
+from pamid.simulation.windows import Runner, Window, track_of
+
+Array = NDArray[np.float64]
+JOINT = rig_named("one-dof")
+
+
+def problem_of(rig: Rig, *recordings: Recording, window_s: float = 1.5) -> Problem:
+    channels = tuple(c for c in rig.outputs if all(r.has(c) for r in recordings))
+    a = Assembly(rig, outputs=channels)
+    tracks = tuple(track_of(a, r, channels) for r in recordings)
+    return Problem(a, tracks, free_parameters(a, tracks), window_s)
+
+
+@cache
+def recorded(seed: int = 1, seconds: float = 12.0, columns: tuple[str, ...] = ()) -> Recording:
+    with TemporaryDirectory() as folder:
+        return record(Path(folder) / "rec.csv", seconds, seed=seed, columns=columns)
+
+
+@cache
+def fitted_joint(seed: int = 1) -> Fit:
+    return fit_robustly(problem_of(JOINT, recorded(seed)))
+
+
+def by_name(found: list[Estimate]) -> dict[str, Estimate]:
+    return {e.name: e for e in found}
+
+
+# ---- one joint --------------------
+
+
+def test_planted_parameters_lie_within_their_intervals() -> None:
+    inside, count = 0, 0
+    for seed in (1, 2, 3):
+        for e in estimates(fitted_joint(seed)):
+            inside += e.low <= SPECIMEN[e.name] <= e.high
+            count += 1
+            assert abs(e.value - SPECIMEN[e.name]) < 0.25 * abs(SPECIMEN[e.name]), e
+            assert e.low <= e.value <= e.high
+    assert count == 3 * len(SPECIMEN)
+    assert inside >= 0.8 * count, f"{inside} of {count}: intervals of 95 % promise more"
+
+
+def test_intervals_are_narrow_where_the_word_is_settled() -> None:
+    found = by_name(estimates(fitted_joint()))
+    assert found["damping_m2_s"].word == found["scale"].word == "settled"
+    for e in found.values():
+        assert e.strain == pytest.approx(abs(_prior_sd(e)), rel=1e-9)
+        if e.word == "settled" and not e.bound.log:
+            assert (e.high - e.low) / (2 * 1.96) <= 0.3 * e.bound.spread / e.bound.factor * 1.001
+
+
+def _prior_sd(e: Estimate) -> float:
+    if e.bound.log:
+        return float(np.log(e.value / e.prior) / e.bound.spread)
+    return (e.value - e.prior) * e.bound.factor / e.bound.spread
+
+
+def test_refitting_from_elsewhere_finds_the_same_optimum() -> None:
+    """The prior's mean stays the data sheet, wherever the search begins."""
+    done = fitted_joint(2)
+    problem = done.problem
+    moved = done.p.copy()
+    for sign, i in zip(np.resize([1.0, -1.0], len(problem.free)), problem.free, strict=True):
+        b = problem.assembly.parameters[i]
+        moved[i] = np.clip(moved[i] * (1.0 + 0.1 * sign), b.low, b.high)
+    settings: dict[str, Any] = {
+        "weights": done.weights,
+        "stepping": done.stepping,
+        "iterations": 200,
+        "tolerance": 1e-6,
+    }
+    one, other = fit(problem, p=done.p, **settings), fit(problem, p=moved, **settings)
+    assert one.converged and other.converged
+    scale, free = done.problem.scale, list(problem.free)
+    apart = np.abs(scale.inside(one.p[free]) - scale.inside(other.p[free])) / np.sqrt(
+        one.covariance.diagonal()
+    )
+    assert apart.max() < 0.1
+    assert other.cost == pytest.approx(one.cost, rel=1e-4)
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_an_exact_model_converges_quickly(seed: int) -> None:
+    """Gauss-Newton with exact derivatives on a model that is right: a handful of steps in the last
+    round."""
+    done = fitted_joint(seed)
+    assert done.converged and not done.why and done.iterations <= 15
+
+
+def dense(fitted: Fit) -> Array:
+    """Covariance of the free parameters from one dense Jacobian over parameters and all window
+    starts."""
+    problem, (track,) = fitted.problem, fitted.problem.tracks
+    free, scale, root = list(problem.free), fitted.problem.scale, fitted.weights.root
+    windows: list[Window] = problem.windows(track)
+    (starts,), (pulls,) = fitted.starts, fitted.pulls
+    k, (w, n) = len(free), starts.shape
+    size = np.abs(starts).max(axis=0)
+    runner = Runner(problem.assembly, track, fitted.stepping)
+
+    def residuals(z: Array) -> Array:
+        p = fitted.p.copy()
+        p[free] = scale.outside(z[:k])
+        x0 = starts + z[k:].reshape(w, n) * size
+        own = runner.parameters(p)
+        memory, parts = runner.memory(own), [z[:k]]
+        for i, window in enumerate(windows):
+            runner.enter(memory, x0[i])
+            Y = runner.run(memory, window, own, False)[0]
+            parts.append(((Y - track.y[window.start : window.stop]) * root).ravel())
+            if i + 1 < w:
+                parts.append((x0[i + 1] - memory.x[:n]) * np.sqrt(pulls))
+        return np.concatenate(parts)
+
+    z = np.concatenate([scale.inside(fitted.p[free]), np.zeros(w * n)])
+    J = np.stack(
+        [(residuals(z + h) - residuals(z - h)) / 2e-6 for h in 1e-6 * np.eye(len(z))], axis=1
+    )
+    whole = np.sqrt((J**2).sum(axis=0))
+    inverse = np.linalg.inv((J / whole).T @ (J / whole)) / np.outer(whole, whole)
+    return inverse[:k, :k]
+
+
+def test_elimination_of_window_starts_equals_a_dense_solution() -> None:
+    done = fit(problem_of(JOINT, recorded(4, 6.0)))
+    expected = dense(done)
+    spread, expected_spread = np.sqrt(done.covariance.diagonal()), np.sqrt(expected.diagonal())
+    np.testing.assert_allclose(spread, expected_spread, rtol=2e-2)
+
+
+def test_bootstrap_is_reproducible_and_of_the_jacobians_order() -> None:
+    done = fitted_joint()
+    draws = bootstrap(done, 24, seed=5)
+    np.testing.assert_array_equal(draws[:6], bootstrap(done, 6, seed=5))
+    np.testing.assert_allclose(bootstrap(done, 6, seed=5, jobs=2), draws[:6])
+    assert not np.allclose(bootstrap(done, 6, seed=6), draws[:6])
+    ratio = draws.std(axis=0) / np.sqrt(done.covariance.diagonal())
+    assert 0.4 < np.median(ratio) < 2.5 and ratio.max() < 6.0, ratio
+    told = estimates(done, draws)
+    assert all(e.low <= e.high for e in told) and [e.name for e in told] == [
+        e.name for e in estimates(done)
+    ]
+
+
+def test_the_angle_alone_is_enough_to_fit_and_says_less() -> None:
+    alone = fit_robustly(problem_of(JOINT, recorded(1, columns=("command", "angle_deg"))))
+    assert alone.residuals and alone.residuals[0].shape[1] == 1 and np.isfinite(alone.cost)
+    less, more = by_name(estimates(alone)), by_name(estimates(fitted_joint()))
+    assert set(less) == set(more)
+    width = {n: (less[n].high - less[n].low) / (more[n].high - more[n].low) for n in less}
+    assert np.median(list(width.values())) > 3.0
+    assert sum(less[n].word == "settled" for n in less) < sum(
+        more[n].word == "settled" for n in more
+    )
+    truth = {n: (less[n].low <= SPECIMEN[n] <= less[n].high) for n in less}
+    assert sum(truth.values()) >= 6, truth
+
+
+# ---- the whole command's ground: evidence, background, replays --------------------
+
+
+@cache
+def joint_model() -> GreyBox:
+    return fit_model(gather(JOINT, [recorded(7, 15.0)], []))
+
+
+def test_doubled_substeps_change_nothing() -> None:
+    g = joint_model()
+    assert 0.0 < g.recheck <= COARSE
+    fine = fit(
+        g.fit.problem,
+        p=g.fit.p,
+        starts=g.fit.starts,
+        weights=g.fit.weights,
+        stepping=g.fit.stepping.doubled(),
+        iterations=10,
+    )
+    scale, free = g.fit.problem.scale, list(g.fit.problem.free)
+    moved = np.abs(scale.inside(fine.p[free]) - scale.inside(g.fit.p[free])) / np.sqrt(
+        g.fit.covariance.diagonal()
+    )
+    assert moved.max() < 1.0
+
+
+def test_a_fit_reaches_the_noise_floor_on_what_it_has_not_seen() -> None:
+    told = fit_json(joint_model(), 0)
+    for channel, mae in told["mae"].items():
+        assert mae["refitted"] < 1.35 * mae["noise_floor"] + 1e-12, channel
+        assert mae["refitted"] < mae["data_sheet"], channel
+    assert told["mae"]["angle_deg"]["data_sheet"] > 3.0 * told["mae"]["angle_deg"]["refitted"]
+    assert {p["word"] for p in told["parameters"].values()} <= {"settled", "weak", "silent"}
+    assert all(0.0 <= b["pull"] < 3.0 for b in told["background"].values())
+
+
+def test_names_and_order_of_recordings_do_not_matter(tmp_path: Path) -> None:
+    """Two arms with different known inertia, given in both orders and under other names."""
+    first = record(tmp_path / "light.csv", 6.0, seed=3, known={"inertia_kg_m2": 0.02})
+    second = record(tmp_path / "heavy.csv", 6.0, seed=4, known={"inertia_kg_m2": 0.0896})
+    renamed = []
+    for number, r in enumerate((second, first)):
+        for suffix in (".csv", ".toml"):
+            (tmp_path / f"{number}{suffix}").write_bytes(r.path.with_suffix(suffix).read_bytes())
+        renamed.append(read_recording(tmp_path / f"{number}.csv"))
+    one, other = (
+        fit_model(gather(JOINT, [first, second], [])),
+        fit_model(gather(JOINT, renamed, [])),
+    )
+    np.testing.assert_array_equal(one.fit.p, other.fit.p)
+    assert fit_json(one, 0)["mae"] == fit_json(other, 0)["mae"]
+
+
+# ---- what a recording knows --------------------
+
+
+def test_known_parameters_are_held_and_not_reported(tmp_path: Path) -> None:
+    stated = {**KNOWN, "viscous_n_m_s": 0.08, "scale": 1.1}
+    done = fit_robustly(problem_of(JOINT, record(tmp_path / "rec.csv", 8.0, stated=stated)))
+    a = done.problem.assembly
+    assert {"viscous_n_m_s", "scale", "inertia_kg_m2"}.isdisjoint(by_name(estimates(done)))
+    own = Runner(a, done.problem.tracks[0], done.stepping).parameters(done.p)
+    assert (own[a.index_of("viscous_n_m_s")], own[a.index_of("scale")]) == (0.08, 1.1)
+    assert own[a.index_of("inertia_kg_m2")] == 0.0896
+
+
+def test_two_recordings_with_their_own_known_inertia(tmp_path: Path) -> None:
+    light, heavy = {"inertia_kg_m2": 0.02}, {"inertia_kg_m2": 0.0896}
+    recordings = [
+        record(tmp_path / "light.csv", 6.0, seed=3, known=light),
+        record(tmp_path / "heavy.csv", 6.0, seed=4, known=heavy),
+    ]
+    right = fit_robustly(problem_of(JOINT, *recordings))
+    found = by_name(estimates(right))
+    assert sum(e.low <= SPECIMEN[n] <= e.high for n, e in found.items()) >= 7
+    swapped = [
+        record(tmp_path / "a.csv", 6.0, seed=3, known=light, stated=heavy),
+        record(tmp_path / "b.csv", 6.0, seed=4, known=heavy, stated=light),
+    ]
+    wrong = fit_robustly(problem_of(JOINT, *swapped))
+    rms = [np.sqrt(np.mean(np.concatenate(f.residuals) ** 2, axis=0)) for f in (right, wrong)]
+    assert (rms[1] / rms[0]).max() > 2.0
+
+
+def test_a_parameter_known_to_one_recording_is_fitted_on_the_other(tmp_path: Path) -> None:
+    tight = {**KNOWN, "viscous_n_m_s": 0.3}
+    hidden = {k: v for k, v in SPECIMEN.items() if k != "viscous_n_m_s"}
+    knows = record(tmp_path / "knows.csv", 6.0, seed=3, known=tight, hidden=hidden)
+    open_ = record(tmp_path / "open.csv", 6.0, seed=4)
+    done = fit_robustly(problem_of(JOINT, knows, open_))
+    found = by_name(estimates(done))["viscous_n_m_s"]
+    assert found.low <= 0.08 <= found.high < 0.2
+
+
+# ---- a small rig: silence, bounds, failure --------------------
+
+
+class Cart(Rig):
+    """A sprung mass with a brake that is rarely pulled."""
+
+    name = "sprung"
+    inputs = {"force_n": "N", "brake": ""}
+    optional = {"brake": 0.0}
+    outputs = {"position_m": "m"}
+    ports = {"force": Port("motion", "N", ("velocity", "position")), "gauge": Port("reading", "m")}
+    states = (State("position", "m"), State("velocity", "m/s"))
+    parameters = (
+        Parameter("mass", 1.0, 0.1, 10.0, "kg", spread=1.5, log=True, source="test"),
+        Parameter("stiffness", 60.0, 10.0, 100.0, "N/m", spread=20.0, source="test"),
+        Parameter("damping", 3.0, 0.0, 6.0, "N s/m", spread=1.5, source="test"),
+        Parameter("grip", 5.0, 0.0, 20.0, "N s/m", spread=2.0, source="test"),
+    )
+    noise = {"position_m": 0.002}
+    period_s = 0.01
+
+    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:
+        force = u.force_n - p.stiffness * x.position - (p.damping + p.grip * u.brake) * x.velocity
+        force = port("force", force, velocity=x.velocity, position=x.position)
+        return {"position": x.velocity, "velocity": force / p.mass}
+
+    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:
+        return {"position_m": port("gauge", x.position)}
+
+
+def cart_record(
+    folder: Path, *, seed: int = 0, period_s: float = 0.01, brake: bool = False, **truth: float
+) -> Recording:
+    a = Assembly(Cart())
+    n = round(12.0 / period_s)
+    random = np.random.default_rng(seed)
+    columns = {"force_n": np.repeat(random.uniform(-10, 10, n // 40 + 1), 40)[:n]}
+    if brake:
+        columns["brake"] = (np.arange(n) % 300 > 200).astype(float)
+    path = folder / f"cart-{seed}-{period_s:g}.csv"
+    write_recording(path, np.arange(n) * period_s, columns)
+    made = virtual_recording(a, read_recording(path), a.values(truth), seed=seed)
+    write_recording(path, np.arange(n) * period_s, made)
+    return read_recording(path)
+
+
+TRUTH = {"mass_kg": 1.3, "stiffness_n_per_m": 70.0, "damping_n_s_per_m": 2.0}
+
+
+def test_a_parameter_the_data_are_silent_about_keeps_its_prior(tmp_path: Path) -> None:
+    found = by_name(estimates(fit_robustly(problem_of(Cart(), cart_record(tmp_path, **TRUTH)))))
+    grip = found["grip_n_s_per_m"]
+    assert (grip.word, grip.at_bound) == ("silent", None)
+    assert grip.value == pytest.approx(5.0, abs=1e-6) and grip.strain < 1e-6
+    assert (grip.low, grip.high) == pytest.approx((5.0 - 1.96 * 2.0, 5.0 + 1.96 * 2.0), abs=1e-3)
+    for name, value in TRUTH.items():
+        assert found[name].word == "settled" and found[name].value == pytest.approx(value, rel=0.03)
+
+
+def test_a_parameter_without_data_keeps_the_width_of_its_prior_in_the_bootstrap(
+    tmp_path: Path,
+) -> None:
+    """Windows drawn anew never move it: what is drawn anew is the data sheet."""
+    done = fit_robustly(problem_of(Cart(), cart_record(tmp_path, brake=False, **TRUTH)))
+    grip = by_name(estimates(done, bootstrap(done, 60, seed=2)))["grip_n_s_per_m"]
+    assert grip.high - grip.low == pytest.approx(2.0 * 1.96 * 2.0, rel=0.35)
+
+
+def test_it_speaks_once_the_data_do(tmp_path: Path) -> None:
+    r = cart_record(tmp_path, brake=True, grip_n_s_per_m=9.0, **TRUTH)
+    grip = by_name(estimates(fit_robustly(problem_of(Cart(), r))))["grip_n_s_per_m"]
+    assert grip.word == "settled" and grip.low <= 9.0 <= grip.high
+
+
+def test_a_parameter_at_its_bound_is_said(tmp_path: Path) -> None:
+    """The specimen is stiffer than the data sheet's bounds allow."""
+    soft = Cart()
+    soft.parameters = tuple(
+        replace(q, high=65.0) if q.name == "stiffness" else q for q in Cart.parameters
+    )  # type: ignore[misc]
+    found = by_name(estimates(fit_robustly(problem_of(soft, cart_record(tmp_path, **TRUTH)))))
+    e = found["stiffness_n_per_m"]
+    assert (e.at_bound, e.value) == ("high", pytest.approx(65.0)) and e.high <= 65.0 + 1e-9
+    assert found["damping_n_s_per_m"].at_bound is None
+
+
+def test_two_sampling_periods_in_one_fit(tmp_path: Path) -> None:
+    slow, fast = (
+        cart_record(tmp_path, seed=1, period_s=0.02, **TRUTH),
+        cart_record(tmp_path, seed=2, **TRUTH),
+    )
+    found = by_name(estimates(fit_robustly(problem_of(Cart(), fast, slow))))
+    for name, value in TRUTH.items():
+        assert found[name].value == pytest.approx(value, rel=0.03)
+
+
+def test_priors_weigh_against_few_data(tmp_path: Path) -> None:
+    """With residuals counted as if a million times less certain, every parameter stays at its data
+    sheet."""
+    problem = problem_of(Cart(), cart_record(tmp_path, **TRUTH))
+    deaf = fit(problem, weights=Weights(np.array([1e3]), np.ones(1)))
+    assert {e.word for e in estimates(deaf)} == {"silent"}
+    np.testing.assert_allclose(deaf.p, problem.assembly.values(), rtol=1e-4)
+
+
+def test_no_convergence_is_a_value_with_a_reason(tmp_path: Path) -> None:
+    problem = problem_of(Cart(), cart_record(tmp_path, **TRUTH))
+    short = fit(problem, iterations=1, tolerance=1e-12)
+    assert not short.converged and short.why == "iterations used up" and np.isfinite(short.cost)
+    p = problem.assembly.values()
+    p[problem.assembly.index_of("stiffness_n_per_m")] = -1e7  # runs away within a window
+    lost = fit(problem, p=p, stepping=Stepping(1))
+    if lost.iterations == 0:
+        assert not lost.converged and "unstable" in lost.why and lost.cost == np.inf
+    # clipped into its bounds first: then it must end there
+    else:
+        assert lost.p[problem.assembly.index_of("stiffness_n_per_m")] >= 10.0
+
+
+class Runaway(Cart):
+    """Unstable at its data sheet: an inverted pendulum's exponential, or a pole within a
+    millisecond."""
+
+    name = "runaway"
+
+    def __init__(self, pole: bool) -> None:
+        self.pole = pole
+
+    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:
+        push = 1e6 * (1.0 + x.position * x.position) if self.pole else 5e4 * x.position + u.force_n
+        force = port("force", push, velocity=x.velocity, position=x.position)
+        return {"position": x.velocity, "velocity": force / p.mass}
+
+
+@pytest.mark.parametrize("pole", [False, True])
+def test_a_model_that_blows_up_is_an_outcome(pole: bool, tmp_path: Path) -> None:
+    done = fit_robustly(problem_of(Runaway(pole), cart_record(tmp_path, **TRUTH)))
+    assert not done.converged and "unstable" in done.why and done.cost == np.inf
+    assert np.isfinite(done.p).all()

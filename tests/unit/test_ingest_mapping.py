@@ -1,0 +1,322 @@
+"""The mapping of a raw log: every key checked with its path, units by quantity, gauge and absolute
+never guessed."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from pamid.base.errors import FileError
+from pamid.base.units import unit
+from pamid.ingest.channels import Channel, Log
+from pamid.ingest.guess import guess_mapping
+from pamid.ingest.mapping import Mapping, load_mapping, mapping_of, settle, unknown_to
+from pamid.ingest.quantities import in_unit, read_unit
+from pamid.ingest.words import meanings, number
+from pamid.model.registry import rig_named
+
+ONE_DOF = rig_named("one-dof")
+ANGLE = '[signals.angle_deg]\nsource = "Winkel"\nunit = "rad"\n'
+PRESSURE = '[signals.pressure_1_kpa]\nsource = "p1"\nunit = "bar"\n'
+
+
+def load(folder: Path, text: str, pressures: str | None = None) -> Mapping:
+    path = folder / "map.toml"
+    path.write_text(text, encoding="utf-8")
+    return load_mapping(path, pressures)
+
+
+# ---- keys --------------------
+
+WRONG_KEYS = {
+    "[signals": "not TOML: Expected ']'",
+    'rig = "one-dof"\n[time]\nunit = ms\n': "line 3",
+    "": "signals is missing",
+    "[signals]\n": "at least one [signals.NAME] is needed",
+    'rg = "one-dof"\n' + ANGLE: "rg is not a key of a mapping. Did you mean 'rig'?",
+    'loop = "shut"\n' + ANGLE: 'loop is "shut"; allowed: "open", "closed".',
+    ANGLE + "sgn = -1": "signals.angle_deg.sgn is not a key of a mapping. Did you mean 'sign'?",
+    ANGLE + "sign = 2": "signals.angle_deg.sign is 2; allowed: 1, -1.",
+    ANGLE + 'offset = "3"': 'signals.angle_deg.offset is "3"; a number is needed.',
+    ANGLE + "offset = nan": "signals.angle_deg.offset is nan; a finite number is needed.",
+    ANGLE + "offset = " + "9" * 5000: "holds a whole number of more than 19 digits",
+    ANGLE
+    + 'interpolation = "linear"': 'signals.angle_deg.interpolation is "linear"; allowed: "hold", '
+    '"smooth".',
+    ANGLE + '[time]\nrepair = "late-stamp"': 'time.repair is "late-stamp"; allowed: "ask", '
+    '"late-stamps", "jittered-'
+    'sampling", "none". Did you mean \'late-stamps\'?',
+    ANGLE + "[time]\nperiod_s = 0": "time.period_s is 0; a number above 0 is needed.",
+    ANGLE
+    + "[time]\nmax_gap = 1": "time.max_gap is not a key of a mapping. Did you mean 'max_gap_s'?",
+    ANGLE + "[known]\ninertia_kg_m2 = 'x'": 'known.inertia_kg_m2 is "x"; a number is needed.',
+    "[signals.angle_deg]\nunit = 'deg'": "signals.angle_deg.source is missing.",
+    "signals = 3": "signals is 3; a table is needed.",
+    PRESSURE
+    + 'pressure = "abs"': 'signals.pressure_1_kpa.pressure is "abs"; allowed: "gauge", "absolute".',
+    PRESSURE
+    + 'pressure = "?"': 'signals.pressure_1_kpa.pressure is "?"; allowed: "gauge", "absolute".',
+    '[signals.time_s]\nsource = "t"': "signals.time_s: the time is not a signal.",
+    '[signals."a,b"]\nsource = "t"': "signals has the name 'a,b'",
+    '[signals.pressure_1_psi]\nsource = "p1"\nunit = "psi"': "'psi' is no unit of pamid's columns",
+}
+
+
+@pytest.mark.parametrize("text", WRONG_KEYS, ids=[str(i) for i in range(len(WRONG_KEYS))])
+def test_a_wrong_key_is_named_with_its_path(text: str, tmp_path: Path) -> None:
+    with pytest.raises(FileError) as caught:
+        load(tmp_path, text)
+    assert str(caught.value).startswith(str(tmp_path / "map.toml"))
+    assert WRONG_KEYS[text] in str(caught.value)
+
+
+def test_a_missing_mapping_names_its_neighbour(tmp_path: Path) -> None:
+    (tmp_path / "mapping.toml").write_text(ANGLE)
+    with pytest.raises(FileError, match=r"does not exist\. Did you mean 'mapping\.toml'\?"):
+        load_mapping(tmp_path / "maping.toml")
+
+
+WRONG_UNITS = {
+    ANGLE.replace(
+        "rad", "bar"
+    ): "signals.angle_deg.unit is 'bar': 'bar' does not measure what 'deg' measures (angle)",
+    ANGLE.replace("rad", "counts"): "give scale, the made unit per count",
+    ANGLE.replace("rad", "grad"): "write deg or gon",
+    ANGLE.replace("rad", "?"): 'signals.angle_deg.unit is "?": say in which unit the log holds it.',
+    ANGLE.replace("rad", "radd"): "'radd' is unknown. Did you mean 'rad'?",
+    ANGLE.replace(
+        'unit = "rad"', ""
+    ): "signals.angle_deg.unit is missing. The log does not say it either.",
+    ANGLE + 'pressure = "gauge"': "signals.angle_deg.pressure is 'gauge', but 'angle_deg' is no "
+    "pressure.",
+    ANGLE + "scale = 0.0": "signals.angle_deg.scale is 0",
+    PRESSURE: 'signals.pressure_1_kpa.pressure is missing; allowed: "gauge", "absolute".',
+    PRESSURE + "scale = 2.0": "signals.pressure_1_kpa.pressure is missing",
+    PRESSURE.replace("bar", "barg") + 'pressure = "absolute"': "the unit 'barg' says gauge",
+    '[signals.pressure_1]\nsource = "p1"\nunit = "bar"': "without a unit",
+}
+
+
+@pytest.mark.parametrize("text", WRONG_UNITS, ids=[str(i) for i in range(len(WRONG_UNITS))])
+def test_a_wrong_unit_is_named_with_its_path(text: str, tmp_path: Path) -> None:
+    with pytest.raises(FileError) as caught:
+        settle(load(tmp_path, text), ONE_DOF, {}, "map.toml")
+    assert str(caught.value).startswith("map.toml: ") and WRONG_UNITS[text] in str(caught.value)
+
+
+def test_a_pressure_is_answered_by_mapping_unit_or_option(tmp_path: Path) -> None:
+    def absolute(text: str, pressures: str | None = None) -> bool:
+        return settle(load(tmp_path, text, pressures), ONE_DOF, {}, "map.toml")[0].absolute
+
+    assert absolute(PRESSURE + 'pressure = "absolute"') and not absolute(
+        PRESSURE + 'pressure = "gauge"'
+    )
+    assert absolute(PRESSURE.replace("bar", "bara")) and not absolute(
+        PRESSURE.replace("bar", "psig")
+    )
+    assert absolute(PRESSURE, "absolute") and absolute(PRESSURE + 'pressure = "?"', "absolute")
+    assert not absolute(PRESSURE.replace("bar", "barg"), "absolute")
+    with pytest.raises(FileError, match='but --pressures says "absolute"'):
+        absolute(PRESSURE + 'pressure = "gauge"', "absolute")
+
+
+def test_what_is_held_follows_the_rig_unless_the_mapping_says(tmp_path: Path) -> None:
+    names = {
+        "reference_deg": "deg",
+        "command": "1",
+        "angle_deg": "deg",
+        "external_torque_nm": "N m",
+    }
+    text = "".join(f'[signals.{n}]\nsource = "{n}"\nunit = "{u}"\n' for n, u in names.items())
+    for rig in (ONE_DOF, None):
+        held = {s.column: s.hold for s in settle(load(tmp_path, text), rig, {}, "map.toml")}
+        assert held == {
+            "reference_deg": True,
+            "command": True,
+            "angle_deg": False,
+            "external_torque_nm": False,
+        }
+    told = settle(load(tmp_path, ANGLE + 'interpolation = "hold"'), ONE_DOF, {}, "map.toml")[0]
+    assert told.hold and told.events
+
+
+def test_an_unknown_column_is_kept_and_told() -> None:
+    assert unknown_to(ONE_DOF, ["angle_rad", "angel_deg", "spare"]) == [
+        "rig 'one-dof' does not know the column 'angel_deg'; it is kept. Did you mean 'angle_deg'?",
+        "rig 'one-dof' does not know the column 'spare'; it is kept.",
+    ]
+
+
+# ---- units --------------------
+
+CONVERSIONS = [
+    ("bar", 2.0, "kPa", 200.0),
+    ("psi", 100.0, "kPa", 689.4757293168361),
+    ("psig", 100.0, "kPa", 689.4757293168361),
+    ("mmHg", 760.0, "kPa", 101.325),
+    ("N/mm2", 0.5, "kPa", 500.0),
+    ("°C", 20.0, "K", 293.15),
+    ("degF", 212.0, "degC", 100.0),
+    ("rpm", 60.0, "deg/s", 360.0),
+    ("U/min", 60.0, "deg/s", 360.0),
+    ("rev", 0.25, "deg", 90.0),
+    ("gon", 100.0, "deg", 90.0),
+    ("mrad", 1000.0, "rad", 1.0),
+    ("%", 50.0, "1", 0.5),
+    ("N·m", 3.0, "N m", 3.0),
+    ("Ncm", 100.0, "N m", 1.0),
+    ("lbf", 1.0, "N", 4.4482216152605),
+    ("m/s²", 2.0, "m/s2", 2.0),
+    ("µs", 5.0, "s", 5e-6),
+    ("[kPa]", 7.0, "kPa", 7.0),
+    ("°/s", 10.0, "deg/s", 10.0),
+]
+
+
+@pytest.mark.parametrize(
+    ("text", "value", "symbol", "made"), CONVERSIONS, ids=[c[0] for c in CONVERSIONS]
+)
+def test_units_are_converted(text: str, value: float, symbol: str, made: float) -> None:
+    assert in_unit(np.array([value]), read_unit(text), symbol)[0] == pytest.approx(made, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "mark"),
+    [
+        ("barg", "gauge"),
+        ("bar(g)", "gauge"),
+        ("bar rel", "gauge"),
+        ("kPa(a)", "absolute"),
+        ("bara", "absolute"),
+        ("kPa abs", "absolute"),
+        ("psia", "absolute"),
+        ("mbara", "absolute"),
+        ("kPa", ""),
+        ("Pa", ""),
+        ("bar", ""),
+    ],
+)
+def test_gauge_and_absolute_are_read_from_the_unit(text: str, mark: str) -> None:
+    found = read_unit(text)
+    assert found.pressure == mark and found.dimension == unit("Pa").dimension
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "counts",
+        "grad",
+        "foo",
+        "9**9**9",
+        "bar/",
+        "(((",
+        "__import__('os')",
+        "a",
+        "m" * 500,
+        "N\n",
+        "kPa kPa(",
+    ],
+)
+def test_what_is_no_unit_is_refused(text: str) -> None:
+    if text == "N\n":
+        assert read_unit(text).factor == 1.0
+        return
+    with pytest.raises(FileError):
+        read_unit(text)
+
+
+def test_turns_per_time_are_no_frequency() -> None:
+    with pytest.raises(FileError, match="write rpm"):
+        in_unit(np.ones(1), read_unit("1/min"), "rad/s")
+
+
+# ---- guessing --------------------
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "which"),
+    [
+        ("Sollwinkel", "reference", ""),
+        ("Istwinkel", "angle", ""),
+        ("Druck_1", "pressure", "1"),
+        ("p2", "pressure", "2"),
+        ("tlak B", "pressure", "2"),
+        ("Ventil", "command", ""),
+        ("angle_cmd", "reference", ""),
+        ("Čas", "time", ""),
+        ("ciśnienie 1", "pressure", "1"),
+        ("ángulo", "angle", ""),
+        ("Kraft rechts", "force", "2"),
+        ("u", "command", ""),
+    ],
+)
+def test_names_are_understood_in_several_languages(name: str, kind: str, which: str) -> None:
+    assert kind in meanings(name) and number(name) == which
+
+
+def guessed(*, p_unit: str = "bar", pressures: str | None = None) -> tuple[str, tuple[str, ...]]:
+    n = 3000
+    t = np.arange(n) * 3.0
+    rng = np.random.default_rng(0)
+    angle = 0.5 * np.sin(t / 400.0) + 1e-4 * rng.standard_normal(n)
+    channels = (
+        Channel("Zeit", t, None, "ms"),
+        Channel('Winkel "ist"\x7f', angle, None, "rad"),
+        Channel("Sollwinkel", np.round(angle, 1), None, "rad"),
+        Channel("u", np.sin(t), None, ""),
+        Channel("p1", 3.0 + angle, None, p_unit),
+        Channel("p2", 1.01 + np.abs(angle), None, p_unit),
+        Channel("Kraft links", np.where(rng.random(n) > 0.01, 500.0, np.nan), None, "V"),
+        Channel("T_Raum", np.full(n, 20.0), None, "°C"),
+    )
+    found = guess_mapping(
+        Log(Path("log.csv"), "csv", channels, ("decimal\ncomma",)), "one-dof", ONE_DOF, pressures
+    )
+    return found.text, found.open
+
+
+def test_a_guess_is_a_mapping_with_open_questions() -> None:
+    text, left = guessed()
+    tables = tomllib.loads(text)
+    assert {c: s["source"] for c, s in tables["signals"].items()} == {
+        "reference_deg": "Sollwinkel",
+        "command": "u",
+        "angle_deg": 'Winkel "ist"\x7f',
+        "pressure_1_kpa": "p1",
+        "pressure_2_kpa": "p2",
+        "force_1_n": "Kraft links",
+    }
+    assert tables["time"] == {
+        "source": "Zeit",
+        "unit": "ms",
+        "period_s": 0.003,
+        "max_gap_s": 0.03,
+        "repair": "ask",
+    }
+    assert left == (
+        "signals.pressure_1_kpa.pressure",
+        "signals.pressure_2_kpa.pressure",
+        "signals.force_1_n.unit",
+    )
+    assert "no absolute pressure" not in text and "101 kPa with the air off" in text  # a hint only
+    assert (
+        '"T_Raum"' in text
+        and "of the cells empty" in text
+        and "333.3 Hz" in text
+        and 'loop = "closed"' in text
+    )
+    with pytest.raises(FileError, match=r'signals\.pressure_1_kpa\.pressure is "\?"'):
+        mapping_of(tables, "map.toml")
+
+
+def test_pressures_are_answered_by_the_option_or_the_unit_only() -> None:
+    text, left = guessed(pressures="absolute")
+    assert tomllib.loads(text)["signals"]["pressure_1_kpa"]["pressure"] == "absolute"
+    assert left == ("signals.force_1_n.unit",)
+    text, left = guessed(p_unit="barg")
+    assert "pressure" not in tomllib.loads(text)["signals"]["pressure_1_kpa"] and left == (
+        "signals.force_1_n.unit",
+    )

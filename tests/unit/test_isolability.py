@@ -1,0 +1,290 @@
+"""What sensors can tell apart by structure: against every subset of random systems, by hand, and a
+published table."""
+
+from __future__ import annotations
+
+import random
+from itertools import combinations
+from typing import Any
+
+import pytest
+from counted import calls_of
+from rigs.carts import Carts
+
+from pamid.base.errors import UsageError
+from pamid.model.effect import State
+from pamid.model.isolability import Isolability, Split, Structure, isolability
+from pamid.model.parameter import Parameter
+from pamid.model.rig import Port, Rig
+from pamid.rigs.one_dof import OneDof
+from pamid.symbolic.vocabulary import Expr, Number
+
+# ---- the decomposition --------------------
+
+
+def _random(seed: int) -> Structure:
+    """Up to 9 equations in up to 6 unknowns; some equations hold none."""
+    r = random.Random(seed)
+    unknowns = [("state", f"x{k}") for k in range(r.randint(1, 6))]
+    density = r.choice([0.15, 0.3, 0.5])
+    return Structure(
+        tuple(
+            frozenset(v for v in unknowns if r.random() < density) for _ in range(r.randint(1, 9))
+        )
+    )
+
+
+def _surplus(system: Structure, part: tuple[int, ...]) -> int:
+    return len(part) - len({v for i in part for v in system.equations[i]})
+
+
+def _minimal_checks(system: Structure) -> list[set[int]]:
+    """Every minimal set of more equations than unknowns, by trying all subsets from the small ones
+    up."""
+    found: list[set[int]] = []
+    count = len(system.equations)
+    for size in range(1, count + 1):
+        for part in combinations(range(count), size):
+            if _surplus(system, part) > 0 and not any(f <= set(part) for f in found):
+                found.append(set(part))
+    return found
+
+
+@pytest.mark.parametrize("seed", range(150))
+def test_decomposition_agrees_with_all_minimal_checks(seed: int) -> None:
+    system = _random(seed)
+    checks = _minimal_checks(system)
+    count = len(system.equations)
+    assert system.part == set().union(*checks)
+    subsets = (part for size in range(count + 1) for part in combinations(range(count), size))
+    assert system.redundancy == max(_surplus(system, part) for part in subsets)
+    for j in range(count):
+        # what some check sees without j
+        told = {i for check in checks if j not in check for i in check}
+        assert system.hidden_by(j) == system.part - told
+
+
+def test_random_systems_hold_every_case() -> None:
+    systems = [_random(seed) for seed in range(150)]
+    assert any(not s.part for s in systems) and any(
+        len(s.part) == len(s.equations) > 3 for s in systems
+    )
+    assert any(0 < len(s.part) < len(s.equations) for s in systems)
+    assert any(1 < len(s.hidden_by(i)) < len(s.part) for s in systems for i in s.part)
+
+
+# ---- by hand --------------------
+
+
+class Cascade(Rig):
+    """Two tanks in a row: pump -> tank 1 -> pipe -> tank 2 -> outlet, a gauge on each."""
+
+    inputs = {"command": ""}
+    outputs = {"level_1_m": "m", "level_2_m": "m"}
+    ports = {
+        "pump": Port("command"),
+        "pipe": Port("flow", "m3/s"),
+        "outlet": Port("flow", "m3/s", group="drain"),
+        "gauge": Port("reading", "m", places=("1", "2")),
+    }
+    states = (State("level_1", "m"), State("level_2", "m"))
+    parameters = (Parameter("area", 0.01, 0.001, 0.1, "m2", source="ruler"),)
+
+    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        pipe, outlet = port("pipe", 1e-3 * x.level_1), port("outlet", 1e-3 * x.level_2)
+        return {
+            "level_1": (port("pump", u.command) - pipe) / p.area,
+            "level_2": (pipe - outlet) / p.area,
+        }
+
+    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        return {
+            "level_1_m": port("gauge", x.level_1, place="1"),
+            "level_2_m": port("gauge", x.level_2, place="2"),
+        }
+
+
+def test_two_tanks_with_the_lower_gauge_have_one_check() -> None:
+    """Five cuts and states are settled from command and outlet on; the reading of level 2 is one
+    equation too many."""
+    found = isolability(Cascade(), ("level_2_m",))
+    assert found.redundancy == 1
+    assert found.places == (("pump", "pipe", "outlet", "gauge_2"),)
+    assert found.groups == (("pump", "pipe", "drain", "gauge"),)
+    assert found.unseen == () and found.unseen_places == ()
+
+
+def test_what_lies_downstream_of_the_only_gauge_is_unseen() -> None:
+    found = isolability(Cascade(), ("level_1_m",))
+    assert found.redundancy == 1
+    assert found.places == (("pump", "pipe", "gauge_1"),)
+    assert found.unseen == ("drain",) and found.unseen_places == ("outlet",)
+    assert found.sensors[0] == Split("level_2_m", (("pump", "pipe", "gauge"),), ("drain",))
+
+
+def test_two_tanks_with_both_gauges() -> None:
+    """Balance of tank 1: pump, pipe, gauge 1. Of tank 2: pipe, outlet, gauges 1 and 2. Of both
+    without the pipe: pump, outlet, gauges. Of both without gauge 1: pump, pipe, outlet, gauge 2.
+    Only outlet and gauge 2 always go together."""
+    found = isolability(Cascade(), ("level_1_m", "level_2_m"))
+    assert found.redundancy == 2
+    assert found.places == (("pump",), ("pipe",), ("outlet", "gauge_2"), ("gauge_1",))
+    assert found.groups == (("pump",), ("pipe",), ("drain", "gauge"))
+    assert found.sensors == (Split("the value at port outlet", (("drain", "gauge"),), ()),)
+
+
+def test_no_outputs_show_nothing_and_any_sensor_helps() -> None:
+    found = isolability(Cascade(), ())
+    assert (
+        found.groups == () and found.redundancy == 0 and found.unseen == ("pump", "pipe", "drain")
+    )
+    assert (
+        found.sensors[0].sensor == "level_1_m and level_2_m"
+        and found.sensors[0].shows == found.unseen
+    )
+
+
+def test_uncoupled_sides_do_not_hide_behind_each_other() -> None:
+    found = isolability(Carts(), ("position_1_m", "position_2_m"))
+    names = ("amplifier", "drive", "guide", "mast", "ruler")
+    assert found.places == tuple(tuple(f"{n}_{i}" for n in names) for i in "12")
+    assert found.groups == (names,)
+    one = isolability(Carts(), ("position_1_m",))
+    assert one.places == found.places[:1] and one.unseen == ()
+    # the ruler of cart 2 is not there at all
+    assert one.unseen_places == tuple(f"{n}_2" for n in names[:-1])
+
+
+def test_an_unknown_output_is_refused_with_the_nearest() -> None:
+    with pytest.raises(UsageError, match="level_2_m"):
+        isolability(Cascade(), ("level_2",))
+
+
+# ---- the joint --------------------
+
+ANGLE = ("angle_deg",)
+PRESSURES = ("pressure_1_kpa", "pressure_2_kpa")
+FORCES = ("force_1_n", "force_2_n")
+FLOWS = ("flow_1", "flow_2")
+TORQUE = ("torque_nm",)
+
+
+class Tapped(OneDof):
+    """The joint with a flow meter at each valve and the torque measured, none of which the rig
+    itself offers."""
+
+    name = "tapped"
+    outputs = {**OneDof.outputs, "flow_1": "m3/s", "flow_2": "m3/s", "torque_nm": "N m"}
+
+    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        passed: dict[tuple[str, str], Expr] = {}
+
+        def tap(name: str, value: Any, place: str = "", **signals: Any) -> Expr:
+            passed[name, place] = port(name, value, place=place, **signals)
+            return passed[name, place]
+
+        out = super().measure(x, u, p, tap)
+        self.rates(x, u, p, tap)
+        return {
+            **out,
+            "flow_1": passed["valve", "1"],
+            "flow_2": passed["valve", "2"],
+            "torque_nm": passed["joint", ""],
+        }
+
+
+#: faults of the published table of this joint (V valve, B pressure balance, M muscle, T joint
+#: torque) -> our ports. The table has none for the command, nor a second place for a fault between
+#: the same two equations: our `relief` is in line with `pressure`, `chain` with `muscle`, `arm`
+#: with `joint`.
+THEIRS = {
+    "V1": "valve_1",
+    "V2": "valve_2",
+    "B1": "pressure_1",
+    "B2": "pressure_2",
+    "M1": "muscle_1",
+    "M2": "muscle_2",
+    "T": "joint",
+    "beta": "angle_sensor",
+    "P1": "pressure_sensor_1",
+    "P2": "pressure_sensor_2",
+    "F1": "force_sensor_1",
+    "F2": "force_sensor_2",
+}
+TABLE = [
+    (ANGLE, 1, "V1 V2 B1 B2 M1 M2 T beta"),
+    (ANGLE + PRESSURES, 3, "V1 B1, V2 B2, M1 M2 T, beta, P1, P2"),
+    (ANGLE + PRESSURES + FORCES, 5, "V1 B1, V2 B2, M1, M2, T, beta, P1, P2, F1, F2"),
+    (ANGLE + PRESSURES + FORCES + FLOWS, 7, "V1, V2, B1, B2, M1, M2, T, beta, P1, P2, F1, F2"),
+    # theirs keeps T apart from M1 M2: there the fault lies behind the measured torque. Our `joint`
+    # lies before it, and `arm` behind.
+    (ANGLE + PRESSURES + TORQUE, 4, "V1 B1, V2 B2, M1 M2 T, beta, P1, P2"),
+]
+
+
+def _their_classes(found: Isolability) -> set[frozenset[str]]:
+    """Our classes of places in the table's names, what it does not name left out."""
+    named = [
+        frozenset(t for t, ours in THEIRS.items() if ours in places) for places in found.places
+    ]
+    return {n for n in named if n}
+
+
+@pytest.mark.parametrize(("outputs", "redundancy", "classes"), TABLE)
+def test_published_table_of_the_joint(
+    outputs: tuple[str, ...], redundancy: int, classes: str
+) -> None:
+    found = isolability(Tapped(), outputs)
+    assert found.redundancy == redundancy and found.unseen_places == ()
+    assert _their_classes(found) == {frozenset(c.split()) for c in classes.split(", ")}
+
+
+def test_ports_in_line_stay_together_until_what_lies_between_is_measured() -> None:
+    found = isolability(OneDof(), ANGLE + PRESSURES + FORCES)
+    assert {("valve_1", "pressure_1", "relief_1"), ("muscle_2", "chain_2"), ("joint", "arm")} < set(
+        found.places
+    )
+    behind = isolability(Tapped(), ANGLE + PRESSURES + TORQUE)
+    assert ("arm",) in behind.places and (
+        "muscle_1",
+        "muscle_2",
+        "chain_1",
+        "chain_2",
+        "joint",
+    ) in behind.places
+    metered = isolability(Tapped(), ANGLE + PRESSURES + FLOWS)
+    assert ("valve_1",) in metered.places and ("pressure_1", "relief_1") in metered.places
+
+
+def test_groups_and_sensors_of_the_joint() -> None:
+    alone = isolability(OneDof(), ANGLE)
+    assert alone.groups == (
+        ("command", "valve", "pressure", "muscle", "structure", "joint", "sensor"),
+    )
+    assert {s.sensor for s in alone.sensors[:2]} == {" and ".join(PRESSURES), " and ".join(FORCES)}
+    assert all(s.splits == alone.groups for s in alone.sensors[:2]) and len(alone.sensors) == 5
+    # `relief` is reported as muscle, `chain` and `arm` as structure
+    found = isolability(OneDof(), ANGLE + PRESSURES)
+    air, mechanics = ("valve", "pressure", "muscle"), ("muscle", "structure", "joint")
+    assert found.groups == (("command",), air, mechanics, ("sensor",))
+    assert found.sensors[0] == Split(" and ".join(FORCES), (mechanics,), ())
+    assert Split("the value at port valve", (air,), ()) in found.sensors
+
+
+@pytest.mark.parametrize("port", ["valve", "joint"])
+def test_a_direct_measurement_splits_as_the_same_sensor_in_a_rig_does(port: str) -> None:
+    """What is promised for "the value at port X" holds for a rig that has that output."""
+    before = isolability(OneDof(), ANGLE + PRESSURES + FORCES)
+    after = isolability(
+        Tapped(), ANGLE + PRESSURES + FORCES + {"valve": FLOWS, "joint": TORQUE}[port]
+    )
+    (promised,) = [s for s in before.sensors if s.sensor == f"the value at port {port}"]
+    assert promised.splits == tuple(
+        g for g in before.groups if not any(set(g) <= set(a) for a in after.groups)
+    )
+    assert promised.splits
+
+
+def test_it_takes_little_work() -> None:
+    isolability(OneDof(), ANGLE)  # what is kept from the first time on
+    assert calls_of(lambda: isolability(OneDof(), ANGLE)) < 400_000

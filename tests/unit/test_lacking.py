@@ -1,0 +1,171 @@
+"""A channel is used wherever it was recorded: what one recording lacks is not taken away from the
+others."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cli.frame import run
+from cli.options import evidence_from
+from pamid.base.errors import FileError
+from pamid.correction.residual_data import read_leftover
+from pamid.estimation.fit_model import GreyBox, fit_json, fit_model, residual_table
+from pamid.estimation.intervals import estimates
+from pamid.model.registry import effects, rig_named
+from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.simulation.data_split import gather
+from pamid.simulation.virtual_rig import virtual_rig
+
+SPRUNG = '''"""A mass on a spring behind a load cell."""
+from pamid import Parameter, Port, Rig, State
+
+class Sprung(Rig):
+    """A mass on a spring; the load cell shows the spring's force, scaled."""
+    inputs = {"push_n": "N"}
+    outputs = {"position_m": "m", "cell_n": "N"}
+    ports = {"push": Port("motion", "N", ("velocity", "position")), "gauge": Port("reading", "m"),
+             "cell": Port("reading", "N")}
+    states = (State("position", "m"), State("velocity", "m/s"))
+    parameters = (Parameter("mass_kg", 1.0, low=0.1, high=10.0, source="scale"),
+                  Parameter("stiffness_n_per_m", 80.0, low=10.0, high=500.0, source="data sheet"),
+                  Parameter("damping", 4.0, 0.1, 50.0, "N s/m", source="data sheet"),
+                  Parameter("gain", 1.0, 0.2, 5.0, source="data sheet"))
+    noise = {"position_m": 0.001, "cell_n": 0.1}
+    def rates(self, x, u, p, port):
+        force = port("push", u.push_n, velocity=x.velocity, position=x.position)
+        return {"position": x.velocity,
+                "velocity": (force - p.stiffness_n_per_m * x.position - p.damping * x.velocity) / p.mass_kg}
+    def measure(self, x, u, p, port):
+        return {"position_m": port("gauge", x.position),
+                "cell_n": port("cell", p.gain * p.stiffness_n_per_m * x.position)}
+'''  # noqa: E501
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("lacking") / "sprung.py"
+    path.write_text(SPRUNG)
+    return path
+
+
+def recorded(
+    rig: Path, name: str, seed: int, *columns: str, planted: tuple[str, ...] = (), steps: int = 30
+) -> Recording:
+    """The same machine each time, another push and noise; columns: of the sensors, all where none
+    is named."""
+    folder, random = rig.parent, np.random.default_rng(seed)
+    push = np.repeat(random.uniform(-8.0, 8.0, steps), 40)
+    time = 0.01 * np.arange(push.size)
+    write_recording(folder / "push.csv", time, {"push_n": push})
+    true = {"gain": 1.3, "mass_kg": 1.2}
+    made = virtual_rig(str(rig), read_recording(folder / "push.csv"), planted, {}, true, 1.0, seed)
+    write_recording(
+        folder / f"{name}.csv",
+        time,
+        {k: v for k, v in made.columns.items() if k == "push_n" or not columns or k in columns},
+    )
+    return read_recording(folder / f"{name}.csv")
+
+
+@pytest.fixture(scope="module")
+def both(rig: Path) -> tuple[Recording, Recording]:
+    return recorded(rig, "all", 1), recorded(rig, "less", 2, "position_m")
+
+
+def fitted(rig: Path, *recordings: Recording) -> GreyBox:
+    return fit_model(gather(rig_named(str(rig)), list(recordings), []))
+
+
+def widths(g: GreyBox) -> dict[str, float]:
+    return {e.name: e.high - e.low for e in estimates(g.fit)}
+
+
+def test_force_in_one_recording_only_still_tells_its_parameter(
+    rig: Path, both: tuple[Recording, Recording]
+) -> None:
+    alone, together = fitted(rig, both[0]), fitted(rig, *both)
+    assert together.evidence.channels == ("position_m", "cell_n")
+    one, two = widths(alone), widths(together)
+    assert two["gain"] < 1.1 * one["gain"], "as tight as from the recording that has the force"
+    assert two["mass_kg"] < 0.85 * one["mass_kg"], "and the other one adds what it knows"
+    gain = next(e for e in estimates(together.fit) if e.name == "gain")
+    assert gain.low < 1.3 < gain.high and gain.word == "settled"
+
+
+def test_the_order_of_files_does_not_matter(rig: Path, both: tuple[Recording, Recording]) -> None:
+    one, other = fitted(rig, *both), fitted(rig, *both[::-1])
+    assert np.array_equal(one.fit.p, other.fit.p) and one.fit.cost == other.fit.cost
+    assert fit_json(one, 0) == fit_json(other, 0)
+
+
+def test_what_is_missing_is_told_and_nothing_else_is_made_up(
+    rig: Path, both: tuple[Recording, Recording]
+) -> None:
+    g = fitted(rig, *both)
+    found = fit_json(g, 0)
+    assert {r["name"]: r["lacks"] for r in found["recordings"]} == {"all": [], "less": ["cell_n"]}
+    alone = [r for r in g.held_out if r.seen.all()]
+    assert len(alone) == 1 and len(g.held_out) == 2
+    errors = found["mae"]["cell_n"]
+    assert errors["refitted"] == pytest.approx(
+        float(np.abs(alone[0].residual[alone[0].scored]).mean(axis=0)[1])
+    )
+    assert errors["refitted"] == pytest.approx(errors["noise_floor"], rel=0.3)
+    header, rows = residual_table(g)
+    cell, recording = rows[:, header.index("cell_n")], rows[:, header.index("recording")]
+    names = [r["name"] for r in found["recordings"]]
+    assert np.isnan(cell[recording == names.index("less")]).all()
+    assert np.isfinite(cell[recording == names.index("all")]).all()
+    assert np.isfinite(rows[:, header.index("cell_refitted_n")]).all()
+
+
+def test_a_channel_that_is_fitted_or_held_out_alone_cannot_be_judged(
+    rig: Path, both: tuple[Recording, Recording], capsys: pytest.CaptureFixture[str]
+) -> None:
+    whole, less = both
+    assert evidence_from(str(rig), (whole.path,), (less.path,)).channels == ("position_m",)
+    assert "cell_n cannot be judged" in capsys.readouterr().err
+    other = recorded(rig, "cell", 3, "cell_n")
+    with pytest.raises(FileError, match="both fitted and held out"):
+        gather(rig_named(str(rig)), [less], [other])
+
+
+@pytest.mark.slow
+def test_the_commands_go_all_the_way(
+    rig: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Diagnosis, report page and a network on a channel that one recording lacks."""
+    friction = ("coulomb-friction:force_n=2.0",)
+    made = [
+        recorded(rig, "long", 1, planted=friction, steps=16),
+        recorded(rig, "short", 2, "position_m", planted=friction, steps=14),
+    ]
+    few = ("coulomb-friction", "dead-time")
+    without = [word for name in effects() if name not in few for word in ("--without", name)]
+    code = run(
+        [
+            "diagnose",
+            *(str(r.path) for r in made),
+            "--rig",
+            str(rig),
+            "--jobs",
+            "1",
+            *without,
+            "--json",
+            "--output",
+            str(tmp_path / "run"),
+        ]
+    )
+    shown = capsys.readouterr()
+    said = json.loads(shown.out)
+    assert code in (0, 5, 6) and not said["failed_jobs"] and "short.csv lacks cell_n" in shown.err
+    assert said["verdict"] == "explained" and said["causes"][0]["effect"] == "coulomb-friction"
+    assert set(said["how_far"]) == {"position_m", "cell_n"}
+    assert all(np.isfinite(v) for one in said["how_far"].values() for v in one.values())
+    assert run(["report", str(tmp_path / "run")]) == 0
+    left = read_leftover(tmp_path / "run", "cell_n")
+    assert all(np.isfinite(left.target[s.rows]).all() for s in left.stretches) and left.stretches

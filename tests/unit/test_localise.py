@@ -1,0 +1,179 @@
+"""Regimes: a gap planted at known values of a signal is told in that signal, once, with its bounds
+and shares."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from counted import calls_of
+from virtual_joint import SPECIMEN, record
+
+from pamid.diagnosis.contender import Contender, contender_from
+from pamid.diagnosis.localise import (
+    MOST,
+    _followed,
+    _since_reversal,
+    inner_signals,
+    measured_signals,
+    regimes,
+)
+from pamid.engine.program import Stepping
+from pamid.model.assembly import Assembly
+from pamid.model.registry import rig_named
+from pamid.recording.recording import read_recording
+from pamid.simulation.data_split import Evidence, gather
+from pamid.simulation.replay import replay
+
+SENSORS = ("reference_deg", "command", "angle_deg", "pressure_1_kpa", "pressure_2_kpa")
+EXAMPLE_RIGS = Path(__file__).resolve().parents[2] / "data" / "rigs"
+
+
+def replayed(evidence: Evidence, known: dict[str, float]) -> Contender:
+    """The rig's own model at known parameters, without any fit."""
+    assembly = Assembly(evidence.rig, background=True, outputs=evidence.channels).for_fitting()
+    p, stepping = assembly.values(known), Stepping(2)
+    runs = tuple(
+        replay(assembly, p, t, stepping, evidence.noise)
+        for t in evidence.tracks(assembly, held_out=True)
+    )
+    fitted: Any = SimpleNamespace(p=p, stepping=stepping)
+    return contender_from(assembly, fitted, runs)
+
+
+@pytest.fixture(scope="module")
+def joint(tmp_path_factory: pytest.TempPathFactory) -> tuple[Evidence, Contender]:
+    """40 s of a joint without any fault, and the model that made it."""
+    path = tmp_path_factory.mktemp("joint") / "rec.csv"
+    evidence = gather(rig_named("one-dof"), [record(path, 40.0, seed=4, columns=SENSORS)], [])
+    return evidence, replayed(evidence, SPECIMEN)
+
+
+def signals(joint: tuple[Evidence, Contender]) -> dict[str, np.ndarray]:
+    evidence, base = joint
+    found = measured_signals(evidence, base.replays[0])
+    found |= _followed(base, base.replays[0], inner_signals(base))
+    return {name: values for name, (values, _) in found.items()}
+
+
+def with_gap(joint: tuple[Evidence, Contender], inside: np.ndarray) -> Contender:
+    """The model made to err by 2 deg at these samples of its replay."""
+    _, base = joint
+    r = base.replays[0]
+    whole = r.whole.copy()
+    whole[r.led.lead :][inside, 0] += np.deg2rad(2.0)
+    return replace(base, replays=(replace(r, whole=whole),))
+
+
+def test_a_model_without_error_has_no_regime(joint: tuple[Evidence, Contender]) -> None:
+    evidence, base = joint
+    r = base.replays[0]
+    assert regimes(evidence, replace(base, replays=(replace(r, whole=r.led.y),)), None) == []
+    everywhere = with_gap(joint, np.ones(len(r.track), bool))
+    assert regimes(evidence, everywhere, None) == [], "a gap that is everywhere is in no regime"
+
+
+def test_forwards_and_backwards_end_at_zero(joint: tuple[Evidence, Contender]) -> None:
+    speed = signals(joint)["joint_velocity"]
+    best = regimes(joint[0], with_gap(joint, speed < 0.0), None)[0]
+    assert best.signal in ("velocity", "joint_velocity") and best.unit == "deg/s"
+    assert best.high == 0.0 and best.low < 0.9 * speed.min()
+    assert best.share_of_gap > 0.9 and best.share_of_time == pytest.approx(
+        np.mean(speed < 0.0), abs=0.05
+    )
+
+
+def test_opening_is_told_from_closing(joint: tuple[Evidence, Contender]) -> None:
+    best = regimes(joint[0], with_gap(joint, signals(joint)["command"] > 0.0), None)[0]
+    assert best.signal == "command" and best.low == 0.0 and best.high == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    "signal, unit, low, high",
+    [
+        ("time_since_reversal", "s", -1.0, 0.15),
+        ("joint_load", "N", 1560.0, 2000.0),
+        ("muscle_pressure_1", "kPa", 0.0, 300.0),
+    ],
+)
+def test_a_gap_inside_the_model_is_told_there(
+    joint: tuple[Evidence, Contender], signal: str, unit: str, low: float, high: float
+) -> None:
+    """Reversals and load are not measured; without their sensors, neither are the pressures."""
+    if signal == "muscle_pressure_1":
+        evidence = replace(joint[0], channels=("angle_deg",), noise=joint[0].noise[:1])
+        joint = (evidence, replayed(evidence, SPECIMEN))
+    x = signals(joint)[signal]
+    inside = (x > low) & (x < high)
+    assert 0.05 < inside.mean() < 0.5, "the planted regime is a part of the recording"
+    best = regimes(joint[0], with_gap(joint, inside), None)[0]
+    assert (best.signal, best.unit) == (signal, unit)
+    assert best.share_of_gap > 0.8 and best.share_of_time < inside.mean() + 0.15
+    shared = np.minimum(best.high, min(high, x.max())) - np.maximum(best.low, max(low, x.min()))
+    assert shared > 0.5 * (best.high - best.low)
+
+
+def test_filling_is_told_from_venting(joint: tuple[Evidence, Contender]) -> None:
+    best = regimes(joint[0], with_gap(joint, signals(joint)["valve_flow_2"] > 0.0), None)[0]
+    assert best.signal in ("valve_flow_2", "valve_ratio_2") and best.share_of_gap > 0.9
+
+
+def test_one_regime_is_told_once(joint: tuple[Evidence, Contender]) -> None:
+    """The angle and the contractions of both muscles are the same thing."""
+    evidence, base = joint
+    found = regimes(evidence, with_gap(joint, signals(joint)["angle"] > 15.0), None)
+    names = [r.signal for r in found]
+    assert names[0] == "angle"
+    assert not {"joint_position", "muscle_contraction_1", "muscle_contraction_2"} & set(names)
+    assert len(found) <= MOST
+    gains = [r.share_of_gap - r.share_of_time for r in found]
+    assert gains[0] == max(gains) and min(gains) > 0.1
+
+
+def test_what_the_cause_explains_is_the_gap(joint: tuple[Evidence, Contender]) -> None:
+    """Samples that a cause leaves as they are belong to no regime of it."""
+    evidence, base = joint
+    angle = signals(joint)["angle"]
+    before = with_gap(joint, (angle > 15.0) | (angle < -15.0))
+    after = with_gap(joint, angle < -15.0)
+    best = regimes(evidence, before, after)[0]
+    assert best.signal == "angle" and best.low > 5.0
+
+
+def test_it_costs_next_to_nothing(joint: tuple[Evidence, Contender]) -> None:
+    inside = with_gap(joint, signals(joint)["angle"] > 15.0)
+    regimes(joint[0], inside, None)  # what is kept from the first time on
+    assert calls_of(lambda: regimes(joint[0], inside, None)) < 100_000, (
+        "not one per sample and signal"
+    )
+
+
+def test_time_since_the_last_reversal() -> None:
+    """A crawl at 1 % of the usual speed is no reversal, and what stands keeps its direction."""
+    speed = np.array([1.0, 1.0, 0.0, 1.0, -1.0, -1.0, 0.01, -1.0, 1.0, 1.0])
+    assert _since_reversal(speed).tolist() == [0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0]
+
+
+def test_a_rig_of_ones_own(tmp_path: Path) -> None:
+    """A cart: its port's velocity tells reversals, and what it measures is not told twice."""
+    rig = rig_named(str(EXAMPLE_RIGS / "cart.py"))
+    seconds = 0.01 * np.arange(1200)
+    random = np.random.default_rng(3)
+    force = np.repeat(random.uniform(-2.0, 2.0, 40), 30)
+    speed = np.cumsum(0.01 * force)
+    rows = np.column_stack(
+        [seconds, force, np.cumsum(0.01 * speed) + 1e-4 * random.normal(size=1200)]
+    )
+    path = tmp_path / "cart.csv"
+    np.savetxt(
+        path, rows, delimiter=",", header="time_s,force_n,position_m", comments="", fmt="%.9g"
+    )
+    evidence = gather(rig, [read_recording(path)], [])
+    base = replayed(evidence, {})
+    assert inner_signals(base).names == ("force_velocity", "force_position")
+    for r in regimes(evidence, base, None):
+        assert 0.0 <= r.share_of_time <= 1.0 and 0.0 <= r.share_of_gap <= 1.0 and r.low < r.high

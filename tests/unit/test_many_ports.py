@@ -1,0 +1,111 @@
+"""A rig with many like ports: what is looked at closely, and what is screened."""
+
+from __future__ import annotations
+
+import pytest
+
+from pamid.base.errors import FileError
+from pamid.diagnosis.port_evidence import CROWDED, OUTSTANDING, Located, _found_at, _Smoothing
+from pamid.diagnosis.screening import _free
+from pamid.diagnosis.tournament import within_reach
+from pamid.estimation.gauss_newton import free_parameters
+from pamid.model.assembly import Assembly
+from pamid.model.attachment import attach, attachments
+from pamid.model.registry import effects, rig_named
+from pamid.parallel.jobs import Crew
+
+ARM = rig_named("two-link")
+EVERY = attachments(ARM, effects().values())
+
+
+def located(gains: dict[str, float]) -> Located:
+    return Located({name: gains.get(name, 0.0) for name in ARM.ports}, (), {}, {})
+
+
+def test_few_candidates_are_all_screened() -> None:
+    joint = rig_named("one-dof")
+    few = attachments(joint, effects().values())
+    nothing = Located(dict.fromkeys(joint.ports, 0.0) | {"joint": 9.0}, (), {}, {})
+    assert within_reach(few, nothing) == few
+
+
+def test_of_many_those_where_something_is_missing() -> None:
+    assert len(EVERY) > 100
+    gains = {
+        "joint_2": 100.0,
+        "muscle_21": 90.0,
+        "chain_21": 90.0,
+        "pressure_21": 20.0,
+        "relief_21": 20.0,
+        "valve_21": 15.0,
+        "pressure_sensor_21": 10.0,
+    }
+    kept = {a.label for a in within_reach(EVERY, located(gains))}
+    assert {
+        "coulomb-friction@joint_2",
+        "maxwell-slip-hysteresis@muscle_21",
+        "maxwell-slip-hysteresis@muscle",
+    } <= kept
+    assert "leak@pressure_12" not in kept and len(kept) >= 30
+
+
+def test_one_port_far_ahead_leaves_rivals_in_the_race() -> None:
+    """A reading whose latent value explains everything is no reason to try the clock alone."""
+    gains = {
+        "contraction_sensor_11": 1000.0,
+        "chain_11": 40.0,
+        "muscle_11": 39.0,
+        "pressure_11": 5.0,
+        "valve_11": 5.0,
+    }
+    kept = {a.label for a in within_reach(EVERY, located(gains))}
+    assert {"clock-skew", "chain-stretch@chain_11", "leak@pressure_11"} <= kept
+
+
+class Smoothed:
+    """Stands in for a smoother: evidence with the parameters held, with them moving; counts who
+    looks closely."""
+
+    def __init__(self, rough: float, best: float, looked: list[float]) -> None:
+        self.rough, self._best, self._looked = (rough, 1.0, 1.0), best, looked
+
+    @property
+    def best(self) -> tuple[float, float, float]:
+        self._looked.append(self._best)
+        return self._best, 1.0, 1.0
+
+
+@pytest.mark.parametrize("count", [CROWDED, CROWDED + 1])
+def test_many_ports_are_looked_at_roughly_first(count: int) -> None:
+    looked: list[float] = []
+    plain = Smoothed(0.0, 0.0, [])
+    smoothers = {
+        f"p{k}": Smoothed(100.0 if k < 2 else 0.5 * OUTSTANDING * 100.0, 80.0 - k, looked)
+        for k in range(count)
+    }
+    held = {(): plain} | {(name,): smoother for name, smoother in smoothers.items()}
+    work = _Smoothing(None, None, True, held)  # type: ignore[arg-type]
+    found = _found_at(work, list(smoothers), Crew(), {})
+    assert list(found) == list(smoothers) and found["p0"] == 80.0
+    assert len(looked) == (count if count <= CROWDED else 2)
+    if count > CROWDED:  # the rest keep their share of the largest
+        assert found["p5"] == pytest.approx(0.5 * OUTSTANDING * 80.0)
+
+
+def test_a_crowded_screening_holds_the_background() -> None:
+    a = Assembly(ARM, (next(k for k in EVERY if k.label == "leak@pressure_21"),), background=True)
+    free = free_parameters(a, ())
+    assert free == ()  # nothing is free without a recording
+    every = tuple(i for i, b in enumerate(a.parameters) if b.fitted)
+    held = {a.parameters[i].owner for i in _free(a, every, True)}
+    assert held == {"", "leak@pressure_21"}
+    assert _free(a, every, False) == every
+
+
+def test_the_name_of_all_like_ports_is_a_place() -> None:
+    assert len(attach(ARM, "leak@pressure", effects()).ports) == 4
+    assert attach(ARM, "leak@pressure_21", effects()).ports == ("pressure_21",)
+    with pytest.raises(FileError, match="fits several ports"):
+        attach(ARM, "leak", effects())
+    with pytest.raises(FileError, match="cannot act at 'pressure_23'"):
+        attach(ARM, "leak@pressure_23", effects())

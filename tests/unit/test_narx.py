@@ -1,0 +1,260 @@
+"""The NARX network against a plain loop and finite differences; its starts, its training, its
+files."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+import pamid.networks.narx as narx_module
+from pamid.base.errors import DataError
+from pamid.networks.narx import Narx
+from pamid.networks.store import load_network, save_network, train_on_signals
+from pamid.networks.training import train
+
+SIZES = [  # inputs, hidden, input_lags, output_lags, stride
+    Narx(),
+    Narx(1, 1, 0, 1, 1),
+    Narx(2, 3, 2, 2, 1),
+    Narx(3, 4, 0, 3, 4),
+    Narx(2, 5, 3, 1, 7),
+]
+
+
+def record(inputs: int, samples: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    draw = np.random.default_rng(seed)
+    return draw.uniform(-1.0, 1.0, (samples, inputs)), draw.uniform(-1.0, 1.0, samples)
+
+
+def lively(network: Narx, seed: int) -> np.ndarray:
+    """Weights whose every unit matters: outputs of order one, feedback whose gains add up to at
+    most 0.9."""
+    draw = np.random.default_rng(seed)
+    layers = network.layers(draw.uniform(-1.0, 1.0, network.n_weights))
+    gain = np.abs(layers.output) @ np.abs(layers.feedback).sum(axis=1)
+    return network.flatten(layers._replace(feedback=0.9 / gain * layers.feedback))
+
+
+def by_hand(network: Narx, weights: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """The documented equations, straight from the documented layout of the weight vector."""
+    h, s = network.hidden, network.stride
+    per_unit = network.inputs * (network.input_lags + 1) + network.output_lags + 1
+    y: list[float] = []
+    for k in range(len(u)):
+        z = [float(v) for lag in range(network.input_lags + 1) for v in u[max(k - lag * s, 0)]]
+        z += [y[k - lag * s] if k >= lag * s else 0.0 for lag in range(1, network.output_lags + 1)]
+        z += [1.0]
+        total = weights[-1]
+        for i in range(h):
+            own = weights[i * per_unit : (i + 1) * per_unit]
+            total += weights[h * per_unit + i] * math.tanh(
+                sum(a * b for a, b in zip(own, z, strict=True))
+            )
+        y.append(float(total))
+    return np.array(y)
+
+
+def central_differences(
+    network: Narx, weights: np.ndarray, u: np.ndarray, step: float = 1e-5
+) -> np.ndarray:
+    nudges = step * np.eye(network.n_weights)
+    columns = [
+        (network.simulate(weights + d, u) - network.simulate(weights - d, u)) / (2.0 * step)
+        for d in nudges
+    ]
+    return np.column_stack(columns)
+
+
+def test_default_sizes_have_191_weights():
+    assert Narx().n_weights == 191
+    assert Narx().initial(0).shape == (191,)
+
+
+@pytest.mark.parametrize("network", SIZES, ids=repr)
+def test_simulation_follows_the_equations(network):
+    u, _ = record(network.inputs, 80, seed=1)
+    weights = lively(network, 2)
+    np.testing.assert_allclose(
+        network.simulate(weights, u), by_hand(network, weights, u), rtol=0, atol=1e-12
+    )
+
+
+def test_records_shorter_than_the_taps_reach():
+    network = Narx(1, 2, 3, 3, 10)
+    u, target = record(1, 4, seed=3)
+    weights = lively(network, 4)
+    np.testing.assert_allclose(
+        network.simulate(weights, u), by_hand(network, weights, u), rtol=0, atol=1e-12
+    )
+    assert network.normal_equations(weights, u, target)[0] == pytest.approx(
+        np.sum((target - by_hand(network, weights, u)) ** 2), rel=1e-12
+    )
+    assert network.simulate(weights, u[:0]).shape == (0,) and network.jacobian(
+        weights, u[:0]
+    ).shape == (0, 19)
+
+
+@pytest.mark.parametrize("network", SIZES, ids=repr)
+def test_jacobian_equals_central_differences(network):
+    u, _ = record(network.inputs, 150, seed=5)
+    weights = lively(network, 6)
+    exact = network.jacobian(weights, u)
+    assert exact.shape == (150, network.n_weights)
+    np.testing.assert_allclose(exact, central_differences(network, weights, u), rtol=0, atol=1e-7)
+    # every weight, so every group of weights, was tried
+    assert np.all(np.abs(exact).max(axis=0) > 1e-4)
+
+
+def test_derivative_goes_through_the_fed_back_outputs():
+    network = Narx(2, 3, 1, 2, 4)
+    u, _ = record(2, 60, seed=7)
+    weights = lively(network, 8)
+    exact = network.jacobian(weights, u)
+    assert np.all(exact[:4, -1] == 1.0)  # b2 acts directly as long as nothing was fed back
+    assert np.abs(exact[4:, -1] - 1.0).max() > 0.1
+
+
+def test_normal_equations_equal_the_stored_jacobian(monkeypatch):
+    monkeypatch.setattr(narx_module, "CHUNK", 64)  # several chunks, the last one short
+    network = Narx(3, 5, 2, 2, 6)
+    u, target = record(3, 200, seed=9)
+    weights = lively(network, 10)
+    jacobian, error = network.jacobian(weights, u), target - network.simulate(weights, u)
+    for washout in (0, 5, 64, 100, 199):
+        sse, jtj, jte = network.normal_equations(weights, u, target, washout)
+        rows, e = jacobian[washout:], error[washout:]
+        assert sse == pytest.approx(e @ e, rel=1e-12)
+        np.testing.assert_allclose(jtj, rows.T @ rows, rtol=1e-11, atol=1e-11)
+        np.testing.assert_allclose(jte, rows.T @ e, rtol=1e-11, atol=1e-11)
+
+
+@pytest.mark.parametrize("chunk", [1, 7, 50])  # shorter than the taps reach back, and longer
+def test_chunks_leave_no_seam(monkeypatch, chunk):
+    network = Narx(2, 4, 2, 3, 5)
+    u, _ = record(2, 300, seed=11)
+    weights = lively(network, 12)
+    whole = network.jacobian(weights, u)
+    monkeypatch.setattr(narx_module, "CHUNK", chunk)
+    np.testing.assert_allclose(network.jacobian(weights, u), whole, rtol=0, atol=1e-13)
+
+
+def test_nothing_is_linear():
+    network = Narx(2, 3)
+    assert len(np.arange(network.n_weights)[network.linear]) == 0
+    assert network.features(network.initial(0), np.zeros((9, 2))).shape == (9, 0)
+
+
+def test_layers_and_flatten_are_inverse():
+    network = Narx(2, 3, 1, 2, 1)
+    weights = np.arange(float(network.n_weights))
+    layers = network.layers(weights)
+    np.testing.assert_array_equal(network.flatten(layers), weights)
+    np.testing.assert_array_equal(layers.taps[1], [7.0, 8.0, 9.0, 10.0])
+    np.testing.assert_array_equal(layers.feedback[1], [11.0, 12.0])
+    assert layers.bias[1] == 13.0 and layers.output_bias == network.n_weights - 1
+
+
+@pytest.mark.parametrize(
+    "network", [Narx(), Narx(2, 7, 1, 3, 5), Narx(1, 1, 0, 1, 1), Narx(5, 10, 2, 2, 1)], ids=repr
+)
+def test_starts_are_seeded_stable_and_forget(network):
+    np.testing.assert_array_equal(network.initial(3), network.initial(3))
+    assert not np.array_equal(network.initial(3), network.initial(4))
+    for seed in range(8):
+        weights = network.initial(seed)
+        layers = network.layers(weights)
+        # with tanh's slope 1
+        poles = np.roots(np.concatenate([[1.0], -(layers.output @ layers.feedback)]))
+        assert np.abs(poles).max() ** (1.0 / network.stride) < math.exp(-1.0 / 100.0) + 1e-9
+        u, target = record(network.inputs, 20, seed)
+        held = np.repeat(u, 100, axis=0)
+        otherwise = np.concatenate([-held[:100], held[100:]])
+        change = np.abs(network.simulate(weights, otherwise) - network.simulate(weights, held))
+        assert change[:100].max() > 0.0 and change[-100:].max() < 1e-5 * change[:100].max()
+        _, jtj, _ = network.normal_equations(weights, held, np.repeat(target, 100))
+        assert np.isfinite(jtj).all() and np.sqrt(jtj.diagonal().max() / len(held)) < 100.0
+
+
+def test_free_runs_that_diverge_say_so_silently():
+    network = Narx(1, 1, 0, 1, 1)
+    u, target = record(1, 2000, seed=13)
+    # linear up to 1e160: y(k) = 2 y(k-1) + u(k)
+    doubling = np.array([1e-160, 2e-160, 0.0, 1e160, 0.0])
+    assert np.abs(network.simulate(doubling, u)).max() > 1e150
+    assert network.normal_equations(doubling, u, target)[0] == np.inf
+    for wild in (1e200, np.inf, np.nan):
+        sse, jtj, _ = network.normal_equations(np.full(5, wild), u, target)
+        assert not np.isfinite(sse) and jtj.shape == (5, 5)
+
+
+@dataclass(frozen=True)
+class Chaotic(Narx):
+    """Starts as a one-humped map of its own output: tanh bounds the run, nothing bounds its
+    derivative."""
+
+    def initial(self, seed: int) -> np.ndarray:
+        return np.array([0.01, 3.4, 2.3, 0.01, 3.4, -2.3, 1.1, -1.1, -1.3])
+
+
+def test_training_gives_up_in_words_where_the_derivative_overflows():
+    network = Chaotic(1, 2, 0, 1, 1)
+    u, target = record(1, 2000, seed=14)
+    sse, jtj, _ = network.normal_equations(network.initial(0), u, target)
+    assert np.isfinite(sse) and not np.isfinite(jtj).all()
+    trained = train(network, u, target, iterations=5)
+    assert trained.why.startswith("diverged") and not trained.converged
+
+
+def known_narx(samples: int = 1500) -> tuple[Narx, np.ndarray, np.ndarray]:
+    """Held random levels into y(k) = 1.2 tanh(0.5 u(k) + 1.1 y(k-3) - 0.6 y(k-6)) + 0.3 tanh(2 u(k)
+    + 0.5)."""
+    network = Narx(1, 2, 0, 2, 3)
+    weights = np.array([0.5, 1.1, -0.6, 0.0, 2.0, 0.0, 0.0, 0.5, 1.2, 0.3, 0.0])
+    u = np.repeat(np.random.default_rng(15).uniform(-1.0, 1.0, (samples // 20, 1)), 20, axis=0)
+    y = network.simulate(weights, u)
+    return network, u, y / np.abs(y).max()
+
+
+def test_learns_a_known_narx():
+    network, u, target = known_narx()
+    trained = train(network, u, target, iterations=150, starts=3)
+    assert trained.trace["mse"][0] > 1e-2
+    assert trained.trace["mse"][-1] < 1e-15, trained.starts_mse
+    assert trained.summary["converged"]
+
+
+def test_round_trip_through_files(tmp_path):
+    _, u, y = known_narx()
+    trained, _ = train_on_signals(
+        Narx(1, 3, 1, 2, 3),
+        {"command": u[:, 0]},
+        7.0 * y,
+        output_name="angle_deg",
+        period_s=0.003,
+        iterations=4,
+    )
+    save_network(tmp_path, trained)
+    loaded = load_network(tmp_path)
+    assert loaded.network == Narx(1, 3, 1, 2, 3)
+    np.testing.assert_array_equal(loaded.predict(u), trained.predict(u))
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: Narx(0, 10), "inputs must be a whole number of at least 1"),
+        (lambda: Narx(output_lags=0), "output_lags must be a whole number of at least 1"),
+        (lambda: Narx(input_lags=-1), "input_lags must be a whole number of at least 0"),
+        (lambda: Narx(stride=2.5), "stride must be a whole number of at least 1"),  # type: ignore[arg-type]
+        (lambda: Narx(2, 2).simulate(np.zeros(3), np.zeros((5, 2))), "has 21 weights"),
+        (lambda: Narx(2, 2).simulate(np.zeros(21), np.zeros((5, 3))), r"takes inputs \(N, 2\)"),
+        (
+            lambda: Narx(2, 2).normal_equations(np.zeros(21), np.zeros((5, 2)), np.zeros(4)),
+            "Target has shape",
+        ),
+    ],
+)
+def test_wrong_shapes_are_named(call, words):
+    with pytest.raises(DataError, match=words):
+        call()

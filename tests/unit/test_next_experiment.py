@@ -1,0 +1,246 @@
+"""The next experiment: found by simulation, it separates what it says, by about as much as it
+says."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cli import frame
+from pamid.base.run_folder import Run
+from pamid.diagnosis.diagnose import diagnose_into
+from pamid.diagnosis.next_experiment import (
+    bench_of,
+    benches,
+    in_question,
+    next_experiment,
+    separations,
+)
+from pamid.diagnosis.proposal import FILE, Proposal, proposal_json
+from pamid.diagnosis.tournament import Diagnosis, diagnose
+from pamid.estimation.fit_model import fit_model
+from pamid.excitation.aprbs import aprbs
+from pamid.excitation.experiments import (
+    MENU,
+    Bench,
+    Experiment,
+    amplitude_sweep,
+    menu,
+    odd_multisine,
+    slow_reversals,
+    speed_runs,
+)
+from pamid.model.registry import effects, rig_named
+from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.simulation.data_split import Span, gather
+from pamid.simulation.virtual_rig import virtual_rig
+
+Array = NDArray[np.float64]
+
+PERIOD_S = 0.005
+CART = (Path(__file__).resolve().parents[2] / "data" / "rigs" / "cart.py").read_text()
+#: the cart of the README with a cord that keeps it in place, and a ruler that is good to 1 mm
+CORDED = CART.replace("force / p.mass_kg", "(force - 20.0 * x.position) / p.mass_kg").replace(
+    "    states = ", '    noise = {"position_m": 1e-3}\n    states = '
+)
+RIVALS = ("coulomb-friction", "quadratic-drag")
+TRUTH = ("coulomb-friction:force_n=0.6,give_m=0.002",)
+
+
+def drawn(folder: Path, name: str, columns: dict[str, Array], rig: Path, seed: int) -> Recording:
+    """The cart with friction, recorded on these columns."""
+    time = PERIOD_S * np.arange(len(next(iter(columns.values()))))
+    write_recording(folder / f"{name}-sent.csv", time, columns)
+    made = virtual_rig(
+        str(rig),
+        read_recording(folder / f"{name}-sent.csv"),
+        TRUTH,
+        {},
+        {"mass_kg": 1.2},
+        1.0,
+        seed,
+    )
+    write_recording(folder / f"{name}.csv", time, made.columns, made.meta)
+    return read_recording(folder / f"{name}.csv")
+
+
+@pytest.fixture(scope="module")
+def rubbing(
+    tmp_path_factory: pytest.TempPathFactory,
+) -> tuple[Path, Path, Recording, Diagnosis, Proposal]:
+    """A cart with dry friction, recorded with hard pushes only, and what to do next about it."""
+    folder = tmp_path_factory.mktemp("cart")
+    rig = folder / "cart.py"
+    rig.write_text(CORDED)
+    made = drawn(folder, "rec", {"force_n": aprbs(20.0, PERIOD_S, 4.0, (0.1, 0.4), seed=1)}, rig, 2)
+    d = diagnose(gather(rig_named(str(rig)), [made], []), {k: effects()[k] for k in RIVALS})
+    p = next_experiment(d)
+    assert p is not None
+    return folder, rig, made, d, p
+
+
+def apart(d: Diagnosis, bench: Bench, e: Experiment) -> float:
+    """Separation of the pairs in question on an experiment, re-adjusted."""
+    return float(np.sqrt((list(separations(d.evidence, bench, e, in_question(d)))[-1] ** 2).mean()))
+
+
+def test_it_separates_more_than_the_same_excitation_again(
+    rubbing: tuple[Path, Path, Recording, Diagnosis, Proposal],
+) -> None:
+    _, _, _, d, p = rubbing
+    assert p.separates == RIVALS
+    again = Experiment(
+        "aprbs", 1.0, "", lambda b: {"force_n": aprbs(20.0, PERIOD_S, 4.0, (0.1, 0.4), seed=3)}
+    )
+    assert p.expected_separation > 1.2 * apart(d, bench_of(d.evidence), again)
+
+
+def test_what_it_expects_is_what_comes(
+    rubbing: tuple[Path, Path, Recording, Diagnosis, Proposal],
+) -> None:
+    """The experiment is made, with noise, and both models are fitted to both recordings: the wrong
+    one misses the new one by about what was expected, the right one by a small part of that."""
+    folder, rig, old, d, p = rubbing
+    new = drawn(folder, "new", p.columns, rig, 7)
+    whole = gather(rig_named(str(rig)), [old, new], [])
+    evidence = replace(whole, fit=tuple(Span(s.recording, 0, len(s.recording)) for s in whole.fit))
+    at = [s.recording is new for s in evidence.fit].index(True)
+    right, wrong = (fit_model(evidence, c.attached).fit.residuals[at] for c in in_question(d)[0])
+    missed, met = (
+        float(np.sqrt((left**2).mean()) / d.evidence.noise[0]) for left in (wrong, right)
+    )
+    assert 0.5 < np.sqrt(missed**2 - 1.0) / p.expected_separation < 2.0
+    assert met < 0.2 * missed
+
+
+def test_the_bounds_only_fall(rubbing: tuple[Path, Path, Recording, Diagnosis, Proposal]) -> None:
+    _, _, _, d, _ = rubbing
+    bench = bench_of(d.evidence)
+    for e in menu(bench):
+        found = [float((a**2).mean()) for a in separations(d.evidence, bench, e, in_question(d))]
+        assert found == sorted(found, reverse=True)
+
+
+def test_no_other_entry_is_better(
+    rubbing: tuple[Path, Path, Recording, Diagnosis, Proposal],
+) -> None:
+    """What was passed over by its bound would not have won."""
+    _, _, _, d, p = rubbing
+    truth = in_question(d)[0][0]
+    scores = {}
+    for e in menu(bench_of(d.evidence)):
+        scores[e.name] = max(
+            (
+                apart(d, way, e) / np.sqrt(e.minutes_on(way))
+                for way in benches(d.evidence, bench_of(d.evidence), e, truth)
+            ),
+            default=0.0,
+        )
+    assert max(scores, key=lambda name: scores[name]) == p.name
+    assert scores[p.name] == pytest.approx(p.expected_separation / np.sqrt(p.minutes))
+
+
+def test_a_cart_is_offered_no_air(
+    rubbing: tuple[Path, Path, Recording, Diagnosis, Proposal],
+) -> None:
+    _, _, made, d, p = rubbing
+    offered = {e.name for e in menu(bench_of(d.evidence))}
+    assert offered == {"odd-multisine", "slow-reversals", "constant-speed-runs", "amplitude-sweep"}
+    assert p.name in offered and set(p.columns) == {"force_n"}
+    assert np.abs(p.columns["force_n"]).max() <= np.abs(made.signal("force_n")).max()
+
+
+def test_the_file_reads_back_and_simulates(
+    rubbing: tuple[Path, Path, Recording, Diagnosis, Proposal],
+) -> None:
+    folder, rig, made, _, p = rubbing
+    run = Run.create(folder / "run", command=["test"], seed=0)
+    stored = diagnose_into(
+        run, gather(rig_named(str(rig)), [made], []), {k: effects()[k] for k in RIVALS}
+    )
+    assert stored["next_experiment"] == json.loads(json.dumps(proposal_json(p)))
+    assert stored["next_experiment"]["excitation"] == FILE
+    back = read_recording(run.path(FILE))
+    assert back.loop == "open" and back.sampling_period_s == PERIOD_S
+    np.testing.assert_allclose(back.signal("force_n"), p.columns["force_n"], rtol=1e-8, atol=1e-12)
+    assert len(back) * PERIOD_S / 60.0 == pytest.approx(p.minutes)
+    assert (
+        frame.run(
+            [
+                "simulate",
+                "--rig",
+                str(rig),
+                "--excitation",
+                str(run.path(FILE)),
+                "--output",
+                str(folder / "simulated.csv"),
+            ]
+        )
+        == 0
+    )
+    assert len(read_recording(folder / "simulated.csv")) == len(back)
+
+
+def test_nothing_in_question_nothing_to_do(
+    rubbing: tuple[Path, Path, Recording, Diagnosis, Proposal],
+) -> None:
+    _, _, _, d, _ = rubbing
+    assert next_experiment(replace(d, verdict="no-structural-gap")) is None
+    assert next_experiment(replace(d, ranking=d.ranking[:1])) is None
+    assert proposal_json(None) is None
+
+
+def joint(known: dict[str, float]) -> Bench:
+    return Bench(
+        rig_named("one-dof"),
+        {"reference_deg": (0.0, 40.0)},
+        0.003,
+        ("command",),
+        ("external_torque_nm",),
+        known,
+    )
+
+
+def test_the_joint_is_offered_all_but_a_swing() -> None:
+    bench = joint({})
+    offered = menu(bench)
+    assert [e.name for e in MENU if e not in offered] == ["gravity-test"]
+    for e in offered:
+        columns = e.signals(bench)
+        lengths = {len(v) for v in columns.values()}
+        assert len(lengths) == 1 and 10.0 <= lengths.pop() * bench.period_s <= 30.0, e.name
+        assert np.abs(columns.get("command", np.zeros(1))).max() <= 1.0
+        assert np.abs(columns.get("reference_deg", np.zeros(1))).max() <= 40.0 + 1e-9
+        assert np.abs(columns.get("external_torque_nm", np.zeros(1))).max() <= 10.0
+        assert any(np.ptp(v) > 0.0 for v in columns.values())
+
+
+def test_another_inertia_is_another_one() -> None:
+    e = next(e for e in MENU if e.name == "aprbs-other-inertia")
+    assert (
+        e.settings(joint({}))
+        == e.settings(joint({"inertia_kg_m2": 0.014}))
+        == ({"inertia_kg_m2": 0.0896},)
+    )
+    assert e.settings(joint({"inertia_kg_m2": 0.0896})) == ({"inertia_kg_m2": 0.014},)
+
+
+@pytest.mark.parametrize("shape", [odd_multisine, slow_reversals, speed_runs, amplitude_sweep])
+def test_shapes_keep_the_range_at_any_pace(shape: Callable[[Array], Array]) -> None:
+    for samples in (400, 5000):
+        t = 15.0 / samples * np.arange(samples)
+        value = shape(t)
+        assert value.shape == t.shape and np.abs(value).max() <= 1.0 + 1e-12
+        assert np.abs(value).max() > 0.7
+
+
+def test_a_multisine_holds_odd_lines_only() -> None:
+    wave = odd_multisine(0.003 * np.arange(5000))[:2500]
+    power = np.abs(np.fft.rfft(wave)) ** 2
+    assert power[0::2].sum() < 1e-12 * power[1::2].sum()

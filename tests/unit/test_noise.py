@@ -1,0 +1,154 @@
+"""The step and the noise of a channel, read back from channels whose step and noise are known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pamid.model.assembly import Assembly
+from pamid.model.registry import rig_named
+from pamid.recording.noise import noise_level, quantisation_step, sensor_noise
+from pamid.recording.recording import read_recording, write_recording
+from pamid.simulation.data_split import gather
+from pamid.simulation.windows import stated_noise, track_of
+
+Array = NDArray[np.float64]
+CART = str(Path(__file__).resolve().parents[2] / "data" / "rigs" / "cart.py")
+
+PERIOD_S, SAMPLES = 0.003, 5000
+TIME = np.arange(SAMPLES) * PERIOD_S
+ROUNDING = 1.0 / np.sqrt(12.0)
+RANGE = 100.0
+MOTIONS = {
+    "slow": 30.0 * np.sin(0.3 * TIME + 0.3) + 5.0 * np.sin(0.8 * TIME),
+    "fast": 35.0 * np.sin(19.0 * TIME) + 10.0 * np.sin(46.0 * TIME + 1.0),
+    "holds": 30.0 * np.tanh(8.0 * np.sin(1.3 * TIME)) + 4.0 * np.tanh(5.0 * np.sin(2.9 * TIME)),
+}
+#: step, and what the file holds of a value
+CHANNELS = {
+    "8 bits": (RANGE / 2**8, lambda y, step: digits(np.floor(y / step) * step + 0.5 * step)),
+    "10 bits": (RANGE / 2**10, lambda y, step: digits(np.floor(y / step) * step + 0.5 * step)),
+    "12 bits": (RANGE / 2**12, lambda y, step: digits(np.floor(y / step) * step + 0.5 * step)),
+    "12 bits, three decimals": (
+        RANGE / 2**12,
+        lambda y, step: np.round(np.round(y / step) * step, 3),
+    ),
+    "12 bits, single precision": (
+        RANGE / 2**12,
+        lambda y, step: np.float32(np.round(y / step) * step).astype(float),
+    ),
+    "encoder of 2048": (360.0 / 2048, lambda y, step: digits(np.round(y / step) * step)),
+    "encoder of 4096, an offset": (
+        360.0 / 4096,
+        lambda y, step: digits(np.round(y / step) * step + 1.23456789),
+    ),
+    "encoder of 4096, two decimals": (
+        360.0 / 4096,
+        lambda y, step: np.round(np.round(y / step) * step, 2),
+    ),
+    "two decimals": (0.01, lambda y, step: np.round(y, 2)),
+}
+
+
+def digits(y: Array, count: int = 9) -> Array:
+    """As a file with so many significant digits has it."""
+    return np.array((f"%.{count}g " * y.size % tuple(y.tolist())).split(), dtype=float)
+
+
+@pytest.mark.parametrize("channel", CHANNELS)
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_the_step_is_found_and_the_noise_is_never_below_it(motion: str, channel: str) -> None:
+    """Noise-free, a tenth of a step of noise, a third, one, three: what a reading is off by, in any
+    unit."""
+    step, written = CHANNELS[channel]
+    random = np.random.default_rng(7)
+    for share in (0.0, 0.1, 0.35, 1.0, 3.0):
+        y = written(MOTIONS[motion] + share * step * random.standard_normal(SAMPLES), step)
+        off = np.hypot(share, ROUNDING) * step
+        assert quantisation_step(y) == pytest.approx(step, rel=0.01)
+        found = noise_level(y[:, None])[0]
+        assert 0.8 * off < found < 1.25 * off, share
+        for unit in (np.pi / 180.0, 1e3, -1e-6):
+            assert noise_level(unit * y[:, None])[0] == pytest.approx(abs(unit) * found, rel=1e-9)
+
+
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_white_noise_is_found_where_nothing_is_quantised(motion: str) -> None:
+    y = MOTIONS[motion] + 0.05 * np.random.default_rng(3).standard_normal(SAMPLES)
+    assert quantisation_step(digits(y)) == 0.0
+    assert noise_level(digits(y)[:, None])[0] == pytest.approx(0.05, rel=0.1)
+
+
+def test_smooth_motion_has_no_steps() -> None:
+    """Neither equations solved without noise, nor a line, nor what repeats itself exactly."""
+    line = np.abs((0.0123456789 * np.arange(SAMPLES)) % 2.0 - 1.0)
+    again = np.tile(np.clip(np.sin(0.0231 * np.arange(1000)), -0.4, 0.7), 5)
+    for y in (*MOTIONS.values(), line, again, np.exp(-TIME), TIME):
+        assert quantisation_step(digits(y)) < 1e-6 * y.std()
+        assert noise_level(digits(y)[:, None])[0] < 1e-3 * y.std()
+
+
+def test_few_levels_far_apart() -> None:
+    """A channel that leaps between two rests meets no two neighbouring levels of its converter."""
+    step = RANGE / 2**12
+    leaps = 100.0 * np.clip(np.sin(2.0 * np.pi * 0.2 * TIME), 0.6, 0.8)
+    assert quantisation_step(digits(np.floor(leaps / step) * step)) == pytest.approx(step, rel=1e-3)
+    assert quantisation_step(np.array([0.0, 0.0, 1.0])) == 1.0
+    assert quantisation_step(np.full(50, 3.0)) == 0.0
+
+
+def test_recordings_with_steps_of_their_own() -> None:
+    """Two converters of one sensor: together they have no common step, and each still rounds."""
+    coarse, fine = (np.round(MOTIONS["slow"][:, None] / step) * step for step in (0.5, 0.0371))
+    both = sensor_noise([coarse, fine], np.zeros(1))
+    assert both[0] == pytest.approx(ROUNDING * np.sqrt((0.5**2 + 0.0371**2) / 2.0), rel=0.02)
+
+
+def test_what_the_rig_states_is_the_least_where_neither_noise_nor_steps_show() -> None:
+    random = np.random.default_rng(5)
+    smooth = MOTIONS["slow"][:, None]
+    filtered = (
+        smooth
+        + np.convolve(random.standard_normal(SAMPLES + 99), 0.01 * np.hanning(100), "valid")[
+            :, None
+        ]
+    )
+    better = smooth + 0.01 * random.standard_normal(SAMPLES)[:, None]
+    stated = np.array([0.05])
+    assert sensor_noise([smooth], stated)[0] == sensor_noise([filtered], stated)[0] == 0.05
+    assert (
+        sensor_noise([better], stated)[0] == noise_level(better)[0] == pytest.approx(0.01, rel=0.1)
+    )
+    for step in (0.5, 0.01):
+        assert sensor_noise([np.round(smooth / step) * step], stated)[0] == pytest.approx(
+            step * ROUNDING, rel=0.05
+        )
+    rig = rig_named("one-dof")
+    assert stated_noise(rig, ("angle_deg", "force_1_n")) == pytest.approx([np.radians(0.05), 3.0])
+    assert not stated_noise(rig_named(CART), ("position_m",)).any()
+
+
+def test_evidence_takes_the_step_for_noise(tmp_path: Path) -> None:
+    """A cart whose encoder counts 0.5 mm, on its way through a file and into a fit."""
+    step = 5e-4
+    position = 0.02 * MOTIONS["slow"]
+    write_recording(
+        tmp_path / "cart.csv",
+        TIME,
+        {"force_n": np.sign(np.sin(TIME)), "position_m": np.round(position / step) * step},
+    )
+    recording = read_recording(tmp_path / "cart.csv")
+    rig = rig_named(CART)
+    assert gather(rig, [recording], []).noise == pytest.approx([ROUNDING * step], rel=0.1)
+
+    from pamid.estimation.gauss_newton import Problem, free_parameters
+
+    assembly = Assembly(rig)
+    tracks = (track_of(assembly, recording, ("position_m",)),)
+    problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
+    assert problem.noise == pytest.approx([ROUNDING * step], rel=0.1)
+    assert replace(problem, window_s=1.0).noise == pytest.approx(problem.noise)

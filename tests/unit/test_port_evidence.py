@@ -1,0 +1,166 @@
+"""A latent value per port: the smoother's algebra, and where it places what was planted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from virtual_joint import record
+
+from pamid.diagnosis.contender import Contender, contender_from
+from pamid.diagnosis.port_evidence import Located, locate, shapley
+from pamid.diagnosis.smoother import Smoother
+from pamid.engine.block_tridiagonal import eliminate
+from pamid.estimation.fit_model import fit_model
+from pamid.model.registry import rig_named
+from pamid.parallel.jobs import Crew
+from pamid.simulation.data_split import Evidence, gather
+
+SENSORS = ("reference_deg", "command", "angle_deg", "pressure_1_kpa", "pressure_2_kpa")
+
+
+def test_elimination_equals_the_dense_solution() -> None:
+    random = np.random.default_rng(3)
+    w, n, m = 7, 4, 3
+    A = random.standard_normal((w * n, w * n))
+    keep = np.kron(np.eye(w) + np.eye(w, k=1) + np.eye(w, k=-1), np.ones((n, n)))
+    dense = (A @ A.T) * keep + 30.0 * np.eye(w * n)
+    rhs = random.standard_normal((w, n, m))
+    D = np.stack([dense[i * n : (i + 1) * n, i * n : (i + 1) * n] for i in range(w)])
+    off = np.stack([dense[(i + 1) * n : (i + 2) * n, i * n : (i + 1) * n] for i in range(w - 1)])
+    x, log_det = eliminate(D, off, rhs, 0.0)
+    assert x.reshape(-1, m) == pytest.approx(
+        np.linalg.solve(dense, rhs.reshape(-1, m)), rel=1e-9, abs=1e-12
+    )
+    assert log_det == pytest.approx(np.linalg.slogdet(dense)[1], rel=1e-9)
+
+
+def test_shapley_by_hand() -> None:
+    """Gloves: one left, two right ones; a pair is worth 1. The left one gets 2/3, each right one
+    1/6."""
+    value = {
+        frozenset(s): float("l" in s and len(s) > 1)
+        for s in ("", "l", "r", "s", "lr", "ls", "rs", "lrs")
+    }
+    assert shapley(["l", "r", "s"], value) == pytest.approx({"l": 2 / 3, "r": 1 / 6, "s": 1 / 6})
+
+
+def located(folder: Path, effect: str) -> tuple[Contender, Located]:
+    recording = record(
+        folder / f"{effect or 'nothing'}.csv",
+        15.0,
+        seed=7,
+        effects=(effect,) if effect else (),
+        columns=SENSORS,
+        known={"inertia_kg_m2": 0.014},
+    )
+    evidence = gather(rig_named("one-dof"), [recording], [])
+    model = fit_model(evidence)
+    base = contender_from(model.assembly, model.fit, model.held_out)
+    return base, locate(evidence, base, Crew())
+
+
+@pytest.mark.parametrize(
+    ("effect", "port", "among"),
+    [
+        ("coulomb-friction", "joint", 1),
+        ("leak", "pressure", 2),
+        ("pressure-sensor-offset", "pressure_sensor", 1),
+    ],
+)
+def test_places_what_was_planted(tmp_path: Path, effect: str, port: str, among: int) -> None:
+    """The planted port is in the class of ports with the largest evidence; for a leak, which shows
+    in the pressures alone, the pressure sensors can follow it as well."""
+    _, found = located(tmp_path, effect)
+    assert any(port in k for k in found.classes[:among]), found.gains
+    assert found.most > 500.0
+    rig = rig_named("one-dof")
+    shares = found.shares(rig)
+    assert sum(shares.values()) == pytest.approx(1.0)
+    named = found.shares(rig, rig.group_of(port))
+    assert named[rig.group_of(port)] >= shares[rig.group_of(port)], (
+        "a named port takes its class's worth"
+    )
+
+
+def test_nothing_missing_finds_nothing(tmp_path: Path) -> None:
+    base, found = located(tmp_path, "")
+    samples = sum(int(r.scored.sum()) for r in base.replays)
+    assert found.most < 0.05 * samples
+
+
+def test_a_larger_latent_value_costs_more_where_nothing_is_missing(tmp_path: Path) -> None:
+    base, _ = located(tmp_path, "")
+    evidence = gather(
+        rig_named("one-dof"),
+        [
+            record(
+                tmp_path / "again.csv",
+                15.0,
+                seed=7,
+                columns=SENSORS,
+                known={"inertia_kg_m2": 0.014},
+            )
+        ],
+        [],
+    )
+    smoother = Smoother(evidence, base, ("joint",))
+    tight, loose = smoother.evidence_at(0.003, 0.1), smoother.evidence_at(1.0, 0.1)
+    assert tight > loose + 10.0
+
+
+@pytest.fixture(scope="module")
+def bent(tmp_path_factory: pytest.TempPathFactory) -> tuple[Evidence, Contender]:
+    """A joint with friction that its baseline does not know: its parameters have bent to it."""
+    path = tmp_path_factory.mktemp("bent") / "rec.csv"
+    evidence = gather(
+        rig_named("one-dof"),
+        [
+            record(
+                path,
+                15.0,
+                seed=7,
+                effects=("coulomb-friction",),
+                columns=SENSORS,
+                known={"inertia_kg_m2": 0.014},
+            )
+        ],
+        [],
+    )
+    model = fit_model(evidence)
+    return evidence, contender_from(model.assembly, model.fit, model.held_out)
+
+
+def test_a_step_goes_where_the_cost_falls(bent: tuple[Evidence, Contender]) -> None:
+    """Along the Gauss-Newton step the cost falls by twice the promised gain per unit: the gradient
+    over states, latent values, joints and parameters is that of the cost."""
+    smoother = Smoother(*bent, ("joint",))
+    priors = [path.prior(smoother.missing, 0.03, 0.1) for path in smoother.paths]
+    step = smoother._step(smoother._linearised(True), priors, 1e-3, True)
+    s, xs = smoother.s.copy(), [path.x.copy() for path in smoother.paths]
+
+    def cost(share: float) -> float:
+        smoother.s = s + share * step.s
+        for path, x, d in zip(smoother.paths, xs, step.x, strict=True):
+            path.x = x + share * d
+        return smoother._cost(smoother._followed(), priors)
+
+    slope = (cost(1e-5) - cost(-1e-5)) / 2e-5
+    assert np.abs(step.s).max() > 0.01, "the parameters take part"
+    assert slope == pytest.approx(-2.0 * step.gain, rel=2e-3)
+
+
+def test_the_right_port_leaves_nothing(bent: tuple[Evidence, Contender]) -> None:
+    """With a latent torque the data are explained down to the noise; with a latent flow they are
+    not."""
+    left = {}
+    for port in ("joint", "valve"):
+        smoother = Smoother(*bent, (port,))
+        smoother.evidence_at(*smoother.best[1:])
+        left[port] = (
+            sum(one.cost for one in smoother.linear or [])
+            / (len(SENSORS) - 2)
+            / len(bent[1].replays[0].track)
+        )
+    assert left["joint"] < 1.3 < 1.6 < left["valve"]

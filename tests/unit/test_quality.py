@@ -1,0 +1,501 @@
+"""The quality card: nothing is claimed of good recordings, every planted defect is found, with its
+name and place."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from cli.frame import run
+from pamid.checks.channel_quality import quantisation_step
+from pamid.checks.recording_quality import Issue, channel_figures, examine
+from pamid.excitation.aprbs import aprbs
+from pamid.model import registry as library
+from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.simulation.virtual_rig import virtual_rig
+
+Array = NDArray[np.float64]
+Columns = dict[str, Array]
+Make = Callable[..., Recording]
+
+ROOT = Path(__file__).resolve().parents[2]
+CART = str(ROOT / "data" / "rigs" / "cart.py")
+EXAMPLE = ROOT / "data" / "example" / "joint.csv"
+PERIOD = 0.003
+P1, P2, ANGLE = "pressure_1_kpa", "pressure_2_kpa", "angle_deg"
+
+
+@pytest.fixture(scope="module")
+def make(tmp_path_factory: pytest.TempPathFactory) -> Make:
+    """A virtual recording: rig, what is sent, effects, factor on the noise."""
+    folder = tmp_path_factory.mktemp("quality")
+
+    def made(
+        name: str,
+        rig: str,
+        sent: Columns,
+        *effects: str,
+        noise: float = 1.0,
+        known: dict[str, float] | None = None,
+    ) -> Recording:
+        path = folder / f"{name}.csv"
+        if not path.exists():
+            count = len(next(iter(sent.values())))
+            write_recording(folder / "excitation.csv", PERIOD * np.arange(count), sent)
+            done = virtual_rig(
+                rig, read_recording(folder / "excitation.csv"), effects, known or {}, {}, noise, 1
+            )
+            write_recording(path, PERIOD * np.arange(count), done.columns, done.meta)
+        return read_recording(path)
+
+    return made
+
+
+def reference(seconds: float = 30.0, seed: int = 1) -> Array:
+    return aprbs(seconds, PERIOD, 35.0, (0.4, 1.6), seed=seed)
+
+
+@pytest.fixture(scope="module")
+def joint(make: Make) -> Recording:
+    return make(
+        "joint",
+        "one-dof",
+        {"reference_deg": reference()},
+        "coulomb-friction",
+        known={"inertia_kg_m2": 0.09},
+    )
+
+
+def changed(recording: Recording, **columns: Array) -> Recording:
+    return dataclasses.replace(recording, columns={**recording.columns, **columns})
+
+
+def only(issues: tuple[Issue, ...], kind: str) -> Issue:
+    """The one issue there is, of this kind."""
+    assert [i.kind for i in issues] == [kind], issues
+    return issues[0]
+
+
+# ---- good recordings --------------------
+
+SENT: dict[str, tuple[str, Columns, tuple[str, ...], float]] = {
+    "closed": ("one-dof", {"reference_deg": reference()}, ("stribeck-friction",), 1.0),
+    "clean": ("one-dof", {"reference_deg": reference()}, ("maxwell-slip-hysteresis",), 0.0),
+    "stop": ("one-dof", {"reference_deg": reference()}, ("end-stop", "valve-dead-band"), 1.0),
+    "open": ("one-dof", {"command": aprbs(30.0, PERIOD, 0.8, (0.2, 0.8), seed=2)}, (), 1.0),
+    "open-clean": ("one-dof", {"command": aprbs(30.0, PERIOD, 0.8, (0.2, 0.8), seed=2)}, (), 0.0),
+    "arm": (
+        "two-link",
+        {f"reference_{k}_deg": 0.7 * reference(seed=k) for k in (1, 2)},
+        ("coulomb-friction@joint_1",),
+        1.0,
+    ),
+    "cart": (
+        CART,
+        {"force_n": aprbs(30.0, PERIOD, 5.0, (0.1, 0.8), seed=4)},
+        ("coulomb-friction",),
+        1.0,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", [*SENT, "example"])
+@pytest.mark.parametrize("bits", [0, 12, 16])
+def test_nothing_is_claimed_of_a_good_recording(make: Make, name: str, bits: int) -> None:
+    if name == "example":
+        recording, rig = read_recording(EXAMPLE), library.rig_named("one-dof")
+    else:
+        named, sent, effects, noise = SENT[name]
+        recording, rig = make(name, named, sent, *effects, noise=noise), library.rig_named(named)
+    if bits:
+
+        def converted(values: Array) -> Array:
+            step = 2.0 * float(np.abs(values).max()) / 2**bits
+            return np.asarray(np.round(values / step) * step)
+
+        recording = changed(recording, **{c: converted(recording.columns[c]) for c in rig.outputs})
+    assert examine(recording, rig) == ()
+    assert examine(recording) == ()
+
+
+def test_a_vented_arm_at_rest_has_no_dead_sensors(make: Make) -> None:
+    still = np.zeros(10000)
+    vented = make(
+        "vented",
+        "two-link",
+        {"command_1": still, "command_2": aprbs(30.0, PERIOD, 0.6, (0.4, 1.6), seed=3)},
+    )
+    assert {i.kind for i in examine(vented, library.rig_named("two-link"))} <= {"noisy"}
+
+
+# ---- planted defects --------------------
+
+
+def held(values: Array, start: int, stop: int) -> Array:
+    out = values.copy()
+    out[start:stop] = out[start]
+    return out
+
+
+def ramp(values: Array, start: int, stop: int) -> Array:
+    out = values.copy()
+    out[start:stop] = np.linspace(out[start], out[stop - 1], stop - start)
+    return out
+
+
+def moved(values: Array, by: dict[int, float]) -> Array:
+    out = values.copy()
+    for place, much in by.items():
+        out[place] += much
+    return out
+
+
+def rounded(values: Array, step: float) -> Array:
+    return np.asarray(np.round(values / step) * step)
+
+
+DEFECTS: dict[str, tuple[str, Callable[[Array], Array], str, tuple[float, float] | None]] = {
+    "clipped": (P2, lambda y: np.minimum(y, 540.0), "clipped", None),
+    "clipped on an encoder": (ANGLE, lambda y: np.minimum(rounded(y, 0.09), 18.0), "clipped", None),
+    "coarse": (P1, lambda y: rounded(y, 8.0), "coarse", None),
+    "dead": (P1, lambda y: np.full(y.size, 101.0), "dead", None),
+    "unplugged": (
+        P1,
+        lambda y: 3.0 + np.random.default_rng(1).standard_normal(y.size),
+        "dead",
+        None,
+    ),
+    "frozen": (P1, lambda y: held(y, 4000, 4300), "frozen", (12.0, 12.9)),
+    "bridged": (P1, lambda y: ramp(y, 5000, 5100), "bridged", (15.0, 15.3)),
+    "spikes": (ANGLE, lambda y: moved(y, {2000: 15.0, 7000: -9.0}), "spikes", (6.0, 6.0)),
+    "noisy": (
+        ANGLE,
+        lambda y: y + 8.0 * np.random.default_rng(1).standard_normal(y.size),
+        "noisy",
+        None,
+    ),
+    "slow": (P2, lambda y: y[np.arange(y.size) // 4 * 4], "sampled-slowly", None),
+}
+
+
+@pytest.mark.parametrize("defect", DEFECTS)
+@pytest.mark.parametrize("with_rig", [False, True])
+def test_a_planted_defect_is_found(joint: Recording, defect: str, with_rig: bool) -> None:
+    column, spoil, kind, window = DEFECTS[defect]
+    spoilt = changed(joint, **{column: spoil(joint.columns[column])})
+    issue = only(examine(spoilt, library.rig_named("one-dof") if with_rig else None), kind)
+    certain = with_rig and defect == "dead"  # its model would move
+    assert (
+        issue.columns == (column,)
+        and issue.severity == ("wrong" if certain else "advice")
+        and issue.hint
+    )
+    if window is not None:
+        assert issue.windows_s[0] == pytest.approx(window, abs=0.01)
+
+
+def test_clipping_is_told_with_level_and_places(joint: Recording) -> None:
+    spoilt = changed(joint, **{P2: np.minimum(joint.columns[P2], 500.0)})
+    issue = only(examine(spoilt), "clipped")
+    above = joint.columns[P2] >= 500.0
+    assert issue.figures["level"] == 500.0 and issue.figures["share"] == pytest.approx(
+        above.mean(), rel=0.02
+    )
+    inside = np.any([(joint.time >= a) & (joint.time <= b) for a, b in issue.windows_s], axis=0)
+    assert above[inside].mean() > 0.95 and inside[above].mean() > 0.95
+
+
+def test_lost_rows_are_counted(joint: Recording) -> None:
+    rows = np.arange(len(joint))
+    for start in (1000, 3000, 6000):
+        rows[start : start + 7] = start
+    measured = {
+        c: v[rows] for c, v in joint.columns.items() if c not in ("command", "reference_deg")
+    }
+    for rig in (None, library.rig_named("one-dof")):
+        issue = only(examine(changed(joint, **measured), rig), "dropped")
+        assert issue.figures["samples"] == 18 and len(issue.windows_s) == 3
+        assert issue.windows_s[1] == pytest.approx((9.003, 9.018))
+
+
+def test_a_frozen_encoder_is_found_without_noise(joint: Recording) -> None:
+    angle = rounded(joint.columns[ANGLE], 0.09)
+    start = 500 * int(np.argmax(np.abs(angle[500::500] - angle[:-500:500]))) + 250
+    issue = only(examine(changed(joint, **{ANGLE: held(angle, start, start + 250)})), "frozen")
+    assert issue.windows_s[0][1] == pytest.approx(PERIOD * (start + 249), abs=0.01)
+
+
+def test_pressures_that_cannot_be_gauge_are_told_without_a_rig(
+    joint: Recording, make: Make
+) -> None:
+    issues = examine(changed(joint, **{P1: joint.columns[P1] / 100.0}))
+    assert only(issues, "unit").columns == (P1,)
+    assert only(examine(changed(joint, **{P1: -joint.columns[P1]})), "pressure").columns == (P1,)
+    opened = make("open", "one-dof", SENT["open"][1])
+    rests = only(examine(changed(opened, **{P1: opened.columns[P1] + 101.3})), "absolute-pressure")
+    assert rests.columns == (P1,) and rests.windows_s and 97.0 < rests.figures["floor_kpa"] < 103.0
+
+
+@pytest.mark.parametrize(
+    ("sent", "kind", "word"),
+    [
+        (np.where(np.arange(10000) > 5000, 30.0, 0.0), "excitation", "1 step"),
+        (0.02 * reference(), "excitation", "2% of what is usual"),
+        (
+            np.concatenate([reference()[:3000], np.full(7000, 5.0)]),
+            "excitation",
+            "most of the time",
+        ),
+    ],
+)
+def test_a_poor_excitation_is_told(joint: Recording, sent: Array, kind: str, word: str) -> None:
+    issues = examine(changed(joint, reference_deg=sent), library.rig_named("one-dof"))
+    assert word in only(issues, kind).message
+
+
+def test_a_short_recording_is_told(joint: Recording) -> None:
+    assert "short" in [i.kind for i in examine(joint.slice(1000, 1300))]
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        np.zeros(300),
+        1e308 * (-1.0) ** np.arange(300),
+        1e-310 * np.arange(300.0),
+        np.arange(300) % 2 * 1.0,
+        np.where(np.arange(300) == 299, 1.0, 0.0),
+        1e9 + np.random.default_rng(0).standard_normal(300),
+    ],
+    ids=["zero", "huge", "tiny", "toggling", "last", "far away"],
+)
+@pytest.mark.parametrize("count", [50, 300])
+def test_odd_columns_are_survived(joint: Recording, values: Array, count: int) -> None:
+    odd = changed(joint.slice(0, count), **{P1: values[:count], "command": values[:count]})
+    for rig in (None, library.rig_named("one-dof")):
+        issues = examine(odd, rig)
+        assert np.isfinite([v for i in issues for v in i.figures.values()]).all()
+        assert np.isfinite(
+            [v for one in channel_figures(odd, rig).values() for v in one.values()]
+        ).all()
+    if values.max() > 1e300:
+        assert only(examine(odd), "range").severity == "wrong"
+
+
+# ---- against the rig --------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "kind", "columns", "severity"),
+    [
+        (lambda c: {P1: c[P2], P2: c[P1]}, "exchanged", {P1, P2}, "wrong"),
+        (
+            lambda c: {"force_1_n": c["force_2_n"], "force_2_n": c["force_1_n"]},
+            "exchanged",
+            {"force_1_n", "force_2_n"},
+            "wrong",
+        ),
+        (lambda c: {ANGLE: -c[ANGLE]}, "sign", {ANGLE}, "wrong"),
+        (lambda c: {"command": -c["command"]}, "sign", {"command"}, "wrong"),
+        (lambda c: {ANGLE: np.radians(c[ANGLE])}, "unit", {ANGLE}, "wrong"),
+        (lambda c: {P1: c[P1] / 100.0, P2: c[P2] / 100.0}, "unit", {P1, P2}, "wrong"),
+        (lambda c: {P1: c[P1] * 1000.0}, "unit", {P1}, "wrong"),
+        (lambda c: {"command": 100.0 * c["command"]}, "unit", {"command"}, "wrong"),
+        (lambda c: {P1: c[P1] + 101.3, P2: c[P2] + 101.3}, "absolute-pressure", {P1, P2}, "advice"),
+        (lambda c: {ANGLE: np.roll(c[ANGLE], 12)}, "delay", {ANGLE}, "advice"),
+        (lambda c: {ANGLE: np.roll(c[ANGLE], -12)}, "delay", {ANGLE}, "advice"),
+    ],
+    ids=[
+        "pressures",
+        "forces",
+        "angle",
+        "command",
+        "radians",
+        "bar",
+        "pascal",
+        "percent",
+        "absolute",
+        "late",
+        "early",
+    ],
+)
+def test_what_contradicts_the_rig_is_found(
+    joint: Recording,
+    change: Callable[[Columns], Columns],
+    kind: str,
+    columns: set[str],
+    severity: str,
+) -> None:
+    issue = only(
+        examine(changed(joint, **change(joint.columns)), library.rig_named("one-dof")), kind
+    )
+    assert set(issue.columns) == columns and issue.severity == severity and issue.hint
+    if kind == "delay":
+        assert abs(issue.figures["delay_s"]) == pytest.approx(12 * PERIOD, abs=1.1 * PERIOD)
+
+
+def test_bar_are_told_by_name(joint: Recording) -> None:
+    issue = only(
+        examine(changed(joint, **{P1: joint.columns[P1] / 100.0}), library.rig_named("one-dof")),
+        "unit",
+    )
+    assert "like bar, not kPa" in issue.message and 'unit = "bar"' in issue.hint
+
+
+@pytest.mark.parametrize(
+    ("a", "b"),
+    [
+        ("pressure_11_kpa", "pressure_21_kpa"),
+        ("contraction_21", "contraction_22"),
+        ("command_1", "command_2"),
+        ("angle_1_deg", "angle_2_deg"),
+    ],
+)
+def test_an_exchange_on_the_arm_is_found(make: Make, a: str, b: str) -> None:
+    rig, sent, effects, noise = SENT["arm"]
+    arm = make("arm", rig, sent, *effects, noise=noise)
+    issue = only(
+        examine(changed(arm, **{a: arm.columns[b], b: arm.columns[a]}), library.rig_named(rig)),
+        "exchanged",
+    )
+    assert set(issue.columns) == {a, b}
+
+
+def test_a_sign_is_found_on_a_rig_of_ones_own(make: Make) -> None:
+    rig, sent, effects, noise = SENT["cart"]
+    cart = make("cart", rig, sent, *effects, noise=noise)
+    issue = only(
+        examine(changed(cart, position_m=-cart.columns["position_m"]), library.rig_named(rig)),
+        "sign",
+    )
+    assert "force_n" in issue.message and "position_m" in issue.message
+
+
+def test_two_faults_are_told_one_by_one(joint: Recording) -> None:
+    c = joint.columns
+    spoilt = changed(joint, **{P1: c[P2], P2: c[P1], ANGLE: np.radians(c[ANGLE])})
+    exchanged, unit = examine(spoilt, library.rig_named("one-dof"))
+    assert exchanged.kind == "exchanged" and set(exchanged.columns) == {P1, P2}
+    assert unit.kind == "unit" and unit.columns == (ANGLE,)
+
+
+# ---- figures, command, picture --------------------
+
+
+def test_step_and_noise_are_measured(joint: Recording) -> None:
+    shown = channel_figures(changed(joint, **{ANGLE: rounded(joint.columns[ANGLE], 360.0 / 4096)}))
+    assert shown[ANGLE]["step"] == pytest.approx(360.0 / 4096, rel=1e-6)
+    assert shown[P1]["noise"] == pytest.approx(1.0, rel=0.1) and shown[P1]["step"] == 0.0
+    assert quantisation_step(np.array([0.0, 0.0, 1.0])) == 1.0
+    assert quantisation_step(np.random.default_rng(0).standard_normal(5000)) == 0.0
+
+
+@pytest.fixture(scope="module")
+def spoilt(joint: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("spoilt") / "rec.csv"
+    columns = {**joint.columns, P2: np.minimum(joint.columns[P2], 540.0)}
+    write_recording(
+        path,
+        joint.time,
+        columns,
+        {"recording": {"rig": "one-dof", "loop": "closed"}, "known": joint.known},
+    )
+    return path
+
+
+def test_check_tells_the_issues_and_writes_nothing(
+    spoilt: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    before = sorted(spoilt.parent.iterdir())
+    assert run(["check", str(spoilt), "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert (
+        said["schema"] == "pamid.check/1"
+        and said["ok"]
+        and sorted(spoilt.parent.iterdir()) == before
+    )
+    (issue,) = said["quality"]["issues"]
+    assert (
+        issue["kind"] == "clipped"
+        and issue["columns"] == [P2]
+        and issue["windows_s"]
+        and issue["figures"]
+    )
+    assert said["quality"]["channels"][P1].keys() == {"span", "step", "noise"}
+    assert any(f["check"] == "clipped" and f["advice"] for f in said["findings"])
+    assert run(["check", str(spoilt)]) == 0
+    text = capsys.readouterr().out
+    assert "note   clipped: pressure_2_kpa" in text and text.rstrip().endswith(
+        "1 note; nothing is wrong"
+    )
+
+
+def test_exchanged_pressures_make_the_check_fail(joint: Recording, tmp_path: Path) -> None:
+    columns = {**joint.columns, P1: joint.columns[P2], P2: joint.columns[P1]}
+    write_recording(tmp_path / "rec.csv", joint.time, columns, {"known": joint.known})
+    assert run(["check", str(tmp_path / "rec.csv"), "--rig", "one-dof"]) == 3
+    assert run(["check", str(tmp_path / "rec.csv")]) == 0  # without the rig nobody can know
+
+
+def test_the_card_is_drawn_on_request(
+    spoilt: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    card = tmp_path / "pictures" / "card.png"
+    assert run(["check", str(spoilt), "--figure", str(card), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["figure"] == str(card)
+    png = card.read_bytes()
+    assert png[:8] == b"\x89PNG\r\n\x1a\n" and 10_000 < len(png) < 400_000
+    assert run(["check", str(spoilt), "--figure", str(card)]) == 3 and card.read_bytes() == png
+    assert (
+        run(["check", str(spoilt), "--figure", str(card), "--overwrite"]) == 0
+        and card.read_bytes() == png
+    )
+    assert (
+        run(["check", CART, "--figure", str(tmp_path / "rig.png")]) == 2
+        and not (tmp_path / "rig.png").exists()
+    )
+
+
+def test_the_title_states_what_was_found(spoilt: Path) -> None:
+    from pamid.report.quality_figure import card_title, envelope, joined
+
+    recording = read_recording(spoilt)
+    title = card_title(recording, examine(recording))
+    # what `check` calls a note is none of the problems of the card
+    assert title.startswith(
+        "rec: nothing is wrong with 7 channels over 30 s; 1 note: pressure_2_kpa is clipped at its "
+        "highest value, 540 kPa, for "
+    )
+    assert "nothing is wrong" in card_title(recording, ()) and "note" not in card_title(
+        recording, ()
+    )
+    wrong = [Issue("unit", (ANGLE,), "wrong", "angle_deg is in rad")]
+    title = card_title(recording, [*wrong, *examine(recording)], ["the input 'u' is missing"])
+    assert title.startswith(
+        "2 problems and 1 note in rec: the input 'u' is missing; angle_deg is in rad; pressure_2"
+    )
+    shown = envelope(recording.time, moved(recording.columns[ANGLE], {4321: 500.0}))[1]
+    assert shown.max() > 450.0 and shown.size < 2000
+    assert joined([(1.0, 1.0), (1.05, 2.0), (5.0, 6.0)], 0.2) == [
+        (pytest.approx(0.9), 2.0),
+        (5.0, 6.0),
+    ]
+
+
+def test_two_hundred_seconds_are_clean_and_their_card_is_small(make: Make) -> None:
+    from pamid.report.quality_figure import card_png
+
+    long = make(
+        "long", "one-dof", {"reference_deg": reference(200.0)}, known={"inertia_kg_m2": 0.09}
+    )
+    assert len(long) == 66667
+    rig = library.rig_named("one-dof")
+    issues = examine(long, rig)
+    assert issues == ()
+    assert len(card_png(long, issues, channel_figures(long, rig))) < 400_000

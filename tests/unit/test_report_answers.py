@@ -1,0 +1,198 @@
+"""What the page says of a diagnosis: sensors, regimes, transfer, grounds, the missing term, and
+what went wrong."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from matplotlib.figure import Figure
+from synthetic_run import diagnosis_json, fit_json, make_run, network_json, run_json
+from test_report import VERDICTS, text_of
+
+from pamid.report.budget import errors_of
+from pamid.report.diagnosed import VERDICTS as KNOWN_VERDICTS
+from pamid.report.diagnosed import Where
+from pamid.report.figures import missing_drawing, regimes_drawing
+from pamid.report.load import load_run
+from pamid.report.sentences import ports_title
+from pamid.report.writing import drawings_of
+
+NO_TRACES = ("residual.csv", "trace.csv", "network.json")
+
+
+def test_the_verdicts_are_those_of_the_contract() -> None:
+    assert set(VERDICTS) == set(KNOWN_VERDICTS)
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_the_page_says_what_was_found(verdict: str, tmp_path: Path) -> None:
+    text = re.sub(
+        r" (?=[,.):;])", "", text_of(make_run(tmp_path / "RUN", verdict, without=NO_TRACES))
+    )
+    for told in (
+        "Error of the refitted model over the noise floor, in the channel where it is largest.",
+        "a later figure 1.50",
+        "there is a structural gap at all above 0.99, the catalogue knows its cause 0.93, the "
+        "first of the ranking",
+        "The nearest two of these models are expected to differ by 4.2 noise standard deviations "
+        "rms; it takes about "
+        "8 min at the rig.",
+        "Its excitations, one for each run, are next-experiment.csv and next-experiment-2.csv in "
+        "the run folder",
+        "Run 1: initial pressure 200 kPa. Run 2: initial pressure 500 kPa.",
+        "one more sensor takes apart Force 1 and force 2 muscle and joint",
+        "These sensors allow 3 independent checks.",
+        "Look-alikes Coulomb friction and LuGre friction",
+    ):
+        assert told in text, told
+    apart = (
+        "For an effect of unknown form these sensors cannot tell muscle and joint, nor valve and "
+        "pressure apart; "
+        "they say nothing of leak; measuring force 1 and force 2 as well would separate muscle "
+        "and joint."
+    )
+    assert (apart in text) == (verdict != "no-structural-gap")
+    assert ("Does it hold elsewhere?" in text) == (verdict in ("explained", "ambiguous"))
+    assert ("At the joint port; these sensors cannot tell it from muscle." in text) == (
+        verdict in ("ambiguous", "unknown-effect")
+    )
+    nature = (
+        "It changes its sign with the velocity. It follows these signals without memory. It takes "
+        "energy out, as "
+        "friction does."
+    )
+    assert (nature in text) == (verdict == "unknown-effect")
+    assert ("The formula covers 62 % of its variance" in text) == (verdict == "unknown-effect")
+
+
+@pytest.mark.parametrize("verdict", VERDICTS)
+def test_a_diagnosis_of_an_older_version_makes_a_page(verdict: str, tmp_path: Path) -> None:
+    diagnosis = diagnosis_json(verdict)
+    for key in ("transfer", "grounds", "confidence"):
+        del diagnosis[key]
+    for key in ("redundancy", "unseen", "sensors"):
+        del diagnosis["where"][key]
+    for key in ("expected_separation", "minutes", "excitation", "excitations", "settings"):
+        del diagnosis["next_experiment"][key]
+    for key in ("parity", "memory", "described") if diagnosis["unknown"] else ():
+        del diagnosis["unknown"][key]
+    folder = make_run(
+        tmp_path / "RUN", verdict, diagnosis=diagnosis, without=(*NO_TRACES, "missing.csv")
+    )
+    assert "Torque loops two pressures." in text_of(folder)
+    run = load_run(folder)
+    assert "missing" not in {drawing.name for drawing in drawings_of(run, errors_of(run))}
+
+
+def test_one_file_of_an_older_diagnosis_is_named(tmp_path: Path) -> None:
+    diagnosis = diagnosis_json("explained")
+    del diagnosis["next_experiment"]["excitations"]
+    folder = make_run(tmp_path / "RUN", "explained", diagnosis=diagnosis, without=NO_TRACES)
+    assert "Its excitation is next-experiment.csv in the run folder" in re.sub(
+        r" (?=[,.):;])", "", text_of(folder)
+    )
+
+
+def test_nothing_found_is_null_in_places(tmp_path: Path) -> None:
+    """As a diagnosis without a gap writes it."""
+    diagnosis = {
+        **diagnosis_json("no-structural-gap"),
+        "grounds": None,
+        "confidence": None,
+        "next_experiment": None,
+        "ranking": [],
+        "look_alikes": [],
+    }
+    diagnosis["where"] |= {"regimes": [], "frequency_hz": [], "sensors": []}
+    text = text_of(
+        make_run(tmp_path / "RUN", "no-structural-gap", diagnosis=diagnosis, without=NO_TRACES)
+    )
+    assert "The diagnosis asks for no further experiment." in text
+    assert "What the verdict rests on" not in text
+
+
+def test_a_remark_on_the_recordings_goes_before_the_verdict(tmp_path: Path) -> None:
+    diagnosis = {
+        **diagnosis_json("no-structural-gap"),
+        "remark": "Nothing of the model shows: check the columns.",
+    }
+    text = text_of(
+        make_run(tmp_path / "RUN", "no-structural-gap", diagnosis=diagnosis, without=NO_TRACES)
+    )
+    assert (
+        "Nothing of the model shows: check the columns." in text
+        and "No structural gap:" not in text
+    )
+
+
+def test_a_port_that_the_shares_do_not_lead_is_said() -> None:
+    where = Where("muscle", (("joint", 0.81), ("muscle", 0.12)), (), (), None, (), None, (), ())
+    told = ports_title(where).replace("\u00a0", " ")
+    assert (
+        told == "81 % of the gap might enter at the joint port; the verdict names the muscle port, "
+        "with 12 %"
+    )
+
+
+def test_regimes_stand_as_pairs_of_bars(tmp_path: Path) -> None:
+    diagnosis = load_run(make_run(tmp_path / "RUN", without=NO_TRACES)).diagnosis
+    assert diagnosis is not None
+    drawing = regimes_drawing(diagnosis)
+    assert drawing is not None
+    title = drawing.title.replace("\u00a0", " ")
+    assert title == "70 % of the gap lies in 20 % of the time: velocity between \u22122 and 2 deg/s"
+    figure = Figure()
+    drawing.draw(figure, False)
+    widths = [bar.get_width() for bar in figure.axes[0].patches]
+    assert widths == pytest.approx([70.0, 20.0, 61.0, 35.0])
+    names = [text.get_text().replace("\u00a0", " ") for text in figure.axes[0].get_yticklabels()]
+    assert names == ["velocity\n\u22122 to 2 deg/s", "valve ratio 1\n0 to 0.43"]
+
+
+def test_the_missing_force_is_shown_against_its_main_signal(tmp_path: Path) -> None:
+    """Between the two signs of a force of 0.42 N with a noise of 0.15 N lies 0.42^2/(0.42^2 +
+    0.15^2) = 89 % of its variance, less 7 % of it where the part around standstill holds both
+    signs."""
+    run = load_run(make_run(tmp_path / "RUN", "unknown-effect", without=NO_TRACES))
+    drawing = missing_drawing(run)
+    assert drawing is not None
+    title = drawing.title.replace("\u00a0", " ")
+    share = re.fullmatch(
+        r"Velocity alone accounts for (\d+) % of what is missing at the muscle port", title
+    )
+    assert share is not None and int(share[1]) == pytest.approx(82, abs=5)
+    figure = Figure()
+    drawing.draw(figure, False)
+    axes = figure.axes[0]
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("velocity [deg/s]", "missing [N]")
+    middles = axes.get_lines()[1]
+    assert all(y * x < 0.0 for x, y in zip(*middles.get_data(), strict=True) if abs(x) > 5.0)
+
+
+def test_strain_bounds_and_disagreement_are_said(tmp_path: Path) -> None:
+    network = network_json()
+    network["mae"]["angle_deg"]["refitted"] = 0.6
+    text = text_of(make_run(tmp_path / "RUN", network=network))
+    assert "weak, may be absorbing structure" in text
+    assert "silent, at its lower bound" in text
+    assert text.count("may be absorbing structure") == 1
+    assert "network.json scored the refitted model on other windows: angle 0.6 deg." in text
+
+
+def test_an_unfinished_run_and_a_failed_fit_say_so(tmp_path: Path) -> None:
+    run, fit = (
+        {**run_json(), "ended": None},
+        {**fit_json(), "converged": False, "why": "it wandered off"},
+    )
+    text = text_of(make_run(tmp_path / "RUN", run=run, fit=fit))
+    assert "This command did not end: pamid diagnose rec.csv" in text
+    assert "The fit did not converge: it wandered off." in text
+
+
+def test_a_cause_whose_refit_did_not_converge_is_said(tmp_path: Path) -> None:
+    diagnosis = diagnosis_json("explained")
+    diagnosis["ranking"][0] |= {"converged": False, "why": "out of iterations"}
+    text = text_of(make_run(tmp_path / "RUN", diagnosis=diagnosis))
+    assert "The refit with Coulomb friction did not converge: out of iterations." in text

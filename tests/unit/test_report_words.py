@@ -1,0 +1,79 @@
+"""Numbers, percentages, names and markup of the report."""
+
+from __future__ import annotations
+
+import pytest
+
+from pamid.report import words
+from pamid.report.markup import escape, prose, tag
+
+
+@pytest.mark.parametrize(
+    "value, told",
+    [
+        (0.0, "0"),
+        (0.52, "0.520"),
+        (1234.5, "1234"),
+        (-2.0, "\u22122.00"),
+        (0.00123, "0.00123"),
+        (0.9996, "1.00"),
+        (1.234e-8, "1.23 × 10⁻⁸"),
+        (9.999e-8, "1.00 × 10⁻⁷"),
+        (5e7, "5.00 × 10⁷"),
+        (None, "\u2013"),
+    ],
+)
+def test_numbers(value: float | None, told: str) -> None:
+    assert words.number(value).replace(words.SPACE, " ") == told
+
+
+@pytest.mark.parametrize(
+    "share, told",
+    [
+        (0.784, "78 %"),
+        (0.996, "99.6 %"),
+        (0.9999, "99.9 %"),
+        (1.0, "100 %"),
+        (0.004, "0.4 %"),
+        (0.0, "0 %"),
+        (-0.9, "\u221290 %"),
+        (-0.0001, "0 %"),
+        (None, "\u2013"),
+    ],
+)
+def test_percentages(share: float | None, told: str) -> None:
+    assert words.percent(share).replace(words.SPACE, " ") == told
+
+
+def test_names_and_units() -> None:
+    assert words.effect_words("coulomb-friction@joint_2") == "Coulomb friction at joint 2"
+    assert words.effect_words("maxwell-slip-hysteresis") == "Maxwell slip hysteresis"
+    assert (words.channel_words("pressure_1_kpa"), words.channel_unit("pressure_1_kpa")) == (
+        "pressure 1",
+        "kPa",
+    )
+    assert words.unit_words("m3/(s Pa)") == "m³/(s Pa)"
+    assert (
+        words.short(0.52) == "0.52"
+        and words.short(100.0) == "100"
+        and words.short(1e-8, 3).startswith("1\u00a0×")
+    )
+    assert words.span(1.17e-8, 1.29e-8).replace(words.SPACE, " ") == "(1.17 to 1.29) × 10⁻⁸"
+
+
+def test_markup_escapes_everything_but_markup() -> None:
+    assert (
+        tag("p", "<b>", tag("i", "&"), title='"') == '<p title="&quot;">&lt;b&gt;<i>&amp;</i></p>'
+    )
+    assert prose("run `a<b`") == "run <code>a&lt;b</code>"
+    assert escape("\x00\ud800") == "\ufffd\ufffd"
+
+
+def test_no_probability_is_a_certainty() -> None:
+    assert [words.chance(p) for p in (1.0, 0.991, 0.99, 0.0, 0.01)] == [
+        "above 0.99",
+        "above 0.99",
+        "0.99",
+        "below 0.01",
+        "0.01",
+    ]

@@ -1,0 +1,93 @@
+"""Clues: effects that act only beyond a limit begin within the range that the recordings reach."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from virtual_joint import record
+
+from pamid.diagnosis.contender import contender_from
+from pamid.diagnosis.screening import FIRST_STEPS, Ground, screen, starting_points
+from pamid.diagnosis.starting_hints import gather_clues, spectrum_peaks
+from pamid.estimation.fit_model import fit_model, model_with
+from pamid.model.attachment import attach
+from pamid.model.effect import Hints
+from pamid.model.registry import effects, rig_named
+from pamid.simulation.data_split import gather
+
+
+@pytest.fixture(scope="module")
+def stopped(tmp_path_factory: pytest.TempPathFactory):  # type: ignore[no-untyped-def]
+    """A joint whose end stops at 26 deg are hit; its baseline."""
+    path = tmp_path_factory.mktemp("stop") / "rec.csv"
+    evidence = gather(
+        rig_named("one-dof"),
+        [record(path, 24.0, seed=3, effects=("end-stop:limit_rad=0.4538",))],
+        [],
+    )
+    model = fit_model(evidence)
+    return evidence, contender_from(model.assembly, model.fit, model.held_out), model.assembly.sizes
+
+
+def test_reach_is_near_that_of_the_recording(stopped) -> None:  # type: ignore[no-untyped-def]
+    """The baseline knows of no stop and runs past it, but not where a window has just begun."""
+    evidence, base, _ = stopped
+    clues = gather_clues(evidence, base)
+    seen = max(float(np.abs(t.y[:, 0]).max()) for t in base.fit.problem.tracks)
+    assert 0.9 * seen < clues.at("joint").reach["position"] < 1.5 * seen
+    assert len(clues.peaks_hz) == 3 and not clues.at("nowhere").reach
+
+
+def test_stops_are_found_although_the_typical_ones_lie_outside(stopped) -> None:  # type: ignore[no-untyped-def]
+    evidence, base, sizes = stopped
+    clues, ground = gather_clues(evidence, base), Ground.of(base)
+    stop = attach(evidence.rig, "end-stop", effects())
+    found = screen(evidence, ground, stop, sizes, clues)
+    rivals = [
+        screen(evidence, ground, attach(evidence.rig, name, effects()), sizes, clues).gain
+        for name in ("coulomb-friction", "gravity", "leak")
+    ]
+    assert found.gain > 2.0 * max(rivals)
+    assert found.first["end-stop:limit"] <= clues.at("joint").reach["position"]
+
+
+def test_starting_points_hold_a_trace_of_the_effect(stopped) -> None:  # type: ignore[no-untyped-def]
+    evidence, _, sizes = stopped
+    leak = attach(evidence.rig, "leak", effects())
+    points = starting_points(model_with(evidence, (leak,), sizes), leak, Hints())
+    assert ({}, FIRST_STEPS) in points
+    assert any(
+        0.0 < p.get("leak:share", 0.0) < 0.2 * effects()["leak"].parameters[0].value
+        for p, _ in points
+    )
+
+
+def test_the_ground_is_where_the_baseline_is_worst(stopped) -> None:  # type: ignore[no-untyped-def]
+    _, base, _ = stopped
+    ground, problem = Ground.of(base), base.fit.problem
+    track, left = problem.tracks[0], (base.fit.residuals[0] * base.fit.weights.root) ** 2
+    windows = problem.windows(track)
+    (start, stop), losses = ground.spans[0], [left[w.start : w.stop].sum() for w in windows]
+    count = sum(start <= w.start and w.stop <= stop for w in windows)
+    assert count < len(windows)
+    runs = [sum(losses[i : i + count]) for i in range(len(windows) - count + 1)]
+    assert left[start:stop].sum() == pytest.approx(max(runs))
+
+
+@pytest.mark.parametrize("samples", [120, 126, 1000])
+def test_a_line_is_found_in_however_short_a_part(samples: int) -> None:
+    """The shortest recording that can be fitted has 120 samples held out."""
+
+    class Track:
+        period_s = 0.01
+
+        def __len__(self) -> int:
+            return samples
+
+    hz, track = 6.0, Track()
+    residual = np.sin(2.0 * np.pi * hz * track.period_s * np.arange(samples))[:, None]
+    replayed: Any = SimpleNamespace(track=track, residual=residual)
+    assert spectrum_peaks([replayed], np.ones(1))[0] == pytest.approx(hz, abs=0.5)

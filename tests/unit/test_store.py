@@ -1,0 +1,234 @@
+"""Scaling, and a trained network with its two files."""
+
+import hashlib
+import json
+import pickle
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from pamid.base.errors import DataError, FileError
+from pamid.networks.elman import Elman
+from pamid.networks.scaling import Scaling, scaling_of
+from pamid.networks.store import TrainedNetwork, load_network, save_network, train_on_signals
+from pamid.networks.training import train
+
+
+def teacher_data() -> tuple[np.ndarray, np.ndarray]:
+    """Held random levels into a random Elman network, its output scaled and noisy."""
+    draw = np.random.default_rng(5)
+    u = np.repeat(draw.uniform(-1.0, 1.0, (75, 2)), 20, axis=0)
+    teacher = Elman(2, 3)
+    y = teacher.simulate(0.6 * np.random.default_rng(7).normal(size=teacher.n_weights), u)
+    return u, y / np.abs(y).max() + 0.01 * draw.normal(size=len(u))
+
+
+def spoil(table, row, column, value):
+    table = table.copy()
+    table[row, column] = value
+    return table
+
+
+def test_scaling():
+    data = np.array([[0.0, 10.0], [4.0, 30.0], [1.0, 20.0]])
+    scaling = scaling_of(data, ("angle", "pressure"))
+    assert scaling == Scaling((0.0, 10.0), (4.0, 30.0))
+    np.testing.assert_allclose(scaling.forward(data), [[-1.0, -1.0], [1.0, 1.0], [-0.5, 0.0]])
+    np.testing.assert_allclose(scaling.backward(scaling.forward(data)), data, atol=1e-14)
+    alone = scaling_of(data[:, 1], ("pressure",))
+    np.testing.assert_allclose(alone.backward(alone.forward(data[:, 1])), data[:, 1], atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (
+            lambda d: scaling_of(spoil(d, slice(None), 1, 3.0), ("angle", "pressure")),
+            "'pressure' is constant",
+        ),
+        (
+            lambda d: scaling_of(spoil(d, 2, 0, np.nan), ("angle", "pressure")),
+            "Row 2, column 'angle' is nan",
+        ),
+        (lambda d: scaling_of(d, ("angle",)), "1 names"),
+        (lambda d: Scaling((0.0,), (0.0,)), "lows below its highs"),
+        (lambda d: Scaling((0.0,), (1.0,)).forward(d), "does not fit"),
+    ],
+)
+def test_scaling_refuses(call, words):
+    with pytest.raises(DataError, match=words):
+        call(np.arange(10.0).reshape(5, 2))
+
+
+# --- a trained network and its files --------------------
+
+
+@pytest.fixture(scope="module")
+def trained() -> tuple[TrainedNetwork, dict[str, np.ndarray], np.ndarray]:
+    u, target = teacher_data()
+    signals = {"angle_deg": 40.0 * u[:, 0], "pressure_kpa": 200.0 + 50.0 * u[:, 1]}
+    network, _ = train_on_signals(
+        Elman(2, 3),
+        signals,
+        3.0 * target + 1.0,
+        output_name="residual_deg",
+        period_s=0.003,
+        iterations=60,
+    )
+    return network, signals, 3.0 * target + 1.0
+
+
+def test_prediction_is_in_the_outputs_unit(trained):
+    network, signals, output = trained
+    predicted = network.predict(signals)
+    assert np.mean(np.abs(predicted - output)) < 0.05
+    reversed_order = dict(reversed(list(signals.items())))
+    np.testing.assert_array_equal(network.predict({**reversed_order, "spare": output}), predicted)
+
+
+def test_prediction_names_what_is_missing(trained):
+    network, signals, _ = trained
+    with pytest.raises(DataError, match="'pressure_kpa' is missing"):
+        network.predict({"angle_deg": signals["angle_deg"]})
+    with pytest.raises(DataError, match="'pressure_kpa' has shape"):
+        network.predict({**signals, "pressure_kpa": signals["pressure_kpa"][:-1]})
+    spoilt = signals["pressure_kpa"].copy()
+    spoilt[5] = np.nan
+    with pytest.raises(DataError, match="Row 5, column 'pressure_kpa' is nan"):
+        network.predict({**signals, "pressure_kpa": spoilt})
+
+
+def test_round_trip(trained, tmp_path):
+    network, signals, _ = trained
+    save_network(tmp_path, network)
+    loaded = load_network(tmp_path)
+    np.testing.assert_array_equal(loaded.predict(signals), network.predict(signals))
+    assert replace(loaded, weights=network.weights) == network
+    about = json.loads((tmp_path / "network.json").read_text())
+    assert (
+        about["schema"] == "pamid.network/1"
+        and about["kind"] == "elman"
+        and about["n_weights"] == 22
+    )
+    assert about["sizes"] == {"inputs": 2, "hidden": 3}
+    assert about["inputs"][0]["name"] == "angle_deg" and about["period_s"] == 0.003
+    assert about["training"]["why"] and about["training"]["gamma"] <= 22
+
+
+def test_same_network_same_bytes(trained, tmp_path):
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        save_network(tmp_path / folder, trained[0])
+    for file in ("network.json", "network.npz"):
+        assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
+
+
+class Trap:
+    sprung = False
+
+    def __reduce__(self):
+        return setattr, (Trap, "sprung", True)
+
+
+def replace_weights(folder, content: bytes, keep_hash: bool = False) -> None:
+    (folder / "network.npz").write_bytes(content)
+    if not keep_hash:  # an attacker who also mends the hash
+        about = json.loads((folder / "network.json").read_text())
+        about["weights"]["sha256"] = hashlib.sha256(content).hexdigest()
+        (folder / "network.json").write_text(json.dumps(about))
+
+
+def npz(tmp_path, **arrays) -> bytes:
+    np.savez(tmp_path / "other.npz", **arrays)
+    return (tmp_path / "other.npz").read_bytes()
+
+
+def test_tampered_weights_are_refused(trained, tmp_path):
+    save_network(tmp_path, trained[0])
+    replace_weights(tmp_path, npz(tmp_path, weights=trained[0].weights + 1e-3), keep_hash=True)
+    with pytest.raises(FileError, match="was changed"):
+        load_network(tmp_path)
+
+
+def test_pickles_are_refused_and_never_run(trained, tmp_path):
+    save_network(tmp_path, trained[0])
+    for content in (
+        pickle.dumps(Trap()),
+        npz(tmp_path, weights=np.array([Trap()] * 22, dtype=object)),
+    ):
+        replace_weights(tmp_path, content)
+        with pytest.raises(FileError, match="npz file"):
+            load_network(tmp_path)
+    assert not Trap.sprung
+
+
+@pytest.mark.parametrize(
+    "weights", [np.zeros(21), np.zeros((22, 1)), np.zeros(22, dtype=np.float32)]
+)
+def test_wrong_arrays_are_refused(trained, tmp_path, weights):
+    save_network(tmp_path, trained[0])
+    replace_weights(tmp_path, npz(tmp_path, weights=weights))
+    with pytest.raises(FileError, match="should hold 22 float64 weights"):
+        load_network(tmp_path)
+    replace_weights(tmp_path, npz(tmp_path, weights=np.full(22, np.nan)))
+    with pytest.raises(FileError, match="not finite"):
+        load_network(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda a: a.update(schema="pamid.network/9"), "is not a pamid.network/1"),
+        (lambda a: a.update(kind="elmann"), "unknown kind of network 'elmann'.*elman"),
+        (lambda a: a.pop("period_s"), "lacks 'period_s'"),
+        (lambda a: a["sizes"].update(hidden=-1), "whole number"),
+        (lambda a: a["sizes"].update(depth=2), "does not describe a network"),
+        (lambda a: a["inputs"].pop(), "does not describe a network"),
+        (lambda a: a["output"].update(low="x"), "does not describe a network"),
+        (lambda a: a.update(inputs=3), "does not describe a network"),
+    ],
+)
+def test_wrong_descriptions_are_refused(trained, tmp_path, change, words):
+    save_network(tmp_path, trained[0])
+    about = json.loads((tmp_path / "network.json").read_text())
+    change(about)
+    (tmp_path / "network.json").write_text(json.dumps(about))
+    with pytest.raises(FileError, match=words):
+        load_network(tmp_path)
+
+
+def test_several_recordings_share_one_scaling():
+    u, target = teacher_data()
+    parts = [{"a": u[:800, 0], "b": u[:800, 1]}, {"a": u[800:, 0], "b": u[800:, 1]}]
+    network, training = train_on_signals(
+        Elman(2, 3),
+        parts,
+        [target[:800], target[800:]],
+        output_name="y",
+        period_s=0.01,
+        iterations=5,
+    )
+    assert training.samples == 1500
+    assert network.input_scaling == scaling_of(u, ("a", "b"))
+
+
+def test_the_summary_is_strict_json_even_of_a_diverged_training(trained, tmp_path):
+    u, target = teacher_data()
+
+    class Overflowing(Elman):
+        def features(self, weights, inputs):  # and with them the output
+            return np.full((len(inputs), self.hidden + 1), np.inf)
+
+    diverged = train(Overflowing(2, 3), u, target, iterations=2)
+    assert not diverged.converged and diverged.summary["mse"] is None
+    save_network(tmp_path, replace(trained[0], summary=diverged.summary))
+    assert load_network(tmp_path).summary["why"].startswith("diverged")
+
+
+def test_arrays_are_taken_in_the_order_of_the_names(trained):
+    network, signals, _ = trained
+    table = np.column_stack([signals["angle_deg"], signals["pressure_kpa"]])
+    np.testing.assert_array_equal(network.predict(table), network.predict(signals))
+    with pytest.raises(DataError, match=r"not \(N, 2\): angle_deg, pressure_kpa"):
+        network.predict(table[:, :1])

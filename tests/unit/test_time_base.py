@@ -1,0 +1,252 @@
+"""The time base of a log: told apart before it is repaired, split at gaps, and brought to one even
+base."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from pamid.base.errors import DataError, FileError
+from pamid.base.metrics import FloatArray
+from pamid.ingest.resampling import hold, smooth
+from pamid.ingest.stamps import Rows, count_samples, usable_rows
+from pamid.ingest.time_base import Cure, Diagnosis, diagnose, time_base
+
+T, N = 0.003, 12000
+K = np.arange(N)
+
+
+def motion(t: FloatArray) -> FloatArray:
+    """9 Hz ringing on a 0.4 Hz motion, deg."""
+    return np.asarray(20.0 * np.sin(2 * np.pi * 0.4 * t) + 2.0 * np.sin(2 * np.pi * 9.0 * t))
+
+
+def arriving(t: FloatArray, seed: int = 0, mean: float = 0.8e-3) -> FloatArray:
+    """When a host that is late by an exponential time writes samples taken at t."""
+    late = np.random.default_rng(seed).exponential(mean, t.size)
+    return np.asarray(np.maximum.accumulate(t + late) + 1e-9 * np.arange(t.size))
+
+
+def jittering(seed: int = 0, spread: float = 0.8e-3) -> FloatArray:
+    return np.sort(K * T + np.random.default_rng(seed).normal(0.0, spread, N))
+
+
+def judge(true: FloatArray, stamps: FloatArray, noise: float = 0.05) -> tuple[Rows, Diagnosis]:
+    y = motion(true) + noise * np.random.default_rng(9).standard_normal(true.size)
+    rows = usable_rows(stamps, [y], "log.csv: t")
+    return rows, diagnose(rows, {"angle_deg": y[rows.keep]})
+
+
+def sleeping() -> FloatArray:
+    """A loop on a PC that sleeps for a period each time: its errors add up."""
+    return np.cumsum(T + np.random.default_rng(4).exponential(0.3e-3, N))
+
+
+def one_sided() -> FloatArray:
+    """Samples taken late by a busy PC, with true stamps: one-sided as a host's latency is."""
+    return arriving(K * T)
+
+
+CASES: dict[str, tuple[Callable[[], tuple[FloatArray, FloatArray]], str]] = {
+    "late": (lambda: (K * T, arriving(K * T)), "late-stamps"),
+    "late, a clock 80 ppm fast": (lambda: (K * T, arriving(K * T * (1 + 8e-5))), "late-stamps"),
+    "late, with pauses caught up": (lambda: (K * T, _paused()), "late-stamps"),
+    "jitter": (lambda: (jittering(), jittering()), "jittered-sampling"),
+    "jitter that is late only": (lambda: (one_sided(), one_sided()), "jittered-sampling"),
+    "jitter that adds up": (lambda: (sleeping(), sleeping()), "jittered-sampling"),
+    "half of each": (lambda: (K * T + 0.5 * (jittering() - K * T), jittering()), "undecided"),
+    "ticks of 15.6 ms": (lambda: (K * T, np.floor(K * T / 0.015625) * 0.015625), "blocks"),
+    "blocks of 50": (lambda: (K * T, (K // 50 + 1) * 50 * T), "blocks"),
+    "stamps in whole ms": (lambda: (K / 300.0, np.round(K / 300.0, 3)), "rounded"),
+    "even": (lambda: (K * T, K * T), "even"),
+    "even since 1970": (lambda: (K * T, K * T + 1.7e9), "even"),
+}
+
+
+def _paused() -> FloatArray:
+    late = np.random.default_rng(0).exponential(0.8e-3, N)
+    late[500::1500] += 0.15
+    return np.asarray(np.maximum.accumulate(K * T + late) + 1e-9 * K)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_what_ails_the_stamps_is_told_from_the_data(name: str) -> None:
+    make, state = CASES[name]
+    rows, found = judge(*make())
+    assert found.state == state, found.why
+    assert found.cure == {"even": "none", "undecided": None, "jittered-sampling": state}.get(
+        state, "late-stamps"
+    )
+    if state in ("late-stamps", "jittered-sampling"):
+        assert "angle_deg" in found.why and f"{found.numbers['coefficient']:.2f}" in found.why
+    if state not in ("jittered-sampling", "undecided"):
+        period = {"stamps in whole ms": 1 / 300, "late, a clock 80 ppm fast": T * (1 + 8e-5)}.get(
+            name, T
+        )
+        assert found.period == pytest.approx(period, rel=2e-5)
+
+
+def test_without_motion_nothing_is_claimed() -> None:
+    rest = np.random.default_rng(1).standard_normal(N)
+    for stamps in (arriving(K * T), jittering()):
+        rows = usable_rows(stamps, [rest], "x")
+        found = diagnose(rows, {"angle_deg": rest})
+        assert found.cure is None and "no signal moves enough" in found.why
+
+
+def test_noise_does_not_pass_for_late_stamps() -> None:
+    """A motion hidden in noise: the slopes are noise too, and must not vote."""
+    stamps = jittering()
+    y = 0.2 * motion(stamps) + 2.0 * np.random.default_rng(2).standard_normal(N)
+    rows = usable_rows(stamps, [y], "x")
+    assert diagnose(rows, {"y": y}).cure is None
+
+
+@pytest.mark.parametrize(
+    ("truth", "right", "wrong", "reached"),
+    [
+        ("late", "late-stamps", "jittered-sampling", 0.003),
+        ("jitter", "jittered-sampling", "late-stamps", 0.003),
+    ],
+)
+def test_the_wrong_cure_is_thirty_times_worse(
+    truth: str, right: Cure, wrong: Cure, reached: float
+) -> None:
+    true, stamps = CASES[truth][0]()
+    y = motion(true)
+    rows = usable_rows(stamps, [y], "x")
+    found = diagnose(rows, {"y": y})
+    assert found.cure == right
+    grid = K[100:-100] * T
+
+    def error(cure: Cure) -> float:
+        base = time_base(rows, found, cure, None)
+        return float(np.sqrt(np.mean((smooth(base.instants, y, grid, T) - motion(grid)) ** 2)))
+
+    assert error(right) < reached
+    assert error(wrong) > 30.0 * error(right)
+
+
+def test_gaps_split_and_are_not_bridged_while_a_pause_of_the_host_does_not_split() -> None:
+    true = K * T + (K > 4000) * 2.34567 + (K > 8000) * 0.5
+    for stamps in (true, arriving(true)):
+        rows, found = judge(true, stamps)
+        base = time_base(rows, found, found.cure or "none", 0.05)
+        assert [piece.start for piece in base.pieces] == [0, 4001, 8001]
+        assert base.instants - true == pytest.approx(0.0, abs=5e-5)
+        assert next(r.count for r in base.repairs if r.what == "gaps") == 2
+    rows, found = judge(K * T, _paused())
+    base = time_base(rows, found, "late-stamps", 0.05)
+    assert len(base.pieces) == 1 and not base.repairs
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_missing_samples_are_counted_and_their_place_found(late: bool) -> None:
+    there = np.random.default_rng(5).random(N) > 0.01
+    there[[0, -1]] = True
+    true = (K * T)[there]
+    rows, found = judge(true, arriving(K * T)[there] if late else true)
+    base = time_base(rows, found, found.cure or "none", None)
+    lost = next(r.count for r in base.repairs if r.what == "samples-missing")
+    assert lost == pytest.approx(N - there.sum(), abs=2 if late else 0)
+    wrong = np.abs(base.instants - true) > 0.5 * T
+    assert wrong.sum() <= (0.01 * N if late else 0)
+
+
+def test_rows_written_twice_are_dropped_and_differing_ones_are_refused() -> None:
+    y = motion(K * T)
+    twice = np.sort(np.concatenate([K, K[100:900:100]]))
+    rows = usable_rows(twice * T, [y[twice]], "log.csv: t")
+    assert rows.keep.size == N and (rows.stamps == K * T).all()
+    assert [(r.what, r.count) for r in rows.repairs] == [("rows-repeated", 8)]
+    other = y[twice].copy()
+    other[101] += 1.0
+    with pytest.raises(
+        FileError, match=r"log.csv: t: the stamp 0\.3 s stands at data rows 101 and 102"
+    ):
+        usable_rows(twice * T, [other], "log.csv: t")
+    assert usable_rows(twice * T, [other], "log.csv: t", tolerant=True).keep.size == N + 8
+
+
+def test_rows_out_of_order_are_put_back_and_a_clock_set_back_splits() -> None:
+    y, mixed = motion(K * T), K.copy()
+    mixed[[50, 51]], mixed[[700, 702]] = mixed[[51, 50]], mixed[[702, 700]]
+    rows = usable_rows(mixed * T, [y[mixed]], "x")
+    assert (
+        (rows.stamps == K * T).all()
+        and rows.starts == (0,)
+        and rows.repairs[0].what == "rows-out-of-order"
+    )
+    for back in (5.1, 0.0074):
+        rows = usable_rows(K * T - (K >= 6000) * back, [y], "x")
+        assert rows.starts == (0, 6000) and rows.repairs[0].what == "clock-set-back"
+        base = time_base(rows, diagnose(rows, {"y": y}), "none", None)
+        assert [(p.start, p.stop) for p in base.pieces] == [(0, 6000), (6000, N)]
+        assert (np.diff(base.instants) > 0.0).all()
+
+
+def test_stamps_so_late_that_they_overtake_each_other_leave_the_rows_in_their_order() -> None:
+    """Each row is stamped by itself, as where messages arrive over a network: the clock was never
+    set back."""
+    y, stamps = motion(K * T), K * T + np.random.default_rng(2).exponential(0.8e-3, N)
+    assert np.count_nonzero(np.diff(stamps) < 0.0) > 50
+    rows = usable_rows(stamps, [y], "x")
+    assert rows.starts == (0,) and (rows.keep == K).all() and (np.diff(rows.stamps) > 0.0).all()
+    assert [r.what for r in rows.repairs] == ["stamps-out-of-order"]
+    found = diagnose(rows, {"y": y})
+    assert found.cure == "late-stamps"
+    base = time_base(rows, found, "late-stamps", None)
+    assert np.abs(base.instants - base.instants[0] - K * T).max() < 0.02 * T
+
+
+def test_a_channel_that_is_no_clock_is_refused() -> None:
+    y = motion(K * T)
+    with pytest.raises(FileError, match="to and fro"):
+        usable_rows(y, [y], "log.csv: angle")
+    with pytest.raises(DataError, match="no sampling period: most rows are 0 s apart"):
+        diagnose(usable_rows(np.zeros(N), [y], "x"), {"y": y})
+    with pytest.raises(DataError, match="0 rows have a stamp"):
+        usable_rows(np.full(N, np.nan), [y], "x")
+
+
+def test_samples_are_counted_through_late_stamps() -> None:
+    assert (count_samples(arriving(K * T), T * 1.001) == K).all()
+
+
+# ---- resampling --------------------
+
+
+def test_a_line_at_310_hz_does_not_alias() -> None:
+    t = np.arange(20000) * 1e-3
+    base = np.arange(6600) * 3e-3
+    course, line = np.sin(2 * np.pi * 0.4 * t), 0.35 * np.sin(2 * np.pi * 310 * t)
+    ringing = 0.1 * np.sin(2 * np.pi * 9 * t)
+    assert np.abs((course + line)[::3][:6600] - course[::3][:6600]).max() > 0.3
+    inner = slice(50, -50)
+    assert np.abs(smooth(t, course + line, base, 3e-3) - course[::3][:6600])[inner].max() < 1e-5
+    both = smooth(t, course + ringing, base, 3e-3)
+    assert np.abs(both - (course + ringing)[::3][:6600]).max() < 1e-5
+    odd = np.arange(100, 5900) / 300.0  # 10 to 3: no whole number of samples
+    assert (
+        np.abs(smooth(t, course + line, odd, 1 / 300) - np.sin(2 * np.pi * 0.4 * odd)).max() < 1e-5
+    )
+
+
+def test_a_held_command_gets_no_value_it_never_had() -> None:
+    levels = np.repeat(np.random.default_rng(0).uniform(-40, 40, 50), 100)
+    t = np.arange(5000) * T
+    assert (hold(t, levels, np.arange(15000) * 1e-3, 1e-3) == np.repeat(levels, 3)).all()
+    assert (hold(t, levels, t, T) == levels).all()
+    # a value that is written a little late belongs to its own sample, not to the next
+    assert (hold(t + 1e-4, levels, t, T) == levels).all()
+
+
+def test_samples_that_coincide_are_kept_to_the_bit() -> None:
+    t = 17.3 + np.arange(1000) * T
+    y = np.random.default_rng(0).standard_normal(1000)
+    there = np.random.default_rng(1).random(1000) > 0.1
+    there[[0, -1]] = True
+    made = smooth(t[there], y[there], 17.3 + np.arange(1000) * T, T)
+    assert (made[there] == y[there]).all() and np.isfinite(made).all()

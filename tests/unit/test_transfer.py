@@ -1,0 +1,77 @@
+"""Does a cause hold elsewhere: what counts as elsewhere, and the figures there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from virtual_joint import record
+
+from pamid.diagnosis.transfer import differences, transfer
+from pamid.model.registry import rig_named
+from pamid.simulation.data_split import gather
+
+SENSORS = ("reference_deg", "command", "angle_deg")
+
+
+@dataclass
+class Model:
+    absolutes: Any
+    replays: Any = ()
+
+
+@dataclass
+class Told:
+    """As much of a diagnosis as transfer reads."""
+
+    evidence: Any
+    budget: Any
+    cause: Any
+    reporting: Any = field(default=None)
+
+
+@dataclass
+class Windows:
+    windows: tuple[int, ...]
+
+
+@dataclass
+class Kept:
+    baseline: Any
+
+
+def told(tmp_path: Path, heavy: dict[str, float]) -> Told:
+    light = record(
+        tmp_path / "light.csv", 6.0, seed=1, columns=SENSORS, known={"inertia_kg_m2": 0.014}
+    )
+    other = record(tmp_path / "other.csv", 6.0, seed=2, columns=SENSORS, known=heavy)
+    evidence = gather(rig_named("one-dof"), [light], [other])
+    before = np.radians([[1.0], [1.0], [2.0], [2.0]])
+    base = Model(before, (Windows((0, 1, 2, 3)),))
+    return Told(evidence, Kept(base), Model(0.25 * before), np.array([False, True, False, True]))
+
+
+def test_another_inertia_is_elsewhere(tmp_path: Path) -> None:
+    found = transfer(told(tmp_path, {"inertia_kg_m2": 0.0896}))
+    assert len(found) == 1
+    assert found[0]["differs"] == {"inertia_kg_m2": 0.0896}
+    angle = found[0]["angle_deg"]
+    assert angle["mae_refitted"] == pytest.approx(1.5), "only windows that report"
+    assert angle["mae_with_cause"] == pytest.approx(0.375) and angle["shrinkage"] == pytest.approx(
+        0.75
+    )
+
+
+def test_the_same_conditions_are_not(tmp_path: Path) -> None:
+    d = told(tmp_path, {"inertia_kg_m2": 0.014})
+    assert "inertia_kg_m2" not in differences(d, d.evidence.held_out[0])  # type: ignore[arg-type]
+    assert all("inertia_kg_m2" not in row["differs"] for row in transfer(d))  # type: ignore[arg-type]
+
+
+def test_without_a_cause_nothing_is_transferred(tmp_path: Path) -> None:
+    d = told(tmp_path, {"inertia_kg_m2": 0.0896})
+    d.cause = None
+    assert transfer(d) == []  # type: ignore[arg-type]

@@ -1,0 +1,313 @@
+"""The trial's joint: nothing shared with the tool, a sane machine when nothing is planted, faults
+that act."""
+
+from __future__ import annotations
+
+import ast
+from dataclasses import asdict, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from pamid.base.errors import UsageError
+from pamid.excitation.aprbs import aprbs
+from pamid.model.attachment import attach
+from pamid.model.registry import effects, rig_named
+from pamid.rigs.muscle import exponential
+from pamid.trial import faults, joint_kernel, kernel, plant
+from pamid.trial.faults import FAULTS, HIGH_INERTIA, LONG_HOLDS, Fault, Planted, planted
+from pamid.trial.kernel import static_pull
+from pamid.trial.plant import (
+    CHANNELS,
+    NOISE,
+    PERIOD_S,
+    STEPS,
+    TO_COLUMN,
+    Excitation,
+    Specimen,
+    draw_specimen,
+    record,
+)
+
+HEAVY, LIGHT = 0.0896, 0.014  # kg m2
+ONE_DOF = [
+    "dead-time",
+    "valve-dead-band",
+    "valve-switching",
+    "pwm-quantisation",
+    "tube-lag",
+    "supply-sag",
+    "flow-mismatch",
+    "leak",
+    "heat-transfer",
+    "maxwell-slip-hysteresis",
+    "bouc-wen-hysteresis",
+    "prandtl-ishlinskii-hysteresis",
+    "thread-friction",
+    "muscle-creep",
+    "threshold-pressure",
+    "force-asymmetry",
+    "length-asymmetry",
+    "angle-sensor-offset",
+    "force-compensator",
+    "coulomb-friction",
+    "stribeck-friction",
+    "lugre-friction",
+    "end-stop",
+    "gravity",
+    "external-vibration",
+    "two-mass",
+    "backlash",
+    "chain-stretch",
+    "angle-sensor-lag",
+    "pressure-sensor-lag",
+    "pressure-sensor-offset",
+    "pressure-sensor-gain",
+    "clock-skew",
+]
+
+
+class Middle:
+    """Draws the middle of every range."""
+
+    def uniform(self, low: float, high: float) -> float:
+        return 0.5 * (low + high)
+
+    def choice(self, values: tuple[float, ...]) -> float:
+        return values[-1]
+
+
+def middle(fault: Fault) -> dict[str, float]:
+    return fault.draw(Middle())  # type: ignore[arg-type]
+
+
+@cache
+def machine(seed: int = 3, background: float = 0.01) -> Specimen:
+    return draw_specimen(np.random.default_rng(seed), background)
+
+
+@cache
+def reference(seconds: float = 9.0, seed: int = 1) -> Any:
+    return aprbs(seconds, PERIOD_S, 35.0, seed=seed)
+
+
+@cache
+def healthy(inertia: float, seconds: float = 9.0) -> dict[str, Any]:
+    """A closed-loop recording without noise."""
+    return record(
+        machine(),
+        {},
+        Excitation(reference_deg=reference(seconds)),
+        inertia_kg_m2=inertia,
+        noise=0.0,
+        seed=0,
+    )
+
+
+def replayed(
+    planted_: dict[str, dict[str, float]],
+    inertia: float = HEAVY,
+    seconds: float = 9.0,
+    **options: Any,
+) -> dict[str, Any]:
+    """The commands of the healthy machine given to one with faults."""
+    command = healthy(inertia, seconds)["command"]
+    return record(
+        machine(),
+        planted_,
+        Excitation(command=command),
+        **{"inertia_kg_m2": inertia, "noise": 0.0, "seed": 0, **options},
+    )
+
+
+def change(one: dict[str, Any], other: dict[str, Any]) -> np.ndarray:
+    """RMS difference per channel, in standard deviations of its noise."""
+    return np.array([np.sqrt(np.mean((one[c] - other[c]) ** 2)) for c in CHANNELS]) / (
+        NOISE * TO_COLUMN
+    )
+
+
+def force_map(specimen: Specimen, muscle: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Contraction, gauge pressure and static force over the working range."""
+    chi, pressure = np.meshgrid(np.linspace(0.0, 0.2, 41), np.linspace(1e5, 6e5, 26))
+    m, f = plant.machine_record(specimen, HEAVY), plant.packed(**asdict(Planted()))
+    force = [
+        static_pull(muscle, c, p, m, f, specimen.waves, 0.0)
+        for c, p in zip(chi.flat, pressure.flat, strict=True)
+    ]
+    return chi, pressure, np.reshape(force, chi.shape)
+
+
+def test_the_plant_shares_nothing_with_the_tool() -> None:
+    for module in (plant, faults, kernel, joint_kernel):
+        tree = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))
+        names = [
+            a.name for node in ast.walk(tree) if isinstance(node, ast.Import) for a in node.names
+        ]
+        names += [
+            f"{node.module}.{a.name}"
+            for node in ast.walk(tree)
+            if isinstance(node, ast.ImportFrom)
+            for a in node.names
+        ]
+        own = {name.rsplit(".", 1)[0] for name in names if name.startswith("pamid")}
+        # where numba keeps compiled code is no equation
+        known = {
+            "pamid.base.errors",
+            "pamid.engine.numba_cache",
+            *(f"pamid.trial.{k}" for k in ("faults", "kernel", "joint_kernel")),
+        }
+        assert own <= known, (module.__name__, own)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_force_law_is_near_the_chart_but_not_on_the_tools_formula(seed: int) -> None:
+    specimen = replace(machine(seed, 0.0), scale=1.0)
+    chi, pressure, force = force_map(specimen, 0)
+    tool = np.array(
+        [
+            exponential(float(c), float(p)).value
+            for c, p in zip(chi.flat, pressure.flat, strict=True)
+        ]
+    )
+    gap = np.maximum(force, 0.0) - np.maximum(tool.reshape(chi.shape), 0.0)
+    assert 0.01 <= np.sqrt(np.mean(gap**2)) / 1500.0 <= 0.02
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_background_is_as_large_as_asked(seed: int) -> None:
+    rough = machine(seed, 0.03)
+    smooth = replace(rough, waves=np.zeros((2, 1, 3)))
+    for muscle in (0, 1):
+        chi, pressure, force = force_map(rough, muscle)
+        plain = force_map(smooth, muscle)[2]
+        error = force[plain > 1.0] / plain[plain > 1.0] - 1.0
+        everywhere = force / plain - 1.0
+        assert np.sqrt(np.mean(everywhere**2)) == pytest.approx(0.03, rel=0.05)
+        assert np.abs(error).max() < 0.12
+    assert not machine(seed, 0.0).waves[:, :, 0].any()
+    assert max(abs(rough.drift_1), abs(rough.drift_2)) <= 0.015
+    assert 0.0 < abs(rough.fill_1 / rough.fill_2 - 1.0) < 0.046 and rough.vent_1 != rough.vent_2
+
+
+@pytest.mark.parametrize("inertia", [LIGHT, HEAVY])
+def test_healthy_machine_follows_its_reference(inertia: float) -> None:
+    found = healthy(inertia)
+    assert list(found) == ["time_s", "reference_deg", "command", *CHANNELS]
+    late = reference()[:-150]  # the loop needs 0.45 s
+    settled = np.flatnonzero(
+        np.array([np.ptp(late[max(0, i - 150) : i + 1]) == 0.0 for i in range(late.size)])
+    )
+    error = np.abs(found["angle_deg"][settled] - late[settled])
+    assert settled.size > 500 and np.median(error) < 1.5
+    assert np.abs(found["angle_deg"]).max() < 42.0 and np.abs(found["command"]).max() == 1.0
+    for i in (1, 2):
+        assert found[f"pressure_{i}_kpa"][0] == pytest.approx(550.0, abs=1.0)
+        assert found[f"pressure_{i}_kpa"].min() > 80.0 and found[f"pressure_{i}_kpa"].max() < 650.0
+        assert found[f"force_{i}_n"].min() > 150.0 and found[f"force_{i}_n"].max() < 1200.0
+
+
+def test_the_step_is_small_enough() -> None:
+    for inertia in (LIGHT, HEAVY):
+        gap = (
+            replayed({}, inertia)["angle_deg"] - replayed({}, inertia, steps=2 * STEPS)["angle_deg"]
+        )
+        assert np.sqrt(np.mean(gap**2)) < 0.02
+
+
+def test_an_open_loop_repeats_the_closed_one() -> None:
+    again = replayed({})
+    assert "reference_deg" not in again
+    assert all(np.array_equal(again[c], healthy(HEAVY)[c]) for c in again)
+
+
+def test_same_seed_same_bytes() -> None:
+    first, second, other = (
+        replayed({"leak": {"leak": 0.01}}, noise=1.0, seed=s) for s in (5, 5, 6)
+    )
+    assert all(first[c].tobytes() == second[c].tobytes() for c in first)
+    assert np.std(first["angle_deg"] - other["angle_deg"]) == pytest.approx(0.05 * 2**0.5, rel=0.1)
+    specimens = [draw_specimen(np.random.default_rng(4), 0.02) for _ in range(2)]
+    assert (
+        specimens[0].waves.tobytes() == specimens[1].waves.tobytes()
+        and specimens[0].scale == specimens[1].scale
+    )
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_acts_and_at_zero_does_nothing(name: str) -> None:
+    fault = FAULTS[name]
+    sizes = middle(fault)
+    seconds = 40.0 if LONG_HOLDS in fault.needs else 9.0
+    before = healthy(HEAVY, seconds)
+    absent = replayed({name: {**sizes, **dict.fromkeys(fault.amounts, 0.0)}}, HEAVY, seconds)
+    assert all(np.array_equal(absent[c], before[c]) for c in absent)
+    there = change(replayed({name: sizes}, HEAVY, seconds), before)
+    assert there.max() > 1.0, f"{name} does not show: {there}"
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_the_loop_holds_with_any_size(name: str) -> None:
+    random = np.random.default_rng(7)
+    for inertia in (LIGHT, HEAVY):
+        found = record(
+            machine(),
+            {name: FAULTS[name].draw(random)},
+            Excitation(reference_deg=reference(4.0)),
+            inertia_kg_m2=inertia,
+            noise=1.0,
+            seed=1,
+        )
+        assert np.abs(found["angle_deg"]).max() < 60.0
+        assert all(np.isfinite(column).all() for column in found.values())
+
+
+def test_the_heavy_arm_is_what_a_flexible_arm_needs() -> None:
+    for name in ("two-mass", "backlash"):
+        sizes = {name: middle(FAULTS[name])}
+        heavy, light = (change(replayed(sizes, i), healthy(i)).max() for i in (HEAVY, LIGHT))
+        assert HIGH_INERTIA in FAULTS[name].needs and heavy > 2.0 * light
+
+
+def test_every_effect_of_the_rig_has_its_fault() -> None:
+    assert {n for n in FAULTS if not n.startswith("nameless:")} == set(ONE_DOF)
+    rig, catalogue = rig_named("one-dof"), effects()
+    for name in ONE_DOF:
+        port = attach(rig, name, catalogue).ports if name != "clock-skew" else ("angle_sensor",)
+        assert FAULTS[name].port == (rig.ports[port[0]].group or port[0]), name
+        assert FAULTS[name].family == catalogue[name].family, name
+        assert name in FAULTS[name].exact and FAULTS[name].exact <= catalogue.keys()
+    nameless = [f for n, f in FAULTS.items() if n not in ONE_DOF]
+    assert len(nameless) == 6 and not any(f.exact for f in nameless)
+
+
+def test_a_dead_time_shifts_everything_and_a_clock_the_readings() -> None:
+    late, early = (
+        replayed({"dead-time": {"delay_s": 0.012}}),
+        replayed({"clock-skew": {"early_s": 0.012}}),
+    )
+    assert np.abs(late["angle_deg"][4:] - healthy(HEAVY)["angle_deg"][:-4]).max() < 0.1
+    assert np.abs(early["angle_deg"][:-4] - healthy(HEAVY)["angle_deg"][4:]).max() < 0.05
+
+
+def test_mirrored_lengths_and_a_moved_zero_are_one_thing() -> None:
+    """1 % of length is worth L0/2r of it in angle, here at a contraction of a tenth."""
+    moved = -0.5 * 0.01 * 0.9 * plant.KNOWN["length"] / plant.KNOWN["radius"]
+    longer = replayed({"length-asymmetry": {"length_difference": 0.01}})
+    shifted = replayed({"angle-sensor-offset": {"zero_rad": moved}})
+    assert change(longer, shifted).max() < 0.2 * change(longer, healthy(HEAVY)).max()
+
+
+def test_what_cannot_be_planted_is_said() -> None:
+    for wrong, word in (
+        ({"leek": {}}, "leek"),
+        ({"leak": {"size": 1.0}}, "size"),
+        ({"two-mass": {"outboard": 0.5}, "backlash": {"outboard": 0.5}}, "outboard"),
+    ):
+        with pytest.raises(UsageError, match=word):
+            planted(wrong)
+    with pytest.raises(UsageError, match="reference or a command"):
+        Excitation()

@@ -1,0 +1,280 @@
+"""The two-link arm: MuJoCo as an independent judge of its mechanics, and what has to hold by
+physics."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pamid.engine.program import Stepping
+from pamid.model.assembly import Assembly
+from pamid.model.attachment import attachments
+from pamid.model.registry import effects, rig_named
+from pamid.rigs.pneumatics import ATMOSPHERE_PA
+from pamid.rigs.two_link import MUSCLES
+from pamid.symbolic.expression import symbol
+
+mujoco = pytest.importorskip(
+    "mujoco", reason="MuJoCo, the judge of the mechanics, is not installed"
+)
+
+Array = NDArray[np.float64]
+
+ARM = """
+<mujoco>
+  <compiler angle="radian"/>
+  <option gravity="0 0 -9.81" timestep="{step}" integrator="RK4"><flag contact="disable"/></option>
+  <worldbody>
+    <body name="link_1">
+      <joint name="one" type="hinge" axis="0 1 0" damping="{b1}"/>
+      <inertial pos="0 0 -{c1}" mass="{m1}" diaginertia="{i1} {i1} {i1}"/>
+      <body name="link_2" pos="0 0 -{l1}">
+        <joint name="two" type="hinge" axis="0 1 0" damping="{b2}"/>
+        <inertial pos="0 0 -{c2}" mass="{m2}" diaginertia="{i2} {i2} {i2}"/>
+        <body name="payload" pos="0 0 -{l2}">
+          <inertial pos="0 0 0" mass="{mp}" diaginertia="2e-15 2e-15 2e-15"/>
+        </body>
+      </body>
+    </body>
+  </worldbody>
+</mujoco>
+"""
+OWN = {
+    "link_1_mass": "m1",
+    "link_1_centre": "c1",
+    "link_1_inertia": "i1",
+    "link_1_length": "l1",
+    "link_2_mass": "m2",
+    "link_2_centre": "c2",
+    "link_2_inertia": "i2",
+    "link_2_length": "l2",
+    "payload": "mp",
+    "viscous_1": "b1",
+    "viscous_2": "b2",
+}
+
+
+def arm() -> Assembly:
+    return Assembly(rig_named("two-link"), outputs=("angle_1_deg", "angle_2_deg"))
+
+
+def parameters(a: Assembly, **changed: float) -> Array:
+    """The data sheet's with some changed (SI, by key)."""
+    p = a.values()
+    for key, value in changed.items():
+        p[a.keys[key]] = value
+    return p
+
+
+def judge(a: Assembly, p: Array, step: float = 1e-3) -> tuple[Any, Any]:
+    """MuJoCo's arm with the same links."""
+    numbers = {short: repr(float(p[a.keys[key]])) for key, short in OWN.items()}
+    model = mujoco.MjModel.from_xml_string(ARM.format(step=step, **numbers))
+    return model, mujoco.MjData(model)
+
+
+def rates(a: Assembly, p: Array, x: Array, u: Array) -> Array:
+    """dx/dt at a state: outputs of a program that has the state's rates among them."""
+    program = a.program_with({f"rate.{s.name}": a.traced.rates[s.name] for s in a.rig.states})
+    memory = program.memory(x, stepping=Stepping(), period_s=1e-9)
+    out, _, bad = program.run(memory, u[None, :], p, period_s=1e-9, stepping=Stepping())
+    assert bad < 0
+    return out[0, -len(a.rig.states) :]
+
+
+def furthest_acceleration(states: int = 1000) -> float:
+    """Largest difference from MuJoCo's accelerations at random states, relative to the larger of
+    the two joints'."""
+    a, random = arm(), np.random.default_rng(0)
+    p = parameters(a, attached=0.0, payload=0.35)
+    model, data = judge(a, p)
+    worst = 0.0
+    for _ in range(states):
+        q, w, torque = (
+            random.uniform(-3.1, 3.1, 2),
+            random.uniform(-8.0, 8.0, 2),
+            random.uniform(-20.0, 20.0, 2),
+        )
+        data.qpos[:], data.qvel[:], data.qfrc_applied[:] = q, w, torque
+        mujoco.mj_forward(model, data)
+        state = np.concatenate([q, w, np.full(4, 6e5)])
+        mine = rates(a, p, state, np.array([0.0, 0.0, *torque]))[2:4]
+        worst = max(worst, float(np.abs(mine - data.qacc).max() / np.abs(data.qacc).max()))
+    return worst
+
+
+def test_accelerations_are_those_of_mujoco() -> None:
+    assert furthest_acceleration() < 1e-12
+
+
+def test_a_gravity_swing_is_that_of_mujoco() -> None:
+    a = arm()
+    p = parameters(a, attached=0.0, initial_angle_1=1.2, initial_angle_2=-0.7)
+    model, data = judge(a, p, step=2e-4)
+    data.qpos[:] = 1.2, -0.7
+    period, n = 0.001, 5000
+    program, step = a.program, Stepping(8)
+    memory = program.memory(a.start(p), stepping=step, period_s=period)
+    y, _, _ = program.run(memory, np.zeros((n, 4)), p, period_s=period, stepping=step)
+    worst = 0.0
+    for k in range(n):
+        worst = max(worst, float(np.abs(y[k] - data.qpos).max()))
+        for _ in range(5):
+            mujoco.mj_step(model, data)
+    assert worst < 1e-6
+
+
+def test_energy_is_kept_without_friction() -> None:
+    a = arm()
+    p = parameters(
+        a, attached=0.0, viscous_1=0.0, viscous_2=0.0, initial_angle_1=1.5, initial_angle_2=0.9
+    )
+    program = a.program_with({f"state.{s.name}": symbol("state", s.name) for s in a.rig.states[:4]})
+    period, step = 0.001, Stepping(8)
+    memory = program.memory(a.start(p), stepping=step, period_s=period)
+    y, _, _ = program.run(memory, np.zeros((5000, 4)), p, period_s=period, stepping=step)
+    q1, q2, w1, w2 = y[:, -4:].T
+    m1, c1, i1, l1, m2, c2, i2 = (float(p[a.keys[k]]) for k in list(OWN)[:7])
+    v1 = c1 * w1
+    elbow = np.stack([l1 * w1 * np.cos(q1), l1 * w1 * np.sin(q1)])
+    v2 = elbow + c2 * (w1 + w2) * np.stack([np.cos(q1 + q2), np.sin(q1 + q2)])
+    kinetic = 0.5 * (m1 * v1**2 + i1 * w1**2 + m2 * (v2**2).sum(axis=0) + i2 * (w1 + w2) ** 2)
+    potential = -9.81 * (m1 * c1 * np.cos(q1) + m2 * (l1 * np.cos(q1) + c2 * np.cos(q1 + q2)))
+    energy = kinetic + potential
+    assert kinetic.max() > 5.0
+    assert np.abs(energy - energy[0]).max() < 1e-8 * kinetic.max()
+
+
+@pytest.mark.parametrize("how", ["clamped", "nothing there"])
+def test_without_its_second_link_it_is_the_joint_of_the_first_paper(how: str) -> None:
+    a, joint = arm(), Assembly(rig_named("one-dof"), outputs=("angle_deg", "pressure_1_kpa"))
+    gone = {"link_2_mass": 0.0, "link_2_inertia": 1e-9, "radius_2": 0.0, "viscous_2": 0.0}
+    p = parameters(
+        a,
+        plane=0.0,
+        radius_1=0.03,
+        viscous_1=0.02,
+        link_1_mass=0.0,
+        link_1_inertia=0.0896,
+        **({"clamped_2": 1.0} if how == "clamped" else {}),
+        **gone,
+    )
+    other = joint.values({"inertia_kg_m2": 0.0896})
+    random, worst = np.random.default_rng(1), 0.0
+    for _ in range(200):
+        angle, speed = random.uniform(-0.6, 0.6), random.uniform(-4.0, 4.0)
+        first, second = random.uniform(1.2e5, 6.4e5, 2)
+        command, torque = random.uniform(-1.0, 1.0), random.uniform(-3.0, 3.0)
+        mine = rates(
+            a,
+            p,
+            np.array([angle, 0.0, speed, 0.0, first, second, 3e5, 3e5]),
+            np.array([command, 0.0, torque, 0.0]),
+        )
+        theirs = rates(
+            joint, other, np.array([angle, speed, first, second]), np.array([command, torque])
+        )
+        # a link of 1e-9 kg m2 at joint 2 adds as much to the 0.0896 kg m2 where the joint is
+        # clamped
+        worst = max(worst, float(np.abs(mine[[0, 2, 4, 5]] / theirs - 1.0).max()))
+    assert worst < 2e-8
+
+
+def test_a_share_that_swings_behind_a_joint_pulls_on_it() -> None:
+    """Momentum: what swings and what turns with the joint move on the average as the rigid link
+    did."""
+    a = arm()
+    p, x, u = parameters(a), np.array([0.4, -0.9, 1.0, -2.0, *4 * (4e5,)]), np.zeros(4)
+    rigid = rates(a, p, x, u)[2:4]
+    flexible = next(
+        k for k in attachments(a.rig, effects().values()) if k.label == "two-mass@arm_2"
+    )
+    b = Assembly(a.rig, (flexible,), outputs=a.outputs)
+    q, names = b.values(), list(b.program.states)
+    share = float(q[b.keys["two-mass@arm_2:share"]])
+    state = np.zeros(len(names))
+    state[:8] = x
+    twist, twisting = (names.index(f"two-mass@arm_2.arm_2.{k}") for k in ("twist", "twisting"))
+    state[twist] = 0.01
+    roots = {f"rate.{k}": b.traced.rates[k] for k in ("velocity_1", "velocity_2", names[twisting])}
+    program = b.program_with(roots)
+    memory = program.memory(state, stepping=Stepping(), period_s=1e-9)
+    first, second, swinging = program.run(
+        memory, u[None, :], q, period_s=1e-9, stepping=Stepping()
+    )[0][0, -3:]
+    assert first == pytest.approx(rigid[0], rel=1e-12)
+    assert abs(second - rigid[1]) > 1.0
+    assert (1.0 - share) * second + share * (second + swinging) == pytest.approx(rigid[1], rel=1e-9)
+
+
+def test_a_chain_over_joint_1_pulls_there_what_it_winds() -> None:
+    """Virtual work: the torques of the muscles are the slopes of their lengths, times their
+    forces."""
+    a = Assembly(rig_named("two-link"))
+    x, u = np.array([0.2, 0.3, 0.0, 0.0, *4 * (5e5,)]), np.zeros(4)
+    plain, wrapped = parameters(a, plane=0.0), parameters(a, plane=0.0, wrap_radius=0.02)
+    program = a.program
+    outputs = {}
+    for name, p, angle in (("wrapped", wrapped, 0.2), ("moved", wrapped, 0.2 + 1e-5)):
+        state = x.copy()
+        state[0] = angle
+        memory = program.memory(state, stepping=Stepping(), period_s=1e-9)
+        y = program.run(memory, u[None, :], p, period_s=1e-9, stepping=Stepping())[0][0]
+        outputs[name] = dict(zip(program.outputs, y, strict=True))
+    slope = {
+        i: (outputs["moved"][f"contraction_{i}"] - outputs["wrapped"][f"contraction_{i}"]) / 1e-5
+        for i in MUSCLES
+    }
+    length = plain[a.keys["length"]]
+    assert slope["21"] == pytest.approx(0.02 / length, rel=1e-6)
+    pulls = sum(outputs["wrapped"][f"force_{i}_n"] * slope[i] * length for i in MUSCLES)
+    shift = [rates(a, wrapped, x, np.array([0.0, 0.0, t, 0.0]))[2:4] for t in (0.0, -pulls)]
+    assert np.abs(rates(a, wrapped, x, u)[2:4] - shift[0]).max() == 0.0
+    # with that torque taken away at joint 1 only joint 2's own muscles are left
+    own = (
+        sum(outputs["wrapped"][f"force_2{k}_n"] * s for k, s in (("1", 1.0), ("2", -1.0)))
+        * plain[a.keys["radius_2"]]
+    )
+    m = np.linalg.inv(
+        np.stack(
+            [
+                rates(a, plain, x, np.array([0.0, 0.0, *e]))[2:4] - rates(a, plain, x, u)[2:4]
+                for e in np.eye(2)
+            ],
+            axis=1,
+        )
+    )
+    assert m @ shift[1] == pytest.approx([0.0, own], abs=1e-6)
+
+
+def test_limp_muscles_hang_in_the_air_of_the_room() -> None:
+    a = Assembly(rig_named("two-link"))
+    p = parameters(a, vents_open=1.0, initial_angle_1=0.4, initial_angle_2=0.5)
+    assert a.start(p)[4:8] == pytest.approx(ATMOSPHERE_PA)
+    memory = a.program.memory(a.start(p), stepping=Stepping(2), period_s=0.003)
+    y, _, bad = a.program.run(memory, np.zeros((2000, 4)), p, period_s=0.003, stepping=Stepping(2))
+    named = dict(zip(a.program.outputs, y.T, strict=True))
+    assert bad < 0
+    assert max(np.abs(named[f"pressure_{i}_kpa"]).max() for i in MUSCLES) < 15e3
+    assert np.ptp(named["angle_1_deg"]) > 0.5 and np.ptp(named["angle_2_deg"]) > 0.5
+
+
+def test_every_effect_finds_its_ports_and_like_ports_can_share_one() -> None:
+    labels = {a.label: a for a in attachments(rig_named("two-link"), effects().values())}
+    assert {
+        "coulomb-friction@joint_1",
+        "coulomb-friction@joint_2",
+        "leak@pressure_21",
+        "two-mass@arm_2",
+    } <= set(labels)
+    together = labels["maxwell-slip-hysteresis@muscle"]
+    assert set(together.ports) == {f"muscle_{i}" for i in MUSCLES}
+    rig = rig_named("two-link")
+    assert together.group(rig) == "muscle"
+    assert labels["force-compensator@relief_12"].group(rig) == "muscle_12"
+    assert labels["force-compensator@relief"].group(rig) == "muscle"
+    assert labels["supply-sag"].group(rig) == "valve"
+    assert labels["two-mass@arm_2"].group(rig) == "structure_2"

@@ -1,0 +1,217 @@
+"""Suffixes and conversions."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from pamid.base.errors import FileError
+from pamid.base.units import (
+    compatible,
+    display_unit,
+    from_si,
+    is_unit,
+    quantity_of,
+    si_unit,
+    split_column,
+    suffix_of,
+    suffixes_for,
+    to_si,
+    unit,
+    with_unit,
+)
+
+COLUMNS = {
+    "time_s": ("time", "s"),
+    "angle_deg": ("angle", "deg"),
+    "angle_1_deg": ("angle_1", "deg"),
+    "command": ("command", "1"),
+    "command_1": ("command_1", "1"),
+    "contraction_11": ("contraction_11", "1"),
+    "pressure_1_kpa": ("pressure_1", "kPa"),
+    "pressure_1": ("pressure_1", "1"),
+    "pressure_1_psi": ("pressure_1_psi", "1"),
+    "external_torque_nm": ("external_torque", "N m"),
+    "torque_n_m": ("torque", "N m"),
+    "inertia_kg_m2": ("inertia", "kg m2"),
+    "damping_m2_s": ("damping", "m2 s"),
+    "kp_per_deg": ("kp", "1/deg"),
+    "kd_s_per_deg": ("kd", "s/deg"),
+    "stiffness_n_m_per_rad": ("stiffness", "N m/rad"),
+    "speed_rad_per_s": ("speed", "rad/s"),
+    "conductance_m3_per_s_pa": ("conductance", "m3/(s Pa)"),
+    "temperature_degc": ("temperature", "degC"),
+    "mass_g_kg": ("mass_g", "kg"),
+    "force_N": ("force", "N"),
+    "critical_ratio": ("critical_ratio", "1"),
+    "deg": ("deg", "1"),
+    "_deg": ("_deg", "1"),
+    "speed_per_s_per_s": ("speed_per_s", "1/s"),
+}
+
+
+@pytest.mark.parametrize(("name", "parts"), COLUMNS.items())
+def test_split_column(name: str, parts: tuple[str, str]) -> None:
+    assert split_column(name) == parts
+
+
+SYMBOLS = [
+    "1",
+    "s",
+    "ms",
+    "m",
+    "mm",
+    "cm",
+    "m2",
+    "m3",
+    "cm3",
+    "l",
+    "rad",
+    "deg",
+    "rad/s",
+    "deg/s",
+    "N",
+    "N m",
+    "Pa",
+    "kPa",
+    "bar",
+    "kg",
+    "g",
+    "kg m2",
+    "V",
+    "A",
+    "K",
+    "degC",
+    "Hz",
+    "N s/m",
+    "N m s",
+    "m2 s",
+    "m3/(s Pa)",
+    "N/m",
+    "N m/rad",
+    "1/deg",
+    "s/deg",
+    "N s2/m2",
+]
+
+
+@pytest.mark.parametrize("symbol", SYMBOLS)
+def test_every_symbol_survives_the_way_through_a_name(symbol: str) -> None:
+    assert split_column(with_unit("thing", symbol)) == ("thing", symbol)
+
+
+@pytest.mark.parametrize("symbol", SYMBOLS)
+def test_si_unit_has_factor_one_and_the_same_dimension(symbol: str) -> None:
+    base = unit(si_unit(symbol))
+    assert compatible(symbol, base.symbol)
+    assert (base.factor, base.offset) == (1.0, 0.0)
+
+
+@given(st.sampled_from(SYMBOLS), st.floats(-1e6, 1e6))
+def test_there_and_back(symbol: str, value: float) -> None:
+    assert from_si(to_si(value, symbol), symbol) == pytest.approx(value, rel=1e-12, abs=1e-9)
+
+
+FACTORS = {
+    "deg": math.pi / 180,
+    "kPa": 1e3,
+    "bar": 1e5,
+    "cm3": 1e-6,
+    "l": 1e-3,
+    "ms": 1e-3,
+    "1/deg": 180 / math.pi,
+    "s/deg": 180 / math.pi,
+    "deg/s": math.pi / 180,
+    "l/(min bar)": 1e-3 / 60 / 1e5,
+    "N*m": 1.0,
+    "mbar": 1e2,
+    "MPa": 1e6,
+    "mm": 1e-3,
+    "cm": 1e-2,
+    "um": 1e-6,
+    "us": 1e-6,
+    "min": 60.0,
+    "mrad": 1e-3,
+    "g": 1e-3,
+    "kN": 1e3,
+    "mA": 1e-3,
+    "mV": 1e-3,
+    "percent": 1e-2,
+    "J": 1.0,
+    "W": 1.0,
+}
+
+
+@pytest.mark.parametrize(("symbol", "factor"), FACTORS.items())
+def test_factor(symbol: str, factor: float) -> None:
+    assert to_si(1.0, symbol) == pytest.approx(factor, rel=1e-14)
+    np.testing.assert_allclose(to_si(np.array([0.0, 2.0]), symbol), [0.0, 2 * factor], rtol=1e-14)
+
+
+def test_temperature_has_an_offset_except_in_a_product() -> None:
+    assert to_si(20.0, "degC") == 293.15
+    assert from_si(293.15, "degC") == pytest.approx(20.0)
+    assert to_si(1.0, "N/degC") == 1.0
+
+
+QUANTITIES = {
+    "N": "force",
+    "N m": "torque",
+    "kPa": "pressure",
+    "deg": "angle",
+    "mm": "position",
+    "1": "dimensionless",
+    "V": "voltage",
+    "rad/s": "angular velocity",
+    "m/s": "velocity",
+    "Hz": "frequency",
+    "m2 s": "m2 s",
+}
+
+
+@pytest.mark.parametrize(("symbol", "quantity"), QUANTITIES.items())
+def test_quantity(symbol: str, quantity: str) -> None:
+    assert quantity_of(symbol) == quantity
+
+
+def test_angles_are_not_numbers() -> None:
+    assert compatible("deg", "rad") and compatible("N s/m", "kg/s")
+    assert not compatible("deg", "1")
+    assert not compatible("rad/s", "Hz")
+    assert not compatible("N m", "N m/rad")
+
+
+def test_display() -> None:
+    assert [display_unit(symbol) for symbol in ("rad", "Pa", "rad/s", "N", "m")] == [
+        "deg",
+        "kPa",
+        "deg/s",
+        "N",
+        "m",
+    ]
+
+
+def test_suffixes() -> None:
+    assert (
+        suffix_of("N m/rad") == "n_m_per_rad"
+        and suffix_of("1/deg") == "per_deg"
+        and suffix_of("1") == ""
+    )
+    assert set(suffixes_for("kPa")) == {"pa", "kpa", "mpa", "mbar", "bar"}
+
+
+@pytest.mark.parametrize("symbol", ["psi", "N mm2x", "kPA", "m/(s", "N//m", "m-2", "2", "N (m"])
+def test_unknown_symbols_are_refused(symbol: str) -> None:
+    assert not is_unit(symbol)
+    with pytest.raises(FileError, match="is not a unit"):
+        unit(symbol)
+
+
+def test_a_slip_is_answered_with_the_nearest_unit() -> None:
+    with pytest.raises(FileError) as caught:
+        unit("kpa")
+    assert "kPa" in caught.value.hint
