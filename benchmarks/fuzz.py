@@ -5,12 +5,12 @@ anything escape?
     FOLDER] [--drawn] python benchmarks/fuzz.py --kinds mapping --first 1234 --inputs 1     # makes
     that input again, and says its answer
 
-An input is made from its kind and its number alone (tests/support/fuzz_inputs.py, tests/support/fuzzing.py):
-recordings, the TOML beside them, pamid.toml, raw logs of every kind, mappings, run folders,
-checkpoints, models, networks, results of jobs, trials, force maps, excitations, words of a command
-line. A process works through them, limited in memory; another one watches it. What counts as a
-fault: exit code 1, an exception, a process that dies, more than HANG_S of CPU for one input. Each
-is printed with its number and its files are kept.
+An input is made from its kind and its number alone (tests/support/fuzz_inputs.py,
+tests/support/fuzzing.py): recordings, the TOML beside them, pamid.toml, raw logs of every kind,
+mappings, run folders, checkpoints, models, networks, results of jobs, trials, force maps,
+excitations, words of a command line. A process works through them, limited in memory; another one
+watches it. What counts as a fault: exit code 1, an exception, a process that dies, more than HANG_S
+of CPU for one input. Each is printed with its number and its files are kept.
 
 Figures take a hundred times as long as what they show: without --drawn only one page in 100 has
 them.
@@ -193,7 +193,9 @@ def _work(asked: argparse.Namespace) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
         for number in range(asked.first, asked.first + asked.inputs):
             kind = Random(f"which-{number}").choices(kinds, weights)[0]
-            tell(next=number, cpu=time.process_time())
+            tell(
+                next=number, cpu=sum(os.times()[:4])
+            )  # with ended children, as the one who watches counts
             before = time.process_time()
             counts, told = _one(
                 seeds, place / str(number), kind, number, asked.keep, asked.inputs == 1
