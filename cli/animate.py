@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from . import frame
-from .progress import Progress
+from .progress import ProgressBar
 
 EXAMPLE = """
 pamid animate fitted --output arm.gif
@@ -78,7 +78,7 @@ def command(
         )
     found = load_run(run)
     motion = motion_of(found, rig_of_run(found, rig), speed / RATE, begin, end)
-    with Progress("animate", motion.time.size) as progress:
+    with ProgressBar("animate", motion.time.size) as progress:
         gif = gif_of(motion, size, lambda done, of: progress.update(done, "frames"))
     if output is None:
         target = Run.open(run).path(f"{FIGURES}/motion.gif")

@@ -9,7 +9,7 @@ import click
 
 from . import frame
 from .hints import unused
-from .progress import Progress
+from .progress import ProgressBar
 from .terminal import quoted
 
 EXAMPLE = """
@@ -58,13 +58,13 @@ def command(output: Path, seed: int, jobs: int, duration: float, overwrite: bool
         overwrite=overwrite,
         options={"jobs": jobs, "duration_s": duration},
     )
-    with Progress("demo") as progress:
+    with ProgressBar("demo") as progress:
         found = run_demo(
             run,
             seed=seed,
             jobs=jobs,
             duration_s=duration,
-            told=lambda text: progress.update(0, text),
+            progress=lambda text: progress.update(0, text),
         )
     return frame.Result(found, demo_text(found, output))
 

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from . import frame
-from .job import carried_through, cluster_option, crew_of, failed_text, kept, require_one_of
+from .job import carried_through, cluster_option, failed_text, kept, pool_of, require_one_of
 from .options import evidence_from, no_check_option, with_sidecar
-from .progress import Progress
+from .progress import ProgressBar
 from .terminal import quoted
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def command(
     catalogue = _catalogue(effects, without)
     inputs = [f for p in (*recordings, *held_out) for f in with_sidecar(p)]
     inputs += code_files(rig, [str(e) for e in effects])
-    with crew_of(jobs, cluster, kept=output / JOBS) as crew:
+    with pool_of(jobs, cluster, kept=output / JOBS) as pool:
         run = Run.create(
             output,
             command=frame.command_line(),
@@ -113,16 +113,16 @@ def command(
             return frame.Result(
                 *kept(run.path("diagnosis.json"), lambda found: diagnosis_text(found, output))
             )
-        with carried_through(run, crew), Progress("diagnose") as progress:
+        with carried_through(run, pool), ProgressBar("diagnose") as progress:
             found = diagnose_into(
                 run,
                 evidence,
                 catalogue,
                 seed=seed,
-                told=lambda text: progress.update(0, text),
-                crew=crew,
+                progress=lambda text: progress.update(0, text),
+                pool=pool,
             )
-    return frame.Result(found, diagnosis_text(found, output), 6 if crew.failed else 0)
+    return frame.Result(found, diagnosis_text(found, output), 6 if pool.failed else 0)
 
 
 def _catalogue(files: tuple[Path, ...], without: tuple[str, ...]) -> dict[str, type[Effect]]:

@@ -8,9 +8,9 @@ from typing import Any
 import click
 
 from . import frame
-from .job import carried_through, cluster_option, crew_of, failed_text, kept, require_one_of
+from .job import carried_through, cluster_option, failed_text, kept, pool_of, require_one_of
 from .options import evidence_from, no_check_option, with_sidecar
-from .progress import Progress
+from .progress import ProgressBar
 from .terminal import quoted
 
 EXAMPLE = """
@@ -125,7 +125,7 @@ def command(
     before = read_posterior(earlier) if earlier else None
     inputs = [f for p in (*recordings, *held_out) for f in with_sidecar(p)]
     inputs += [*code_files(rig, effects), *([earlier / FIT_FILE] if earlier else [])]
-    with crew_of(jobs, cluster, kept=output / JOBS) as crew:
+    with pool_of(jobs, cluster, kept=output / JOBS) as pool:
         run = Run.create(
             output,
             command=frame.command_line(),
@@ -143,21 +143,21 @@ def command(
         if run.record["outcome"] == "done":  # resumed, and nothing is left to do
             found, text = kept(run.path(FIT_FILE), lambda found: fit_text(found, output))
             return frame.Result(found, text, 0 if found["converged"] else 5)
-        with carried_through(run, crew), Progress("fit") as progress:
+        with carried_through(run, pool), ProgressBar("fit") as progress:
             model = fit_model(
                 evidence,
                 attached,
                 seed=seed,
                 draws=bootstrap,
                 earlier=before,
-                crew=crew,
-                told=lambda text: progress.update(0, text),
+                pool=pool,
+                progress=lambda text: progress.update(0, text),
             )
-            found = fit_json(model, seed) | {"failed_jobs": crew.failed_jobs}
+            found = fit_json(model, seed) | {"failed_jobs": pool.failed_jobs}
             write_json(run.path(FIT_FILE), found)
             write_atomically(run.path(RESIDUAL_FILE), residual_csv(model))
     return frame.Result(
-        found, fit_text(found, output), 5 if not found["converged"] else 6 if crew.failed else 0
+        found, fit_text(found, output), 5 if not found["converged"] else 6 if pool.failed else 0
     )
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from . import frame
-from .progress import Progress
+from .progress import ProgressBar
 from .terminal import aside, quoted
 
 EXAMPLE = """
@@ -102,13 +102,13 @@ def command(
         options={"sets": sets, "rig": rig, "held_out": every, "strict": strict},
     )
     try:
-        with Progress("force-law") as progress:
+        with ProgressBar("force-law") as progress:
             found = judge(
                 points,
                 sets=sets,
                 every=every,
                 seed=seed,
-                told=lambda text: progress.update(0, text),
+                progress=lambda text: progress.update(0, text),
             )
         if strict and not found.monotone:
             remedies = [

@@ -10,7 +10,7 @@ import click
 from . import frame
 from .hints import unused
 from .options import parse_known
-from .progress import Progress
+from .progress import ProgressBar
 from .terminal import aside, quoted
 
 if TYPE_CHECKING:
@@ -172,7 +172,7 @@ def _ingest(
     rig = _rig(rig_name or told.rig, bool(rig_name), mapping)
     told = told.model_copy(update={"rig": rig_name or told.rig, "known": {**told.known, **known}})
     made = []
-    with Progress("reading logs", len(logs)) as progress:
+    with ProgressBar("reading logs", len(logs)) as progress:
         for number, log in enumerate(logs):
             progress.update(number, log.name)
             made.append(convert(read_log(log, kind), told, rig, str(mapping), repair or ""))

@@ -11,7 +11,7 @@ import click
 
 if TYPE_CHECKING:
     from pamid.base.run_folder import Run
-    from pamid.parallel.jobs import Crew
+    from pamid.parallel.jobs import WorkerPool
 
 cluster_option = click.option(
     "--cluster",
@@ -27,36 +27,36 @@ cluster_option = click.option(
 
 
 @contextlib.contextmanager
-def crew_of(jobs: int, cluster: str | None, *, kept: Path | None = None) -> Iterator[Crew]:
+def pool_of(jobs: int, cluster: str | None, *, kept: Path | None = None) -> Iterator[WorkerPool]:
     """Who does the jobs: processes of this machine, or a cluster; kept: the folder of their
     results."""
-    from pamid.parallel.jobs import Crew
+    from pamid.parallel.jobs import WorkerPool
     from pamid.parallel.store import Store
 
     store = Store(kept) if kept else None
     if cluster is None:
-        yield Crew(jobs, store)
+        yield WorkerPool(jobs, store)
         return
     from pamid.parallel.dask_backend import cluster as connected
 
-    with connected(cluster) as hands:
-        yield Crew(jobs, store, hands)
+    with connected(cluster) as executor:
+        yield WorkerPool(jobs, store, executor)
 
 
 @contextlib.contextmanager
-def carried_through(run: Run, crew: Crew) -> Iterator[None]:
+def carried_through(run: Run, pool: WorkerPool) -> Iterator[None]:
     """Close the run with a word for how it ended, and how many jobs it took; their results go once
     all are done."""
     try:
         yield
     except BaseException as error:
         run.finish(
-            "interrupted" if isinstance(error, KeyboardInterrupt) else "failed", jobs=crew.counts
+            "interrupted" if isinstance(error, KeyboardInterrupt) else "failed", jobs=pool.counts
         )
         raise
-    run.finish("partial" if crew.failed else "done", jobs=crew.counts)
-    if crew.store and not crew.failed:
-        crew.store.clear()
+    run.finish("partial" if pool.failed else "done", jobs=pool.counts)
+    if pool.store and not pool.failed:
+        pool.store.clear()
 
 
 def require_one_of(resume: bool, overwrite: bool) -> None:

@@ -16,8 +16,8 @@ _LOG_S = 15.0
 _WIDTH = 100
 
 
-class Progress:
-    """`with Progress("fitting", 12) as progress: progress.update(3, "coulomb-friction")`. Quick
+class ProgressBar:
+    """`with ProgressBar("fitting", 12) as progress: progress.update(3, "coulomb-friction")`. Quick
     work says nothing."""
 
     def __init__(
@@ -30,7 +30,7 @@ class Progress:
         self._begun = self._told = time.monotonic()
         self._shown = False
 
-    def __enter__(self) -> Progress:
+    def __enter__(self) -> ProgressBar:
         return self
 
     def __exit__(

@@ -10,7 +10,7 @@ import click
 from click.core import ParameterSource
 
 from . import frame
-from .progress import Progress
+from .progress import ProgressBar
 
 EXAMPLE = """
 pamid reproduce-paper --quick --output paper-run
@@ -112,8 +112,8 @@ def _carried_out(
     from pamid.base.errors import PamidError
 
     try:
-        with Progress("reproduce-paper") as progress:
-            found = reproduce(run, plan, told=lambda text: progress.update(0, text), **more)
+        with ProgressBar("reproduce-paper") as progress:
+            found = reproduce(run, plan, progress=lambda text: progress.update(0, text), **more)
     except (PamidError, KeyboardInterrupt) as error:
         run.finish("failed" if isinstance(error, PamidError) else "interrupted")
         raise

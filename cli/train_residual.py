@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from . import frame
-from .progress import Progress
+from .progress import ProgressBar
 from .terminal import aside, quoted
 
 if TYPE_CHECKING:
@@ -189,7 +189,7 @@ def command(
         progress=told,
     )
     try:
-        with Progress("train-residual", iterations) as progress:
+        with ProgressBar("train-residual", iterations) as progress:
             if port is None:
                 found = train_correction(leftover, **course)
                 about, interrupted = write_correction(folder, found), found.interrupted
@@ -228,9 +228,9 @@ def _port_of(run: Path, at: str, rig: str | None) -> PortWork | None:
     entry = entry_of(origin.evidence.rig, at)
 
     def work(
-        folder: Run, leftover: Leftover, told: Callable[[str], None], course: Course
+        folder: Run, leftover: Leftover, stage: Callable[[str], None], course: Course
     ) -> tuple[dict[str, Any], bool]:
-        found = train_at_port(leftover, origin.model(told), entry, told, **course)
+        found = train_at_port(leftover, origin.model(stage), entry, stage, **course)
         return write_port_correction(folder, found), found.interrupted
 
     return work

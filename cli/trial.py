@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from . import frame
-from .job import cluster_option, crew_of, failed_text
-from .progress import Progress
+from .job import cluster_option, failed_text, pool_of
+from .progress import ProgressBar
 from .terminal import quoted
 
 if TYPE_CHECKING:
     from pamid.base.run_folder import Run
-    from pamid.parallel.jobs import Crew
+    from pamid.parallel.jobs import WorkerPool
 
 EXAMPLE = """
 pamid trial --output trial --cases 4 --part calibration --jobs 2
@@ -136,18 +136,18 @@ def command(
         else {"rig": rig, "part": part, "seed": seed}
     )
     options = {"cases": cases, "only": only}
-    with crew_of(jobs, cluster) as crew:
+    with pool_of(jobs, cluster) as pool:
         if index is not None:
-            return _share(output, fixed, options, _share_of(index), crew)
+            return _share(output, fixed, options, _share_of(index), pool)
         run = _begun(output, fixed, options, resume)
         try:
-            with Progress("trial") as progress:
+            with ProgressBar("trial") as progress:
                 found = run_trial(
                     output,
                     part,
                     cases,
                     seed,
-                    crew,
+                    pool,
                     rig=rig,
                     only=only or "",
                     done=lambda i, n: progress.update(i, f"{i} of {n} cases"),
@@ -175,7 +175,11 @@ def _share_of(index: str) -> tuple[int, int]:
 
 
 def _share(
-    output: Path, fixed: dict[str, Any], options: dict[str, Any], share: tuple[int, int], crew: Crew
+    output: Path,
+    fixed: dict[str, Any],
+    options: dict[str, Any],
+    share: tuple[int, int],
+    pool: WorkerPool,
 ) -> frame.Result:
     """Work through every COUNT-th case from the I-th on; labels and score are left to the command
     without --index."""
@@ -191,8 +195,8 @@ def _share(
         only=options["only"] or "",
     )
     cases = whole[number - 1 :: count]
-    with Progress("trial", len(cases)) as progress:
-        results = run_cases(cases, output, crew, done=lambda i, n: progress.update(i, "cases"))
+    with ProgressBar("trial", len(cases)) as progress:
+        results = run_cases(cases, output, pool, done=lambda i, n: progress.update(i, "cases"))
     failed = failed_jobs(results)
     found = {
         "schema": "pamid.trial-share/1",

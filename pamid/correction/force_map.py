@@ -20,7 +20,6 @@ from __future__ import annotations
 
 import csv
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,6 +29,7 @@ from numpy.typing import NDArray
 from pamid.base.errors import DataError, FileError, nearest
 from pamid.base.files import MAP, read_lines
 from pamid.base.metrics import rms
+from pamid.base.progress import Progress, silent
 from pamid.base.units import compatible, from_si, split_column, to_si
 from pamid.correction.force_law import TOLERANCE, ForceLaw, check_force_law
 from pamid.networks.anfis import Anfis
@@ -41,7 +41,6 @@ from pamid.symbolic.expression import expression, substitute, symbol
 from pamid.symbolic.vocabulary import Expr
 
 Array = NDArray[np.float64]
-Told = Callable[[str], None]
 
 CONTRACTION, PRESSURE, FORCE = COLUMNS = ("contraction", "pressure_kpa", "force_n")
 SLACK = TOLERANCE  # of the largest force: readings up to it are those of a slack muscle
@@ -270,7 +269,7 @@ def judge(
     sets: int = 3,
     every: int = 3,
     seed: int = 0,
-    told: Told = lambda text: None,
+    progress: Progress = silent,
 ) -> Judged:
     """Train and judge on what is held out, then train on all points.
 
@@ -288,7 +287,7 @@ def judge(
         )
         for rows in (group == name for name in names if name in group):
             rest = {law: values[~rows] for law, values in said.items()}
-            told(f"{rows.sum()} of {len(points)} points held out")
+            progress(f"{rows.sum()} of {len(points)} points held out")
             held.anfis[rows] = pulls(
                 ForceLaw(_train(points.part(~rows), rest, sets, seed)), points.part(rows)
             )

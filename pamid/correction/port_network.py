@@ -16,7 +16,6 @@ friction, at its joint: 0.10, 0.15 and 0.11, 0.11 deg (0.13), forces 3.5, 3.7 an
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -29,6 +28,7 @@ from threadpoolctl import threadpool_limits
 from pamid.base.errors import ConvergenceError, DataError, FileError, UsageError, nearest
 from pamid.base.files import sha256_of
 from pamid.base.json_file import read_json
+from pamid.base.progress import Progress, silent
 from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE, Run
 from pamid.base.units import NONE, display_unit, from_si, split_column, to_si, with_unit
 from pamid.correction.output_network import (
@@ -134,11 +134,15 @@ class Origin:
     attached: tuple[Attachment, ...]
     fit: dict[str, Any]
 
-    def model(self, told: Callable[[str], None] = lambda text: None) -> GreyBox:
+    def model(self, progress: Progress = silent) -> GreyBox:
         """The model, fitted again; DataError where it is not the run's any more."""
         earlier = read_posterior(Path(self.fit["from"]["path"])) if "from" in self.fit else None
         found = fit_model(
-            self.evidence, self.attached, seed=int(self.fit["seed"]), told=told, earlier=earlier
+            self.evidence,
+            self.attached,
+            seed=int(self.fit["seed"]),
+            progress=progress,
+            earlier=earlier,
         )
         for c, now in zip(self.evidence.channels, channel_mae(list(found.held_out)), strict=True):
             now, before = from_si(now, split_column(c)[1]), self.fit["mae"][c]["refitted"]
@@ -294,7 +298,7 @@ def train_at_port(
     leftover: Leftover,
     model: GreyBox,
     entry: Entry,
-    told: Callable[[str], None] = lambda text: None,
+    stage: Progress = silent,
     **course: Unpack[Course],
 ) -> PortCorrection:
     """Train on what is missing at the entry over the fitted part, judge on the held-out windows;
@@ -302,7 +306,7 @@ def train_at_port(
     `train_network`; FileError where residual.csv is not of this model."""
     e = model.evidence
     unit = "" if (u := display_unit(e.rig.ports[entry.port].unit)) == NONE else u
-    told(f"looking for what is missing at {entry.name}")
+    stage(f"looking for what is missing at {entry.name}")
     with threadpool_limits(limits=1, user_api="blas"):
         fitted = tuple(
             replay(model.assembly, model.fit.p, t, model.fit.stepping, e.noise)
@@ -321,7 +325,7 @@ def train_at_port(
     beside = None
     if training.why != "interrupted":
         beside = _at_output(leftover, **course)
-    told("simulating with the network")
+    stage("simulating with the network")
     runs = Corrected(model, entry, p).replayed(to_si(values, unit))
     outputs = {
         c: from_si(np.concatenate([r.model[:, k] for r in runs]), split_column(c)[1])

@@ -3,18 +3,18 @@ how far a black box without physics would get on the same windows."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.metrics import seen_mean
+from pamid.base.progress import Progress
 from pamid.diagnosis.contender import Contender, contender_from
 from pamid.diagnosis.serialise import grey_box_of, grey_box_plain
 from pamid.estimation.fit_model import GreyBox, fit_model
 from pamid.model.bound_parameter import Sizes
-from pamid.parallel.jobs import Crew, Work
+from pamid.parallel.jobs import Work, WorkerPool
 from pamid.parallel.store import Plain
 from pamid.simulation.data_split import Evidence
 from pamid.simulation.replay import Replay, replay
@@ -59,17 +59,17 @@ class Budget:
         return np.asarray(np.nansum(absolutes / seen_mean(self.floor), axis=1))
 
 
-def gap_budget(evidence: Evidence, *, seed: int, crew: Crew, told: Callable[[str], None]) -> Budget:
+def gap_budget(evidence: Evidence, *, seed: int, pool: WorkerPool, progress: Progress) -> Budget:
     """Fit the baseline (parameters and background), replay it, and set the floor and the ceiling
     beside it."""
-    model = crew.one(_Baseline(evidence, told), seed)
-    told("black box on what is left")
+    model = pool.one(_Baseline(evidence, progress), seed)
+    progress("black box on what is left")
     return Budget(
         model,
         contender_from(model.assembly, model.fit, model.held_out),
         _losses(model.data_sheet),
         _losses(model.floor),
-        crew.one(_BlackBox(model), seed),
+        pool.one(_BlackBox(model), seed),
     )
 
 
@@ -79,10 +79,10 @@ class _Baseline(Work[int, GreyBox]):
 
     what = "fitting"
     evidence: Evidence
-    told: Callable[[str], None] = field(compare=False)
+    progress: Progress = field(compare=False)
 
     def __call__(self, item: int) -> Plain:
-        return grey_box_plain(fit_model(self.evidence, seed=item, told=self.told))
+        return grey_box_plain(fit_model(self.evidence, seed=item, progress=self.progress))
 
     def restored(self, item: int, found: Plain) -> GreyBox:
         return grey_box_of(self.evidence, found)

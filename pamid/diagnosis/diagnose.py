@@ -3,11 +3,11 @@ effect."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 from pamid.base.files import write_atomically
 from pamid.base.json_file import write_json
+from pamid.base.progress import Progress, silent
 from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE, Run
 from pamid.diagnosis.next_experiment import Proposing
 from pamid.diagnosis.tournament import Diagnosis, diagnose
@@ -15,7 +15,7 @@ from pamid.diagnosis.unknown import described, find_missing, missing_csv
 from pamid.diagnosis.verdict import diagnosis_json
 from pamid.estimation.fit_model import fit_json, model_json, residual_csv
 from pamid.model.effect import Effect
-from pamid.parallel.jobs import Crew
+from pamid.parallel.jobs import WorkerPool
 from pamid.simulation.data_split import Evidence
 
 
@@ -26,23 +26,23 @@ def diagnose_into(
     *,
     seed: int = 0,
     jobs: int = 1,
-    told: Callable[[str], None] = lambda text: None,
-    crew: Crew | None = None,
+    progress: Progress = silent,
+    pool: WorkerPool | None = None,
 ) -> dict[str, Any]:
     """Diagnose and write fit.json, residual.csv, missing.csv (the points of an unknown effect),
     next-experiment.csv (where there is something left to measure, with its TOML; a further one per
-    further setting) and diagnosis.json; returns the last. crew: who does the jobs (default: `jobs`
+    further setting) and diagnosis.json; returns the last. pool: who does the jobs (default: `jobs`
     processes of this machine); those that failed are named in `failed_jobs`."""
-    crew = crew or Crew(jobs)
-    found = diagnose(evidence, catalogue, seed=seed, told=told, crew=crew)
+    pool = pool or WorkerPool(jobs)
+    found = diagnose(evidence, catalogue, seed=seed, progress=progress, pool=pool)
     unknown, missing = None, None
     if found.verdict == "unknown-effect" and not found.empty:
-        told("describing the missing term")
-        missing = find_missing(found, seed=seed, crew=crew)
+        progress("describing the missing term")
+        missing = find_missing(found, seed=seed, pool=pool)
         unknown = described(found, missing)
-    told("looking for the next experiment")
-    proposal = crew.one(Proposing(), found)
-    result = diagnosis_json(found, unknown, seed, proposal) | {"failed_jobs": crew.failed_jobs}
+    progress("looking for the next experiment")
+    proposal = pool.one(Proposing(), found)
+    result = diagnosis_json(found, unknown, seed, proposal) | {"failed_jobs": pool.failed_jobs}
     write_json(run.path(FIT_FILE), models_json(found, seed))
     write_atomically(
         run.path(RESIDUAL_FILE),

@@ -80,8 +80,8 @@ def extended(search: Search, ranking: tuple[Contender, ...], located: Located) -
     """
     best, weighed = settled(search, ranking[0]), list[Newcomer]()
     while True:
-        search.told(f"looking where something is missing beside {best.label}")
-        after = locate(search.evidence, best, search.crew, [k[0] for k in located.classes])
+        search.progress(f"looking where something is missing beside {best.label}")
+        after = locate(search.evidence, best, search.pool, [k[0] for k in located.classes])
         helped = search.budget.shrinkage(best.absolutes, search.chosen) > WORTH
         little = max(min(LITTLE * located.most, ENOUGH * best.samples), PLAIN * best.samples)
         if len(best.attached) == MOST_CAUSES or after.most < little or not helped:
@@ -174,4 +174,4 @@ def _refitted(search: Search, attached: tuple[Attachment, ...], *found: Contende
     assembly = model_with(search.evidence, attached, search.budget.sizes)
     p = transferred(assembly, *((c.assembly, c.fit.p) for c in found))
     work = Refitting(search.evidence, search.budget.baseline.fit, search.budget.sizes)
-    return search.crew.one(work, Start(attached, p))
+    return search.pool.one(work, Start(attached, p))

@@ -17,7 +17,7 @@ from pamid.base.errors import PamidError
 from pamid.diagnosis.contender import Contender
 from pamid.diagnosis.smoother import Smoother
 from pamid.model.rig import Rig
-from pamid.parallel.jobs import Crew, Failed, Work
+from pamid.parallel.jobs import Failed, Work, WorkerPool
 from pamid.parallel.store import Plain
 from pamid.simulation.data_split import Evidence
 
@@ -94,7 +94,7 @@ class _Smoothing(Work[Ports, Found]):
 
 
 def locate(
-    evidence: Evidence, base: Contender, crew: Crew, ports: list[str] | None = None
+    evidence: Evidence, base: Contender, pool: WorkerPool, ports: list[str] | None = None
 ) -> Located:
     """Evidence for a latent value at every port, and Shapley values of the classes of ports.
 
@@ -112,7 +112,7 @@ def locate(
     }  # a value enters the equations there as it does here
     own = [name for name in names if twins[name] == name]
     known: dict[Ports, Found] = {}
-    found_at = _found_at(work, own, crew, known)
+    found_at = _found_at(work, own, pool, known)
     gains = {name: found_at[twins[name]] for name in names}
     classes: dict[str, list[str]] = {}
     for name in sorted(names, key=lambda k: -gains[k]):
@@ -127,7 +127,7 @@ def locate(
     }
     for size in range(2, len(players) + 1):
         together = list(combinations(players, size))
-        for members, joint in zip(together, _gains(work, together, crew, known), strict=True):
+        for members, joint in zip(together, _gains(work, together, pool, known), strict=True):
             value[frozenset(members)] = max(
                 [joint, *(value[frozenset(members) - {m}] for m in members)]
             )
@@ -135,23 +135,23 @@ def locate(
 
 
 def _found_at(
-    work: _Smoothing, names: list[str], crew: Crew, known: dict[Ports, Found]
+    work: _Smoothing, names: list[str], pool: WorkerPool, known: dict[Ports, Found]
 ) -> dict[str, float]:
     """Evidence gained at each of these ports. Of many only those that stand out with the parameters
     held are looked at with the parameters moving."""
     rough: dict[str, float] = {}
     if len(names) > CROWDED:
         held = replace(work, moving=False)
-        rough = dict(zip(names, _gains(held, [(name,) for name in names], crew, {}), strict=True))
+        rough = dict(zip(names, _gains(held, [(name,) for name in names], pool, {}), strict=True))
     most = max(rough.values(), default=0.0)
     near = [name for name in names if not rough or rough[name] >= OUTSTANDING * most]
-    full = dict(zip(near, _gains(work, [(name,) for name in near], crew, known), strict=True))
+    full = dict(zip(near, _gains(work, [(name,) for name in near], pool, known), strict=True))
     share = max(full.values()) / most if most > 0.0 else 0.0
     return {name: full.get(name, share * rough.get(name, 0.0)) for name in names}
 
 
 def _gains(
-    work: _Smoothing, items: list[Ports], crew: Crew, known: dict[Ports, Found]
+    work: _Smoothing, items: list[Ports], pool: WorkerPool, known: dict[Ports, Found]
 ) -> list[float]:
     """Log evidence beyond that without a latent value; 0 where neither path can be followed, or the
     job failed.
@@ -159,7 +159,7 @@ def _gains(
     known: what was found without one, if it was.
     """
     wanted = items if () in known else [(), *items]
-    results = crew.run(work, wanted)
+    results = pool.run(work, wanted)
     found = dict(zip(wanted, results, strict=True))
     nothing = known[()] if () in known else found[()]
     if isinstance(nothing, Failed):

@@ -3,12 +3,12 @@ them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.progress import Progress
 from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.contender import Contender, bootstrap_losses, refit, replayed, transferred
 from pamid.diagnosis.decision import WORTH
@@ -19,12 +19,11 @@ from pamid.estimation.fit_model import COARSE, model_with, rechecked
 from pamid.estimation.gauss_newton import Fit, fit
 from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import Sizes
-from pamid.parallel.jobs import Crew, Failed, Work
+from pamid.parallel.jobs import Failed, Work, WorkerPool
 from pamid.parallel.store import Plain
 from pamid.simulation.data_split import Evidence
 
 Array = NDArray[np.float64]
-Told = Callable[[str], None]
 
 SLIGHT = 0.1  # in log squared error per channel: less is not worth another parameter
 # standard errors by which a more elaborate effect, or one of two alike, has to win
@@ -41,8 +40,8 @@ class Search:
     candidates: list[Attachment]
     clues: Clues
     seed: int
-    crew: Crew
-    told: Told
+    pool: WorkerPool
+    progress: Progress
 
     def family(self, a: Attachment) -> str:
         return a.family(self.evidence.rig)
@@ -123,16 +122,16 @@ def run_round(
 
     Returns the models, what failed and why, and the family of the screen's own first choice.
     """
-    evidence, sizes, run = search.evidence, search.budget.sizes, search.crew.run
+    evidence, sizes, run = search.evidence, search.budget.sizes, search.pool.run
     ground = Ground.of(base, len(search.candidates))
-    tried = run(_Screening(evidence, ground, sizes, search.clues), candidates, search.told)
+    tried = run(_Screening(evidence, ground, sizes, search.clues), candidates, search.progress)
     found = [
         Screened(a, None, {}, -np.inf, s.why) if isinstance(s, Failed) else s
         for a, s in zip(candidates, tried, strict=True)
     ]
     promising = sent_on({a.label: search.family(a) for a in candidates}, found, most, ground.held)
     starts = [_start(s, base) for s in promising]
-    refitted = run(Refitting(evidence, base.fit, sizes), starts, search.told)
+    refitted = run(Refitting(evidence, base.fit, sizes), starts, search.progress)
     contenders = [c for c in refitted if not isinstance(c, Failed)]
     failed = [
         (s.attachment.label, s.why) for s in found if s.assembly is None or not np.isfinite(s.gain)
@@ -214,7 +213,7 @@ def tied_with_first(
     search: Search, ranking: tuple[Contender, ...], classes: list[list[str]]
 ) -> tuple[Contender, ...]:
     """The first and those that neither the selection windows nor their predictions tell from it;
-    those that predict alike have to be surely worse to be told from it."""
+    those that predict alike have to be surely worse to be progress from it."""
     if not ranking:
         return ()
     losses = search.losses(list(ranking))
@@ -232,7 +231,7 @@ def tied_with_first(
 def settled(search: Search, best: Contender) -> Contender:
     """The winner with integration steps that doubling no longer changes, refitted where they had to
     be finer."""
-    return search.crew.one(_Settling(search.evidence), best)
+    return search.pool.one(_Settling(search.evidence), best)
 
 
 @dataclass(frozen=True, eq=False)

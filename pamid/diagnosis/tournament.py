@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.progress import Progress, silent
 from pamid.diagnosis.budget import Budget, gap_budget
 from pamid.diagnosis.contender import Contender, replayed
 from pamid.diagnosis.decision import (
@@ -25,12 +26,12 @@ from pamid.diagnosis.misfit_beyond_range import doubt
 from pamid.diagnosis.naive_forecast import explains_nothing
 from pamid.diagnosis.port_evidence import Located, locate
 from pamid.diagnosis.screening import CROWDED, MOST
-from pamid.diagnosis.search import Search, Told, ranked, run_round, tied_with_first
+from pamid.diagnosis.search import Search, ranked, run_round, tied_with_first
 from pamid.diagnosis.starting_hints import gather_clues
 from pamid.estimation.restart import freed
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.effect import Effect
-from pamid.parallel.jobs import Crew
+from pamid.parallel.jobs import WorkerPool
 from pamid.simulation.data_split import Evidence, selection_part
 
 # of the largest latent evidence: of many candidates those at ports with less are not screened
@@ -82,13 +83,13 @@ def diagnose(
     *,
     seed: int = 0,
     jobs: int = 1,
-    told: Told = lambda text: None,
-    crew: Crew | None = None,
+    progress: Progress = silent,
+    pool: WorkerPool | None = None,
 ) -> Diagnosis:
-    """Find where the gap lies, which effect causes it and how far it shrinks. told: what is going
-    on, in words; crew: who does the jobs (default: `jobs` processes of this machine)."""
-    crew = crew or Crew(jobs)
-    budget = gap_budget(evidence, seed=seed, crew=crew, told=told)
+    """Find where the gap lies, which effect causes it and how far it shrinks. progress: what is
+    going on, in words; pool: who does the jobs (default: `jobs` processes of this machine)."""
+    pool = pool or WorkerPool(jobs)
+    budget = gap_budget(evidence, seed=seed, pool=pool, progress=progress)
     base = budget.baseline
     chosen = selection_part(list(base.replays))
     if at_the_floor(budget, seed):
@@ -106,11 +107,11 @@ def diagnose(
         attachments(evidence.rig, catalogue.values()),
         gather_clues(evidence, base),
         seed,
-        crew,
-        told,
+        pool,
+        progress,
     )
-    told("looking where something is missing")
-    located = locate(evidence, base, crew)
+    progress("looking where something is missing")
+    located = locate(evidence, base, pool)
     contenders, failed, screened = run_round(
         search, base, within_reach(search.candidates, located), MOST
     )

@@ -19,7 +19,7 @@ from pamid.diagnosis.contender import Contender
 from pamid.diagnosis.smoother import ROUNDS, Smoother, size_at
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.engine.program import Program
-from pamid.parallel.jobs import Crew, Failed, Work
+from pamid.parallel.jobs import Failed, Work, WorkerPool
 from pamid.parallel.store import Plain
 from pamid.simulation.data_split import Evidence
 from pamid.simulation.windows import Runner, Window
@@ -60,7 +60,7 @@ def describe_unknown(d: Diagnosis, *, seed: int = 0) -> dict[str, Any] | None:
     return described(d, find_missing(d, seed=seed))
 
 
-def find_missing(d: Diagnosis, *, seed: int = 0, crew: Crew | None = None) -> Missing | None:
+def find_missing(d: Diagnosis, *, seed: int = 0, pool: WorkerPool | None = None) -> Missing | None:
     """The missing term where the recordings most want it; of ports that they cannot tell apart,
     where it comes closest to a function of what that port offers. None where nothing is missing, or
     no function of these signals fits."""
@@ -69,7 +69,9 @@ def find_missing(d: Diagnosis, *, seed: int = 0, crew: Crew | None = None) -> Mi
     names = list(d.located.classes[0])
     work = _Describing(d.evidence, d.located.smoothers[names[0]].base, seed, d.located.smoothers)
     found = [
-        m for m in (crew or Crew()).run(work, names) if m is not None and not isinstance(m, Failed)
+        m
+        for m in (pool or WorkerPool()).run(work, names)
+        if m is not None and not isinstance(m, Failed)
     ]
     return max(found, key=lambda m: m.fit, default=None)
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.progress import Progress, silent
 from pamid.base.units import as_column, from_si, split_column, with_unit
 from pamid.engine.program import Stepping
 from pamid.estimation.gauss_newton import Fit, Problem, fit_robustly, free_parameters
@@ -21,7 +21,7 @@ from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import Sizes
 from pamid.model.rig import Loop
-from pamid.parallel.jobs import Crew
+from pamid.parallel.jobs import WorkerPool
 from pamid.recording.recording import Recording
 from pamid.simulation.data_split import Evidence, Span
 from pamid.simulation.replay import Replay, channel_mae, noise_floor, replay
@@ -66,15 +66,15 @@ def fit_model(
     seed: int = 0,
     draws: int = 0,
     jobs: int = 1,
-    told: Callable[[str], None] = lambda text: None,
+    progress: Progress = silent,
     earlier: Posterior | None = None,
-    crew: Crew | None = None,
+    pool: WorkerPool | None = None,
 ) -> GreyBox:
     """Fit the rig (with effects) to the evidence; integration refined until doubled sub-steps
     change nothing.
 
     earlier: what another fit has left known of the same rig; it takes the place of the data sheet's
-    prior. draws: of the bootstrap; crew: who does them (default: `jobs` processes of this machine).
+    prior. draws: of the bootstrap; pool: who does them (default: `jobs` processes of this machine).
     """
     if earlier is not None:
         earlier.require_new(evidence)
@@ -91,19 +91,21 @@ def fit_model(
     problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
     if earlier is not None:
         problem = replace(problem, prior=earlier.prior(problem))
-    told("fitting")
+    progress("fitting")
     fitted = freed(
-        fit_robustly(problem, progress=lambda i, cost: told(f"fitting, step {i}, cost {cost:.5g}")),
+        fit_robustly(
+            problem, progress=lambda i, cost: progress(f"fitting, step {i}, cost {cost:.5g}")
+        ),
         evidence.noise,
     )
     replays, change = rechecked(assembly, fitted, held, evidence.noise)
     for _ in range(3):
         if change <= COARSE:
             break
-        told("refining the integration step")
+        progress("refining the integration step")
         fitted = freed(fit_robustly(problem, stepping=fitted.stepping.doubled()), evidence.noise)
         replays, change = rechecked(assembly, fitted, held, evidence.noise)
-    told("noise floor")
+    progress("noise floor")
     floor = tuple(
         noise_floor(assembly, fitted.p, r, fitted.stepping, evidence.noise, seed + i)
         for i, r in enumerate(replays)
@@ -119,7 +121,7 @@ def fit_model(
         replays,
         sheet,
         floor,
-        bootstrap(fitted, draws, seed=seed, jobs=jobs, crew=crew) if draws else None,
+        bootstrap(fitted, draws, seed=seed, jobs=jobs, pool=pool) if draws else None,
         earlier,
     )
 

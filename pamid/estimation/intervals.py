@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pamid.estimation.gauss_newton import Fit, Problem, fit
 from pamid.model.bound_parameter import Bound
-from pamid.parallel.jobs import Crew, Failed, Work
+from pamid.parallel.jobs import Failed, Work, WorkerPool
 from pamid.parallel.store import Plain
 
 Array = NDArray[np.float64]
@@ -84,13 +84,13 @@ def estimates(fitted: Fit, draws: Array | None = None) -> list[Estimate]:
 
 
 def bootstrap(
-    fitted: Fit, count: int, *, seed: int = 0, jobs: int = 1, crew: Crew | None = None
+    fitted: Fit, count: int, *, seed: int = 0, jobs: int = 1, pool: WorkerPool | None = None
 ) -> Array:
     """Refits with windows drawn with replacement, and with what was known before drawn anew: the
     data sheet and what an earlier fit told (a parameter of which the recordings say nothing keeps
     the width of its prior). Draws x free parameters in prior spreads; one that fails is missing.
-    crew: who does the refits (default: `jobs` processes)."""
-    found = (crew or Crew(jobs)).run(_Drawing(fitted, seed), range(count))
+    pool: who does the refits (default: `jobs` processes)."""
+    found = (pool or WorkerPool(jobs)).run(_Drawing(fitted, seed), range(count))
     return np.array([draw for draw in found if not isinstance(draw, Failed)])
 
 

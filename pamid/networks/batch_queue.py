@@ -20,7 +20,7 @@ class Engine(Protocol):
     ) -> tuple[Array, Array, Array]: ...
 
 
-class Meeting:
+class BatchQueue:
     """Each of `parties` threads asks for a pass and waits until all of them have asked or left.
 
     Who takes part in a batch depends on the steps of the starts alone, not on the clock: the same

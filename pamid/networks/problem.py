@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import DataError
-from pamid.networks.batch_queue import Meeting
+from pamid.networks.batch_queue import BatchQueue
 from pamid.networks.bayes import Evidence, effective_samples, solve_damped
 from pamid.networks.network import Network
 from pamid.networks.scaling import check_finite
@@ -81,7 +81,7 @@ class Problem:
     goals: Goals
     independent: bool = False
     threads: int = 1
-    meeting: Meeting | None = None
+    meeting: BatchQueue | None = None
 
     @property
     def samples(self) -> int:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pamid.base.errors import DataError
-from pamid.networks.batch_queue import Engine, Meeting
+from pamid.networks.batch_queue import BatchQueue, Engine
 from pamid.networks.bayes import effective_samples, effective_weights
 from pamid.networks.checkpoints import Attempt, Checkpoint, Step, load_checkpoint, save_checkpoint
 from pamid.networks.levenberg_marquardt import USED_UP, climb, fresh
@@ -180,7 +180,7 @@ def _run_side_by_side(
     if not open_starts:
         return
     meeting = (
-        Meeting(engine, problem.records, problem.washout, len(open_starts)) if engine else None
+        BatchQueue(engine, problem.records, problem.washout, len(open_starts)) if engine else None
     )
     threads = len(open_starts) if meeting else threads
     problem = replace(problem, threads=max(1, threads // len(open_starts)), meeting=meeting)

@@ -25,6 +25,7 @@ from typing import Any, ClassVar, Generic, Protocol, TypeVar
 from threadpoolctl import threadpool_limits
 
 from pamid.base.errors import PamidError
+from pamid.base.progress import Progress, silent
 from pamid.parallel.store import Plain, Store, code_sha256, digest, plain
 
 T = TypeVar("T")
@@ -70,7 +71,7 @@ class Failed:
     why: str
 
 
-class Hands(Protocol):
+class Executor(Protocol):
     """Those who do jobs: (number of the item, result) as they come; `Failed` is a result, too."""
 
     def __call__(
@@ -79,16 +80,16 @@ class Hands(Protocol):
 
 
 @dataclass(eq=False)
-class Crew:
+class WorkerPool:
     """Who does the jobs of a run, and where their results are kept.
 
-    jobs: processes on this machine; hands: others who do them instead (a cluster); worked, kept:
+    jobs: processes on this machine; executor: others who do them instead (a cluster); worked, kept:
     how many were worked out, and found in the store; failed: those that came to nothing.
     """
 
     jobs: int = 1
     store: Store | None = None
-    hands: Hands | None = None
+    executor: Executor | None = None
     worked: int = 0
     kept: int = 0
     failed: list[Failed] = field(default_factory=list)
@@ -104,15 +105,15 @@ class Crew:
         return {"worked": self.worked, "kept": self.kept, "failed": len(self.failed)}
 
     def run(
-        self, work: Work[T, R], items: Iterable[T], told: Callable[[str], None] = lambda text: None
+        self, work: Work[T, R], items: Iterable[T], progress: Progress = silent
     ) -> list[R | Failed]:
-        """Results in the order of the items; told: how far it is. PamidError where there were
+        """Results in the order of the items; progress: how far it is. PamidError where there were
         several jobs and all failed."""
         todo = list(items)
         results: dict[int, R | Failed] = {}
         for i, found in self.finished(work, todo):
             results[i] = found
-            told(f"{work.what} {len(results)}/{len(todo)}: {work.name(todo[i])}")
+            progress(f"{work.what} {len(results)}/{len(todo)}: {work.name(todo[i])}")
         failed = [f for f in results.values() if isinstance(f, Failed)]
         if len(failed) == len(todo) > 1:
             raise PamidError(
@@ -132,7 +133,7 @@ class Crew:
             else:
                 self.kept += 1
                 yield i, work.restored(items[i], found)
-        for k, done in self._hands()(work, [items[i] for i in todo]) if todo else ():
+        for k, done in self._executor()(work, [items[i] for i in todo]) if todo else ():
             i = todo[k]
             if isinstance(done, Failed):
                 self.failed.append(done)
@@ -163,9 +164,9 @@ class Crew:
         ground = digest(code_sha256(), work) if self.store else ""
         return [digest(ground, item) for item in items] if self.store else []
 
-    def _hands(self) -> Hands:
-        if self.hands is not None:
-            return self.hands
+    def _executor(self) -> Executor:
+        if self.executor is not None:
+            return self.executor
         if self.jobs <= 1:
             return one_by_one
         return (
@@ -229,13 +230,13 @@ class Processes:
     def __call__(
         self, work: Work[T, Any], items: Sequence[T]
     ) -> Iterator[tuple[int, Plain | Failed]]:
-        todo, attempts, idle = deque(range(len(items))), [0] * len(items), deque[_Hand]()
-        busy: dict[Connection, tuple[_Hand, int]] = {}
-        everyone: list[_Hand] = []
+        todo, attempts, idle = deque(range(len(items))), [0] * len(items), deque[_WorkerProcess]()
+        busy: dict[Connection, tuple[_WorkerProcess, int]] = {}
+        everyone: list[_WorkerProcess] = []
         try:
             while todo or busy:
                 while todo and len(busy) < self.count:
-                    hand = idle.popleft() if idle else _Hand.begun(work, items, everyone)
+                    hand = idle.popleft() if idle else _WorkerProcess.begun(work, items, everyone)
                     i = todo.popleft()
                     hand.ask(i)
                     busy[hand.line] = hand, i
@@ -270,14 +271,16 @@ class Processes:
 
 
 @dataclass(frozen=True, eq=False)
-class _Hand:
+class _WorkerProcess:
     """A process that works out the items whose numbers it is sent."""
 
     line: Connection
     process: Any
 
     @classmethod
-    def begun(cls, work: Work[T, Any], items: Sequence[T], everyone: list[_Hand]) -> _Hand:
+    def begun(
+        cls, work: Work[T, Any], items: Sequence[T], everyone: list[_WorkerProcess]
+    ) -> _WorkerProcess:
         context = multiprocessing.get_context("fork")
         ours, theirs = context.Pipe()
         # it inherits our ends of all lines: were they left open there, none would end if this
@@ -302,7 +305,7 @@ class _Hand:
             self.line.send(number)
 
     def end(self) -> str:
-        """Wait for the end of a process that has died or was told to; says how it came."""
+        """Wait for the end of a process that has died or was progress to; says how it came."""
         self.process.join(5.0)
         self.line.close()
         code = self.process.exitcode

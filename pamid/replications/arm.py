@@ -9,7 +9,7 @@ soft robot arm with pneumatic muscles, Mechanism and Machine Theory (2016).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from pamid.base.errors import ConvergenceError
 from pamid.base.files import write_atomically
 from pamid.base.json_file import write_json
+from pamid.base.progress import Progress, silent
 from pamid.base.run_folder import FIT_FILE, Run
 from pamid.correction.force_law import force_law
 from pamid.correction.force_law_run import write_law
@@ -52,7 +53,6 @@ from pamid.simulation.simulate import free_run, output_table
 from pamid.simulation.windows import Runner, track_of
 
 Array = NDArray[np.float64]
-Told = Callable[[str], None]
 
 SCHEMA, TABLE_FILE, MAP_FILE = "pamid.paper-arm/1", "arm-paper.json", "muscle-map.csv"
 FIGURES = {GRAVITY: "figures/gravity.png", PULSES: "figures/pulses.png"}
@@ -122,7 +122,7 @@ class Stage:
     """A fit and its fit.json."""
 
     grey: GreyBox
-    told: dict[str, Any]
+    found: dict[str, Any]
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,18 +155,21 @@ class Model:
 
 
 def fit_stages(
-    run: Run, records: Records, plan: Plan, told: Told
+    run: Run, records: Records, plan: Plan, progress: Progress
 ) -> tuple[dict[str, Stage], dict[str, Any]]:
     """All fits, each in a run folder of its own as `pamid fit --from` would leave it;
     force-law.json of the map."""
 
     def stage(name: str, evidence: Evidence, earlier: Posterior | None = None) -> Stage:
         grey = fit_model(
-            evidence, seed=plan.seed, told=lambda text: told(f"{name}: {text}"), earlier=earlier
+            evidence,
+            seed=plan.seed,
+            progress=lambda text: progress(f"{name}: {text}"),
+            earlier=earlier,
         )
         found = Stage(grey, fit_json(grey, plan.seed))
         own = part(run, name, plan, [r.path for r in evidence.recordings])
-        write_json(own.path(FIT_FILE), found.told)
+        write_json(own.path(FIT_FILE), found.found)
         own.finish()
         return found
 
@@ -181,7 +184,7 @@ def fit_stages(
         GRAVITY: stage("gravity", records.evidence(TwoLink(), GRAVITY)),
     }
     known = read_posterior(run.folder / "gravity")
-    told("force map of a muscle")
+    progress("force map of a muscle")
     judged = judge(read_map(run.path(MAP_FILE)), sets=SETS, seed=plan.seed)
     own = part(run, "law", plan, [run.path(MAP_FILE)])
     about = write_law(own, judged, RIG, True)
@@ -285,16 +288,16 @@ def combinations_json(stages: dict[str, Stage], twin: ArmTwin) -> dict[str, Any]
     """What the rig declares of its inertial data, by stage; holds: does the interval hold the
     truth?"""
     plain = Assembly(catalogue_rig(RIG))
-    truth, told = (
+    truth, found = (
         plain.values(twin.hidden()),
-        {name: s.told["combinations"] for name, s in stages.items()},
+        {name: s.found["combinations"] for name, s in stages.items()},
     )
     return {
         name: {
-            "unit": told[GRAVITY][name]["unit"],
-            SHEET: told[GRAVITY][name]["prior"],
+            "unit": found[GRAVITY][name]["unit"],
+            SHEET: found[GRAVITY][name]["prior"],
             "truth": of(truth),
-            **{stage: _interval(found[name], of(truth)) for stage, found in told.items()},
+            **{stage: _interval(of_stage[name], of(truth)) for stage, of_stage in found.items()},
         }
         for name, of in declared(plain).items()
     }
@@ -304,42 +307,42 @@ def parameters_json(stages: dict[str, Stage], twin: ArmTwin) -> dict[str, Any]:
     """Every fitted parameter by stage; holds: does the interval hold the truth? (none of a scale of
     another law)"""
     hidden, found = twin.hidden(), {}
-    for name, one in stages[GRAVITY].told["parameters"].items():
+    for name, one in stages[GRAVITY].found["parameters"].items():
         truth = hidden.get(name, one["prior"])
         by = {
-            stage: _interval(s.told["parameters"][name], None if name == "scale" else truth)
+            stage: _interval(s.found["parameters"][name], None if name == "scale" else truth)
             for stage, s in stages.items()
         }
         found[name] = {"unit": one["unit"], SHEET: one["prior"], "truth": truth, **by}
     return found
 
 
-def tied_json(told: dict[str, Any]) -> list[dict[str, Any]]:
+def tied_json(found: dict[str, Any]) -> list[dict[str, Any]]:
     """Parameters that a stage knows only in combination, and what it knows of them."""
-    known = told["combinations"]
+    known = found["combinations"]
     return [
         {
             "parameters": list(tie["parameters"]),
             "known": {name: known[name]["value"] for name in tie["known"]},
         }
-        for tie in told["tied"]
+        for tie in found["tied"]
     ]
 
 
 # ---- everything --------------------------------------------------------------------------------
 
 
-def reproduce_arm(run: Run, plan: Plan, *, told: Told = lambda text: None) -> dict[str, Any]:
+def reproduce_arm(run: Run, plan: Plan, *, progress: Progress = silent) -> dict[str, Any]:
     """Everything into a run folder; returns pamid.paper-arm/1, which is in arm-paper.json, too."""
     twin = ArmTwin()
     run.path(TABLE_FILE).unlink(missing_ok=True)  # of an earlier run
-    told("recording the twin")
+    progress("recording the twin")
     planned = sessions(plan.swing_s, plan.muscles, plan.period_s)
     run.claim(*(f"{session.name}{suffix}" for session in planned for suffix in (".csv", ".toml")))
     records = record_arm(run.folder, twin, planned, plan.seed)
     twin.force_map(run.path(MAP_FILE), [plan.seed, 1])
-    stages, law = fit_stages(run, records, plan, told)
-    told("free runs")
+    stages, law = fit_stages(run, records, plan, progress)
+    progress("free runs")
     mae = free_json(stages, records)
     found = {
         "schema": SCHEMA,
@@ -363,9 +366,9 @@ def reproduce_arm(run: Run, plan: Plan, *, told: Told = lambda text: None) -> di
         "target": target_json(mae),
         "combinations": combinations_json(stages, twin),
         "parameters": parameters_json(stages, twin),
-        "tied": {name: tied_json(s.told) for name, s in stages.items()},
+        "tied": {name: tied_json(s.found) for name, s in stages.items()},
         "fits": {
-            name: {"converged": s.told["converged"], "why": s.told["why"]}
+            name: {"converged": s.found["converged"], "why": s.found["why"]}
             for name, s in stages.items()
         },
     }

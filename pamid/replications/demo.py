@@ -7,7 +7,6 @@ reads.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from pamid.base.json_file import read_json, write_json
+from pamid.base.progress import Progress, silent
 from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE, Run
 from pamid.correction.output_network import CHECKPOINT_FILE, train_correction, write_correction
 from pamid.correction.residual_data import read_leftover
@@ -102,19 +102,19 @@ def run_demo(
     seed: int,
     jobs: int,
     duration_s: float,
-    told: Callable[[str], None] = lambda text: None,
+    progress: Progress = silent,
 ) -> dict[str, Any]:
     """Everything into a fresh run folder: recording, diagnosis, network, report page. Returns
     pamid.demo/1."""
-    told("recording a virtual joint")
+    progress("recording a virtual joint")
     run.claim(EXCITATION_FILE, TRUTH_FILE, *RECORDING_FILES)
     recording = write_demo_recording(
         run.folder, draw_withheld(seed), seed=seed, duration_s=duration_s
     )
     run.finish()
-    diagnosis = _diagnosed(run, recording, seed, jobs, told)
-    network = _trained(run, seed, told)
-    told("writing the page")
+    diagnosis = _diagnosed(run, recording, seed, jobs, progress)
+    network = _trained(run, seed, progress)
+    progress("writing the page")
     report = write_report(run.folder)
     truth = read_json(run.path(TRUTH_FILE))
     return {
@@ -143,7 +143,7 @@ def hit(truth: dict[str, Any], diagnosis: dict[str, Any]) -> str:
 
 
 def _diagnosed(
-    run: Run, recording: Path, seed: int, jobs: int, told: Callable[[str], None]
+    run: Run, recording: Path, seed: int, jobs: int, progress: Progress
 ) -> dict[str, Any]:
     # noted as the command that does just this: with another --output anyone can repeat it
     run.begin_step(
@@ -164,12 +164,12 @@ def _diagnosed(
         inputs=[recording, recording.with_suffix(".toml")],
     )
     evidence = gather(catalogue_rig(RIG), [read_recording(recording)], [])
-    found = diagnose_into(run, evidence, effects(), seed=seed, jobs=jobs, told=told)
+    found = diagnose_into(run, evidence, effects(), seed=seed, jobs=jobs, progress=progress)
     run.finish()
     return found
 
 
-def _trained(run: Run, seed: int, told: Callable[[str], None]) -> dict[str, Any]:
+def _trained(run: Run, seed: int, progress: Progress) -> dict[str, Any]:
     run.begin_step(
         command=[
             "pamid",
@@ -188,7 +188,7 @@ def _trained(run: Run, seed: int, told: Callable[[str], None]) -> dict[str, Any]
         iterations=ITERATIONS,
         seed=seed,
         checkpoint=run.path(CHECKPOINT_FILE),
-        progress=lambda step, _: told(f"training a network, step {step.iteration}"),
+        progress=lambda step, _: progress(f"training a network, step {step.iteration}"),
     )
     about = write_correction(run, found)
     run.finish("interrupted" if found.interrupted else "done")

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from pamid.base.files import write_atomically
 from pamid.base.json_file import write_json
 from pamid.base.metrics import mae
+from pamid.base.progress import Progress, silent
 from pamid.base.run_folder import Run
 from pamid.correction.output_network import (
     CHECKPOINT_FILE,
@@ -58,7 +59,6 @@ from pamid.report.paper_figure import steps_picture
 from pamid.simulation.data_split import gather
 
 Array = NDArray[np.float64]
-Told = Callable[[str], None]
 
 FILES = {"training": "training.csv", TRAINED: "steps-6.4-jn.csv", UNSEEN: "steps-jn.csv"}
 TABLE_FILE, FIGURE_FILE = "paper.json", "figures/steps.png"
@@ -218,7 +218,7 @@ def _rows(recordings: Sequence[Recording]) -> list[slice]:
 
 
 def train_elman(
-    run: Run, records: Records, plan: Plan, *, resume: bool, told: Told
+    run: Run, records: Records, plan: Plan, *, resume: bool, progress: Progress
 ) -> tuple[Row, Correction]:
     """The paper's network: 5-10-1 on the analytic model, its correction added to the angle. Writes
     network.json, network.npz and trace.csv; KeyboardInterrupt after that where it was interrupted.
@@ -232,7 +232,7 @@ def train_elman(
         threads=plan.jobs,
         checkpoint=run.path(CHECKPOINT_FILE),
         resume=resume,
-        progress=lambda step, start: told(
+        progress=lambda step, start: progress(
             f"training, start {start + 1} of {plan.starts}, step {step.iteration} of "
             f"{plan.iterations}, MSE {step.mse:.3g}"
         ),
@@ -290,15 +290,17 @@ def named_rows(records: Records, grey: GreyBox, cause: Contender, seconds: float
     ]
 
 
-def explain(run: Run, records: Records, plan: Plan, told: Told) -> tuple[list[Row], Diagnosis]:
+def explain(
+    run: Run, records: Records, plan: Plan, progress: Progress
+) -> tuple[list[Row], Diagnosis]:
     """The refitted model and the named causes, from the training record alone; writes
     diagnosis.json."""
     begun = time.perf_counter()
     evidence = gather(catalogue_rig(RIG), [records.training], [])
-    grey = fit_model(evidence, seed=plan.seed, jobs=plan.jobs, told=told)
+    grey = fit_model(evidence, seed=plan.seed, jobs=plan.jobs, progress=progress)
     rows = [records.row_of(REFITTED, grey, grey.fit.p, time.perf_counter() - begun)]
     begun = time.perf_counter()
-    found = diagnose(evidence, effects(), seed=plan.seed, jobs=plan.jobs, told=told)
+    found = diagnose(evidence, effects(), seed=plan.seed, jobs=plan.jobs, progress=progress)
     write_json(run.path("diagnosis.json"), diagnosis_json(found, None, plan.seed))
     if found.cause is not None:
         rows += named_rows(records, found.budget.model, found.cause, time.perf_counter() - begun)
@@ -309,13 +311,13 @@ def explain(run: Run, records: Records, plan: Plan, told: Told) -> tuple[list[Ro
 
 
 def reproduce(
-    run: Run, plan: Plan, *, resume: bool = False, told: Told = lambda text: None
+    run: Run, plan: Plan, *, resume: bool = False, progress: Progress = silent
 ) -> dict[str, Any]:
     """Everything into a run folder; returns pamid.paper/1. paper.json is the same without times of
     the clock."""
     twin = Twin()
     run.path(TABLE_FILE).unlink(missing_ok=True)  # of an earlier run
-    told("recording the twin")
+    progress("recording the twin")
     run.claim(
         *(f"{Path(file).stem}{suffix}" for file in FILES.values() for suffix in (".csv", ".toml"))
     )
@@ -323,8 +325,8 @@ def reproduce(
     analytic = records.row(
         ANALYTIC, {case: records.analytic[case][derived(ANGLE, "loop")] for case in records.steps}
     )
-    elman, network = train_elman(run, records, plan, resume=resume, told=told)
-    (refitted, *named), diagnosis = explain(run, records, plan, told)
+    elman, network = train_elman(run, records, plan, resume=resume, progress=progress)
+    (refitted, *named), diagnosis = explain(run, records, plan, progress)
     rows = [analytic, refitted, elman, *named]
     table = [row_json(row, analytic) for row in rows]
     found: dict[str, Any] = {

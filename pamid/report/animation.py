@@ -51,7 +51,9 @@ class Stage:
 
 
 def gif_of(
-    motion: Motion, width_px: int = 480, told: Callable[[int, int], None] = lambda done, of: None
+    motion: Motion,
+    width_px: int = 480,
+    progress: Callable[[int, int], None] = lambda done, of: None,
 ) -> bytes:
     """The GIF at 25 frames per second, one frame per time of the motion; the same motion gives the
     same bytes.
@@ -73,7 +75,7 @@ def gif_of(
         frames = []
         for k in range(count):
             frames.append(draw(k, still).quantize(palette=palette, dither=Image.Dither.NONE))
-            told(k + 1, count)
+            progress(k + 1, count)
     buffer = io.BytesIO()
     frames[0].save(
         buffer,

@@ -30,7 +30,7 @@ from pamid.diagnosis.verdict import diagnosis_json
 from pamid.estimation.fit_model import fit_model
 from pamid.model.effect import Effect
 from pamid.model.registry import catalogue_rig, effects
-from pamid.parallel.jobs import Crew, Failed, Work, fault_text
+from pamid.parallel.jobs import Failed, Work, WorkerPool, fault_text
 from pamid.parallel.store import Plain
 from pamid.recording.recording import TIME, Recording, read_recording, write_recording
 from pamid.simulation.data_split import Evidence, Span, gather
@@ -51,7 +51,7 @@ def run_trial(
     part: str,
     count: int,
     seed: int,
-    crew: Crew,
+    pool: WorkerPool,
     *,
     rig: str = ONE_DOF,
     only: str = "",
@@ -77,7 +77,7 @@ def run_trial(
             "cases": labels,
         },
     )
-    results = run_cases(cases, folder, crew, done=done)
+    results = run_cases(cases, folder, pool, done=done)
     found = {
         **score(labels, results, part=part, seed=seed).as_json(),
         "rig": rig,
@@ -95,7 +95,11 @@ def chosen(part: str, count: int, seed: int, *, rig: str = ONE_DOF, only: str = 
 
 
 def run_cases(
-    cases: Sequence[Case], folder: Path, crew: Crew, *, done: Done = lambda finished, total: None
+    cases: Sequence[Case],
+    folder: Path,
+    pool: WorkerPool,
+    *,
+    done: Done = lambda finished, total: None,
 ) -> list[dict[str, Any]]:
     """Results in the order of the cases, each written as it comes; done(finished, total) counts
     those that were there already, too. A case whose process is killed again and again is one that
@@ -103,9 +107,9 @@ def run_cases(
     make_folder(folder / "cases")
     made = {c.number: r for c in cases if (r := finished(c, folder)) is not None}
     todo = [c for c in cases if c.number not in made]
-    if crew.hands is None and crew.jobs > 1 and len(todo) > 1:
+    if pool.executor is None and pool.jobs > 1 and len(todo) > 1:
         Bench.of(todo[0]).run({})  # compiles the machine: the processes inherit it
-    for i, result in crew.finished(Examining(), todo):
+    for i, result in pool.finished(Examining(), todo):
         c = todo[i]
         if isinstance(result, Failed):
             result = _result(c, failed=PamidError(result.why, code="killed").as_dict())
@@ -182,7 +186,7 @@ def examine(case: Case, place: Path) -> dict[str, Any]:
     recorded = _written(case, bench.run(case.planted), place / "recording.csv")
     catalogue = {k: v for k, v in effects().items() if k not in case.removed}
     begun = time.process_time()
-    d, told = diagnosed(gather(catalogue_rig(case.rig), [recorded], []), catalogue)
+    d, verdict = diagnosed(gather(catalogue_rig(case.rig), [recorded], []), catalogue)
     seconds = time.process_time() - begun
     seen = (
         _visibility(d, _written(case, bench.run({}), place / "twin.csv")) if case.planted else None
@@ -198,9 +202,9 @@ def examine(case: Case, place: Path) -> dict[str, Any]:
     held = None
     if d.cause is not None:
         fresh = _written(case, bench.run(case.planted, fresh=True), place / "fresh.csv")
-        held = _shrinkage(d, told, fresh)
+        held = _shrinkage(d, verdict, fresh)
     return {
-        "diagnosis": told,
+        "diagnosis": verdict,
         "screened_family": d.screened,
         "seconds": seconds,
         "visibility": seen,
@@ -213,10 +217,10 @@ def diagnosed(
     evidence: Evidence, catalogue: dict[str, type[Effect]]
 ) -> tuple[Diagnosis, dict[str, Any]]:
     """The tool under trial: it is given this and nothing else."""
-    crew = Crew()
-    d = diagnose(evidence, catalogue, crew=crew)
+    pool = WorkerPool()
+    d = diagnose(evidence, catalogue, pool=pool)
     unknown = describe_unknown(d) if d.verdict == "unknown-effect" else None
-    return d, diagnosis_json(d, unknown, 0) | {"failed_jobs": crew.failed_jobs}
+    return d, diagnosis_json(d, unknown, 0) | {"failed_jobs": pool.failed_jobs}
 
 
 @dataclass(frozen=True)
@@ -274,7 +278,7 @@ def _visibility(d: Diagnosis, twin: Recording) -> float:
     return float((d.budget.baseline.absolutes.mean(axis=0) / errors).max())
 
 
-def _shrinkage(d: Diagnosis, told: dict[str, Any], fresh: Recording) -> dict[str, Any] | None:
+def _shrinkage(d: Diagnosis, verdict: dict[str, Any], fresh: Recording) -> dict[str, Any] | None:
     """Shrinkage predicted (with its interval) and achieved on a fresh recording, overall and by
     channel; None where a model became unstable on it."""
     assert d.cause is not None
@@ -296,8 +300,8 @@ def _shrinkage(d: Diagnosis, told: dict[str, Any], fresh: Recording) -> dict[str
         "achieved": float(1.0 - (errors[1] / floor).sum() / (errors[0] / floor).sum()),
         "channels": {
             c: {
-                **{k: told["how_far"][c][k] for k in ("low", "high")},
-                "predicted": told["how_far"][c]["shrinkage"],
+                **{k: verdict["how_far"][c][k] for k in ("low", "high")},
+                "predicted": verdict["how_far"][c]["shrinkage"],
                 "achieved": float(1.0 - errors[1][i] / errors[0][i]),
             }
             for i, c in enumerate(d.evidence.channels)

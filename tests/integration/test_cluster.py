@@ -25,7 +25,7 @@ from pamid.base.run_folder import Run
 from pamid.diagnosis.diagnose import diagnose_into
 from pamid.model.registry import effects
 from pamid.parallel.dask_backend import Cluster, Patience, cluster
-from pamid.parallel.jobs import Crew, Failed, Work
+from pamid.parallel.jobs import Failed, Work, WorkerPool
 from pamid.parallel.store import Store
 
 distributed = pytest.importorskip("distributed", reason="needs pamid[cluster]")
@@ -91,19 +91,19 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return record_cart(tmp_path_factory.mktemp("cart"))
 
 
-def workers(hands: Cluster) -> dict[str, int]:
+def workers(executor: Cluster) -> dict[str, int]:
     """Process numbers of the workers, by address."""
-    found: dict[str, int] = hands.client.run(os.getpid)
+    found: dict[str, int] = executor.client.run(os.getpid)
     return found
 
 
 def diagnosed(
-    folder: Path, recording: Path, crew: Crew, told: Any = lambda text: None
+    folder: Path, recording: Path, pool: WorkerPool, told: Any = lambda text: None
 ) -> dict[str, bytes]:
     """Files of a diagnosis."""
     run = Run.create(folder, command="test", seed=0)
     diagnose_into(
-        run, cart_evidence(recording), {k: effects()[k] for k in FEW}, crew=crew, told=told
+        run, cart_evidence(recording), {k: effects()[k] for k in FEW}, pool=pool, told=told
     )
     return {
         name: (folder / name).read_bytes()
@@ -115,22 +115,22 @@ def test_a_worker_killed_in_the_middle_changes_no_bit(
     address: str, recording: Path, tmp_path: Path
 ) -> None:
     """The rig is a file that the workers have never seen: it is sent along."""
-    alone = diagnosed(tmp_path / "alone", recording, Crew())
+    alone = diagnosed(tmp_path / "alone", recording, WorkerPool())
     killed = []
 
     def told(text: str) -> None:
         if text.startswith("screening 2/") and not killed:
-            killed.append(next(iter(workers(hands).values())))
+            killed.append(next(iter(workers(executor).values())))
             os.kill(killed[0], signal.SIGKILL)
 
-    with cluster(address) as hands:
-        crew = Crew(store=Store(tmp_path / "jobs"), hands=hands)
-        assert diagnosed(tmp_path / "together", recording, crew, told) == alone
-        assert killed and killed[0] not in workers(hands).values()
-    assert crew.failed == [] and json.loads(alone["diagnosis.json"])["verdict"] == "explained"
-    resumed = Crew(2, store=Store(tmp_path / "jobs"))
+    with cluster(address) as executor:
+        pool = WorkerPool(store=Store(tmp_path / "jobs"), executor=executor)
+        assert diagnosed(tmp_path / "together", recording, pool, told) == alone
+        assert killed and killed[0] not in workers(executor).values()
+    assert pool.failed == [] and json.loads(alone["diagnosis.json"])["verdict"] == "explained"
+    resumed = WorkerPool(2, store=Store(tmp_path / "jobs"))
     assert diagnosed(tmp_path / "again", recording, resumed) == alone
-    assert resumed.worked == 0 and resumed.kept == crew.worked, (
+    assert resumed.worked == 0 and resumed.kept == pool.worked, (
         "found by the cluster, used by this machine"
     )
 
@@ -156,13 +156,13 @@ class _Deadly(Work[int, float]):
 
 def test_a_job_that_always_kills_its_worker_fails_alone(address: str) -> None:
     table = np.random.default_rng(0).standard_normal((400, 40))
-    expected = Crew().run(_Deadly(table, -1), list(range(12)))
-    with cluster(address) as hands:
-        crew = Crew(hands=hands)
-        found = crew.run(_Deadly(table, 5), list(range(12)))
+    expected = WorkerPool().run(_Deadly(table, -1), list(range(12)))
+    with cluster(address) as executor:
+        pool = WorkerPool(executor=executor)
+        found = pool.run(_Deadly(table, 5), list(range(12)))
         assert isinstance(found[5], Failed) and "killed 2 times" in found[5].why
         assert found[:5] + found[6:] == expected[:5] + expected[6:]
-        assert [f.job for f in crew.failed] == ["sum 5"]
+        assert [f.job for f in pool.failed] == ["sum 5"]
 
 
 def test_the_command(

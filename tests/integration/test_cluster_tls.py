@@ -13,7 +13,7 @@ from pamid_cli.job import cluster_option
 
 from pamid.base.errors import FileError
 from pamid.parallel.dask_backend import Patience, cluster
-from pamid.parallel.jobs import Crew, Work
+from pamid.parallel.jobs import Work, WorkerPool
 
 distributed = pytest.importorskip("distributed", reason="needs pamid[cluster]")
 
@@ -88,9 +88,9 @@ def test_over_tls_with_the_certificates_of_dasks_configuration(
     with dask.config.set(certificates), made(security=distributed.Security()) as ours:
         address = ours.scheduler_address
         assert address.startswith("tls://")
-        with cluster(address) as hands:
-            assert len(hands.client.scheduler_info()["workers"]) == 1
-            (found,) = Crew(hands=hands).run(Doubled(), [21.0])
+        with cluster(address) as executor:
+            assert len(executor.client.scheduler_info()["workers"]) == 1
+            (found,) = WorkerPool(executor=executor).run(Doubled(), [21.0])
             assert found == 42.0
         nobody = dict.fromkeys(certificates)
         with (

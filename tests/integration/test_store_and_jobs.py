@@ -20,7 +20,7 @@ import pytest
 
 from pamid.base.errors import DataError, PamidError
 from pamid.model.registry import effects, rig_named
-from pamid.parallel.jobs import ATTEMPTS, Crew, Failed, Threads, Work, run_jobs
+from pamid.parallel.jobs import ATTEMPTS, Failed, Threads, Work, WorkerPool, run_jobs
 from pamid.parallel.store import Store, digest, plain
 
 KEY = "ab" * 32
@@ -165,7 +165,7 @@ def test_a_digest_sees_every_part() -> None:
     ]
     digests = [digest(d) for d in different]
     assert len(set(digests)) == len(digests)
-    assert digest(Thing(1.0, told=3)) == digest(Thing(1.0, told=print)), (
+    assert digest(Thing(1.0, told=3)) == digest(Thing(1.0, progress=print)), (
         "what does not change the result"
     )
     assert digest(a, a) == digest(a.copy(), a) != digest(a)
@@ -242,21 +242,21 @@ ROOTS = [2.0, 1.0, 3.0, 4.0, math.sqrt(2.0)]
 
 
 @pytest.mark.parametrize(
-    "crew",
-    [Crew(), Crew(2), Crew(8), Crew(hands=Threads(3))],
+    "pool",
+    [WorkerPool(), WorkerPool(2), WorkerPool(8), WorkerPool(executor=Threads(3))],
     ids=["one", "two", "many", "threads"],
 )
-def test_results_stand_in_order_whoever_does_the_jobs(crew: Crew) -> None:
+def test_results_stand_in_order_whoever_does_the_jobs(pool: WorkerPool) -> None:
     told: list[str] = []
-    assert crew.run(Rooting(), ITEMS, told.append) == ROOTS and crew.run(Rooting(), []) == []
+    assert pool.run(Rooting(), ITEMS, told.append) == ROOTS and pool.run(Rooting(), []) == []
     assert len(told) == 5 and told[-1].startswith("root of 5/5: ")
-    assert crew.counts == {"worked": 5, "kept": 0, "failed": 0}
+    assert pool.counts == {"worked": 5, "kept": 0, "failed": 0}
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_job_that_fails_costs_only_itself(jobs: int) -> None:
-    crew = Crew(jobs)
-    found = crew.run(Rooting(), [4.0, -1.0, -2.0, 9.0])
+    pool = WorkerPool(jobs)
+    found = pool.run(Rooting(), [4.0, -1.0, -2.0, 9.0])
     assert found[0] == 2.0 and found[3] == 3.0
     wrong, short = found[1:3]
     assert (
@@ -265,15 +265,15 @@ def test_a_job_that_fails_costs_only_itself(jobs: int) -> None:
         and "test_results.py, line" in wrong.why
     )
     assert short == Failed("root of -2.0", "too short") and sorted(
-        f.job for f in crew.failed
+        f.job for f in pool.failed
     ) == sorted(["root of -1.0", "root of -2.0"])
     with pytest.raises(PamidError, match="all 2 jobs failed.*too short"):
-        Crew(jobs).run(Rooting(), [-2.0, -2.0])
+        WorkerPool(jobs).run(Rooting(), [-2.0, -2.0])
 
 
 def test_a_process_that_is_killed_costs_no_other_job_anything(tmp_path: Path) -> None:
     before = {c.pid for c in multiprocessing.active_children()}
-    found = Crew(2).run(Rooting(once=tmp_path / "killed"), [4.0, -3.0, 1.0, 9.0, -4.0])
+    found = WorkerPool(2).run(Rooting(once=tmp_path / "killed"), [4.0, -3.0, 1.0, 9.0, -4.0])
     assert found[:1] + found[2:4] == [2.0, 1.0, 3.0]
     assert (tmp_path / "killed").exists() and found[4] == 2.0, "killed once, it is done again"
     assert isinstance(found[1], Failed) and f"killed {ATTEMPTS} times (signal 9)" in found[1].why
@@ -289,7 +289,7 @@ def test_an_interrupt_ends_the_processes(tmp_path: Path) -> None:
         tmp_path / "slept to the end",
     )
     with pytest.raises(KeyboardInterrupt):
-        Crew(2).run(_Sleeping(awake), [0.0, 300.0, 300.0], interrupt)
+        WorkerPool(2).run(_Sleeping(awake), [0.0, 300.0, 300.0], interrupt)
     assert not awake.exists()
     assert {c.pid for c in multiprocessing.active_children()} <= before
 
@@ -311,18 +311,18 @@ class _Sleeping(Work[float, None]):
 
 def test_what_is_kept_is_not_worked_out_again(tmp_path: Path) -> None:
     store = Store(tmp_path / "jobs")
-    assert Crew(2, store).run(Rooting(), ITEMS[:3]) == ROOTS[:3]
+    assert WorkerPool(2, store).run(Rooting(), ITEMS[:3]) == ROOTS[:3]
     assert len(store.journal()) == 3
-    later = Crew(1, store)
+    later = WorkerPool(1, store)
     assert later.run(Rooting(), ITEMS) == ROOTS and later.one(Rooting(), 9.0) == 3.0
     assert later.counts == {"worked": 2, "kept": 4, "failed": 0} and len(store.journal()) == 5
-    other = Crew(1, store)
+    other = WorkerPool(1, store)
     assert other.run(Rooting(shift=1.0), ITEMS) == [r + 1.0 for r in ROOTS] and other.worked == 5, (
         "another question"
     )
     for path in store.folder.glob("*.npz"):
         path.write_bytes(b"PK damaged")
-    again = Crew(1, store)
+    again = WorkerPool(1, store)
     assert again.run(Rooting(), ITEMS) == ROOTS and again.worked == 5
 
 
@@ -330,19 +330,19 @@ def test_another_version_of_the_code_trusts_nothing_of_the_former(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     store = Store(tmp_path / "jobs")
-    Crew(1, store).run(Rooting(), ITEMS)
+    WorkerPool(1, store).run(Rooting(), ITEMS)
     monkeypatch.setattr("pamid.parallel.jobs.code_sha256", lambda: "another")
-    crew = Crew(1, store)
-    crew.run(Rooting(), ITEMS)
-    assert crew.counts == {"worked": 5, "kept": 0, "failed": 0}
+    pool = WorkerPool(1, store)
+    pool.run(Rooting(), ITEMS)
+    assert pool.counts == {"worked": 5, "kept": 0, "failed": 0}
 
 
 def test_failures_are_not_kept(tmp_path: Path) -> None:
     store = Store(tmp_path / "jobs")
-    Crew(1, store).run(Rooting(), [4.0, -2.0])
+    WorkerPool(1, store).run(Rooting(), [4.0, -2.0])
     assert len(list(store.folder.glob("*.npz"))) == 1
     with pytest.raises(DataError):
-        Crew(1, store).one(Rooting(), -2.0)
+        WorkerPool(1, store).one(Rooting(), -2.0)
 
 
 def test_plain_functions_on_threads() -> None:

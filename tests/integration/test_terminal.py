@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pamid_cli import frame
-from pamid_cli.progress import Progress
+from pamid_cli.progress import ProgressBar
 from pamid_cli.table import every_command
 from pamid_cli.terminal import printable, printable_json
 from small_cart import RIG, record_cart
@@ -126,7 +126,7 @@ def test_progress_is_written_out(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr("pamid_cli.progress._TERMINAL_S", 0.0)
     stream = Terminal()
-    with Progress("fit\x1b[2J", stream=stream) as progress:
+    with ProgressBar("fit\x1b[2J", stream=stream) as progress:
         progress.update(1, "\x1b]0;x\x07\nmore")
     assert (
         "\x1b[2J" not in stream.getvalue()

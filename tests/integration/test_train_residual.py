@@ -424,7 +424,7 @@ GUARD_S = 900.0
 _HELD = """
 import os, sys, time
 from pamid_cli.frame import main
-from pamid_cli.progress import Progress
+from pamid_cli.progress import ProgressBar
 said, left, update = int(sys.argv.pop(1)), [int(sys.argv.pop(1))], Progress.update
 def held(*words):
     left[0] -= 1

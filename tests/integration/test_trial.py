@@ -17,7 +17,7 @@ from pamid.base.json_file import read_json
 from pamid.base.metrics import wilson_interval
 from pamid.model.effect import Effect
 from pamid.model.registry import effects
-from pamid.parallel.jobs import Crew
+from pamid.parallel.jobs import WorkerPool
 from pamid.simulation.data_split import Evidence
 from pamid.trial import work
 from pamid.trial.cases import NAMELESS, STRATA, Case, cases_sha256, draw_cases
@@ -624,7 +624,7 @@ def test_a_case_from_end_to_end(tmp_path: Path) -> None:
         planted={"dead-time": {"delay_s": 0.03}},
         removed=tuple(n for n in effects() if n not in few),
     )
-    (found,) = work.run_cases([case], tmp_path, Crew())
+    (found,) = work.run_cases([case], tmp_path, WorkerPool())
     assert found["failed"] is None and found == work.finished(case, tmp_path)
     assert work.finished(replace(case, seed=1), tmp_path) is None
     assert found["visibility"] > 1.5 and found["seconds"] > 0.0

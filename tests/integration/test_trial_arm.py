@@ -21,7 +21,7 @@ from pamid.excitation.aprbs import aprbs
 from pamid.model.attachment import attachments
 from pamid.model.effect import Effect
 from pamid.model.registry import effects, rig_named
-from pamid.parallel.jobs import Crew
+from pamid.parallel.jobs import WorkerPool
 from pamid.simulation.data_split import Evidence
 from pamid.trial import arm, arm_faults, arm_kernel, work
 from pamid.trial.arm import (
@@ -723,7 +723,7 @@ def test_a_case_of_the_arm_from_end_to_end(tmp_path: Path) -> None:
         example({"dead-time@command_2": {"delay_s": 0.03}}),
         removed=tuple(n for n in effects() if n not in few),
     )
-    (found,) = work.run_cases([case], tmp_path, Crew())
+    (found,) = work.run_cases([case], tmp_path, WorkerPool())
     assert found["failed"] is None and found["visibility"] > 1.5
     marked = score([case.label()], [found])
     assert marked.rates["exact_first"].share == marked.rates["port_exact"].share == 1.0

@@ -12,7 +12,7 @@ from pamid.estimation.gauss_newton import free_parameters
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attach, attachments
 from pamid.model.registry import effects, rig_named
-from pamid.parallel.jobs import Crew
+from pamid.parallel.jobs import WorkerPool
 
 ARM = rig_named("two-link")
 EVERY = attachments(ARM, effects().values())
@@ -85,7 +85,7 @@ def test_many_ports_are_looked_at_roughly_first(count: int) -> None:
     }
     held = {(): plain} | {(name,): smoother for name, smoother in smoothers.items()}
     work = _Smoothing(None, None, True, held)  # type: ignore[arg-type]
-    found = _found_at(work, list(smoothers), Crew(), {})
+    found = _found_at(work, list(smoothers), WorkerPool(), {})
     assert list(found) == list(smoothers) and found["p0"] == 80.0
     assert len(looked) == (count if count <= CROWDED else 2)
     if count > CROWDED:  # the rest keep their share of the largest

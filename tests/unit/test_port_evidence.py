@@ -14,7 +14,7 @@ from pamid.diagnosis.smoother import Smoother
 from pamid.engine.block_tridiagonal import eliminate
 from pamid.estimation.fit_model import fit_model
 from pamid.model.registry import rig_named
-from pamid.parallel.jobs import Crew
+from pamid.parallel.jobs import WorkerPool
 from pamid.simulation.data_split import Evidence, gather
 
 SENSORS = ("reference_deg", "command", "angle_deg", "pressure_1_kpa", "pressure_2_kpa")
@@ -58,7 +58,7 @@ def located(folder: Path, effect: str) -> tuple[Contender, Located]:
     evidence = gather(rig_named("one-dof"), [recording], [])
     model = fit_model(evidence)
     base = contender_from(model.assembly, model.fit, model.held_out)
-    return base, locate(evidence, base, Crew())
+    return base, locate(evidence, base, WorkerPool())
 
 
 @pytest.mark.parametrize(

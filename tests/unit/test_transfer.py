@@ -24,7 +24,7 @@ class Model:
 
 
 @dataclass
-class Told:
+class Progress:
     """As much of a diagnosis as transfer reads."""
 
     evidence: Any
@@ -43,7 +43,7 @@ class Kept:
     baseline: Any
 
 
-def told(tmp_path: Path, heavy: dict[str, float]) -> Told:
+def told(tmp_path: Path, heavy: dict[str, float]) -> Progress:
     light = record(
         tmp_path / "light.csv", 6.0, seed=1, columns=SENSORS, known={"inertia_kg_m2": 0.014}
     )
@@ -51,7 +51,9 @@ def told(tmp_path: Path, heavy: dict[str, float]) -> Told:
     evidence = gather(rig_named("one-dof"), [light], [other])
     before = np.radians([[1.0], [1.0], [2.0], [2.0]])
     base = Model(before, (Windows((0, 1, 2, 3)),))
-    return Told(evidence, Kept(base), Model(0.25 * before), np.array([False, True, False, True]))
+    return Progress(
+        evidence, Kept(base), Model(0.25 * before), np.array([False, True, False, True])
+    )
 
 
 def test_another_inertia_is_elsewhere(tmp_path: Path) -> None:
