@@ -1,5 +1,7 @@
-"""The smallest whole rig: a cart on a rail, pushed by a measured force. Copy it to begin a rig of
-your own."""
+"""The smallest whole rig: a cart on a rail, pushed by a measured force.
+
+Copy it to begin a rig of your own.
+"""
 
 from pamid import Parameter, Port, Rig, State
 

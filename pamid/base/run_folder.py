@@ -291,16 +291,29 @@ def _require_free(path: Path, overwrite: bool, resumable: bool) -> None:
             hint,
             code="run-folder",
         )
+    if _listed(path) is None and any(item.name != "run.json" for item in path.iterdir()):
+        raise FileError(
+            f"{path} holds a run that does not list its files: of an earlier version, or its "
+            "run.json is damaged. What it has written cannot be told from what is yours.",
+            "Give --output another folder, or remove this one yourself.",
+            code="run-folder",
+        )
 
 
 def _written(folder: Path) -> list[str]:
     """What the run in a folder has written, by its own record; nothing else is ever taken away."""
+    return [name for name in _listed(folder) or [] if name != "run.json"]
+
+
+def _listed(folder: Path) -> list[str] | None:
+    """The files that run.json lists; None where it has no such list or cannot be read."""
+    if not (folder / "run.json").is_file():
+        return []
     try:
-        files = Run(folder).record.get("files") if (folder / "run.json").is_file() else []
+        files = Run(folder).record.get("files")
     except FileError:
-        files = []
-    files = files if isinstance(files, list) else []
-    return [name for name in files if isinstance(name, str) and name != "run.json"]
+        return None
+    return [name for name in files if isinstance(name, str)] if isinstance(files, list) else None
 
 
 def _remove_listed(folder: Path, names: Sequence[str]) -> None:

@@ -161,7 +161,14 @@ def test_check_says_it_once(kind: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["recording", "recording_checks", "evidence", "inspection", "toml_file"]
+    "name",
+    [
+        "recording/recording",
+        "recording/file_checks",
+        "simulation/data_split",
+        "checks/inspection",
+        "base/toml_file",
+    ],
 )
 def test_no_refusal_in_the_code_lacks_its_hint(name: str) -> None:
     """Also those that no recording of the table above meets."""

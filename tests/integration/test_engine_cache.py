@@ -118,8 +118,8 @@ def test_text_of_a_model_does_not_depend_on_the_process(
     again."""
     code = (
         "import sys; sys.path.insert(0, sys.argv[1])\n"
-        "from pamid.engine import machine\n"
-        "machine._compile = lambda text: (print(machine._key(text)), sys.exit(0))\n"
+        "from pamid.engine import jit_cache\n"
+        "jit_cache._compile = lambda text: (print(jit_cache._key(text)), sys.exit(0))\n"
         "from pamid.model.assembly import Assembly\n"
         "from pamid.model.attachment import attach\n"
         "from pamid.model.registry import effects, rig_named\n"
@@ -130,7 +130,7 @@ def test_text_of_a_model_does_not_depend_on_the_process(
     keys = set()
     for seed in ("1", "2"):
         done = subprocess.run(
-            [sys.executable, "-c", code, str(Path(__file__).parent)],
+            [sys.executable, "-c", code, str(Path(__file__).parents[1] / "support")],
             capture_output=True,
             text=True,
             env={**os.environ, "PYTHONHASHSEED": seed, "PAMID_CACHE": str(tmp_path / seed)},

@@ -144,16 +144,18 @@ def test_overwriting_follows_no_link_out_of_the_run(tmp_path: Path, unchecked: N
     assert len(_files(away)) == 4
 
 
-def test_a_run_without_a_list_loses_the_names_that_runs_have(tmp_path: Path) -> None:
-    """Runs of older versions, and those whose run.json is damaged."""
+def test_a_run_without_a_list_is_not_replaced(tmp_path: Path) -> None:
+    """Runs of older versions, and those whose run.json is damaged: what is theirs is not known."""
     for old in ('{"schema": "pamid.run/1"}', '{"schema": "pamid.run/1", "files": "all"}', "{"):
         folder = tmp_path / f"run{len(old)}"
         (folder / "figures").mkdir(parents=True)
         for name in ("diagnosis.json", "report.html", "figures/mine.png", "mine.csv"):
             (folder / name).write_text("old")
         (folder / "run.json").write_text(old)
-        _create(folder, overwrite=True)
-        assert _files(folder) == ["figures/mine.png", "mine.csv", "run.json"]
+        before = _files(folder)
+        with pytest.raises(FileError, match="does not list its files"):
+            _create(folder, overwrite=True)
+        assert _files(folder) == before and (folder / "run.json").read_text() == old
 
 
 def test_a_link_is_replaced_and_what_it_leads_to_stays(tmp_path: Path) -> None:

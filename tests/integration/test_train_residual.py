@@ -421,8 +421,10 @@ def test_a_column_goes_to_the_end(tmp_path: Path) -> None:
 GUARD_S = 900.0
 
 #: `pamid` that stands still once it has told of its progress so many times, and says so by a byte
+#: (a process begun in the background inherits SIGINT as ignored)
 _HELD = """
-import os, sys, time
+import os, signal, sys, time
+signal.signal(signal.SIGINT, signal.default_int_handler)
 from pamid_cli.frame import main
 from pamid_cli.progress import ProgressBar
 said, left, update = int(sys.argv.pop(1)), [int(sys.argv.pop(1))], Progress.update

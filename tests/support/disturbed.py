@@ -17,8 +17,10 @@ from typing import Any
 
 PATIENCE_S = 600.0  # for what has to come: only a failure waits as long
 
+# a process begun in the background inherits SIGINT as ignored
 _HALTING = """
-import os, sys, time
+import os, signal, sys, time
+signal.signal(signal.SIGINT, signal.default_int_handler)
 when, name, number, event = sys.argv[1], sys.argv[2], int(sys.argv[3]), int(sys.argv[4])
 replace, seen = os.replace, 0
 
