@@ -8,9 +8,8 @@ import subprocess
 import sys
 import tomllib
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
-
-import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -89,8 +88,13 @@ def _room(path: Path) -> str:
     return "cli" if parts[0] == "cli" else parts[1]
 
 
-def _imports(path: Path, *, top_only: bool = False) -> Iterator[str]:
-    """Full dotted names a file imports (`from pamid import units` counts as pamid.base.units)."""
+@cache
+def _imports(path: Path, *, top_only: bool = False) -> tuple[str, ...]:
+    """Full dotted names a file imports (`from pamid.base import units`: pamid.base.units)."""
+    return tuple(_imported(path, top_only))
+
+
+def _imported(path: Path, top_only: bool) -> Iterator[str]:
     tree = ast.parse(path.read_text(encoding="utf-8"))
     nodes = tree.body if top_only else list(ast.walk(tree))
     for node in nodes:
@@ -139,15 +143,14 @@ def _leans_on(path: Path) -> set[Path]:
 INSIDE = [path for path in FILES if _name(path) not in FACES]
 
 
-@pytest.mark.parametrize("path", INSIDE, ids=_name)
-def test_imports_point_down(path: Path) -> None:
-    here = _floor(_room(path))
+def test_imports_point_down() -> None:
     up = [
-        _name(other)
+        f"{_name(path)} imports {_name(other)}"
+        for path in INSIDE
         for other in _leans_on(path)
-        if _room(other) != _room(path) and _floor(_room(other)) >= here
+        if _room(other) != _room(path) and _floor(_room(other)) >= _floor(_room(path))
     ]
-    assert not up, f"{_name(path)} imports {up}, which do not lie below"
+    assert not up, f"what is imported does not lie below: {up}"
 
 
 def test_no_circles_between_files() -> None:
@@ -159,27 +162,28 @@ def test_no_circles_between_files() -> None:
             del arrows[path]
 
 
-@pytest.mark.parametrize("path", INSIDE, ids=_name)
-def test_nobody_inside_imports_the_face(path: Path) -> None:
+def test_nobody_inside_imports_the_face() -> None:
     faces = {_module(ROOT / face) for face in FACES}
     found = [
-        name
+        f"{_name(path)} imports {name}"
+        for path in INSIDE
         for name in _imports(path)
         if name in faces
         or name.rpartition(".")[0] in faces
         and name not in MODULES
         and not any(module.startswith(f"{name}.") for module in MODULES)
     ]
-    assert not found, (
-        f"{_name(path)} imports {found} from the face; import the module that defines it"
-    )
+    assert not found, f"import the module that defines it: {found}"
 
 
-@pytest.mark.parametrize("path", FILES, ids=_name)
-def test_heavy_packages_stay_at_home(path: Path) -> None:
-    roots = {name.split(".")[0] for name in _imports(path)}
-    strangers = [pkg for pkg in roots & HOMES.keys() if not _name(path).startswith(HOMES[pkg])]
-    assert not strangers, f"{_name(path)} imports {strangers}, whose home is elsewhere"
+def test_heavy_packages_stay_at_home() -> None:
+    away = [
+        f"{_name(path)} imports {package}"
+        for path in FILES
+        for package in {name.split(".")[0] for name in _imports(path)} & HOMES.keys()
+        if not _name(path).startswith(HOMES[package])
+    ]
+    assert not away, f"their home is elsewhere: {away}"
 
 
 def test_pysindy_lives_in_one_file() -> None:
@@ -191,10 +195,14 @@ def test_pysindy_lives_in_one_file() -> None:
     assert len(users) <= 1, users
 
 
-@pytest.mark.parametrize("path", [path for path in FILES if _room(path) == "cli"], ids=_name)
-def test_commands_import_heavy_packages_only_when_called(path: Path) -> None:
-    early = {name.split(".")[0] for name in _imports(path, top_only=True)} & set(HEAVY)
-    assert not early, f"{_name(path)} imports {early} at the top; import inside the function"
+def test_commands_import_heavy_packages_only_when_called() -> None:
+    early = [
+        f"{_name(path)} imports {package}"
+        for path in FILES
+        if _room(path) == "cli"
+        for package in {name.split(".")[0] for name in _imports(path, top_only=True)} & {*HEAVY}
+    ]
+    assert not early, f"import inside the function: {early}"
 
 
 def test_package_list_equals_the_folders() -> None:
@@ -228,8 +236,8 @@ def test_the_face_loads_nothing_heavy() -> None:
     assert found.stdout.strip() == "[]"
 
 
-@pytest.mark.parametrize("path", FILES, ids=_name)
-def test_files_stay_short(path: Path) -> None:
+def test_files_stay_short() -> None:
     """Functions are held to 50 statements by the linter (PLR0915)."""
-    lines = path.read_text(encoding="utf-8").count("\n")
-    assert lines <= 500, f"{_name(path)} is longer than 500 lines: {lines}"
+    lines = {_name(path): path.read_text(encoding="utf-8").count("\n") for path in FILES}
+    long = {name: count for name, count in lines.items() if count > 500}
+    assert not long, f"longer than 500 lines: {long}"

@@ -132,7 +132,7 @@ class _Loud:
 @dataclass(frozen=True)
 class Thing:
     size: float
-    told: Any = field(default=None, compare=False)
+    progress: Any = field(default=None, compare=False)
 
 
 def test_a_digest_sees_every_part() -> None:
