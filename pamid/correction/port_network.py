@@ -52,7 +52,7 @@ from pamid.model.rig import Rig
 from pamid.networks.store import TrainedNetwork
 from pamid.networks.training import Training
 from pamid.recording.recording import read_recording
-from pamid.simulation.data_split import Evidence, gather
+from pamid.simulation.data_split import DataSplit, split_recordings
 from pamid.simulation.replay import Replay, channel_mae, replay
 from pamid.symbolic.expression import symbol
 from pamid.symbolic.vocabulary import Expr, Number
@@ -130,7 +130,7 @@ class PortCorrection:
 class Origin:
     """What a run's model was fitted to, its effects, and its fit.json."""
 
-    evidence: Evidence
+    evidence: DataSplit
     attached: tuple[Attachment, ...]
     fit: dict[str, Any]
 
@@ -183,7 +183,7 @@ def origin_of(folder: Path, rig: str | None = None) -> Origin:
                 _require_unchanged(one, known[one], folder)
     made = rig_again(name, rig, known)
     recordings = {path: read_recording(Path(path)) for path in roles}
-    evidence = gather(
+    evidence = split_recordings(
         made,
         [r for path, r in recordings.items() if roles[path] != "held-out"],
         [r for path, r in recordings.items() if roles[path] == "held-out"],

@@ -17,7 +17,7 @@ from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import Sizes
 from pamid.model.effect import Hints
-from pamid.simulation.data_split import Evidence
+from pamid.simulation.data_split import DataSplit
 from pamid.simulation.windows import Track, Window
 
 Array = NDArray[np.float64]
@@ -127,7 +127,7 @@ class Ground:
         p = base.p if costs[0] <= 1.05 * costs[1] else sheet
         return cls(baseline, tuple(spans), tuple(starts), p, min(costs), held)
 
-    def problem(self, evidence: Evidence, assembly: Assembly) -> Problem:
+    def problem(self, evidence: DataSplit, assembly: Assembly) -> Problem:
         tracks = tuple(
             t.part(*s) for t, s in zip(evidence.tracks(assembly), self.spans, strict=True)
         )
@@ -155,7 +155,7 @@ def _worst_run(
 
 
 def screen(
-    evidence: Evidence, ground: Ground, attachment: Attachment, sizes: Sizes, clues: Clues
+    evidence: DataSplit, ground: Ground, attachment: Attachment, sizes: Sizes, clues: Clues
 ) -> Screened:
     """Gain of one candidate after a few steps from each of its starting points and some more from
     the best of them."""

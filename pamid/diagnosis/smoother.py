@@ -33,7 +33,7 @@ from pamid.estimation.gauss_newton import Scale
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.model.effect import Effect, State
-from pamid.simulation.data_split import Evidence
+from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay
 from pamid.simulation.windows import Runner
 from pamid.symbolic.vocabulary import Expr, Number
@@ -80,7 +80,7 @@ class Smoother:
     """The model of `base` with latent values at `ports`, linearised about its best path over the
     held-out replays."""
 
-    evidence: Evidence
+    evidence: DataSplit
     base: Contender
     ports: tuple[str, ...]
     linear: list[Linear] | None = None

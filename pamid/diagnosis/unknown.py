@@ -21,7 +21,7 @@ from pamid.diagnosis.tournament import Diagnosis
 from pamid.engine.program import Program
 from pamid.parallel.jobs import Failed, Work, WorkerPool
 from pamid.parallel.store import Plain
-from pamid.simulation.data_split import Evidence
+from pamid.simulation.data_split import DataSplit
 from pamid.simulation.windows import Runner, Window
 from pamid.symbolic.vocabulary import Expr
 
@@ -81,7 +81,7 @@ class _Describing(Work[str, Missing | None]):
     """What is missing at a port, and a formula for it."""
 
     what = "describing what is missing at"
-    evidence: Evidence
+    evidence: DataSplit
     base: Contender
     seed: int
     smoothers: dict[str, Smoother] = field(default_factory=dict, compare=False, repr=False)

@@ -13,7 +13,7 @@ from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.recording.noise import noise_level, quantisation_step, sensor_noise
 from pamid.recording.recording import read_recording, write_recording
-from pamid.simulation.data_split import gather
+from pamid.simulation.data_split import split_recordings
 from pamid.simulation.windows import stated_noise, track_of
 
 Array = NDArray[np.float64]
@@ -143,7 +143,7 @@ def test_evidence_takes_the_step_for_noise(tmp_path: Path) -> None:
     )
     recording = read_recording(tmp_path / "cart.csv")
     rig = rig_named(CART)
-    assert gather(rig, [recording], []).noise == pytest.approx([ROUNDING * step], rel=0.1)
+    assert split_recordings(rig, [recording], []).noise == pytest.approx([ROUNDING * step], rel=0.1)
 
     from pamid.estimation.gauss_newton import Problem, free_parameters
 

@@ -15,7 +15,7 @@ from pamid.engine.block_tridiagonal import eliminate
 from pamid.estimation.fit_model import fit_model
 from pamid.model.registry import rig_named
 from pamid.parallel.jobs import WorkerPool
-from pamid.simulation.data_split import Evidence, gather
+from pamid.simulation.data_split import DataSplit, split_recordings
 
 SENSORS = ("reference_deg", "command", "angle_deg", "pressure_1_kpa", "pressure_2_kpa")
 
@@ -55,7 +55,7 @@ def located(folder: Path, effect: str) -> tuple[Contender, Located]:
         columns=SENSORS,
         known={"inertia_kg_m2": 0.014},
     )
-    evidence = gather(rig_named("one-dof"), [recording], [])
+    evidence = split_recordings(rig_named("one-dof"), [recording], [])
     model = fit_model(evidence)
     base = contender_from(model.assembly, model.fit, model.held_out)
     return base, locate(evidence, base, WorkerPool())
@@ -92,7 +92,7 @@ def test_nothing_missing_finds_nothing(tmp_path: Path) -> None:
 
 def test_a_larger_latent_value_costs_more_where_nothing_is_missing(tmp_path: Path) -> None:
     base, _ = located(tmp_path, "")
-    evidence = gather(
+    evidence = split_recordings(
         rig_named("one-dof"),
         [
             record(
@@ -111,10 +111,10 @@ def test_a_larger_latent_value_costs_more_where_nothing_is_missing(tmp_path: Pat
 
 
 @pytest.fixture(scope="module")
-def bent(tmp_path_factory: pytest.TempPathFactory) -> tuple[Evidence, Contender]:
+def bent(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, Contender]:
     """A joint with friction that its baseline does not know: its parameters have bent to it."""
     path = tmp_path_factory.mktemp("bent") / "rec.csv"
-    evidence = gather(
+    evidence = split_recordings(
         rig_named("one-dof"),
         [
             record(
@@ -132,7 +132,7 @@ def bent(tmp_path_factory: pytest.TempPathFactory) -> tuple[Evidence, Contender]
     return evidence, contender_from(model.assembly, model.fit, model.held_out)
 
 
-def test_a_step_goes_where_the_cost_falls(bent: tuple[Evidence, Contender]) -> None:
+def test_a_step_goes_where_the_cost_falls(bent: tuple[DataSplit, Contender]) -> None:
     """Along the Gauss-Newton step the cost falls by twice the promised gain per unit: the gradient
     over states, latent values, joints and parameters is that of the cost."""
     smoother = Smoother(*bent, ("joint",))
@@ -151,7 +151,7 @@ def test_a_step_goes_where_the_cost_falls(bent: tuple[Evidence, Contender]) -> N
     assert slope == pytest.approx(-2.0 * step.gain, rel=2e-3)
 
 
-def test_the_right_port_leaves_nothing(bent: tuple[Evidence, Contender]) -> None:
+def test_the_right_port_leaves_nothing(bent: tuple[DataSplit, Contender]) -> None:
     """With a latent torque the data are explained down to the noise; with a latent flow they are
     not."""
     left = {}
