@@ -209,7 +209,7 @@ def _require_unchanged(path: str, sha256: str, folder: Path) -> None:
 # ---- what is missing there ---------------------------------------------------------------------
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class _AtEntry(Smoother):
     """A smoother with its latent value at one place of a port."""
 
@@ -232,20 +232,20 @@ def missing_at(model: GreyBox, replays: tuple[Replay, ...], entry: Entry) -> tup
         (entry.port,),
         place=entry.place,
     )
-    likely, size, time_s = smoother.best
-    if not np.isfinite(
-        smoother.evidence_at(size, time_s, ROUNDS) if np.isfinite(likely) else likely
-    ):
+    smoothed = smoother.best
+    if np.isfinite(smoothed.log_evidence):
+        smoothed = smoother.smoothed(smoothed, smoothed.size, smoothed.time_s, ROUNDS)
+    if not np.isfinite(smoothed.log_evidence):
         raise ConvergenceError(
             f"What is missing at {entry.name} cannot be found: the model does not follow its data.",
             "Try another port.",
         )
     found = []
-    for path in smoother.paths:
-        middle = np.array([0.5 * (w.start + w.stop - 1) for w in path.slices])
-        values = size_at(model.assembly, entry.port) * path.x[:, smoother.missing[0]]
-        found.append(np.interp(np.arange(len(path.runner.track)), middle, values))
-    p = transferred(model.assembly, (smoother.assembly, smoother.parameters(smoother.s)))
+    for sliced, states in zip(smoother.tracks, smoothed.x, strict=True):
+        middle = np.array([0.5 * (w.start + w.stop - 1) for w in sliced.slices])
+        values = size_at(model.assembly, entry.port) * states[:, smoother.missing[0]]
+        found.append(np.interp(np.arange(len(sliced.runner.track)), middle, values))
+    p = transferred(model.assembly, (smoother.assembly, smoother.parameters(smoothed.s)))
     return np.concatenate(found), p
 
 

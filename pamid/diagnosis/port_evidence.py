@@ -83,7 +83,7 @@ class _Smoothing(Work[Ports, Found]):
 
     def __call__(self, item: Ports) -> Plain:
         smoother = self.smoother(item)
-        return {"found": smoother.best if self.moving else smoother.rough}
+        return {"found": (smoother.best if self.moving else smoother.rough).found}
 
     def restored(self, item: Ports, found: Plain) -> Found:
         evidence, size, time_s = found["found"]

@@ -10,11 +10,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.units import split_column, to_si
+from pamid.engine.damped_gauss_newton import DampingRule, Iteration, LeastSquares, iterate
 from pamid.engine.program import Memory, Stepping
 from pamid.model.assembly import Assembly
 from pamid.model.rig import Rig
@@ -223,6 +225,58 @@ class Runner:
 PULL = 1e-5  # information of a carried state against what a window says by itself
 
 
+class _At(NamedTuple):
+    """A state at the start of a window, its cost, half Hessian and half gradient there."""
+
+    x: Array
+    cost: float
+    H: Array
+    g: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _InitialState(LeastSquares[_At, Array]):
+    """The least squares of one window over its initial state, with the carried state as prior (the
+    arrival cost of moving-horizon estimation: Rao, Rawlings and Mayne (2003), IEEE TAC 48(2))."""
+
+    runner: Runner
+    memory: Memory
+    window: Window
+    p: Array
+    y: Array
+    weight: Array
+    carried: Array
+    known: Array  # information of the carried state
+    # the first point counted as a step taken: 0.1 x 1e-3
+    rule = DampingRule(1e-4, falls=0.1, least=1e-9, rises=30.0, most=1e8)
+
+    def at(self, x: Array) -> _At:
+        run, n, away = self.runner, self.runner.rig_states, x - self.carried
+        m = run.widened(self.memory)
+        run.enter(m, x)
+        Y, A, fine = run.run(m, self.window, self.p, True, self.weight)
+        if not fine:
+            return _At(x, np.inf, np.zeros((n, n)), np.zeros(n))
+        r = ((Y - self.y) * self.weight).ravel()
+        cost = float(r @ r) + float((away**2 * self.known).sum())
+        H, g = (A.T @ A)[:n, :n], (A.T @ r)[:n]
+        holds = np.maximum(PULL * H.diagonal(), self.known)
+        return _At(x, cost, H + np.diag(holds), g + holds * away)
+
+    def step(self, at: _At, damping: float) -> Array | None:
+        if not np.isfinite(at.H).all():
+            return None
+        scale = at.H.diagonal() + 1e-300
+        found = np.linalg.lstsq(at.H + np.diag(damping * scale), -at.g, rcond=None)[0]
+        return np.asarray(found, np.float64) if np.isfinite(found).all() else None
+
+    def moved(self, at: _At, step: Array, last: bool) -> _At:
+        return self.at(at.x + step)
+
+    def settled(self, gain: float, before: _At, after: _At) -> bool:
+        return gain < 1e-4 * after.cost + 1e-9
+
+
 def estimate_start(
     runner: Runner,
     memory: Memory,
@@ -231,7 +285,7 @@ def estimate_start(
     weight: Array,
     carried: Array,
     jump: Array | None,
-    iterations: int = 6,
+    steps: int = 11,
 ) -> tuple[Array, bool]:
     """Rig state at the start of a window from its data, by Gauss-Newton with a pull to the carried
     state.
@@ -241,38 +295,12 @@ def estimate_start(
     pull remains). Returns the state, and whether it is usable.
     """
     own = Runner(runner.assembly, runner.track, runner.stepping, whole=runner.whole)
-    n = own.rig_states
     y, seen = runner.track.y[window.start : window.stop], runner.track.seen
     if not seen.all():
         weight, y = np.where(seen, weight, 0.0), np.where(seen, y, 0.0)
-    x, damping, best = carried.copy(), 1e-3, np.inf
-    H, g, known = np.zeros((n, n)), np.zeros(n), np.zeros(n) if jump is None else 1.0 / jump**2
-    trial = x
-    for _ in range(iterations * 2):
-        m = own.widened(memory)
-        own.enter(m, trial)
-        Y, A, fine = own.run(m, window, p, True, weight)
-        r = ((Y - y) * weight).ravel()
-        cost = float(r @ r) + float(((trial - carried) ** 2 * known).sum()) if fine else np.inf
-        if cost < best:
-            gain = best - cost
-            x, best = trial, cost
-            H, g = (A.T @ A)[:n, :n], (A.T @ r)[:n]
-            holds = np.maximum(PULL * H.diagonal(), known)
-            H = H + np.diag(holds)
-            g = g + holds * (x - carried)
-            damping = max(damping * 0.1, 1e-9)
-            if gain < 1e-4 * cost + 1e-9:
-                break
-        else:
-            damping *= 30.0
-            if damping > 1e8:
-                break
-        if not np.isfinite(H).all():
-            break
-        scale = H.diagonal() + 1e-300
-        step = np.linalg.lstsq(H + np.diag(damping * scale), -g, rcond=None)[0]
-        if not np.isfinite(step).all():
-            break
-        trial = x + step
-    return x, bool(np.isfinite(best))
+    known = np.zeros(own.rig_states) if jump is None else 1.0 / jump**2
+    problem = _InitialState(own, memory, window, p, y, weight, carried, known)
+    begun = problem.at(carried.copy())
+    if not np.isfinite(begun.cost):
+        return begun.x, False
+    return iterate(problem, Iteration(begun, problem.rule.start), steps).point.x, True
