@@ -24,7 +24,8 @@ from pamid.diagnosis.contender import Contender
 from pamid.diagnosis.proposal import FILE, Proposal
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.engine.program import Stepping
-from pamid.estimation.gauss_newton import Problem, fit, initial_starts
+from pamid.estimation.multiple_shooting import fit, initial_starts
+from pamid.estimation.problem import Problem
 from pamid.estimation.residual_weights import Weights, residual_weights
 from pamid.excitation.experiments import MOST_SAMPLES, PASS_S, Bench, Experiment, menu
 from pamid.parallel.jobs import Work
@@ -32,7 +33,8 @@ from pamid.parallel.store import Plain
 from pamid.recording.recording import Recording
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.simulate import choose_stepping, known_values, virtual_recording
-from pamid.simulation.windows import Runner, Track, track_of
+from pamid.simulation.tracks import Track, track_of
+from pamid.simulation.windows import Runner
 
 Array = NDArray[np.float64]
 

@@ -12,13 +12,15 @@ from pamid.diagnosis.contender import Contender, set_within_bounds, transferred
 from pamid.diagnosis.starting_hints import Clues
 from pamid.engine.program import Stepping
 from pamid.estimation.fit_model import model_with
-from pamid.estimation.gauss_newton import Fit, Problem, fit, free_parameters
+from pamid.estimation.multiple_shooting import fit
+from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import Sizes
 from pamid.model.effect import Hints
 from pamid.simulation.data_split import DataSplit
-from pamid.simulation.windows import Track, Window
+from pamid.simulation.tracks import Track
+from pamid.simulation.windows import Window
 
 Array = NDArray[np.float64]
 

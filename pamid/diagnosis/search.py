@@ -16,7 +16,8 @@ from pamid.diagnosis.screening import Ground, Screened, screen, sent_on
 from pamid.diagnosis.serialise import contender_of, contender_plain
 from pamid.diagnosis.starting_hints import Clues
 from pamid.estimation.fit_model import COARSE, model_with, rechecked
-from pamid.estimation.gauss_newton import Fit, fit
+from pamid.estimation.multiple_shooting import fit
+from pamid.estimation.problem import Fit
 from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import Sizes
 from pamid.parallel.jobs import Failed, Work, WorkerPool

@@ -11,13 +11,14 @@ import numpy as np
 from pamid.diagnosis.contender import Contender, contender_from
 from pamid.engine.program import Stepping
 from pamid.estimation.fit_model import GreyBox, model_with
-from pamid.estimation.gauss_newton import Fit, Problem, free_parameters
+from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.estimation.residual_weights import Weights
 from pamid.model.assembly import Assembly
 from pamid.parallel.store import Plain
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay
-from pamid.simulation.windows import Track, Window
+from pamid.simulation.tracks import Track
+from pamid.simulation.windows import Window
 
 
 def contender_plain(c: Contender) -> Plain:

@@ -30,7 +30,7 @@ from pamid.diagnosis.smoothed_trajectory import (
     start_trajectory,
 )
 from pamid.engine.damped_gauss_newton import DampingRule, Iteration, LeastSquares, iterate
-from pamid.estimation.gauss_newton import Scale
+from pamid.estimation.problem import Scale
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.model.effect import Effect, State

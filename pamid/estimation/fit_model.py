@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from pamid.base.progress import Progress, silent
 from pamid.base.units import as_column, from_si, split_column, with_unit
 from pamid.engine.program import Stepping
-from pamid.estimation.gauss_newton import Fit, Problem, fit_robustly, free_parameters
 from pamid.estimation.identifiable_combinations import combinations_json
 from pamid.estimation.intervals import background_pull, bootstrap, estimates
+from pamid.estimation.multiple_shooting import fit_robustly
 from pamid.estimation.posterior import Posterior, from_json, posterior_json
+from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.estimation.quantities import agreed
 from pamid.estimation.restart import freed
 from pamid.model.assembly import Assembly
@@ -26,7 +27,8 @@ from pamid.recording.recording import Recording
 from pamid.simulation.data_split import DataSplit, Span
 from pamid.simulation.replay import Replay, channel_mae, noise_floor, replay
 from pamid.simulation.simulate import choose_stepping, input_table, port_sizes
-from pamid.simulation.windows import Runner, Track
+from pamid.simulation.tracks import Track
+from pamid.simulation.windows import Runner
 from pamid.symbolic.expression import symbol
 
 Array = NDArray[np.float64]

@@ -19,8 +19,8 @@ from pamid.base.errors import ConvergenceError, DataError, FileError
 from pamid.base.files import sha256_of
 from pamid.base.json_file import read_json
 from pamid.base.run_folder import FIT_FILE, Run
-from pamid.estimation.gauss_newton import Fit, Problem
 from pamid.estimation.prior import Prior
+from pamid.estimation.problem import Fit, Problem
 from pamid.estimation.quantities import agreed, straight
 from pamid.simulation.data_split import DataSplit
 

@@ -50,7 +50,8 @@ from pamid.rigs.two_link import MUSCLES, TwoLink
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay
 from pamid.simulation.simulate import free_run, output_table
-from pamid.simulation.windows import Runner, track_of
+from pamid.simulation.tracks import track_of
+from pamid.simulation.windows import Runner
 
 Array = NDArray[np.float64]
 

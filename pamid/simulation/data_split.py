@@ -24,7 +24,7 @@ from pamid.simulation.simulate import (
     output_table,
     state_spread,
 )
-from pamid.simulation.windows import Track, noise_of, stated_noise, track_of
+from pamid.simulation.tracks import Track, noise_of, stated_noise, track_of
 
 Array = NDArray[np.float64]
 FEWEST = 400  # samples of a recording

@@ -10,8 +10,9 @@ import pytest
 from small_cart import RIG, cart_evidence, record_cart
 
 from pamid.estimation.fit_model import GreyBox, fit_model
-from pamid.estimation.gauss_newton import Problem, fit_robustly, free_parameters
 from pamid.estimation.intervals import estimates
+from pamid.estimation.multiple_shooting import fit_robustly
+from pamid.estimation.problem import Problem, free_parameters
 from pamid.estimation.restart import TRAPPED, freed
 from pamid.excitation.aprbs import aprbs
 from pamid.model.registry import rig_named

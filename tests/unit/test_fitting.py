@@ -16,8 +16,9 @@ from virtual_joint import KNOWN, SPECIMEN, record
 
 from pamid.engine.program import Stepping
 from pamid.estimation.fit_model import COARSE, GreyBox, fit_json, fit_model
-from pamid.estimation.gauss_newton import Fit, Problem, fit, fit_robustly, free_parameters
 from pamid.estimation.intervals import Estimate, bootstrap, estimates
+from pamid.estimation.multiple_shooting import fit, fit_robustly
+from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.estimation.residual_weights import Weights
 from pamid.model.assembly import Assembly
 from pamid.model.effect import State
@@ -27,7 +28,8 @@ from pamid.model.rig import Port, Rig
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
 from pamid.simulation.simulate import virtual_recording
-from pamid.simulation.windows import Runner, Window, track_of
+from pamid.simulation.tracks import track_of
+from pamid.simulation.windows import Runner, Window
 
 Array = NDArray[np.float64]
 JOINT = rig_named("one-dof")

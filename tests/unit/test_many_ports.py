@@ -10,7 +10,7 @@ from pamid.diagnosis.port_evidence import CROWDED, OUTSTANDING, Located, _found_
 from pamid.diagnosis.screening import _free
 from pamid.diagnosis.smoother import Smoothed
 from pamid.diagnosis.tournament import within_reach
-from pamid.estimation.gauss_newton import free_parameters
+from pamid.estimation.problem import free_parameters
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attach, attachments
 from pamid.model.registry import effects, rig_named

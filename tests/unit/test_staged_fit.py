@@ -18,10 +18,10 @@ from pamid.base.errors import ConvergenceError, DataError, FileError
 from pamid.base.json_file import write_json
 from pamid.base.run_folder import Run
 from pamid.estimation.fit_model import GreyBox, fit_json, fit_model
-from pamid.estimation.gauss_newton import Problem
 from pamid.estimation.intervals import bootstrap
 from pamid.estimation.posterior import read_posterior
 from pamid.estimation.prior import Prior, terms_of_sheet
+from pamid.estimation.problem import Problem
 from pamid.model.registry import rig_named
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
