@@ -34,7 +34,8 @@ from transcription import transcribed
 
 from pamid.engine import jit_cache as machine
 from pamid.engine.program import Program, Stepping
-from pamid.estimation.gauss_newton import Problem, fit_robustly, free_parameters
+from pamid.estimation.multiple_shooting import fit_robustly
+from pamid.estimation.problem import Problem, free_parameters
 from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attachments
@@ -42,8 +43,8 @@ from pamid.model.registry import effects, rig_named
 from pamid.recording.noise import noise_level
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.simulate import choose_stepping, input_table
+from pamid.simulation.tracks import track_of
 from pamid.simulation.virtual_rig import virtual_rig
-from pamid.simulation.windows import track_of
 
 Array = NDArray[np.float64]
 PERIOD_S = 0.003

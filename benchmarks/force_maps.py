@@ -34,7 +34,7 @@ from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.diagnosis.verdict import diagnosis_json
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, read_recording, write_recording
-from pamid.simulation.data_split import gather
+from pamid.simulation.data_split import split_recordings
 from pamid.simulation.replay import Replay
 
 Array = NDArray[np.float64]
@@ -178,7 +178,9 @@ def rms(replays: tuple[Replay, ...]) -> float:
 def run_case(name: str, data: Path = DATA, jobs: int = 1) -> tuple[Outcome, Diagnosis]:
     with tempfile.TemporaryDirectory() as folder:
         fitted, held_out = CASES[name](data, Path(folder))
-    diagnosed = diagnose(gather(rig_named(str(RIG)), fitted, held_out), effects(), jobs=jobs)
+    diagnosed = diagnose(
+        split_recordings(rig_named(str(RIG)), fitted, held_out), effects(), jobs=jobs
+    )
     base = diagnosed.budget.baseline
     found = diagnosis_json(diagnosed, None, 0)
     return Outcome(found, rms(base.replays), rms((diagnosed.cause or base).replays)), diagnosed

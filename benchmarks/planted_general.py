@@ -30,7 +30,7 @@ from pamid.excitation.aprbs import aprbs
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording, write_recording
-from pamid.simulation.data_split import gather
+from pamid.simulation.data_split import split_recordings
 from pamid.simulation.virtual_rig import virtual_rig
 
 RIGS = Path(__file__).resolve().parent / "rigs"
@@ -75,7 +75,7 @@ def main() -> int:
                 )
                 target = Path(folder) / "rec.csv"
                 write_recording(target, period * np.arange(len(signal)), made.columns, made.meta)
-                evidence = gather(rig, [read_recording(target)], [])
+                evidence = split_recordings(rig, [read_recording(target)], [])
             found = diagnosis_json(diagnose(evidence, effects(), jobs=2), None, 0)
             first = (
                 found["ranking"][0]

@@ -22,7 +22,7 @@ from pamid.excitation.aprbs import aprbs
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording, write_recording
-from pamid.simulation.data_split import gather
+from pamid.simulation.data_split import split_recordings
 from pamid.simulation.virtual_rig import virtual_rig
 
 MISTUNED = {
@@ -83,7 +83,7 @@ def main() -> int:
         begun = time.process_time()
         with tempfile.TemporaryDirectory() as folder:
             recording = read_recording(plant(label, options.seed, Path(folder), options.seconds))
-        evidence = gather(rig, [recording], [])
+        evidence = split_recordings(rig, [recording], [])
         found = diagnosis_json(diagnose(evidence, catalogue, jobs=options.jobs), None, 0)
         first = (
             found["ranking"][0]

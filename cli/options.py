@@ -13,7 +13,7 @@ from .terminal import aside
 if TYPE_CHECKING:
     from pamid.model.rig import Rig
     from pamid.recording.recording import Recording
-    from pamid.simulation.data_split import Evidence
+    from pamid.simulation.data_split import DataSplit
 
 
 def parse_known(pairs: tuple[str, ...]) -> dict[str, float]:
@@ -61,13 +61,13 @@ def evidence_from(
     held_out: tuple[Path, ...],
     *,
     check: bool = True,
-) -> Evidence:
+) -> DataSplit:
     """Read the recordings, refuse those that are wrong for the rig (default: the one of the
     catalogue that they name), and divide them for it."""
     from pamid.checks.inspection import require_sound
     from pamid.model.registry import catalogue_rig, rig_named, rig_of
     from pamid.recording.recording import read_recording
-    from pamid.simulation.data_split import gather
+    from pamid.simulation.data_split import split_recordings
 
     rig = rig_named(rig_name) if rig_name else None
     read = [read_recording(p) for p in (*recordings, *held_out)]
@@ -75,7 +75,7 @@ def evidence_from(
     for recording in read:
         for warning in (*recording.warnings, *unknown_columns(rig, recording)):
             aside(f"Warning: {recording.path}: {warning}")
-    evidence = gather(rig, read[: len(recordings)], read[len(recordings) :])
+    evidence = split_recordings(rig, read[: len(recordings)], read[len(recordings) :])
     for recording in evidence.recordings:
         if check:
             require_sound(recording, rig)

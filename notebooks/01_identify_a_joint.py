@@ -26,7 +26,7 @@ from pamid.estimation.fit_model import GreyBox, fit_json, fit_model
 from pamid.excitation.aprbs import aprbs, coverage
 from pamid.model.registry import rig_named
 from pamid.recording.recording import read_recording, write_recording
-from pamid.simulation.data_split import gather
+from pamid.simulation.data_split import split_recordings
 from pamid.simulation.virtual_rig import virtual_rig
 
 temporary = tempfile.TemporaryDirectory()
@@ -88,7 +88,7 @@ sheet = {p.outside_name: p.value for p in rig.parameters}
 
 def identify(measured: Recording) -> tuple[GreyBox, dict[str, str]]:
     """Fit, print parameters beside the truth, return the model and the word of every parameter."""
-    model = fit_model(gather(rig, [measured], []))
+    model = fit_model(split_recordings(rig, [measured], []))
     found = fit_json(model, seed=0)
     inside = 0
     print(

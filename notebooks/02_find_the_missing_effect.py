@@ -28,7 +28,7 @@ from pamid.model.attachment import attach
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording, write_recording
 from pamid.report.writing import write_report
-from pamid.simulation.data_split import gather
+from pamid.simulation.data_split import split_recordings
 from pamid.simulation.virtual_rig import virtual_rig
 
 temporary = tempfile.TemporaryDirectory()
@@ -65,7 +65,7 @@ write_recording(folder / "joint.csv", time_s, made.columns, made.meta)
 
 # %%
 rig = rig_named("one-dof")
-evidence = gather(rig, [read_recording(folder / "joint.csv")], [])
+evidence = split_recordings(rig, [read_recording(folder / "joint.csv")], [])
 run = Run.create(
     folder / "run", command="02_find_the_missing_effect", seed=0, inputs=[folder / "joint.csv"]
 )

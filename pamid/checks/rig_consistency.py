@@ -31,7 +31,7 @@ from pamid.simulation.simulate import (
     measured_outputs,
     output_table,
 )
-from pamid.simulation.windows import stated_noise
+from pamid.simulation.tracks import stated_noise
 
 Array = NDArray[np.float64]
 

@@ -52,7 +52,7 @@ from pamid.model.rig import Rig
 from pamid.networks.store import TrainedNetwork
 from pamid.networks.training import Training
 from pamid.recording.recording import read_recording
-from pamid.simulation.data_split import Evidence, gather
+from pamid.simulation.data_split import DataSplit, split_recordings
 from pamid.simulation.replay import Replay, channel_mae, replay
 from pamid.symbolic.expression import symbol
 from pamid.symbolic.vocabulary import Expr, Number
@@ -130,7 +130,7 @@ class PortCorrection:
 class Origin:
     """What a run's model was fitted to, its effects, and its fit.json."""
 
-    evidence: Evidence
+    evidence: DataSplit
     attached: tuple[Attachment, ...]
     fit: dict[str, Any]
 
@@ -183,7 +183,7 @@ def origin_of(folder: Path, rig: str | None = None) -> Origin:
                 _require_unchanged(one, known[one], folder)
     made = rig_again(name, rig, known)
     recordings = {path: read_recording(Path(path)) for path in roles}
-    evidence = gather(
+    evidence = split_recordings(
         made,
         [r for path, r in recordings.items() if roles[path] != "held-out"],
         [r for path, r in recordings.items() if roles[path] == "held-out"],
@@ -209,7 +209,7 @@ def _require_unchanged(path: str, sha256: str, folder: Path) -> None:
 # ---- what is missing there ---------------------------------------------------------------------
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True, eq=False)
 class _AtEntry(Smoother):
     """A smoother with its latent value at one place of a port."""
 
@@ -232,20 +232,20 @@ def missing_at(model: GreyBox, replays: tuple[Replay, ...], entry: Entry) -> tup
         (entry.port,),
         place=entry.place,
     )
-    likely, size, time_s = smoother.best
-    if not np.isfinite(
-        smoother.evidence_at(size, time_s, ROUNDS) if np.isfinite(likely) else likely
-    ):
+    smoothed = smoother.best
+    if np.isfinite(smoothed.log_evidence):
+        smoothed = smoother.smoothed(smoothed, smoothed.size, smoothed.time_s, ROUNDS)
+    if not np.isfinite(smoothed.log_evidence):
         raise ConvergenceError(
             f"What is missing at {entry.name} cannot be found: the model does not follow its data.",
             "Try another port.",
         )
     found = []
-    for path in smoother.paths:
-        middle = np.array([0.5 * (w.start + w.stop - 1) for w in path.slices])
-        values = size_at(model.assembly, entry.port) * path.x[:, smoother.missing[0]]
-        found.append(np.interp(np.arange(len(path.runner.track)), middle, values))
-    p = transferred(model.assembly, (smoother.assembly, smoother.parameters(smoother.s)))
+    for sliced, states in zip(smoother.tracks, smoothed.x, strict=True):
+        middle = np.array([0.5 * (w.start + w.stop - 1) for w in sliced.slices])
+        values = size_at(model.assembly, entry.port) * states[:, smoother.missing[0]]
+        found.append(np.interp(np.arange(len(sliced.runner.track)), middle, values))
+    p = transferred(model.assembly, (smoother.assembly, smoother.parameters(smoothed.s)))
     return np.concatenate(found), p
 
 

@@ -16,7 +16,7 @@ from pamid.estimation.fit_model import GreyBox, fit_model
 from pamid.model.bound_parameter import Sizes
 from pamid.parallel.jobs import Work, WorkerPool
 from pamid.parallel.store import Plain
-from pamid.simulation.data_split import Evidence
+from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, replay
 
 Array = NDArray[np.float64]
@@ -59,7 +59,7 @@ class Budget:
         return np.asarray(np.nansum(absolutes / seen_mean(self.floor), axis=1))
 
 
-def gap_budget(evidence: Evidence, *, seed: int, pool: WorkerPool, progress: Progress) -> Budget:
+def gap_budget(evidence: DataSplit, *, seed: int, pool: WorkerPool, progress: Progress) -> Budget:
     """Fit the baseline (parameters and background), replay it, and set the floor and the ceiling
     beside it."""
     model = pool.one(_Baseline(evidence, progress), seed)
@@ -78,7 +78,7 @@ class _Baseline(Work[int, GreyBox]):
     """Items are seeds."""
 
     what = "fitting"
-    evidence: Evidence
+    evidence: DataSplit
     progress: Progress = field(compare=False)
 
     def __call__(self, item: int) -> Plain:

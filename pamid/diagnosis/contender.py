@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.metrics import seen_mean
-from pamid.estimation.gauss_newton import Fit, Problem, fit, free_parameters
+from pamid.estimation.multiple_shooting import fit
+from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.estimation.residual_weights import residual_weights
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
-from pamid.simulation.data_split import Evidence
+from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, replay
 
 Array = NDArray[np.float64]
@@ -78,7 +79,7 @@ class Contender:
         return len(self.fit.problem.free)
 
 
-def replayed(evidence: Evidence, assembly: Assembly, fitted: Fit) -> Contender:
+def replayed(evidence: DataSplit, assembly: Assembly, fitted: Fit) -> Contender:
     """Replay a fitted model over everything held out."""
     tracks = evidence.tracks(assembly, held_out=True)
     return contender_from(
@@ -116,7 +117,7 @@ def set_within_bounds(assembly: Assembly, p: Array, first: dict[str, float]) -> 
 
 
 def refit(
-    evidence: Evidence,
+    evidence: DataSplit,
     assembly: Assembly,
     base: Fit,
     *,

@@ -16,12 +16,12 @@ from pamid.diagnosis.verdict import diagnosis_json
 from pamid.estimation.fit_model import fit_json, model_json, residual_csv
 from pamid.model.effect import Effect
 from pamid.parallel.jobs import WorkerPool
-from pamid.simulation.data_split import Evidence
+from pamid.simulation.data_split import DataSplit
 
 
 def diagnose_into(
     run: Run,
-    evidence: Evidence,
+    evidence: DataSplit,
     catalogue: dict[str, type[Effect]],
     *,
     seed: int = 0,

@@ -13,7 +13,7 @@ from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.contender import Contender
 from pamid.engine.program import Program
 from pamid.model.rig import Port
-from pamid.simulation.data_split import Evidence
+from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, followed
 from pamid.symbolic.expression import symbols
 from pamid.symbolic.vocabulary import Expr
@@ -68,7 +68,7 @@ def _excess(before: Replay, after: Replay | None, noise: Array) -> Array:
     return np.where(before.scored, loss - rest, 0.0)
 
 
-def regimes(evidence: Evidence, base: Contender, after: Contender | None) -> list[Regime]:
+def regimes(evidence: DataSplit, base: Contender, after: Contender | None) -> list[Regime]:
     """At most four stretches of values that hold much more of the gap of `base` than of the time,
     best first; of two that hold about the same samples only the better one."""
     befores = base.replays
@@ -128,7 +128,7 @@ def _stretch(name: str, unit: str, x: Array, gap: Array) -> _Stretch | None:
 # ---- signals a regime can be told in -----------------------------------------------------------
 
 
-def measured_signals(evidence: Evidence, r: Replay) -> dict[str, tuple[Array, str]]:
+def measured_signals(evidence: DataSplit, r: Replay) -> dict[str, tuple[Array, str]]:
     """What was measured, its rate of change, and what was sent: name -> (samples, unit)."""
     out: dict[str, tuple[Array, str]] = {}
     period = r.track.period_s

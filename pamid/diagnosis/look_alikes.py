@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.diagnosis.contender import Contender
-from pamid.simulation.data_split import Evidence
+from pamid.simulation.data_split import DataSplit
 
 Array = NDArray[np.float64]
 
@@ -26,7 +26,7 @@ def distance(one: Contender, other: Contender, noise: Array) -> float:
     return float(np.sqrt((np.concatenate(gaps) ** 2).mean(axis=0)).max())
 
 
-def alike(evidence: Evidence, baseline: Contender, one: Contender, other: Contender) -> bool:
+def alike(evidence: DataSplit, baseline: Contender, one: Contender, other: Contender) -> bool:
     """Do two models say the same on these recordings?"""
     apart = distance(one, other, evidence.noise)
     reach = min(distance(one, baseline, evidence.noise), distance(other, baseline, evidence.noise))
@@ -34,7 +34,7 @@ def alike(evidence: Evidence, baseline: Contender, one: Contender, other: Conten
 
 
 def look_alike_classes(
-    evidence: Evidence, baseline: Contender, contenders: list[Contender]
+    evidence: DataSplit, baseline: Contender, contenders: list[Contender]
 ) -> list[list[str]]:
     """Classes of two and more, by single linkage, in the order of the contenders."""
     classes: list[list[Contender]] = []

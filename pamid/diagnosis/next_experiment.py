@@ -24,15 +24,17 @@ from pamid.diagnosis.contender import Contender
 from pamid.diagnosis.proposal import FILE, Proposal
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.engine.program import Stepping
-from pamid.estimation.gauss_newton import Problem, fit, initial_starts
+from pamid.estimation.multiple_shooting import fit, initial_starts
+from pamid.estimation.problem import Problem
 from pamid.estimation.residual_weights import Weights, residual_weights
 from pamid.excitation.experiments import MOST_SAMPLES, PASS_S, Bench, Experiment, menu
 from pamid.parallel.jobs import Work
 from pamid.parallel.store import Plain
 from pamid.recording.recording import Recording
-from pamid.simulation.data_split import Evidence
+from pamid.simulation.data_split import DataSplit
 from pamid.simulation.simulate import choose_stepping, known_values, virtual_recording
-from pamid.simulation.windows import Runner, Track, track_of
+from pamid.simulation.tracks import Track, track_of
+from pamid.simulation.windows import Runner
 
 Array = NDArray[np.float64]
 
@@ -112,7 +114,7 @@ def in_question(d: Diagnosis) -> list[tuple[Contender, Contender]]:
     return [(one, other) for one, other in combinations(models, 2) if tied or one is best]
 
 
-def bench_of(evidence: Evidence) -> Bench:
+def bench_of(evidence: DataSplit) -> Bench:
     """The bench that the recordings were made on: its loop or its inputs, their range (2nd to 98th
     percentile)."""
     rig, recordings, model = evidence.rig, evidence.recordings, _like(evidence)
@@ -147,7 +149,7 @@ def bench_of(evidence: Evidence) -> Bench:
     )
 
 
-def _like(evidence: Evidence) -> Recording:
+def _like(evidence: DataSplit) -> Recording:
     """The recording after which an experiment is set up: the first one that was commanded, if
     any."""
     commands = [q.command for q in evidence.rig.loops]
@@ -156,14 +158,14 @@ def _like(evidence: Evidence) -> Recording:
     )
 
 
-def _settings(evidence: Evidence) -> dict[str, float]:
+def _settings(evidence: DataSplit) -> dict[str, float]:
     """[known] of an experiment: as before, but nothing that only holds for a test without
     commands."""
     model = _like(evidence)
     return model.known if all(model.has(q.command) for q in evidence.rig.loops) else {}
 
 
-def benches(evidence: Evidence, bench: Bench, e: Experiment, model: Contender) -> list[Bench]:
+def benches(evidence: DataSplit, bench: Bench, e: Experiment, model: Contender) -> list[Bench]:
     """The ways to run an experiment: as it is where a loop holds the rig, else those of several
     amplitudes and rates that leave it about where it was recorded."""
     if bench.command:
@@ -179,7 +181,7 @@ def benches(evidence: Evidence, bench: Bench, e: Experiment, model: Contender) -
     return out
 
 
-def _stays(evidence: Evidence, made: Recording) -> bool:
+def _stays(evidence: DataSplit, made: Recording) -> bool:
     for channel in evidence.channels:
         before = np.concatenate([r.signal(channel) for r in evidence.recordings if r.has(channel)])
         room = BEYOND * float(np.ptp(before))
@@ -190,7 +192,7 @@ def _stays(evidence: Evidence, made: Recording) -> bool:
 
 
 def _recorded(
-    evidence: Evidence,
+    evidence: DataSplit,
     c: Contender,
     bench: Bench,
     columns: dict[str, Array],
@@ -232,7 +234,7 @@ def _recorded(
         return None
 
 
-def _controller(evidence: Evidence) -> dict[str, float]:
+def _controller(evidence: DataSplit) -> dict[str, float]:
     return {**evidence.rig.controller, **_like(evidence).controller}
 
 
@@ -240,7 +242,7 @@ def _controller(evidence: Evidence) -> dict[str, float]:
 
 
 def separations(
-    evidence: Evidence, bench: Bench, e: Experiment, pairs: list[tuple[Contender, Contender]]
+    evidence: DataSplit, bench: Bench, e: Experiment, pairs: list[tuple[Contender, Contender]]
 ) -> Iterator[Array]:
     """RMS difference per channel of the nearest pair, in noise standard deviations: ever smaller
     over all channels together, the last one with all re-adjusted; zeros where a model cannot be
@@ -384,7 +386,7 @@ def _proposal(
     )
 
 
-def sent_with(evidence: Evidence, bench: Bench, columns: dict[str, Array]) -> dict[str, Any]:
+def sent_with(evidence: DataSplit, bench: Bench, columns: dict[str, Array]) -> dict[str, Any]:
     """What is stated beside columns sent to a bench: loop, period, rig, what is known and the
     controller's settings."""
     closed = any(q.reference in columns for q in bench.rig.loops)

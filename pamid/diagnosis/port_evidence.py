@@ -19,7 +19,7 @@ from pamid.diagnosis.smoother import Smoother
 from pamid.model.rig import Rig
 from pamid.parallel.jobs import Failed, Work, WorkerPool
 from pamid.parallel.store import Plain
-from pamid.simulation.data_split import Evidence
+from pamid.simulation.data_split import DataSplit
 
 # ports with this share of another one's evidence: these recordings do not tell them apart
 ALIKE = 0.98
@@ -73,7 +73,7 @@ class _Smoothing(Work[Ports, Found]):
     likely size and time constant; moving: do the parameters?"""
 
     what = "looking for what is missing at"
-    evidence: Evidence
+    evidence: DataSplit
     base: Contender
     moving: bool
     smoothers: dict[Ports, Smoother] = field(default_factory=dict, compare=False, repr=False)
@@ -83,7 +83,7 @@ class _Smoothing(Work[Ports, Found]):
 
     def __call__(self, item: Ports) -> Plain:
         smoother = self.smoother(item)
-        return {"found": smoother.best if self.moving else smoother.rough}
+        return {"found": (smoother.best if self.moving else smoother.rough).found}
 
     def restored(self, item: Ports, found: Plain) -> Found:
         evidence, size, time_s = found["found"]
@@ -94,7 +94,7 @@ class _Smoothing(Work[Ports, Found]):
 
 
 def locate(
-    evidence: Evidence, base: Contender, pool: WorkerPool, ports: list[str] | None = None
+    evidence: DataSplit, base: Contender, pool: WorkerPool, ports: list[str] | None = None
 ) -> Located:
     """Evidence for a latent value at every port, and Shapley values of the classes of ports.
 

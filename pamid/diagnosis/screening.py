@@ -12,13 +12,15 @@ from pamid.diagnosis.contender import Contender, set_within_bounds, transferred
 from pamid.diagnosis.starting_hints import Clues
 from pamid.engine.program import Stepping
 from pamid.estimation.fit_model import model_with
-from pamid.estimation.gauss_newton import Fit, Problem, fit, free_parameters
+from pamid.estimation.multiple_shooting import fit
+from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import Sizes
 from pamid.model.effect import Hints
-from pamid.simulation.data_split import Evidence
-from pamid.simulation.windows import Track, Window
+from pamid.simulation.data_split import DataSplit
+from pamid.simulation.tracks import Track
+from pamid.simulation.windows import Window
 
 Array = NDArray[np.float64]
 
@@ -127,7 +129,7 @@ class Ground:
         p = base.p if costs[0] <= 1.05 * costs[1] else sheet
         return cls(baseline, tuple(spans), tuple(starts), p, min(costs), held)
 
-    def problem(self, evidence: Evidence, assembly: Assembly) -> Problem:
+    def problem(self, evidence: DataSplit, assembly: Assembly) -> Problem:
         tracks = tuple(
             t.part(*s) for t, s in zip(evidence.tracks(assembly), self.spans, strict=True)
         )
@@ -155,7 +157,7 @@ def _worst_run(
 
 
 def screen(
-    evidence: Evidence, ground: Ground, attachment: Attachment, sizes: Sizes, clues: Clues
+    evidence: DataSplit, ground: Ground, attachment: Attachment, sizes: Sizes, clues: Clues
 ) -> Screened:
     """Gain of one candidate after a few steps from each of its starting points and some more from
     the best of them."""

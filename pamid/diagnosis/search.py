@@ -16,12 +16,13 @@ from pamid.diagnosis.screening import Ground, Screened, screen, sent_on
 from pamid.diagnosis.serialise import contender_of, contender_plain
 from pamid.diagnosis.starting_hints import Clues
 from pamid.estimation.fit_model import COARSE, model_with, rechecked
-from pamid.estimation.gauss_newton import Fit, fit
+from pamid.estimation.multiple_shooting import fit
+from pamid.estimation.problem import Fit
 from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import Sizes
 from pamid.parallel.jobs import Failed, Work, WorkerPool
 from pamid.parallel.store import Plain
-from pamid.simulation.data_split import Evidence
+from pamid.simulation.data_split import DataSplit
 
 Array = NDArray[np.float64]
 
@@ -34,7 +35,7 @@ SURE = 3.0
 class Search:
     """What every step of a diagnosis needs."""
 
-    evidence: Evidence
+    evidence: DataSplit
     budget: Budget
     chosen: NDArray[np.bool_]
     candidates: list[Attachment]
@@ -58,7 +59,7 @@ class _Screening(Work[Attachment, Screened]):
     """A candidate on top of a model."""
 
     what = "screening"
-    evidence: Evidence
+    evidence: DataSplit
     ground: Ground
     sizes: Sizes
     clues: Clues
@@ -96,7 +97,7 @@ class Refitting(Work[Start, Contender]):
     """A model refitted after a fit of another one, and replayed on what was held out."""
 
     what = "refitting"
-    evidence: Evidence
+    evidence: DataSplit
     after: Fit
     sizes: Sizes
 
@@ -239,7 +240,7 @@ class _Settling(Work[Contender, Contender]):
     """A model with finer steps, where it needs them."""
 
     what = "settling"
-    evidence: Evidence
+    evidence: DataSplit
 
     def __call__(self, item: Contender) -> Plain:
         best = item

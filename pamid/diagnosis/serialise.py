@@ -11,13 +11,14 @@ import numpy as np
 from pamid.diagnosis.contender import Contender, contender_from
 from pamid.engine.program import Stepping
 from pamid.estimation.fit_model import GreyBox, model_with
-from pamid.estimation.gauss_newton import Fit, Problem, free_parameters
+from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.estimation.residual_weights import Weights
 from pamid.model.assembly import Assembly
 from pamid.parallel.store import Plain
-from pamid.simulation.data_split import Evidence
+from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay
-from pamid.simulation.windows import Track, Window
+from pamid.simulation.tracks import Track
+from pamid.simulation.windows import Window
 
 
 def contender_plain(c: Contender) -> Plain:
@@ -26,7 +27,7 @@ def contender_plain(c: Contender) -> Plain:
     return {"fit": _fit_plain(c.fit), "replays": [_replay_plain(r) for r in c.replays]}
 
 
-def contender_of(evidence: Evidence, assembly: Assembly, found: Plain) -> Contender:
+def contender_of(evidence: DataSplit, assembly: Assembly, found: Plain) -> Contender:
     held = evidence.tracks(assembly, held_out=True)
     return contender_from(
         assembly, _fit_of(evidence, assembly, found["fit"]), _replays_of(held, found["replays"])
@@ -45,7 +46,7 @@ def grey_box_plain(g: GreyBox) -> Plain:
     }
 
 
-def grey_box_of(evidence: Evidence, found: Plain) -> GreyBox:
+def grey_box_of(evidence: DataSplit, found: Plain) -> GreyBox:
     assembly = model_with(
         evidence, (), {(port, signal): size for port, signal, size in found["sizes"]}
     )
@@ -83,7 +84,7 @@ def _fit_plain(f: Fit) -> Plain:
     }
 
 
-def _fit_of(evidence: Evidence, assembly: Assembly, found: dict[str, Any]) -> Fit:
+def _fit_of(evidence: DataSplit, assembly: Assembly, found: dict[str, Any]) -> Fit:
     tracks = evidence.tracks(assembly)
     problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
     return Fit(

@@ -1,7 +1,13 @@
-"""One track's path in slices: the states at the start of each, the data about them linearised, what
-is known before.
+"""One track's trajectory in slices: the states at the start of each, the data linearised about
+them, and their prior.
 
-The system over all slices is block-tridiagonal; the parameters border it.
+With x_i the states at the start of slice i and f(x_i) those at its end, a first-order Gauss-Markov
+prior links neighbours: x_(i+1) = a f(x_i) + w_i, w_i ~ N(0, Q_i), with a = exp(-length / time
+constant) and Q = size^2 (1 - a^2) for a latent value (the exact discretisation of an
+Ornstein-Uhlenbeck process) and a = 1 with a very small Q for the other states. The normal equations
+over all slices are therefore block-tridiagonal; the parameters border them. Eliminating the states
+is the Rauch-Tung-Striebel smoother of the linearised model: Bell (1994), SIAM J. Optim. 4(3);
+Särkkä (2013), Bayesian Filtering and Smoothing, ch. 10 and 13.
 """
 
 from __future__ import annotations
@@ -24,11 +30,12 @@ STIFF = 1e-4
 FREE = 1e3  # ... at most of its jump where a window begins
 
 
-class Linear(NamedTuple):
-    """The data about one track's path and the parameters, linearised: information of the parameters
-    (k x k), of the states at the start of every slice (slices x n x n), between them (slices x n x
-    k), their gradients, state at the end of the slice, its derivatives by start and parameters,
-    squared error in noise variances."""
+class Linearisation(NamedTuple):
+    """The data of one track, linearised about a trajectory and the parameters: information of the
+    parameters (k x k), of the states at the start of every slice (slices x n x n), between them
+    (slices x n x k), their gradients, state at the end of every slice, its derivatives by the state
+    at the start (slices x n x n) and by the parameters (slices x n x k), squared error in noise
+    variances."""
 
     H: Array
     D: Array
@@ -36,22 +43,22 @@ class Linear(NamedTuple):
     g: Array
     gx: Array
     end: Array
-    slope: Array
-    lean: Array
+    by_start: Array
+    by_parameters: Array
     cost: float
 
 
-class Followed(NamedTuple):
+class Simulation(NamedTuple):
     """States at the end of every slice, squared error in noise variances."""
 
     end: Array
     cost: float
 
 
-class Prior(NamedTuple):
-    """What is known before: information of the joints between slices (slices-1 x n) and of the
-    first value (n), decay of the states over a slice (n), log determinant of the latent values'
-    part."""
+class TrajectoryPrior(NamedTuple):
+    """What is known of a trajectory before its data: information of the joints between slices
+    (slices-1 x n) and of the first value (n), decay of the states over a slice (n), log determinant
+    of the latent values' part."""
 
     joint: Array
     first: Array
@@ -59,34 +66,37 @@ class Prior(NamedTuple):
     log_det: float
 
 
-@dataclass(eq=False)
-class Path:
-    """States at the start of every slice of one track, and the data about them."""
+@dataclass(frozen=True, eq=False)
+class SlicedTrack:
+    """One track in slices. A trajectory x of it: the states at the start of every slice (slices x
+    states)."""
 
     runner: Runner
     slices: list[Window]
     opens: NDArray[np.bool_]  # slices that begin a window: the rig's states may jump there
-    x: Array  # slices x states
+    start: Array  # the trajectory that smoothing begins with
 
-    def follow(self, p: Array, noise: Array) -> Followed:
+    def simulate(self, x: Array, p: Array, noise: Array) -> Simulation:
         """Where the slices end, and their squared error; p: parameters (SI)."""
         values = self.runner.parameters(p)
-        memory, end, cost = self.runner.memory(values), np.zeros_like(self.x), 0.0
+        memory, end, cost = self.runner.memory(values), np.zeros_like(x), 0.0
         for i, window in enumerate(self.slices):
-            self.runner.enter(memory, self.x[i])
+            self.runner.enter(memory, x[i])
             Y, _, fine = self.runner.run(memory, window, values, False)
             if not fine:
-                return Followed(end, np.inf)
+                return Simulation(end, np.inf)
             cost += float(
                 np.nansum(((Y - self.runner.track.y[window.start : window.stop]) / noise) ** 2)
             )
             end[i] = memory.x[: end.shape[1]]
-        return Followed(end, cost)
+        return Simulation(end, cost)
 
-    def linearise(self, p: Array, slope: Array, noise: Array, moving: bool) -> Linear:
+    def linearise(
+        self, x: Array, p: Array, slope: Array, noise: Array, moving: bool
+    ) -> Linearisation:
         """p: parameters (SI); slope: theirs by prior spread; moving: derivatives by them, too?"""
         runner = self.runner if moving else replace(self.runner, free=())
-        count, n, k = len(self.x), self.x.shape[1], len(slope)
+        count, n, k = len(x), x.shape[1], len(slope)
         values, root, seen = runner.parameters(p), 1.0 / noise, runner.track.seen
         own_root = root if seen.all() else np.where(seen, root, 0.0)
         memory, first = runner.memory(values), 0 if moving else k
@@ -101,10 +111,10 @@ class Path:
         by = np.concatenate([slope, np.ones(n)])[first:]
         A = np.zeros((0, k + n))
         for i, window in enumerate(self.slices):
-            runner.enter(memory, self.x[i])
+            runner.enter(memory, x[i])
             Y, J, fine = runner.run(memory, window, values, True, own_root)
             if not fine:
-                return Linear(H, D, B, g, gx, end, S[:, :, k:], S[:, :, :k], np.inf)
+                return Linearisation(H, D, B, g, gx, end, S[:, :, k:], S[:, :, :k], np.inf)
             r = ((Y - runner.track.y[window.start : window.stop]) * root).ravel()
             if not seen.all():
                 r = np.nan_to_num(r)
@@ -121,10 +131,13 @@ class Path:
                 cost + float(r @ r),
             )
             end[i], S[i, :, first:] = memory.x[:n], memory.S[:n, : len(by)] * by
-        return Linear(H, D, B, g, gx, end, S[:, :, k:], S[:, :, :k], cost)
+        return Linearisation(H, D, B, g, gx, end, S[:, :, k:], S[:, :, :k], cost)
 
-    def prior(self, missing: NDArray[np.intp], size: float, time_s: float) -> Prior:
-        spread = np.maximum(self.x.std(axis=0), 1e-9 * np.abs(self.x).max(axis=0) + 1e-100)
+    def prior(
+        self, x: Array, missing: NDArray[np.intp], size: float, time_s: float
+    ) -> TrajectoryPrior:
+        """missing: places of the latent values among the states; size, time_s: theirs."""
+        spread = np.maximum(x.std(axis=0), 1e-9 * np.abs(x).max(axis=0) + 1e-100)
         joint = np.tile(1.0 / (STIFF * spread) ** 2, (len(self.slices) - 1, 1))
         jump, free = self.runner.track.jump, FREE * spread
         free[: len(jump)] = np.minimum(free[: len(jump)], jump)
@@ -134,7 +147,7 @@ class Path:
         first, decay = np.zeros(len(spread)), np.ones(len(spread))
         joint[:, missing], first[missing] = 1.0 / (size**2 * (1.0 - keep**2)), 1.0 / size**2
         decay[missing] = keep
-        return Prior(
+        return TrajectoryPrior(
             joint,
             first,
             decay,
@@ -142,7 +155,7 @@ class Path:
         )
 
     def eliminated(
-        self, one: Linear, prior: Prior, damping: float
+        self, x: Array, one: Linearisation, prior: TrajectoryPrior, damping: float
     ) -> tuple[Array, Array, Array, Array, Array, float]:
         """What the track adds to the parameters' information and gradient once its states are
         eliminated, the states' gradient, the solutions for [B | gx], and the log determinant of the
@@ -150,21 +163,22 @@ class Path:
 
         The system is scaled to a unit diagonal: states in pascals and radians stand side by side.
         """
-        joint, decay, n, k = prior.joint, prior.decay, self.x.shape[1], len(one.g)
+        joint, decay, n, k = prior.joint, prior.decay, x.shape[1], len(one.g)
         D, gx, B = one.D.copy(), one.gx.copy(), one.B.copy()
-        jump = self.x[1:] - decay * one.end[:-1]
-        A, P, pull = decay[:, None] * one.slope[:-1], decay[:, None] * one.lean[:-1], joint * jump
+        jump = x[1:] - decay * one.end[:-1]
+        A, P = decay[:, None] * one.by_start[:-1], decay[:, None] * one.by_parameters[:-1]
+        weighed_jump = joint * jump
         off, weighed = -joint[:, :, None] * A, joint[:, :, None] * P
         D[:-1] -= np.matmul(A.transpose(0, 2, 1), off)
         D[1:, range(n), range(n)] += joint
-        gx[:-1] -= np.einsum("kji,kj->ki", A, pull)
-        gx[1:] += pull
+        gx[:-1] -= np.einsum("kji,kj->ki", A, weighed_jump)
+        gx[1:] += weighed_jump
         B[:-1] += np.matmul(A.transpose(0, 2, 1), weighed)
         B[1:] -= weighed
         H = one.H + P.reshape(-1, k).T @ weighed.reshape(-1, k)
-        g = one.g - P.reshape(-1, k).T @ pull.ravel()
+        g = one.g - P.reshape(-1, k).T @ weighed_jump.ravel()
         D[0] += np.diag(prior.first)
-        gx[0] += prior.first * self.x[0]
+        gx[0] += prior.first * x[0]
         scale = 1.0 / np.sqrt(np.einsum("kii->ki", D) + 1e-300)
         D *= scale[:, :, None] * scale[:, None, :]
         off *= scale[1:, :, None] * scale[:-1, None, :]
@@ -172,20 +186,20 @@ class Path:
             D, off, scale[:, :, None] * np.concatenate([B, gx[:, :, None]], axis=2), damping
         )
         z *= scale[:, :, None]
-        X, x, flat = z[:, :, :k], z[:, :, k], B.reshape(-1, k).T
+        X, dx, flat = z[:, :, :k], z[:, :, k], B.reshape(-1, k).T
         return (
             H - flat @ X.reshape(-1, k),
-            g - flat @ x.ravel(),
+            g - flat @ dx.ravel(),
             gx,
             X,
-            x,
+            dx,
             log_det - 2.0 * float(np.log(scale).sum()) - prior.log_det,
         )
 
 
-def surprise(x: Array, linear: Followed | Linear, prior: Prior) -> float:
-    """Squared distance of a path from what was known before."""
-    jump = x[1:] - prior.decay * linear.end[:-1]
+def prior_cost(x: Array, run: Simulation | Linearisation, prior: TrajectoryPrior) -> float:
+    """Squared distance of a trajectory from its prior, in the prior's variances."""
+    jump = x[1:] - prior.decay * run.end[:-1]
     return float((prior.joint * jump**2).sum() + (prior.first * x[0] ** 2).sum())
 
 
@@ -200,7 +214,7 @@ def slices_of(r: Replay) -> tuple[list[Window], NDArray[np.bool_]]:
     return slices, np.array(opens)
 
 
-def start_path(
+def start_trajectory(
     runner: Runner, values: Array, r: Replay, slices: list[Window], opens: NDArray[np.bool_]
 ) -> Array:
     """States at the start of every slice along the replay, latent values zero."""

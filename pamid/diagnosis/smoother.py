@@ -12,7 +12,7 @@ Rogers and Friis (2022), Vibration 3; Engelhardt, Froehlich and Kschischo (2016)
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -21,19 +21,20 @@ from numpy.typing import NDArray
 
 from pamid.diagnosis.contender import Contender, transferred
 from pamid.diagnosis.smoothed_trajectory import (
-    Followed,
-    Linear,
-    Path,
-    Prior,
+    Linearisation,
+    Simulation,
+    SlicedTrack,
+    TrajectoryPrior,
+    prior_cost,
     slices_of,
-    start_path,
-    surprise,
+    start_trajectory,
 )
-from pamid.estimation.gauss_newton import Scale
+from pamid.engine.damped_gauss_newton import DampingRule, Iteration, LeastSquares, iterate
+from pamid.estimation.problem import Scale
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.model.effect import Effect, State
-from pamid.simulation.data_split import Evidence
+from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay
 from pamid.simulation.windows import Runner
 from pamid.symbolic.vocabulary import Expr, Number
@@ -65,6 +66,16 @@ class Latent(Effect):
         return value + self.size * z.missing, {"missing": 0.0}
 
 
+class _Point(NamedTuple):
+    """Parameters (in prior spreads), every track's trajectory, cost, the data linearised about them
+    (empty as long as no step is taken from there)."""
+
+    s: Array
+    x: tuple[Array, ...]
+    cost: float
+    data: tuple[Linearisation, ...] = ()
+
+
 class _Step(NamedTuple):
     """Of the parameters (in prior spreads) and of every track's states; what it promises to gain;
     log determinant of the information against the priors'."""
@@ -75,16 +86,35 @@ class _Step(NamedTuple):
     log_det: float
 
 
-@dataclass(eq=False)
-class Smoother:
-    """The model of `base` with latent values at `ports`, linearised about its best path over the
-    held-out replays."""
+@dataclass(frozen=True, eq=False)
+class Smoothed:
+    """What smoothing has found with latent values of a size and time constant: log evidence (nats,
+    up to a constant shared by all ports), parameters in prior spreads (k,), per track the states at
+    the start of every slice (slices x states), and the data linearised about them; moving: by the
+    parameters, too."""
 
-    evidence: Evidence
+    log_evidence: float
+    size: float
+    time_s: float
+    s: Array
+    x: tuple[Array, ...]
+    linearised: tuple[Linearisation, ...]
+    moving: bool
+
+    @property
+    def found(self) -> tuple[float, float, float]:
+        """(log evidence, size, time constant)"""
+        return self.log_evidence, self.size, self.time_s
+
+
+@dataclass(frozen=True, eq=False)
+class Smoother:
+    """The model of `base` with latent values at `ports`, to be smoothed over the held-out
+    replays."""
+
+    evidence: DataSplit
     base: Contender
     ports: tuple[str, ...]
-    linear: list[Linear] | None = None
-    moved: bool = False  # was it linearised by the parameters, too?
 
     @cached_property
     def assembly(self) -> Assembly:
@@ -121,19 +151,15 @@ class Smoother:
         )
 
     @cached_property
-    def known(self) -> Array:
-        """What the fit knows of them, as information: little where what it left is large."""
+    def information(self) -> Array:
+        """What the fit knows of them: little where what it left is large."""
         found: Array = np.linalg.pinv(self.base.fit.covariance, hermitian=True).astype(
             np.float64, copy=False
         )
         return found
 
-    @cached_property
-    def s(self) -> Array:
-        """The parameters in prior spreads."""
-        return self.fitted.copy()
-
     def parameters(self, s: Array) -> Array:
+        """All parameters (SI) at those that move, in prior spreads."""
         p = self.values.copy()
         p[list(self.free)] = self.scale.outside(s)
         return p
@@ -144,122 +170,143 @@ class Smoother:
         return np.flatnonzero([s.endswith(".missing") for s in self.assembly.program.states])
 
     @cached_property
-    def paths(self) -> tuple[Path, ...]:
-        return tuple(self._path(i, r) for i, r in enumerate(self.base.replays))
+    def tracks(self) -> tuple[SlicedTrack, ...]:
+        return tuple(self._sliced(r) for r in self.base.replays)
 
-    def _path(self, i: int, r: Replay) -> Path:
+    def _sliced(self, r: Replay) -> SlicedTrack:
         runner = Runner(self.assembly, r.track, self.base.fit.stepping, self.free, whole=True)
         slices, opens = slices_of(r)
-        return Path(
-            runner, slices, opens, start_path(runner, self.parameters(self.s), r, slices, opens)
-        )
+        start = start_trajectory(runner, self.parameters(self.fitted), r, slices, opens)
+        return SlicedTrack(runner, slices, opens, start)
 
     @cached_property
-    def rough(self) -> tuple[float, float, float]:
-        """(log evidence, size, time constant) as `best`, but with the parameters held: several
-        times as fast."""
+    def rough(self) -> Smoothed:
+        """The most likely size and time constant of a coarse grid, as `best`, but with the
+        parameters held: several times as fast."""
         if not self.ports:
-            return self.evidence_at(1.0, 1.0, ROUNDS, moving=False), 1.0, 1.0
-        size = max((self.evidence_at(s, TIMES_S[0], trusted=1.0, moving=False), s) for s in SIZES)[
-            1
-        ]
-        self.evidence_at(size, TIMES_S[0], ROUNDS, moving=False)
-        return max((self.evidence_at(s, t, moving=False), s, t) for s, t in _near(size))
+            return self.smoothed(None, 1.0, 1.0, ROUNDS, moving=False)
+        start = self.smoothed(None, SIZES[0], TIMES_S[0], trusted=1.0, moving=False)
+        rest = [self.smoothed(start, s, TIMES_S[0], trusted=1.0, moving=False) for s in SIZES[1:]]
+        size = max([start, *rest], key=lambda one: one.found).size
+        there = self.smoothed(start, size, TIMES_S[0], ROUNDS, moving=False)
+        near = [self.smoothed(there, s, t, moving=False) for s, t in _near(size)]
+        return max(near, key=lambda one: one.found)
 
     @cached_property
-    def best(self) -> tuple[float, float, float]:
-        """(log evidence, size, time constant): the most likely size and time constant of a coarse
-        grid."""
-        _, size, time_s = self.rough
-        found = self.evidence_at(size, time_s, ROUNDS)
-        return (
-            max((self.evidence_at(s, t), s, t) for s, t in _near(size))
-            if self.ports
-            else (found, size, time_s)
-        )
+    def best(self) -> Smoothed:
+        """The most likely size and time constant of a coarse grid."""
+        there = self.smoothed(self.rough, self.rough.size, self.rough.time_s, ROUNDS)
+        if not self.ports:
+            return there
+        near = [self.smoothed(there, s, t) for s, t in _near(self.rough.size)]
+        return max(near, key=lambda one: one.found)
 
-    def evidence_at(
+    def smoothed(
         self,
+        start: Smoothed | None,
         size: float,
         time_s: float,
         rounds: int = 0,
         trusted: float = TRUSTED,
         moving: bool = True,
-    ) -> float:
-        """Log evidence (nats, up to a constant shared by all ports) with values of this size and
-        time constant.
+    ) -> Smoothed:
+        """Smooth with values of this size and time constant, from where an earlier smoothing ended
+        (None: from the fit's replays).
 
-        With rounds > 0 parameters and paths are improved first, else the last linearisation serves.
-        trusted: share of the cost that a further step may promise and be believed. moving: do the
-        parameters?
+        With rounds > 0 parameters and trajectories are improved first, else the linearisation of
+        `start` serves. trusted: share of the cost that a further step may promise and be believed.
+        moving: do the parameters?
+
+        Log evidence by Laplace's approximation at the optimum, log p(y) = -1/2 (cost + log det
+        (information / prior's information)) + const: MacKay (1992), Neural Comput. 4(3), 415-447.
         """
-        priors = [path.prior(self.missing, size, time_s) for path in self.paths]
-        linear = self.linear
-        if linear is None or (moving and not self.moved):
-            linear, self.moved = self._linearised(moving), moving
-        damping = LEAST_DAMPING
-        for _ in range(rounds):
-            here = self.s, [q.x for q in self.paths]
-            before = self._cost(linear, priors)
-            step = self._step(linear, priors, damping, moving)
-            self.s = here[0] + step.s
-            for path, d in zip(self.paths, step.x, strict=True):
-                path.x = path.x + d
-            gain = before - self._cost(self._followed(), priors)
-            if gain > 0.0:  # False where it is not a number
-                linear, damping = self._linearised(moving), max(0.01 * damping, LEAST_DAMPING)
-                if gain < CALM * before:
-                    break
-                continue
-            self.s = here[0]
-            for path, x in zip(self.paths, here[1], strict=True):
-                path.x = x
-            if step.gain < CALM * before:
-                break
-            damping = max(30.0 * damping, 1e-4)
-        self.linear = linear
-        priors = [path.prior(self.missing, size, time_s) for path in self.paths]
-        step = self._step(linear, priors, LEAST_DAMPING, moving)
-        cost = self._cost(linear, priors)
-        found = -0.5 * (cost - min(step.gain, trusted * cost) + step.log_det)
-        return found if np.isfinite(found) else -np.inf
+        s, x = (start.s, start.x) if start else (self.fitted, tuple(t.start for t in self.tracks))
+        usable = start is not None and start.moving == moving
+        data = start.linearised if start and usable else self._linearised(s, x, moving)
+        solver = SmoothingProblem(self, self._priors(x, size, time_s), moving)
+        ended = iterate(solver, Iteration(solver.point(s, x, data), LEAST_DAMPING), rounds).point
+        # the spread of the states has changed with them
+        solver = replace(solver, priors=self._priors(ended.x, size, time_s))
+        point = solver.point(ended.s, ended.x, ended.data)
+        step = solver.step(point, LEAST_DAMPING)
+        found = -0.5 * (point.cost - min(step.gain, trusted * point.cost) + step.log_det)
+        found = found if np.isfinite(found) else -np.inf
+        return Smoothed(found, size, time_s, point.s, point.x, point.data, moving)
 
-    def _linearised(self, moving: bool) -> list[Linear]:
-        p, slope = self.parameters(self.s), self.scale.slope(self.scale.outside(self.s))
-        return [path.linearise(p, slope, self.evidence.noise, moving) for path in self.paths]
+    def _priors(self, x: tuple[Array, ...], size: float, time_s: float) -> list[TrajectoryPrior]:
+        return [
+            track.prior(one, self.missing, size, time_s)
+            for track, one in zip(self.tracks, x, strict=True)
+        ]
 
-    def _followed(self) -> list[Followed]:
-        return [path.follow(self.parameters(self.s), self.evidence.noise) for path in self.paths]
-
-    def _cost(self, linear: Sequence[Followed | Linear], priors: list[Prior]) -> float:
-        away = self.s - self.fitted
-        return float(away @ self.known @ away) + sum(
-            one.cost + surprise(path.x, one, prior)
-            for path, one, prior in zip(self.paths, linear, priors, strict=True)
+    def _linearised(
+        self, s: Array, x: tuple[Array, ...], moving: bool
+    ) -> tuple[Linearisation, ...]:
+        p, slope = self.parameters(s), self.scale.slope(self.scale.outside(s))
+        return tuple(
+            track.linearise(one, p, slope, self.evidence.noise, moving)
+            for track, one in zip(self.tracks, x, strict=True)
         )
 
-    def _step(
-        self, linear: list[Linear], priors: list[Prior], damping: float, moving: bool
-    ) -> _Step:
+
+@dataclass(frozen=True, eq=False)
+class SmoothingProblem(LeastSquares[_Point, _Step]):
+    """The least squares of a smoother over (parameters, trajectories), given the trajectories'
+    priors."""
+
+    of: Smoother
+    priors: list[TrajectoryPrior]
+    moving: bool
+    rule = DampingRule(LEAST_DAMPING, 0.01, LEAST_DAMPING, 30.0, raised=1e-4)
+
+    def cost(
+        self, s: Array, x: tuple[Array, ...], data: Sequence[Simulation | Linearisation]
+    ) -> float:
+        away = s - self.of.fitted
+        return float(away @ self.of.information @ away) + sum(
+            one.cost + prior_cost(states, one, prior)
+            for states, one, prior in zip(x, data, self.priors, strict=True)
+        )
+
+    def point(self, s: Array, x: tuple[Array, ...], data: tuple[Linearisation, ...]) -> _Point:
+        return _Point(s, x, self.cost(s, x, data), data)
+
+    def moved(self, at: _Point, step: _Step, last: bool = False) -> _Point:
+        s, x = at.s + step.s, tuple(one + d for one, d in zip(at.x, step.x, strict=True))
+        p, noise = self.of.parameters(s), self.of.evidence.noise
+        runs = [t.simulate(one, p, noise) for t, one in zip(self.of.tracks, x, strict=True)]
+        return _Point(s, x, self.cost(s, x, runs))
+
+    def linearised(self, at: _Point) -> _Point:
+        return self.point(at.s, at.x, self.of._linearised(at.s, at.x, self.moving))
+
+    def settled(self, gain: float, before: _Point, after: _Point) -> bool:
+        return gain < CALM * before.cost
+
+    def stuck(self, at: _Point, step: _Step) -> bool:
+        return step.gain < CALM * at.cost
+
+    def step(self, at: _Point, damping: float) -> _Step:
         """Damped Gauss-Newton step; parameters at a bound that would leave it stay."""
-        s, k = self.s, len(self.s)
-        H, g, log_det, parts = self.known, self.known @ (s - self.fitted), 0.0, []
-        for path, one, prior in zip(self.paths, linear, priors, strict=True):
-            more, right, gx, X, x, det = path.eliminated(one, prior, damping)
+        s, k, scale = at.s, len(at.s), self.of.scale
+        H, parts, log_det = self.of.information, [], 0.0
+        g = H @ (s - self.of.fitted)
+        for track, x, one, prior in zip(self.of.tracks, at.x, at.data, self.priors, strict=True):
+            more, right, gx, X, dx, det = track.eliminated(x, one, prior, damping)
             H, g, log_det = H + more, g + right, log_det + det
-            parts.append((gx, X, x))
-        free = moving & ~(
-            ((s <= self.scale.low + 1e-12) & (g > 0)) | ((s >= self.scale.high - 1e-12) & (g < 0))
+            parts.append((gx, X, dx))
+        free = self.moving & ~(
+            ((s <= scale.low + 1e-12) & (g > 0)) | ((s >= scale.high - 1e-12) & (g < 0))
         )
         ds = np.zeros(k)
         A = H[np.ix_(free, free)]
         if free.any():
             ds[free] = -np.linalg.lstsq(A + damping * np.diag(A.diagonal()), g[free], rcond=None)[0]
             log_det += float(np.linalg.slogdet(A)[1])
-        ds = np.clip(s + ds, self.scale.low, self.scale.high) - s
-        dx = [-(x + X @ ds) for _, X, x in parts]
-        gain = -float(g @ ds) + sum(float((gx * x).sum()) for gx, _, x in parts)
-        return _Step(ds, dx, gain, log_det)
+        ds = np.clip(s + ds, scale.low, scale.high) - s
+        states = [-(dx + X @ ds) for _, X, dx in parts]
+        gain = -float(g @ ds) + sum(float((gx * dx).sum()) for gx, _, dx in parts)
+        return _Step(ds, states, gain, log_det)
 
 
 def _near(size: float) -> list[tuple[float, float]]:

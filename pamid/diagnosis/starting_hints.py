@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pamid.diagnosis.contender import Contender
 from pamid.model.effect import Hints
-from pamid.simulation.data_split import Evidence
+from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, followed
 from pamid.simulation.windows import Window
 from pamid.symbolic.vocabulary import Expr
@@ -31,7 +31,7 @@ class Clues:
         return Hints(self.peaks_hz, self.reach.get(port, {}))
 
 
-def gather_clues(evidence: Evidence, base: Contender) -> Clues:
+def gather_clues(evidence: DataSplit, base: Contender) -> Clues:
     """From the windows of a model's fit and its held-out replays."""
     return Clues(spectrum_peaks(list(base.replays), evidence.noise), _reach(base))
 

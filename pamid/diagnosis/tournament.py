@@ -32,7 +32,7 @@ from pamid.estimation.restart import freed
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.effect import Effect
 from pamid.parallel.jobs import WorkerPool
-from pamid.simulation.data_split import Evidence, selection_part
+from pamid.simulation.data_split import DataSplit, selection_part
 
 # of the largest latent evidence: of many candidates those at ports with less are not screened
 REACH = 0.3
@@ -46,7 +46,7 @@ class Diagnosis:
     best: the best model whatever the verdict; located: where something is missing before it.
     """
 
-    evidence: Evidence
+    evidence: DataSplit
     budget: Budget
     chosen: NDArray[np.bool_]  # held-out windows that chose; the others report
     verdict: str
@@ -78,7 +78,7 @@ class Diagnosis:
 
 
 def diagnose(
-    evidence: Evidence,
+    evidence: DataSplit,
     catalogue: dict[str, type[Effect]],
     *,
     seed: int = 0,
@@ -158,7 +158,7 @@ def diagnose(
     )
 
 
-def _freed(evidence: Evidence, best: Contender) -> Contender:
+def _freed(evidence: DataSplit, best: Contender) -> Contender:
     """The best model, out of the trap if its fit ended in one."""
     fitted = freed(best.fit, evidence.noise)
     if fitted is best.fit:

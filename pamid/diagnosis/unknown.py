@@ -21,7 +21,7 @@ from pamid.diagnosis.tournament import Diagnosis
 from pamid.engine.program import Program
 from pamid.parallel.jobs import Failed, Work, WorkerPool
 from pamid.parallel.store import Plain
-from pamid.simulation.data_split import Evidence
+from pamid.simulation.data_split import DataSplit
 from pamid.simulation.windows import Runner, Window
 from pamid.symbolic.vocabulary import Expr
 
@@ -81,7 +81,7 @@ class _Describing(Work[str, Missing | None]):
     """What is missing at a port, and a formula for it."""
 
     what = "describing what is missing at"
-    evidence: Evidence
+    evidence: DataSplit
     base: Contender
     seed: int
     smoothers: dict[str, Smoother] = field(default_factory=dict, compare=False, repr=False)
@@ -177,8 +177,8 @@ def _missing_at(smoother: Smoother, seed: int) -> Missing | None:
 def missing_value(smoother: Smoother) -> tuple[NDArray[np.intp], Array, Array, dict[str, Array]]:
     """Recording (index), time (s), missing value (SI) at the first place of a port over the
     held-out recordings, one per slice, and the means of the port's signals (SI) over it."""
-    _, size, time_s = smoother.best
-    smoother.evidence_at(size, time_s, ROUNDS)
+    best = smoother.best
+    found = smoother.smoothed(best, best.size, best.time_s, ROUNDS)
     assembly, port = smoother.assembly, smoother.ports[0]
     passage = next(q for q in assembly.traced.passages if q.port == port)
     extra = {f"at.{k}": v for k, v in passage.signals if isinstance(v, Expr) and k != "side"}
@@ -186,19 +186,21 @@ def missing_value(smoother: Smoother) -> tuple[NDArray[np.intp], Array, Array, d
     first = len(program.outputs) - len(extra)
     rows, values, times, numbers = [], [], [], []
     recordings = smoother.evidence.recordings
-    p = smoother.parameters(smoother.s)
-    for path, span in zip(smoother.paths, smoother.evidence.held_out, strict=True):
-        track = path.runner.track
-        values.append(size_at(smoother.base.assembly, port) * path.x[:, smoother.missing[0]])
+    p = smoother.parameters(found.s)
+    for sliced, states, span in zip(
+        smoother.tracks, found.x, smoother.evidence.held_out, strict=True
+    ):
+        track = sliced.runner.track
+        values.append(size_at(smoother.base.assembly, port) * states[:, smoother.missing[0]])
         rows += [
-            _signals(program, path.runner, x, path.runner.parameters(p), over)[first:]
-            for x, over in zip(path.x, path.slices, strict=True)
+            _signals(program, sliced.runner, x, sliced.runner.parameters(p), over)[first:]
+            for x, over in zip(states, sliced.slices, strict=True)
         ]
         times.append(
-            np.array([(track.first + over.start) * track.period_s for over in path.slices])
+            np.array([(track.first + over.start) * track.period_s for over in sliced.slices])
         )
         own = next(i for i, r in enumerate(recordings) if r is span.recording)
-        numbers.append(np.full(len(path.slices), own))
+        numbers.append(np.full(len(sliced.slices), own))
     table = np.array(rows)
     return (
         np.concatenate(numbers),

@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from pamid.base.progress import Progress, silent
 from pamid.base.units import as_column, from_si, split_column, with_unit
 from pamid.engine.program import Stepping
-from pamid.estimation.gauss_newton import Fit, Problem, fit_robustly, free_parameters
 from pamid.estimation.identifiable_combinations import combinations_json
 from pamid.estimation.intervals import background_pull, bootstrap, estimates
+from pamid.estimation.multiple_shooting import fit_robustly
 from pamid.estimation.posterior import Posterior, from_json, posterior_json
+from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.estimation.quantities import agreed
 from pamid.estimation.restart import freed
 from pamid.model.assembly import Assembly
@@ -23,10 +24,11 @@ from pamid.model.bound_parameter import Sizes
 from pamid.model.rig import Loop
 from pamid.parallel.jobs import WorkerPool
 from pamid.recording.recording import Recording
-from pamid.simulation.data_split import Evidence, Span
+from pamid.simulation.data_split import DataSplit, Span
 from pamid.simulation.replay import Replay, channel_mae, noise_floor, replay
 from pamid.simulation.simulate import choose_stepping, input_table, port_sizes
-from pamid.simulation.windows import Runner, Track
+from pamid.simulation.tracks import Track
+from pamid.simulation.windows import Runner
 from pamid.symbolic.expression import symbol
 
 Array = NDArray[np.float64]
@@ -40,7 +42,7 @@ class GreyBox:
     """A fitted model with its replays. recheck: change of the outputs by doubled sub-steps, in
     noise sd."""
 
-    evidence: Evidence
+    evidence: DataSplit
     assembly: Assembly
     fit: Fit
     recheck: float
@@ -51,7 +53,7 @@ class GreyBox:
     earlier: Posterior | None = None
 
 
-def model_with(evidence: Evidence, attached: tuple[Attachment, ...], sizes: Sizes) -> Assembly:
+def model_with(evidence: DataSplit, attached: tuple[Attachment, ...], sizes: Sizes) -> Assembly:
     """The model that is fitted and compared: rig, background, these effects, the measured
     channels."""
     return Assembly(
@@ -60,7 +62,7 @@ def model_with(evidence: Evidence, attached: tuple[Attachment, ...], sizes: Size
 
 
 def fit_model(
-    evidence: Evidence,
+    evidence: DataSplit,
     attached: tuple[Attachment, ...] = (),
     *,
     seed: int = 0,
@@ -223,7 +225,7 @@ def model_json(a: Assembly, fitted: Fit) -> dict[str, Any]:
     }
 
 
-def _role(e: Evidence, recording: Recording) -> str:
+def _role(e: DataSplit, recording: Recording) -> str:
     fit = any(s.recording is recording for s in e.fit)
     held = any(s.recording is recording for s in e.held_out)
     return "both" if fit and held else "fit" if fit else "held-out"

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.estimation.gauss_newton import Fit
 from pamid.estimation.intervals import NORMAL_95, SETTLED, word_for
+from pamid.estimation.problem import Fit
 from pamid.estimation.quantities import NEW, Quantity, Space, Terms, agreed, own_of
 
 Array = NDArray[np.float64]

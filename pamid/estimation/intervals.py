@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.estimation.gauss_newton import Fit, Problem, fit
+from pamid.estimation.multiple_shooting import fit
+from pamid.estimation.problem import Fit, Problem
 from pamid.model.bound_parameter import Bound
 from pamid.parallel.jobs import Failed, Work, WorkerPool
 from pamid.parallel.store import Plain

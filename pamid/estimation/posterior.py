@@ -19,10 +19,10 @@ from pamid.base.errors import ConvergenceError, DataError, FileError
 from pamid.base.files import sha256_of
 from pamid.base.json_file import read_json
 from pamid.base.run_folder import FIT_FILE, Run
-from pamid.estimation.gauss_newton import Fit, Problem
 from pamid.estimation.prior import Prior
+from pamid.estimation.problem import Fit, Problem
 from pamid.estimation.quantities import agreed, straight
-from pamid.simulation.data_split import Evidence
+from pamid.simulation.data_split import DataSplit
 
 Array = NDArray[np.float64]
 REMEDY = "Fit it anew with `pamid fit`."
@@ -131,7 +131,7 @@ class Posterior:
             [f"New in this fit, with the data sheet's prior: {', '.join(fresh)}."] if fresh else []
         )
 
-    def require_new(self, evidence: Evidence) -> None:
+    def require_new(self, evidence: DataSplit) -> None:
         """FileError for another rig; DataError where a recording would count twice or is no longer
         unseen."""
         if self.rig not in [getattr(kind, "name", "") for kind in type(evidence.rig).__mro__]:

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.units import NONE, as_column, split_column
-from pamid.estimation.gauss_newton import Fit, Problem
 from pamid.estimation.prior import Coordinates
+from pamid.estimation.problem import Fit, Problem
 from pamid.model.assembly import Assembly
 from pamid.model.trace import Names
 

@@ -11,7 +11,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.estimation.gauss_newton import Fit, fit
+from pamid.engine.damped_gauss_newton import iterate
+from pamid.estimation.multiple_shooting import begin, fit
+from pamid.estimation.problem import Fit
 from pamid.estimation.residual_weights import residual_weights
 
 Array = NDArray[np.float64]
@@ -28,20 +30,20 @@ def freed(fitted: Fit, noise: Array) -> Fit:
     problem = fitted.problem
     if not fitted.residuals:
         return fitted
-    tried = fit(
+    shooting, begun = begin(
         problem,
         p=fitted.p,
         weights=fitted.weights,
         stepping=fitted.stepping,
         pulls=fitted.pulls,
-        iterations=LOOK,
         probe=True,
     )
-    if not tried.cost < TRAPPED * fitted.cost:
+    if not begun.point.normal.fine:
         return fitted
-    tried = fit(
-        problem, p=fitted.p, weights=fitted.weights, stepping=fitted.stepping, pulls=fitted.pulls
-    )
+    probe = iterate(shooting, begun, LOOK)
+    if not probe.point.cost < TRAPPED * fitted.cost:
+        return fitted
+    tried = shooting.resumed(probe)
     for _ in range(ROUNDS):
         weights = residual_weights(tried.residuals, noise, problem.window)
         again = fit(

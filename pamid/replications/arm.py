@@ -47,10 +47,11 @@ from pamid.replications.arm_twin import (
 from pamid.report.arm_paper_figure import Panel, arm_picture
 from pamid.rigs.muscle import Law
 from pamid.rigs.two_link import MUSCLES, TwoLink
-from pamid.simulation.data_split import Evidence
+from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay
 from pamid.simulation.simulate import free_run, output_table
-from pamid.simulation.windows import Runner, track_of
+from pamid.simulation.tracks import track_of
+from pamid.simulation.windows import Runner
 
 Array = NDArray[np.float64]
 
@@ -160,7 +161,7 @@ def fit_stages(
     """All fits, each in a run folder of its own as `pamid fit --from` would leave it;
     force-law.json of the map."""
 
-    def stage(name: str, evidence: Evidence, earlier: Posterior | None = None) -> Stage:
+    def stage(name: str, evidence: DataSplit, earlier: Posterior | None = None) -> Stage:
         grey = fit_model(
             evidence,
             seed=plan.seed,
@@ -247,7 +248,7 @@ def windowed_json(stages: dict[str, Stage]) -> dict[str, Any]:
     return found
 
 
-def windowed_mae(evidence: Evidence, replays: tuple[Replay, ...]) -> dict[str, float]:
+def windowed_mae(evidence: DataSplit, replays: tuple[Replay, ...]) -> dict[str, float]:
     """Errors of what a fit has replayed of its held-out recordings, as `shown_mae`."""
     return shown_mae(
         (span.recording, one.residual[one.scored])

@@ -23,7 +23,7 @@ from pamid.model.registry import catalogue_rig
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.rigs.muscle import LAWS
-from pamid.simulation.data_split import Evidence, gather
+from pamid.simulation.data_split import DataSplit, split_recordings
 from pamid.simulation.simulate import output_table
 from pamid.simulation.virtual_rig import virtual_rig
 
@@ -218,9 +218,9 @@ class Records:
             if (t.session.kind, t.session.held_out) == (kind, held_out)
         ]
 
-    def evidence(self, rig: Rig, kind: str, without: str = "") -> Evidence:
+    def evidence(self, rig: Rig, kind: str, without: str = "") -> DataSplit:
         """The recordings of a kind as a fit wants them; one of them may be left out by name."""
-        return gather(
+        return split_recordings(
             rig,
             [r for r in self.of(kind, held_out=False) if r.name != without],
             self.of(kind, held_out=True),

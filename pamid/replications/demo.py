@@ -23,7 +23,7 @@ from pamid.excitation.aprbs import aprbs
 from pamid.model.registry import catalogue_rig, effects
 from pamid.recording.recording import read_recording, write_recording
 from pamid.report.writing import write_report
-from pamid.simulation.data_split import gather
+from pamid.simulation.data_split import split_recordings
 from pamid.simulation.virtual_rig import split_spec, virtual_rig
 
 RIG = "one-dof"
@@ -163,7 +163,7 @@ def _diagnosed(
         seed=seed,
         inputs=[recording, recording.with_suffix(".toml")],
     )
-    evidence = gather(catalogue_rig(RIG), [read_recording(recording)], [])
+    evidence = split_recordings(catalogue_rig(RIG), [read_recording(recording)], [])
     found = diagnose_into(run, evidence, effects(), seed=seed, jobs=jobs, progress=progress)
     run.finish()
     return found

@@ -56,7 +56,7 @@ from pamid.replications.joint_twin import (
     step_reference,
 )
 from pamid.report.paper_figure import steps_picture
-from pamid.simulation.data_split import gather
+from pamid.simulation.data_split import split_recordings
 
 Array = NDArray[np.float64]
 
@@ -296,7 +296,7 @@ def explain(
     """The refitted model and the named causes, from the training record alone; writes
     diagnosis.json."""
     begun = time.perf_counter()
-    evidence = gather(catalogue_rig(RIG), [records.training], [])
+    evidence = split_recordings(catalogue_rig(RIG), [records.training], [])
     grey = fit_model(evidence, seed=plan.seed, jobs=plan.jobs, progress=progress)
     rows = [records.row_of(REFITTED, grey, grey.fit.p, time.perf_counter() - begun)]
     begun = time.perf_counter()

@@ -24,7 +24,7 @@ from pamid.simulation.simulate import (
     output_table,
     state_spread,
 )
-from pamid.simulation.windows import Track, noise_of, stated_noise, track_of
+from pamid.simulation.tracks import Track, noise_of, stated_noise, track_of
 
 Array = NDArray[np.float64]
 FEWEST = 400  # samples of a recording
@@ -47,7 +47,7 @@ class Span:
 
 
 @dataclass(frozen=True)
-class Evidence:
+class DataSplit:
     """Recordings of one rig, divided. channels: outputs that are both fitted and held out somewhere
     and that move in one of the recordings; noise: their white noise (SI); jump: by what the rig's
     states may depart from what a window before has led to (SI)."""
@@ -80,7 +80,7 @@ class Evidence:
         return list({id(s.recording): s.recording for s in (*self.fit, *self.held_out)}.values())
 
 
-def gather(rig: Rig, recordings: list[Recording], held_out: list[Recording]) -> Evidence:
+def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recording]) -> DataSplit:
     """Divide the recordings; without `held_out` the last 30 % of every recording is held out.
 
     DataError where the recordings cannot answer: too short, nothing moves, or two hold the same
@@ -136,7 +136,7 @@ def gather(rig: Rig, recordings: list[Recording], held_out: list[Recording]) -> 
             np.stack([noise_of((track_of(plain, r, channels),), stated) ** 2 for r in by_content])
         )
     )
-    return Evidence(
+    return DataSplit(
         rig,
         tuple(fit[i] for i in order),
         tuple(sorted(kept, key=lambda s: (s.recording.sha256, s.start))),

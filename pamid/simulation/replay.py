@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 from pamid.base.metrics import seen_mean
 from pamid.engine.program import Program, Stepping
 from pamid.model.assembly import Assembly
-from pamid.simulation.windows import Runner, Track, Window, cut, estimate_start
+from pamid.simulation.initial_state import estimate_start
+from pamid.simulation.tracks import Track
+from pamid.simulation.windows import Runner, Window, cut
 
 Array = NDArray[np.float64]
 

@@ -1,121 +1,23 @@
-"""Recordings cut into windows, and one window run from a start state: the ground of fitting and of
-scoring.
+"""Tracks cut into windows, and one window simulated from a start state with its sensitivities: what
+multiple shooting, replays and smoothing have in common.
 
 The rig's own states are set anew at the start of each window; what effects remember (plays, lags,
-creep) is carried on from the window before, so that no effect has to be told its past.
+creep) is carried on from the window before, because no window by itself shows it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.units import split_column, to_si
 from pamid.engine.program import Memory, Stepping
 from pamid.model.assembly import Assembly
-from pamid.model.rig import Rig
-from pamid.recording.noise import sensor_noise
-from pamid.recording.recording import Recording
-from pamid.simulation.simulate import input_table, known_values, output_table
+from pamid.simulation.tracks import Track
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Track:
-    """One recording as a fit sees it. SI throughout.
-
-    u (samples x inputs), y (samples x channels; NaN where a channel was not recorded), known:
-    places of parameters that are held for it, p their values put into the data sheet's; jump: by
-    what each of the rig's states may depart, where a window begins, from what the window before has
-    led to; first: index in the recording file of the first sample (for time and reports); lead:
-    samples at the beginning that only serve to find the state, and are never scored.
-    """
-
-    name: str
-    u: Array
-    y: Array
-    p: Array
-    known: tuple[int, ...]
-    period_s: float
-    jump: Array
-    first: int = 0
-    lead: int = 0
-
-    def __len__(self) -> int:
-        return len(self.u)
-
-    @cached_property
-    def seen(self) -> NDArray[np.bool_]:
-        """Which channels were recorded."""
-        return np.logical_not(np.isnan(self.y).any(axis=0))
-
-    def part(self, start: int, stop: int, lead: int = 0) -> Track:
-        """Samples start..stop, led in by up to `lead` samples before them."""
-        begin = max(0, start - lead)
-        return replace(
-            self,
-            u=self.u[begin:stop],
-            y=self.y[begin:stop],
-            first=self.first + begin,
-            lead=start - begin,
-        )
-
-
-def track_of(
-    assembly: Assembly, recording: Recording, channels: tuple[str, ...], jump: Array | None = None
-) -> Track:
-    """The recording's inputs and measured channels for this assembly; without `jump` states depart
-    as they like."""
-    p, known = known_values(assembly, recording.known)
-    free = np.full(len(assembly.rig.states), np.inf)
-    return Track(
-        recording.name,
-        input_table(assembly, recording),
-        _measured(channels, recording),
-        p,
-        tuple(known),
-        recording.sampling_period_s,
-        free if jump is None else jump,
-    )
-
-
-def stated_noise(rig: Rig, channels: Sequence[str]) -> Array:
-    """What the rig says of its sensors: standard deviation per channel (SI), 0 where it says
-    nothing."""
-    units = [split_column(name)[1] for name in channels]
-    return np.array(
-        [
-            to_si(rig.noise.get(name, 0.0), unit) - to_si(0.0, unit)
-            for name, unit in zip(channels, units, strict=True)
-        ]
-    )
-
-
-def _measured(channels: tuple[str, ...], recording: Recording) -> Array:
-    """The channels, NaN those that were not recorded."""
-    seen = tuple(c for c in channels if recording.has(c))
-    if seen == channels:
-        return output_table(channels, recording)
-    y = np.full((len(recording), len(channels)), np.nan)
-    y[:, [channels.index(c) for c in seen]] = output_table(seen, recording)
-    return y
-
-
-def noise_of(tracks: Sequence[Track], stated: Array) -> Array:
-    """Noise level per channel over all tracks that have it; NaN where none has. stated: see
-    `sensor_noise`."""
-    if all(t.seen.all() for t in tracks):
-        return sensor_noise([t.y for t in tracks], stated)
-    noise = np.full(tracks[0].y.shape[1], np.nan)
-    for c in range(noise.size):
-        own = [t.y[:, [c]] for t in tracks if t.seen[c]]
-        noise[c] = sensor_noise(own, stated[[c]])[0] if own else np.nan
-    return noise
 
 
 @dataclass(frozen=True)
@@ -218,61 +120,3 @@ class Runner:
             J.reshape(J.shape[0] * J.shape[1], J.shape[2]),
             bad < 0 and bool(np.isfinite(Y).all()),
         )
-
-
-PULL = 1e-5  # information of a carried state against what a window says by itself
-
-
-def estimate_start(
-    runner: Runner,
-    memory: Memory,
-    window: Window,
-    p: Array,
-    weight: Array,
-    carried: Array,
-    jump: Array | None,
-    iterations: int = 6,
-) -> tuple[Array, bool]:
-    """Rig state at the start of a window from its data, by Gauss-Newton with a pull to the carried
-    state.
-
-    memory is left untouched. weight: 1/sigma per channel. jump: by what each state may depart from
-    the carried value (standard deviation; None or infinite where nothing is known of it: a weak
-    pull remains). Returns the state, and whether it is usable.
-    """
-    own = Runner(runner.assembly, runner.track, runner.stepping, whole=runner.whole)
-    n = own.rig_states
-    y, seen = runner.track.y[window.start : window.stop], runner.track.seen
-    if not seen.all():
-        weight, y = np.where(seen, weight, 0.0), np.where(seen, y, 0.0)
-    x, damping, best = carried.copy(), 1e-3, np.inf
-    H, g, known = np.zeros((n, n)), np.zeros(n), np.zeros(n) if jump is None else 1.0 / jump**2
-    trial = x
-    for _ in range(iterations * 2):
-        m = own.widened(memory)
-        own.enter(m, trial)
-        Y, A, fine = own.run(m, window, p, True, weight)
-        r = ((Y - y) * weight).ravel()
-        cost = float(r @ r) + float(((trial - carried) ** 2 * known).sum()) if fine else np.inf
-        if cost < best:
-            gain = best - cost
-            x, best = trial, cost
-            H, g = (A.T @ A)[:n, :n], (A.T @ r)[:n]
-            holds = np.maximum(PULL * H.diagonal(), known)
-            H = H + np.diag(holds)
-            g = g + holds * (x - carried)
-            damping = max(damping * 0.1, 1e-9)
-            if gain < 1e-4 * cost + 1e-9:
-                break
-        else:
-            damping *= 30.0
-            if damping > 1e8:
-                break
-        if not np.isfinite(H).all():
-            break
-        scale = H.diagonal() + 1e-300
-        step = np.linalg.lstsq(H + np.diag(damping * scale), -g, rcond=None)[0]
-        if not np.isfinite(step).all():
-            break
-        trial = x + step
-    return x, bool(np.isfinite(best))

@@ -33,7 +33,7 @@ from pamid.model.registry import catalogue_rig, effects
 from pamid.parallel.jobs import Failed, Work, WorkerPool, fault_text
 from pamid.parallel.store import Plain
 from pamid.recording.recording import TIME, Recording, read_recording, write_recording
-from pamid.simulation.data_split import Evidence, Span, gather
+from pamid.simulation.data_split import DataSplit, Span, split_recordings
 from pamid.trial.cases import Case, cases_sha256, draw_cases
 from pamid.trial.machines import ONE_DOF, Machine, Record, machine_named
 from pamid.trial.plant import PERIOD_S
@@ -186,7 +186,7 @@ def examine(case: Case, place: Path) -> dict[str, Any]:
     recorded = _written(case, bench.run(case.planted), place / "recording.csv")
     catalogue = {k: v for k, v in effects().items() if k not in case.removed}
     begun = time.process_time()
-    d, verdict = diagnosed(gather(catalogue_rig(case.rig), [recorded], []), catalogue)
+    d, verdict = diagnosed(split_recordings(catalogue_rig(case.rig), [recorded], []), catalogue)
     seconds = time.process_time() - begun
     seen = (
         _visibility(d, _written(case, bench.run({}), place / "twin.csv")) if case.planted else None
@@ -214,7 +214,7 @@ def examine(case: Case, place: Path) -> dict[str, Any]:
 
 
 def diagnosed(
-    evidence: Evidence, catalogue: dict[str, type[Effect]]
+    evidence: DataSplit, catalogue: dict[str, type[Effect]]
 ) -> tuple[Diagnosis, dict[str, Any]]:
     """The tool under trial: it is given this and nothing else."""
     pool = WorkerPool()
@@ -273,7 +273,7 @@ def _written(case: Case, columns: dict[str, Array], path: Path) -> Recording:
 def _visibility(d: Diagnosis, twin: Recording) -> float:
     """The refitted model's held-out error over that on a recording without the fault, in the
     channel of the largest."""
-    healthy = fit_model(gather(d.evidence.rig, [twin], []))
+    healthy = fit_model(split_recordings(d.evidence.rig, [twin], []))
     errors = np.concatenate([r.losses(1) for r in healthy.held_out]).mean(axis=0)
     return float((d.budget.baseline.absolutes.mean(axis=0) / errors).max())
 
@@ -283,7 +283,9 @@ def _shrinkage(d: Diagnosis, verdict: dict[str, Any], fresh: Recording) -> dict[
     channel; None where a model became unstable on it."""
     assert d.cause is not None
     rows = d.reporting if d.reporting.any() else d.chosen
-    other = replace(gather(d.evidence.rig, [fresh], []), held_out=(Span(fresh, 0, len(fresh)),))
+    other = replace(
+        split_recordings(d.evidence.rig, [fresh], []), held_out=(Span(fresh, 0, len(fresh)),)
+    )
     before, after = (replayed(other, m.assembly, m.fit) for m in (d.budget.baseline, d.cause))
     if not (before.finite and after.finite):
         return None

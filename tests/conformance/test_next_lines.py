@@ -30,7 +30,7 @@ from pamid.model.registry import rig_named
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.report.answers import next_answer
 from pamid.report.load import load_run
-from pamid.simulation.data_split import Evidence, gather
+from pamid.simulation.data_split import DataSplit, split_recordings
 
 ROOT = Path(__file__).resolve().parents[2]
 TAKEN = 77
@@ -133,12 +133,12 @@ def run(capsys: pytest.CaptureFixture[str]) -> Run:
 
 
 @pytest.fixture
-def taken(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[Evidence]]:
+def taken(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[DataSplit]]:
     """Let `pamid diagnose` end with exit code `TAKEN` once it has taken its recordings; what it
     took."""
-    found: list[Evidence] = []
+    found: list[DataSplit] = []
 
-    def begun(run: Any, evidence: Evidence, *_: Any, **__: Any) -> None:
+    def begun(run: Any, evidence: DataSplit, *_: Any, **__: Any) -> None:
         found.append(evidence)
         raise PamidError("taken", exit_code=TAKEN)
 
@@ -166,7 +166,7 @@ def quick(options: tuple[str, ...]) -> bool:
 
 @pytest.mark.parametrize("options", sampled(offered(), quick, " ".join))
 def test_what_is_generated_is_simulated_checked_and_taken(
-    options: tuple[str, ...], here: Path, run: Run, taken: list[Evidence]
+    options: tuple[str, ...], here: Path, run: Run, taken: list[DataSplit]
 ) -> None:
     (simulate,) = lines_of(run("generate-aprbs", *options, "--output", "sent.csv"))
     (diagnose,) = lines_of(run(*free(simulate)))
@@ -179,7 +179,7 @@ def test_what_is_generated_is_simulated_checked_and_taken(
 
 
 def test_names_that_are_taken_are_not_suggested(
-    here: Path, run: Run, taken: list[Evidence]
+    here: Path, run: Run, taken: list[DataSplit]
 ) -> None:
     """Neither those of files that are there, nor that of the excitation itself."""
     (here / "run").mkdir()
@@ -249,7 +249,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Recording]:
 
 def proposed(rig: str, recording: Recording, e: Experiment, folder: Path) -> list[Path]:
     """The files of an entry of the menu, proposed after this recording."""
-    evidence = gather(rig_named(rig), [recording], [])
+    evidence = split_recordings(rig_named(rig), [recording], [])
     bench = bench_of(evidence)
     columns = e.signals(bench)
     p = Proposal(
@@ -287,7 +287,7 @@ ENTRIES = [
 
 def test_the_entries_walked_are_the_whole_menu(recorded: dict[str, Recording], here: Path) -> None:
     for rig, recording in recorded.items():
-        assert menu(bench_of(gather(rig_named(rig), [recording], []))) == [
+        assert menu(bench_of(split_recordings(rig_named(rig), [recording], []))) == [
             e for r, e in ENTRIES if r == rig
         ]
 
@@ -306,7 +306,7 @@ def test_a_recommended_experiment_is_simulated_checked_and_taken(
     here: Path,
     run: Run,
     recorded: dict[str, Recording],
-    taken: list[Evidence],
+    taken: list[DataSplit],
 ) -> None:
     """By itself, and together with the recording that it was recommended after."""
     made = []
@@ -368,7 +368,7 @@ def test_after_a_diagnosis(cart: Path, here: Path, run: Run) -> None:
     run("fit", str(cart), "next.csv", "--rig", "cart.py", "--output", "both")
 
 
-def test_after_a_fit(cart: Path, here: Path, run: Run, taken: list[Evidence]) -> None:
+def test_after_a_fit(cart: Path, here: Path, run: Run, taken: list[DataSplit]) -> None:
     train, report = lines_of(run("fit", str(cart), "--rig", "cart.py", "--output", "run"))
     page = next_answer(load_run(here / "run")).details[0]
     (again,) = re.findall("`pamid (.*)`", page)
@@ -379,7 +379,7 @@ def test_after_a_fit(cart: Path, here: Path, run: Run, taken: list[Evidence]) ->
 
 
 def test_after_a_fit_with_a_recording_held_out(
-    cart: Path, here: Path, run: Run, taken: list[Evidence]
+    cart: Path, here: Path, run: Run, taken: list[DataSplit]
 ) -> None:
     other = record_cart(here, seconds=6.0)
     run("fit", str(cart), "--held-out", str(other), f"--rig={here / 'cart.py'}", "--output", "run")
@@ -479,7 +479,7 @@ def test_after_a_share_of_a_trial(
 
 
 def test_after_a_demo(
-    recorded: dict[str, Recording], here: Path, run: Run, taken: list[Evidence]
+    recorded: dict[str, Recording], here: Path, run: Run, taken: list[DataSplit]
 ) -> None:
     shutil.copytree(recorded["one-dof"].path.parent, here / "demo-run")
     (here / "demo-run" / "one-dof-rec.csv").rename(here / "demo-run" / "rec.csv")

@@ -27,7 +27,7 @@ from pamid.base.toml_file import read_toml
 from pamid.checks.inspection import inspect
 from pamid.model.registry import rig_named
 from pamid.recording.recording import read_recording, require_excited
-from pamid.simulation.data_split import gather
+from pamid.simulation.data_split import split_recordings
 
 ROOT = Path(__file__).resolve().parents[2]
 ROWS = [
@@ -126,7 +126,7 @@ def refusals(path: Path) -> list[PamidError]:
 
             made = rig_named(rig or rig_of([recording]))
             require_excited(recording, "angle_deg")
-            gather(made, [recording], [])
+            split_recordings(made, [recording], [])
             from pamid.model.assembly import Assembly
 
             Assembly(made).values(recording.known)

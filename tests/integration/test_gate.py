@@ -24,7 +24,7 @@ from pamid.diagnosis.verdict import sentence
 from pamid.estimation.fit_model import fit_model
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, read_recording, write_recording
-from pamid.simulation.data_split import gather
+from pamid.simulation.data_split import split_recordings
 
 Array = NDArray[np.float64]
 Columns = dict[str, Array]
@@ -232,7 +232,7 @@ def test_a_data_sheet_that_is_far_off_is_told_with_the_slip(piston: tuple[Record
 
 def test_far_off_after_the_refit_explains_nothing(piston: tuple[Recording, str]) -> None:
     recording, rig = piston
-    evidence = gather(rig_named(rig), [recording], [])
+    evidence = split_recordings(rig_named(rig), [recording], [])
     model = fit_model(evidence)
     base = contender_from(model.assembly, model.fit, model.held_out)
     found = doubt(evidence, base, None)
@@ -244,7 +244,7 @@ def test_far_off_after_the_refit_explains_nothing(piston: tuple[Recording, str])
 
 
 def test_a_good_fit_is_in_no_doubt(pushed: Recording) -> None:
-    evidence = gather(rig_named(RIG), [pushed], [])
+    evidence = split_recordings(rig_named(RIG), [pushed], [])
     model = fit_model(evidence)
     assert doubt(evidence, contender_from(model.assembly, model.fit, model.held_out), None) is None
 
@@ -332,8 +332,10 @@ def test_only_where_nothing_can_teach_is_a_recording_refused(tmp_path: Path) -> 
     time, noise = 0.01 * np.arange(1200), 1e-4 * np.random.default_rng(1).standard_normal(1200)
     still, rig = np.zeros(1200), rig_named(RIG)
     rolling = spring(tmp_path, still, np.exp(-0.5 * time) * np.cos(5.0 * time) + noise)
-    assert gather(rig, [rolling], []).channels == ("position_m",), "let go, it comes to rest"
+    assert split_recordings(rig, [rolling], []).channels == ("position_m",), (
+        "let go, it comes to rest"
+    )
     for position in (noise, np.full(1200, 0.3), np.cos(5.0 * time) + noise):
         with pytest.raises(DataError) as refused:
-            gather(rig, [spring(tmp_path, still, position)], [])
+            split_recordings(rig, [spring(tmp_path, still, position)], [])
         assert refused.value.code == "not-excited"

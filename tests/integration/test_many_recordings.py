@@ -16,7 +16,7 @@ from pamid.base.json_file import read_json
 from pamid.excitation.aprbs import aprbs
 from pamid.model.registry import rig_named
 from pamid.recording.recording import read_recording, write_recording
-from pamid.simulation.data_split import FEWEST, Evidence
+from pamid.simulation.data_split import FEWEST, DataSplit
 from pamid.simulation.virtual_rig import virtual_rig
 
 
@@ -75,7 +75,7 @@ def test_what_is_asked_of_every_recording_takes_one_step_each() -> None:
 
     def asked(count: int) -> int:
         spans: list[Any] = [SimpleNamespace(recording=object()) for _ in range(count)]
-        evidence = Evidence(
+        evidence = DataSplit(
             rig_named(RIG), tuple(spans), tuple(spans), (), np.zeros(0), np.zeros(0)
         )
         assert evidence.recordings == [s.recording for s in spans]

@@ -18,7 +18,7 @@ from pamid.diagnosis.naive_forecast import explains_nothing
 from pamid.excitation.aprbs import aprbs
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording, write_recording
-from pamid.simulation.data_split import gather
+from pamid.simulation.data_split import split_recordings
 from pamid.simulation.virtual_rig import virtual_rig
 from pamid.simulation.windows import cut
 
@@ -37,7 +37,7 @@ def diagnosed(folder: Path, position: Array, force: Array) -> dict[str, Any]:
     run = Run.create(folder / "run", command=["test"], seed=0, overwrite=True)
     return diagnose_into(
         run,
-        gather(rig_named(CART), [read_recording(folder / "rec.csv")], []),
+        split_recordings(rig_named(CART), [read_recording(folder / "rec.csv")], []),
         {name: effects()[name] for name in FEW},
         jobs=1,
     )

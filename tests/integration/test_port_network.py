@@ -33,7 +33,7 @@ from pamid.model.registry import rig_named
 from pamid.networks.store import load_network
 from pamid.recording.recording import read_recording
 from pamid.replications.demo import Withheld, write_demo_recording
-from pamid.simulation.data_split import gather
+from pamid.simulation.data_split import split_recordings
 from pamid.simulation.replay import channel_mae, replay
 from pamid.symbolic.expression import symbols
 
@@ -52,7 +52,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, GreyBox]:
     run = Run.create(
         folder / "run", command="fit", seed=0, inputs=[recording, recording.with_suffix(".toml")]
     )
-    model = fit_model(gather(rig_named("one-dof"), [read_recording(recording)], []))
+    model = fit_model(split_recordings(rig_named("one-dof"), [read_recording(recording)], []))
     write_json(run.path("fit.json"), fit_json(model, 0))
     write_atomically(run.path("residual.csv"), residual_csv(model))
     run.finish()

@@ -10,20 +10,21 @@ import pytest
 from small_cart import RIG, cart_evidence, record_cart
 
 from pamid.estimation.fit_model import GreyBox, fit_model
-from pamid.estimation.gauss_newton import Problem, fit_robustly, free_parameters
 from pamid.estimation.intervals import estimates
+from pamid.estimation.multiple_shooting import fit_robustly
+from pamid.estimation.problem import Problem, free_parameters
 from pamid.estimation.restart import TRAPPED, freed
 from pamid.excitation.aprbs import aprbs
 from pamid.model.registry import rig_named
 from pamid.recording.recording import read_recording, write_recording
-from pamid.simulation.data_split import Evidence, gather
+from pamid.simulation.data_split import DataSplit, split_recordings
 from pamid.simulation.virtual_rig import attach_specs, virtual_rig
 
 TRUE = {"mass_kg": 1.2, "coulomb-friction:force_n": 0.8}
 
 
 @pytest.fixture(scope="module")
-def sticking(tmp_path_factory: pytest.TempPathFactory) -> Evidence:
+def sticking(tmp_path_factory: pytest.TempPathFactory) -> DataSplit:
     """The README's cart: it sticks in some windows."""
     folder = tmp_path_factory.mktemp("sticking")
     push = aprbs(30.0, 0.003, 3.0, (0.2, 0.8), seed=1)
@@ -38,11 +39,11 @@ def sticking(tmp_path_factory: pytest.TempPathFactory) -> Evidence:
         2,
     )
     write_recording(folder / "rec.csv", 0.003 * np.arange(push.size), made.columns, made.meta)
-    return gather(rig_named(RIG), [read_recording(folder / "rec.csv")], [])
+    return split_recordings(rig_named(RIG), [read_recording(folder / "rec.csv")], [])
 
 
 @pytest.fixture(scope="module")
-def model(sticking: Evidence) -> GreyBox:
+def model(sticking: DataSplit) -> GreyBox:
     return fit_model(
         sticking, tuple(a for a, _ in attach_specs(sticking.rig, ("coulomb-friction",)))
     )
@@ -59,7 +60,7 @@ def test_friction_that_sticks_is_fitted_to_the_end(model: GreyBox) -> None:
     assert float(np.abs(left).mean()) < 5e-4
 
 
-def test_the_cost_falls_by_far(sticking: Evidence, model: GreyBox) -> None:
+def test_the_cost_falls_by_far(sticking: DataSplit, model: GreyBox) -> None:
     assembly = model.assembly
     tracks = sticking.tracks(assembly)
     trapped = fit_robustly(Problem(assembly, tracks, free_parameters(assembly, tracks)))

@@ -32,7 +32,7 @@ from pamid.networks.anfis import Anfis
 from pamid.networks.store import load_network
 from pamid.recording.recording import read_recording
 from pamid.replications.demo import Withheld, write_demo_recording
-from pamid.simulation.data_split import gather
+from pamid.simulation.data_split import split_recordings
 
 LOOP = [
     "reference_deg",
@@ -64,7 +64,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def fitted(recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("fitted") / "run"
     run = Run.create(folder, command="fit", seed=0, inputs=[recording])
-    model = fit_model(gather(rig_named("one-dof"), [read_recording(recording)], []))
+    model = fit_model(split_recordings(rig_named("one-dof"), [read_recording(recording)], []))
     write_json(run.path("fit.json"), fit_json(model, 0))
     write_atomically(run.path("residual.csv"), residual_csv(model))
     run.finish()

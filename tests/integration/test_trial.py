@@ -18,7 +18,7 @@ from pamid.base.metrics import wilson_interval
 from pamid.model.effect import Effect
 from pamid.model.registry import effects
 from pamid.parallel.jobs import WorkerPool
-from pamid.simulation.data_split import Evidence
+from pamid.simulation.data_split import DataSplit
 from pamid.trial import work
 from pamid.trial.cases import NAMELESS, STRATA, Case, cases_sha256, draw_cases
 from pamid.trial.faults import FAULTS
@@ -426,7 +426,7 @@ def test_the_label_is_in_nothing_the_tool_is_given(
 ) -> None:
     shown: list[tuple[dict[str, Any], list[str]]] = []
 
-    def diagnosed(evidence: Evidence, catalogue: dict[str, type[Effect]]) -> None:
+    def diagnosed(evidence: DataSplit, catalogue: dict[str, type[Effect]]) -> None:
         (recording,) = evidence.recordings
         told = {
             **vars(recording),

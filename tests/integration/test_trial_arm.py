@@ -22,7 +22,7 @@ from pamid.model.attachment import attachments
 from pamid.model.effect import Effect
 from pamid.model.registry import effects, rig_named
 from pamid.parallel.jobs import WorkerPool
-from pamid.simulation.data_split import Evidence
+from pamid.simulation.data_split import DataSplit
 from pamid.trial import arm, arm_faults, arm_kernel, work
 from pamid.trial.arm import (
     CHANNELS,
@@ -600,9 +600,9 @@ def example(planted: dict[str, dict[str, float]], **conditions: Any) -> Case:
 def test_the_tool_sees_a_recording_and_a_catalogue(
     channels: str, loop: str, there: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    shown: list[Evidence] = []
+    shown: list[DataSplit] = []
 
-    def diagnosed(evidence: Evidence, catalogue: dict[str, type[Effect]]) -> None:
+    def diagnosed(evidence: DataSplit, catalogue: dict[str, type[Effect]]) -> None:
         shown.append(evidence)
         raise DataError("seen enough")
 

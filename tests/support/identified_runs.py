@@ -18,7 +18,7 @@ from pamid.networks.network import Network
 from pamid.networks.scaling import Scaling
 from pamid.networks.store import TrainedNetwork, save_network
 from pamid.recording.recording import Recording, read_recording
-from pamid.simulation.data_split import gather
+from pamid.simulation.data_split import split_recordings
 from pamid.simulation.virtual_rig import attach_specs
 
 PERIOD_S = 0.003
@@ -48,7 +48,7 @@ def fitted_run(
     )
     made = rig_named(rig)
     model = fit_model(
-        gather(made, [read_recording(recording)], []),
+        split_recordings(made, [read_recording(recording)], []),
         tuple(a for a, _ in attach_specs(made, effects)),
     )
     write_json(run.path("fit.json"), fit_json(model, 0))

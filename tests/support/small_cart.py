@@ -9,7 +9,7 @@ import numpy as np
 
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording, write_recording
-from pamid.simulation.data_split import Evidence, gather
+from pamid.simulation.data_split import DataSplit, split_recordings
 from pamid.simulation.virtual_rig import virtual_rig
 
 RIG = str(Path(__file__).parents[2] / "data" / "rigs" / "cart.py")
@@ -30,8 +30,8 @@ def record_cart(folder: Path, effect: str = "coulomb-friction", seconds: float =
     return folder / "rec.csv"
 
 
-def cart_evidence(recording: Path) -> Evidence:
-    return gather(rig_named(RIG), [read_recording(recording)], [])
+def cart_evidence(recording: Path) -> DataSplit:
+    return split_recordings(rig_named(RIG), [read_recording(recording)], [])
 
 
 def others() -> list[str]:

@@ -16,7 +16,7 @@ from pamid.estimation.identifiable_combinations import combinations_of, tied_tex
 from pamid.model.registry import rig_named
 from pamid.model.rig import Rig
 from pamid.recording.recording import read_recording
-from pamid.simulation.data_split import gather
+from pamid.simulation.data_split import split_recordings
 
 MOMENT = TRUTH["mass_kg"] * TRUTH["centre_m"]
 ABOUT_JOINT = TRUTH["inertia_kg_m2"] + MOMENT * TRUTH["centre_m"]
@@ -27,7 +27,9 @@ INERTIAL = ("mass_kg", "centre_m", "inertia_kg_m2")
 def fitted(torque: bool, declares: bool) -> GreyBox:
     rig: Rig = Declared() if declares else Pendulum()
     with TemporaryDirectory() as folder:
-        return fit_model(gather(rig, [swing(Path(folder) / "rec.csv", torque=torque)], []))
+        return fit_model(
+            split_recordings(rig, [swing(Path(folder) / "rec.csv", torque=torque)], [])
+        )
 
 
 def told(torque: bool, declares: bool) -> dict[str, Any]:
@@ -106,5 +108,5 @@ def test_draws_take_the_place_of_the_delta_method() -> None:
 
 def test_parameters_that_are_known_by_themselves_are_not_tied() -> None:
     example = read_recording(Path(__file__).resolve().parents[2] / "data" / "example" / "joint.csv")
-    found = fit_json(fit_model(gather(rig_named("one-dof"), [example], [])), 0)
+    found = fit_json(fit_model(split_recordings(rig_named("one-dof"), [example], [])), 0)
     assert found["tied"] == [] and tied_text(found) == []

@@ -16,7 +16,7 @@ from pamid.diagnosis.diagnose import diagnose_into
 from pamid.diagnosis.verdict import SCHEMA, diagnosis_json
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, read_recording, write_recording
-from pamid.simulation.data_split import gather
+from pamid.simulation.data_split import split_recordings
 
 SENSORS = ("reference_deg", "command", "angle_deg", "pressure_1_kpa", "pressure_2_kpa")
 MEASURED = Path(__file__).resolve().parents[3] / "shared" / "data" / "emps"
@@ -32,7 +32,9 @@ def found_for(
 ) -> dict[str, Any]:
     catalogue = {k: v for k, v in effects().items() if k not in without}
     run = Run.create(folder / name, command=["test"], seed=0)
-    return diagnose_into(run, gather(rig_named("one-dof"), recordings, []), catalogue, jobs=jobs)
+    return diagnose_into(
+        run, split_recordings(rig_named("one-dof"), recordings, []), catalogue, jobs=jobs
+    )
 
 
 @pytest.fixture(scope="module")
@@ -245,7 +247,7 @@ def test_angle_alone_still_gets_an_answer(tmp_path: Path) -> None:
 def test_the_measured_drive_rubs() -> None:
     """EMPS: friction is named, and the parameters come out within 10 % of the published ones."""
     rig = rig_named(str(Path(__file__).resolve().parents[2] / "data" / "rigs" / "emps.py"))
-    evidence = gather(
+    evidence = split_recordings(
         rig,
         [read_recording(MEASURED / "estimation.csv")],
         [read_recording(MEASURED / "pulses.csv")],

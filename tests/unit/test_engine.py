@@ -29,7 +29,8 @@ from pamid.model.parameter import Parameter
 from pamid.model.registry import effects, rig_named
 from pamid.model.rig import Port, Rig
 from pamid.simulation.simulate import choose_stepping, free_run
-from pamid.simulation.windows import Runner, Track
+from pamid.simulation.tracks import Track
+from pamid.simulation.windows import Runner
 from pamid.symbolic.expression import symbol
 from pamid.symbolic.memory_cells import Cell
 from pamid.symbolic.vocabulary import (

@@ -19,7 +19,7 @@ from pamid.excitation.aprbs import aprbs
 from pamid.excitation.experiments import MENU, PULSES_S, Bench, menu, muscle_pulses, odd_multisine
 from pamid.model.registry import rig_named
 from pamid.recording.recording import Recording, read_recording, write_recording
-from pamid.simulation.data_split import gather
+from pamid.simulation.data_split import split_recordings
 
 Array = NDArray[np.float64]
 Command = Callable[..., dict[str, Any]]
@@ -340,18 +340,18 @@ def test_a_swing_and_pulses_fit_together(
 
 def test_a_channel_may_rest_while_another_moves(folder: Path) -> None:
     made = swing(folder, "--release", "0", "30", "--clamped", "1")
-    evidence = gather(rig_named("two-link"), [made], [])
+    evidence = split_recordings(rig_named("two-link"), [made], [])
     assert "angle_2_deg" in evidence.channels and "angle_1_deg" not in evidence.channels
     assert np.isfinite(evidence.noise).all() and (evidence.noise > 1e-12).all()
     free = swing(folder)
-    assert "angle_1_deg" in gather(rig_named("two-link"), [made, free], []).channels
-    assert np.isfinite(gather(rig_named("two-link"), [made, free], []).jump).all()
+    assert "angle_1_deg" in split_recordings(rig_named("two-link"), [made, free], []).channels
+    assert np.isfinite(split_recordings(rig_named("two-link"), [made, free], []).jump).all()
 
 
 def test_nothing_moves_nothing_is_learnt(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
     still = swing(folder, "--release", "0", "0", "--clamped", "1", "--clamped", "2")
     with pytest.raises(DataError, match="constant") as refused:
-        gather(rig_named("two-link"), [still], [])
+        split_recordings(rig_named("two-link"), [still], [])
     assert refused.value.code == "not-excited"
     assert (
         frame.run(["check", str(still.path)]) == 3
@@ -425,7 +425,7 @@ def test_the_bench_is_that_of_the_commanded_recording(recorded: tuple[Path, Path
     swung, pulsed = map(read_recording, recorded)
     rig = rig_named("two-link")
     for recordings in ([swung, pulsed], [pulsed, swung], [swung]):
-        b = bench_of(gather(rig, recordings, []))
+        b = bench_of(split_recordings(rig, recordings, []))
         assert b.known == {} and b.command == ("command_1", "command_2")
         assert menu(b) == list(MENU)
         assert list(b.driven) == ["reference_1_deg", "reference_2_deg"] and all(

@@ -16,8 +16,9 @@ from virtual_joint import KNOWN, SPECIMEN, record
 
 from pamid.engine.program import Stepping
 from pamid.estimation.fit_model import COARSE, GreyBox, fit_json, fit_model
-from pamid.estimation.gauss_newton import Fit, Problem, fit, fit_robustly, free_parameters
 from pamid.estimation.intervals import Estimate, bootstrap, estimates
+from pamid.estimation.multiple_shooting import fit, fit_robustly
+from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.estimation.residual_weights import Weights
 from pamid.model.assembly import Assembly
 from pamid.model.effect import State
@@ -25,9 +26,10 @@ from pamid.model.parameter import Parameter
 from pamid.model.registry import rig_named
 from pamid.model.rig import Port, Rig
 from pamid.recording.recording import Recording, read_recording, write_recording
-from pamid.simulation.data_split import gather
+from pamid.simulation.data_split import split_recordings
 from pamid.simulation.simulate import virtual_recording
-from pamid.simulation.windows import Runner, Window, track_of
+from pamid.simulation.tracks import track_of
+from pamid.simulation.windows import Runner, Window
 
 Array = NDArray[np.float64]
 JOINT = rig_named("one-dof")
@@ -191,7 +193,7 @@ def test_the_angle_alone_is_enough_to_fit_and_says_less() -> None:
 
 @cache
 def joint_model() -> GreyBox:
-    return fit_model(gather(JOINT, [recorded(7, 15.0)], []))
+    return fit_model(split_recordings(JOINT, [recorded(7, 15.0)], []))
 
 
 def test_doubled_substeps_change_nothing() -> None:
@@ -232,8 +234,8 @@ def test_names_and_order_of_recordings_do_not_matter(tmp_path: Path) -> None:
             (tmp_path / f"{number}{suffix}").write_bytes(r.path.with_suffix(suffix).read_bytes())
         renamed.append(read_recording(tmp_path / f"{number}.csv"))
     one, other = (
-        fit_model(gather(JOINT, [first, second], [])),
-        fit_model(gather(JOINT, renamed, [])),
+        fit_model(split_recordings(JOINT, [first, second], [])),
+        fit_model(split_recordings(JOINT, renamed, [])),
     )
     np.testing.assert_array_equal(one.fit.p, other.fit.p)
     assert fit_json(one, 0)["mae"] == fit_json(other, 0)["mae"]

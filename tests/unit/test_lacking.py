@@ -17,7 +17,7 @@ from pamid.estimation.fit_model import GreyBox, fit_json, fit_model, residual_ta
 from pamid.estimation.intervals import estimates
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, read_recording, write_recording
-from pamid.simulation.data_split import gather
+from pamid.simulation.data_split import split_recordings
 from pamid.simulation.virtual_rig import virtual_rig
 
 SPRUNG = '''"""A mass on a spring behind a load cell."""
@@ -77,7 +77,7 @@ def both(rig: Path) -> tuple[Recording, Recording]:
 
 
 def fitted(rig: Path, *recordings: Recording) -> GreyBox:
-    return fit_model(gather(rig_named(str(rig)), list(recordings), []))
+    return fit_model(split_recordings(rig_named(str(rig)), list(recordings), []))
 
 
 def widths(g: GreyBox) -> dict[str, float]:
@@ -131,7 +131,7 @@ def test_a_channel_that_is_fitted_or_held_out_alone_cannot_be_judged(
     assert "cell_n cannot be judged" in capsys.readouterr().err
     other = recorded(rig, "cell", 3, "cell_n")
     with pytest.raises(FileError, match="both fitted and held out"):
-        gather(rig_named(str(rig)), [less], [other])
+        split_recordings(rig_named(str(rig)), [less], [other])
 
 
 @pytest.mark.slow

@@ -26,14 +26,14 @@ from pamid.engine.program import Stepping
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.recording.recording import read_recording
-from pamid.simulation.data_split import Evidence, gather
+from pamid.simulation.data_split import DataSplit, split_recordings
 from pamid.simulation.replay import replay
 
 SENSORS = ("reference_deg", "command", "angle_deg", "pressure_1_kpa", "pressure_2_kpa")
 EXAMPLE_RIGS = Path(__file__).resolve().parents[2] / "data" / "rigs"
 
 
-def replayed(evidence: Evidence, known: dict[str, float]) -> Contender:
+def replayed(evidence: DataSplit, known: dict[str, float]) -> Contender:
     """The rig's own model at known parameters, without any fit."""
     assembly = Assembly(evidence.rig, background=True, outputs=evidence.channels).for_fitting()
     p, stepping = assembly.values(known), Stepping(2)
@@ -46,21 +46,23 @@ def replayed(evidence: Evidence, known: dict[str, float]) -> Contender:
 
 
 @pytest.fixture(scope="module")
-def joint(tmp_path_factory: pytest.TempPathFactory) -> tuple[Evidence, Contender]:
+def joint(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, Contender]:
     """40 s of a joint without any fault, and the model that made it."""
     path = tmp_path_factory.mktemp("joint") / "rec.csv"
-    evidence = gather(rig_named("one-dof"), [record(path, 40.0, seed=4, columns=SENSORS)], [])
+    evidence = split_recordings(
+        rig_named("one-dof"), [record(path, 40.0, seed=4, columns=SENSORS)], []
+    )
     return evidence, replayed(evidence, SPECIMEN)
 
 
-def signals(joint: tuple[Evidence, Contender]) -> dict[str, np.ndarray]:
+def signals(joint: tuple[DataSplit, Contender]) -> dict[str, np.ndarray]:
     evidence, base = joint
     found = measured_signals(evidence, base.replays[0])
     found |= _followed(base, base.replays[0], inner_signals(base))
     return {name: values for name, (values, _) in found.items()}
 
 
-def with_gap(joint: tuple[Evidence, Contender], inside: np.ndarray) -> Contender:
+def with_gap(joint: tuple[DataSplit, Contender], inside: np.ndarray) -> Contender:
     """The model made to err by 2 deg at these samples of its replay."""
     _, base = joint
     r = base.replays[0]
@@ -69,7 +71,7 @@ def with_gap(joint: tuple[Evidence, Contender], inside: np.ndarray) -> Contender
     return replace(base, replays=(replace(r, whole=whole),))
 
 
-def test_a_model_without_error_has_no_regime(joint: tuple[Evidence, Contender]) -> None:
+def test_a_model_without_error_has_no_regime(joint: tuple[DataSplit, Contender]) -> None:
     evidence, base = joint
     r = base.replays[0]
     assert regimes(evidence, replace(base, replays=(replace(r, whole=r.led.y),)), None) == []
@@ -77,7 +79,7 @@ def test_a_model_without_error_has_no_regime(joint: tuple[Evidence, Contender]) 
     assert regimes(evidence, everywhere, None) == [], "a gap that is everywhere is in no regime"
 
 
-def test_forwards_and_backwards_end_at_zero(joint: tuple[Evidence, Contender]) -> None:
+def test_forwards_and_backwards_end_at_zero(joint: tuple[DataSplit, Contender]) -> None:
     speed = signals(joint)["joint_velocity"]
     best = regimes(joint[0], with_gap(joint, speed < 0.0), None)[0]
     assert best.signal in ("velocity", "joint_velocity") and best.unit == "deg/s"
@@ -87,7 +89,7 @@ def test_forwards_and_backwards_end_at_zero(joint: tuple[Evidence, Contender]) -
     )
 
 
-def test_opening_is_told_from_closing(joint: tuple[Evidence, Contender]) -> None:
+def test_opening_is_told_from_closing(joint: tuple[DataSplit, Contender]) -> None:
     best = regimes(joint[0], with_gap(joint, signals(joint)["command"] > 0.0), None)[0]
     assert best.signal == "command" and best.low == 0.0 and best.high == pytest.approx(1.0)
 
@@ -101,7 +103,7 @@ def test_opening_is_told_from_closing(joint: tuple[Evidence, Contender]) -> None
     ],
 )
 def test_a_gap_inside_the_model_is_told_there(
-    joint: tuple[Evidence, Contender], signal: str, unit: str, low: float, high: float
+    joint: tuple[DataSplit, Contender], signal: str, unit: str, low: float, high: float
 ) -> None:
     """Reversals and load are not measured; without their sensors, neither are the pressures."""
     if signal == "muscle_pressure_1":
@@ -117,12 +119,12 @@ def test_a_gap_inside_the_model_is_told_there(
     assert shared > 0.5 * (best.high - best.low)
 
 
-def test_filling_is_told_from_venting(joint: tuple[Evidence, Contender]) -> None:
+def test_filling_is_told_from_venting(joint: tuple[DataSplit, Contender]) -> None:
     best = regimes(joint[0], with_gap(joint, signals(joint)["valve_flow_2"] > 0.0), None)[0]
     assert best.signal in ("valve_flow_2", "valve_ratio_2") and best.share_of_gap > 0.9
 
 
-def test_one_regime_is_told_once(joint: tuple[Evidence, Contender]) -> None:
+def test_one_regime_is_told_once(joint: tuple[DataSplit, Contender]) -> None:
     """The angle and the contractions of both muscles are the same thing."""
     evidence, base = joint
     found = regimes(evidence, with_gap(joint, signals(joint)["angle"] > 15.0), None)
@@ -134,7 +136,7 @@ def test_one_regime_is_told_once(joint: tuple[Evidence, Contender]) -> None:
     assert gains[0] == max(gains) and min(gains) > 0.1
 
 
-def test_what_the_cause_explains_is_the_gap(joint: tuple[Evidence, Contender]) -> None:
+def test_what_the_cause_explains_is_the_gap(joint: tuple[DataSplit, Contender]) -> None:
     """Samples that a cause leaves as they are belong to no regime of it."""
     evidence, base = joint
     angle = signals(joint)["angle"]
@@ -144,7 +146,7 @@ def test_what_the_cause_explains_is_the_gap(joint: tuple[Evidence, Contender]) -
     assert best.signal == "angle" and best.low > 5.0
 
 
-def test_it_costs_next_to_nothing(joint: tuple[Evidence, Contender]) -> None:
+def test_it_costs_next_to_nothing(joint: tuple[DataSplit, Contender]) -> None:
     inside = with_gap(joint, signals(joint)["angle"] > 15.0)
     regimes(joint[0], inside, None)  # what is kept from the first time on
     assert calls_of(lambda: regimes(joint[0], inside, None)) < 100_000, (
@@ -172,7 +174,7 @@ def test_a_rig_of_ones_own(tmp_path: Path) -> None:
     np.savetxt(
         path, rows, delimiter=",", header="time_s,force_n,position_m", comments="", fmt="%.9g"
     )
-    evidence = gather(rig, [read_recording(path)], [])
+    evidence = split_recordings(rig, [read_recording(path)], [])
     base = replayed(evidence, {})
     assert inner_signals(base).names == ("force_velocity", "force_position")
     for r in regimes(evidence, base, None):

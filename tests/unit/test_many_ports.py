@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
 from pamid.base.errors import FileError
 from pamid.diagnosis.port_evidence import CROWDED, OUTSTANDING, Located, _found_at, _Smoothing
 from pamid.diagnosis.screening import _free
+from pamid.diagnosis.smoother import Smoothed
 from pamid.diagnosis.tournament import within_reach
-from pamid.estimation.gauss_newton import free_parameters
+from pamid.estimation.problem import free_parameters
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attach, attachments
 from pamid.model.registry import effects, rig_named
@@ -62,25 +64,29 @@ def test_one_port_far_ahead_leaves_rivals_in_the_race() -> None:
     assert {"clock-skew", "chain-stretch@chain_11", "leak@pressure_11"} <= kept
 
 
-class Smoothed:
+def _found(log_evidence: float) -> Smoothed:
+    return Smoothed(log_evidence, 1.0, 1.0, np.zeros(0), (), (), True)
+
+
+class Looked:
     """Stands in for a smoother: evidence with the parameters held, with them moving; counts who
     looks closely."""
 
     def __init__(self, rough: float, best: float, looked: list[float]) -> None:
-        self.rough, self._best, self._looked = (rough, 1.0, 1.0), best, looked
+        self.rough, self._best, self._looked = _found(rough), best, looked
 
     @property
-    def best(self) -> tuple[float, float, float]:
+    def best(self) -> Smoothed:
         self._looked.append(self._best)
-        return self._best, 1.0, 1.0
+        return _found(self._best)
 
 
 @pytest.mark.parametrize("count", [CROWDED, CROWDED + 1])
 def test_many_ports_are_looked_at_roughly_first(count: int) -> None:
     looked: list[float] = []
-    plain = Smoothed(0.0, 0.0, [])
+    plain = Looked(0.0, 0.0, [])
     smoothers = {
-        f"p{k}": Smoothed(100.0 if k < 2 else 0.5 * OUTSTANDING * 100.0, 80.0 - k, looked)
+        f"p{k}": Looked(100.0 if k < 2 else 0.5 * OUTSTANDING * 100.0, 80.0 - k, looked)
         for k in range(count)
     }
     held = {(): plain} | {(name,): smoother for name, smoother in smoothers.items()}

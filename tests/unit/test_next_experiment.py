@@ -38,7 +38,7 @@ from pamid.excitation.experiments import (
 )
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, read_recording, write_recording
-from pamid.simulation.data_split import Span, gather
+from pamid.simulation.data_split import Span, split_recordings
 from pamid.simulation.virtual_rig import virtual_rig
 
 Array = NDArray[np.float64]
@@ -79,7 +79,9 @@ def rubbing(
     rig = folder / "cart.py"
     rig.write_text(CORDED)
     made = drawn(folder, "rec", {"force_n": aprbs(20.0, PERIOD_S, 4.0, (0.1, 0.4), seed=1)}, rig, 2)
-    d = diagnose(gather(rig_named(str(rig)), [made], []), {k: effects()[k] for k in RIVALS})
+    d = diagnose(
+        split_recordings(rig_named(str(rig)), [made], []), {k: effects()[k] for k in RIVALS}
+    )
     p = next_experiment(d)
     assert p is not None
     return folder, rig, made, d, p
@@ -108,7 +110,7 @@ def test_what_it_expects_is_what_comes(
     one misses the new one by about what was expected, the right one by a small part of that."""
     folder, rig, old, d, p = rubbing
     new = drawn(folder, "new", p.columns, rig, 7)
-    whole = gather(rig_named(str(rig)), [old, new], [])
+    whole = split_recordings(rig_named(str(rig)), [old, new], [])
     evidence = replace(whole, fit=tuple(Span(s.recording, 0, len(s.recording)) for s in whole.fit))
     at = [s.recording is new for s in evidence.fit].index(True)
     right, wrong = (fit_model(evidence, c.attached).fit.residuals[at] for c in in_question(d)[0])
@@ -162,7 +164,7 @@ def test_the_file_reads_back_and_simulates(
     folder, rig, made, _, p = rubbing
     run = Run.create(folder / "run", command=["test"], seed=0)
     stored = diagnose_into(
-        run, gather(rig_named(str(rig)), [made], []), {k: effects()[k] for k in RIVALS}
+        run, split_recordings(rig_named(str(rig)), [made], []), {k: effects()[k] for k in RIVALS}
     )
     assert stored["next_experiment"] == json.loads(json.dumps(proposal_json(p)))
     assert stored["next_experiment"]["excitation"] == FILE

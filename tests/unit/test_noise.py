@@ -13,8 +13,8 @@ from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.recording.noise import noise_level, quantisation_step, sensor_noise
 from pamid.recording.recording import read_recording, write_recording
-from pamid.simulation.data_split import gather
-from pamid.simulation.windows import stated_noise, track_of
+from pamid.simulation.data_split import split_recordings
+from pamid.simulation.tracks import stated_noise, track_of
 
 Array = NDArray[np.float64]
 CART = str(Path(__file__).resolve().parents[2] / "data" / "rigs" / "cart.py")
@@ -143,9 +143,9 @@ def test_evidence_takes_the_step_for_noise(tmp_path: Path) -> None:
     )
     recording = read_recording(tmp_path / "cart.csv")
     rig = rig_named(CART)
-    assert gather(rig, [recording], []).noise == pytest.approx([ROUNDING * step], rel=0.1)
+    assert split_recordings(rig, [recording], []).noise == pytest.approx([ROUNDING * step], rel=0.1)
 
-    from pamid.estimation.gauss_newton import Problem, free_parameters
+    from pamid.estimation.problem import Problem, free_parameters
 
     assembly = Assembly(rig)
     tracks = (track_of(assembly, recording, ("position_m",)),)

@@ -10,12 +10,12 @@ from virtual_joint import record
 
 from pamid.diagnosis.contender import Contender, contender_from
 from pamid.diagnosis.port_evidence import Located, locate, shapley
-from pamid.diagnosis.smoother import Smoother
+from pamid.diagnosis.smoother import Smoother, SmoothingProblem
 from pamid.engine.block_tridiagonal import eliminate
 from pamid.estimation.fit_model import fit_model
 from pamid.model.registry import rig_named
 from pamid.parallel.jobs import WorkerPool
-from pamid.simulation.data_split import Evidence, gather
+from pamid.simulation.data_split import DataSplit, split_recordings
 
 SENSORS = ("reference_deg", "command", "angle_deg", "pressure_1_kpa", "pressure_2_kpa")
 
@@ -55,7 +55,7 @@ def located(folder: Path, effect: str) -> tuple[Contender, Located]:
         columns=SENSORS,
         known={"inertia_kg_m2": 0.014},
     )
-    evidence = gather(rig_named("one-dof"), [recording], [])
+    evidence = split_recordings(rig_named("one-dof"), [recording], [])
     model = fit_model(evidence)
     base = contender_from(model.assembly, model.fit, model.held_out)
     return base, locate(evidence, base, WorkerPool())
@@ -92,7 +92,7 @@ def test_nothing_missing_finds_nothing(tmp_path: Path) -> None:
 
 def test_a_larger_latent_value_costs_more_where_nothing_is_missing(tmp_path: Path) -> None:
     base, _ = located(tmp_path, "")
-    evidence = gather(
+    evidence = split_recordings(
         rig_named("one-dof"),
         [
             record(
@@ -106,15 +106,15 @@ def test_a_larger_latent_value_costs_more_where_nothing_is_missing(tmp_path: Pat
         [],
     )
     smoother = Smoother(evidence, base, ("joint",))
-    tight, loose = smoother.evidence_at(0.003, 0.1), smoother.evidence_at(1.0, 0.1)
+    tight, loose = (smoother.smoothed(None, size, 0.1).log_evidence for size in (0.003, 1.0))
     assert tight > loose + 10.0
 
 
 @pytest.fixture(scope="module")
-def bent(tmp_path_factory: pytest.TempPathFactory) -> tuple[Evidence, Contender]:
+def bent(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, Contender]:
     """A joint with friction that its baseline does not know: its parameters have bent to it."""
     path = tmp_path_factory.mktemp("bent") / "rec.csv"
-    evidence = gather(
+    evidence = split_recordings(
         rig_named("one-dof"),
         [
             record(
@@ -132,34 +132,32 @@ def bent(tmp_path_factory: pytest.TempPathFactory) -> tuple[Evidence, Contender]
     return evidence, contender_from(model.assembly, model.fit, model.held_out)
 
 
-def test_a_step_goes_where_the_cost_falls(bent: tuple[Evidence, Contender]) -> None:
+def test_a_step_goes_where_the_cost_falls(bent: tuple[DataSplit, Contender]) -> None:
     """Along the Gauss-Newton step the cost falls by twice the promised gain per unit: the gradient
     over states, latent values, joints and parameters is that of the cost."""
     smoother = Smoother(*bent, ("joint",))
-    priors = [path.prior(smoother.missing, 0.03, 0.1) for path in smoother.paths]
-    step = smoother._step(smoother._linearised(True), priors, 1e-3, True)
-    s, xs = smoother.s.copy(), [path.x.copy() for path in smoother.paths]
+    s, x = smoother.fitted, tuple(track.start for track in smoother.tracks)
+    solver = SmoothingProblem(smoother, smoother._priors(x, 0.03, 0.1), True)
+    point = solver.point(s, x, smoother._linearised(s, x, True))
+    step = solver.step(point, 1e-3)
 
     def cost(share: float) -> float:
-        smoother.s = s + share * step.s
-        for path, x, d in zip(smoother.paths, xs, step.x, strict=True):
-            path.x = x + share * d
-        return smoother._cost(smoother._followed(), priors)
+        part = step._replace(s=share * step.s, x=[share * d for d in step.x])
+        return solver.moved(point, part).cost
 
     slope = (cost(1e-5) - cost(-1e-5)) / 2e-5
     assert np.abs(step.s).max() > 0.01, "the parameters take part"
     assert slope == pytest.approx(-2.0 * step.gain, rel=2e-3)
 
 
-def test_the_right_port_leaves_nothing(bent: tuple[Evidence, Contender]) -> None:
+def test_the_right_port_leaves_nothing(bent: tuple[DataSplit, Contender]) -> None:
     """With a latent torque the data are explained down to the noise; with a latent flow they are
     not."""
     left = {}
     for port in ("joint", "valve"):
         smoother = Smoother(*bent, (port,))
-        smoother.evidence_at(*smoother.best[1:])
         left[port] = (
-            sum(one.cost for one in smoother.linear or [])
+            sum(one.cost for one in smoother.best.linearised)
             / (len(SENSORS) - 2)
             / len(bent[1].replays[0].track)
         )

@@ -13,7 +13,7 @@ from virtual_joint import SPECIMEN, record
 from pamid.engine.program import Stepping
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
-from pamid.simulation.data_split import DEPARTS, Evidence, gather
+from pamid.simulation.data_split import DEPARTS, DataSplit, split_recordings
 from pamid.simulation.replay import Replay, followed, noise_floor, replay
 from pamid.simulation.simulate import state_spread
 
@@ -21,17 +21,19 @@ ANGLE = ("reference_deg", "command", "angle_deg")
 
 
 @pytest.fixture(scope="module")
-def angle_only(tmp_path_factory: pytest.TempPathFactory) -> tuple[Evidence, Assembly, np.ndarray]:
+def angle_only(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, Assembly, np.ndarray]:
     """A healthy joint of which only the angle was recorded, and the model that made it with 3 %
     more force."""
     path = tmp_path_factory.mktemp("joint") / "rec.csv"
-    evidence = gather(rig_named("one-dof"), [record(path, 24.0, seed=5, columns=ANGLE)], [])
+    evidence = split_recordings(
+        rig_named("one-dof"), [record(path, 24.0, seed=5, columns=ANGLE)], []
+    )
     assembly = Assembly(evidence.rig, background=True, outputs=evidence.channels).for_fitting()
     p = assembly.values({**SPECIMEN, "scale": 1.03 * SPECIMEN["scale"]})
     return evidence, assembly, p
 
 
-def run(given: tuple[Evidence, Assembly, np.ndarray], jump: np.ndarray | None = None) -> Replay:
+def run(given: tuple[DataSplit, Assembly, np.ndarray], jump: np.ndarray | None = None) -> Replay:
     evidence, assembly, p = given
     track = evidence.tracks(assembly, held_out=True)[0]
     return replay(
@@ -44,7 +46,7 @@ def run(given: tuple[Evidence, Assembly, np.ndarray], jump: np.ndarray | None = 
 
 
 def test_pressures_that_nobody_measured_are_carried_over(
-    angle_only: tuple[Evidence, Assembly, np.ndarray],
+    angle_only: tuple[DataSplit, Assembly, np.ndarray],
 ) -> None:
     """Estimated anew from the angle in every window they follow each error of the model, and the
     replay goes astray."""
@@ -58,7 +60,7 @@ def test_pressures_that_nobody_measured_are_carried_over(
 
 
 def test_the_floor_is_the_noise_whatever_the_states_were_corrected_by(
-    angle_only: tuple[Evidence, Assembly, np.ndarray],
+    angle_only: tuple[DataSplit, Assembly, np.ndarray],
 ) -> None:
     """The truth of the floor makes the same corrections: a mean absolute error of 0.8 standard
     deviations is left."""
@@ -72,7 +74,7 @@ def test_the_floor_is_the_noise_whatever_the_states_were_corrected_by(
 
 
 def test_the_windows_cover_what_is_scored_and_the_lead_in_is_not(
-    angle_only: tuple[Evidence, Assembly, np.ndarray],
+    angle_only: tuple[DataSplit, Assembly, np.ndarray],
 ) -> None:
     r = run(angle_only)
     assert r.led.lead > 0 and len(r.track) == len(r.led) - r.led.lead == len(r.model)
@@ -83,7 +85,7 @@ def test_the_windows_cover_what_is_scored_and_the_lead_in_is_not(
 
 
 def test_following_a_replay_gives_its_outputs(
-    angle_only: tuple[Evidence, Assembly, np.ndarray],
+    angle_only: tuple[DataSplit, Assembly, np.ndarray],
 ) -> None:
     _, assembly, p = angle_only
     r = run(angle_only)

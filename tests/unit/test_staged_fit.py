@@ -18,14 +18,14 @@ from pamid.base.errors import ConvergenceError, DataError, FileError
 from pamid.base.json_file import write_json
 from pamid.base.run_folder import Run
 from pamid.estimation.fit_model import GreyBox, fit_json, fit_model
-from pamid.estimation.gauss_newton import Problem
 from pamid.estimation.intervals import bootstrap
 from pamid.estimation.posterior import read_posterior
 from pamid.estimation.prior import Prior, terms_of_sheet
+from pamid.estimation.problem import Problem
 from pamid.model.registry import rig_named
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
-from pamid.simulation.data_split import gather
+from pamid.simulation.data_split import split_recordings
 
 Array = NDArray[np.float64]
 
@@ -39,9 +39,9 @@ def kept(folder: Path, g: GreyBox, **changes: Any) -> Path:
 
 
 def staged(folder: Path, rig: Rig, *stages: Recording) -> GreyBox:
-    g = fit_model(gather(rig, [stages[0]], []))
+    g = fit_model(split_recordings(rig, [stages[0]], []))
     for r in stages[1:]:
-        g = fit_model(gather(rig, [r], []), earlier=read_posterior(kept(folder, g)))
+        g = fit_model(split_recordings(rig, [r], []), earlier=read_posterior(kept(folder, g)))
     return g
 
 
@@ -67,7 +67,7 @@ def test_one_after_the_other_is_as_good_as_both_at_once(
     )
     g, both = (
         staged(tmp_path / "run", Declared(), first, second),
-        fit_model(gather(Declared(), [first, second], [])),
+        fit_model(split_recordings(Declared(), [first, second], [])),
     )
     assert g.fit.converged
     away, ratio = apart(g, both)
@@ -147,7 +147,7 @@ def test_no_earlier_fit_is_the_data_sheet_and_nothing_else(tmp_path: Path) -> No
     s = np.array([0.3, -2.0])
     cost, H, g = terms_of_sheet(s)
     assert cost == float(s @ s) and (np.eye(2) == H).all() and (g == s).all()
-    g0 = fit_model(gather(Declared(), [swing(tmp_path / "a.csv", torque=True)], []))
+    g0 = fit_model(split_recordings(Declared(), [swing(tmp_path / "a.csv", torque=True)], []))
     assert g0.fit.problem.prior is None and "from" not in fit_json(g0, 0)
 
 
@@ -163,7 +163,7 @@ def test_a_parameter_held_at_a_bound_is_pulled_beyond_it_later(tmp_path: Path) -
     first, second = (
         swing(tmp_path / f"{i}.csv", torque=True, seed=i, viscous_n_m_s=0.006) for i in range(2)
     )
-    g = fit_model(gather(Tight(), [first], []))
+    g = fit_model(split_recordings(Tight(), [first], []))
     places = [g.assembly.parameters[i].name for i in g.fit.problem.free]
     assert g.fit.held[places.index("viscous_n_m_s")] < 0.0 and np.count_nonzero(g.fit.held) == 1
     posterior = read_posterior(kept(tmp_path / "run", g))
@@ -172,11 +172,11 @@ def test_a_parameter_held_at_a_bound_is_pulled_beyond_it_later(tmp_path: Path) -
     precision = np.linalg.inv(g.fit.covariance)
     np.testing.assert_allclose(slope, g.fit.held, atol=1e-6 * np.abs(g.fit.held).max())
     np.testing.assert_allclose(information, precision, atol=1e-6 * precision.max())
-    after = fit_model(gather(Tight(), [second], []), earlier=posterior)
+    after = fit_model(split_recordings(Tight(), [second], []), earlier=posterior)
     told = fit_json(after, 0)
     assert told["parameters"]["viscous_n_m_s"]["at_bound"] == "high"
     assert any("viscous was held at its high bound" in remark for remark in told["from"]["remarks"])
-    both = fit_model(gather(Tight(), [first, second], []))
+    both = fit_model(split_recordings(Tight(), [first, second], []))
     free = list(both.fit.problem.free)
     np.testing.assert_allclose(after.fit.p[free], both.fit.p[free], rtol=0.02)
 
@@ -204,7 +204,7 @@ def test_the_bootstrap_draws_what_an_earlier_fit_told(tmp_path: Path) -> None:
 def test_background_is_carried_and_drift_is_not(tmp_path: Path) -> None:
     rig = rig_named("one-dof")
     a, b = record(tmp_path / "a.csv", 6.0, seed=1), record(tmp_path / "b.csv", 6.0, seed=2)
-    g = fit_model(gather(rig, [a], []))
+    g = fit_model(split_recordings(rig, [a], []))
     problem: Problem = g.fit.problem
     prior = read_posterior(kept(tmp_path / "run", g)).prior(problem)
     information = prior.terms(prior.at)[1] - np.eye(len(problem.free))
@@ -213,8 +213,8 @@ def test_background_is_carried_and_drift_is_not(tmp_path: Path) -> None:
     drifts = [key for key in keys if key.endswith(":drift")]
     assert len(drifts) == 2 and all(told[key] == 0.0 for key in drifts)
     assert told["background.force_map_1:level"] > 0.1 and told["damping"] > 100.0
-    after = fit_model(gather(rig, [b], []), earlier=read_posterior(tmp_path / "run"))
-    both = fit_model(gather(rig, [a, b], []))
+    after = fit_model(split_recordings(rig, [b], []), earlier=read_posterior(tmp_path / "run"))
+    both = fit_model(split_recordings(rig, [a, b], []))
     rig_own = [k for k, key in enumerate(keys) if ":" not in key]
     away, ratio = apart(after, both)
     assert away[rig_own].max() < 1.0 and ratio[rig_own].min() > 0.8 and ratio[rig_own].max() < 1.25
@@ -224,7 +224,9 @@ def test_background_is_carried_and_drift_is_not(tmp_path: Path) -> None:
 @pytest.fixture(scope="module")
 def first(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, GreyBox]:
     folder = tmp_path_factory.mktemp("first")
-    return folder, fit_model(gather(Declared(), [swing(folder / "a.csv", torque=True)], []))
+    return folder, fit_model(
+        split_recordings(Declared(), [swing(folder / "a.csv", torque=True)], [])
+    )
 
 
 def test_a_fit_that_did_not_converge_is_refused(
@@ -275,12 +277,13 @@ def test_evidence_does_not_count_twice(first: tuple[Path, GreyBox], tmp_path: Pa
     (span,) = first[1].evidence.fit
     other = swing(tmp_path / "b.csv", torque=True, seed=1)
     with pytest.raises(DataError, match="count twice"):
-        fit_model(gather(Declared(), [span.recording], []), earlier=posterior)
+        fit_model(split_recordings(Declared(), [span.recording], []), earlier=posterior)
     with pytest.raises(DataError, match="not unseen"):
-        fit_model(gather(Declared(), [other], [span.recording]), earlier=posterior)
+        fit_model(split_recordings(Declared(), [other], [span.recording]), earlier=posterior)
     with pytest.raises(FileError, match="one-dof"):
         fit_model(
-            gather(rig_named("one-dof"), [record(tmp_path / "j.csv", 6.0)], []), earlier=posterior
+            split_recordings(rig_named("one-dof"), [record(tmp_path / "j.csv", 6.0)], []),
+            earlier=posterior,
         )
 
 
@@ -294,7 +297,8 @@ def test_a_rig_that_derives_from_the_earlier_one_goes_on_from_it(
 
     other = swing(tmp_path / "b.csv", torque=True, seed=1)
     g = fit_model(
-        gather(Measured(), [other], []), earlier=read_posterior(kept(tmp_path / "run", first[1]))
+        split_recordings(Measured(), [other], []),
+        earlier=read_posterior(kept(tmp_path / "run", first[1])),
     )
     assert g.fit.converged and g.fit.covariance.trace() < first[1].fit.covariance.trace()
 

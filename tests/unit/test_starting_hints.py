@@ -16,14 +16,14 @@ from pamid.estimation.fit_model import fit_model, model_with
 from pamid.model.attachment import attach
 from pamid.model.effect import Hints
 from pamid.model.registry import effects, rig_named
-from pamid.simulation.data_split import gather
+from pamid.simulation.data_split import split_recordings
 
 
 @pytest.fixture(scope="module")
 def stopped(tmp_path_factory: pytest.TempPathFactory):  # type: ignore[no-untyped-def]
     """A joint whose end stops at 26 deg are hit; its baseline."""
     path = tmp_path_factory.mktemp("stop") / "rec.csv"
-    evidence = gather(
+    evidence = split_recordings(
         rig_named("one-dof"),
         [record(path, 24.0, seed=3, effects=("end-stop:limit_rad=0.4538",))],
         [],

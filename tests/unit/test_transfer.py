@@ -12,7 +12,7 @@ from virtual_joint import record
 
 from pamid.diagnosis.transfer import differences, transfer
 from pamid.model.registry import rig_named
-from pamid.simulation.data_split import gather
+from pamid.simulation.data_split import split_recordings
 
 SENSORS = ("reference_deg", "command", "angle_deg")
 
@@ -48,7 +48,7 @@ def told(tmp_path: Path, heavy: dict[str, float]) -> Progress:
         tmp_path / "light.csv", 6.0, seed=1, columns=SENSORS, known={"inertia_kg_m2": 0.014}
     )
     other = record(tmp_path / "other.csv", 6.0, seed=2, columns=SENSORS, known=heavy)
-    evidence = gather(rig_named("one-dof"), [light], [other])
+    evidence = split_recordings(rig_named("one-dof"), [light], [other])
     before = np.radians([[1.0], [1.0], [2.0], [2.0]])
     base = Model(before, (Windows((0, 1, 2, 3)),))
     return Progress(

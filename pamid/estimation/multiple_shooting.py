@@ -11,140 +11,28 @@ time, and counting each sample as a witness would overrule every prior.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.block_tridiagonal import eliminate
+from pamid.engine.damped_gauss_newton import DampingRule, Iteration, LeastSquares, iterate
 from pamid.engine.program import Stepping
-from pamid.estimation.prior import Prior, terms_of_sheet
+from pamid.estimation.prior import terms_of_sheet
+from pamid.estimation.problem import Fit, Problem, Scale
 from pamid.estimation.residual_weights import Weights, residual_weights
-from pamid.model.assembly import Assembly
-from pamid.model.bound_parameter import Bound
+from pamid.simulation.initial_state import PULL, estimate_start
 from pamid.simulation.simulate import choose_stepping
-from pamid.simulation.windows import (
-    PULL,
-    Runner,
-    Track,
-    Window,
-    cut,
-    estimate_start,
-    noise_of,
-    stated_noise,
-)
+from pamid.simulation.windows import Runner
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, float], None]
 
-WINDOW_S = 1.5
+ITERATIONS, TOLERANCE = 40, 1e-4
 CALM = 0.02  # squared step of the parameters in their posterior: two in a row below it end a fit
-
-
-@dataclass(frozen=True, eq=False)
-class Problem:
-    """What is fitted to what. free: places of the fitted parameters; importance: a factor per
-    window, sheet: another draw of the data sheet in prior spreads (bootstrap); prior: what an
-    earlier fit has told of them beside it."""
-
-    assembly: Assembly
-    tracks: tuple[Track, ...]
-    free: tuple[int, ...]
-    window_s: float = WINDOW_S
-    importance: Array | None = None
-    sheet: Array | None = None
-    prior: Prior | None = None
-
-    @property
-    def scale(self) -> Scale:
-        """The free parameters in prior spreads around the data sheet."""
-        a, free = self.assembly, list(self.free)
-        return Scale([a.parameters[i] for i in free], a.values()[free])
-
-    def start(self) -> Array:
-        """Where a fit begins (SI): at the data sheet, or at what an earlier fit knew."""
-        p = self.assembly.values()
-        if self.prior is not None:
-            p[list(self.free)] = self.scale.outside(self.prior.at)
-        return p
-
-    @cached_property
-    def noise(self) -> Array:
-        """Of the sensors, per channel (SI)."""
-        return noise_of(self.tracks, stated_noise(self.assembly.rig, self.assembly.program.outputs))
-
-    @property
-    def window(self) -> int:
-        """Samples per window of the longest recording."""
-        longest = max(self.tracks, key=len)
-        return self.windows(longest)[0].stop
-
-    def windows(self, track: Track) -> list[Window]:
-        return cut(len(track), max(20, round(self.window_s / track.period_s)))
-
-
-@dataclass(frozen=True)
-class Fit:
-    """Result of a fit. p: all parameters (SI); covariance of the free ones in prior spreads (see
-    `Scale`); held: half the gradient of the cost by them where a bound holds the fit, else 0."""
-
-    problem: Problem
-    p: Array
-    starts: tuple[Array, ...]  # per track: windows x rig states
-    weights: Weights
-    cost: float
-    covariance: Array
-    iterations: int
-    converged: bool
-    why: str
-    stepping: Stepping
-    # per track: information of the joints between windows, per rig state
-    pulls: tuple[Array, ...] = ()
-    # per track: samples x channels, model - measured
-    residuals: tuple[Array, ...] = field(repr=False, default=())
-    held: Array = field(repr=False, default_factory=lambda: np.zeros(0))
-
-
-class Scale:
-    """Parameters in units of their prior spread around their prior mean (logarithms where the prior
-    is)."""
-
-    def __init__(self, bounds: list[Bound], centre: Array) -> None:
-        self.log = np.array([b.log for b in bounds], bool)
-        self.spread = np.array([b.spread for b in bounds])
-        self.centre = np.where(
-            self.log, np.log(np.where(self.log, np.maximum(centre, 1e-300), 1.0)), centre
-        )
-        low, high = np.array([b.low for b in bounds]), np.array([b.high for b in bounds])
-        with np.errstate(divide="ignore"):
-            raw_low = np.where(self.log, np.log(np.where(self.log, np.maximum(low, 0.0), 1.0)), low)
-            raw_high = np.where(self.log, np.log(np.where(self.log, high, 1.0)), high)
-        self.low, self.high = (
-            (raw_low - self.centre) / self.spread,
-            (raw_high - self.centre) / self.spread,
-        )
-
-    def inside(self, p: Array) -> Array:
-        raw = np.where(self.log, np.log(np.where(self.log, np.maximum(p, 1e-300), 1.0)), p)
-        return (raw - self.centre) / self.spread
-
-    def outside(self, s: Array) -> Array:
-        raw = self.centre + s * self.spread
-        return np.where(self.log, np.exp(np.where(self.log, raw, 0.0)), raw)
-
-    def slope(self, p: Array) -> Array:
-        return self.spread * np.where(self.log, p, 1.0)
-
-
-def free_parameters(assembly: Assembly, tracks: tuple[Track, ...]) -> tuple[int, ...]:
-    """Fitted parameters that at least one recording leaves open."""
-    return tuple(
-        i
-        for i, b in enumerate(assembly.parameters)
-        if b.fitted and any(i not in t.known for t in tracks)
-    )
 
 
 def initial_starts(
@@ -308,20 +196,157 @@ def _reduced(
     return H, g, held, parts
 
 
-def _step(
-    normal: _Normal, s: Array, scale: Scale, damping: float
-) -> tuple[Array, list[Array], Array]:
-    """Damped Gauss-Newton step in (scaled parameters, window starts) within the bounds; reduced
-    Hessian."""
-    H, g, held, parts = _reduced(normal, s, scale, damping)
-    ds = np.zeros(len(s))
-    free = np.logical_not(held)
-    if free.any():
-        A = H[np.ix_(free, free)]
-        A = A + damping * np.diag(np.maximum(A.diagonal(), 1e-12))
-        ds[free] = -np.linalg.lstsq(A, g[free], rcond=None)[0]
-    ds = np.clip(s + ds, scale.low, scale.high) - s
-    return ds, [-(x + X @ ds) for X, x, _, _ in parts], H
+class _Point(NamedTuple):
+    """Scaled free parameters, states at the start of every window per track, and the normal
+    equations there; linearised: are derivatives in these?"""
+
+    s: Array
+    starts: tuple[Array, ...]
+    normal: _Normal
+    linearised: bool
+
+    @property
+    def cost(self) -> float:
+        return self.normal.cost
+
+
+class _Step(NamedTuple):
+    """Of the scaled parameters and of every track's window starts; the reduced Hessian."""
+
+    s: Array
+    starts: list[Array]
+    H: Array
+
+
+@dataclass(frozen=True, eq=False)
+class MultipleShooting(LeastSquares[_Point, _Step]):
+    """The fit's least squares over (scaled parameters, window starts). p: all parameters (SI), of
+    which the free ones are replaced; probe: the last point is not differentiated."""
+
+    problem: Problem
+    p: Array
+    weights: Weights
+    pulls: tuple[Array, ...]
+    stepping: Stepping
+    tolerance: float
+    probe: bool
+    rule = DampingRule(1e-3, falls=0.2, least=1e-9, rises=10.0, most=1e7)
+
+    @cached_property
+    def scale(self) -> Scale:
+        return self.problem.scale
+
+    def at(self, s: Array, starts: tuple[Array, ...], derivatives: bool = True) -> _Point:
+        found = _evaluate(
+            self.problem,
+            self.scale,
+            s,
+            self.p,
+            starts,
+            self.weights,
+            self.pulls,
+            self.stepping,
+            derivatives,
+        )
+        return _Point(s, starts, found, derivatives)
+
+    def step(self, at: _Point, damping: float) -> _Step:
+        """Eliminating the window starts block by block leaves the reduced system of the parameters
+        (Schur complement); of these, one at a bound that the gradient would push it through
+        stays."""
+        H, g, held, parts = _reduced(at.normal, at.s, self.scale, damping)
+        ds = np.zeros(len(at.s))
+        free = np.logical_not(held)
+        if free.any():
+            A = H[np.ix_(free, free)]
+            A = A + damping * np.diag(np.maximum(A.diagonal(), 1e-12))
+            ds[free] = -np.linalg.lstsq(A, g[free], rcond=None)[0]
+        ds = np.clip(at.s + ds, self.scale.low, self.scale.high) - at.s
+        return _Step(ds, [-(x + X @ ds) for X, x, _, _ in parts], H)
+
+    def moved(self, at: _Point, step: _Step, last: bool) -> _Point:
+        prior, scale = self.problem.prior, self.scale
+        s = np.clip(prior.moved(at.s, step.s), scale.low, scale.high) if prior else at.s + step.s
+        starts = tuple(x + d for x, d in zip(at.starts, step.starts, strict=True))
+        return self.at(s, starts, not (self.probe and last))
+
+    def settled(self, gain: float, before: _Point, after: _Point) -> bool:
+        return gain < self.tolerance * (1.0 + 1e-3 * after.cost)
+
+    def calm(self, step: _Step, damping: float) -> bool:
+        # strong damping makes any step short
+        return damping < 1e-2 and float(step.s @ step.H @ step.s) < CALM
+
+    def stuck(self, at: _Point, step: _Step) -> bool:
+        return float(np.abs(step.s).max(initial=0.0)) < 1e-7
+
+    def resumed(self, probe: Iteration[_Point]) -> Fit:
+        """The fit to which a probe comes that goes on."""
+        full, point = replace(self, probe=False), probe.point
+        point = point if point.linearised else full.at(point.s, point.starts)
+        return full.fit(iterate(full, replace(probe, point=point), ITERATIONS))
+
+    def fit(self, ended: Iteration[_Point]) -> Fit:
+        s, starts, now, _ = ended.point
+        p, free = self.p.copy(), list(self.problem.free)
+        p[free] = self.scale.outside(s)
+        found = Fit(
+            self.problem,
+            p,
+            starts,
+            self.weights,
+            now.cost,
+            np.eye(len(free)),
+            ended.steps,
+            ended.settled,
+            "" if ended.settled else "iterations used up",
+            self.stepping,
+            self.pulls,
+        )
+        if self.probe:
+            return found
+        H, g, held, _ = _reduced(now, s, self.scale, 0.0)
+        covariance: Array = np.linalg.pinv(H, hermitian=True).astype(np.float64, copy=False)
+        return replace(
+            found,
+            covariance=covariance,
+            residuals=tuple(now.residuals),
+            held=np.where(held, g, 0.0),
+        )
+
+
+def begin(
+    problem: Problem,
+    *,
+    p: Array | None = None,
+    starts: tuple[Array, ...] | None = None,
+    weights: Weights | None = None,
+    tolerance: float = TOLERANCE,
+    stepping: Stepping | None = None,
+    pulls: tuple[Array, ...] = (),
+    probe: bool = False,
+) -> tuple[MultipleShooting, Iteration[_Point]]:
+    """The least squares of a fit and the point where it begins; arguments as of `fit`."""
+    p = problem.start() if p is None else p.copy()
+    stepping = stepping or careful_stepping(problem, p)
+    weights = weights or Weights(problem.noise, np.ones_like(problem.noise))
+    scale = problem.scale
+    s = np.clip(scale.inside(p[list(problem.free)]), scale.low, scale.high)
+    starts = starts if starts is not None else initial_starts(problem, p, weights, stepping)
+    none = tuple(np.zeros(len(problem.assembly.rig.states)) for _ in problem.tracks)
+    shooting = MultipleShooting(problem, p, weights, pulls or none, stepping, tolerance, probe)
+    point = shooting.at(s, starts)
+    if point.normal.fine and not pulls:
+        # by how much less a residual counts than sensor noise: by as much a wrong model's states
+        # may depart
+        off = float(np.exp(-np.log(problem.noise * weights.root).mean()))
+        pulls = tuple(
+            np.maximum(PULL * np.einsum("wii->wi", b[0]).mean(axis=0), 1.0 / (off * t.jump) ** 2)
+            for b, t in zip(point.normal.blocks, problem.tracks, strict=True)
+        )
+        shooting = replace(shooting, pulls=pulls)
+        point = shooting.at(s, starts)
+    return shooting, Iteration(point, shooting.rule.start)
 
 
 def fit(
@@ -330,8 +355,8 @@ def fit(
     p: Array | None = None,
     starts: tuple[Array, ...] | None = None,
     weights: Weights | None = None,
-    iterations: int = 40,
-    tolerance: float = 1e-4,
+    iterations: int = ITERATIONS,
+    tolerance: float = TOLERANCE,
     stepping: Stepping | None = None,
     pulls: tuple[Array, ...] = (),
     progress: Progress | None = None,
@@ -344,104 +369,30 @@ def fit(
     probe: only the cost and the parameters matter; the last step is then not differentiated and has
     no covariance.
     """
-    a = problem.assembly
-    p = problem.start() if p is None else p.copy()
-    free = list(problem.free)
-    step = stepping or careful_stepping(problem, p)
-    weights = weights or Weights(problem.noise, np.ones_like(problem.noise))
-    scale = problem.scale
-    s = np.clip(scale.inside(p[free]), scale.low, scale.high)
-    starts = starts if starts is not None else initial_starts(problem, p, weights, step)
-    known_pulls = bool(pulls)
-    pulls = pulls or tuple(np.zeros(len(a.rig.states)) for _ in problem.tracks)
-    now = _evaluate(problem, scale, s, p, starts, weights, pulls, step, True)
-    if not now.fine:
+    shooting, begun = begin(
+        problem,
+        p=p,
+        starts=starts,
+        weights=weights,
+        tolerance=tolerance,
+        stepping=stepping,
+        pulls=pulls,
+        probe=probe,
+    )
+    if not begun.point.normal.fine:
         return Fit(
             problem,
-            p,
-            starts,
-            weights,
+            shooting.p,
+            begun.point.starts,
+            shooting.weights,
             np.inf,
-            np.eye(len(free)),
+            np.eye(len(problem.free)),
             0,
             False,
             "the model became unstable at its starting parameters",
-            step,
+            shooting.stepping,
         )
-    if not known_pulls:
-        # by how much less a residual counts than sensor noise: by as much a wrong model's states
-        # may depart
-        off = float(np.exp(-np.log(problem.noise * weights.root).mean()))
-        pulls = tuple(
-            np.maximum(PULL * np.einsum("wii->wi", b[0]).mean(axis=0), 1.0 / (off * t.jump) ** 2)
-            for b, t in zip(now.blocks, problem.tracks, strict=True)
-        )
-        now = _evaluate(problem, scale, s, p, starts, weights, pulls, step, True)
-    damping, count, calm, why, converged = 1e-3, 0, 0, "iterations used up", False
-    for count in range(1, iterations + 1):
-        ds, dx, H = _step(now, s, scale, damping)
-        new_s = (
-            np.clip(problem.prior.moved(s, ds), scale.low, scale.high) if problem.prior else s + ds
-        )
-        new_starts = tuple(x + d for x, d in zip(starts, dx, strict=True))
-        trial = _evaluate(
-            problem,
-            scale,
-            new_s,
-            p,
-            new_starts,
-            weights,
-            pulls,
-            step,
-            not (probe and count == iterations),
-        )
-        if trial.cost < now.cost:
-            gain = now.cost - trial.cost
-            s, starts, now, damping = new_s, new_starts, trial, max(damping * 0.2, 1e-9)
-            # a short leash is no rest
-            calm = calm + 1 if damping < 1e-2 and float(ds @ H @ ds) < CALM else 0
-            if calm == 2 or gain < tolerance * (1.0 + 1e-3 * now.cost):
-                converged, why = True, ""
-                break
-        else:
-            damping *= 10.0
-            if damping > 1e7 or float(np.abs(ds).max(initial=0.0)) < 1e-7:
-                converged, why = True, ""
-                break
-        if progress is not None:
-            progress(count, now.cost)
-    p[free] = scale.outside(s)
-    if probe:
-        return Fit(
-            problem,
-            p,
-            starts,
-            weights,
-            now.cost,
-            np.eye(len(free)),
-            count,
-            converged,
-            why,
-            step,
-            pulls,
-        )
-    H, g, held, _ = _reduced(now, s, scale, 0.0)
-    covariance: Array = np.linalg.pinv(H, hermitian=True).astype(np.float64, copy=False)
-    return Fit(
-        problem,
-        p,
-        starts,
-        weights,
-        now.cost,
-        covariance,
-        count,
-        converged,
-        why,
-        step,
-        pulls,
-        tuple(now.residuals),
-        np.where(held, g, 0.0),
-    )
+    return shooting.fit(iterate(shooting, begun, iterations, progress))
 
 
 def careful_stepping(problem: Problem, p: Array) -> Stepping:

@@ -1,0 +1,121 @@
+"""Nonlinear least squares by damped Gauss-Newton steps (Levenberg-Marquardt).
+
+With residuals r(x), Jacobian J and cost |r|^2, a step d from x solves
+
+    (J'J + lambda diag(J'J)) d = -J'r
+
+(Marquardt's scaling: d does not depend on the units of x). A step that lowers the cost is taken and
+lambda falls, so that the next one is closer to Gauss-Newton's; one that does not is given up and
+lambda rises, so that the next one is shorter and turns to steepest descent.
+
+Marquardt (1963), SIAM J. Appl. Math. 11(2), 431-441; Nocedal and Wright (2006), Numerical
+Optimization, 2nd ed., ch. 10.3. Multiple shooting (estimation), initial states (simulation) and the
+smoother (diagnosis) differ in their points, in how they solve for the step (dense, or bordered
+block-tridiagonal), in bounds and in what they call settled; the iteration is this one.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Generic, Protocol, TypeVar
+
+CALM_STEPS = 2  # in a row end an iteration
+
+
+class HasCost(Protocol):
+    @property
+    def cost(self) -> float: ...
+
+
+Point = TypeVar("Point", bound=HasCost)
+Step = TypeVar("Step")
+
+
+@dataclass(frozen=True)
+class DampingRule:
+    """lambda: where it starts, by what factor it falls and rises and between what it stays; raised:
+    what a step that failed lifts it to at least."""
+
+    start: float
+    falls: float
+    least: float
+    rises: float
+    most: float = float("inf")
+    raised: float = 0.0
+
+
+class LeastSquares(ABC, Generic[Point, Step]):
+    """A problem: how its points cost, how a step is solved for, and when it is settled."""
+
+    rule: DampingRule
+
+    @abstractmethod
+    def step(self, at: Point, damping: float) -> Step | None:
+        """The damped step within the bounds; None where the normal equations are not finite."""
+
+    @abstractmethod
+    def moved(self, at: Point, step: Step, last: bool) -> Point:
+        """The point behind a step, with its cost (inf or NaN where the model cannot be run); last:
+        no step will be taken from there."""
+
+    def linearised(self, at: Point) -> Point:
+        """A point that was taken, with its normal equations, where `moved` has left them out."""
+        return at
+
+    def settled(self, gain: float, before: Point, after: Point) -> bool:
+        """Did the step that was taken lower the cost so little that no other is worth its work?"""
+        return False
+
+    def calm(self, step: Step, damping: float) -> bool:
+        """Was the step so short that two such in a row are an end?"""
+        return False
+
+    def stuck(self, at: Point, step: Step) -> bool:
+        """Would no shorter step than this one, which failed, gain anything?"""
+        return False
+
+
+@dataclass(frozen=True)
+class Iteration(Generic[Point]):
+    """Where an iteration stands: steps tried, those in a row that were calm; settled: it came to an
+    end before its steps were used up."""
+
+    point: Point
+    damping: float
+    steps: int = 0
+    calm: int = 0
+    settled: bool = False
+
+
+def iterate(
+    problem: LeastSquares[Point, Step],
+    begun: Iteration[Point],
+    steps: int,
+    progress: Callable[[int, float], None] | None = None,
+) -> Iteration[Point]:
+    """Go on from `begun` until settled, or until `steps` were tried in all, those before included.
+    progress: gets the number of every step and the cost behind it."""
+    point, damping, calm, rule = begun.point, begun.damping, begun.calm, problem.rule
+    if begun.settled:
+        return begun
+    for count in range(begun.steps + 1, steps + 1):
+        step = problem.step(point, damping)
+        if step is None:
+            return Iteration(point, damping, count - 1, calm)
+        trial = problem.moved(point, step, count == steps)
+        gain = point.cost - trial.cost
+        if gain > 0.0:  # False where one is not a number
+            before, point = point, problem.linearised(trial)
+            damping = max(rule.falls * damping, rule.least)
+            calm = calm + 1 if problem.calm(step, damping) else 0
+            ended = calm == CALM_STEPS or problem.settled(gain, before, point)
+        else:
+            damping = max(rule.rises * damping, rule.raised)
+            ended = damping > rule.most or problem.stuck(point, step)
+        if ended:
+            return Iteration(point, damping, count, calm, True)
+        if progress is not None:
+            progress(count, point.cost)
+    return Iteration(point, damping, max(steps, begun.steps), calm)

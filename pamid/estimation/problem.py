@@ -1,0 +1,125 @@
+"""What is fitted to what, in which units, and what comes of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.engine.program import Stepping
+from pamid.estimation.prior import Prior
+from pamid.estimation.residual_weights import Weights
+from pamid.model.assembly import Assembly
+from pamid.model.bound_parameter import Bound
+from pamid.simulation.tracks import Track, noise_of, stated_noise
+from pamid.simulation.windows import Window, cut
+
+Array = NDArray[np.float64]
+
+WINDOW_S = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is fitted to what. free: places of the fitted parameters; importance: a factor per
+    window, sheet: another draw of the data sheet in prior spreads (bootstrap); prior: what an
+    earlier fit has told of them beside it."""
+
+    assembly: Assembly
+    tracks: tuple[Track, ...]
+    free: tuple[int, ...]
+    window_s: float = WINDOW_S
+    importance: Array | None = None
+    sheet: Array | None = None
+    prior: Prior | None = None
+
+    @property
+    def scale(self) -> Scale:
+        """The free parameters in prior spreads around the data sheet."""
+        a, free = self.assembly, list(self.free)
+        return Scale([a.parameters[i] for i in free], a.values()[free])
+
+    def start(self) -> Array:
+        """Where a fit begins (SI): at the data sheet, or at what an earlier fit knew."""
+        p = self.assembly.values()
+        if self.prior is not None:
+            p[list(self.free)] = self.scale.outside(self.prior.at)
+        return p
+
+    @cached_property
+    def noise(self) -> Array:
+        """Of the sensors, per channel (SI)."""
+        return noise_of(self.tracks, stated_noise(self.assembly.rig, self.assembly.program.outputs))
+
+    @property
+    def window(self) -> int:
+        """Samples per window of the longest recording."""
+        longest = max(self.tracks, key=len)
+        return self.windows(longest)[0].stop
+
+    def windows(self, track: Track) -> list[Window]:
+        return cut(len(track), max(20, round(self.window_s / track.period_s)))
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Result of a fit. p: all parameters (SI); covariance of the free ones in prior spreads (see
+    `Scale`); held: half the gradient of the cost by them where a bound holds the fit, else 0."""
+
+    problem: Problem
+    p: Array
+    starts: tuple[Array, ...]  # per track: windows x rig states
+    weights: Weights
+    cost: float
+    covariance: Array
+    iterations: int
+    converged: bool
+    why: str
+    stepping: Stepping
+    # per track: information of the joints between windows, per rig state
+    pulls: tuple[Array, ...] = ()
+    # per track: samples x channels, model - measured
+    residuals: tuple[Array, ...] = field(repr=False, default=())
+    held: Array = field(repr=False, default_factory=lambda: np.zeros(0))
+
+
+class Scale:
+    """Parameters in units of their prior spread around their prior mean (logarithms where the prior
+    is)."""
+
+    def __init__(self, bounds: list[Bound], centre: Array) -> None:
+        self.log = np.array([b.log for b in bounds], bool)
+        self.spread = np.array([b.spread for b in bounds])
+        self.centre = np.where(
+            self.log, np.log(np.where(self.log, np.maximum(centre, 1e-300), 1.0)), centre
+        )
+        low, high = np.array([b.low for b in bounds]), np.array([b.high for b in bounds])
+        with np.errstate(divide="ignore"):
+            raw_low = np.where(self.log, np.log(np.where(self.log, np.maximum(low, 0.0), 1.0)), low)
+            raw_high = np.where(self.log, np.log(np.where(self.log, high, 1.0)), high)
+        self.low, self.high = (
+            (raw_low - self.centre) / self.spread,
+            (raw_high - self.centre) / self.spread,
+        )
+
+    def inside(self, p: Array) -> Array:
+        raw = np.where(self.log, np.log(np.where(self.log, np.maximum(p, 1e-300), 1.0)), p)
+        return (raw - self.centre) / self.spread
+
+    def outside(self, s: Array) -> Array:
+        raw = self.centre + s * self.spread
+        return np.where(self.log, np.exp(np.where(self.log, raw, 0.0)), raw)
+
+    def slope(self, p: Array) -> Array:
+        return self.spread * np.where(self.log, p, 1.0)
+
+
+def free_parameters(assembly: Assembly, tracks: tuple[Track, ...]) -> tuple[int, ...]:
+    """Fitted parameters that at least one recording leaves open."""
+    return tuple(
+        i
+        for i, b in enumerate(assembly.parameters)
+        if b.fitted and any(i not in t.known for t in tracks)
+    )

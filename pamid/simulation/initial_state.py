@@ -1,0 +1,105 @@
+"""The rig's state at the start of a window, estimated from the window's own data and from where the
+window before has led to.
+
+    min over x  sum over samples |W (y(x) - y_measured)|^2 + |L (x - x_carried)|^2
+
+by damped Gauss-Newton; the second term is the arrival cost of moving-horizon estimation. Rao,
+Rawlings and Mayne (2003), IEEE Trans. Autom. Control 48(2), 246-258.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.engine.damped_gauss_newton import DampingRule, Iteration, LeastSquares, iterate
+from pamid.engine.program import Memory
+from pamid.simulation.windows import Runner, Window
+
+Array = NDArray[np.float64]
+
+PULL = 1e-5  # information of a carried state against what a window says by itself
+
+
+class _At(NamedTuple):
+    """A state at the start of a window, its cost, half Hessian and half gradient there."""
+
+    x: Array
+    cost: float
+    H: Array
+    g: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _InitialState(LeastSquares[_At, Array]):
+    """The least squares of one window over its initial state, with the carried state as prior (the
+    arrival cost of moving-horizon estimation: Rao, Rawlings and Mayne (2003), IEEE TAC 48(2))."""
+
+    runner: Runner
+    memory: Memory
+    window: Window
+    p: Array
+    y: Array
+    weight: Array
+    carried: Array
+    known: Array  # information of the carried state
+    # the first point counted as a step taken: 0.1 x 1e-3
+    rule = DampingRule(1e-4, falls=0.1, least=1e-9, rises=30.0, most=1e8)
+
+    def at(self, x: Array) -> _At:
+        run, n, away = self.runner, self.runner.rig_states, x - self.carried
+        m = run.widened(self.memory)
+        run.enter(m, x)
+        Y, A, fine = run.run(m, self.window, self.p, True, self.weight)
+        if not fine:
+            return _At(x, np.inf, np.zeros((n, n)), np.zeros(n))
+        r = ((Y - self.y) * self.weight).ravel()
+        cost = float(r @ r) + float((away**2 * self.known).sum())
+        H, g = (A.T @ A)[:n, :n], (A.T @ r)[:n]
+        holds = np.maximum(PULL * H.diagonal(), self.known)
+        return _At(x, cost, H + np.diag(holds), g + holds * away)
+
+    def step(self, at: _At, damping: float) -> Array | None:
+        if not np.isfinite(at.H).all():
+            return None
+        scale = at.H.diagonal() + 1e-300
+        found = np.linalg.lstsq(at.H + np.diag(damping * scale), -at.g, rcond=None)[0]
+        return np.asarray(found, np.float64) if np.isfinite(found).all() else None
+
+    def moved(self, at: _At, step: Array, last: bool) -> _At:
+        return self.at(at.x + step)
+
+    def settled(self, gain: float, before: _At, after: _At) -> bool:
+        return gain < 1e-4 * after.cost + 1e-9
+
+
+def estimate_start(
+    runner: Runner,
+    memory: Memory,
+    window: Window,
+    p: Array,
+    weight: Array,
+    carried: Array,
+    jump: Array | None,
+    steps: int = 11,
+) -> tuple[Array, bool]:
+    """Rig state at the start of a window from its data, by Gauss-Newton with a pull to the carried
+    state.
+
+    memory is left untouched. weight: 1/sigma per channel. jump: by what each state may depart from
+    the carried value (standard deviation; None or infinite where nothing is known of it: a weak
+    pull remains). Returns the state, and whether it is usable.
+    """
+    own = Runner(runner.assembly, runner.track, runner.stepping, whole=runner.whole)
+    y, seen = runner.track.y[window.start : window.stop], runner.track.seen
+    if not seen.all():
+        weight, y = np.where(seen, weight, 0.0), np.where(seen, y, 0.0)
+    known = np.zeros(own.rig_states) if jump is None else 1.0 / jump**2
+    problem = _InitialState(own, memory, window, p, y, weight, carried, known)
+    begun = problem.at(carried.copy())
+    if not np.isfinite(begun.cost):
+        return begun.x, False
+    return iterate(problem, Iteration(begun, problem.rule.start), steps).point.x, True
