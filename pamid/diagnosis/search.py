@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from pamid.base.progress import Progress
 from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.contender import Contender, bootstrap_losses, refit, replayed, transferred
-from pamid.diagnosis.decision import WORTH
-from pamid.diagnosis.screening import Ground, Screened, screen, sent_on
+from pamid.diagnosis.screening import Ground, Screened, promising, screen
 from pamid.diagnosis.serialise import contender_of, contender_plain
+from pamid.diagnosis.settings import Settings
 from pamid.diagnosis.starting_hints import Clues
 from pamid.estimation.fit_model import COARSE, model_with, rechecked
 from pamid.estimation.gauss_newton import Fit, fit
@@ -24,10 +24,6 @@ from pamid.parallel.store import Plain
 from pamid.simulation.data_split import Evidence
 
 Array = NDArray[np.float64]
-
-SLIGHT = 0.1  # in log squared error per channel: less is not worth another parameter
-# standard errors by which a more elaborate effect, or one of two alike, has to win
-SURE = 3.0
 
 
 @dataclass(frozen=True)
@@ -43,6 +39,10 @@ class Search:
     pool: WorkerPool
     progress: Progress
 
+    @property
+    def settings(self) -> Settings:
+        return self.budget.settings
+
     def family(self, a: Attachment) -> str:
         return a.family(self.evidence.rig)
 
@@ -50,7 +50,7 @@ class Search:
         return self.budget.excess(c.absolutes, self.chosen)
 
     def losses(self, contenders: list[Contender]) -> Array:
-        return bootstrap_losses(contenders, self.chosen, self.seed)
+        return bootstrap_losses(contenders, self.chosen, self.seed, self.settings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,10 +99,13 @@ class Refitting(Work[Start, Contender]):
     evidence: Evidence
     after: Fit
     sizes: Sizes
+    settings: Settings
 
     def __call__(self, item: Start) -> Plain:
         assembly = model_with(self.evidence, item.attached, self.sizes)
-        done = refit(self.evidence, assembly, self.after, p=item.p, first=item.first)
+        done = refit(
+            self.evidence, assembly, self.after, p=item.p, first=item.first, settings=self.settings
+        )
         return contender_plain(replayed(self.evidence, assembly, done))
 
     def restored(self, item: Start, found: Plain) -> Contender:
@@ -115,7 +118,7 @@ class Refitting(Work[Start, Contender]):
 
 
 def run_round(
-    search: Search, base: Contender, candidates: list[Attachment], most: int
+    search: Search, base: Contender, candidates: list[Attachment]
 ) -> tuple[list[Contender], list[tuple[str, str]], str]:
     """Screen all candidates on top of `base`, refit the promising ones, replay them on what was
     held out.
@@ -123,15 +126,16 @@ def run_round(
     Returns the models, what failed and why, and the family of the screen's own first choice.
     """
     evidence, sizes, run = search.evidence, search.budget.sizes, search.pool.run
-    ground = Ground.of(base, len(search.candidates))
+    ground = Ground.of(base, len(search.candidates), search.settings)
     tried = run(_Screening(evidence, ground, sizes, search.clues), candidates, search.progress)
     found = [
         Screened(a, None, {}, -np.inf, s.why) if isinstance(s, Failed) else s
         for a, s in zip(candidates, tried, strict=True)
     ]
-    promising = sent_on({a.label: search.family(a) for a in candidates}, found, most, ground.held)
-    starts = [_start(s, base) for s in promising]
-    refitted = run(Refitting(evidence, base.fit, sizes), starts, search.progress)
+    leading = promising({a.label: search.family(a) for a in candidates}, found, ground)
+    starts = [_start(s, base) for s in leading]
+    work = Refitting(evidence, base.fit, sizes, search.settings)
+    refitted = run(work, starts, search.progress)
     contenders = [c for c in refitted if not isinstance(c, Failed)]
     failed = [
         (s.attachment.label, s.why) for s in found if s.assembly is None or not np.isfinite(s.gain)
@@ -149,7 +153,7 @@ def run_round(
     return (
         [c for c in contenders if c.finite],
         failed,
-        search.family(promising[0].attachment) if promising else "",
+        search.family(leading[0].attachment) if leading else "",
     )
 
 
@@ -190,15 +194,15 @@ def _simplest(search: Search, ranking: list[Contender]) -> Contender:
     kin = [c for c in ranking if c.family == best.family and _plainness(c) < _plainness(best)]
     if not kin:
         return best
-    losses = search.losses([best, *kin])
+    losses, s = search.losses([best, *kin]), search.settings
     gap = search.excess(search.budget.baseline)
     plain = sorted(enumerate(kin, start=1), key=lambda e: (_plainness(e[1]), losses[e[0]].mean()))
     for i, c in plain:
         gain = losses[i] - losses[0]
         lost = search.excess(c) - search.excess(best)
-        unsure = gain.mean() < SURE * gain.std() and lost < 4.0 * WORTH * gap
-        slight = gain.mean() < SLIGHT * best.squares.shape[1] and lost < WORTH * gap
-        if unsure or slight:
+        unsure = gain.mean() < s.simpler_errors * gain.std()
+        slight = gain.mean() < s.simpler_gain * best.squares.shape[1]
+        if (unsure and lost < s.simpler_loss * s.worth * gap) or (slight and lost < s.worth * gap):
             return c
     return best
 
@@ -216,14 +220,15 @@ def tied_with_first(
     those that predict alike have to be surely worse to be progress from it."""
     if not ranking:
         return ()
-    losses = search.losses(list(ranking))
+    losses, s = search.losses(list(ranking)), search.settings
     same = next((k for k in classes if ranking[0].attached[-1].label in k), [])
     gap, first = search.excess(search.budget.baseline), search.excess(ranking[0])
     out = [ranking[0]]
     for i, c in enumerate(ranking[1:], start=1):
         worse = losses[i] - losses[0]
-        unsure = worse.mean() < (SURE if c.attached[-1].label in same else 1.0) * worse.std()
-        if unsure and search.excess(c) - first < 0.1 * gap:
+        errors = s.simpler_errors if c.attached[-1].label in same else s.tie_errors
+        unsure = worse.mean() < errors * worse.std()
+        if unsure and search.excess(c) - first < s.tie_share * gap:
             out.append(c)
     return tuple(out)
 
@@ -231,7 +236,7 @@ def tied_with_first(
 def settled(search: Search, best: Contender) -> Contender:
     """The winner with integration steps that doubling no longer changes, refitted where they had to
     be finer."""
-    return search.pool.one(_Settling(search.evidence), best)
+    return search.pool.one(_Settling(search.evidence, search.settings), best)
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,10 +245,11 @@ class _Settling(Work[Contender, Contender]):
 
     what = "settling"
     evidence: Evidence
+    settings: Settings
 
     def __call__(self, item: Contender) -> Plain:
         best = item
-        for _ in range(3):
+        for _ in range(self.settings.stepping_rounds):
             tracks = self.evidence.tracks(best.assembly, held_out=True)
             if rechecked(best.assembly, best.fit, tracks, self.evidence.noise)[1] <= COARSE:
                 break
@@ -255,8 +261,8 @@ class _Settling(Work[Contender, Contender]):
                 weights=f.weights,
                 pulls=f.pulls,
                 stepping=f.stepping.doubled(),
-                iterations=15,
-                tolerance=2e-2,
+                iterations=self.settings.refit_iterations,
+                tolerance=self.settings.refit_tolerance,
             )
             best = replayed(self.evidence, best.assembly, finer)
         return {} if best is item else contender_plain(best)
