@@ -15,7 +15,7 @@ from pamid.diagnosis.serialise import grey_box_of, grey_box_plain
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.estimation.fit_model import GreyBox, fit_model
 from pamid.model.bound_parameter import Sizes
-from pamid.parallel.jobs import Work, WorkerPool
+from pamid.parallel.jobs import ObjectWork, Work, WorkerPool
 from pamid.parallel.store import Plain
 from pamid.simulation.data_split import Evidence
 from pamid.simulation.replay import Replay, replay
@@ -73,15 +73,18 @@ def gap_budget(
 
 
 @dataclass(frozen=True, eq=False)
-class _Baseline(Work[int, GreyBox]):
+class _Baseline(ObjectWork[int, GreyBox]):
     """Items are seeds."""
 
     what = "fitting"
     evidence: Evidence
     progress: Progress = field(compare=False)
 
-    def __call__(self, item: int) -> Plain:
-        return grey_box_plain(fit_model(self.evidence, seed=item, progress=self.progress))
+    def result(self, item: int) -> GreyBox:
+        return fit_model(self.evidence, seed=item, progress=self.progress)
+
+    def plain_form(self, item: int, found: GreyBox) -> Plain:
+        return grey_box_plain(found)
 
     def restored(self, item: int, found: Plain) -> GreyBox:
         return grey_box_of(self.evidence, found)
@@ -99,7 +102,7 @@ class _BlackBox(Work[int, Array]):
         m = self.model
         training = [
             replay(m.assembly, m.fit.p, t, m.fit.stepping, m.evidence.noise)
-            for t in m.evidence.tracks(m.assembly)
+            for t in m.fit.problem.tracks
         ]
         floor = seen_mean(_losses(m.floor))
         return {"left": black_box(training, list(m.held_out), item, floor, self.settings)}

@@ -168,4 +168,4 @@ def _refitted(search: Search, attached: tuple[Attachment, ...], *found: Contende
     work = Refitting(
         search.evidence, search.budget.baseline.fit, search.budget.sizes, search.settings
     )
-    return search.pool.one(work, Start(attached, p))
+    return search.pool.one(work, Start(attached, p, assembly=assembly))

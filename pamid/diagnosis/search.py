@@ -17,9 +17,10 @@ from pamid.diagnosis.settings import Settings
 from pamid.diagnosis.starting_hints import Clues
 from pamid.estimation.fit_model import COARSE, model_with, rechecked
 from pamid.estimation.gauss_newton import Fit, fit
+from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import Sizes
-from pamid.parallel.jobs import Failed, Work, WorkerPool
+from pamid.parallel.jobs import Failed, ObjectWork, WorkerPool
 from pamid.parallel.store import Plain
 from pamid.simulation.data_split import Evidence
 
@@ -54,7 +55,7 @@ class Search:
 
 
 @dataclass(frozen=True, eq=False)
-class _Screening(Work[Attachment, Screened]):
+class _Screening(ObjectWork[Attachment, Screened]):
     """A candidate on top of a model."""
 
     what = "screening"
@@ -63,9 +64,16 @@ class _Screening(Work[Attachment, Screened]):
     sizes: Sizes
     clues: Clues
 
-    def __call__(self, item: Attachment) -> Plain:
-        s = screen(self.evidence, self.ground, item, self.sizes, self.clues)
-        return {"first": s.first, "gain": s.gain, "why": s.why, "fits": s.assembly is not None}
+    def result(self, item: Attachment) -> Screened:
+        return screen(self.evidence, self.ground, item, self.sizes, self.clues)
+
+    def plain_form(self, item: Attachment, found: Screened) -> Plain:
+        return {
+            "first": found.first,
+            "gain": found.gain,
+            "why": found.why,
+            "fits": found.assembly is not None,
+        }
 
     def restored(self, item: Attachment, found: Plain) -> Screened:
         attached = (*self.ground.baseline.attached, item)
@@ -84,15 +92,16 @@ class _Screening(Work[Attachment, Screened]):
 @dataclass(frozen=True, eq=False)
 class Start:
     """A model to refit. p: where from (SI; default: the data sheet); first: further starting values
-    (SI) by key."""
+    (SI) by key; assembly: the model put together, where it has been already."""
 
     attached: tuple[Attachment, ...]
     p: Array | None = None
     first: dict[str, float] = field(default_factory=dict)
+    assembly: Assembly | None = field(default=None, compare=False, repr=False)
 
 
 @dataclass(frozen=True, eq=False)
-class Refitting(Work[Start, Contender]):
+class Refitting(ObjectWork[Start, Contender]):
     """A model refitted after a fit of another one, and replayed on what was held out."""
 
     what = "refitting"
@@ -101,17 +110,21 @@ class Refitting(Work[Start, Contender]):
     sizes: Sizes
     settings: Settings
 
-    def __call__(self, item: Start) -> Plain:
-        assembly = model_with(self.evidence, item.attached, self.sizes)
+    def result(self, item: Start) -> Contender:
+        assembly = self._assembly(item)
         done = refit(
             self.evidence, assembly, self.after, p=item.p, first=item.first, settings=self.settings
         )
-        return contender_plain(replayed(self.evidence, assembly, done))
+        return replayed(self.evidence, assembly, done)
+
+    def plain_form(self, item: Start, found: Contender) -> Plain:
+        return contender_plain(found)
 
     def restored(self, item: Start, found: Plain) -> Contender:
-        return contender_of(
-            self.evidence, model_with(self.evidence, item.attached, self.sizes), found
-        )
+        return contender_of(self.evidence, self._assembly(item), found)
+
+    def _assembly(self, item: Start) -> Assembly:
+        return item.assembly or model_with(self.evidence, item.attached, self.sizes)
 
     def name(self, item: Start) -> str:
         return " + ".join(a.label for a in item.attached)
@@ -162,7 +175,7 @@ def _start(s: Screened, base: Contender) -> Start:
     sheet."""
     assert s.assembly is not None
     p = transferred(s.assembly, (base.assembly, base.fit.p)) if base.attached else None
-    return Start(s.assembly.attachments, p, s.first)
+    return Start(s.assembly.attachments, p, s.first, s.assembly)
 
 
 def ranked(
@@ -240,14 +253,14 @@ def settled(search: Search, best: Contender) -> Contender:
 
 
 @dataclass(frozen=True, eq=False)
-class _Settling(Work[Contender, Contender]):
+class _Settling(ObjectWork[Contender, Contender]):
     """A model with finer steps, where it needs them."""
 
     what = "settling"
     evidence: Evidence
     settings: Settings
 
-    def __call__(self, item: Contender) -> Plain:
+    def result(self, item: Contender) -> Contender:
         best = item
         for _ in range(self.settings.stepping_rounds):
             tracks = self.evidence.tracks(best.assembly, held_out=True)
@@ -265,7 +278,10 @@ class _Settling(Work[Contender, Contender]):
                 tolerance=self.settings.refit_tolerance,
             )
             best = replayed(self.evidence, best.assembly, finer)
-        return {} if best is item else contender_plain(best)
+        return best
+
+    def plain_form(self, item: Contender, found: Contender) -> Plain:
+        return {} if found is item else contender_plain(found)
 
     def restored(self, item: Contender, found: Plain) -> Contender:
         return contender_of(self.evidence, item.assembly, found) if found else item
