@@ -12,32 +12,28 @@ from pamid.base.metrics import seen_mean
 from pamid.base.progress import Progress
 from pamid.diagnosis.contender import Contender, contender_from
 from pamid.diagnosis.serialise import grey_box_of, grey_box_plain
+from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.estimation.fit_model import GreyBox, fit_model
 from pamid.model.bound_parameter import Sizes
-from pamid.parallel.jobs import Work, WorkerPool
+from pamid.parallel.jobs import ObjectWork, Work, WorkerPool
 from pamid.parallel.store import Plain
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, replay
 
 Array = NDArray[np.float64]
 
-POINTS = 120  # per window: the network sees the replay thinned to this
-ITERATIONS = 30
-INPUTS = 12  # of the network, at most
-NOTHING_LEFT = 1.05  # floors of error below which a network is not asked
-NO_GAP = 0.10  # a structural gap below this share of the floor is none
-
 
 @dataclass(frozen=True)
 class Budget:
     """Mean absolute errors per held-out window and channel (SI): data sheet, refitted baseline,
-    floor, black box."""
+    floor, black box; settings: of the diagnosis that it is part of."""
 
     model: GreyBox
     baseline: Contender
     data_sheet: Array
     floor: Array
     black_box: Array
+    settings: Settings = DEFAULT
 
     @property
     def sizes(self) -> Sizes:
@@ -59,7 +55,9 @@ class Budget:
         return np.asarray(np.nansum(absolutes / seen_mean(self.floor), axis=1))
 
 
-def gap_budget(evidence: DataSplit, *, seed: int, pool: WorkerPool, progress: Progress) -> Budget:
+def gap_budget(
+    evidence: DataSplit, *, seed: int, pool: WorkerPool, progress: Progress, settings: Settings
+) -> Budget:
     """Fit the baseline (parameters and background), replay it, and set the floor and the ceiling
     beside it."""
     model = pool.one(_Baseline(evidence, progress), seed)
@@ -69,20 +67,24 @@ def gap_budget(evidence: DataSplit, *, seed: int, pool: WorkerPool, progress: Pr
         contender_from(model.assembly, model.fit, model.held_out),
         _losses(model.data_sheet),
         _losses(model.floor),
-        pool.one(_BlackBox(model), seed),
+        pool.one(_BlackBox(model, settings), seed),
+        settings,
     )
 
 
 @dataclass(frozen=True, eq=False)
-class _Baseline(Work[int, GreyBox]):
+class _Baseline(ObjectWork[int, GreyBox]):
     """Items are seeds."""
 
     what = "fitting"
     evidence: DataSplit
     progress: Progress = field(compare=False)
 
-    def __call__(self, item: int) -> Plain:
-        return grey_box_plain(fit_model(self.evidence, seed=item, progress=self.progress))
+    def result(self, item: int) -> GreyBox:
+        return fit_model(self.evidence, seed=item, progress=self.progress)
+
+    def plain_form(self, item: int, found: GreyBox) -> Plain:
+        return grey_box_plain(found)
 
     def restored(self, item: int, found: Plain) -> GreyBox:
         return grey_box_of(self.evidence, found)
@@ -94,14 +96,16 @@ class _BlackBox(Work[int, Array]):
 
     what = "black box"
     model: GreyBox
+    settings: Settings
 
     def __call__(self, item: int) -> Plain:
         m = self.model
         training = [
             replay(m.assembly, m.fit.p, t, m.fit.stepping, m.evidence.noise)
-            for t in m.evidence.tracks(m.assembly)
+            for t in m.fit.problem.tracks
         ]
-        return {"left": black_box(training, list(m.held_out), item, seen_mean(_losses(m.floor)))}
+        floor = seen_mean(_losses(m.floor))
+        return {"left": black_box(training, list(m.held_out), item, floor, self.settings)}
 
     def restored(self, item: int, found: Plain) -> Array:
         left: Array = found["left"]
@@ -112,7 +116,9 @@ def _losses(replays: tuple[Replay, ...]) -> Array:
     return np.concatenate([r.losses(1) for r in replays])
 
 
-def black_box(training: list[Replay], held_out: list[Replay], seed: int, floor: Array) -> Array:
+def black_box(
+    training: list[Replay], held_out: list[Replay], seed: int, floor: Array, settings: Settings
+) -> Array:
     """Mean absolute error per held-out window and channel after an Elman network has been put on
     the residual.
 
@@ -125,30 +131,33 @@ def black_box(training: list[Replay], held_out: list[Replay], seed: int, floor: 
     from pamid.networks.elman import Elman
     from pamid.networks.training import train
 
-    rows_in = [w for r in training for w in _windows(r)]
-    rows_out = [w for r in held_out for w in _windows(r)]
+    rows_in, rows_out = (
+        [w for r in replays for w in _windows(r, settings.black_box_samples)]
+        for replays in (training, held_out)
+    )
     stacked = np.concatenate([x for x, _, _ in rows_in])
     centre, spread = stacked.mean(axis=0), stacked.std(axis=0)
     use = spread > 1e-9 * (np.abs(centre) + 1e-12)
     turn = np.diag(0.5 / (spread + 1e-300))[:, use]
-    if turn.shape[1] > INPUTS:
-        turn = turn @ np.linalg.svd((stacked - centre) @ turn, full_matrices=False)[2][:INPUTS].T
+    most = settings.black_box_inputs
+    if turn.shape[1] > most:
+        turn = turn @ np.linalg.svd((stacked - centre) @ turn, full_matrices=False)[2][:most].T
     inputs, unseen = ([(x - centre) @ turn for x, _, _ in rows] for rows in (rows_in, rows_out))
     result = np.empty((len(rows_out), training[0].model.shape[1]))
     for c in range(result.shape[1]):
         without = np.array([np.abs(y[scored, c]).mean() for _, y, scored in rows_out])
         result[:, c] = without
-        if seen_mean(without) < NOTHING_LEFT * floor[c]:
+        if seen_mean(without) < settings.black_box_least * floor[c]:
             continue
         having = [i for i, (_, y, _) in enumerate(rows_in) if not np.isnan(y[0, c])]
         target = [rows_in[i][1][:, c] for i in having]
         scale = np.concatenate(target).std() + 1e-300
-        network = Elman(turn.shape[1], 8)
+        network = Elman(turn.shape[1], settings.black_box_neurons)
         done = train(
             network,
             [inputs[i] for i in having],
             [t / (2.0 * scale) for t in target],
-            iterations=ITERATIONS,
+            iterations=settings.black_box_iterations,
             seed=seed,
         )
         guesses = [network.simulate(done.weights, x) for x in unseen]
@@ -163,11 +172,11 @@ def black_box(training: list[Replay], held_out: list[Replay], seed: int, floor: 
     return result
 
 
-def _windows(r: Replay) -> list[tuple[Array, Array, NDArray[np.bool_]]]:
-    """(inputs, residual, scored) per window, thinned."""
+def _windows(r: Replay, samples: int) -> list[tuple[Array, Array, NDArray[np.bool_]]]:
+    """(inputs, residual, scored) per window, thinned to about so many samples."""
     out = []
     for w in r.windows:
-        step = max(1, (w.stop - w.start) // POINTS)
+        step = max(1, (w.stop - w.start) // samples)
         model = r.model[w.start : w.stop]
         rate = np.gradient(model, axis=0) if len(model) > 2 else np.zeros_like(model)
         x = np.concatenate([r.track.u[w.start : w.stop], model, rate], axis=1)[::step]

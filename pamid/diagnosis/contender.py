@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.metrics import seen_mean
+from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.estimation.residual_weights import residual_weights
@@ -123,7 +124,7 @@ def refit(
     *,
     p: Array | None = None,
     first: dict[str, float] | None = None,
-    iterations: int = 15,
+    settings: Settings = DEFAULT,
 ) -> Fit:
     """Fit all parameters jointly from p (default: the data sheet); `first`: further starting values
     (SI) by key.
@@ -141,14 +142,14 @@ def refit(
         starts=base.starts,
         weights=base.weights,
         pulls=base.pulls,
-        iterations=iterations,
-        tolerance=2e-2,
+        iterations=settings.refit_iterations,
+        tolerance=settings.refit_tolerance,
     )
-    for _ in range(2):
+    for _ in range(settings.reweight_rounds):
         if not done.residuals:
             break
         own = residual_weights(done.residuals, evidence.noise, problem.window)
-        if (own.root < 1.2 * done.weights.root).all():
+        if (own.root < settings.reweight_factor * done.weights.root).all():
             break
         done = fit(
             problem,
@@ -156,29 +157,34 @@ def refit(
             starts=done.starts,
             weights=own,
             stepping=done.stepping,
-            iterations=iterations,
-            tolerance=2e-2,
+            iterations=settings.refit_iterations,
+            tolerance=settings.refit_tolerance,
         )
     return done
 
 
-def resamples(count: int, draws: int, seed: int) -> NDArray[np.intp]:
-    """Bootstrap rows (draws x count) in runs of two neighbouring windows."""
+def resamples(count: int, draws: int, seed: int, block: int) -> NDArray[np.intp]:
+    """Bootstrap rows (draws x count) in runs of `block` neighbouring windows, the last one a
+    neighbour of the first: the circular block bootstrap of Politis and Romano (1992)."""
     random = np.random.default_rng(seed)
-    starts = random.integers(0, count, size=(draws, (count + 1) // 2))
-    return ((starts[:, :, None] + np.arange(2)) % count).reshape(draws, -1)[:, :count]
+    starts = random.integers(0, count, size=(draws, -(-count // block)))
+    return ((starts[:, :, None] + np.arange(block)) % count).reshape(draws, -1)[:, :count]
 
 
 def bootstrap_losses(
-    contenders: list[Contender], chosen: NDArray[np.bool_], seed: int, draws: int = 1000
+    contenders: list[Contender],
+    chosen: NDArray[np.bool_],
+    seed: int,
+    settings: Settings = DEFAULT,
 ) -> Array:
     """Log losses on resampled windows, contenders x draws (paired: the same windows for all).
 
     Windows are those that choose among the held-out ones and those of the fit: an effect brings few
     parameters, and its gain where it was fitted is a witness, too.
     """
-    own = resamples(int(chosen.sum()), draws, seed)
-    fitted = resamples(len(contenders[0].fitted_squares), draws, seed + 1)
+    draws, block = settings.bootstrap_draws, settings.bootstrap_block
+    own = resamples(int(chosen.sum()), draws, seed, block)
+    fitted = resamples(len(contenders[0].fitted_squares), draws, seed + 1, block)
     out = np.empty((len(contenders), draws))
     for i, c in enumerate(contenders):
         held, trained = _drawn_means(c.squares[chosen], own), _drawn_means(c.fitted_squares, fitted)

@@ -19,17 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.metrics import moving_block_interval, seen_mean, shrinkage_interval
-from pamid.diagnosis.budget import NO_GAP, Budget
+from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.contender import Contender, bootstrap_losses
 from pamid.diagnosis.port_evidence import Located
+from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.estimation.intervals import background_pull, estimates
 from pamid.simulation.replay import spread_of
 
 Array = NDArray[np.float64]
 
-WORTH = 0.05  # of the gap: what an effect has to remove to be worth looking beyond it
-LEAST = 0.02  # of the error: what a cause has to remove to be named at all
-UNBACKED = 0.5  # most that is given to a cause that the held-out windows do not back
 QUESTIONS = ("gap", "known", "first", "further")
 
 
@@ -60,14 +58,15 @@ class Grounds:
 
 
 def at_the_floor(budget: Budget, seed: int) -> bool:
-    """The refitted model is at the floor in every channel, within 10 %, with 95 % confidence."""
+    """The refitted model is at the floor in every channel, within the margin for a gap (10 %), with
+    95 % confidence."""
 
     def high(left: Array, floor: Array) -> float:
         seen = ~np.isnan(floor)
         return moving_block_interval(left[seen], floor[seen], seed=seed)[1]
 
     return all(
-        high(left, floor) < 1.0 + NO_GAP
+        high(left, floor) < 1.0 + budget.settings.gap_margin
         for left, floor in zip(budget.baseline.absolutes.T, budget.floor.T, strict=True)
     )
 
@@ -88,11 +87,11 @@ def weigh(
     model = best or base
     first = ranking[0] if ranking else base
     other = next((c for c in ranking if c.family != first.family), base) if ranking else base
-    losses = bootstrap_losses([base, model, first, other], chosen, seed)
+    losses = bootstrap_losses([base, model, first, other], chosen, seed, budget.settings)
     gain, margin = losses[0] - losses[1], losses[3] - losses[2]
     channels = base.squares.shape[1]
     everyone = (
-        bootstrap_losses(list(ranking), chosen, seed).argmin(axis=0)
+        bootstrap_losses(list(ranking), chosen, seed, budget.settings).argmin(axis=0)
         if ranking
         else np.zeros(0, int)
     )
@@ -136,7 +135,8 @@ def is_backed(budget: Budget, model: Contender, reporting: NDArray[np.bool_], se
     """Does the error shrink on the windows that only report, and on everything held out with 95 %
     confidence? A single window has no say."""
     before, after = (budget.channel_losses(c.absolutes) for c in (budget.baseline, model))
-    own = not reporting.any() or after[reporting].sum() < (1.0 - LEAST) * before[reporting].sum()
+    most = 1.0 - budget.settings.least_shrinkage
+    own = not reporting.any() or after[reporting].sum() < most * before[reporting].sum()
     return own and (len(before) < 2 or shrinkage_interval(before, after, seed=seed)[0] > 0.0)
 
 
@@ -217,7 +217,14 @@ class Judged:
     first: float
 
 
-def judge(g: Grounds, *, ambiguous: bool, backed: bool = True, empty: bool = False) -> Judged:
+def judge(
+    g: Grounds,
+    *,
+    ambiguous: bool,
+    backed: bool = True,
+    empty: bool = False,
+    settings: Settings = DEFAULT,
+) -> Judged:
     """The verdict on these grounds; ambiguous: members of several families are tied; backed: see
     `is_backed`; empty: the best model makes nothing of what was recorded.
 
@@ -227,12 +234,16 @@ def judge(g: Grounds, *, ambiguous: bool, backed: bool = True, empty: bool = Fal
     """
     c, x = calibration(), features(g)
     gap, known, first = (c.lines[q].probability(x) for q in ("gap", "known", "first"))
-    most = 0.0 if empty else 1.0 if backed else UNBACKED
+    most = 0.0 if empty else 1.0 if backed else settings.unbacked_probability
     known, first = min(known, most), min(first, most)
     certain = first >= c.lines["first"].yes
     if gap < c.lines["gap"].yes and not certain:
         verdict = "no-structural-gap"
-    elif most < 1.0 or (known < c.lines["known"].yes and not certain) or g.shrinkage < LEAST:
+    elif (
+        most < 1.0
+        or (known < c.lines["known"].yes and not certain)
+        or g.shrinkage < settings.least_shrinkage
+    ):
         verdict = "unknown-effect" if gap >= c.lines["gap"].yes else "no-structural-gap"
     else:
         verdict = "ambiguous" if ambiguous else "explained"
@@ -249,7 +260,9 @@ def probabilities(judged: Judged, wins: list[float]) -> list[float]:
     return [judged.first, *(rest * others / others.sum()).tolist()]
 
 
-def forecast_interval(before: Array, after: Array, seed: int = 0) -> tuple[float, float]:
+def forecast_interval(
+    before: Array, after: Array, seed: int = 0, settings: Settings = DEFAULT
+) -> tuple[float, float]:
     """95 % interval of the shrinkage to expect on a fresh recording, from losses per window before
     and after.
 
@@ -262,6 +275,6 @@ def forecast_interval(before: Array, after: Array, seed: int = 0) -> tuple[float
     low, high = shrinkage_interval(before, after, seed=seed)
     middle = np.log(max(float(after.sum() / before.sum()), 1e-9))
     edges = np.log(np.maximum([1.0 - high, 1.0 - low], 1e-9))
-    other = calibration().spread * np.sqrt(max(1.0 - np.exp(middle), LEAST))
+    other = calibration().spread * np.sqrt(max(1.0 - np.exp(middle), settings.least_shrinkage))
     half = np.hypot(edges - middle, other)
     return float(1.0 - np.exp(middle + half[1])), float(1.0 - np.exp(middle - half[0]))

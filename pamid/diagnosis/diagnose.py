@@ -10,6 +10,7 @@ from pamid.base.json_file import write_json
 from pamid.base.progress import Progress, silent
 from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE, Run
 from pamid.diagnosis.next_experiment import Proposing
+from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.diagnosis.unknown import described, find_missing, missing_csv
 from pamid.diagnosis.verdict import diagnosis_json
@@ -28,13 +29,17 @@ def diagnose_into(
     jobs: int = 1,
     progress: Progress = silent,
     pool: WorkerPool | None = None,
+    settings: Settings = DEFAULT,
 ) -> dict[str, Any]:
     """Diagnose and write fit.json, residual.csv, missing.csv (the points of an unknown effect),
     next-experiment.csv (where there is something left to measure, with its TOML; a further one per
     further setting) and diagnosis.json; returns the last. pool: who does the jobs (default: `jobs`
-    processes of this machine); those that failed are named in `failed_jobs`."""
+    processes of this machine); those that failed are named in `failed_jobs`. settings: as in
+    `pamid.diagnosis.tournament.diagnose`."""
     pool = pool or WorkerPool(jobs)
-    found = diagnose(evidence, catalogue, seed=seed, progress=progress, pool=pool)
+    found = diagnose(
+        evidence, catalogue, seed=seed, progress=progress, pool=pool, settings=settings
+    )
     unknown, missing = None, None
     if found.verdict == "unknown-effect" and not found.empty:
         progress("describing the missing term")
@@ -49,7 +54,7 @@ def diagnose_into(
         residual_csv(found.budget.model, found.cause.replays if found.cause else ()),
     )
     if missing is not None:
-        write_atomically(run.path("missing.csv"), missing_csv(missing))
+        write_atomically(run.path("missing.csv"), missing_csv(missing, settings))
     if proposal is not None:
         proposal.write(run.claim)
     write_json(run.path("diagnosis.json"), result)

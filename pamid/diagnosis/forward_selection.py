@@ -8,22 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pamid.diagnosis.contender import Contender, transferred
-from pamid.diagnosis.decision import WORTH, calibration, decades, in_errors, within
+from pamid.diagnosis.decision import calibration, decades, in_errors, within
 from pamid.diagnosis.port_evidence import Located, locate
 from pamid.diagnosis.search import Refitting, Search, Start, run_round, settled
 from pamid.estimation.fit_model import model_with
 from pamid.model.attachment import Attachment
-
-MOST_CAUSES = 3
-FEW_MORE = 4  # candidates refitted beside a first cause
-# of the first latent evidence: where no more is missing, no further effect is looked for
-LITTLE = 0.005
-# nats per sample: where more than this is missing one is looked for in any case
-ENOUGH = 0.5
-PLAIN = 0.15  # ... and where less than this is, none
-OPEN = 0.5  # of the largest latent evidence: ports at which it is looked for
-TRACE = 0.02  # of the gap: what an effect has to remove to be named beside another one
-RIVALS = 2  # of the first cause, tried in its place beside the second
 
 
 @dataclass(frozen=True)
@@ -78,13 +67,18 @@ def extended(search: Search, ranking: tuple[Contender, ...], located: Located) -
     A further effect is looked for where something is still missing. After each one the earlier ones
     are left out in turn: an effect that the newcomer has made needless goes.
     """
+    chosen = search.settings
     best, weighed = settled(search, ranking[0]), list[Newcomer]()
     while True:
         search.progress(f"looking where something is missing beside {best.label}")
-        after = locate(search.evidence, best, search.pool, [k[0] for k in located.classes])
-        helped = search.budget.shrinkage(best.absolutes, search.chosen) > WORTH
-        little = max(min(LITTLE * located.most, ENOUGH * best.samples), PLAIN * best.samples)
-        if len(best.attached) == MOST_CAUSES or after.most < little or not helped:
+        leaders = [k[0] for k in located.classes]
+        after = locate(search.evidence, best, search.pool, leaders, settings=chosen)
+        helped = search.budget.shrinkage(best.absolutes, search.chosen) > chosen.worth
+        little = max(
+            min(chosen.further_share * located.most, chosen.further_always * best.samples),
+            chosen.further_never * best.samples,
+        )
+        if len(best.attached) == chosen.effects_most or after.most < little or not helped:
             break
         more = _candidates(search, best, located, after)
         if not more:
@@ -102,13 +96,12 @@ def _candidates(
     """Refitted models with one more effect, of another family and where something is still missing,
     best first."""
     taken = {search.family(a) for a in best.attached}
-    open_ports = {
-        port for k in located.classes for port in k if after.gains[k[0]] > OPEN * after.most
-    }
+    least = search.settings.further_ports * after.most
+    open_ports = {port for k in located.classes for port in k if after.gains[k[0]] > least}
     others = [
         a for a in search.candidates if search.family(a) not in taken and open_ports & set(a.ports)
     ]
-    more = run_round(search, best, others, FEW_MORE)[0] if others else []
+    more = run_round(search, best, others)[0] if others else []
     losses = search.losses(more).mean(axis=1) if more else []
     return [more[i] for i in sorted(range(len(more)), key=lambda i: (losses[i], more[i].label))]
 
@@ -137,19 +130,18 @@ def _weighed(
     )
     line = calibration().lines["further"]
     probability = line.probability(found.features())
-    return replace(
-        found, probability=probability, taken=probability >= line.yes and found.removed >= TRACE
-    )
+    taken = probability >= line.yes and found.removed >= search.settings.further_least
+    return replace(found, probability=probability, taken=taken)
 
 
 def _without_needless(search: Search, best: Contender) -> Contender:
     """Backward check: the model without any effect but the newest, if that one is missed by
     nobody."""
+    worth = search.settings.worth * search.excess(search.budget.baseline)
     for a in best.attached[:-1]:
         smaller = _refitted(search, tuple(k for k in best.attached if k is not a), best)
-        if smaller.finite and search.excess(smaller) - search.excess(best) < WORTH * search.excess(
-            search.budget.baseline
-        ):
+        lost = search.excess(smaller) - search.excess(best)
+        if smaller.finite and lost < worth:
             return smaller
     return best
 
@@ -159,7 +151,7 @@ def _swapped(search: Search, ranking: tuple[Contender, ...], best: Contender) ->
     if len(best.attached) < 2 or best.attached[0] is not ranking[0].attached[-1]:
         return best
     taken = {search.family(a) for a in best.attached[1:]}
-    rivals = [c for c in ranking[1:] if c.family not in taken][:RIVALS]
+    rivals = [c for c in ranking[1:] if c.family not in taken][: search.settings.rivals]
     options = [
         best,
         *(_refitted(search, (*r.attached, *best.attached[1:]), r, best) for r in rivals),
@@ -173,5 +165,7 @@ def _refitted(search: Search, attached: tuple[Attachment, ...], *found: Contende
     first."""
     assembly = model_with(search.evidence, attached, search.budget.sizes)
     p = transferred(assembly, *((c.assembly, c.fit.p) for c in found))
-    work = Refitting(search.evidence, search.budget.baseline.fit, search.budget.sizes)
-    return search.pool.one(work, Start(attached, p))
+    work = Refitting(
+        search.evidence, search.budget.baseline.fit, search.budget.sizes, search.settings
+    )
+    return search.pool.one(work, Start(attached, p, assembly=assembly))

@@ -11,6 +11,7 @@ from scipy.signal import savgol_filter, welch
 from pamid.base.units import display_unit, from_si, split_column
 from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.contender import Contender
+from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.engine.program import Program
 from pamid.model.rig import Port
 from pamid.simulation.data_split import DataSplit
@@ -20,15 +21,6 @@ from pamid.symbolic.vocabulary import Expr
 
 Array = NDArray[np.float64]
 
-BINS = 12
-CONCENTRATED = 0.15  # a regime is told if it holds this much more of the gap than of the time
-# of the gap: what a bound has to bring, unless it is zero or the end of the range
-BOUND = 0.01
-# of the gap: what a signal has to bring beyond the one before it, the plainest being first
-PLAIN = 0.002
-SAME = 0.5  # of the samples of two regimes: they are one
-MOST = 4
-STILL = 0.02  # of the usual speed
 # kinds of port whose signals a regime is told in, best first
 TOLD = ("motion", "actuator-force", "flow")
 VALUES = {"flow": "flow", "actuator-force": "force"}  # ... and whose own value is one of them
@@ -55,9 +47,9 @@ class _Stretch:
     gain: float
     inside: NDArray[np.bool_]
 
-    def like(self, other: _Stretch) -> bool:
-        both = (self.inside & other.inside).sum()
-        return bool(both > SAME * (self.inside | other.inside).sum())
+    def overlap(self, other: _Stretch) -> float:
+        """Shared samples over all of both (Jaccard index)."""
+        return float((self.inside & other.inside).sum() / (self.inside | other.inside).sum())
 
 
 def _excess(before: Replay, after: Replay | None, noise: Array) -> Array:
@@ -68,8 +60,10 @@ def _excess(before: Replay, after: Replay | None, noise: Array) -> Array:
     return np.where(before.scored, loss - rest, 0.0)
 
 
-def regimes(evidence: DataSplit, base: Contender, after: Contender | None) -> list[Regime]:
-    """At most four stretches of values that hold much more of the gap of `base` than of the time,
+def regimes(
+    evidence: DataSplit, base: Contender, after: Contender | None, settings: Settings = DEFAULT
+) -> list[Regime]:
+    """At most a few stretches of values that hold much more of the gap of `base` than of the time,
     best first; of two that hold about the same samples only the better one."""
     befores = base.replays
     gap = np.concatenate(
@@ -81,21 +75,24 @@ def regimes(evidence: DataSplit, base: Contender, after: Contender | None) -> li
     if gap.sum() <= 0.0:
         return []
     inner = inner_signals(base)
-    tables = [measured_signals(evidence, r) | _followed(base, r, inner) for r in befores]
+    tables = [
+        measured_signals(evidence, r) | _followed(base, r, inner, settings.still) for r in befores
+    ]
     found = []
     for place, (name, (_, unit)) in enumerate(tables[0].items()):
         x = np.concatenate([t[name][0][r.scored] for t, r in zip(tables, befores, strict=True)])
-        stretch = _stretch(name, unit, x, gap)
+        stretch = _stretch(name, unit, x, gap, settings)
         if stretch is not None:
-            found.append((stretch.gain - PLAIN * place, stretch))
+            found.append((stretch.gain - settings.regime_order * place, stretch))
     best: list[_Stretch] = []
     for _, s in sorted(found, key=lambda f: -f[0]):
-        if len(best) < MOST and not any(s.like(other) for other in best):
+        new = all(s.overlap(other) <= settings.regime_overlap for other in best)
+        if len(best) < settings.regimes_most and new:
             best.append(s)
     return [s.regime for s in best]
 
 
-def _stretch(name: str, unit: str, x: Array, gap: Array) -> _Stretch | None:
+def _stretch(name: str, unit: str, x: Array, gap: Array, settings: Settings) -> _Stretch | None:
     """The stretch of x with the largest share of the gap beyond its share of the time; None where
     none stands out.
 
@@ -104,7 +101,7 @@ def _stretch(name: str, unit: str, x: Array, gap: Array) -> _Stretch | None:
     edges = np.unique(
         np.concatenate(
             [
-                np.quantile(x, np.linspace(0.0, 1.0, BINS + 1)),
+                np.quantile(x, np.linspace(0.0, 1.0, settings.regime_bins + 1)),
                 [0.0] if x.min() < 0.0 < x.max() else [],
             ]
         )
@@ -115,11 +112,11 @@ def _stretch(name: str, unit: str, x: Array, gap: Array) -> _Stretch | None:
     place = np.clip(np.searchsorted(edges, x, side="right") - 1, 0, count - 1)
     energy = np.concatenate([[0.0], np.cumsum(np.bincount(place, gap, count))]) / gap.sum()
     time = np.concatenate([[0.0], np.cumsum(np.bincount(place, minlength=count))]) / len(x)
-    inner = BOUND * ((edges != 0.0) & (edges > edges[0]) & (edges < edges[-1]))
+    inner = settings.regime_bound * ((edges != 0.0) & (edges > edges[0]) & (edges < edges[-1]))
     worth = (energy - time - inner)[None, :] - (energy - time + inner)[:, None]
     i, j = np.unravel_index(int(np.argmax(np.triu(worth, 1))), worth.shape)
     share, spent = float(energy[j] - energy[i]), float(time[j] - time[i])
-    if share - spent < CONCENTRATED:
+    if share - spent < settings.regime_gain:
         return None
     regime = Regime(name, float(edges[i]), float(edges[j]), unit, min(max(share, 0.0), 1.0), spent)
     return _Stretch(regime, share - spent, (place >= i) & (place < j))
@@ -205,7 +202,9 @@ def _quantity(port: Port, key: str) -> str:
     return "flow_drawn" if key == "drawn" else key
 
 
-def _followed(base: Contender, r: Replay, inner: _Inner) -> dict[str, tuple[Array, str]]:
+def _followed(
+    base: Contender, r: Replay, inner: _Inner, still: float
+) -> dict[str, tuple[Array, str]]:
     """The signals at the ports along a replay, and the time since the last reversal."""
     found = followed(
         inner.program, base.assembly, base.fit.p, r.track, r.windows, r.entered, base.fit.stepping
@@ -216,14 +215,14 @@ def _followed(base: Contender, r: Replay, inner: _Inner) -> dict[str, tuple[Arra
         shown = display_unit(unit)
         out[name] = (from_si(x, shown), "" if shown == "1" else shown)
         if name == inner.velocity:
-            out["time_since_reversal"] = (r.track.period_s * _since_reversal(x), "s")
+            out["time_since_reversal"] = (r.track.period_s * _since_reversal(x, still), "s")
     return out
 
 
-def _since_reversal(velocity: Array) -> Array:
-    """Samples since the velocity last changed its sign; what is slower than 2 % of the usual speed
-    keeps the last."""
-    moving = np.abs(velocity) > STILL * np.percentile(np.abs(velocity), 95.0)
+def _since_reversal(velocity: Array, still: float) -> Array:
+    """Samples since the velocity last changed its sign; below the share `still` of the usual speed
+    (95th percentile) it keeps the sign it had."""
+    moving = np.abs(velocity) > still * np.percentile(np.abs(velocity), 95.0)
     place = np.arange(len(velocity))
     last = np.maximum.accumulate(np.where(moving, place, 0))
     direction = np.sign(velocity[last])
@@ -234,8 +233,13 @@ def _since_reversal(velocity: Array) -> Array:
 # ---- bands and windows -------------------------------------------------------------------------
 
 
-def frequency_band(before: list[Replay], after: list[Replay] | None, noise: Array) -> list[float]:
-    """Band in Hz that holds the middle 80 % of the gap's power."""
+def frequency_band(
+    before: list[Replay],
+    after: list[Replay] | None,
+    noise: Array,
+    settings: Settings = DEFAULT,
+) -> list[float]:
+    """Band in Hz that holds the middle (80 %) of the gap's power, by Welch's periodogram (1967)."""
     power, axis = None, None
     for i, b in enumerate(before):
         n = min(len(b.track), max(256, round(8.0 / b.track.period_s)))
@@ -252,13 +256,12 @@ def frequency_band(before: list[Replay], after: list[Replay] | None, noise: Arra
     if power is None or axis is None or power.sum() <= 0.0:
         return []
     share = np.cumsum(power[1:]) / power[1:].sum()
-    return [
-        float(axis[1:][np.searchsorted(share, 0.1)]),
-        float(axis[1:][min(np.searchsorted(share, 0.9), len(share) - 1)]),
-    ]
+    outside = round(0.5 * (1.0 - settings.band_share), 12)  # on either side
+    low, high = np.searchsorted(share, [outside, 1.0 - outside])
+    return [float(axis[1:][low]), float(axis[1:][min(high, len(share) - 1)])]
 
 
-def worst_windows(before: list[Replay], budget: Budget, count: int = 3) -> list[list[float]]:
+def worst_windows(before: list[Replay], budget: Budget) -> list[list[float]]:
     """The held-out windows with the largest gap, s within their recording."""
     losses, at, spans = budget.channel_losses(budget.baseline.absolutes), 0, []
     for b in before:
@@ -271,4 +274,4 @@ def worst_windows(before: list[Replay], budget: Budget, count: int = 3) -> list[
                 )
             )
             at += 1
-    return [s for _, s in sorted(spans, key=lambda e: -e[0])[:count]]
+    return [s for _, s in sorted(spans, key=lambda e: -e[0])[: budget.settings.worst_windows]]

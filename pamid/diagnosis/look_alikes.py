@@ -7,13 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.diagnosis.contender import Contender
+from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.simulation.data_split import DataSplit
 
 Array = NDArray[np.float64]
-
-# predictions differ by less than this share of what either changes against the baseline
-ALIKE = 0.25
-UNSEEN = 0.5  # ... or by less than half the sensor noise
 
 
 def distance(one: Contender, other: Contender, noise: Array) -> float:
@@ -26,20 +23,25 @@ def distance(one: Contender, other: Contender, noise: Array) -> float:
     return float(np.sqrt((np.concatenate(gaps) ** 2).mean(axis=0)).max())
 
 
-def alike(evidence: DataSplit, baseline: Contender, one: Contender, other: Contender) -> bool:
+def alike(
+    evidence: DataSplit, baseline: Contender, one: Contender, other: Contender, settings: Settings
+) -> bool:
     """Do two models say the same on these recordings?"""
     apart = distance(one, other, evidence.noise)
     reach = min(distance(one, baseline, evidence.noise), distance(other, baseline, evidence.noise))
-    return apart < max(ALIKE * reach, UNSEEN)
+    return apart < max(settings.alike_share * reach, settings.alike_noise)
 
 
 def look_alike_classes(
-    evidence: DataSplit, baseline: Contender, contenders: list[Contender]
+    evidence: DataSplit,
+    baseline: Contender,
+    contenders: list[Contender],
+    settings: Settings = DEFAULT,
 ) -> list[list[str]]:
     """Classes of two and more, by single linkage, in the order of the contenders."""
     classes: list[list[Contender]] = []
     for c in contenders:
-        near = [k for k in classes if any(alike(evidence, baseline, c, member) for member in k)]
+        near = [k for k in classes if any(alike(evidence, baseline, c, m, settings) for m in k)]
         merged = [m for k in near for m in k] + [c]
         classes = [k for k in classes if k not in near] + [merged]
     return [[m.attached[-1].label for m in k] for k in classes if len(k) > 1]

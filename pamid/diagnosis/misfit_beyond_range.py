@@ -11,13 +11,14 @@ from pamid.base.metrics import seen_mean
 from pamid.checks.rig_consistency import evidence_of
 from pamid.checks.scale_slips import advice, slips
 from pamid.diagnosis.contender import Contender
+from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import spread_of
 
-BEYOND = 3.0  # times its noise: an error that is none of the sensor's
 
-
-def doubt(evidence: DataSplit, base: Contender, best: Contender | None) -> dict[str, Any] | None:
+def doubt(
+    evidence: DataSplit, base: Contender, best: Contender | None, settings: Settings = DEFAULT
+) -> dict[str, Any] | None:
     """Held-out error over the spread of the signal, by channel, where units or signs are in doubt,
     the slips of the pen that would explain it, and a sentence; None where the refitted model
     follows what was measured.
@@ -32,7 +33,7 @@ def doubt(evidence: DataSplit, base: Contender, best: Contender | None) -> dict[
         return {
             name: float(e / s)
             for name, e, s, n in zip(evidence.channels, error, spread, evidence.noise, strict=True)
-            if e > max(s, BEYOND * n)
+            if e > max(s, settings.misfit_noise * n)
         }
 
     refitted = far(base)

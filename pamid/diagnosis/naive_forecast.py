@@ -7,20 +7,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.metrics import moving_block_interval, seen_mean
-from pamid.diagnosis.budget import NO_GAP, Budget
+from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.contender import Contender
 from pamid.simulation.replay import Replay, warm_up
 
 Array = NDArray[np.float64]
-
-# floors of error: what a line follows as well, a model this close to the noise has followed, too
-CLOSE = 2.0
 
 
 def explains_nothing(budget: Budget, model: Contender, seed: int) -> bool:
     """In no channel is the model surely better, by a tenth, than the median of what was measured;
     nor, where it is far from the noise, than a guess from the part of a window on which its start
     was estimated: its median, or a line."""
+    margin, near = budget.settings.naive_margin, budget.settings.naive_near_floor
     middle, start, line = (
         np.concatenate([losses[i] for losses in map(_guesses, model.replays)]) for i in range(3)
     )
@@ -28,17 +26,19 @@ def explains_nothing(budget: Budget, model: Contender, seed: int) -> bool:
         seen = ~np.isnan(model.absolutes[:, c])  # a recording may lack the channel
         own, flat = model.absolutes[seen, c], middle[seen, c]
         guess = min(line[seen, c], start[seen, c], key=np.sum)
-        if _better(own, flat, seed) and (own.mean() < CLOSE * floor or _better(own, guess, seed)):
+        if _better(own, flat, seed, margin) and (
+            own.mean() < near * floor or _better(own, guess, seed, margin)
+        ):
             return False
     return True
 
 
-def _better(own: Array, guess: Array, seed: int) -> bool:
-    """With 95 % confidence; windows whose guess is exact tell nothing of a model."""
+def _better(own: Array, guess: Array, seed: int, margin: float) -> bool:
+    """By the margin, with 95 % confidence; windows whose guess is exact tell nothing of a model."""
     return bool(
         guess.sum() > 0.0
-        and own.sum() < (1.0 - NO_GAP) * guess.sum()
-        and moving_block_interval(own, guess + 1e-9 * guess.mean(), seed=seed)[1] < 1.0 - NO_GAP
+        and own.sum() < (1.0 - margin) * guess.sum()
+        and moving_block_interval(own, guess + 1e-9 * guess.mean(), seed=seed)[1] < 1.0 - margin
     )
 
 

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from pamid.base.errors import DataError
 from pamid.diagnosis.contender import Contender
 from pamid.diagnosis.proposal import FILE, Proposal
+from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.engine.program import Stepping
 from pamid.estimation.multiple_shooting import fit, initial_starts
@@ -38,14 +39,6 @@ from pamid.simulation.windows import Runner
 
 Array = NDArray[np.float64]
 
-MOST_MODELS = 3
-BEYOND = 0.5  # of the recorded span: how far a rig without a loop may leave it
-# share of the recorded range, times faster
-WAYS = ((1.0, 1), (1.0, 2), (1.0, 4), (0.5, 1), (0.5, 2), (0.25, 1))
-STRETCH_S = 10.0  # of every old recording that a re-adjustment looks at
-STEPS, CALM = 3, 2e-2  # of a re-adjustment, twice
-VISIBLE = 1.0  # noise standard deviations
-
 
 def next_experiment(d: Diagnosis) -> Proposal | None:
     """The entry of the menu with the largest expected separation per root of its minutes; None
@@ -56,8 +49,8 @@ def next_experiment(d: Diagnosis) -> Proposal | None:
     bench = bench_of(d.evidence)
     race = []
     for e in menu(bench):
-        for way in benches(d.evidence, bench, e, pairs[0][0]):
-            ever_nearer = separations(d.evidence, way, e, pairs)
+        for way in benches(d.evidence, bench, e, pairs[0][0], d.settings):
+            ever_nearer = separations(d.evidence, way, e, pairs, d.settings)
             race.append((next(ever_nearer), ever_nearer, way, e))
     while race:
         k = max(
@@ -110,7 +103,7 @@ def in_question(d: Diagnosis) -> list[tuple[Contender, Contender]]:
     for c in d.tied if tied else d.ranking:
         firsts.setdefault(c.family, c)
     others = [c for family, c in firsts.items() if family not in (best.family, d.ranking[0].family)]
-    models = [best, *others][:MOST_MODELS]
+    models = [best, *others][: d.settings.experiment_models]
     return [(one, other) for one, other in combinations(models, 2) if tied or one is best]
 
 
@@ -165,26 +158,33 @@ def _settings(evidence: DataSplit) -> dict[str, float]:
     return model.known if all(model.has(q.command) for q in evidence.rig.loops) else {}
 
 
-def benches(evidence: DataSplit, bench: Bench, e: Experiment, model: Contender) -> list[Bench]:
+def benches(
+    evidence: DataSplit,
+    bench: Bench,
+    e: Experiment,
+    model: Contender,
+    settings: Settings = DEFAULT,
+) -> list[Bench]:
     """The ways to run an experiment: as it is where a loop holds the rig, else those of several
     amplitudes and rates that leave it about where it was recorded."""
     if bench.command:
         return [bench]
     out = []
-    for share, passes in WAYS:
+    for share, passes in settings.experiment_ways:
         way = replace(
             bench, driven={k: (c, share * h) for k, (c, h) in bench.driven.items()}, passes=passes
         )
         made = [_recorded(evidence, model, way, e.signals(way), s) for s in e.settings(way)]
-        if all(r is not None and _stays(evidence, r) for r in made):
+        if all(r is not None and _stays(evidence, r, settings.experiment_range) for r in made):
             out.append(way)
     return out
 
 
-def _stays(evidence: DataSplit, made: Recording) -> bool:
+def _stays(evidence: DataSplit, made: Recording, beyond: float) -> bool:
+    """Does every channel stay within what was recorded, widened by this share of its span?"""
     for channel in evidence.channels:
         before = np.concatenate([r.signal(channel) for r in evidence.recordings if r.has(channel)])
-        room = BEYOND * float(np.ptp(before))
+        room = beyond * float(np.ptp(before))
         now = made.columns[channel]
         if now.min() < before.min() - room or now.max() > before.max() + room:
             return False
@@ -242,7 +242,11 @@ def _controller(evidence: DataSplit) -> dict[str, float]:
 
 
 def separations(
-    evidence: DataSplit, bench: Bench, e: Experiment, pairs: list[tuple[Contender, Contender]]
+    evidence: DataSplit,
+    bench: Bench,
+    e: Experiment,
+    pairs: list[tuple[Contender, Contender]],
+    settings: Settings = DEFAULT,
 ) -> Iterator[Array]:
     """RMS difference per channel of the nearest pair, in noise standard deviations: ever smaller
     over all channels together, the last one with all re-adjusted; zeros where a model cannot be
@@ -259,7 +263,7 @@ def separations(
             for r in made[truth.label]
             if r is not None
         )
-        view = _View(other, evidence.noise, tracks)
+        view = _View(other, evidence.noise, tracks, settings)
         if len(tracks) < len(made[truth.label]) or not view.left:
             yield np.zeros(len(evidence.channels))
             return
@@ -284,6 +288,7 @@ class _View:
     model: Contender
     noise: Array
     tracks: tuple[Track, ...]
+    settings: Settings
 
     @cached_property
     def stepping(self) -> Stepping:
@@ -332,8 +337,9 @@ class _View:
     def readjusted(self) -> tuple[Array, ...]:
         """What is left after some steps of a fit to the new recordings and a stretch of the old
         ones, which counts as much as all of them."""
-        f, known = self.model.fit, self.model.fit.problem.tracks
-        old = [t.part(0, min(len(t), round(STRETCH_S / t.period_s))) for t in known]
+        f, known, settings = self.model.fit, self.model.fit.problem.tracks, self.settings
+        longest = settings.experiment_old_s
+        old = [t.part(0, min(len(t), round(longest / t.period_s))) for t in known]
         share = sum(map(len, known)) / sum(map(len, old))
         problem = replace(self.problem, tracks=(*old, *self.tracks))
         counts = [
@@ -346,8 +352,8 @@ class _View:
             problem,
             p=f.p,
             stepping=self.stepping,
-            iterations=STEPS,
-            tolerance=CALM,
+            iterations=settings.experiment_steps,
+            tolerance=settings.experiment_tolerance,
             weights=residual_weights(left, self.noise, problem.window),
         )
         if done.residuals:
@@ -359,8 +365,8 @@ class _View:
                 pulls=done.pulls,
                 stepping=self.stepping,
                 weights=residual_weights(left, self.noise, problem.window),
-                iterations=STEPS,
-                tolerance=CALM,
+                iterations=settings.experiment_steps,
+                tolerance=settings.experiment_tolerance,
             )
         return done.residuals[len(old) :]
 
@@ -414,6 +420,6 @@ def _why(d: Diagnosis, e: Experiment, settings: tuple[dict[str, float], ...], ap
         f"{d.evidence.channels[worst]}, by "
         f"{apart[worst]:.2g} times its noise"
     )
-    if apart[worst] < VISIBLE:
+    if apart[worst] < d.settings.experiment_visible:
         told.append("nothing on the menu sets them apart clearly")
     return "; ".join(told)

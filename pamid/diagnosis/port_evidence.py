@@ -15,17 +15,12 @@ import numpy as np
 
 from pamid.base.errors import PamidError
 from pamid.diagnosis.contender import Contender
+from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.smoother import Smoother
 from pamid.model.rig import Rig
 from pamid.parallel.jobs import Failed, Work, WorkerPool
 from pamid.parallel.store import Plain
 from pamid.simulation.data_split import DataSplit
-
-# ports with this share of another one's evidence: these recordings do not tell them apart
-ALIKE = 0.98
-PLAYERS = 2  # ports whose joint evidence is computed
-CROWDED = 20  # ports from which on only outstanding ones are looked at closely
-OUTSTANDING = 0.15  # of the largest evidence with the parameters held
 
 Ports = tuple[str, ...]
 Found = tuple[float, float, float]  # log evidence, size, time constant
@@ -94,7 +89,12 @@ class _Smoothing(Work[Ports, Found]):
 
 
 def locate(
-    evidence: DataSplit, base: Contender, pool: WorkerPool, ports: list[str] | None = None
+    evidence: DataSplit,
+    base: Contender,
+    pool: WorkerPool,
+    ports: list[str] | None = None,
+    *,
+    settings: Settings = DEFAULT,
 ) -> Located:
     """Evidence for a latent value at every port, and Shapley values of the classes of ports.
 
@@ -112,16 +112,16 @@ def locate(
     }  # a value enters the equations there as it does here
     own = [name for name in names if twins[name] == name]
     known: dict[Ports, Found] = {}
-    found_at = _found_at(work, own, pool, known)
+    found_at = _found_at(work, own, pool, known, settings)
     gains = {name: found_at[twins[name]] for name in names}
     classes: dict[str, list[str]] = {}
     for name in sorted(names, key=lambda k: -gains[k]):
-        leader = next((k for k in classes if gains[name] >= ALIKE * gains[k]), name)
+        leader = next((k for k in classes if gains[name] >= settings.port_alike * gains[k]), name)
         classes.setdefault(leader, []).append(name)
     found = tuple(tuple(k) for k in classes.values())
     if ports is not None:
         return Located(gains, found, {}, smoothers)
-    players = [leader for leader in classes if gains[leader] > 0.0][:PLAYERS]
+    players = [leader for leader in classes if gains[leader] > 0.0][: settings.port_players]
     value: dict[frozenset[str], float] = {frozenset(): 0.0} | {
         frozenset((k,)): gains[k] for k in players
     }
@@ -135,16 +135,21 @@ def locate(
 
 
 def _found_at(
-    work: _Smoothing, names: list[str], pool: WorkerPool, known: dict[Ports, Found]
+    work: _Smoothing,
+    names: list[str],
+    pool: WorkerPool,
+    known: dict[Ports, Found],
+    settings: Settings,
 ) -> dict[str, float]:
     """Evidence gained at each of these ports. Of many only those that stand out with the parameters
     held are looked at with the parameters moving."""
     rough: dict[str, float] = {}
-    if len(names) > CROWDED:
+    if len(names) > settings.ports_all:
         held = replace(work, moving=False)
         rough = dict(zip(names, _gains(held, [(name,) for name in names], pool, {}), strict=True))
     most = max(rough.values(), default=0.0)
-    near = [name for name in names if not rough or rough[name] >= OUTSTANDING * most]
+    least = settings.port_outstanding * most
+    near = [name for name in names if not rough or rough[name] >= least]
     full = dict(zip(near, _gains(work, [(name,) for name in near], pool, known), strict=True))
     share = max(full.values()) / most if most > 0.0 else 0.0
     return {name: full.get(name, share * rough.get(name, 0.0)) for name in names}

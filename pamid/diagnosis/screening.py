@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import PamidError
 from pamid.diagnosis.contender import Contender, set_within_bounds, transferred
+from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.starting_hints import Clues
 from pamid.engine.program import Stepping
 from pamid.estimation.fit_model import model_with
@@ -24,17 +25,6 @@ from pamid.simulation.windows import Window
 
 Array = NDArray[np.float64]
 
-# of the fitted recordings, in all: more would change the cost of screening, not its outcome
-SCREEN_S = 10.0
-LATER_S = 6.0  # ... beside effects that are already found
-SLIGHT = 0.1  # of the typical size
-FIRST_STEPS, STEPS = 2, 4  # from each of the starting points; from the best of them
-MOST = 8  # candidates refitted, beside the best of every further family
-LEAST = 6  # candidates refitted in any case
-CROWDED = 60  # candidates from which on they are screened with the background held
-# with no more candidates than these all are: the runners-up belong into the answer
-FEW = 24
-
 
 @dataclass(frozen=True)
 class Screened:
@@ -49,7 +39,7 @@ class Screened:
 
 
 def starting_points(
-    assembly: Assembly, attachment: Attachment, hints: Hints
+    assembly: Assembly, attachment: Attachment, hints: Hints, settings: Settings = DEFAULT
 ) -> list[tuple[dict[str, float], int]]:
     """Starting values, each with the steps it is given: typical ones, a trace of them, one
     variation per parameter that declares `tries`, and what the effect makes of the hints.
@@ -60,13 +50,16 @@ def starting_points(
     """
     own = {b.key: b for b in assembly.parameters if b.owner == attachment.label}
     slight = {
-        key: b.null + SLIGHT * (b.value - b.null) for key, b in own.items() if b.null is not None
+        key: b.null + settings.trace_start * (b.value - b.null)
+        for key, b in own.items()
+        if b.null is not None
     }
-    points = [({}, FIRST_STEPS), (slight, FIRST_STEPS)]
-    points += [({key: value}, FIRST_STEPS) for key, b in own.items() for value in b.tries]
+    few, more = settings.probe_steps, settings.probe_steps + settings.screen_steps
+    points = [({}, few), (slight, few)]
+    points += [({key: value}, few) for key, b in own.items() for value in b.tries]
     for hinted in attachment.effect.starts(hints):
         first = {f"{attachment.label}:{name}": value for name, value in hinted.items()}
-        points += [(first, FIRST_STEPS + STEPS), (slight | first, FIRST_STEPS + STEPS)]
+        points += [(first, more), (slight | first, more)]
     return points
 
 
@@ -88,13 +81,13 @@ class Ground:
     p: Array
     cost: float
     held: bool
+    settings: Settings
 
     @classmethod
-    def of(cls, baseline: Contender, candidates: int = 0) -> Ground:
+    def of(cls, baseline: Contender, candidates: int = 0, settings: Settings = DEFAULT) -> Ground:
         problem, base = baseline.fit.problem, baseline.fit
-        share = (LATER_S if baseline.attached else SCREEN_S) / sum(
-            len(t) * t.period_s for t in problem.tracks
-        )
+        seconds = settings.screen_beside_s if baseline.attached else settings.screen_s
+        share = seconds / sum(len(t) * t.period_s for t in problem.tracks)
         spans, starts = [], []
         for track, x, r in zip(problem.tracks, base.starts, base.residuals, strict=True):
             windows = problem.windows(track)
@@ -102,11 +95,15 @@ class Ground:
                 [np.nansum((r[w.start : w.stop] * base.weights.root) ** 2) for w in windows]
             )
             first, last = _worst_run(
-                problem, track, windows, losses, max(3, round(share * len(windows)))
+                problem,
+                track,
+                windows,
+                losses,
+                max(settings.screen_windows, round(share * len(windows))),
             )
             spans.append((windows[first].start, windows[last].stop))
             starts.append(x[first : last + 1])
-        held = candidates > CROWDED
+        held = candidates > settings.held_background_from
         short = replace(
             problem,
             tracks=tuple(t.part(*s) for t, s in zip(problem.tracks, spans, strict=True)),
@@ -121,13 +118,13 @@ class Ground:
                 weights=base.weights,
                 pulls=base.pulls,
                 stepping=base.stepping,
-                iterations=FIRST_STEPS + STEPS,
+                iterations=settings.probe_steps + settings.screen_steps,
                 probe=True,
             ).cost
             for p in (base.p, sheet)
         ]
-        p = base.p if costs[0] <= 1.05 * costs[1] else sheet
-        return cls(baseline, tuple(spans), tuple(starts), p, min(costs), held)
+        p = base.p if costs[0] <= settings.sheet_advantage * costs[1] else sheet
+        return cls(baseline, tuple(spans), tuple(starts), p, min(costs), held, settings)
 
     def problem(self, evidence: DataSplit, assembly: Assembly) -> Problem:
         tracks = tuple(
@@ -161,7 +158,7 @@ def screen(
 ) -> Screened:
     """Gain of one candidate after a few steps from each of its starting points and some more from
     the best of them."""
-    baseline = ground.baseline
+    baseline, settings = ground.baseline, ground.settings
     try:
         assembly = model_with(evidence, (*baseline.attached, attachment), sizes)
         problem = ground.problem(evidence, assembly)
@@ -169,7 +166,8 @@ def screen(
         return Screened(attachment, None, {}, -np.inf, str(error))
     unstable = Screened(attachment, assembly, {}, -np.inf, "unstable at every starting value")
     best, found = unstable, None
-    for first, steps in starting_points(assembly, attachment, clues.at(attachment.ports[0])):
+    hints = clues.at(attachment.ports[0])
+    for first, steps in starting_points(assembly, attachment, hints, settings):
         p = transferred(assembly, (baseline.assembly, ground.p))
         set_within_bounds(assembly, p, first)
         done = _probed(ground, problem, p, ground.starts, steps, baseline.fit.stepping)
@@ -180,7 +178,8 @@ def screen(
             best, found = Screened(attachment, assembly, first, ground.cost - done.cost), done
     if found is None:
         return unstable
-    done = _probed(ground, problem, found.p, found.starts, STEPS, found.stepping)
+    more = settings.screen_steps
+    done = _probed(ground, problem, found.p, found.starts, more, found.stepping)
     return replace(best, gain=max(best.gain, ground.cost - done.cost))
 
 
@@ -205,24 +204,31 @@ def _probed(
     )
 
 
-def sent_on(
-    rig_family: dict[str, str], screened: list[Screened], most: int, crowded: bool = False
+def promising(
+    family_of: dict[str, str], screened: list[Screened], ground: Ground
 ) -> list[Screened]:
-    """The most promising ones, all of few: up to `most` by gain, where these are many those that
-    gain at least a tenth of the first and six in any case; and the best of every further family
-    that gains a fifth of the first."""
+    """The candidates to refit, by gain. On top of the baseline all of few; else some in any case,
+    further ones that gain a share of the largest gain, and the best of every further family. Beside
+    effects that are already found only the leading ones."""
+    settings, first_round = ground.settings, not ground.baseline.attached
     usable = sorted(
         (s for s in screened if s.assembly is not None and np.isfinite(s.gain)),
         key=lambda s: (-s.gain, s.attachment.label),
     )
-    if not usable or (most >= MOST and len(usable) <= FEW and not crowded):
+    if not usable or (first_round and len(usable) <= settings.refits_all and not ground.held):
         return usable
     top = usable[0].gain
-    kept = [s for i, s in enumerate(usable[:most]) if i < LEAST or s.gain > 0.1 * top]
-    families = {rig_family[s.attachment.label] for s in kept}
-    for s in usable if most >= MOST else []:
-        family = rig_family[s.attachment.label]
-        if family not in families and s.gain > max(1.0, 0.2 * top):
-            kept.append(s)
+    leading = usable[: settings.refits if first_round else settings.refits_beside]
+    chosen = [
+        s
+        for i, s in enumerate(leading)
+        if i < settings.refits_least or s.gain > settings.refit_share * top
+    ]
+    families = {family_of[s.attachment.label] for s in chosen}
+    for s in usable if first_round else []:
+        family = family_of[s.attachment.label]
+        least = max(settings.family_nats, settings.family_share * top)
+        if family not in families and s.gain > least:
+            chosen.append(s)
             families.add(family)
-    return kept
+    return chosen

@@ -11,24 +11,21 @@ from numpy.typing import NDArray
 from pamid.base.progress import Progress
 from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.contender import Contender, bootstrap_losses, refit, replayed, transferred
-from pamid.diagnosis.decision import WORTH
-from pamid.diagnosis.screening import Ground, Screened, screen, sent_on
+from pamid.diagnosis.screening import Ground, Screened, promising, screen
 from pamid.diagnosis.serialise import contender_of, contender_plain
+from pamid.diagnosis.settings import Settings
 from pamid.diagnosis.starting_hints import Clues
 from pamid.estimation.fit_model import COARSE, model_with, rechecked
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit
+from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import Sizes
-from pamid.parallel.jobs import Failed, Work, WorkerPool
+from pamid.parallel.jobs import Failed, ObjectWork, WorkerPool
 from pamid.parallel.store import Plain
 from pamid.simulation.data_split import DataSplit
 
 Array = NDArray[np.float64]
-
-SLIGHT = 0.1  # in log squared error per channel: less is not worth another parameter
-# standard errors by which a more elaborate effect, or one of two alike, has to win
-SURE = 3.0
 
 
 @dataclass(frozen=True)
@@ -44,6 +41,10 @@ class Search:
     pool: WorkerPool
     progress: Progress
 
+    @property
+    def settings(self) -> Settings:
+        return self.budget.settings
+
     def family(self, a: Attachment) -> str:
         return a.family(self.evidence.rig)
 
@@ -51,11 +52,11 @@ class Search:
         return self.budget.excess(c.absolutes, self.chosen)
 
     def losses(self, contenders: list[Contender]) -> Array:
-        return bootstrap_losses(contenders, self.chosen, self.seed)
+        return bootstrap_losses(contenders, self.chosen, self.seed, self.settings)
 
 
 @dataclass(frozen=True, eq=False)
-class _Screening(Work[Attachment, Screened]):
+class _Screening(ObjectWork[Attachment, Screened]):
     """A candidate on top of a model."""
 
     what = "screening"
@@ -64,9 +65,16 @@ class _Screening(Work[Attachment, Screened]):
     sizes: Sizes
     clues: Clues
 
-    def __call__(self, item: Attachment) -> Plain:
-        s = screen(self.evidence, self.ground, item, self.sizes, self.clues)
-        return {"first": s.first, "gain": s.gain, "why": s.why, "fits": s.assembly is not None}
+    def result(self, item: Attachment) -> Screened:
+        return screen(self.evidence, self.ground, item, self.sizes, self.clues)
+
+    def plain_form(self, item: Attachment, found: Screened) -> Plain:
+        return {
+            "first": found.first,
+            "gain": found.gain,
+            "why": found.why,
+            "fits": found.assembly is not None,
+        }
 
     def restored(self, item: Attachment, found: Plain) -> Screened:
         attached = (*self.ground.baseline.attached, item)
@@ -85,38 +93,46 @@ class _Screening(Work[Attachment, Screened]):
 @dataclass(frozen=True, eq=False)
 class Start:
     """A model to refit. p: where from (SI; default: the data sheet); first: further starting values
-    (SI) by key."""
+    (SI) by key; assembly: the model put together, where it has been already."""
 
     attached: tuple[Attachment, ...]
     p: Array | None = None
     first: dict[str, float] = field(default_factory=dict)
+    assembly: Assembly | None = field(default=None, compare=False, repr=False)
 
 
 @dataclass(frozen=True, eq=False)
-class Refitting(Work[Start, Contender]):
+class Refitting(ObjectWork[Start, Contender]):
     """A model refitted after a fit of another one, and replayed on what was held out."""
 
     what = "refitting"
     evidence: DataSplit
     after: Fit
     sizes: Sizes
+    settings: Settings
 
-    def __call__(self, item: Start) -> Plain:
-        assembly = model_with(self.evidence, item.attached, self.sizes)
-        done = refit(self.evidence, assembly, self.after, p=item.p, first=item.first)
-        return contender_plain(replayed(self.evidence, assembly, done))
+    def result(self, item: Start) -> Contender:
+        assembly = self._assembly(item)
+        done = refit(
+            self.evidence, assembly, self.after, p=item.p, first=item.first, settings=self.settings
+        )
+        return replayed(self.evidence, assembly, done)
+
+    def plain_form(self, item: Start, found: Contender) -> Plain:
+        return contender_plain(found)
 
     def restored(self, item: Start, found: Plain) -> Contender:
-        return contender_of(
-            self.evidence, model_with(self.evidence, item.attached, self.sizes), found
-        )
+        return contender_of(self.evidence, self._assembly(item), found)
+
+    def _assembly(self, item: Start) -> Assembly:
+        return item.assembly or model_with(self.evidence, item.attached, self.sizes)
 
     def name(self, item: Start) -> str:
         return " + ".join(a.label for a in item.attached)
 
 
 def run_round(
-    search: Search, base: Contender, candidates: list[Attachment], most: int
+    search: Search, base: Contender, candidates: list[Attachment]
 ) -> tuple[list[Contender], list[tuple[str, str]], str]:
     """Screen all candidates on top of `base`, refit the promising ones, replay them on what was
     held out.
@@ -124,15 +140,16 @@ def run_round(
     Returns the models, what failed and why, and the family of the screen's own first choice.
     """
     evidence, sizes, run = search.evidence, search.budget.sizes, search.pool.run
-    ground = Ground.of(base, len(search.candidates))
+    ground = Ground.of(base, len(search.candidates), search.settings)
     tried = run(_Screening(evidence, ground, sizes, search.clues), candidates, search.progress)
     found = [
         Screened(a, None, {}, -np.inf, s.why) if isinstance(s, Failed) else s
         for a, s in zip(candidates, tried, strict=True)
     ]
-    promising = sent_on({a.label: search.family(a) for a in candidates}, found, most, ground.held)
-    starts = [_start(s, base) for s in promising]
-    refitted = run(Refitting(evidence, base.fit, sizes), starts, search.progress)
+    leading = promising({a.label: search.family(a) for a in candidates}, found, ground)
+    starts = [_start(s, base) for s in leading]
+    work = Refitting(evidence, base.fit, sizes, search.settings)
+    refitted = run(work, starts, search.progress)
     contenders = [c for c in refitted if not isinstance(c, Failed)]
     failed = [
         (s.attachment.label, s.why) for s in found if s.assembly is None or not np.isfinite(s.gain)
@@ -150,7 +167,7 @@ def run_round(
     return (
         [c for c in contenders if c.finite],
         failed,
-        search.family(promising[0].attachment) if promising else "",
+        search.family(leading[0].attachment) if leading else "",
     )
 
 
@@ -159,7 +176,7 @@ def _start(s: Screened, base: Contender) -> Start:
     sheet."""
     assert s.assembly is not None
     p = transferred(s.assembly, (base.assembly, base.fit.p)) if base.attached else None
-    return Start(s.assembly.attachments, p, s.first)
+    return Start(s.assembly.attachments, p, s.first, s.assembly)
 
 
 def ranked(
@@ -191,15 +208,15 @@ def _simplest(search: Search, ranking: list[Contender]) -> Contender:
     kin = [c for c in ranking if c.family == best.family and _plainness(c) < _plainness(best)]
     if not kin:
         return best
-    losses = search.losses([best, *kin])
+    losses, s = search.losses([best, *kin]), search.settings
     gap = search.excess(search.budget.baseline)
     plain = sorted(enumerate(kin, start=1), key=lambda e: (_plainness(e[1]), losses[e[0]].mean()))
     for i, c in plain:
         gain = losses[i] - losses[0]
         lost = search.excess(c) - search.excess(best)
-        unsure = gain.mean() < SURE * gain.std() and lost < 4.0 * WORTH * gap
-        slight = gain.mean() < SLIGHT * best.squares.shape[1] and lost < WORTH * gap
-        if unsure or slight:
+        unsure = gain.mean() < s.simpler_errors * gain.std()
+        slight = gain.mean() < s.simpler_gain * best.squares.shape[1]
+        if (unsure and lost < s.simpler_loss * s.worth * gap) or (slight and lost < s.worth * gap):
             return c
     return best
 
@@ -217,14 +234,15 @@ def tied_with_first(
     those that predict alike have to be surely worse to be progress from it."""
     if not ranking:
         return ()
-    losses = search.losses(list(ranking))
+    losses, s = search.losses(list(ranking)), search.settings
     same = next((k for k in classes if ranking[0].attached[-1].label in k), [])
     gap, first = search.excess(search.budget.baseline), search.excess(ranking[0])
     out = [ranking[0]]
     for i, c in enumerate(ranking[1:], start=1):
         worse = losses[i] - losses[0]
-        unsure = worse.mean() < (SURE if c.attached[-1].label in same else 1.0) * worse.std()
-        if unsure and search.excess(c) - first < 0.1 * gap:
+        errors = s.simpler_errors if c.attached[-1].label in same else s.tie_errors
+        unsure = worse.mean() < errors * worse.std()
+        if unsure and search.excess(c) - first < s.tie_share * gap:
             out.append(c)
     return tuple(out)
 
@@ -232,19 +250,20 @@ def tied_with_first(
 def settled(search: Search, best: Contender) -> Contender:
     """The winner with integration steps that doubling no longer changes, refitted where they had to
     be finer."""
-    return search.pool.one(_Settling(search.evidence), best)
+    return search.pool.one(_Settling(search.evidence, search.settings), best)
 
 
 @dataclass(frozen=True, eq=False)
-class _Settling(Work[Contender, Contender]):
+class _Settling(ObjectWork[Contender, Contender]):
     """A model with finer steps, where it needs them."""
 
     what = "settling"
     evidence: DataSplit
+    settings: Settings
 
-    def __call__(self, item: Contender) -> Plain:
+    def result(self, item: Contender) -> Contender:
         best = item
-        for _ in range(3):
+        for _ in range(self.settings.stepping_rounds):
             tracks = self.evidence.tracks(best.assembly, held_out=True)
             if rechecked(best.assembly, best.fit, tracks, self.evidence.noise)[1] <= COARSE:
                 break
@@ -256,11 +275,14 @@ class _Settling(Work[Contender, Contender]):
                 weights=f.weights,
                 pulls=f.pulls,
                 stepping=f.stepping.doubled(),
-                iterations=15,
-                tolerance=2e-2,
+                iterations=self.settings.refit_iterations,
+                tolerance=self.settings.refit_tolerance,
             )
             best = replayed(self.evidence, best.assembly, finer)
-        return {} if best is item else contender_plain(best)
+        return best
+
+    def plain_form(self, item: Contender, found: Contender) -> Plain:
+        return {} if found is item else contender_plain(found)
 
     def restored(self, item: Contender, found: Plain) -> Contender:
         return contender_of(self.evidence, item.assembly, found) if found else item

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.diagnosis.contender import Contender
+from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.model.effect import Hints
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, followed
@@ -16,8 +17,6 @@ from pamid.simulation.windows import Window
 from pamid.symbolic.vocabulary import Expr
 
 Array = NDArray[np.float64]
-
-SLOWEST_HZ = 0.5
 
 
 @dataclass(frozen=True)
@@ -31,9 +30,9 @@ class Clues:
         return Hints(self.peaks_hz, self.reach.get(port, {}))
 
 
-def gather_clues(evidence: DataSplit, base: Contender) -> Clues:
+def gather_clues(evidence: DataSplit, base: Contender, settings: Settings = DEFAULT) -> Clues:
     """From the windows of a model's fit and its held-out replays."""
-    return Clues(spectrum_peaks(list(base.replays), evidence.noise), _reach(base))
+    return Clues(spectrum_peaks(list(base.replays), evidence.noise, settings), _reach(base))
 
 
 def _reach(base: Contender) -> dict[str, dict[str, float]]:
@@ -71,19 +70,21 @@ def _reach(base: Contender) -> dict[str, dict[str, float]]:
     return reach
 
 
-def spectrum_peaks(before: list[Replay], noise: Array, count: int = 3) -> tuple[float, ...]:
+def spectrum_peaks(
+    before: list[Replay], noise: Array, settings: Settings = DEFAULT
+) -> tuple[float, ...]:
     """Strongest lines of the gap, Hz, resolved to a fraction of 1/duration."""
     b = max(before, key=lambda r: len(r.track))
     r = (b.residual / noise) * np.hanning(len(b.track))[:, None]
     n = 1 << (4 * len(b.track) - 1).bit_length()
     power = (np.abs(np.fft.rfft(r, n, axis=0)) ** 2).sum(axis=1)
     axis = np.fft.rfftfreq(n, b.track.period_s)
-    power[axis < SLOWEST_HZ] = 0.0
+    power[axis < settings.slowest_hz] = 0.0
     width = min(401, len(power) - 1 + len(power) % 2)  # odd; of a short recording all there is
     smooth = np.convolve(power, np.ones(width) / width, "same")
     contrast = power / (smooth + 1e-12 * power.max() + 1e-300)
     peaks = []
-    for _ in range(count):
+    for _ in range(settings.spectrum_lines):
         k = int(np.argmax(contrast * np.sqrt(power)))
         peaks.append(float(axis[k]))
         contrast[max(0, k - 60) : k + 60] = 0.0

@@ -25,17 +25,14 @@ from pamid.diagnosis.look_alikes import look_alike_classes
 from pamid.diagnosis.misfit_beyond_range import doubt
 from pamid.diagnosis.naive_forecast import explains_nothing
 from pamid.diagnosis.port_evidence import Located, locate
-from pamid.diagnosis.screening import CROWDED, MOST
 from pamid.diagnosis.search import Search, ranked, run_round, tied_with_first
+from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.starting_hints import gather_clues
 from pamid.estimation.restart import freed
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.effect import Effect
 from pamid.parallel.jobs import WorkerPool
 from pamid.simulation.data_split import DataSplit, selection_part
-
-# of the largest latent evidence: of many candidates those at ports with less are not screened
-REACH = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +66,10 @@ class Diagnosis:
         return self.best if self.verdict in ("explained", "ambiguous") else None
 
     @property
+    def settings(self) -> Settings:
+        return self.budget.settings
+
+    @property
     def reporting(self) -> NDArray[np.bool_]:
         return ~self.chosen
 
@@ -85,11 +86,13 @@ def diagnose(
     jobs: int = 1,
     progress: Progress = silent,
     pool: WorkerPool | None = None,
+    settings: Settings = DEFAULT,
 ) -> Diagnosis:
     """Find where the gap lies, which effect causes it and how far it shrinks. progress: what is
-    going on, in words; pool: who does the jobs (default: `jobs` processes of this machine)."""
+    going on, in words; pool: who does the jobs (default: `jobs` processes of this machine);
+    settings: thresholds, counts and times (see `pamid.diagnosis.settings`)."""
     pool = pool or WorkerPool(jobs)
-    budget = gap_budget(evidence, seed=seed, pool=pool, progress=progress)
+    budget = gap_budget(evidence, seed=seed, pool=pool, progress=progress, settings=settings)
     base = budget.baseline
     chosen = selection_part(list(base.replays))
     if at_the_floor(budget, seed):
@@ -105,18 +108,17 @@ def diagnose(
         budget,
         chosen,
         attachments(evidence.rig, catalogue.values()),
-        gather_clues(evidence, base),
+        gather_clues(evidence, base, settings),
         seed,
         pool,
         progress,
     )
     progress("looking where something is missing")
-    located = locate(evidence, base, pool)
-    contenders, failed, screened = run_round(
-        search, base, within_reach(search.candidates, located), MOST
-    )
+    located = locate(evidence, base, pool, settings=settings)
+    candidates = within_reach(search.candidates, located, settings)
+    contenders, failed, screened = run_round(search, base, candidates)
     ranking, wins = ranked(search, contenders)
-    classes = look_alike_classes(evidence, base, list(ranking[:8]))
+    classes = look_alike_classes(evidence, base, list(ranking[: settings.compared]), settings)
     found = extended(search, ranking, located) if ranking else Extended(base, located)
     best = _freed(evidence, found.best) if ranking else None
     ranking, wins = _with_best(ranking, wins, best)
@@ -130,8 +132,9 @@ def diagnose(
         and len({c.family for c in tied}) > 1,
         backed=best is None or is_backed(budget, best, ~chosen, seed),
         empty=empty,
+        settings=settings,
     )
-    units = doubt(evidence, base, best)
+    units = doubt(evidence, base, best, settings)
     verdict = (
         "unknown-effect"
         if units and judged.verdict in ("explained", "ambiguous")
@@ -167,13 +170,16 @@ def _freed(evidence: DataSplit, best: Contender) -> Contender:
     return better if better.finite else best
 
 
-def within_reach(candidates: list[Attachment], located: Located) -> list[Attachment]:
+def within_reach(
+    candidates: list[Attachment], located: Located, settings: Settings = DEFAULT
+) -> list[Attachment]:
     """The candidates to screen: all of few; on a rig with many like ports those that act where
     something is missing, and enough of them."""
-    if len(candidates) <= CROWDED:
+    many = settings.held_background_from
+    if len(candidates) <= many:
         return candidates
     there = [max(located.gains[port] for port in a.ports) for a in candidates]
-    enough = min(REACH * located.most, sorted(there)[-CROWDED // 2])
+    enough = min(settings.port_reach * located.most, sorted(there)[-many // 2])
     return [a for a, gain in zip(candidates, there, strict=True) if gain >= enough]
 
 

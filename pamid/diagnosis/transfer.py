@@ -12,9 +12,6 @@ from pamid.base.units import as_column
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.simulation.data_split import Span
 
-# factor by which the spread of an output has to differ to count as another amplitude
-AMPLITUDE = 1.5
-
 
 def transfer(d: Diagnosis) -> list[dict[str, Any]]:
     """One entry per held-out recording under other conditions: the head of its sha256, what differs
@@ -69,6 +66,7 @@ def differences(d: Diagnosis, span: Span) -> dict[str, Any]:
         spread / max(s.recording.si(channel)[s.start : s.stop].std(), 1e-300)
         for s in d.evidence.fit
     ]
-    if all(not 1.0 / AMPLITUDE < r < AMPLITUDE for r in ratios):
+    factor = d.budget.settings.amplitude_factor
+    if all(not 1.0 / factor < r < factor for r in ratios):
         new["amplitude"] = float(min(ratios, key=lambda r: abs(np.log(r))))
     return new

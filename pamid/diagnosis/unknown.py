@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from pamid.base.units import NONE, display_unit, from_si, with_unit
 from pamid.diagnosis.contender import Contender
+from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.smoother import ROUNDS, Smoother, size_at
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.engine.program import Program
@@ -26,12 +27,6 @@ from pamid.simulation.windows import Runner, Window
 from pamid.symbolic.vocabulary import Expr
 
 Array = NDArray[np.float64]
-
-BAGS = 24
-# of its variance: what no function of the port's signals describes depends on the past
-REMEMBERS = 0.5
-MOST_ROWS = 4000  # of missing.csv
-THRESHOLD = 0.08  # of the largest coefficient (regressors scaled to unit size)
 
 
 @dataclass(frozen=True)
@@ -67,7 +62,8 @@ def find_missing(d: Diagnosis, *, seed: int = 0, pool: WorkerPool | None = None)
     if d.located is None or d.located.most <= 0.0:
         return None
     names = list(d.located.classes[0])
-    work = _Describing(d.evidence, d.located.smoothers[names[0]].base, seed, d.located.smoothers)
+    base = d.located.smoothers[names[0]].base
+    work = _Describing(d.evidence, base, seed, d.settings, d.located.smoothers)
     found = [
         m
         for m in (pool or WorkerPool()).run(work, names)
@@ -84,11 +80,12 @@ class _Describing(Work[str, Missing | None]):
     evidence: DataSplit
     base: Contender
     seed: int
+    settings: Settings
     smoothers: dict[str, Smoother] = field(default_factory=dict, compare=False, repr=False)
 
     def __call__(self, item: str) -> Plain:
         smoother = self.smoothers.get(item) or Smoother(self.evidence, self.base, (item,))
-        found = _missing_at(smoother, self.seed)
+        found = _missing_at(smoother, self.seed, self.settings)
         return {} if found is None else vars(found)
 
     def restored(self, item: str, found: Plain) -> Missing | None:
@@ -125,15 +122,15 @@ def described(d: Diagnosis, best: Missing | None) -> dict[str, Any] | None:
         "inclusion": float(min(best.inclusion[i] for i in kept)),
         "described": best.fit,
         "dissipative": bool(speed is not None and np.mean(best.values * speed) < 0.0),
-        "parity": parity(best),
-        "memory": bool(best.fit < REMEMBERS),
+        "parity": parity(best, d.settings),
+        "memory": bool(best.fit < d.settings.formula_explains),
     }
 
 
-def missing_csv(m: Missing) -> bytes:
+def missing_csv(m: Missing, settings: Settings = DEFAULT) -> bytes:
     """missing.csv: time_s, recording, the port's signals and the missing value, every k-th slice,
-    at most 4000 rows."""
-    step = -(-len(m.values) // MOST_ROWS)
+    so that they are not too many rows."""
+    step = -(-len(m.values) // settings.missing_rows)
     columns = {
         "time_s": m.time_s,
         "recording": m.recording,
@@ -145,10 +142,10 @@ def missing_csv(m: Missing) -> bytes:
     return (",".join(columns) + "\n" + (line * len(rows)) % tuple(rows.ravel().tolist())).encode()
 
 
-def _missing_at(smoother: Smoother, seed: int) -> Missing | None:
+def _missing_at(smoother: Smoother, seed: int, settings: Settings) -> Missing | None:
     port = smoother.base.assembly.rig.ports[smoother.ports[0]]
     recording, time_s, values, signals = missing_value(smoother)
-    if len(values) < 40 or not values.std() > 0.0 or not signals:
+    if len(values) < settings.formula_slices or not values.std() > 0.0 or not signals:
         return None
     units = {
         k: "" if (u := display_unit(port.unit_of(k))) == NONE else u for k in ("value", *signals)
@@ -156,7 +153,7 @@ def _missing_at(smoother: Smoother, seed: int) -> Missing | None:
     values = from_si(values, units["value"])
     signals = {k: from_si(x, units[k]) for k, x in signals.items()}
     names, columns = regressors(signals, units)
-    weights, inclusion = sparse_formula(columns, values, seed)
+    weights, inclusion = sparse_formula(columns, values, seed, settings)
     if not weights.any():
         return None
     rest = values - columns @ weights * values.std()
@@ -210,7 +207,7 @@ def missing_value(smoother: Smoother) -> tuple[NDArray[np.intp], Array, Array, d
     )
 
 
-def parity(m: Missing) -> str:
+def parity(m: Missing, settings: Settings = DEFAULT) -> str:
     """Is the missing value an odd or an even function of what moves it? "odd", "even" or
     "mixed"."""
     name = "velocity" if "velocity" in m.signals else next(iter(m.signals))
@@ -223,7 +220,8 @@ def parity(m: Missing) -> str:
         if len(up) > 2 and len(down) > 2:
             odd += (0.5 * (up.mean() - down.mean())) ** 2
             even += (0.5 * (up.mean() + down.mean())) ** 2
-    return "odd" if odd > 3.0 * even else "even" if even > 3.0 * odd else "mixed"
+    factor = settings.parity_factor
+    return "odd" if odd > factor * even else "even" if even > factor * odd else "mixed"
 
 
 def _signals(program: Program, runner: Runner, x: Array, p: Array, over: Window) -> Array:
@@ -261,7 +259,9 @@ def regressors(signals: dict[str, Array], units: dict[str, str]) -> tuple[list[s
     return names, np.stack(columns, axis=1)
 
 
-def sparse_formula(columns: Array, target: Array, seed: int) -> tuple[Array, Array]:
+def sparse_formula(
+    columns: Array, target: Array, seed: int, settings: Settings
+) -> tuple[Array, Array]:
     """Sparse coefficients (target in its own standard deviations) and how often each term is kept
     over bags."""
     import pysindy
@@ -271,7 +271,7 @@ def sparse_formula(columns: Array, target: Array, seed: int) -> tuple[Array, Arr
 
     def chosen(rows: NDArray[np.intp]) -> Array:
         optimizer = pysindy.STLSQ(
-            threshold=THRESHOLD, alpha=1e-3 * len(rows), normalize_columns=False
+            threshold=settings.formula_threshold, alpha=1e-3 * len(rows), normalize_columns=False
         )
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # an empty support is an answer here
@@ -283,6 +283,6 @@ def sparse_formula(columns: Array, target: Array, seed: int) -> tuple[Array, Arr
     kept = [
         chosen(np.concatenate([blocks[k] for k in random.integers(0, len(blocks), len(blocks))]))
         != 0.0
-        for _ in range(BAGS)
+        for _ in range(settings.formula_bags)
     ]
     return chosen(everything), np.mean(kept, axis=0)

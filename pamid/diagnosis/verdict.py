@@ -71,8 +71,8 @@ def diagnosis_json(
             "port": port,
             "ports": shares,
             **_isolable(d),
-            "regimes": [vars(r) for r in regimes(d.evidence, base, d.cause)],
-            "frequency_hz": frequency_band(list(base.replays), after, d.evidence.noise),
+            "regimes": [vars(r) for r in regimes(d.evidence, base, d.cause, d.settings)],
+            "frequency_hz": frequency_band(list(base.replays), after, d.evidence.noise, d.settings),
             "windows_s": worst_windows(list(base.replays), d.budget),
         },
         "how_far": {c: how_far(d, i, seed) for i, c in enumerate(d.evidence.channels)},
@@ -177,7 +177,7 @@ def _ranked(d: Diagnosis, c: Contender, probability: float, seed: int) -> dict[s
         d.budget.channel_losses(c.absolutes),
         d.budget.channel_losses(d.budget.baseline.absolutes),
     )
-    low, high = forecast_interval(base[rows], losses[rows], seed)
+    low, high = forecast_interval(base[rows], losses[rows], seed, d.settings)
     held = {}
     for i, channel in enumerate(d.evidence.channels):
         held[channel] = {
@@ -207,7 +207,7 @@ def how_far(d: Diagnosis, i: int, seed: int) -> dict[str, float | None]:
     rows = d.reporting & seen if (d.reporting & seen).any() else seen
     before = b.baseline.absolutes[rows, i]
     after = (d.cause or b.baseline).absolutes[rows, i]
-    low, high = forecast_interval(before, after, seed)
+    low, high = forecast_interval(before, after, seed, d.settings)
     return {
         "mae_data_sheet": as_column(channel, b.data_sheet[rows, i].mean()),
         "mae_refitted": as_column(channel, before.mean()),

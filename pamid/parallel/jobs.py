@@ -1,11 +1,12 @@
 """Independent jobs: pure functions, done one after the other, on this machine's cores or on a
 cluster.
 
-Whoever does them, a result passes through the same plain form and is known by the digest of all
-that went into it, so that it does not depend, to the last bit, on who did the job, how many did, or
-whether it was read back from an earlier attempt. The compiled sweeps release Python's lock, so
-threads share the work where little else runs; a diagnosis, in which much else does, shares the
-cores as processes. BLAS is held to one thread per job: the matrices are small.
+Whoever does them, a result is known by the digest of all that went into it and is the same to the
+last bit: it does not depend on who did the job, how many did, or whether it was read back from an
+earlier attempt. What crosses to another process or into a file is plain data; a job of objects
+(`ObjectWork`) that is done in this process hands them over as they are. The compiled sweeps release
+Python's lock, so threads share the work where little else runs; a diagnosis, in which much else
+does, shares the cores as processes. BLAS is held to one thread per job: the matrices are small.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
+from functools import partial
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
@@ -61,6 +63,23 @@ class Work(Generic[T, R]):
 
     def label(self, item: T) -> str:
         return f"{self.what} {self.name(item)}".rstrip()
+
+
+class ObjectWork(Work[T, R]):
+    """Jobs whose results are objects, made plain only to be sent or kept.
+
+    `restored(item, plain(plain_form(item, found)))` equals `found` to the last bit, the memory
+    layout of its arrays included: they have one digest (`pamid.parallel.store.digest`).
+    """
+
+    def result(self, item: T) -> R:
+        raise NotImplementedError
+
+    def plain_form(self, item: T, found: R) -> Plain:
+        raise NotImplementedError
+
+    def __call__(self, item: T) -> Plain:
+        return self.plain_form(item, self.result(item))
 
 
 @dataclass(frozen=True)
@@ -133,13 +152,19 @@ class WorkerPool:
             else:
                 self.kept += 1
                 yield i, work.restored(items[i], found)
+        if self.executor is None and self.jobs <= 1:
+            for i in todo:
+                made = attempted(work, items[i], partial(self._here, work, items[i], keys[i:]))
+                self.failed += [made] if isinstance(made, Failed) else []
+                yield i, made
+            return
         for k, done in self._executor()(work, [items[i] for i in todo]) if todo else ():
             i = todo[k]
             if isinstance(done, Failed):
                 self.failed.append(done)
                 yield i, done
             else:
-                self._keep(keys, i, work.label(items[i]), done)
+                self._keep(keys[i:], work.label(items[i]), done)
                 yield i, work.restored(items[i], done)
 
     def one(self, work: Work[T, R], item: T) -> R:
@@ -147,17 +172,26 @@ class WorkerPool:
         keys = self._keys(work, [item])
         found = self.store.get(keys[0]) if self.store else None
         if found is None:
-            with threadpool_limits(limits=1, user_api="blas"):
-                found = plain(work(item))
-            self._keep(keys, 0, work.label(item), found)
-        else:
-            self.kept += 1
+            return self._here(work, item, keys)
+        self.kept += 1
         return work.restored(item, found)
 
-    def _keep(self, keys: list[str], i: int, label: str, found: Plain) -> None:
+    def _here(self, work: Work[T, R], item: T, keys: list[str]) -> R:
+        """The result, worked out in this process; keys: its own first."""
+        with threadpool_limits(limits=1, user_api="blas"):
+            if isinstance(work, ObjectWork):
+                made: R = work.result(item)
+                kept = work.plain_form(item, made) if self.store else {}
+                self._keep(keys, work.label(item), kept)
+                return made
+            found = plain(work(item))
+        self._keep(keys, work.label(item), found)
+        return work.restored(item, found)
+
+    def _keep(self, keys: list[str], label: str, found: Plain) -> None:
         self.worked += 1
         if self.store:
-            self.store.put(keys[i], label, found)
+            self.store.put(keys[0], label, plain(found))
 
     def _keys(self, work: Work[T, R], items: Sequence[T]) -> list[str]:
         """The items' keys; none where nothing is kept."""
@@ -167,8 +201,6 @@ class WorkerPool:
     def _executor(self) -> Executor:
         if self.executor is not None:
             return self.executor
-        if self.jobs <= 1:
-            return one_by_one
         return (
             Processes(self.jobs)
             if "fork" in multiprocessing.get_all_start_methods()
@@ -178,9 +210,13 @@ class WorkerPool:
 
 def carried_out(work: Work[T, Any], item: T) -> Plain | Failed:
     """The job's plain result, or why there is none."""
+    return attempted(work, item, lambda: plain(work(item)))
+
+
+def attempted(work: Work[T, Any], item: T, do: Callable[[], R]) -> R | Failed:
+    """What `do` returns, or why the job has no result."""
     try:
-        found: Plain = plain(work(item))
-        return found
+        return do()
     except PamidError as error:
         return Failed(work.label(item), str(error))
     # the tool's own fault, or an effect file's: it must not cost the other jobs
@@ -192,13 +228,6 @@ def fault_text(error: Exception) -> str:
     """An error nobody expected in one line: what, and where it was raised."""
     at = traceback.extract_tb(error.__traceback__)[-1]
     return f"{type(error).__name__}: {error} ({Path(at.filename).name}, line {at.lineno})"
-
-
-def one_by_one(work: Work[T, Any], items: Sequence[T]) -> Iterator[tuple[int, Plain | Failed]]:
-    """In this process, one job after the other."""
-    with threadpool_limits(limits=1, user_api="blas"):
-        for i, item in enumerate(items):
-            yield i, carried_out(work, item)
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,9 @@ from scipy.optimize import minimize
 
 from pamid.base.errors import DataError
 from pamid.base.json_file import read_json
-from pamid.diagnosis.decision import LEAST, Grounds, Line, features
+from pamid.diagnosis.decision import Grounds, Line, features
 from pamid.diagnosis.forward_selection import Newcomer
+from pamid.diagnosis.settings import DEFAULT
 from pamid.trial.marking import Marked
 
 Array = NDArray[np.float64]
@@ -187,5 +188,6 @@ def _spread(cases: list[Marked]) -> float:
             np.log(max(1.0 - s[k], 1e-9)) for k in ("predicted", "raw_high", "raw_low", "achieved")
         )
         half = high - middle if got > middle else middle - low
-        need.append(np.sqrt(max((got - middle) ** 2 - half**2, 0.0) / max(s["predicted"], LEAST)))
+        shrinkage = max(s["predicted"], DEFAULT.least_shrinkage)
+        need.append(np.sqrt(max((got - middle) ** 2 - half**2, 0.0) / shrinkage))
     return float(np.quantile(need, COVERAGE)) if need else 0.5

@@ -15,6 +15,7 @@ from pamid_cli.diagnose import diagnosis_text
 from pamid.base.run_folder import Run
 from pamid.diagnosis.diagnose import diagnose_into
 from pamid.diagnosis.naive_forecast import explains_nothing
+from pamid.diagnosis.settings import DEFAULT
 from pamid.excitation.aprbs import aprbs
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording, write_recording
@@ -115,6 +116,8 @@ def test_a_model_is_judged_by_each_channel_where_it_was_recorded(
         )
     absolutes = np.full((2 * len(windows), 2), np.nan)
     absolutes[: len(windows), 0] = absolutes[len(windows) :, 1] = error
-    budget: Any = SimpleNamespace(floor=np.where(np.isnan(absolutes), np.nan, 0.02))
+    budget: Any = SimpleNamespace(
+        floor=np.where(np.isnan(absolutes), np.nan, 0.02), settings=DEFAULT
+    )
     model: Any = SimpleNamespace(absolutes=absolutes, replays=replays)
     assert explains_nothing(budget, model, 0) == nothing

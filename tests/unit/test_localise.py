@@ -15,13 +15,13 @@ from virtual_joint import SPECIMEN, record
 
 from pamid.diagnosis.contender import Contender, contender_from
 from pamid.diagnosis.localise import (
-    MOST,
     _followed,
     _since_reversal,
     inner_signals,
     measured_signals,
     regimes,
 )
+from pamid.diagnosis.settings import DEFAULT
 from pamid.engine.program import Stepping
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
@@ -131,7 +131,7 @@ def test_one_regime_is_told_once(joint: tuple[DataSplit, Contender]) -> None:
     names = [r.signal for r in found]
     assert names[0] == "angle"
     assert not {"joint_position", "muscle_contraction_1", "muscle_contraction_2"} & set(names)
-    assert len(found) <= MOST
+    assert len(found) <= DEFAULT.regimes_most
     gains = [r.share_of_gap - r.share_of_time for r in found]
     assert gains[0] == max(gains) and min(gains) > 0.1
 

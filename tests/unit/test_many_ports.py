@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from pamid.base.errors import FileError
-from pamid.diagnosis.port_evidence import CROWDED, OUTSTANDING, Located, _found_at, _Smoothing
+from pamid.diagnosis.port_evidence import Located, _found_at, _Smoothing
 from pamid.diagnosis.screening import _free
+from pamid.diagnosis.settings import DEFAULT
 from pamid.diagnosis.smoother import Smoothed
 from pamid.diagnosis.tournament import within_reach
 from pamid.estimation.problem import free_parameters
@@ -81,21 +82,20 @@ class Looked:
         return _found(self._best)
 
 
-@pytest.mark.parametrize("count", [CROWDED, CROWDED + 1])
+@pytest.mark.parametrize("count", [DEFAULT.ports_all, DEFAULT.ports_all + 1])
 def test_many_ports_are_looked_at_roughly_first(count: int) -> None:
-    looked: list[float] = []
+    looked, share = list[float](), 0.5 * DEFAULT.port_outstanding
     plain = Looked(0.0, 0.0, [])
     smoothers = {
-        f"p{k}": Looked(100.0 if k < 2 else 0.5 * OUTSTANDING * 100.0, 80.0 - k, looked)
-        for k in range(count)
+        f"p{k}": Looked(100.0 if k < 2 else share * 100.0, 80.0 - k, looked) for k in range(count)
     }
     held = {(): plain} | {(name,): smoother for name, smoother in smoothers.items()}
     work = _Smoothing(None, None, True, held)  # type: ignore[arg-type]
-    found = _found_at(work, list(smoothers), WorkerPool(), {})
+    found = _found_at(work, list(smoothers), WorkerPool(), {}, DEFAULT)
     assert list(found) == list(smoothers) and found["p0"] == 80.0
-    assert len(looked) == (count if count <= CROWDED else 2)
-    if count > CROWDED:  # the rest keep their share of the largest
-        assert found["p5"] == pytest.approx(0.5 * OUTSTANDING * 80.0)
+    assert len(looked) == (count if count <= DEFAULT.ports_all else 2)
+    if count > DEFAULT.ports_all:  # the rest keep their share of the largest
+        assert found["p5"] == pytest.approx(share * 80.0)
 
 
 def test_a_crowded_screening_holds_the_background() -> None:

@@ -10,7 +10,8 @@ import pytest
 from virtual_joint import record
 
 from pamid.diagnosis.contender import contender_from
-from pamid.diagnosis.screening import FIRST_STEPS, Ground, screen, starting_points
+from pamid.diagnosis.screening import Ground, screen, starting_points
+from pamid.diagnosis.settings import DEFAULT
 from pamid.diagnosis.starting_hints import gather_clues, spectrum_peaks
 from pamid.estimation.fit_model import fit_model, model_with
 from pamid.model.attachment import attach
@@ -58,7 +59,7 @@ def test_starting_points_hold_a_trace_of_the_effect(stopped) -> None:  # type: i
     evidence, _, sizes = stopped
     leak = attach(evidence.rig, "leak", effects())
     points = starting_points(model_with(evidence, (leak,), sizes), leak, Hints())
-    assert ({}, FIRST_STEPS) in points
+    assert ({}, DEFAULT.probe_steps) in points
     assert any(
         0.0 < p.get("leak:share", 0.0) < 0.2 * effects()["leak"].parameters[0].value
         for p, _ in points

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from virtual_joint import record
 
+from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.transfer import differences, transfer
 from pamid.model.registry import rig_named
 from pamid.simulation.data_split import split_recordings
@@ -41,6 +42,7 @@ class Windows:
 @dataclass
 class Kept:
     baseline: Any
+    settings: Settings = DEFAULT
 
 
 def told(tmp_path: Path, heavy: dict[str, float]) -> Progress:

@@ -1,0 +1,361 @@
+"""Every threshold, share, count and time of a diagnosis, with its unit, its meaning and what speaks
+for its value.
+
+Logistic weights are not among them: they were fitted to calibration cases and stand in
+calibration.json. They were fitted under the settings below; under others the probabilities are no
+longer calibrated.
+
+    found = diagnose(evidence, catalogue, settings=Settings(refits=12))
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+from pamid.base.errors import UsageError, nearest
+
+#: what speaks for a value that has no source of its own
+JOINT = (
+    "engineering judgement, not varied by itself: judged with all others by the blind trial "
+    "(README, 'The blind trial')"
+)
+COST = "bounds the cost; what another value would do to verdicts was not measured by itself"
+SHOWN = "presentation only: no verdict rests on it"
+
+
+def _setting(default: Any, unit: str, meaning: str, evidence: str = JOINT) -> Any:
+    return field(default=default, metadata={"unit": unit, "meaning": meaning, "evidence": evidence})
+
+
+@dataclass(frozen=True)
+class Settings:
+    """See `described` for unit, meaning and evidence of each. UsageError for a value of another
+    kind than the default, or one that is negative or not finite."""
+
+    # ---- is there a gap? (budget, decision, naive_forecast, misfit_beyond_range)
+
+    gap_margin: float = _setting(
+        0.10,
+        "share of the noise floor",
+        "a refitted model nearer to the floor than this in every channel, with 95 % confidence, "
+        "has no structural gap",
+        "an equivalence margin, stated before the first trial; alarms where nothing is planted: "
+        "README, 'The blind trial'",
+    )
+    naive_margin: float = _setting(
+        0.10,
+        "share of the error",
+        "a model has to be better than a guess without a model by this much, or explains nothing",
+        "an equivalence margin as gap_margin; tests/integration/test_nonsense.py holds what it has "
+        "to refuse and to let pass",
+    )
+    naive_near_floor: float = _setting(
+        2.0,
+        "noise floors",
+        "a model this near to the floor need not beat a straight line: it has followed it, too",
+        "tests/integration/test_nonsense.py holds what it has to refuse and to let pass",
+    )
+    misfit_noise: float = _setting(
+        3.0,
+        "standard deviations of the noise",
+        "an error above it is none of the sensor's: units and signs may be in doubt",
+        "the usual three standard deviations: 0.3 % of Gaussian noise lie beyond",
+    )
+    least_shrinkage: float = _setting(
+        0.02, "share of the error", "what a cause has to remove to be named at all"
+    )
+    unbacked_probability: float = _setting(
+        0.5,
+        "probability",
+        "most that is given to a cause that the held-out windows do not back",
+        "even odds; below `yes` of the questions known and first in calibration.json, so that no "
+        "cause is named",
+    )
+    black_box_samples: int = _setting(
+        120, "samples per window", "the black box sees the replay thinned to these", COST
+    )
+    black_box_neurons: int = _setting(8, "count", "hidden neurons of its Elman network", COST)
+    black_box_iterations: int = _setting(30, "count", "Levenberg-Marquardt steps", COST)
+    black_box_inputs: int = _setting(
+        12, "count", "inputs at most: leading principal components beyond", COST
+    )
+    black_box_least: float = _setting(
+        1.05, "noise floors", "no network is trained where the error is below it", COST
+    )
+
+    # ---- screening (screening, starting_hints, tournament)
+
+    port_reach: float = _setting(
+        0.3,
+        "share of the largest latent evidence",
+        "of many candidates those whose ports have less are not screened",
+        COST,
+    )
+    held_background_from: int = _setting(
+        60,
+        "candidates",
+        "above it they are screened with the background held, and by port_reach",
+        "a step with the background held is several times as cheap; the one-dof rig has 33 "
+        "candidates, the two-link rig 121",
+    )
+    screen_s: float = _setting(10.0, "s", "fitted recordings that screening looks at, in all", COST)
+    screen_beside_s: float = _setting(6.0, "s", "... beside effects that are already found", COST)
+    screen_windows: int = _setting(3, "windows", "of every recording, at least", COST)
+    trace_start: float = _setting(
+        0.1,
+        "typical size",
+        "an effect is also started as a trace of itself: next to the baseline the cost leads down "
+        "wherever the effect helps",
+    )
+    probe_steps: int = _setting(2, "Gauss-Newton steps", "from each starting point", COST)
+    screen_steps: int = _setting(4, "Gauss-Newton steps", "from the best of them", COST)
+    sheet_advantage: float = _setting(
+        1.05,
+        "cost ratio",
+        "a baseline worse than this against the data sheet's parameters is screened from these",
+    )
+    refits: int = _setting(
+        8,
+        "candidates",
+        "refitted by their gain, beside the best of every further family",
+        COST,
+    )
+    refits_least: int = _setting(6, "candidates", "refitted in any case", COST)
+    refits_all: int = _setting(
+        24, "candidates", "with no more than these all are refitted: runners-up are shown", COST
+    )
+    refit_share: float = _setting(
+        0.1, "share of the largest gain", "further candidates with less are not refitted", COST
+    )
+    family_share: float = _setting(
+        0.2, "share of the largest gain", "the best of a further family with less is not refitted"
+    )
+    family_nats: float = _setting(1.0, "nats", "... nor one that gains less than this")
+    slowest_hz: float = _setting(
+        0.5, "Hz", "a line of the gap's spectrum below it is drift, and starts no vibration"
+    )
+    spectrum_lines: int = _setting(3, "count", "lines of the spectrum offered to an effect", COST)
+
+    # ---- refit and ranking (contender, search)
+
+    refit_iterations: int = _setting(15, "Gauss-Newton steps", "of a refit at most", COST)
+    refit_tolerance: float = _setting(
+        2e-2, "share of the cost", "a step that gains less ends a refit", COST
+    )
+    reweight_rounds: int = _setting(
+        2, "count", "refits with the weights of the model's own residuals, at most", COST
+    )
+    reweight_factor: float = _setting(
+        1.2, "ratio of weights", "weights that grow by less end them", COST
+    )
+    stepping_rounds: int = _setting(
+        3, "count", "times that the winner's integration steps may be halved", COST
+    )
+    bootstrap_draws: int = _setting(
+        1000,
+        "count",
+        "resamples of the windows",
+        "a share of 0.5 is known to 0.016 (binomial standard error); Efron and Tibshirani (1993), "
+        "An Introduction to the Bootstrap, section 19.3",
+    )
+    bootstrap_block: int = _setting(
+        2,
+        "windows",
+        "drawn together, for neighbours are alike: the moving-block bootstrap of Kuensch (1989)",
+        "two windows of 2.3 s: about three correlation times of a residual, which a block should "
+        "hold, where these are 2 s and less",
+    )
+    worth: float = _setting(
+        0.05, "share of the gap", "what an effect has to remove to count in a comparison"
+    )
+    simpler_gain: float = _setting(
+        0.1,
+        "log squared error per channel",
+        "a simpler effect of the same family is preferred where another gains less",
+    )
+    simpler_errors: float = _setting(
+        3.0,
+        "standard errors",
+        "... or gains with less certainty; also by which an effect that predicts alike has to "
+        "be worse",
+        "a rule stated before the first trial: simpler unless the gain exceeds three standard "
+        "errors, about 0.1 % for draws that are Gaussian",
+    )
+    simpler_loss: float = _setting(
+        4.0, "worth", "most that an unsure gain may cost for the simpler effect to be preferred"
+    )
+    tie_errors: float = _setting(
+        1.0, "standard errors", "an effect worse by less is tied with the first"
+    )
+    tie_share: float = _setting(0.1, "share of the gap", "... unless it leaves this much more")
+    compared: int = _setting(8, "models", "leading ones among which look-alikes are sought", COST)
+    alike_share: float = _setting(
+        0.25,
+        "share",
+        "two models are alike where their predictions differ by less than this share of what "
+        "either changes against the baseline",
+    )
+    alike_noise: float = _setting(
+        0.5, "standard deviations of the noise", "... or by less than this"
+    )
+
+    # ---- further effects (forward_selection)
+
+    effects_most: int = _setting(
+        3,
+        "count",
+        "effects of a cause at most",
+        "the blind trial plants two at most (pamid/trial/cases.py)",
+    )
+    refits_beside: int = _setting(4, "candidates", "refitted beside a first effect", COST)
+    further_share: float = _setting(
+        0.005,
+        "share of the first latent evidence",
+        "no further effect is looked for where less is missing",
+    )
+    further_always: float = _setting(
+        0.5, "nats per sample", "one is looked for in any case where more is missing"
+    )
+    further_never: float = _setting(0.15, "nats per sample", "none is where less is missing")
+    further_ports: float = _setting(
+        0.5, "share of the largest latent evidence", "ports with less are not tried"
+    )
+    further_least: float = _setting(
+        0.02, "share of the gap", "what an effect has to remove to be named beside another"
+    )
+    rivals: int = _setting(
+        2, "count", "runners-up tried in place of the first effect beside the second", COST
+    )
+
+    # ---- where (port_evidence, localise)
+
+    port_alike: float = _setting(
+        0.98,
+        "share of the larger evidence",
+        "ports nearer than this cannot be told apart by these recordings",
+    )
+    port_players: int = _setting(
+        2, "ports", "classes whose joint evidence is computed for Shapley shares", COST
+    )
+    ports_all: int = _setting(
+        20,
+        "ports",
+        "of more only those that stand out with the parameters held are looked at closely",
+        COST,
+    )
+    port_outstanding: float = _setting(
+        0.15, "share of the largest evidence with the parameters held", "... which is this", COST
+    )
+    regime_bins: int = _setting(12, "count", "quantiles of a signal between which regimes lie")
+    regime_gain: float = _setting(
+        0.15, "share", "a regime holds this much more of the gap than of the time", SHOWN
+    )
+    regime_bound: float = _setting(
+        0.01, "share of the gap", "what a bound has to bring, unless zero or the range's end", SHOWN
+    )
+    regime_order: float = _setting(
+        0.002, "share of the gap", "what a signal has to bring beyond the plainer one", SHOWN
+    )
+    regime_overlap: float = _setting(
+        0.5, "share of the samples", "regimes that share more are one", SHOWN
+    )
+    regimes_most: int = _setting(4, "count", "regimes stated", SHOWN)
+    still: float = _setting(
+        0.02, "usual speed (95th percentile)", "a slower motion reverses nothing", SHOWN
+    )
+    band_share: float = _setting(
+        0.8, "share of the gap's power", "inside the frequency band stated, its middle", SHOWN
+    )
+    worst_windows: int = _setting(3, "count", "windows stated", SHOWN)
+
+    # ---- an effect that no file of the catalogue explains (unknown)
+
+    formula_bags: int = _setting(24, "count", "bootstrap samples of the sparse regression", COST)
+    formula_threshold: float = _setting(
+        0.08,
+        "standard deviations of the target",
+        "smaller coefficients are set to zero (sequentially thresholded least squares, Brunton, "
+        "Proctor and Kutz 2016)",
+        SHOWN,
+    )
+    formula_slices: int = _setting(40, "slices", "fewer are not described", SHOWN)
+    formula_explains: float = _setting(
+        0.5, "share of the variance", "what is described worse depends on the past", SHOWN
+    )
+    parity_factor: float = _setting(
+        3.0, "ratio", "by which the odd part exceeds the even one, or the reverse", SHOWN
+    )
+    missing_rows: int = _setting(4000, "rows", "of missing.csv at most", SHOWN)
+
+    # ---- how far, and what next (transfer, next_experiment)
+
+    amplitude_factor: float = _setting(
+        1.5, "ratio", "spreads of an output that differ by more are other amplitudes", SHOWN
+    )
+    experiment_models: int = _setting(3, "models", "to be set apart at most", COST)
+    experiment_range: float = _setting(
+        0.5, "recorded span", "how far a rig without a loop may leave where it was recorded"
+    )
+    experiment_ways: tuple[tuple[float, int], ...] = _setting(
+        ((1.0, 1), (1.0, 2), (1.0, 4), (0.5, 1), (0.5, 2), (0.25, 1)),
+        "share of the recorded range, times faster",
+        "in which an experiment without a loop is tried",
+        COST,
+    )
+    experiment_old_s: float = _setting(
+        10.0, "s", "of every old recording that a re-adjustment looks at", COST
+    )
+    experiment_steps: int = _setting(
+        3, "Gauss-Newton steps", "of each of the two fits of a re-adjustment", COST
+    )
+    experiment_tolerance: float = _setting(
+        2e-2, "share of the cost", "a step that gains less ends it", COST
+    )
+    experiment_visible: float = _setting(
+        1.0,
+        "standard deviations of the noise",
+        "below it an experiment is said not to separate clearly",
+        SHOWN,
+    )
+
+    def __post_init__(self) -> None:
+        for f in fields(self):
+            _require_like(f.name, getattr(self, f.name), f.default)
+
+
+def settings_from(given: Mapping[str, Any]) -> Settings:
+    """The defaults with these replaced. UsageError for an unknown name, with the nearest, or a
+    value that `Settings` refuses."""
+    names = [f.name for f in fields(Settings)]
+    for name in given:
+        if name not in names:
+            raise UsageError(
+                f"a diagnosis has no setting {name!r}",
+                nearest(name, names) or f"settings: {', '.join(names)}",
+            )
+    return Settings(**given)
+
+
+def described() -> list[dict[str, Any]]:
+    """name, default, unit, meaning and evidence of every setting."""
+    return [{"name": f.name, "default": f.default, **f.metadata} for f in fields(Settings)]
+
+
+def _require_like(name: str, value: Any, default: Any) -> None:
+    if isinstance(default, tuple):
+        fine = isinstance(value, tuple) and len(value) > 0
+        kind = "a tuple of pairs"
+    else:
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        fine = number and math.isfinite(value) and value >= 0
+        kind = "a number from 0 on"
+        if isinstance(default, int):
+            fine, kind = fine and isinstance(value, int) and value >= 1, "a whole number from 1 on"
+    if not fine:
+        raise UsageError(f"setting {name!r} is {value!r}", f"It takes {kind}.")
+
+
+DEFAULT = Settings()

@@ -1,0 +1,183 @@
+"""What a diagnosis weighs with: documented, used, settable, and part of what its results are known
+by."""
+
+from __future__ import annotations
+
+import ast
+from dataclasses import fields, replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from test_decision import CLEAR
+from test_missing_term import missing
+
+import pamid.diagnosis
+from pamid.base.errors import UsageError
+from pamid.diagnosis.budget import Budget, _BlackBox
+from pamid.diagnosis.contender import resamples
+from pamid.diagnosis.decision import at_the_floor, is_backed, judge
+from pamid.diagnosis.naive_forecast import _better
+from pamid.diagnosis.screening import Ground, Screened, promising
+from pamid.diagnosis.search import Refitting, _Screening, _Settling
+from pamid.diagnosis.settings import DEFAULT, Settings, described, settings_from
+from pamid.diagnosis.starting_hints import spectrum_peaks
+from pamid.diagnosis.unknown import _Describing, missing_csv, parity
+from pamid.parallel.jobs import Work
+from pamid.parallel.store import digest
+
+ROOM = Path(pamid.diagnosis.__file__).parent
+SOURCES = {p.name: ast.parse(p.read_text(encoding="utf-8")) for p in sorted(ROOM.glob("*.py"))}
+#: step sizes and grids of one numerical method stand with it
+METHODS = {"smoother.py", "smoothed_trajectory.py"}
+OTHER = Settings(refits=DEFAULT.refits + 1)
+nothing: Any = None
+
+
+def test_every_setting_says_what_it_is_and_what_speaks_for_it() -> None:
+    for s in described():
+        assert s["unit"] and len(s["meaning"]) > 10 and len(s["evidence"]) > 20, s["name"]
+
+
+def test_every_setting_is_read() -> None:
+    read = {
+        node.attr
+        for name, tree in SOURCES.items()
+        if name != "settings.py"
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Attribute)
+    }
+    assert [f.name for f in fields(Settings) if f.name not in read] == []
+
+
+def test_no_number_stands_beside_them() -> None:
+    """A threshold at the head of a module could be neither set nor told apart in the store."""
+    found = [
+        f"{name}: {ast.unparse(node)}"
+        for name, tree in SOURCES.items()
+        if name not in METHODS
+        for node in tree.body
+        if isinstance(node, ast.Assign) and not isinstance(node.value, ast.Subscript)
+        for value in ast.walk(node.value)
+        if isinstance(value, ast.Constant) and isinstance(value.value, int | float)
+    ]
+    assert found == []
+
+
+def test_an_unknown_name_is_refused_with_the_nearest() -> None:
+    with pytest.raises(UsageError, match="Did you mean 'gap_margin'"):
+        settings_from({"gap_margins": 0.2})
+    assert settings_from({"gap_margin": 0.2}) == Settings(gap_margin=0.2)
+
+
+@pytest.mark.parametrize(
+    "given", [{"gap_margin": -0.1}, {"gap_margin": "0.1"}, {"refits": 2.5}, {"refits": 0}]
+)
+def test_a_value_of_another_kind_is_refused(given: dict[str, Any]) -> None:
+    with pytest.raises(UsageError, match=next(iter(given))):
+        settings_from(given)
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        (_BlackBox(nothing, DEFAULT), _BlackBox(nothing, OTHER)),
+        (Refitting(nothing, nothing, {}, DEFAULT), Refitting(nothing, nothing, {}, OTHER)),
+        (_Settling(nothing, DEFAULT), _Settling(nothing, OTHER)),
+        (
+            _Describing(nothing, nothing, 0, DEFAULT),
+            _Describing(nothing, nothing, 0, OTHER),
+        ),
+        (
+            _Screening(nothing, Ground(nothing, (), (), nothing, 0.0, False, DEFAULT), {}, nothing),
+            _Screening(nothing, Ground(nothing, (), (), nothing, 0.0, False, OTHER), {}, nothing),
+        ),
+    ],
+    ids=lambda work: type(work).__name__,
+)
+def test_results_of_other_settings_have_other_keys(
+    one: Work[Any, Any], other: Work[Any, Any]
+) -> None:
+    assert digest(one) != digest(other)
+    assert digest(one) == digest(replace(one))  # type: ignore[type-var]
+
+
+# ---- a changed field changes what it says ----------------------------------------------------
+
+
+def budget(error: float, settings: Settings) -> Budget:
+    floor = np.ones((16, 1))
+    base: Any = SimpleNamespace(absolutes=error * floor)
+    return Budget(nothing, base, floor, floor, floor, settings)
+
+
+def test_the_margin_of_a_gap() -> None:
+    assert not at_the_floor(budget(1.15, DEFAULT), 0)
+    assert at_the_floor(budget(1.15, Settings(gap_margin=0.2)), 0)
+
+
+def test_the_least_that_a_cause_removes() -> None:
+    demanding = Settings(least_shrinkage=0.9)
+    assert judge(CLEAR, ambiguous=False, settings=demanding).verdict == "unknown-effect"
+    model: Any = SimpleNamespace(absolutes=0.5 * np.ones((16, 1)))
+    reporting = np.arange(16) % 2 == 0
+    assert is_backed(budget(1.0, DEFAULT), model, reporting, 0)
+    assert not is_backed(budget(1.0, demanding), model, reporting, 0)
+
+
+def test_what_is_given_to_a_cause_without_backing() -> None:
+    def known(settings: Settings) -> float:
+        return judge(CLEAR, ambiguous=False, backed=False, settings=settings).known
+
+    assert known(DEFAULT) == 0.5 and known(Settings(unbacked_probability=0.25)) == 0.25
+
+
+def test_the_margin_over_a_guess() -> None:
+    guess = np.ones(20)
+    assert _better(0.85 * guess, guess, 0, DEFAULT.naive_margin)
+    assert not _better(0.85 * guess, guess, 0, 0.2)
+
+
+def test_how_many_are_refitted() -> None:
+    def refitted(settings: Settings, beside: bool = False) -> int:
+        base: Any = SimpleNamespace(attached=("one",) if beside else ())
+        ground = Ground(base, (), (), nothing, 0.0, False, settings)
+        tried: Any = [
+            Screened(SimpleNamespace(label=str(i)), SimpleNamespace(), {}, 100.0 - i)  # type: ignore[arg-type]
+            for i in range(30)
+        ]
+        return len(promising({str(i): "one" for i in range(30)}, tried, ground))
+
+    assert refitted(DEFAULT) == DEFAULT.refits and refitted(Settings(refits_all=30)) == 30
+    assert refitted(OTHER) == DEFAULT.refits + 1
+    assert refitted(Settings(refits_least=3, refit_share=0.97)) == 3
+    assert refitted(DEFAULT, beside=True) == DEFAULT.refits_beside
+
+
+def test_blocks_of_the_bootstrap() -> None:
+    for block in (1, 2, 3):
+        rows = resamples(12, 50, 0, block).reshape(50, -1, block)
+        assert rows.shape == (50, 12 // block, block)
+        assert ((np.diff(rows, axis=2) % 12) == 1).all()
+
+
+def test_lines_of_the_spectrum() -> None:
+    t = 0.01 * np.arange(4000)
+
+    class Track(list[float]):
+        period_s = 0.01
+
+    replay: Any = SimpleNamespace(
+        residual=np.sin(2.0 * np.pi * 3.0 * t)[:, None], track=Track(t.tolist())
+    )
+    assert spectrum_peaks([replay], np.ones(1))[0] == pytest.approx(3.0, abs=0.05)
+    assert spectrum_peaks([replay], np.ones(1), Settings(slowest_hz=4.0))[0] >= 4.0
+    assert len(spectrum_peaks([replay], np.ones(1), Settings(spectrum_lines=1))) == 1
+
+
+def test_rows_and_parity_of_a_missing_term() -> None:
+    m = missing(300)
+    assert missing_csv(m, Settings(missing_rows=100)).count(b"\n") == 101
+    assert parity(m) == "odd" and parity(m, Settings(parity_factor=1e9)) == "mixed"
