@@ -7,36 +7,26 @@ partials row by row.
 
 from __future__ import annotations
 
+import re
 import struct
 from collections.abc import Callable
 
 from pamid.symbolic.derivative import gradients
-from pamid.symbolic.expression import substitute, symbol, walk
-from pamid.symbolic.vocabulary import Expr
+from pamid.symbolic.expression import Expr, substitute, symbol, walk
+from pamid.symbolic.operators import OPERATORS
 
 SPACES = ("state", "cell", "past", "input", "parameter", "tick")
 _ARRAY = {space: i for i, space in enumerate(SPACES)} | {"derived": SPACES.index("parameter")}
-_CALLS = {
-    "sqrt": "llvm.sqrt.f64",
-    "exp": "llvm.exp.f64",
-    "log": "llvm.log.f64",
-    "sin": "llvm.sin.f64",
-    "cos": "llvm.cos.f64",
-    "floor": "llvm.floor.f64",
-    "abs": "llvm.fabs.f64",
-    "tanh": "tanh",
-}
-_ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
-_COMPARE = {"lt": "olt", "le": "ole"}
-
-DECLARATIONS = "\n".join(
-    [f"declare double @{name}(double)" for name in _CALLS.values()]
-    + [
-        "declare double @llvm.pow.f64(double, double)",
-        "declare <8 x double> @llvm.fmuladd.v8f64(<8 x double>, <8 x double>, <8 x double>)",
-    ]
-)
 LANES = 8  # sensitivity columns handled at once; matrices are padded to a multiple of it
+
+
+def declarations() -> str:
+    """What the functions of a module may call."""
+    found = ["declare <8 x double> @llvm.fmuladd.v8f64(<8 x double>, <8 x double>, <8 x double>)"]
+    for operator in OPERATORS.values():
+        for name in re.findall(r"call double @([\w.]+)\(", " ".join(operator.llvm)):
+            found.append(f"declare double @{name}({', '.join(['double'] * operator.arity)})")
+    return "\n".join(found)
 
 
 def _constant(value: float) -> str:
@@ -74,26 +64,16 @@ def function_text(name: str, roots: list[Expr], index: Callable[[str, str], int]
             space, what = node.value
             place = fresh(f"getelementptr double, ptr %b{_ARRAY[space]}, i64 {index(space, what)}")
             names[node] = fresh(f"load double, ptr {place}")
-        elif node.op in _ARITHMETIC:
-            names[node] = fresh(f"{_ARITHMETIC[node.op]} contract double {a[0]}, {a[1]}")
-        elif node.op in _CALLS:
-            names[node] = fresh(f"call double @{_CALLS[node.op]}(double {a[0]})")
-        elif node.op == "neg":
-            names[node] = fresh(f"fneg double {a[0]}")
-        elif node.op == "pow":
-            names[node] = fresh(f"call double @llvm.pow.f64(double {a[0]}, double {a[1]})")
-        elif node.op in ("min", "max"):
-            flag = fresh(f"fcmp {'olt' if node.op == 'min' else 'ogt'} double {a[0]}, {a[1]}")
-            names[node] = fresh(f"select i1 {flag}, double {a[0]}, double {a[1]}")
-        elif node.op in _COMPARE:
-            truths[node] = fresh(f"fcmp {_COMPARE[node.op]} double {a[0]}, {a[1]}")
-            names[node] = fresh(
-                f"select i1 {truths[node]}, double {_constant(1.0)}, double {_constant(0.0)}"
-            )
         elif node.op == "where":
             names[node] = fresh(f"select i1 {truth(node.args[0])}, double {a[1]}, double {a[2]}")
         else:
-            raise AssertionError(f"cannot emit {node.op}")
+            operator, last = OPERATORS[node.op], ""
+            for line in operator.llvm:
+                last = fresh(line.format(*a, last=last))
+            if operator.is_comparison:
+                truths[node] = last
+                last = fresh(f"select i1 {last}, double {_constant(1.0)}, double {_constant(0.0)}")
+            names[node] = last
     for i, root in enumerate(roots):
         place = fresh(f"getelementptr double, ptr %b{len(SPACES)}, i64 {i}")
         lines.append(f"store double {names[root]}, ptr {place}")

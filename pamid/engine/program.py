@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.llvm_ir import (
-    DECLARATIONS,
     LANES,
+    declarations,
     function_text,
     hoist,
     product_text,
@@ -229,7 +229,7 @@ def build_program(
 
     phases, phase_n, phase_first, phase_delay, delays = _phases(lowered)
     groups: list[list[Expr]] = [list(lowered.rates), list(lowered.outputs), *phases]
-    parts, names = [DECLARATIONS], []
+    parts, names = [declarations()], []
     direct, direct_at, most = [], [0], 0
     pattern: tuple[list[int], list[int]] = ([], [])
 

@@ -12,6 +12,7 @@ from string import Template
 from pamid.export.statements import C, Statements, Symbol, Writer, identifier, identifiers
 from pamid.export.step import Step, Variable
 from pamid.symbolic.expression import Expr
+from pamid.symbolic.operators import OPERATORS
 
 
 def asset(name: str) -> str:
@@ -119,22 +120,29 @@ def source(step: Step) -> str:
         _init(step),
     ]
     body = "\n\n".join(parts)
-    helpers = [
-        asset(f"{helper}.c").rstrip()
-        for helper in ("least", "greatest", "delay")
-        if re.search(rf"\b{helper}(ed)?\(", body)
-    ]
     return Template(asset("model.c")).substitute(
         model=name,
         states=len(step.states),
         period=repr(step.period_s),
         substeps=step.substeps,
-        body="\n\n".join([*helpers, body]),
+        body="\n\n".join([*helpers(body), body]),
         update="        update(m, u, time, m->samples == 0 && s == 0, s == 0);\n"
         if step.updates
         else "",
         look="    update(&now, u, time, m->samples == 0, 1);\n" if step.updates else "",
     )
+
+
+def helpers(body: str) -> list[str]:
+    """Sources of the functions that a text calls and C has not: those of operators whose file lies
+    among the assets, and the delay line."""
+    folder = files("pamid.export") / "assets"
+    names = {o.c: o.c for o in OPERATORS.values() if o.c} | {"delayed": "delay"}
+    return [
+        asset(f"{file}.c").rstrip()
+        for name, file in names.items()
+        if (folder / f"{file}.c").is_file() and re.search(rf"\b{name}\(", body)
+    ]
 
 
 class _Functions:

@@ -15,31 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pamid.symbolic.expression import Expr, walk
+from pamid.symbolic.operators import OPERATORS, is_comparison
 
 Array = NDArray[np.float64]
 Symbol = tuple[str, str]
 Shape = tuple[int | str, ...]
 
 OPSET, IR = 18, 9
-_OPS = {
-    "add": "Add",
-    "sub": "Sub",
-    "mul": "Mul",
-    "div": "Div",
-    "pow": "Pow",
-    "min": "Min",
-    "max": "Max",
-    "sqrt": "Sqrt",
-    "exp": "Exp",
-    "log": "Log",
-    "tanh": "Tanh",
-    "sin": "Sin",
-    "cos": "Cos",
-    "abs": "Abs",
-    "floor": "Floor",
-    "neg": "Neg",
-}
-_COMPARE = {"lt": "Less", "le": "LessOrEqual"}
 
 
 @dataclass
@@ -199,7 +181,7 @@ class Values:
     def __call__(self, root: Expr) -> str:
         """The tensor of an expression."""
         for node in walk([root]):
-            if node not in self._own and node.op not in _COMPARE and self._is_own(node):
+            if node not in self._own and not is_comparison(node.op) and self._is_own(node):
                 self._own[node] = self._made(node)
         return self._at(root)
 
@@ -231,16 +213,16 @@ class Values:
             return self.graph.choose(
                 self._truth(node.args[0]), self._at(node.args[1]), self._at(node.args[2])
             )
-        return self.graph.add(_OPS[node.op], *(self._at(a) for a in node.args))
+        return self.graph.add(OPERATORS[node.op].onnx, *(self._at(a) for a in node.args))
 
     def _truth(self, node: Expr) -> str:
         """A comparison, or any number but 0, as true or false."""
         if self.around is not None and not self._is_own(node):
             return self.around._truth(node)
         if node not in self._truths:
-            if node.op in _COMPARE:
+            if is_comparison(node.op):
                 self._truths[node] = self.graph.add(
-                    _COMPARE[node.op], *(self(a) for a in node.args)
+                    OPERATORS[node.op].onnx, *(self(a) for a in node.args)
                 )
             else:
                 equal = self.graph.add("Equal", self(node), self.graph.number(0.0))

@@ -15,29 +15,9 @@ from pamid.export.onnx_newton import Implicit
 from pamid.export.step import Step, Update
 from pamid.networks.store import TrainedNetwork
 from pamid.symbolic.expression import Expr, symbols, walk
+from pamid.symbolic.operators import OPERATORS
 
 Array = NDArray[np.float64]
-
-_FUNCTIONS = {
-    "sqrt": np.sqrt,
-    "exp": np.exp,
-    "log": np.log,
-    "tanh": np.tanh,
-    "sin": np.sin,
-    "cos": np.cos,
-    "abs": np.abs,
-    "floor": np.floor,
-    "neg": np.negative,
-    "add": np.add,
-    "sub": np.subtract,
-    "mul": np.multiply,
-    "div": np.divide,
-    "pow": np.power,
-    "min": np.minimum,
-    "max": np.maximum,
-    "lt": np.less,
-    "le": np.less_equal,
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -242,5 +222,5 @@ def _number(root: Expr, known: dict[Symbol, float]) -> float:
             elif node.op == "where":
                 found[node] = float(arguments[1] if arguments[0] else arguments[2])
             else:
-                found[node] = float(_FUNCTIONS[node.op](*arguments))
+                found[node] = float(getattr(np, OPERATORS[node.op].numpy)(*arguments))
     return found[root]

@@ -8,52 +8,31 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 from pamid.symbolic.expression import Expr, symbols, walk
+from pamid.symbolic.operators import ATOM, CHOICE, COMPARISON, OPERATORS, SUM, Operator
 
 Symbol = tuple[str, str]
 
-_INFIX = {
-    "add": ("+", 2),
-    "sub": ("-", 2),
-    "mul": ("*", 3),
-    "div": ("/", 3),
-    "lt": ("<", 1),
-    "le": ("<=", 1),
-}
-_COMPARE = ("lt", "le")
-_ATOM = 5
 _LONGEST = 90  # characters of a part that is written where it is used, not under a name of its own
 
 
 @dataclass(frozen=True)
 class Dialect:
-    """How a language writes what differs. assign, truth (of a comparison as a number), choice:
-    format strings."""
+    """What differs between the languages.
+
+    assign, truth (of a comparison as a number), choice: format strings; choice_binds: how tightly a
+    choice binds; function: an operator's name as a function, "" where it is written with its sign.
+    """
 
     assign: str
     truth: str
     unequal: str
     choice: str
-    choice_level: int
-    calls: dict[str, str]
+    choice_binds: int
+    function: Callable[[Operator], str]
 
 
-_CALLS = {name: name for name in ("sqrt", "exp", "log", "tanh", "sin", "cos", "floor", "pow")}
-C = Dialect(
-    "const double {} = {};",
-    "{} ? 1.0 : 0.0",
-    "!=",
-    "{} ? {} : {}",
-    0,
-    {**_CALLS, "abs": "fabs", "min": "least", "max": "greatest"},
-)
-MATLAB = Dialect(
-    "{} = {};",
-    "double({})",
-    "~=",
-    "choose({}, {}, {})",
-    _ATOM,
-    {**_CALLS, "abs": "abs", "min": "least", "max": "greatest", "pow": "power"},
-)
+C = Dialect("const double {} = {};", "{} ? 1.0 : 0.0", "!=", "{} ? {} : {}", CHOICE, lambda o: o.c)
+MATLAB = Dialect("{} = {};", "double({})", "~=", "choose({}, {}, {})", ATOM, lambda o: o.matlab)
 
 
 #: words of the two languages and of the exported programs that no name may be
@@ -64,8 +43,8 @@ _RESERVED = frozenset(
     auto break case char const continue default do double else enum extern float for goto if inline int long register
     restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
     function end elseif otherwise parfor persistent global try catch classdef spmd
-    m s u x y p d f h n J time fresh begin past next model least greatest choose delayed state cells lines heads
-    sqrt exp log tanh sin cos floor pow power abs fabs double zeros ones pi i j e eps inf nan size length mod
+    m s u x y p d f h n J time fresh begin past next model choose delayed state cells lines heads
+    double zeros ones pi i j e eps inf nan size length mod
 """,  # noqa: E501
     )
 )
@@ -76,7 +55,8 @@ def identifier(name: str, taken: Iterable[str] = ()) -> str:
     "dead_time_delay_s"."""
     word = re.sub(r"\W+", "_", name, flags=re.ASCII).strip("_")[:50] or "v"
     word = f"v{word}" if word[0].isdigit() else word
-    used = {*_RESERVED, *taken}
+    functions = (name for o in OPERATORS.values() for name in (o.c, o.matlab))
+    used = {*_RESERVED, *functions, *taken}
     found, n = word, 2
     while found in used or re.fullmatch(r"k\d+", found):  # k12 is the name of a part
         found, n = f"{word}_{n}", n + 1
@@ -129,9 +109,9 @@ class Statements:
 
     def _part(self, node: Expr) -> tuple[str, int]:
         if node.op == "const":
-            return repr(node.value), (_ATOM if node.value >= 0.0 else 2)
+            return repr(node.value), (ATOM if node.value >= 0.0 else SUM)
         if node.op == "symbol":
-            return self.words[node.value], _ATOM
+            return self.words[node.value], ATOM
         text, level = self._written(node)
         if node not in self._names and self._uses[node] == 1 and len(text) <= _LONGEST:
             return text, level
@@ -141,29 +121,32 @@ class Statements:
         name = self._names[node]
         self.lines.append(self.dialect.assign.format(name, text))
         self._truths[node] = f"{name} {self.dialect.unequal} 0.0"
-        return name, _ATOM
+        return name, ATOM
 
     def _written(self, node: Expr) -> tuple[str, int]:
-        if node.op in _INFIX:
-            sign, level = _INFIX[node.op]
-            text = f"{self._at(node.args[0], level)} {sign} {self._at(node.args[1], level + 1)}"
-            if level > 1:
-                return text, level
-            self._truths[node] = text
-            return self.dialect.truth.format(text), self.dialect.choice_level
-        if node.op == "neg":
-            return f"-{self._at(node.args[0], _ATOM)}", 2
         if node.op == "where":
             condition, a, b = node.args
             truth = (
                 self._truths.get(condition)
-                or f"{self._at(condition, 2)} {self.dialect.unequal} 0.0"
+                or f"{self._at(condition, SUM)} {self.dialect.unequal} 0.0"
             )
-            return self.dialect.choice.format(
-                truth, self._at(a, 1), self._at(b, 1)
-            ), self.dialect.choice_level
-        arguments = ", ".join(self._at(a, 0) for a in node.args)
-        return f"{self.dialect.calls[node.op]}({arguments})", _ATOM
+            text = self.dialect.choice.format(
+                truth, self._at(a, COMPARISON), self._at(b, COMPARISON)
+            )
+            return text, self.dialect.choice_binds
+        operator = OPERATORS[node.op]
+        function = self.dialect.function(operator)
+        if function:
+            return f"{function}({', '.join(self._at(a, CHOICE) for a in node.args)})", ATOM
+        if operator.arity == 1:
+            return f"{operator.sign}{self._at(node.args[0], ATOM)}", operator.binds
+        level = operator.binds
+        left, right = self._at(node.args[0], level), self._at(node.args[1], level + 1)
+        text = f"{left} {operator.sign} {right}"
+        if not operator.is_comparison:
+            return text, level
+        self._truths[node] = text
+        return self.dialect.truth.format(text), self.dialect.choice_binds
 
     def _at(self, node: Expr, level: int) -> str:
         """Text of an argument, in parentheses where it binds less tightly than its place asks."""

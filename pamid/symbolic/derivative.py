@@ -2,54 +2,10 @@
 
 from __future__ import annotations
 
-from pamid.symbolic.expression import ONE, div, mul, power, sub, unary, walk
-from pamid.symbolic.vocabulary import ZERO, Expr, cos, sign, sin, where
+from pamid.symbolic.expression import ONE, ZERO, Expr, apply, mul, walk, where
+from pamid.symbolic.operators import OPERATORS
 
 Gradient = dict[Expr, Expr]
-
-
-def _local(node: Expr) -> tuple[Expr, ...]:
-    """Partial derivative of the node with respect to each of its arguments."""
-    a = node.args[0]
-    match node.op:
-        case "neg":
-            return (-ONE,)
-        case "sqrt":
-            return (div(0.5, node),)
-        case "exp":
-            return (node,)
-        case "log":
-            return (div(1.0, a),)
-        case "tanh":
-            return (sub(1.0, node * node),)
-        case "sin":
-            return (cos(a),)
-        case "cos":
-            return (-sin(a),)
-        case "abs":
-            return (sign(a),)
-        case "floor":
-            return (ZERO,)
-    b = node.args[1]
-    match node.op:
-        case "add":
-            return (ONE, ONE)
-        case "sub":
-            return (ONE, -ONE)
-        case "mul":
-            return (b, a)
-        case "div":
-            return (div(1.0, b), -div(node, b))
-        case "pow":
-            slope = mul(b, power(a, b - 1.0))
-            return (slope, ZERO if b.op == "const" else mul(node, unary("log", a)))
-        case "min":
-            return (where(a < b, 1.0, 0.0), where(a < b, 0.0, 1.0))
-        case "max":
-            return (where(a > b, 1.0, 0.0), where(a > b, 0.0, 1.0))
-        case "lt" | "le":
-            return (ZERO, ZERO)
-    raise AssertionError(f"no derivative for {node.op}")
 
 
 def _select(condition: Expr, left: Gradient, right: Gradient) -> Gradient:
@@ -80,7 +36,8 @@ def gradients(roots: list[Expr], parameters: frozenset[str] | None = None) -> li
         else:
             total: Gradient = {}
             if any(table[a] for a in node.args):
-                for argument, slope in zip(node.args, _local(node), strict=True):
+                slopes = OPERATORS[node.op].derivative(apply, node, *node.args)
+                for argument, slope in zip(node.args, slopes, strict=True):
                     for key, inner in table[argument].items():
                         term = mul(slope, inner)
                         total[key] = total[key] + term if key in total else term

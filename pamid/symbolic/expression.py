@@ -12,31 +12,9 @@ from collections.abc import Callable, Iterable
 from typing import Any, Union
 
 from pamid.base.errors import PamidError
+from pamid.symbolic.operators import ATOM, OPERATORS, POWER, PRODUCT, SUM
 
 Number = Union["Expr", float, int]
-
-_UNARY: dict[str, Callable[[float], float]] = {
-    "sqrt": math.sqrt,
-    "exp": math.exp,
-    "log": math.log,
-    "tanh": math.tanh,
-    "sin": math.sin,
-    "cos": math.cos,
-    "abs": abs,
-    "floor": math.floor,
-    "neg": lambda a: -a,
-}
-_BINARY: dict[str, Callable[[float, float], Any]] = {
-    "add": lambda a, b: a + b,
-    "sub": lambda a, b: a - b,
-    "mul": lambda a, b: a * b,
-    "div": lambda a, b: a / b,
-    "pow": lambda a, b: a**b,
-    "min": min,
-    "max": max,
-    "lt": lambda a, b: float(a < b),
-    "le": lambda a, b: float(a <= b),
-}
 
 
 class EquationError(PamidError):
@@ -114,25 +92,25 @@ class Expr:
         return power(self, other)
 
     def __neg__(self) -> Expr:
-        return unary("neg", self)
+        return neg(self)
 
     def __pos__(self) -> Expr:
         return self
 
     def __abs__(self) -> Expr:
-        return unary("abs", self)
+        return apply("abs", self)
 
     def __lt__(self, other: Number) -> Expr:
-        return binary("lt", self, other)
+        return apply("lt", self, other)
 
     def __le__(self, other: Number) -> Expr:
-        return binary("le", self, other)
+        return apply("le", self, other)
 
     def __gt__(self, other: Number) -> Expr:
-        return binary("lt", other, self)
+        return apply("lt", other, self)
 
     def __ge__(self, other: Number) -> Expr:
-        return binary("le", other, self)
+        return apply("le", other, self)
 
 
 def const(value: float) -> Expr:
@@ -171,32 +149,31 @@ def _is(node: Expr, number: float) -> bool:
     return node.op == "const" and node.value == number
 
 
-def unary(op: str, argument: Number) -> Expr:
-    """One-argument function, folded where the argument is a constant."""
+def apply(op: str, *arguments: Number) -> Expr:
+    """An operator of the table, or `where`, on its arguments; simplified, and folded where all of
+    them are constants."""
+    simplified = _SIMPLIFIED.get(op)
+    return simplified(*arguments) if simplified else _node(op, *arguments)
+
+
+def _node(op: str, *arguments: Number) -> Expr:
+    """The operator's node, or its value where all arguments are constants."""
+    args = tuple(map(expression, arguments))
+    if any(a.op != "const" for a in args):
+        return Expr(op, args)
+    values = [a.value for a in args]
+    try:
+        return const(OPERATORS[op].evaluate(*values))
+    except (ValueError, ArithmeticError):
+        raise EquationError(
+            f"{op}({', '.join(map(str, values))}) is not a number",
+            "guard the argument with maximum(...)" if len(args) == 1 else "guard the divisor",
+        ) from None
+
+
+def neg(argument: Number) -> Expr:
     a = expression(argument)
-    if a.op == "const":
-        try:
-            return const(_UNARY[op](a.value))
-        except (ValueError, OverflowError):
-            raise EquationError(
-                f"{op}({a.value}) is not a number", "guard the argument with maximum(...)"
-            ) from None
-    if op == "neg" and a.op == "neg":
-        return a.args[0]
-    return Expr(op, (a,))
-
-
-def binary(op: str, left: Number, right: Number) -> Expr:
-    """Two-argument function, folded where both arguments are constants."""
-    a, b = expression(left), expression(right)
-    if a.op == "const" and b.op == "const":
-        try:
-            return const(_BINARY[op](a.value, b.value))
-        except (ZeroDivisionError, OverflowError, ValueError):
-            raise EquationError(
-                f"{op}({a.value}, {b.value}) is not a number", "guard the divisor"
-            ) from None
-    return Expr(op, (a, b))
+    return a.args[0] if a.op == "neg" else _node("neg", a)
 
 
 def add(left: Number, right: Number) -> Expr:
@@ -206,8 +183,8 @@ def add(left: Number, right: Number) -> Expr:
     if _is(b, 0.0):
         return a
     if b.op == "neg":
-        return binary("sub", a, b.args[0])
-    return binary("add", a, b)
+        return _node("sub", a, b.args[0])
+    return _node("add", a, b)
 
 
 def sub(left: Number, right: Number) -> Expr:
@@ -215,8 +192,8 @@ def sub(left: Number, right: Number) -> Expr:
     if _is(b, 0.0):
         return a
     if _is(a, 0.0):
-        return unary("neg", b)
-    return ZERO if a is b else binary("sub", a, b)
+        return neg(b)
+    return ZERO if a is b else _node("sub", a, b)
 
 
 def mul(left: Number, right: Number) -> Expr:
@@ -228,10 +205,10 @@ def mul(left: Number, right: Number) -> Expr:
     if _is(b, 1.0):
         return a
     if _is(a, -1.0):
-        return unary("neg", b)
+        return neg(b)
     if _is(b, -1.0):
-        return unary("neg", a)
-    return binary("mul", a, b)
+        return neg(a)
+    return _node("mul", a, b)
 
 
 def div(left: Number, right: Number) -> Expr:
@@ -244,7 +221,7 @@ def div(left: Number, right: Number) -> Expr:
         return ZERO
     if b.op == "const":
         return mul(a, 1.0 / b.value)
-    return binary("div", a, b)
+    return _node("div", a, b)
 
 
 def power(base: Number, exponent: Number) -> Expr:
@@ -252,14 +229,14 @@ def power(base: Number, exponent: Number) -> Expr:
     a, b = expression(base), expression(exponent)
     if b.op == "const":
         if b.value == 0.5:
-            return unary("sqrt", a)
+            return _node("sqrt", a)
         if b.value == int(b.value) and 0 <= b.value <= 8:
             result, factor, n = ONE, a, int(b.value)
             while n:
                 result = mul(result, factor) if n & 1 else result
                 factor, n = mul(factor, factor), n >> 1
             return result
-    return binary("pow", a, b)
+    return _node("pow", a, b)
 
 
 def where(condition: Number, a: Number, b: Number) -> Expr:
@@ -270,6 +247,18 @@ def where(condition: Number, a: Number, b: Number) -> Expr:
     if c.op == "const":
         return left if c.value else right
     return Expr("where", (c, left, right))
+
+
+#: operators that are simplified where they are built
+_SIMPLIFIED: dict[str, Callable[..., Expr]] = {
+    "add": add,
+    "sub": sub,
+    "mul": mul,
+    "div": div,
+    "neg": neg,
+    "pow": power,
+    "where": where,
+}
 
 
 # ---- walking -----------------------------------------------------------------------------------
@@ -293,24 +282,10 @@ def walk(roots: Iterable[Expr]) -> list[Expr]:
     return [n for n in order if not (id(n) in unique or unique.add(id(n)))]  # type: ignore[func-returns-value]
 
 
-_REBUILD: dict[str, Callable[..., Expr]] = {
-    "add": add,
-    "sub": sub,
-    "mul": mul,
-    "div": div,
-    "pow": power,
-    "where": where,
-}
-
-
 def rebuild(node: Expr, args: tuple[Expr, ...]) -> Expr:
     """The same operation on other arguments, simplified again."""
-    if node.op in _REBUILD:
-        return _REBUILD[node.op](*args)
-    if node.op in _UNARY:
-        return unary(node.op, args[0])
-    if node.op in _BINARY:
-        return binary(node.op, args[0], args[1])
+    if node.op in OPERATORS or node.op in _SIMPLIFIED:
+        return apply(node.op, *args)
     return Expr(node.op, args, node.value)
 
 
@@ -340,16 +315,6 @@ def symbols(roots: Iterable[Expr]) -> set[tuple[str, str]]:
 
 # ---- printing ----------------------------------------------------------------------------------
 
-_INFIX = {
-    "add": ("+", 1),
-    "sub": ("-", 1),
-    "mul": ("*", 2),
-    "div": ("/", 2),
-    "pow": ("**", 4),
-    "lt": ("<", 0),
-    "le": ("<=", 0),
-}
-
 
 def text(node: Expr) -> str:
     """The expression as plain text, as one would type it."""
@@ -357,21 +322,24 @@ def text(node: Expr) -> str:
 
 
 def _text(node: Expr) -> tuple[str, int]:
+    """The text, and how tightly it binds."""
     if node.op == "const":
-        return (f"{node.value:.6g}", 5 if node.value >= 0 else 1)
+        return (f"{node.value:.6g}", ATOM if node.value >= 0 else SUM)
     if node.op == "symbol":
-        return (node.value[1], 5)
-    if node.op in _INFIX:
-        sign_, level = _INFIX[node.op]
-        (left, a), (right, b) = _text(node.args[0]), _text(node.args[1])
-        left = f"({left})" if a < level else left
-        right = (
-            f"({right})"
-            if b < level or (b == level and node.op in ("sub", "div", "pow"))
-            else right
-        )
-        return (f"{left} {sign_} {right}" if level < 4 else f"{left}{sign_}{right}", level)
-    if node.op == "neg":
+        return (node.value[1], ATOM)
+    operator = OPERATORS.get(node.op)
+    if operator is None or not operator.sign:
+        return (f"{node.op}({', '.join(text(a) for a in node.args)})", ATOM)
+    if operator.arity == 1:
         inner, level = _text(node.args[0])
-        return (f"-({inner})" if level < 2 else f"-{inner}", 1)
-    return (f"{node.op}({', '.join(text(a) for a in node.args)})", 5)
+        return (
+            f"{operator.sign}({inner})" if level < PRODUCT else f"{operator.sign}{inner}",
+            operator.binds,
+        )
+    level = operator.binds
+    (left, a), (right, b) = _text(node.args[0]), _text(node.args[1])
+    left = f"({left})" if a < level else left
+    regroups = b == level and node.op in ("sub", "div", "pow")  # a - (b - c) is not a - b - c
+    right = f"({right})" if b < level or regroups else right
+    gap = "" if level == POWER else " "
+    return (f"{left}{gap}{operator.sign}{gap}{right}", level)

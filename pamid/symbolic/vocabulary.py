@@ -16,10 +16,9 @@ from pamid.symbolic.expression import (
     EquationError,
     Expr,
     Number,
-    binary,
+    apply,
     expression,
     sub,
-    unary,
     where,
 )
 
@@ -53,43 +52,43 @@ __all__ = [
 
 
 def sqrt(x: Number) -> Expr:
-    return unary("sqrt", x)
+    return apply("sqrt", x)
 
 
 def exp(x: Number) -> Expr:
-    return unary("exp", x)
+    return apply("exp", x)
 
 
 def log(x: Number) -> Expr:
-    return unary("log", x)
+    return apply("log", x)
 
 
 def tanh(x: Number) -> Expr:
-    return unary("tanh", x)
+    return apply("tanh", x)
 
 
 def sin(x: Number) -> Expr:
-    return unary("sin", x)
+    return apply("sin", x)
 
 
 def cos(x: Number) -> Expr:
-    return unary("cos", x)
+    return apply("cos", x)
 
 
 def floor(x: Number) -> Expr:
-    return unary("floor", x)
+    return apply("floor", x)
 
 
 def absolute(x: Number) -> Expr:
-    return unary("abs", x)
+    return apply("abs", x)
 
 
 def minimum(a: Number, b: Number) -> Expr:
-    return binary("min", a, b)
+    return apply("min", a, b)
 
 
 def maximum(a: Number, b: Number) -> Expr:
-    return binary("max", a, b)
+    return apply("max", a, b)
 
 
 def clip(x: Number, low: Number, high: Number) -> Expr:

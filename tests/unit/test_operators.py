@@ -1,0 +1,158 @@
+"""The table of operators: value, derivative, machine code, C, MATLAB, ONNX, NumPy and plain text
+agree for each of its entries, and for one that is added here."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from compiled import Array, program, run, sensitivities, state
+
+from pamid.engine.program import Stepping
+from pamid.export.c_source import asset, helpers
+from pamid.export.statements import MATLAB, C, Symbol, Writer
+from pamid.symbolic.derivative import gradients
+from pamid.symbolic.expression import ZERO, Expr, apply, const, substitute, text
+from pamid.symbolic.operators import OPERATORS, Operator
+
+A, B = state("a"), state("b")
+POINTS = ((0.7, 1.31), (1.9, 0.42), (0.23, 0.26))  # where every operator is smooth
+ADDED = Operator(
+    "atan",
+    1,
+    math.atan,
+    lambda apply, y, a: (1.0 / (1.0 + a * a),),
+    llvm=("call double @atan(double {0})",),
+    onnx="Atan",
+    numpy="arctan",
+    c="atan",
+    matlab="atan",
+)
+NAMES = [*OPERATORS, ADDED.name]
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _with_one_more() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setitem(OPERATORS, ADDED.name, ADDED)
+        yield
+
+
+def root(name: str) -> Expr:
+    """An operator inside others, so that parentheses count: z = op(a + b, a b + 0.3), a - z (b -
+    z)."""
+    z = apply(name, *(A + B, A * B + 0.3)[: OPERATORS[name].arity])
+    return A - z * (B - z)
+
+
+def roots() -> list[Expr]:
+    return [root(name) for name in NAMES]
+
+
+def at(node: Expr, point: tuple[float, float]) -> float:
+    """The value where both states are constants: what folding makes of it."""
+    values = {A: const(point[0]), B: const(point[1])}
+    return float(substitute([node], values)[0])
+
+
+def expected() -> Array:
+    """points x operators"""
+    return np.array([[at(node, point) for node in roots()] for point in POINTS])
+
+
+def slope(node: Expr, by: Expr, point: tuple[float, float]) -> float:
+    return at(gradients([node])[0].get(by, ZERO), point)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_derivatives_equal_finite_differences(name: str) -> None:
+    node, h = root(name), 1e-6
+    for a, b in POINTS:
+        by_a = (at(node, (a + h, b)) - at(node, (a - h, b))) / (2.0 * h)
+        by_b = (at(node, (a, b + h)) - at(node, (a, b - h))) / (2.0 * h)
+        found = [slope(node, by, (a, b)) for by in (A, B)]
+        np.testing.assert_allclose(found, [by_a, by_b], rtol=1e-7, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_plain_text_and_numpy_mean_the_same(name: str) -> None:
+    operator = OPERATORS[name]
+    for a, b in POINTS:
+        arguments = (a, b)[: operator.arity]
+        value = getattr(np, operator.numpy)(*arguments)
+        assert float(value) == pytest.approx(float(operator.evaluate(*arguments)), rel=1e-14)
+        words = {**vars(math), "a": a, "b": b}
+        assert float(eval(text(root(name)), words)) == pytest.approx(at(root(name), (a, b)))
+
+
+def test_machine_code_gives_values_and_derivatives() -> None:
+    nodes = roots()
+    outputs = dict(zip(NAMES, nodes, strict=True))
+    made, u = program({"a": ZERO, "b": ZERO}, outputs), np.zeros(1)
+    for point, values in zip(POINTS, expected(), strict=True):
+        np.testing.assert_allclose(run(made, u, (), point)[0], values, rtol=1e-13)
+        found = sensitivities(made, u, (), point, Stepping())[0]
+        exact = [[slope(node, by, point) for by in (A, B)] for node in nodes]
+        np.testing.assert_allclose(found, exact, rtol=1e-12, atol=1e-13)
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler")
+def test_c_gives_the_values(tmp_path: Path) -> None:
+    places: dict[Symbol, str] = {("state", "a"): "x[0]", ("state", "b"): "x[1]"}
+    targets = [(f"y[{i}]", node) for i, node in enumerate(roots())]
+    body = "\n".join(
+        ["void f(const double x[], double y[]) {", *Writer(C, places).values(*targets), "}"]
+    )
+    (tmp_path / "f.c").write_text("\n".join(["#include <math.h>", *helpers(body), body]))
+    library = tmp_path / "f.so"
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC"]
+    subprocess.run(["cc", *flags, "f.c", "-o", library, "-lm"], cwd=tmp_path, check=True)
+    function = ctypes.CDLL(str(library)).f
+    for point, values in zip(POINTS, expected(), strict=True):
+        y = (ctypes.c_double * len(NAMES))()
+        function((ctypes.c_double * 2)(*point), y)
+        np.testing.assert_allclose(list(y), values, rtol=1e-13)
+
+
+OCTAVE = shutil.which("octave-cli") or shutil.which("octave")
+
+
+@pytest.mark.skipif(OCTAVE is None, reason="there is no octave")
+def test_matlab_gives_the_values(tmp_path: Path) -> None:
+    assert OCTAVE is not None
+    places: dict[Symbol, str] = {("state", "a"): "x(1)", ("state", "b"): "x(2)"}
+    targets = [(f"y({i})", node) for i, node in enumerate(roots(), 1)]
+    body = ["function y = f(x)", *Writer(MATLAB, places).values(*targets), "end"]
+    (tmp_path / "f.m").write_text("\n".join([*body, asset("helpers.m")]))
+    calls = [f"printf('%.17g ', f([{a!r}, {b!r}]));" for a, b in POINTS]
+    (tmp_path / "script.m").write_text("\n".join(calls))
+    done = subprocess.run(
+        [OCTAVE, "--no-history", "--norc", "--no-gui", "script.m"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    found = np.array(done.stdout.split(), float).reshape(len(POINTS), -1)
+    np.testing.assert_allclose(found, expected(), rtol=1e-13)
+
+
+def test_onnx_gives_the_values() -> None:
+    onnx = pytest.importorskip("onnx", reason="pip install 'pamid[onnx]'")
+    reference = pytest.importorskip("onnx.reference")
+    from pamid.export.onnx_graph import Graph, Values, graph_of, model_bytes
+
+    graph = Graph()
+    values = Values(graph, {("state", "a"): "a", ("state", "b"): "b"})
+    graph.named("y", graph.joined([values(node) for node in roots()]))
+    made = graph_of(graph, "f", {"a": (1,), "b": (1,)}, {"y": (len(NAMES),)}, outermost=True)
+    cell = reference.ReferenceEvaluator(onnx.load_from_string(model_bytes(made, {})))
+    for (a, b), numbers in zip(POINTS, expected(), strict=True):
+        (found,) = cell.run(None, {"a": np.array([a]), "b": np.array([b])})
+        np.testing.assert_allclose(found, numbers, rtol=1e-13)
