@@ -1,4 +1,4 @@
-"""`pamid export`: an identified model for another tool."""
+"""`pamid export`: Write an identified model as FMU, C, ONNX or MATLAB function."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from .options import parse_known
 from .terminal import aside
 
 FORMS = ("fmu", "fmu2", "fmu3", "c", "onnx", "matlab")
+PLACE = 120
 EXAMPLE = """
 pamid export run --to fmu --output joint.fmu
 """

@@ -1,4 +1,4 @@
-"""`pamid force-law`: the force law of a muscle from a measured force map."""
+"""`pamid force-law`: Train a muscle's force law on a measured map, beside the analytic ones."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from . import frame
 from .progress import ProgressBar
 from .terminal import aside, quoted
 
+PLACE = 70
 EXAMPLE = """
 pamid force-law data/example/muscle_map.csv --output law
 pamid check law/rig.py

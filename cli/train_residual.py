@@ -1,4 +1,4 @@
-"""`pamid train-residual`: a network for what a fitted model leaves over."""
+"""`pamid train-residual`: Train a network on what a fitted model leaves over."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     PortWork = Callable[[Run, Leftover, Callable[[str], None], Course], tuple[dict[str, Any], bool]]
 
+PLACE = 60
 EXAMPLE = """
 pamid train-residual fitted --network elman --hidden 10 --iterations 100
 pamid train-residual fitted --network anfis --inputs angle_loop_deg,velocity_loop_deg_per_s --iterations 20

@@ -1,4 +1,4 @@
-"""`pamid trial`: the blind trial of the diagnosis."""
+"""`pamid trial`: The blind trial of the diagnosis: drawn cases with hidden labels, scored."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from pamid.base.run_folder import Run
     from pamid.parallel.jobs import WorkerPool
 
+PLACE = 100
 EXAMPLE = """
 pamid trial --output trial --cases 4 --part calibration --jobs 2
 """
