@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from . import frame
+from . import frame, names
 from .progress import ProgressBar
 from .terminal import aside, quoted
 
@@ -35,7 +35,7 @@ pamid check law/rig.py
 )
 @click.option(
     "--rig",
-    type=click.Choice(["one-dof", "two-link"]),
+    type=click.Choice(names.rigs_with("static_force")),
     default="one-dof",
     show_default=True,
     help="Rig whose muscles get the law.",
