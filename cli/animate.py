@@ -1,4 +1,4 @@
-"""`pamid animate`: the rig of a run as it moved, measured over simulated."""
+"""`pamid animate`: Show how a run's rig moved, measured over simulated, as a GIF."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import click
 from . import frame
 from .progress import ProgressBar
 
+PLACE = 130
 EXAMPLE = """
 pamid animate fitted --output arm.gif
 """

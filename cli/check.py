@@ -1,4 +1,4 @@
-"""`pamid check`: what is wrong with a file, before any fitting."""
+"""`pamid check`: Say what is wrong with a recording, rig or effect, before any fitting."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import click
 
 from . import frame
 
+PLACE = 40
 EXAMPLE = """
 pamid check rec.csv --rig one-dof --figure card.png
 """

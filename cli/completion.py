@@ -1,4 +1,4 @@
-"""`pamid completion`: what a shell needs to complete commands, options, rigs and effects."""
+"""`pamid completion`: Print what your shell needs to complete pamid's commands."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import click
 
 from . import frame
 
+PLACE = 180
 EXAMPLE = """
 pamid completion bash
 """

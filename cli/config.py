@@ -1,4 +1,4 @@
-"""`pamid config`: the value of every option, and where it comes from."""
+"""`pamid config`: Show the value of every option, and where it comes from."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import click
 from . import frame, settings
 from .table import COMMANDS
 
+PLACE = 170
 EXAMPLE = """
 pamid config diagnose
 """

@@ -1,4 +1,4 @@
-"""`pamid demo`: everything on a virtual joint, no files needed."""
+"""`pamid demo`: Everything above on a virtual rig, in about a minute."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from .hints import unused
 from .progress import ProgressBar
 from .terminal import quoted
 
+PLACE = 190
 EXAMPLE = """
 pamid demo --output demo-run --seed 1
 """

@@ -1,4 +1,4 @@
-"""`pamid diagnose`: where the gap lies, which effect causes it, how far it shrinks."""
+"""`pamid diagnose`: Find where the gap lies, which effect causes it, how far it shrinks."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from .terminal import quoted
 if TYPE_CHECKING:
     from pamid.model.effect import Effect
 
+PLACE = 80
 EXAMPLE = """
 pamid diagnose rec.csv --rig one-dof --output run --jobs 2
 """

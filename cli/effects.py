@@ -1,4 +1,4 @@
-"""`pamid effects`: the catalogue of effects, or the story of one."""
+"""`pamid effects`: List the catalogue of effects, or explain one."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import click
 
 from . import frame, names
 
+PLACE = 140
 EXAMPLE = """
 pamid effects
 pamid effects coulomb-friction --rig one-dof

@@ -1,4 +1,4 @@
-"""`pamid export`: an identified model for another tool."""
+"""`pamid export`: Write an identified model as FMU, C, ONNX or MATLAB function."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from pathlib import Path
 
 import click
 
-from . import frame
+from . import frame, names
 from .options import parse_known
 from .terminal import aside
 
-FORMS = ("fmu", "fmu2", "fmu3", "c", "onnx", "matlab")
+PLACE = 120
 EXAMPLE = """
 pamid export run --to fmu --output joint.fmu
 """
@@ -21,7 +21,7 @@ pamid export run --to fmu --output joint.fmu
 @click.option(
     "--to",
     "form",
-    type=click.Choice(FORMS),
+    type=click.Choice(names.export_forms()),
     required=True,
     help="fmu2, fmu3: FMI 2.0 (also: fmu) or 3.0 for co-simulation, with C sources and a binary "
     "for this "

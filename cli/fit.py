@@ -1,4 +1,4 @@
-"""`pamid fit`: grey-box parameters with intervals."""
+"""`pamid fit`: Fit the parameters of a rig to recordings, with intervals."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from .options import evidence_from, no_check_option, with_sidecar
 from .progress import ProgressBar
 from .terminal import quoted
 
+PLACE = 50
 EXAMPLE = """
 pamid fit rec.csv --rig one-dof --output fitted
 """

@@ -1,4 +1,4 @@
-"""`pamid force-law`: the force law of a muscle from a measured force map."""
+"""`pamid force-law`: Train a muscle's force law on a measured map, beside the analytic ones."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from typing import Any
 
 import click
 
-from . import frame
+from . import frame, names
 from .progress import ProgressBar
 from .terminal import aside, quoted
 
+PLACE = 70
 EXAMPLE = """
 pamid force-law data/example/muscle_map.csv --output law
 pamid check law/rig.py
@@ -34,7 +35,7 @@ pamid check law/rig.py
 )
 @click.option(
     "--rig",
-    type=click.Choice(["one-dof", "two-link"]),
+    type=click.Choice(names.rigs_with("static_force")),
     default="one-dof",
     show_default=True,
     help="Rig whose muscles get the law.",

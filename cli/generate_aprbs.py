@@ -1,4 +1,4 @@
-"""`pamid generate-aprbs`: an excitation file and what it covers."""
+"""`pamid generate-aprbs`: Make an excitation that covers amplitude and frequency."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from .excite import Made, make, refuse_strangers
 from .hints import unused, why_not_driven
 from .terminal import quoted
 
+PLACE = 10
 EXAMPLE = """
 pamid generate-aprbs --rig one-dof --duration 200 --amplitude 40 --hold 0.4 1.6 --seed 1 --output excitation.csv
 pamid generate-aprbs --experiment gravity-test --rig two-link --release 60 0 --clamped 1 --output gravity.csv

@@ -1,4 +1,4 @@
-"""`pamid ingest`: raw logs and a mapping in, recordings out."""
+"""`pamid ingest`: Turn raw logs into recordings: columns, units, an even time base."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from pamid.ingest.conversion import Conversion
     from pamid.model.rig import Rig
 
+PLACE = 30
 EXAMPLE = """
 pamid ingest --guess data/example/joint.csv --pressures gauge --output map.toml
 pamid ingest data/example/joint.csv --mapping map.toml --output joint.csv

@@ -1,20 +1,22 @@
-"""Names: of rigs and effects as values of options, completed by the shell; and the nearest one to a
-wrong one."""
+"""Names: of rigs, effects and networks as values of options, completed by the shell; and the
+nearest one to a wrong one."""
 
 from __future__ import annotations
 
+import ast
 import difflib
 import importlib.util
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import click
 from click.shell_completion import CompletionItem
 
 
 class Catalogued(click.ParamType):
-    """A text; shells complete the names of one folder of the package, `rigs` or `effects`, and
-    Python files."""
+    """A text; shells complete the names of one folder of the package and Python files."""
 
     name = "text"
 
@@ -33,26 +35,95 @@ class Catalogued(click.ParamType):
         return found or [CompletionItem(incomplete, type="file")]
 
     def _names(self) -> list[str]:
-        """By their files, so that nothing is loaded while somebody types; parts that rigs share are
-        left out."""
-        spec = importlib.util.find_spec("pamid")
-        places = list(spec.submodule_search_locations or []) if spec else []
-        files = [
-            file for place in places for file in sorted((Path(place) / self.folder).glob("*.py"))
-        ]
-        return [file.stem.replace("_", "-") for file in files if _is_entry(file, self.folder)]
+        return _entries(self.folder)
 
 
-def _is_entry(file: Path, folder: str) -> bool:
-    return not file.stem.startswith("_") and (
-        folder == "effects" or "(Rig)" in file.read_text(encoding="utf-8")
-    )
+#: folder of the package that is scanned -> what stands in the files that count, and not in others
+BASES = {"rigs": "(Rig)", "effects": "", "networks": "(Network)"}
+
+
+def _package() -> Path:
+    spec = importlib.util.find_spec("pamid")
+    assert spec is not None and spec.submodule_search_locations
+    return Path(spec.submodule_search_locations[0])
+
+
+def _files(folder: str) -> list[Path]:
+    """The files of a folder of the package that hold an entry, by their text: nothing is loaded
+    while somebody types, and parts that entries share are left out."""
+    return [
+        file
+        for file in sorted((_package() / folder).glob("*.py"))
+        if not file.stem.startswith("_") and BASES[folder] in file.read_text(encoding="utf-8")
+    ]
+
+
+def listed(names: Iterable[str]) -> str:
+    """a, b or c"""
+    *first, last = names
+    return " or ".join([*([", ".join(first)] if first else []), last])
+
+
+def _entries(folder: str) -> list[str]:
+    return [file.stem.replace("_", "-") for file in _files(folder)]
+
+
+def rigs_with(attribute: str) -> list[str]:
+    """Rigs of the catalogue whose file sets this attribute of theirs."""
+    return [
+        file.stem.replace("_", "-")
+        for file in _files("rigs")
+        if f"self.{attribute} = " in file.read_text(encoding="utf-8")
+    ]
+
+
+def rigs_in(module: str) -> list[str]:
+    """Rigs of the catalogue for which this file of the package has something, by their name."""
+    text = (_package() / module).read_text(encoding="utf-8")
+    return [name for name in _entries("rigs") if f'"{name}"' in text]
+
+
+def export_forms() -> list[str]:
+    """The forms that `pamid.export` can write."""
+    return list(_literal(_package() / "export" / "exporting.py", "FORMS"))
+
+
+@lru_cache
+def network_sizes() -> dict[str, dict[str, tuple[int, int, str, str]]]:
+    """The `size_options` of every kind of network in the package, by kind."""
+    return {file.stem: _literal(file, "size_options") for file in _files("networks")}
+
+
+def _literal(file: Path, name: str) -> Any:
+    """The literal that this file, or a class in it, gives to a name; {} where none does."""
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.AnnAssign | ast.Assign) and node.value is not None:
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            if any(isinstance(one, ast.Name) and one.id == name for one in targets):
+                return ast.literal_eval(node.value)
+    return {}
+
+
+def size_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """An option for every size that a kind of network can be asked for."""
+    found = network_sizes()
+    for name in sorted({name for sizes in found.values() for name in sizes}, reverse=True):
+        owners = [kind for kind, sizes in found.items() if name in sizes]
+        least, most, what, otherwise = found[owners[0]][name]
+        function = click.option(
+            f"--{name.replace('_', '-')}",
+            name,
+            type=click.IntRange(least, most),
+            help=f"{what} of {listed(owners)}. [default: {otherwise}]",
+        )(function)
+    return function
 
 
 RIG = Catalogued("rigs")
 EFFECT = Catalogued("effects")
+NETWORK = Catalogued("networks")
 #: options that take such a name wherever they occur
-OPTIONS = {"rig": RIG, "rigs": RIG, "effects": EFFECT, "without": EFFECT}
+OPTIONS = {"rig": RIG, "rigs": RIG, "effects": EFFECT, "without": EFFECT, "network": NETWORK}
 
 
 def suggest(name: str, names: Iterable[str]) -> str:

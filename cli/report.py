@@ -1,4 +1,4 @@
-"""`pamid report`: a run as tables, figures and one HTML page, on request as a PDF."""
+"""`pamid report`: Turn a run into tables, figures and one HTML page."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import click
 
 from . import frame
 
+PLACE = 110
 EXAMPLE = """
 pamid report RUN --output report.html
 pamid report RUN --pdf

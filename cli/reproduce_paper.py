@@ -1,4 +1,4 @@
-"""`pamid reproduce-paper`: the papers' results tables, on twins of their rigs."""
+"""`pamid reproduce-paper`: The results of the two papers, on calibrated virtual rigs."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from click.core import ParameterSource
 from . import frame
 from .progress import ProgressBar
 
+PLACE = 90
 EXAMPLE = """
 pamid reproduce-paper --quick --output paper-run
 pamid reproduce-paper --paper arm --quick --output arm-run

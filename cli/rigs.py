@@ -1,4 +1,4 @@
-"""`pamid rigs`: the rigs there are, or the story of one."""
+"""`pamid rigs`: List the rigs, or explain one."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import click
 
 from . import frame, names
 
+PLACE = 150
 EXAMPLE = """
 pamid rigs
 pamid rigs one-dof

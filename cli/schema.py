@@ -1,4 +1,4 @@
-"""`pamid schema`: what the JSON of each command and file holds, as JSON Schema."""
+"""`pamid schema`: List or print the JSON schemas of results and files."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import click
 
 from . import frame, names
 
+PLACE = 160
 EXAMPLE = """
 pamid schema diagnosis
 """

@@ -1,4 +1,4 @@
-"""`pamid simulate`: a virtual rig with any effects and sensor noise."""
+"""`pamid simulate`: Run a virtual rig with any effects and sensor noise."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from pamid.simulation.virtual_rig import VirtualRecording
 
 MODEL_DIGITS = 12  # what is exported is held against this file to 1e-9 of every channel's span
+PLACE = 20
 EXAMPLE = """
 pamid simulate --rig one-dof --excitation excitation.csv --effect coulomb-friction:torque_n_m=0.3 --known inertia_kg_m2=0.0896 --seed 2 --output rec.csv
 pamid simulate --model fitted --excitation excitation.csv --noise none --output model.csv

@@ -1,73 +1,38 @@
-"""The commands: where each one lives, and one line of help, so that `pamid --help` need not load
-any of them."""
+"""The commands, found by reading the files of this package: `pamid --help` imports none of them.
+
+A command file is named after its command (`pamid train-residual` is `train_residual.py`) and says
+two things at its top: its docstring begins "`pamid NAME`:" and goes on with its line of
+`pamid --help`; PLACE is where it stands there, between its neighbours' numbers.
+"""
 
 from __future__ import annotations
 
 import importlib
+import re
 from collections.abc import Iterator
+from pathlib import Path
 
 import click
 
-#: name -> (module:function inside this package, one line of help)
-COMMANDS: dict[str, tuple[str, str]] = {
-    "generate-aprbs": (
-        "generate_aprbs:command",
-        "Make an excitation that covers amplitude and frequency.",
-    ),
-    "simulate": ("simulate:command", "Run a virtual rig with any effects and sensor noise."),
-    "ingest": (
-        "ingest:command",
-        "Turn raw logs into recordings: columns, units, an even time base.",
-    ),
-    "check": (
-        "check:command",
-        "Say what is wrong with a recording, rig or effect, before any fitting.",
-    ),
-    "fit": ("fit:command", "Fit the parameters of a rig to recordings, with intervals."),
-    "train-residual": (
-        "train_residual:command",
-        "Train a network on what a fitted model leaves over.",
-    ),
-    "force-law": (
-        "force_law:command",
-        "Train a muscle's force law on a measured map, beside the analytic ones.",
-    ),
-    "diagnose": (
-        "diagnose:command",
-        "Find where the gap lies, which effect causes it, how far it shrinks.",
-    ),
-    "reproduce-paper": (
-        "reproduce_paper:command",
-        "The results of the two papers, on calibrated virtual rigs.",
-    ),
-    "trial": (
-        "trial:command",
-        "The blind trial of the diagnosis: drawn cases with hidden labels, scored.",
-    ),
-    "report": ("report:command", "Turn a run into tables, figures and one HTML page."),
-    "export": ("export:command", "Write an identified model as FMU, C, ONNX or MATLAB function."),
-    "animate": (
-        "animate:command",
-        "Show how a run's rig moved, measured over simulated, as a GIF.",
-    ),
-    "effects": ("effects:command", "List the catalogue of effects, or explain one."),
-    "rigs": ("rigs:command", "List the rigs, or explain one."),
-    "schema": ("schema:command", "List or print the JSON schemas of results and files."),
-    "config": ("config:command", "Show the value of every option, and where it comes from."),
-    "completion": (
-        "completion:command",
-        "Print what your shell needs to complete pamid's commands.",
-    ),
-    "demo": ("demo:command", "Everything above on a virtual rig, in about a minute."),
-}
+_HEAD = re.compile(r'"""`pamid ([a-z0-9-]+)`: (.+?)(?:"""|\n\n).*?^PLACE = (\d+)$', re.M | re.S)
+
+
+def _scanned(folder: Path) -> dict[str, str]:
+    """Every command of a folder and its line of help, in the order of PLACE."""
+    heads = [_HEAD.match(file.read_text(encoding="utf-8")) for file in folder.glob("*.py")]
+    found = sorted((int(head[3]), head[1], " ".join(head[2].split())) for head in heads if head)
+    return {name: line for _, name, line in found}
+
+
+#: name -> one line of help
+COMMANDS: dict[str, str] = _scanned(Path(__file__).parent)
 
 
 def load_command(name: str) -> click.Command:
     """A command by its name; imports its module."""
-    module, _, attribute = COMMANDS[name][0].partition(":")
-    found = getattr(importlib.import_module(f".{module}", __package__), attribute)
-    assert isinstance(found, click.Command)
-    return found
+    module = importlib.import_module(f".{name.replace('-', '_')}", __package__)
+    assert isinstance(module.command, click.Command)
+    return module.command
 
 
 def every_command() -> Iterator[click.Command]:

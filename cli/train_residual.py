@@ -1,4 +1,4 @@
-"""`pamid train-residual`: a network for what a fitted model leaves over."""
+"""`pamid train-residual`: Train a network on what a fitted model leaves over."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from . import frame
+from . import frame, names
 from .progress import ProgressBar
 from .terminal import aside, quoted
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     PortWork = Callable[[Run, Leftover, Callable[[str], None], Course], tuple[dict[str, Any], bool]]
 
+PLACE = 60
 EXAMPLE = """
 pamid train-residual fitted --network elman --hidden 10 --iterations 100
 pamid train-residual fitted --network anfis --inputs angle_loop_deg,velocity_loop_deg_per_s --iterations 20
@@ -31,19 +32,12 @@ pamid train-residual fitted --at joint --iterations 20
 @frame.command("train-residual", example=EXAMPLE)
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option(
-    "--network", default="elman", show_default=True, help="Kind of network: elman, anfis or narx."
+    "--network",
+    default="elman",
+    show_default=True,
+    help=f"Kind of network: {names.listed(names.network_sizes())}.",
 )
-@click.option(
-    "--hidden",
-    type=click.IntRange(1, 200),
-    help="Hidden units of elman or narx. [default: 10, or as many as the samples decide]",
-)
-@click.option(
-    "--sets",
-    type=click.IntRange(2, 20),
-    help="Membership sets on every input of anfis. "
-    "[default: the most, up to 5, that make no more than 64 rules]",
-)
+@names.size_options
 @click.option(
     "--iterations",
     type=click.IntRange(0),
@@ -114,8 +108,6 @@ pamid train-residual fitted --at joint --iterations 20
 def command(
     run: Path,
     network: str,
-    hidden: int | None,
-    sets: int | None,
     iterations: int,
     seed: int,
     starts: int,
@@ -127,6 +119,7 @@ def command(
     resume: bool,
     channel: str | None,
     inputs: str | None,
+    **sizes: int | None,
 ) -> frame.Result:
     """Train a network on what the refitted model of the run folder RUN leaves over, on its fitted
     part, and judge it on the held-out part: measured - model, or with --at PORT what is missing in
@@ -147,19 +140,18 @@ def command(
     )
     from pamid.correction.residual_data import read_leftover
 
-    wanted = Wanted(network, hidden, sets)
+    wanted = Wanted(network, sizes)
     folder = Run.open(run)
-    names = tuple(word.strip() for word in (inputs or "").split(",") if word.strip())
+    given = tuple(word.strip() for word in (inputs or "").split(",") if word.strip())
     port = _port_of(run, at, rig)
-    leftover = read_leftover(run, channel, names, replay=port is not None)
+    leftover = read_leftover(run, channel, given, replay=port is not None)
     folder.begin_step(
         command=frame.command_line(),
         seed=seed,
         inputs=[run / FIT_FILE, run / RESIDUAL_FILE],
         options={
             "network": network,
-            "hidden": hidden,
-            "sets": sets,
+            **sizes,
             "iterations": iterations,
             "starts": starts,
             "evidence": evidence,
@@ -299,14 +291,6 @@ def errors_table(about: dict[str, Any]) -> list[str]:
 
 def network_words(kind: str, sizes: dict[str, Any]) -> str:
     """Kind and sizes as people write them: elman 5-10-1; anfis 5x5 = 25 rules."""
-    if kind == "anfis":
-        rules = sizes["sets"] ** sizes["inputs"]
-        return f"anfis {'x'.join([str(sizes['sets'])] * sizes['inputs'])} = {rules} rules"
-    layers = f"{kind} {sizes['inputs']}-{sizes['hidden']}-1"
-    if kind == "elman":
-        return layers
-    return (
-        f"{layers} seeing {sizes['input_lags']} earlier inputs and {sizes['output_lags']} earlier "
-        "outputs, "
-        f"{sizes['stride']} samples apart"
-    )
+    from pamid.networks.store import network_kinds
+
+    return network_kinds()[kind](**sizes).words()

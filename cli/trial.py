@@ -1,4 +1,4 @@
-"""`pamid trial`: the blind trial of the diagnosis."""
+"""`pamid trial`: The blind trial of the diagnosis: drawn cases with hidden labels, scored."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from . import frame
+from . import frame, names
 from .job import cluster_option, failed_text, pool_of
 from .progress import ProgressBar
 from .terminal import quoted
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from pamid.base.run_folder import Run
     from pamid.parallel.jobs import WorkerPool
 
+PLACE = 100
 EXAMPLE = """
 pamid trial --output trial --cases 4 --part calibration --jobs 2
 """
@@ -31,7 +32,7 @@ pamid trial --output trial --cases 4 --part calibration --jobs 2
 )
 @click.option(
     "--rig",
-    type=click.Choice(["one-dof", "two-link"]),
+    type=click.Choice(names.rigs_in("trial/machines.py")),
     default="one-dof",
     show_default=True,
     help="The machine to try it on: one joint, or an arm of two links.",

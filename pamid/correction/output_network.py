@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
@@ -24,16 +24,14 @@ from pamid.base.json_file import json_bytes
 from pamid.base.metrics import mae
 from pamid.base.run_folder import Run
 from pamid.correction.residual_data import MODELS, RESIDUAL_FILE, Leftover, derived, split_table
-from pamid.networks.anfis import Anfis
 from pamid.networks.batch import engine_on
-from pamid.networks.elman import Elman
-from pamid.networks.narx import Narx
 from pamid.networks.network import Network
 from pamid.networks.store import (
     NETWORK_FILE,
     WEIGHTS_FILE,
     TrainedNetwork,
     network_files,
+    network_kinds,
     trace_csv,
     train_on_signals,
 )
@@ -42,65 +40,43 @@ from pamid.networks.training import Progress, Training
 Array = NDArray[np.float64]
 
 CHECKPOINT_FILE, TRACE_FILE = "checkpoint.npz", "trace.csv"
-HIDDEN = 10  # units of a network whose --hidden is not given: the first paper's
 # left out of the second pair of errors: the network starts from a zero state
 STARTUP_S = 1.0
-MOST_RULES, MOST_SETS = 64, 5  # of an ANFIS whose --sets are not given
-# between the taps of a NARX network: 10 samples at 3 ms, where this was measured
-TAP_S = 0.03
-SIZES: dict[str, tuple[str, ...]] = {"elman": ("hidden",), "anfis": ("sets",), "narx": ("hidden",)}
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """The kind of network that is asked for; sizes that are not (None) follow from its inputs.
+    """The kind of network that is asked for; sizes that are not (or None) follow from its inputs.
 
     UsageError for an unknown kind, or a size of another kind.
     """
 
     kind: str = "elman"
-    hidden: int | None = None
-    sets: int | None = None
+    sizes: Mapping[str, int | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if self.kind not in SIZES:
+        kinds = network_kinds()
+        if self.kind not in kinds:
             raise UsageError(
                 f"--network {self.kind!r}: there is no such network.",
-                nearest(self.kind, SIZES) or f"Take one of {', '.join(SIZES)}.",
+                nearest(self.kind, kinds) or f"Take one of {', '.join(kinds)}.",
                 code="unknown-network",
             )
-        for name in ("hidden", "sets"):
-            owners = [kind for kind, sizes in SIZES.items() if name in sizes]
-            if getattr(self, name) is not None and self.kind not in owners:
+        for name in self._asked:
+            owners = [kind for kind, found in kinds.items() if name in found.size_options]
+            if self.kind not in owners:
                 raise UsageError(
                     f"--{name} belongs to --network {' or '.join(owners)}, not to {self.kind}."
                 )
 
+    @property
+    def _asked(self) -> dict[str, int]:
+        return {name: size for name, size in self.sizes.items() if size is not None}
+
     def network(self, inputs: int, period_s: float, samples: int | None = None) -> Network:
-        """The network for this many inputs, sampled every `period_s`; without --hidden of the
-        paper's 10 units as many as this number of samples decides."""
-        if self.kind == "anfis":
-            return Anfis(inputs, _usual_sets(inputs) if self.sets is None else self.sets)
-
-        def of(hidden: int) -> Network:
-            if self.kind == "elman":
-                return Elman(inputs, hidden)
-            return Narx(inputs, hidden, stride=max(1, round(TAP_S / period_s)))
-
-        if self.hidden is not None:
-            return of(self.hidden)
-        fewer = (of(hidden) for hidden in range(HIDDEN, 0, -1))
-        return next((one for one in fewer if samples is None or one.n_weights <= samples), of(1))
-
-
-def _usual_sets(inputs: int) -> int:
-    """As many sets as make at most `MOST_RULES` rules."""
-    if 2**inputs > MOST_RULES:
-        raise UsageError(
-            f"An ANFIS of {inputs} inputs has at least {2**inputs} rules, more than {MOST_RULES}.",
-            "Name fewer with --inputs, or ask for them with --sets 2.",
-        )
-    return max(sets for sets in range(2, MOST_SETS + 1) if sets**inputs <= MOST_RULES)
+        """The network for this many inputs, sampled every `period_s`, to be trained on this many
+        samples."""
+        return network_kinds()[self.kind].sized(inputs, period_s, samples, **self._asked)
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, log_expit
 
-from pamid.base.errors import DataError, nearest
+from pamid.base.errors import DataError, UsageError, nearest
 from pamid.networks.bayes import Evidence
 from pamid.networks.network import Network, Records
 from pamid.networks.normal_equations import Rows
@@ -53,6 +53,7 @@ WIDTH = {"gaussian": 0.6, "bell": 0.7}
 # exponent b of the untouched grid; from 1 to 4 with its limit, so the peak is always smooth
 BELL_SLOPE = 2.0
 MOST_CONSEQUENTS = 5000
+MOST_RULES, MOST_SETS = 64, 5  # where no number of sets is asked for
 START = 0.05  # standard deviation of a random start's premises
 RIDGE = 1e-6  # of a start's least squares, per sample
 CHUNK = 1024  # samples whose Jacobian rows are held at once: 0.8 MB at 95 weights
@@ -72,6 +73,16 @@ class Sets(NamedTuple):
     bend: Array
 
 
+def _usual_sets(inputs: int) -> int:
+    """As many sets as make at most `MOST_RULES` rules."""
+    if 2**inputs > MOST_RULES:
+        raise UsageError(
+            f"An ANFIS of {inputs} inputs has at least {2**inputs} rules, more than {MOST_RULES}.",
+            "Name fewer with --inputs, or ask for them with --sets 2.",
+        )
+    return max(sets for sets in range(2, MOST_SETS + 1) if sets**inputs <= MOST_RULES)
+
+
 @dataclass(frozen=True)
 class Anfis(Network):
     """An ANFIS' sizes; weights are passed to every verb as one flat float64 vector (layout:
@@ -81,6 +92,14 @@ class Anfis(Network):
     """
 
     kind: ClassVar[str] = "anfis"
+    size_options: ClassVar[dict[str, tuple[int, int, str, str]]] = {
+        "sets": (
+            2,
+            20,
+            "Membership sets on every input",
+            "the most, up to 5, that make no more than 64 rules",
+        )
+    }
     inputs: int = 2
     sets: int = 5
     shape: str = "gaussian"
@@ -105,6 +124,15 @@ class Anfis(Network):
                 f"{self.inputs + 1} consequents, more than {MOST_CONSEQUENTS}.",
                 "Rules grow with the power of the inputs: take fewer inputs or sets.",
             )
+
+    @classmethod
+    def sized(
+        cls, inputs: int, period_s: float, samples: int | None = None, **sizes: int
+    ) -> Network:
+        return cls(inputs, sizes["sets"] if sizes else _usual_sets(inputs))
+
+    def words(self) -> str:
+        return f"anfis {'x'.join([str(self.sets)] * self.inputs)} = {self.rules} rules"
 
     @property
     def premises(self) -> int:

@@ -30,7 +30,7 @@ from pamid.engine.recurrence_kernels import (
     run_states,
 )
 from pamid.networks.modal_start import find_modes
-from pamid.networks.network import Network, Records, weighted
+from pamid.networks.network import Network, Records, decided_by, weighted
 from pamid.networks.normal_equations import Rows, aligned
 from pamid.symbolic.expression import symbol
 from pamid.symbolic.memory_cells import Cell
@@ -71,6 +71,9 @@ class Elman(Network):
     (layout: module)."""
 
     kind: ClassVar[str] = "elman"
+    size_options: ClassVar[dict[str, tuple[int, int, str, str]]] = {
+        "hidden": (1, 200, "Hidden units", "10, or as many as the samples decide")
+    }
     inputs: int = 5
     hidden: int = 10
 
@@ -81,6 +84,17 @@ class Elman(Network):
                 raise DataError(
                     f"Elman: {name} must be a whole number of at least 1, not {value!r}."
                 )
+
+    @classmethod
+    def sized(
+        cls, inputs: int, period_s: float, samples: int | None = None, **sizes: int
+    ) -> Network:
+        if sizes:
+            return cls(inputs, **sizes)
+        return decided_by(lambda hidden: cls(inputs, hidden), samples)
+
+    def words(self) -> str:
+        return f"elman {self.inputs}-{self.hidden}-1"
 
     @property
     def n_weights(self) -> int:

@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pamid.base.errors import DataError
 from pamid.engine.feedback_kernels import run_output_sensitivities, run_outputs
-from pamid.networks.network import Network, weighted
+from pamid.networks.network import Network, decided_by, weighted
 from pamid.networks.normal_equations import Rows
 from pamid.symbolic.expression import symbol
 from pamid.symbolic.memory_cells import Cell
@@ -36,6 +36,7 @@ from pamid.symbolic.vocabulary import ZERO, Expr, tanh
 Array = NDArray[np.float64]
 
 MEMORY = 100.0  # samples: longest time constant of a random start
+TAP_S = 0.03  # between the taps: 10 samples at 3 ms, where this was measured
 CHUNK = 1024  # samples whose Jacobian rows are held at once: 1.6 MB at 191 weights
 
 
@@ -65,6 +66,9 @@ class Narx(Network):
     """
 
     kind: ClassVar[str] = "narx"
+    size_options: ClassVar[dict[str, tuple[int, int, str, str]]] = {
+        "hidden": (1, 200, "Hidden units", "10, or as many as the samples decide")
+    }
     inputs: int = 5
     hidden: int = 10
     input_lags: int = 2
@@ -79,6 +83,21 @@ class Narx(Network):
                 raise DataError(
                     f"Narx: {name} must be a whole number of at least {low}, not {value!r}."
                 )
+
+    @classmethod
+    def sized(
+        cls, inputs: int, period_s: float, samples: int | None = None, **sizes: int
+    ) -> Network:
+        stride = max(1, round(TAP_S / period_s))
+        if sizes:
+            return cls(inputs, stride=stride, **sizes)
+        return decided_by(lambda hidden: cls(inputs, hidden, stride=stride), samples)
+
+    def words(self) -> str:
+        return (
+            f"narx {self.inputs}-{self.hidden}-1 seeing {self.input_lags} earlier inputs and "
+            f"{self.output_lags} earlier outputs, {self.stride} samples apart"
+        )
 
     @property
     def n_weights(self) -> int:

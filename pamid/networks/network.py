@@ -7,7 +7,7 @@ is zero: regularisation pulls them there.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -21,6 +21,7 @@ from pamid.symbolic.vocabulary import Expr, expression
 Array = NDArray[np.float64]
 
 ASIDE = 0.1  # of a step: where its second derivative is probed
+HIDDEN = 10  # units of a network for which no number is asked: the first paper's
 Records = Sequence[tuple[Array, Array]]
 
 
@@ -32,6 +33,13 @@ def weighted(weights: Array, values: Sequence[Expr], added: Iterable[Expr | floa
     ]
 
 
+def decided_by(make: "Callable[[int], Network]", samples: int | None) -> "Network":
+    """The largest network of at most `HIDDEN` units whose weights this number of samples decides;
+    of one unit where none is that small. make: the network of a number of units."""
+    sizes = (make(hidden) for hidden in range(HIDDEN, 0, -1))
+    return next((one for one in sizes if samples is None or one.n_weights <= samples), make(1))
+
+
 class Network(ABC):
     """A map from inputs (N, m) to an output (N,), from a zero state; error is target - output, J
     the output's derivative with respect to the weights.
@@ -41,7 +49,24 @@ class Network(ABC):
     """
 
     kind: ClassVar[str]
+    #: sizes that `pamid train-residual` offers as options: name -> least, most, what it is, what is
+    #: taken without it. A literal: the command line reads it from the text of the file.
+    size_options: ClassVar[dict[str, tuple[int, int, str, str]]] = {}
     inputs: int
+
+    @classmethod
+    def sized(
+        cls, inputs: int, period_s: float, samples: int | None = None, **sizes: int
+    ) -> "Network":
+        """The network for this many inputs, sampled every `period_s`, to be trained on this many
+        samples; sizes that are not among `sizes` follow from these. UsageError where it would be
+        too large."""
+        return cls(inputs, **sizes)  # type: ignore[call-arg]
+
+    def words(self) -> str:
+        """Kind and sizes as people write them."""
+        own = ", ".join(f"{name} {value}" for name, value in vars(self).items())
+        return f"{self.kind} ({own})"
 
     @property
     @abstractmethod

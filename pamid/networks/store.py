@@ -16,6 +16,7 @@ import io
 import pkgutil
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -225,14 +226,29 @@ def load_network(folder: Path | str) -> TrainedNetwork:
         raise FileError(f"{path} does not describe a network: {error}", _REMEDY) from None
 
 
+@lru_cache
+def network_kinds() -> dict[str, type[Network]]:
+    """Every kind of network by its name: the classes in the files of this package, no others."""
+    names = [info.name for info in pkgutil.iter_modules([str(Path(__file__).parent)])]
+    modules = [importlib.import_module(f"pamid.networks.{name}") for name in names]
+    return {
+        found.kind: found
+        for module in modules
+        for found in vars(module).values()
+        if isinstance(found, type)
+        and issubclass(found, Network)
+        and found is not Network
+        and found.__module__ == module.__name__
+    }
+
+
 def _class_of(kind: str, path: Path) -> type[Any]:
-    """The class of a kind of network; only modules that lie in this package are ever imported."""
-    kinds = [module.name for module in pkgutil.iter_modules([str(Path(__file__).parent)])]
-    module = importlib.import_module(f"pamid.networks.{kind}") if kind in kinds else None
-    for found in vars(module).values() if module else ():
-        if isinstance(found, type) and getattr(found, "kind", None) == kind:
-            return found
-    raise FileError(f"{path}: unknown kind of network {kind!r}.", nearest(kind, kinds) or _REMEDY)
+    kinds = network_kinds()
+    if kind not in kinds:
+        raise FileError(
+            f"{path}: unknown kind of network {kind!r}.", nearest(kind, kinds) or _REMEDY
+        )
+    return kinds[kind]
 
 
 def _weights(path: Path, sha256: str, n_weights: int) -> Array:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import importlib.util
 import json
 import os
+import re
 import shlex
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -23,11 +24,6 @@ from pamid.base.errors import ConvergenceError, DataError, FileError, PartialErr
 from pamid.base.files import sha256_of
 from pamid.recording.recording import read_recording
 
-PRESENT = [
-    name
-    for name, (place, _) in COMMANDS.items()
-    if importlib.util.find_spec(f"pamid_cli.{place.partition(':')[0]}")
-]
 HEAVY = ("pamid", "numpy", "scipy", "pandas", "torch", "numba", "matplotlib", "pysindy", "sympy")
 CART = Path(__file__).resolve().parents[2] / "data" / "rigs" / "cart.py"
 Planted = Callable[[Callable[[], frame.Result]], None]
@@ -39,10 +35,10 @@ def planted(monkeypatch: pytest.MonkeyPatch) -> Planted:
 
     def plant(function: Callable[[], frame.Result]) -> None:
         made = frame.command("plant", example="pamid plant")(lambda: function())
-        module = type(sys)("pamid_cli._planted")
+        module = type(sys)("pamid_cli.plant")
         module.command = made  # type: ignore[attr-defined]
-        monkeypatch.setitem(sys.modules, "pamid_cli._planted", module)
-        monkeypatch.setitem(COMMANDS, "plant", ("_planted:command", "A test."))
+        monkeypatch.setitem(sys.modules, "pamid_cli.plant", module)
+        monkeypatch.setitem(COMMANDS, "plant", "A test.")
 
     return plant
 
@@ -64,7 +60,7 @@ def test_help_loads_nothing_heavy() -> None:
         assert name in found.stdout
 
 
-@pytest.mark.parametrize("name", PRESENT)
+@pytest.mark.parametrize("name", COMMANDS)
 def test_help_of_a_command_is_light_and_ends_with_an_example(name: str) -> None:
     code = (
         f"import sys; from pamid_cli.frame import run; run([{name!r}, '--help']);"
@@ -80,13 +76,58 @@ def test_help_of_a_command_is_light_and_ends_with_an_example(name: str) -> None:
     assert "--json" in body and "--debug" in body
 
 
+def test_a_command_is_one_file(tmp_path: Path) -> None:
+    """CONTRIBUTING's, in a copy of the package: listed at its place, and run."""
+    copy = tmp_path / "pamid_cli"
+    shutil.copytree(Path(frame.__file__).parent, copy)
+    place = re.search(r"^PLACE = (\d+)$", (copy / "fit.py").read_text(), re.MULTILINE)
+    assert place is not None
+    (copy / "say_hello.py").write_text(f'''"""`pamid say-hello`: Greet\nsomebody."""
+
+import click
+
+from . import frame
+
+PLACE = {int(place[1]) + 1}
+EXAMPLE = "pamid say-hello Ada"
+
+
+@frame.command("say-hello", example=EXAMPLE)
+@click.argument("name")
+def command(name):
+    """Greet NAME."""
+    return frame.Result({{"schema": "pamid.text/1", "text": name}}, f"Hello, {{name}}.")
+''')
+
+    def run(*words: str) -> list[str]:
+        found = subprocess.run(
+            [sys.executable, "-m", "pamid_cli", *words],
+            env={**os.environ, "PYTHONPATH": str(tmp_path)},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        return found.stdout.splitlines()
+
+    lines = run("--help")
+    assert lines[lines.index("  say-hello        Greet somebody.") - 1].startswith("  fit ")
+    assert run("say-hello", "Ada") == ["Hello, Ada."]
+
+
+def test_every_command_file_is_found() -> None:
+    """One whose head cannot be read would be no command, and nobody would be told."""
+    files = Path(frame.__file__).parent.glob("*.py")
+    decorated = {f.stem.replace("_", "-") for f in files if "\n@frame.command(" in f.read_text()}
+    assert decorated == set(COMMANDS)
+
+
 @pytest.mark.slow
 def test_examples_run_one_after_the_other(tmp_path: Path) -> None:
     """In the order of the table, in one folder: what one example writes, the next may read; data/
     lies in it. What is made of a fitted model comes last."""
     (tmp_path / "data").symlink_to(Path(__file__).resolve().parents[2] / "data")
     lines: list[str] = []
-    for name in PRESENT:
+    for name in COMMANDS:
         found = subprocess.run(
             [sys.executable, "-m", "pamid_cli", name, "--help"], capture_output=True, text=True
         )

@@ -3,7 +3,6 @@ cart."""
 
 from __future__ import annotations
 
-import importlib
 import os
 import re
 import shlex
@@ -11,9 +10,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-import click
 import pytest
-from pamid_cli.table import COMMANDS
+from pamid_cli.table import COMMANDS, load_command
 
 from pamid.model.effect import KINDS
 from pamid.model.registry import effects, rigs
@@ -62,10 +60,8 @@ def command_lines(page: Path) -> list[list[str]]:
 
 
 def options_of(name: str) -> set[str]:
-    module, _, function = COMMANDS[name][0].partition(":")
-    command = getattr(importlib.import_module(f"pamid_cli.{module}"), function)
-    assert isinstance(command, click.Command)
-    return {word for one in command.params for word in (*one.opts, *one.secondary_opts)}
+    params = load_command(name).params
+    return {word for one in params for word in (*one.opts, *one.secondary_opts)}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.relative_to(ROOT).as_posix())

@@ -190,7 +190,7 @@ def test_every_network_is_trained(
 def test_usual_sets_of_an_anfis(inputs: int, sets: int) -> None:
     network = Wanted("anfis").network(inputs, 0.003)
     assert network == Anfis(inputs, sets) and network.rules <= 64
-    assert Wanted("anfis", sets=2).network(7, 0.003).n_weights == Anfis(7, 2).n_weights
+    assert Wanted("anfis", {"sets": 2}).network(7, 0.003).n_weights == Anfis(7, 2).n_weights
     with pytest.raises(UsageError, match="128 rules"):
         Wanted("anfis").network(7, 0.003)
 
@@ -427,7 +427,7 @@ import os, signal, sys, time
 signal.signal(signal.SIGINT, signal.default_int_handler)
 from pamid_cli.frame import main
 from pamid_cli.progress import ProgressBar
-said, left, update = int(sys.argv.pop(1)), [int(sys.argv.pop(1))], Progress.update
+said, left, update = int(sys.argv.pop(1)), [int(sys.argv.pop(1))], ProgressBar.update
 def held(*words):
     left[0] -= 1
     if left[0] == 0:
@@ -435,7 +435,7 @@ def held(*words):
         while True:
             time.sleep(0.01)    # one long wait would never hear a signal that comes just before it begins
     update(*words)
-Progress.update = held
+ProgressBar.update = held
 main()
 """  # noqa: E501
 Process = subprocess.Popen[bytes]

@@ -68,7 +68,7 @@ def _checkpoint(place: Path) -> None:
 
     train_correction(
         read_leftover(place / "explained"),
-        wanted=Wanted("elman", 2, None),
+        wanted=Wanted("elman", {"hidden": 2}),
         iterations=1,
         seed=0,
         threads=1,
