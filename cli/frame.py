@@ -295,10 +295,10 @@ def _print_error(error: BaseException, as_json: bool, debug: bool = False) -> in
         return _unheard(error)
     if debug and not isinstance(error, click.ClickException | click.Abort):
         aside(traceback.format_exc())
-    told, code = _explain(error)
+    described, code = _explain(error)
     if as_json:
         try:
-            say(printable_json(_json(told)))
+            say(printable_json(_json(described)))
             return code
         except OSError as closed:
             _unheard(closed)  # then at least on stderr
@@ -311,9 +311,9 @@ def _print_error(error: BaseException, as_json: bool, debug: bool = False) -> in
         click.echo(
             click.style(label, fg="red", bold=True) if coloured else label, nl=False, err=True
         )
-    aside(told["message"])
-    if told["hint"]:
-        aside(f"  {told['hint']}")
+    aside(described["message"])
+    if described["hint"]:
+        aside(f"  {described['hint']}")
     return code
 
 

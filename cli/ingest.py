@@ -169,14 +169,16 @@ def _ingest(
     from pamid.ingest.mapping import load_mapping
     from pamid.ingest.reading import read_log
 
-    told = load_mapping(mapping, pressures)
-    rig = _rig(rig_name or told.rig, bool(rig_name), mapping)
-    told = told.model_copy(update={"rig": rig_name or told.rig, "known": {**told.known, **known}})
+    parsed = load_mapping(mapping, pressures)
+    rig = _rig(rig_name or parsed.rig, bool(rig_name), mapping)
+    parsed = parsed.model_copy(
+        update={"rig": rig_name or parsed.rig, "known": {**parsed.known, **known}}
+    )
     made = []
     with ProgressBar("reading logs", len(logs)) as progress:
         for number, log in enumerate(logs):
             progress.update(number, log.name)
-            made.append(convert(read_log(log, kind), told, rig, str(mapping), repair or ""))
+            made.append(convert(read_log(log, kind), parsed, rig, str(mapping), repair or ""))
     as_folder = output.is_dir() or not output.suffix  # a Path does not keep a trailing slash
     if as_folder and output.is_file() or not as_folder and output.suffix != ".csv":
         raise FileError(
@@ -189,7 +191,7 @@ def _ingest(
     for note in dict.fromkeys(warnings):
         aside(f"Warning: {note}")
     said = {"schema": "pamid.ingest/1", "recordings": accounts}
-    return frame.Result(said, _text(made, accounts, _named(rig_name or told.rig or "")))
+    return frame.Result(said, _text(made, accounts, _named(rig_name or parsed.rig or "")))
 
 
 def _rig(name: str | None, named_here: bool, mapping: Path) -> Rig | None:

@@ -56,8 +56,8 @@ class ProgressBar:
             if self._total and done > 0
             else ""
         )
-        told = printable(f"{self._label}: {count}{text}".rstrip().replace("\n", " "))[:_WIDTH]
-        line = f"{told} ({spent:.0f} s{left})"
+        line_start = printable(f"{self._label}: {count}{text}".rstrip().replace("\n", " "))[:_WIDTH]
+        line = f"{line_start} ({spent:.0f} s{left})"
         self._write(f"\r{line}\x1b[K" if self._live else line + "\n")
 
     def _write(self, text: str) -> None:

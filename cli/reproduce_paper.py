@@ -106,7 +106,7 @@ def _refuse_strangers() -> None:
             )
 
 
-def _carried_out(
+def _run_replication(
     run: Any, reproduce: Callable[..., dict[str, Any]], plan: Any, **more: Any
 ) -> dict[str, Any]:
     """What `reproduce` finds; the run is closed with how it ended."""
@@ -161,7 +161,7 @@ def _joint(
             options=asdict(plan),
             overwrite=overwrite,
         )
-    found = _carried_out(run, reproduce, plan, resume=resume)
+    found = _run_replication(run, reproduce, plan, resume=resume)
     return frame.Result(found, table_text(found))
 
 
@@ -179,10 +179,10 @@ def table_text(found: dict[str, Any]) -> str:
         if found["quick"]
         else []
     )
-    told = ("trained at", "never seen")
+    remarks = ("trained at", "never seen")
     lines += [
         f"{'':28s}"
-        + "".join(f"{f'{case} ({word})':>39s}" for case, word in zip(cases, told, strict=True)),
+        + "".join(f"{f'{case} ({word})':>39s}" for case, word in zip(cases, remarks, strict=True)),
         f"{'MAE of the steps, deg':28s}"
         + f"{'published':>11s}{'here':>9s}{'after 1 s':>10s}{'lower by':>9s}" * 2
         + f"{'seconds':>9s}",
@@ -278,7 +278,7 @@ def _arm(output: Path, overwrite: bool, seed: int, quick: bool) -> frame.Result:
         overwrite=overwrite,
         options={"paper": "arm", **asdict(plan)},
     )
-    found = _carried_out(run, reproduce_arm, plan)
+    found = _run_replication(run, reproduce_arm, plan)
     return frame.Result(
         found, arm_text(found), 0 if all(f["converged"] for f in found["fits"].values()) else 5
     )
@@ -352,26 +352,26 @@ def _errors(title: str, variables: Iterable[tuple[str, dict[str, Any]]]) -> list
     ]
 
 
-def _combinations(told: dict[str, Any]) -> list[str]:
+def _combinations(estimates: dict[str, Any]) -> list[str]:
     """What the motion depends on, with and without the test that sets the common factor."""
     return [
         f"{'Inertial data':28s}{'data sheet':>11s}{'truth':>11s}{'without the payload test':>38s}"
         f"{'all gravity tests':>38s}",
         *(
             f"{name:28s}{one['data_sheet']:11.4g}{one['truth']:11.4g}{_told(one[_UNLOADED])}{_told(one['gravity'])}"
-            for name, one in told.items()
+            for name, one in estimates.items()
         ),
     ]
 
 
-def _parameters(told: dict[str, Any]) -> list[str]:
+def _parameters(estimates: dict[str, Any]) -> list[str]:
     return [
         f"{'Parameter':28s}{'data sheet':>11s}{'truth':>11s}{'fitted, analytic law':>38s}"
         f"{'fitted, ANFIS law':>38s}",
         *(
             f"{name:28s}{one['data_sheet']:11.4g}{one['truth']:11.4g}{_told(one['fitted_analytic'])}"
             f"{_told(one['fitted_anfis'])}"
-            for name, one in told.items()
+            for name, one in estimates.items()
         ),
         "* the interval does not hold the truth",
     ]

@@ -22,7 +22,6 @@ count.
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -37,7 +36,6 @@ from .table import COMMANDS, every_command
 FILE = "pamid.toml"
 SHARED = "defaults"
 ENVIRONMENT = "PAMID"
-_MOST = 1 << 20  # bytes of a pamid.toml (settings_file has seen that it is a regular file)
 _OURS = ("json", "debug", "help")
 _RISKY = ("cluster", "force", "overwrite")  # with paths of code; see above
 
@@ -96,23 +94,20 @@ def why_harmless_only(path: Path) -> str:
 
 
 def read_settings(path: Path) -> dict[str, dict[str, Any]]:
-    """Tables of the file, by command. SettingsError for what is no TOML or names no command."""
+    """Tables of the file, by command. SettingsError for what cannot be read, is no TOML, or
+    names no command."""
     return _read(path, path.stat().st_mtime_ns)
 
 
 @lru_cache(maxsize=4)
 def _read(path: Path, _stamp: int) -> dict[str, dict[str, Any]]:
+    from pamid.base.errors import FileError
+    from pamid.base.toml_file import read_toml
+
     try:
-        if path.stat().st_size > _MOST:
-            raise SettingsError(f"{path} is too large: at most {_MOST} bytes are read.")
-        tables = tomllib.loads(path.read_bytes().decode("utf-8"))
-    except OSError as error:
-        raise SettingsError(f"{path} cannot be read: {error.strerror}.") from error
-    except UnicodeDecodeError:
-        raise SettingsError(f"{path} is not UTF-8 text.") from None
-    # ValueError: also a number of thousands of digits
-    except (ValueError, RecursionError) as error:
-        raise SettingsError(f"{path} is not TOML: {error}.") from None
+        tables = read_toml(path)
+    except FileError as error:
+        raise SettingsError(error.message, error.hint) from error
     for name, table in tables.items():
         if name not in (SHARED, *COMMANDS):
             raise SettingsError(

@@ -15,11 +15,13 @@ from .terminal import aside, quoted
 
 if TYPE_CHECKING:
     from pamid.base.run_folder import Run
-    from pamid.correction.output_network import Course
-    from pamid.correction.residual_data import Leftover
+    from pamid.correction.output_network import TrainingOptions
+    from pamid.correction.residual_data import ResidualData
     from pamid.networks.training import Step
 
-    PortWork = Callable[[Run, Leftover, Callable[[str], None], Course], tuple[dict[str, Any], bool]]
+    PortWork = Callable[
+        [Run, ResidualData, Callable[[str], None], TrainingOptions], tuple[dict[str, Any], bool]
+    ]
 
 PLACE = 60
 EXAMPLE = """
@@ -133,18 +135,18 @@ def command(
     from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE, Run
     from pamid.correction.output_network import (
         CHECKPOINT_FILE,
-        Course,
+        TrainingOptions,
         Wanted,
         train_correction,
         write_correction,
     )
-    from pamid.correction.residual_data import read_leftover
+    from pamid.correction.residual_data import read_residual_data
 
     wanted = Wanted(network, sizes)
     folder = Run.open(run)
     given = tuple(word.strip() for word in (inputs or "").split(",") if word.strip())
     port = _port_of(run, at, rig)
-    leftover = read_leftover(run, channel, given, replay=port is not None)
+    leftover = read_residual_data(run, channel, given, replay=port is not None)
     folder.begin_step(
         command=frame.command_line(),
         seed=seed,
@@ -168,7 +170,7 @@ def command(
             step.iteration, f"{which}MSE {step.mse:.4g}, gamma {step.gamma:.1f}, mu {step.mu:.1g}"
         )
 
-    course = Course(
+    course = TrainingOptions(
         wanted=wanted,
         independent=evidence == "independent-samples",
         device=device,
@@ -220,7 +222,7 @@ def _port_of(run: Path, at: str, rig: str | None) -> PortWork | None:
     entry = entry_of(origin.evidence.rig, at)
 
     def work(
-        folder: Run, leftover: Leftover, stage: Callable[[str], None], course: Course
+        folder: Run, leftover: ResidualData, stage: Callable[[str], None], course: TrainingOptions
     ) -> tuple[dict[str, Any], bool]:
         found = train_at_port(leftover, origin.model(stage), entry, stage, **course)
         return write_port_correction(folder, found), found.interrupted

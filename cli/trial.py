@@ -188,14 +188,14 @@ def _share(
 
     _joined(output, fixed, options)
     number, count = share
-    whole = chosen(
+    every_case = chosen(
         fixed["part"],
         options["cases"],
         fixed["seed"],
         rig=fixed.get("rig", "one-dof"),
         only=options["only"] or "",
     )
-    cases = whole[number - 1 :: count]
+    cases = every_case[number - 1 :: count]
     with ProgressBar("trial", len(cases)) as progress:
         results = run_cases(cases, output, pool, done=lambda i, n: progress.update(i, "cases"))
     failed = failed_jobs(results)
@@ -207,7 +207,7 @@ def _share(
         "failed_jobs": failed,
     }
     text = [
-        f"{len(cases)} of {len(whole)} cases (share {number} of {count}).",
+        f"{len(cases)} of {len(every_case)} cases (share {number} of {count}).",
         *failed_text(found),
         f"When all shares are finished: {_scoring(output, fixed | options)}",
     ]

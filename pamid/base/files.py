@@ -174,26 +174,26 @@ def write_together(files: Mapping[Path, bytes]) -> None:
 def replace_together(made: Mapping[Path, Path]) -> None:
     """Move finished files (target -> where it was made, on the same disk) to their places, all or
     none."""
-    kept: dict[Path, Path] = {}  # a second name of what stood there
+    backups: dict[Path, Path] = {}  # a second name of what stood there
     begun: list[Path] = []
     try:
         # whether the last one takes its place decides: it needs no way back
         for target in list(made)[:-1]:
             if os.path.lexists(target):
-                kept[target] = temporary_of(target)
-                _second_name(target, kept[target])
+                backups[target] = temporary_of(target)
+                _second_name(target, backups[target])
         for target, temporary in made.items():
             begun.append(target)
             os.replace(temporary, target)
     except BaseException:
         for target in begun[:-1]:
             with contextlib.suppress(OSError):
-                os.replace(kept[target], target) if target in kept else target.unlink(
+                os.replace(backups[target], target) if target in backups else target.unlink(
                     missing_ok=True
                 )
         raise
     finally:
-        for second in kept.values():
+        for second in backups.values():
             with contextlib.suppress(OSError):
                 second.unlink(missing_ok=True)
 
@@ -267,10 +267,31 @@ def is_inside(folder: Path, below: PurePath) -> bool:
 def sweep(folder: Path) -> None:
     """Remove what killed processes left half-written; a process still alive may be writing, so its
     files stay."""
-    for item in () if folder.is_symlink() else folder.glob(".*.tmp"):
-        found = LEFTOVER.fullmatch(item.name)
-        if found and int(found[1]) != os.getpid() and not _alive(int(found[1])):
-            remove_file(item)
+    for item in _abandoned(folder):
+        remove_file(item)
+
+
+def sweep_stages(folder: Path, name: str) -> None:
+    """Remove folders that killed processes made under `temporary_of(folder / name)`, with the files
+    that lie directly in them; one that holds anything else stays."""
+    for stage in _abandoned(folder):
+        if stage.name.startswith(f".{name}.") and stage.is_dir() and not stage.is_symlink():
+            for item in stage.iterdir():
+                remove_file(item)
+            with contextlib.suppress(OSError):
+                stage.rmdir()
+
+
+def _abandoned(folder: Path) -> list[Path]:
+    """What lies in a folder under a temporary name whose process is no longer alive."""
+    if folder.is_symlink():
+        return []
+    named = [(item, LEFTOVER.fullmatch(item.name)) for item in folder.glob(".*.tmp")]
+    return [
+        item
+        for item, found in named
+        if found and int(found[1]) != os.getpid() and not _alive(int(found[1]))
+    ]
 
 
 def _alive(process: int) -> bool:

@@ -32,7 +32,7 @@ def read_toml(path: Path, missing: Callable[[], str] = str) -> dict[str, Any]:
         ) from None
     except tomllib.TOMLDecodeError as error:
         raise FileError(
-            f"{path}: not TOML: {error}.",
+            f"{path} is not TOML: {error}.",
             "Text stands in quotes, numbers have a decimal point; a line is "
             "`key = value` or [table].",
             code="toml",

@@ -127,10 +127,10 @@ def windows_of(time: FloatArray, starts: Places, stops: Places) -> tuple[tuple[f
     """Stretches [start, stop) as times; near ones are joined until there are at most 60."""
     gap = 5
     while starts.size:
-        apart = starts[1:] - stops[:-1] > gap
+        separated = starts[1:] - stops[:-1] > gap
         first, last = (
-            starts[np.concatenate([[True], apart])],
-            stops[np.concatenate([apart, [True]])],
+            starts[np.concatenate([[True], separated])],
+            stops[np.concatenate([separated, [True]])],
         )
         if first.size <= MOST_WINDOWS:
             return tuple(
@@ -289,8 +289,8 @@ def _jumps_on(s: Signal, start: int, stop: int) -> bool:
         return False
     d = np.abs(np.diff(s.values[max(0, start - 22) : stop + 22]))
     at = stop - 1 - max(0, start - 22)
-    beside = float(max(d[:at].max(initial=0.0), d[at + 1 :].max(initial=0.0)))
-    return bool(d[at] > JUMP * max(beside, 0.5 * s.step) and d[at] > 1e-3 * s.span)
+    neighbour = float(max(d[:at].max(initial=0.0), d[at + 1 :].max(initial=0.0)))
+    return bool(d[at] > JUMP * max(neighbour, 0.5 * s.step) and d[at] > 1e-3 * s.span)
 
 
 def bridged(s: Signal, aside: Mask) -> list[Issue]:

@@ -154,9 +154,9 @@ def _sent_columns(recording: Recording, rig: Rig | None) -> set[str]:
             for name, values in recording.columns.items()
             if name.startswith(SENT) or 0.0 < np.mean(values[1:] != values[:-1]) < 1.0 - STEPPED
         }
-    told = [*rig.inputs, *(loop.reference for loop in rig.loops)]
+    sent = [*rig.inputs, *(loop.reference for loop in rig.loops)]
     return {
-        column for name in told if (column := match_column(recording.columns, name)) is not None
+        column for name in sent if (column := match_column(recording.columns, name)) is not None
     }
 
 
@@ -257,10 +257,10 @@ def _rows_held(signals: Sequence[Signal]) -> Mask:
             d[np.clip(k, 0, d.size - 1)] for k in (starts - 2, stops - 1, stops)
         )
         least = max(5.0 * s.step, 1e-4 * s.span)
-        beside = np.maximum(before, after)
+        neighbour = np.maximum(before, after)
         moving |= (
             (np.minimum(before, after) > least)
-            & (behind > 1.6 * beside)
+            & (behind > 1.6 * neighbour)
             & (starts > 1)
             & (stops < held.size - 1)
         )

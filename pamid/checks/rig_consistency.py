@@ -123,10 +123,15 @@ def contradictions(
         for c, still in zip(columns, mended.model.std(axis=0) < STIR * noise, strict=True)
         if still
     }
-    told = {"unit": judged, "pressure": judged, "absolute-pressure": judged, "dead": resting}
+    judged_by_kind = {
+        "unit": judged,
+        "pressure": judged,
+        "absolute-pressure": judged,
+        "dead": resting,
+    }
     return (
         found + units + _offsets(mended, recording, rig) + _delays(mended, recording, rig),
-        told,
+        judged_by_kind,
         mended,
     )
 
@@ -141,8 +146,8 @@ def evidence_of(recording: Recording, rig: Rig) -> Evidence | None:
 
 
 def _evidence(recording: Recording, rig: Rig) -> Evidence | None:
-    whole = Assembly(rig)
-    names = measured_outputs(whole, recording)
+    assembly = Assembly(rig)
+    names = measured_outputs(assembly, recording)
     assembly = Assembly(rig, outputs=names)
     p, _ = known_values(
         assembly,

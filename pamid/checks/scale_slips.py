@@ -247,13 +247,13 @@ def far_off(recording: Recording, rig: Rig, e: Evidence) -> list[Issue]:
     if not bad:
         return []
     most = float(error[bad[0]])
-    told = "runs away" if most == MOST else f"misses by {most:.2g} times what the signal moves"
+    miss = "runs away" if most == MOST else f"misses by {most:.2g} times what the signal moves"
     return [
         Issue(
             "far-off",
             tuple(columns[i] for i in bad),
             "advice",
-            f"{columns[bad[0]]}: the data sheet of rig {rig.name!r} {told}",
+            f"{columns[bad[0]]}: the data sheet of rig {rig.name!r} {miss}",
             advice(slips(e, recording)),
             (),
             {"error": most},

@@ -171,8 +171,8 @@ class Identified:
         """Every parameter of `lowered` by name, SI."""
         found = dict(zip(self.assembly.keys, self.values.tolist(), strict=True))
         if self.beside is not None:
-            told = zip(self.beside[0].keys, self.beside[1].tolist(), strict=True)
-            found |= {f"{BESIDE}{key}": value for key, value in told}
+            uncorrected = zip(self.beside[0].keys, self.beside[1].tolist(), strict=True)
+            found |= {f"{BESIDE}{key}": value for key, value in uncorrected}
         return found
 
     @cached_property
@@ -190,9 +190,9 @@ class Identified:
         otherwise."""
 
         def put(assembly: Assembly, values: Array) -> Array:
-            told = {assembly.index_of(name): value for name, value in known.items()}
+            by_index = {assembly.index_of(name): value for name, value in known.items()}
             out = values.copy()
-            for i, value in told.items():
+            for i, value in by_index.items():
                 out[i] = value * assembly.parameters[i].factor
             return out
 
@@ -355,16 +355,18 @@ def load_identified(
 def _model(
     rig: Rig, fit: dict[str, Any], part: str, catalogue: dict[str, type[Effect]], path: Path
 ) -> Identified:
-    told = fit[part]
+    saved = fit[part]
     assembly = Assembly(
-        rig, tuple(attach(rig, str(label), catalogue) for label in told["effects"]), background=True
+        rig,
+        tuple(attach(rig, str(label), catalogue) for label in saved["effects"]),
+        background=True,
     )
-    values = {str(key): float(value) for key, value in told["values"].items()}
+    values = {str(key): float(value) for key, value in saved["values"].items()}
     if set(values) != set(assembly.keys):
         odd = sorted(set(values) ^ set(assembly.keys))
         _refuse(path, f"its model and the rig {rig.name!r} differ in {', '.join(odd[:3])}")
     p = np.array([values[key] for key in assembly.keys])
-    step = Stepping(int(told["stepping"]["substeps"]), bool(told["stepping"]["implicit"]))
+    step = Stepping(int(saved["stepping"]["substeps"]), bool(saved["stepping"]["implicit"]))
     periods = [float(one["period_s"]) for one in fit["recordings"]]
     controllers = [one["controller"] for one in fit["recordings"] if one["loop"] == "closed"]
     controller = {str(k): float(v) for k, v in controllers[0].items()} if controllers else {}

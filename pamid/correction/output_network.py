@@ -23,7 +23,7 @@ from pamid.base.files import write_together
 from pamid.base.json_file import json_bytes
 from pamid.base.metrics import mae
 from pamid.base.run_folder import Run
-from pamid.correction.residual_data import MODELS, RESIDUAL_FILE, Leftover, derived, split_table
+from pamid.correction.residual_data import MODELS, RESIDUAL_FILE, ResidualData, derived, split_table
 from pamid.networks.batch import engine_on
 from pamid.networks.network import Network
 from pamid.networks.store import (
@@ -88,7 +88,7 @@ class Correction:
     channel's unit.
     """
 
-    leftover: Leftover
+    residual: ResidualData
     trained: TrainedNetwork
     training: Training
     values: Array
@@ -99,7 +99,7 @@ class Correction:
         return self.training.why == "interrupted"
 
 
-class Course(TypedDict, total=False):
+class TrainingOptions(TypedDict, total=False):
     """How a network is trained: which one (default: Elman), where (cpu or a device that torch
     sees), and what goes to `networks.training.train`."""
 
@@ -115,25 +115,27 @@ class Course(TypedDict, total=False):
     progress: Progress | None
 
 
-def train_correction(leftover: Leftover, **course: Unpack[Course]) -> Correction:
+def train_correction(residual: ResidualData, **options: Unpack[TrainingOptions]) -> Correction:
     """Train on part 0, judge on part 1; errors as in `train_network`."""
-    trained, training, values = train_network(leftover, leftover.channel, leftover.target, **course)
+    trained, training, values = train_network(
+        residual, residual.channel, residual.target, **options
+    )
     return Correction(
-        leftover,
+        residual,
         trained,
         training,
         values,
         held_out_mae(
-            leftover,
-            leftover.channel,
-            refitted=leftover.columns[leftover.modelled],
-            with_network=leftover.columns[leftover.modelled] + values,
+            residual,
+            residual.channel,
+            refitted=residual.columns[residual.modelled],
+            with_network=residual.columns[residual.modelled] + values,
         ),
     )
 
 
 def train_network(
-    leftover: Leftover, name: str, target: Array, **course: Unpack[Course]
+    residual: ResidualData, name: str, target: Array, **options: Unpack[TrainingOptions]
 ) -> tuple[TrainedNetwork, Training, Array]:
     """A network for `target` (rows,) over part 0, and its values over all stretches, elsewhere 0
     (rows,).
@@ -142,23 +144,23 @@ def train_network(
     ConvergenceError where the training diverged at its very start; FileError for a checkpoint of
     another training.
     """
-    own = leftover.of_part(0)
-    scored = sum(s.rows.stop - s.rows.start - leftover.washout for s in own)
-    network = course.pop("wanted", Wanted()).network(
-        len(leftover.inputs), leftover.period_s, scored
+    own = residual.of_part(0)
+    scored = sum(s.rows.stop - s.rows.start - residual.washout for s in own)
+    network = options.pop("wanted", Wanted()).network(
+        len(residual.inputs), residual.period_s, scored
     )
-    engine = engine_on(course.pop("device", "cpu"), network)
+    engine = engine_on(options.pop("device", "cpu"), network)
     # the number of threads must not show in the last bits
     with threadpool_limits(limits=1, user_api="blas"):
         trained, training = train_on_signals(
             network,
-            [leftover.signals(s) for s in own],
+            [residual.signals(s) for s in own],
             [target[s.rows] for s in own],
             output_name=name,
-            period_s=leftover.period_s,
-            washout=leftover.washout,
+            period_s=residual.period_s,
+            washout=residual.washout,
             engine=engine,
-            **course,
+            **options,
         )
         if not len(training.trace["iteration"]):
             if training.why == "interrupted":
@@ -167,25 +169,25 @@ def train_network(
                 f"The training did not begin: {training.why}.", "Try another --seed."
             )
         values = np.zeros(len(target))
-        for s in leftover.stretches:
-            values[s.rows] = trained.predict(leftover.signals(s))
+        for s in residual.stretches:
+            values[s.rows] = trained.predict(residual.signals(s))
     return trained, training, values
 
 
-def held_out_mae(leftover: Leftover, channel: str, **models: Array) -> dict[str, float]:
+def held_out_mae(residual: ResidualData, channel: str, **models: Array) -> dict[str, float]:
     """MAE of a channel by several models (rows,) over the scored held-out rows: by the model's
     name, and by it with `_after_1_s` where the start-up is left out, too."""
-    startup = math.ceil(STARTUP_S / leftover.period_s - 1e-6)
+    startup = math.ceil(STARTUP_S / residual.period_s - 1e-6)
     found: dict[str, float] = {}
-    for ending, skip in (("", leftover.washout), ("_after_1_s", max(startup, leftover.washout))):
+    for ending, skip in (("", residual.washout), ("_after_1_s", max(startup, residual.washout))):
         rows = np.concatenate(
             [
                 np.arange(s.rows.start + skip, max(s.rows.stop, s.rows.start + skip))
-                for s in leftover.of_part(1)
+                for s in residual.of_part(1)
             ]
         )
         if len(rows):  # windows may be shorter than the start-up
-            measured = leftover.columns[channel][rows]
+            measured = residual.columns[channel][rows]
             found |= {
                 f"{name}{ending}": mae(measured, model[rows]) for name, model in models.items()
             }
@@ -198,7 +200,7 @@ def held_out_mae(leftover: Leftover, channel: str, **models: Array) -> dict[str,
 def write_correction(run: Run, found: Correction) -> dict[str, Any]:
     """network.npz, network.json, trace.csv and the network's column of residual.csv; returns
     network.json."""
-    one = found.leftover
+    one = found.residual
     about = {
         "enters": "output",
         "model": one.model,
@@ -227,12 +229,12 @@ def write_network(
     weights, network, trace, residual = run.claim(
         WEIGHTS_FILE, NETWORK_FILE, TRACE_FILE, RESIDUAL_FILE
     )
-    content, described = network_files(trained)
-    whole = described | about
+    weights_data, described = network_files(trained)
+    content = described | about
     write_together(
         {
-            weights: content,
-            network: json_bytes(whole, NETWORK_FILE),
+            weights: weights_data,
+            network: json_bytes(content, NETWORK_FILE),
             trace: trace_csv(training),
             residual: with_columns(
                 residual,
@@ -240,7 +242,7 @@ def write_network(
             ),
         }
     )
-    return whole
+    return content
 
 
 def with_columns(path: Path, added: Mapping[str, Sequence[float] | Array]) -> bytes:
@@ -249,10 +251,10 @@ def with_columns(path: Path, added: Mapping[str, Sequence[float] | Array]) -> by
     names, body = split_table(path)
     earlier = {derived(c, "network") for c in names}
     keep = [i for i, column in enumerate(names) if column not in earlier]
-    whole = len(keep) == len(names)
+    complete = len(keep) == len(names)
     lines = [",".join([*(names[i] for i in keep), *added])]
     for line, values in zip(body, zip(*added.values(), strict=True), strict=True):
-        if not whole:
+        if not complete:
             cells = line.split(",")
             line = ",".join([cells[i] for i in keep])
         lines.append(",".join([line, *(f"{value:.9g}" for value in values)]))

@@ -33,13 +33,13 @@ from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE, Run
 from pamid.base.units import NONE, display_unit, from_si, split_column, to_si, with_unit
 from pamid.correction.output_network import (
     Correction,
-    Course,
+    TrainingOptions,
     held_out_mae,
     train_correction,
     train_network,
     write_network,
 )
-from pamid.correction.residual_data import MODELS, Leftover, derived
+from pamid.correction.residual_data import MODELS, ResidualData, derived
 from pamid.diagnosis.contender import contender_from, transferred
 from pamid.diagnosis.smoother import ROUNDS, Latent, Smoother, size_at
 from pamid.estimation.fit_model import GreyBox, fit_model
@@ -110,7 +110,7 @@ class PortCorrection:
 
     entry: Entry
     parameters: dict[str, float]
-    leftover: Leftover
+    residual: ResidualData
     trained: TrainedNetwork
     training: Training
     beside: Correction | None
@@ -295,11 +295,11 @@ class Corrected:
 
 
 def train_at_port(
-    leftover: Leftover,
+    residual: ResidualData,
     model: GreyBox,
     entry: Entry,
     stage: Progress = silent,
-    **course: Unpack[Course],
+    **options: Unpack[TrainingOptions],
 ) -> PortCorrection:
     """Train on what is missing at the entry over the fitted part, judge on the held-out windows;
     beside it the same network, trained alike, on what is left of the channel. Errors as in
@@ -313,18 +313,18 @@ def train_at_port(
             for t in e.tracks(model.assembly)
         )
         missing, p = missing_at(model, fitted, entry)
-    target = np.zeros(len(leftover.target))
+    target = np.zeros(len(residual.target))
     if len(missing) + sum(len(r.track) for r in model.held_out) != len(target):
         raise FileError(
             f"{RESIDUAL_FILE} has {len(target)} rows, the recordings have others.", "Fit again."
         )
     target[: len(missing)] = from_si(missing, unit)
     trained, training, values = train_network(
-        leftover, with_unit("missing", unit), target, **course
+        residual, with_unit("missing", unit), target, **options
     )
     beside = None
     if training.why != "interrupted":
-        beside = _at_output(leftover, **course)
+        beside = _at_output(residual, **options)
     stage("simulating with the network")
     runs = Corrected(model, entry, p).replayed(to_si(values, unit))
     outputs = {
@@ -342,13 +342,13 @@ def train_at_port(
     return PortCorrection(
         entry,
         named_values(model, p),
-        leftover,
+        residual,
         trained,
         training,
         beside,
         outputs,
-        _compared(leftover, outputs, beside),
-        (*leftover.notes, *notes),
+        _compared(residual, outputs, beside),
+        (*residual.notes, *notes),
     )
 
 
@@ -358,30 +358,30 @@ def named_values(model: GreyBox, p: Array) -> dict[str, float]:
     return {b.full_name: float(p[i] / b.factor) for i, b in bounds}
 
 
-def _at_output(leftover: Leftover, **course: Unpack[Course]) -> Correction | None:
+def _at_output(residual: ResidualData, **options: Unpack[TrainingOptions]) -> Correction | None:
     """The same network for what is left of the channel, from its beginning; None where it is
     interrupted."""
-    course["checkpoint"], course["resume"] = None, False
+    options["checkpoint"], options["resume"] = None, False
     try:
-        found = train_correction(leftover, **course)
+        found = train_correction(residual, **options)
     except KeyboardInterrupt:
         return None
     return None if found.interrupted else found
 
 
 def _compared(
-    leftover: Leftover, outputs: dict[str, Array], beside: Correction | None
+    residual: ResidualData, outputs: dict[str, Array], beside: Correction | None
 ) -> dict[str, dict[str, float]]:
     """Held-out MAE of every channel by the model and the corrected ones."""
     found = {}
     for channel, corrected in outputs.items():
         models = {
-            "refitted": leftover.columns[derived(channel, "refitted")],
+            "refitted": residual.columns[derived(channel, "refitted")],
             "with_network": corrected,
         }
-        if beside is not None and channel == leftover.channel:
-            models["with_output_network"] = leftover.columns[leftover.modelled] + beside.values
-        found[channel] = held_out_mae(leftover, channel, **models)
+        if beside is not None and channel == residual.channel:
+            models["with_output_network"] = residual.columns[residual.modelled] + beside.values
+        found[channel] = held_out_mae(residual, channel, **models)
     return found
 
 
@@ -390,8 +390,8 @@ def write_port_correction(run: Run, found: PortCorrection) -> dict[str, Any]:
     network.json."""
     about = {
         "enters": {"port": found.entry.name},
-        "model": found.leftover.model,
-        "target": f"what is missing at {found.entry.name} of {MODELS[found.leftover.model]}",
+        "model": found.residual.model,
+        "target": f"what is missing at {found.entry.name} of {MODELS[found.residual.model]}",
         "parameters": found.parameters,
         "mae": {c: {**mae, "part": "held-out"} for c, mae in found.mae.items()},
         "notes": list(found.notes),

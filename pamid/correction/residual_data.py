@@ -48,7 +48,7 @@ class Stretch:
 
 
 @dataclass(frozen=True, eq=False)
-class Leftover:
+class ResidualData:
     """channel: its column; model: a key of MODELS; columns: residual.csv by name; modelled: the
     model's column.
 
@@ -79,9 +79,9 @@ class Leftover:
         return [s for s in self.stretches if s.part == part]
 
 
-def read_leftover(
+def read_residual_data(
     folder: Path, channel: str | None = None, inputs: Sequence[str] = (), *, replay: bool = False
-) -> Leftover:
+) -> ResidualData:
     """Lay out `channel` (default angle_deg, else the first one) of a run for a network with these
     inputs.
 
@@ -117,7 +117,7 @@ def read_leftover(
         if not any(s.part == part for s in stretches):
             raise DataError(f"{folder / RESIDUAL_FILE}: nothing is {word}.", _REMEDY)
     chosen, dropped = _inputs(columns, channels, tuple(inputs) or usual, stretches)
-    return Leftover(
+    return ResidualData(
         channel,
         model,
         columns,
@@ -336,13 +336,13 @@ def _inputs(
         raise UsageError(f"--inputs {name} is given twice.")
     rows = np.concatenate([np.arange(s.rows.start, s.rows.stop) for s in stretches if s.part == 0])
     flat = [n for n in wanted if np.ptp(columns[n][rows]) <= 1e-12 * np.abs(columns[n][rows]).max()]
-    kept = tuple(n for n in wanted if n not in flat)
-    if not kept:
+    varying = tuple(n for n in wanted if n not in flat)
+    if not varying:
         raise DataError(
             f"Every input is constant over the training part: {', '.join(wanted)}.",
             "Name --inputs.",
         )
-    return kept, tuple(
+    return varying, tuple(
         f"Input {n} is constant ({columns[n][rows[0]]:g}) over the training part and left out."
         for n in flat
     )

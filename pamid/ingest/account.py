@@ -4,7 +4,6 @@ of them or none."""
 from __future__ import annotations
 
 import shutil
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import FileError
-from pamid.base.files import make_folder, refuse_write, replace_together, sha256_of
+from pamid.base.files import (
+    make_folder,
+    refuse_write,
+    replace_together,
+    sha256_of,
+    sweep_stages,
+    temporary_of,
+)
 from pamid.base.json_file import write_json
 from pamid.base.metrics import FloatArray, runs_of
 from pamid.ingest.clocks import Clock
@@ -22,6 +28,7 @@ from pamid.ingest.mapping import Mapping
 from pamid.recording.recording import write_recording
 
 SCHEMA = "pamid.ingest/1"
+STAGE = "ingest"  # the folder in which files are made before they take their places together
 # samples in a row at the highest or lowest value of a channel: it may be clipped there
 AT_LIMIT = 3
 
@@ -83,11 +90,13 @@ def write_conversions(
                 "Choose another --output, or --overwrite to replace it.",
                 code="exists",
             )
-    told: list[dict[str, Any]] = []
+    accounts: list[dict[str, Any]] = []
     folder = targets[0].parent
     make_folder(folder)
     try:
-        stage = Path(tempfile.mkdtemp(prefix=".ingest-", dir=folder))
+        sweep_stages(folder, STAGE)
+        stage = temporary_of(folder / STAGE)
+        stage.mkdir(mode=0o700)
     except OSError as error:
         refuse_write(folder, error)
     try:
@@ -95,14 +104,14 @@ def write_conversions(
             shared = _of_log(conversion, mapping_file)
             for made, path in zip(conversion.recordings, part, strict=True):
                 write_recording(stage / path.name, made.time, made.columns, _tables(conversion))
-                told.append({**shared, "recording": _of_recording(made, path, conversion)})
-                write_json((stage / path.name).with_suffix(".ingest.json"), told[-1])
+                accounts.append({**shared, "recording": _of_recording(made, path, conversion)})
+                write_json((stage / path.name).with_suffix(".ingest.json"), accounts[-1])
         replace_together({target: stage / target.name for target in targets})
     except OSError as error:
         refuse_write(folder, error)
     finally:
         shutil.rmtree(stage, ignore_errors=True)
-    return told
+    return accounts
 
 
 def _numbered(stem: Path, count: int) -> list[Path]:

@@ -125,9 +125,9 @@ def _by_stamps(log: Log, mapping: Mapping, signals: Sequence[Signal], where: str
 
 def _row_stamps(log: Log, mapping: Mapping, count: int, where: str) -> FloatArray:
     """The stamps (s) of the log's rows, by [time]."""
-    told = mapping.time
-    if told.source is None:
-        if told.period_s is None:
+    settings = mapping.time
+    if settings.source is None:
+        if settings.period_s is None:
             hint = (
                 "Name the channel with the time in time.source, or the sampling period in "
                 "time.period_s."
@@ -135,12 +135,12 @@ def _row_stamps(log: Log, mapping: Mapping, count: int, where: str) -> FloatArra
             raise FileError(
                 f"{where}: time says neither source nor period_s.", hint, code="mapping"
             )
-        return np.arange(count, dtype=np.float64) * told.period_s
-    channel = channel_of(log, told.source, f"{where}: time.source")
-    text = told.unit if told.unit is not None else channel.unit or "s"
+        return np.arange(count, dtype=np.float64) * settings.period_s
+    channel = channel_of(log, settings.source, f"{where}: time.source")
+    text = settings.unit if settings.unit is not None else channel.unit or "s"
     if text == OPEN:
         raise FileError(
-            f'{where}: time.unit is "?": say in which unit {told.source!r} counts.',
+            f'{where}: time.unit is "?": say in which unit {settings.source!r} counts.',
             'For example "s", "ms".',
             code="unit",
         )

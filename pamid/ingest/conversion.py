@@ -153,8 +153,8 @@ def _period(stated: float | None, lead: Clock) -> tuple[float, float]:
     stated = round_period(measured) if stated is None else stated
     if lead.cure == "jittered-sampling":  # resampled anyway, by the log's clock
         return stated, 1.0
-    for whole in (max(round(stated / measured), 1), 1.0 / max(round(measured / stated), 1)):
-        stretch = measured * whole / stated
+    for factor in (max(round(stated / measured), 1), 1.0 / max(round(measured / stated), 1)):
+        stretch = measured * factor / stated
         if abs(stretch - 1.0) < NOMINAL:
             return stated, stretch
     return stated, 1.0

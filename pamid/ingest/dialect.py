@@ -165,8 +165,10 @@ def _run(kinds: list[str], is_data: Callable[[str], bool]) -> tuple[int, int, in
     for width, count in widths.most_common():
         rows = [index in data and len(kinds[index]) == width for index in there]
         for position in range(len(there)):
-            ahead = rows[position : position + RUN]
-            if all(ahead) and (len(ahead) == RUN or position == 0 or not rows[position - 1]):
+            following = rows[position : position + RUN]
+            if all(following) and (
+                len(following) == RUN or position == 0 or not rows[position - 1]
+            ):
                 return (
                     there[_climb(position, rows, [kinds[index] for index in there], width)],
                     width,

@@ -146,17 +146,17 @@ def _time(log: Log, rig: Rig) -> TimeGuess:
         and is_readable(source.unit)
         and read_unit(source.unit).dimension == unit("s").dimension
     ):
-        told = source.unit
+        symbol = source.unit
     else:
         step = float(np.median(np.diff(source.values[np.isfinite(source.values)])))
         ratios = {name: step * read_unit(name).factor / rig.period_s for name in _TIME_UNITS}
         likely = [name for name, ratio in ratios.items() if 1.0 / USUAL < ratio < USUAL]
         suffix = split_column(source.name)[1]
         named = unit(suffix).dimension == unit("s").dimension
-        told = suffix if named else (likely[0] if likely else OPEN)
+        symbol = suffix if named else (likely[0] if likely else OPEN)
         reason = "by the channel's name" if named else "by the spacing"
-    factor = read_unit(told).factor if told != OPEN else 1.0
-    return TimeGuess(source, told, (source.values - source.values[0]) * factor, reason)
+    factor = read_unit(symbol).factor if symbol != OPEN else 1.0
+    return TimeGuess(source, symbol, (source.values - source.values[0]) * factor, reason)
 
 
 def _rises(values: FloatArray) -> bool:
@@ -259,10 +259,10 @@ def _time_lines(time: TimeGuess, period: float | None) -> list[str]:
             "# late-stamps: a device samples evenly, a host writes the time when a sample arrives",
             "# jittered-sampling: samples are taken when their stamps say, as in a loop on a PC",
         ]
-    told = cure if cure not in (None, "none") else "ask"
+    repair = cure if cure not in (None, "none") else "ask"
     return [
         *lines,
-        f'repair = "{told}"  # "ask" | "late-stamps" | "jittered-sampling" | "none"',
+        f'repair = "{repair}"  # "ask" | "late-stamps" | "jittered-sampling" | "none"',
         "",
     ]
 
@@ -271,16 +271,18 @@ def _signal_lines(
     column: str, channel: Channel, rig: Rig, pressures: str | None, left: list[str], time: TimeGuess
 ) -> list[str]:
     symbol = split_column(column)[1]
-    told, remark = _unit(column, channel)
+    guessed, remark = _unit(column, channel)
     lines = [
         f"[signals.{column}]  # {_about(channel, time)}",
         f"source = {toml_string(channel.name)}",
     ]
-    if told == OPEN:
+    if guessed == OPEN:
         left.append(f"signals.{column}.unit")
-    lines.append(f"unit = {toml_string(told)}" + (f"  # {remark}" if remark else ""))
-    if unit(symbol).dimension == PRESSURE and not (told != OPEN and read_unit(told).pressure):
-        lines.append(f"# gauge (0 is the air around) or absolute? {_pressure_hint(channel, told)}")
+    lines.append(f"unit = {toml_string(guessed)}" + (f"  # {remark}" if remark else ""))
+    if unit(symbol).dimension == PRESSURE and not (guessed != OPEN and read_unit(guessed).pressure):
+        lines.append(
+            f"# gauge (0 is the air around) or absolute? {_pressure_hint(channel, guessed)}"
+        )
         if pressures is None:
             left.append(f"signals.{column}.pressure")
         lines.append(f'pressure = "{pressures or OPEN}"')
@@ -329,12 +331,12 @@ def _about(channel: Channel, time: TimeGuess) -> str:
     return " ".join(said.split())
 
 
-def _pressure_hint(channel: Channel, told: str) -> str:
+def _pressure_hint(channel: Channel, guessed: str) -> str:
     """What the values suggest; it is said, never used."""
     values = channel.values[np.isfinite(channel.values)]
-    if told == OPEN or not values.size:
+    if guessed == OPEN or not values.size:
         return "A gauge sensor reads 0 with the air off, an absolute one about 101 kPa."
-    low = float(values.min()) * read_unit(told).factor / 1e3
+    low = float(values.min()) * read_unit(guessed).factor / 1e3
     seen = f"The lowest value is {low:.0f} kPa: "
     if low < -2.0:
         return seen + "no absolute pressure is below 0."

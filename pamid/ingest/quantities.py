@@ -278,7 +278,7 @@ def _registry() -> Any:
 
 def _names() -> list[str]:
     """The words of the definitions, for suggestions."""
-    told = [
+    words = [
         name.strip()
         for line in _DEFINITIONS.strip().splitlines()
         for name in line.split(";")[0].split("=")
@@ -297,5 +297,5 @@ def _names() -> list[str]:
         "kN",
         "mV",
         "mA",
-        *(name for name in told if re.fullmatch(r"[A-Za-z_]+", name)),
+        *(name for name in words if re.fullmatch(r"[A-Za-z_]+", name)),
     ]

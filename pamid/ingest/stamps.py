@@ -102,13 +102,14 @@ def usable_rows(
         )
     if len(starts) > 1:
         back = stamps[keep[list(starts[1:])]] - stamps[keep[np.array(starts[1:]) - 1]]
-        told = ", ".join(f"{step:.4g} s" for step in back[:3])
+        steps_back = ", ".join(f"{step:.4g} s" for step in back[:3])
         stamps = _running_on(stamps, keep, starts)
         repairs.append(
             Repair(
                 "clock-set-back",
                 len(back),
-                f"the clock was set back {len(back)} times ({told}): the recording is split there",
+                f"the clock was set back {len(back)} times ({steps_back}): the recording is split "
+                "there",
             )
         )
     twice = np.flatnonzero(np.diff(stamps[keep]) == 0.0)
@@ -205,12 +206,16 @@ def count_samples(stamps: FloatArray, period: float) -> IntArray:
     runs = np.diff(np.flatnonzero(np.diff(stamps) > 0.0), prepend=-1)
     window = min(max(WINDOW, 4 * int(np.median(runs)) if runs.size else 1), n)
     residual = stamps / period - np.arange(n)
-    ahead = minimum_filter1d(residual, window, mode="nearest", origin=-(window // 2))
+    lowest_ahead = minimum_filter1d(residual, window, mode="nearest", origin=-(window // 2))
     # the last rows have nothing behind them that could catch up: where stamps are late at times,
     # they may be late too
-    end = n - LAST if float(np.quantile(residual - ahead, 0.995)) > 0.3 else n
+    end = n - LAST if float(np.quantile(residual - lowest_ahead, 0.995)) > 0.3 else n
     missing = np.zeros(n, dtype=np.int64)
-    level, base, steps = ahead.tolist(), float(ahead[0]), np.diff(residual, prepend=residual[0])
+    level, base, steps = (
+        lowest_ahead.tolist(),
+        float(lowest_ahead[0]),
+        np.diff(residual, prepend=residual[0]),
+    )
     for i in range(1, end):
         above = level[i] - base
         if above >= DROPPED:

@@ -194,28 +194,26 @@ def _by_signals(
         "coefficient_error": error,
         "roughness_ratio": best.ratio,
     }
-    told = (
+    correlations = (
         f"{coefficient:.2f} +- {error:.2f} by {len(heard)} moving "
         f"signal{'s' if len(heard) > 1 else ''}"
     )
     scale = "(0: late stamps on even sampling, 1: jittered sampling)"
     if error <= SURE and abs(coefficient) <= CLEAR:
         why = (
-            f"{shape}, and the signals do not follow that: {told} {scale}; read by the stamps, "
-            f"{best.signal} is "
-            f"{1.0 / best.ratio:.1f} times rougher than read evenly"
+            f"{shape}, and the signals do not follow that: {correlations} {scale}; read by the "
+            f"stamps, {best.signal} is {1.0 / best.ratio:.1f} times rougher than read evenly"
         )
         return Diagnosis("late-stamps", "late-stamps", why, period, numbers, tuple(heard))
     if error <= SURE and abs(coefficient - 1.0) <= CLEAR:
         why = (
-            f"{shape}, and the signals follow that: {told} {scale}; read evenly, {best.signal} is "
-            f"{best.ratio:.1f} "
-            "times rougher than read by the stamps"
+            f"{shape}, and the signals follow that: {correlations} {scale}; read evenly, "
+            f"{best.signal} is {best.ratio:.1f} times rougher than read by the stamps"
         )
         return Diagnosis(
             "jittered-sampling", "jittered-sampling", why, period, numbers, tuple(heard)
         )
-    why = f"{shape}; the signals do not decide: {told} {scale}"
+    why = f"{shape}; the signals do not decide: {correlations} {scale}"
     return Diagnosis("undecided", None, why, period, numbers, tuple(heard))
 
 
@@ -288,8 +286,8 @@ def _tick(stamps: FloatArray, steps: FloatArray, rounding: float) -> float:
     candidates = [1.0, 0.1, 0.015625, 0.01, 0.001, 1e-4, 1e-5, 1e-6]
     for tick in candidates:
         if tick < 2.5 * float(np.median(positive)):
-            whole = (stamps - stamps[0]) / tick
-            if np.abs(whole - np.round(whole)).max() <= max(1e-6, 4.0 * rounding / tick):
+            multiples = (stamps - stamps[0]) / tick
+            if np.abs(multiples - np.round(multiples)).max() <= max(1e-6, 4.0 * rounding / tick):
                 return tick
     return 0.0
 
@@ -297,22 +295,22 @@ def _tick(stamps: FloatArray, steps: FloatArray, rounding: float) -> float:
 def _said(
     instants: FloatArray, pieces: list[slice], starts: tuple[int, ...], lost: int
 ) -> tuple[Repair, ...]:
-    told = []
+    sentences = []
     if lost:
-        told.append(
+        sentences.append(
             Repair("samples-missing", lost, f"{lost} single samples are missing and were filled")
         )
     gaps = [p.start for p in pieces if p.start not in starts]
     if gaps:
         longest = max(float(instants[i] - instants[i - 1]) for i in gaps)
-        told.append(
+        sentences.append(
             Repair(
                 "gaps",
                 len(gaps),
                 f"{len(gaps)} gaps (the longest {longest:.4g} s): the recording is split there",
             )
         )
-    return tuple(told)
+    return tuple(sentences)
 
 
 def _between(cuts: list[int], end: int) -> list[slice]:

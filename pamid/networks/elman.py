@@ -152,14 +152,14 @@ class Elman(Network):
         if seed % 4 == 3 or self.hidden == 1:
             return self.initial(seed)
         layers = self.layers(self.initial(seed))
-        found = find_modes(records, washout, self.hidden // 2, seed)
+        modes = find_modes(records, washout, self.hidden // 2, seed)
         largest = np.max(
-            [np.abs(found.states(u)).max(axis=0, initial=1e-300) for u, _ in records], axis=0
+            [np.abs(modes.states(u)).max(axis=0, initial=1e-300) for u, _ in records], axis=0
         )
-        paired = slice(0, 2 * len(found.poles))
+        paired = slice(0, 2 * len(modes.poles))
         layers.units[paired] = layers.output[paired] = 0.0
         for k, (pole, residues, size) in enumerate(
-            zip(found.poles, found.residues, largest / BEND, strict=True)
+            zip(modes.poles, modes.residues, largest / BEND, strict=True)
         ):
             first, second = 2 * k, 2 * k + 1
             layers.context[first : second + 1, first : second + 1] = [
@@ -168,7 +168,7 @@ class Elman(Network):
             ]
             layers.input[first], layers.input[second] = residues.real / size, residues.imag / size
             layers.output[first] = size
-        return self.flatten(layers._replace(output_bias=found.bias))
+        return self.flatten(layers._replace(output_bias=modes.bias))
 
     @property
     def linear(self) -> slice:
@@ -233,7 +233,7 @@ class Elman(Network):
         layers, u = self.layers(weights), self.table(inputs)
         h, carried = self.hidden, self.hidden * (self.hidden + self.inputs + 1)
         state = np.zeros(h)
-        sensitivity = aligned(2, h, _whole(carried))
+        sensitivity = aligned(2, h, _multiple_of_lanes(carried))
         size = min(CHUNK, max(len(u), 1))
         buffers = [(np.empty(size), aligned(size * self.n_weights + LANES)) for _ in range(2)]
         columns = _padded(layers.units.T)
@@ -257,11 +257,11 @@ class Elman(Network):
 def _padded(values: Array) -> Array:
     """Rows filled up with zeros to whole vectors."""
     rows, columns = values.shape
-    padded = np.zeros((rows, _whole(columns)))
+    padded = np.zeros((rows, _multiple_of_lanes(columns)))
     padded[:, :columns] = values
     return padded
 
 
-def _whole(columns: int) -> int:
+def _multiple_of_lanes(columns: int) -> int:
     """Columns of as many whole vectors."""
     return columns + -columns % LANES

@@ -90,11 +90,13 @@ def fresh(problem: Problem, seed: int, start: int) -> Attempt:
 
 def _first(problem: Problem, weights: Array, errors: Errors) -> Evidence:
     with np.errstate(over="ignore"):
-        witnesses = problem.witnesses(errors) if np.isfinite(errors.sse) else problem.samples
-        return first_guess(len(weights), witnesses, errors.sse, float(weights @ weights))
+        counted = problem.counted_samples(errors) if np.isfinite(errors.sse) else problem.samples
+        return first_guess(len(weights), counted, errors.sse, float(weights @ weights))
 
 
-def climb(problem: Problem, attempt: Attempt, iterations: int) -> Iterator[Attempt]:
+def levenberg_marquardt_steps(
+    problem: Problem, attempt: Attempt, iterations: int
+) -> Iterator[Attempt]:
     """Yield the attempt after every accepted step; the last one yielded says why it ended."""
     point = _evaluate(
         problem, replace(attempt, why="", converged=False), problem.errors(attempt.weights)
@@ -104,10 +106,10 @@ def climb(problem: Problem, attempt: Attempt, iterations: int) -> Iterator[Attem
         yield replace(attempt, why=why)
         return
     if not attempt.steps:
-        point = _row(problem, point, trials=0)
+        point = _with_row(problem, point, trials=0)
         yield point.attempt
     while True:
-        why, converged = _finished(problem, point, iterations)
+        why, converged = _stop_reason(problem, point, iterations)
         if not why:
             point, why, converged = _step(problem, point)
         if why:
@@ -126,7 +128,7 @@ def _evaluate(problem: Problem, attempt: Attempt, errors: Errors) -> Point | Non
     return None if found is None else Point(attempt, errors, found[1], found[2])
 
 
-def _finished(problem: Problem, point: Point, iterations: int) -> tuple[str, bool]:
+def _stop_reason(problem: Problem, point: Point, iterations: int) -> tuple[str, bool]:
     steps, goals = point.attempt.steps, problem.goals
     last = steps[-1]
     if last.mse <= goals.mse:
@@ -166,7 +168,7 @@ def _step(problem: Problem, point: Point) -> tuple[Point, str, bool]:
             # where the output is finite but its derivative overflows, the step led to weights
             # nobody can leave
             if moved is not None:
-                return _row(problem, moved, trials), "", False
+                return _with_row(problem, moved, trials), "", False
     why = f"mu reached {damping.largest:g}: no step lowers the objective"
     converged = point.promise < problem.goals.stuck
     if not converged:
@@ -181,10 +183,10 @@ def _trials(problem: Problem, point: Point) -> Iterator[_Trial]:
     mu = [point.attempt.mu]
     while mu[-1] * problem.damping.increase <= problem.damping.largest:
         mu.append(mu[-1] * problem.damping.increase)
-    ahead = max(1, min(problem.threads, 2))
-    for k in range(0, len(mu), ahead):
+    at_once = max(1, min(problem.threads, 2))
+    for k in range(0, len(mu), at_once):
         yield from side_by_side(
-            lambda m: _trial(problem, point, matrix, right, m), mu[k : k + ahead]
+            lambda m: _trial(problem, point, matrix, right, m), mu[k : k + at_once]
         )
 
 
@@ -193,13 +195,13 @@ def _trial(problem: Problem, point: Point, matrix: Array, right: Array, mu: floa
     promised = float(step @ (mu * step + right))
     old = point.attempt
     weights, errors = problem.projected(
-        old.weights + _bent(problem, point, matrix, mu, step), old.evidence
+        old.weights + _accelerated(problem, point, matrix, mu, step), old.evidence
     )
     lowered = point.objective - objective(old.evidence, errors.sse, weights)
     return _Trial(mu, weights, errors, lowered, lowered / promised if promised > 0.0 else 0.0)
 
 
-def _bent(problem: Problem, point: Point, matrix: Array, mu: float, step: Array) -> Array:
+def _accelerated(problem: Problem, point: Point, matrix: Array, mu: float, step: Array) -> Array:
     """The step with its acceleration, where that is short beside it."""
     pulled = problem.curvature(point.attempt.weights, step)
     if pulled is None:
@@ -208,15 +210,15 @@ def _bent(problem: Problem, point: Point, matrix: Array, mu: float, step: Array)
     return step + bend if 2.0 * np.linalg.norm(bend) <= SHORT * np.linalg.norm(step) else step
 
 
-def _row(problem: Problem, point: Point, trials: int) -> Point:
+def _with_row(problem: Problem, point: Point, trials: int) -> Point:
     """Re-estimate the evidence at a new point (not at the start's) and append the point to the
     trace."""
     old = point.attempt
     evidence = old.evidence
     if problem.regularise and old.steps:
-        witnesses = problem.witnesses(point.errors)
+        counted = problem.counted_samples(point.errors)
         evidence = reestimate(
-            evidence, point.jtj, witnesses, point.sse, float(old.weights @ old.weights)
+            evidence, point.jtj, counted, point.sse, float(old.weights @ old.weights)
         )
     point = replace(point, attempt=replace(old, evidence=evidence))
     step = Step(

@@ -55,42 +55,42 @@ def find_modes(
 ) -> Modes:
     """`count` modes for recordings of (inputs (N, m), target (N,)), each from rest; another seed
     draws other poles."""
-    poles = _drawn(np.random.default_rng(seed))
+    poles = _random_poles(np.random.default_rng(seed))
     every = max(1, sum(len(t) - washout for _, t in records) // ROWS)
     rows = slice(washout, None, every)
     target = np.concatenate([t[rows] for _, t in records])
-    parts = [np.concatenate([_passed(u, p)[rows] for u, _ in records]) for p in poles]
+    parts = [np.concatenate([_mode_responses(u, p)[rows] for u, _ in records]) for p in poles]
     chosen: list[int] = []
     basis = np.ones((len(target), 1))
     for _ in range(count):
-        left = target - basis @ _solved(basis, target)
+        remaining = target - basis @ _least_squares(basis, target)
         orthogonal = np.linalg.qr(basis)[0]
         gains = [
-            -1.0 if i in chosen else _gain(part - orthogonal @ (orthogonal.T @ part), left)
+            -1.0 if i in chosen else _gain(part - orthogonal @ (orthogonal.T @ part), remaining)
             for i, part in enumerate(parts)
         ]
         chosen.append(int(np.argmax(gains)))
         basis = np.column_stack([basis, parts[chosen[-1]]])
-    weights = _solved(basis, target)
+    weights = _least_squares(basis, target)
     error = float(np.mean((target - basis @ weights) ** 2))
     pairs = weights[1:].reshape(count, 2, -1)
-    kept = poles[chosen]
+    chosen_poles = poles[chosen]
     return Modes(
-        kept,
-        (pairs[:, 0] + 1j * pairs[:, 1]) * np.abs(1.0 - kept)[:, None],
+        chosen_poles,
+        (pairs[:, 0] + 1j * pairs[:, 1]) * np.abs(1.0 - chosen_poles)[:, None],
         float(weights[0]),
         error,
     )
 
 
-def _drawn(random: np.random.Generator) -> Complex:
+def _random_poles(random: np.random.Generator) -> Complex:
     turn, quality = (
         low * (high / low) ** random.uniform(size=POOL) for low, high in (TURN, QUALITY)
     )
     return np.exp(-1.0 / np.minimum(quality / turn, LONGEST) + 1j * turn)
 
 
-def _passed(inputs: Array, pole: complex) -> Array:
+def _mode_responses(inputs: Array, pole: complex) -> Array:
     """What the real and the imaginary parts of the residues of one mode multiply (N, 2 m)."""
     z = lfilter([1.0], [1.0, -pole], inputs, axis=0) * abs(1.0 - pole)
     return np.concatenate([z.real, -z.imag], axis=1)
@@ -99,14 +99,14 @@ def _passed(inputs: Array, pole: complex) -> Array:
 def _gain(features: Array, left: Array) -> float:
     """Drop of the squared error by these features."""
     towards = features.T @ left
-    return float(towards @ np.linalg.solve(_ridged(features), towards))
+    return float(towards @ np.linalg.solve(_ridge_gram(features), towards))
 
 
-def _solved(features: Array, target: Array) -> Array:
-    return np.asarray(np.linalg.solve(_ridged(features), features.T @ target))
+def _least_squares(features: Array, target: Array) -> Array:
+    return np.asarray(np.linalg.solve(_ridge_gram(features), features.T @ target))
 
 
-def _ridged(features: Array) -> Array:
+def _ridge_gram(features: Array) -> Array:
     gram = features.T @ features
     gram[np.diag_indices(len(gram))] += RIDGE * max(np.trace(gram) / len(gram), 1e-300)
     return gram

@@ -157,8 +157,8 @@ class Network(ABC):
         `washout` .. N-1; here the latter by a central difference."""
         w, v = np.asarray(weights, dtype=np.float64), ASIDE * np.asarray(step, dtype=np.float64)
         with np.errstate(all="ignore"):
-            ahead, here, behind = (self.simulate(at, inputs) for at in (w + v, w, w - v))
-            second = (ahead - 2.0 * here + behind) / ASIDE**2
+            forward, here, backward = (self.simulate(at, inputs) for at in (w + v, w, w - v))
+            second = (forward - 2.0 * here + backward) / ASIDE**2
             second[:washout] = 0.0
             return np.sum(
                 [second[k : k + len(j)] @ j for k, _, j in self.sweep(weights, inputs)], axis=0

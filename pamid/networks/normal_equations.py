@@ -31,7 +31,7 @@ def summed(
     """
     sse, jte, jtj = 0.0, np.zeros(n_weights), np.zeros((n_weights, n_weights))
     with np.errstate(all="ignore"):
-        for start, y, jacobian in _ahead(chunks) if threads > 1 else chunks:
+        for start, y, jacobian in _made_ahead(chunks) if threads > 1 else chunks:
             skip = min(max(washout - start, 0), len(y))
             error = target[start + skip : start + len(y)] - y[skip:]
             rows = jacobian[skip:]
@@ -53,7 +53,7 @@ def side_by_side(work: Callable[[Any], Any], items: Sequence[Any]) -> list[Any]:
         return list(pool.map(work, items))
 
 
-def _ahead(chunks: Iterator[Rows]) -> Iterator[Rows]:
+def _made_ahead(chunks: Iterator[Rows]) -> Iterator[Rows]:
     """The same chunks, each made while the one before is in use."""
     with ThreadPoolExecutor(1) as maker:
         coming = maker.submit(next, chunks, None)

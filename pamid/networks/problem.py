@@ -69,8 +69,8 @@ class Problem:
     """Recordings are (inputs (N, m), target (N,)) pairs, each simulated from a zero state.
 
     independent: alpha and beta count the independent samples that the errors are worth, not every
-    sample. threads: for one pass; meeting: where passes are computed together with those of other
-    starts, if anywhere.
+    sample. threads: for one pass; batch_queue: computes the passes of several starts together; None
+    where every start computes its own.
     """
 
     network: Network
@@ -81,13 +81,13 @@ class Problem:
     goals: Goals
     independent: bool = False
     threads: int = 1
-    meeting: BatchQueue | None = None
+    batch_queue: BatchQueue | None = None
 
     @property
     def samples(self) -> int:
         return sum(len(t) - self.washout for _, t in self.records)
 
-    def witnesses(self, errors: Errors) -> float:
+    def counted_samples(self, errors: Errors) -> float:
         """Samples that alpha and beta count."""
         return (
             sum(effective_samples(e) for e in errors.each)
@@ -152,8 +152,8 @@ class Problem:
         for i, (u, t) in enumerate(self.records):
             part = (
                 self.network.normal_equations(weights, u, t, self.washout, self.threads)
-                if self.meeting is None
-                else self.meeting.normal_equations(i, weights)
+                if self.batch_queue is None
+                else self.batch_queue.normal_equations(i, weights)
             )
             sse, jtj, jte = sse + part[0], jtj + part[1], jte + part[2]
         return (

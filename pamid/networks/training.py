@@ -1,9 +1,9 @@
 """Training: full-batch Levenberg-Marquardt with Bayesian regularisation, for any network of this
 package.
 
-How one start goes is in climb.py. Several starts go side by side, one core each, as a race: at
-iterations `GATES` the worse half of those still running is left behind; the last one has all cores
-for its passes.
+The steps of one start are in levenberg_marquardt.py. Several starts run in parallel, one core
+each, as a race: at the iterations `GATES` the worse half of those still running is stopped, and the
+last one has all cores for its passes.
 """
 
 import math
@@ -23,7 +23,7 @@ from pamid.base.errors import DataError
 from pamid.networks.batch_queue import BatchQueue, Engine
 from pamid.networks.bayes import effective_samples, effective_weights
 from pamid.networks.checkpoints import Attempt, Checkpoint, Step, load_checkpoint, save_checkpoint
-from pamid.networks.levenberg_marquardt import USED_UP, climb, fresh
+from pamid.networks.levenberg_marquardt import USED_UP, fresh, levenberg_marquardt_steps
 from pamid.networks.network import Network
 from pamid.networks.problem import Damping, Goals, Problem, check_problem, fingerprint, recordings
 from pamid.networks.scaling import Scaling, scaling_of
@@ -150,7 +150,7 @@ def train(
             _run_side_by_side(
                 problem, attempts, running, gate, seed, max(threads, 1), engine, clock, progress
             )
-            running = _ahead(attempts, running, gate)
+            running = _better_half(attempts, running, gate)
         _run_side_by_side(
             problem, attempts, running, iterations, seed, max(threads, 1), engine, clock, progress
         )
@@ -174,35 +174,35 @@ def _run_side_by_side(
 ) -> None:
     """Bring every running start to iteration `gate`, or to its end; `attempts` follows step by
     step."""
-    told: queue.SimpleQueue[Attempt | None] = queue.SimpleQueue()
+    messages: queue.SimpleQueue[Attempt | None] = queue.SimpleQueue()
     stop = Event()
     open_starts = [s for s in running if s not in attempts or not _ended(attempts[s], gate)]
     if not open_starts:
         return
-    meeting = (
+    batch_queue = (
         BatchQueue(engine, problem.records, problem.washout, len(open_starts)) if engine else None
     )
-    threads = len(open_starts) if meeting else threads
-    problem = replace(problem, threads=max(1, threads // len(open_starts)), meeting=meeting)
+    threads = len(open_starts) if batch_queue else threads
+    problem = replace(problem, threads=max(1, threads // len(open_starts)), batch_queue=batch_queue)
 
     def go(start: int) -> None:
         try:
             begun = attempts[start] if start in attempts else fresh(problem, seed, start)
-            for attempt in climb(problem, begun, gate):
-                told.put(attempt)
+            for attempt in levenberg_marquardt_steps(problem, begun, gate):
+                messages.put(attempt)
                 if stop.is_set():
                     return
         finally:
-            if meeting:
-                meeting.leave()
-            told.put(None)
+            if batch_queue:
+                batch_queue.leave()
+            messages.put(None)
 
     with ThreadPoolExecutor(threads) as pool:
         jobs = [pool.submit(go, s) for s in open_starts]
         try:
             left = len(jobs)
             while left:
-                attempt = told.get()
+                attempt = messages.get()
                 if attempt is None:
                     left -= 1
                     continue
@@ -223,7 +223,7 @@ def _ended(attempt: Attempt, gate: int) -> bool:
     return bool(attempt.why and attempt.why != USED_UP) or (len(attempt.steps) > gate)
 
 
-def _ahead(attempts: dict[int, Attempt], running: list[int], gate: int) -> list[int]:
+def _better_half(attempts: dict[int, Attempt], running: list[int], gate: int) -> list[int]:
     """The better half at this gate, judged by where each stood there; the others are told why they
     end."""
 
@@ -232,13 +232,13 @@ def _ahead(attempts: dict[int, Attempt], running: list[int], gate: int) -> list[
         return steps[min(gate, len(steps) - 1)].mse if steps else math.inf
 
     order = sorted(running, key=lambda s: (standing(s), s))
-    kept = order[: (len(order) + 1) // 2]
-    for s in order[len(kept) :]:
+    staying = order[: (len(order) + 1) // 2]
+    for s in order[len(staying) :]:
         if attempts[s].why == USED_UP:
             attempts[s] = replace(
                 attempts[s], why=f"left behind by start {order[0]} at iteration {gate}"
             )
-    return sorted(kept)
+    return sorted(staying)
 
 
 def _conclude(

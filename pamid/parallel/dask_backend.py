@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from threadpoolctl import threadpool_limits
 
 from pamid.base.errors import FileError, PamidError
-from pamid.parallel.jobs import Failed, Work, carried_out
+from pamid.parallel.jobs import Failed, Work, result_or_failure
 from pamid.parallel.store import Plain, code_sha256, digest
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ class Patience:
     alone_s: float = 120.0
 
 
-USUAL = Patience()
+DEFAULT_PATIENCE = Patience()
 
 
 @contextlib.contextmanager
@@ -58,7 +58,7 @@ def cluster(address: str, patience: Patience | None = None) -> Iterator[Cluster]
     FileError where distributed is not installed, nobody answers in time, there is no worker, or the
     workers run another pamid than this one.
     """
-    patience = patience or USUAL
+    patience = patience or DEFAULT_PATIENCE
     client = _connected(address, patience.answer_s)
     try:
         _require_alike(client, address, patience.first_s)
@@ -146,7 +146,7 @@ class Cluster:
 
     client: Client
     address: str
-    patience: Patience = USUAL
+    patience: Patience = DEFAULT_PATIENCE
     # by digest: the parts of works that are there already
     sent: dict[str, Future] = field(default_factory=dict)
 
@@ -265,7 +265,7 @@ def _done(kind: bytes, parts: dict[str, Any], item: bytes, code: str) -> Plain |
     _hold_blas()
     work, one = _unpacked(kind)(**parts), _unpacked(item)
     return (
-        carried_out(work, one)
+        result_or_failure(work, one)
         if code == code_sha256()
         else Failed(work.label(one), "its worker runs another pamid")
     )

@@ -208,7 +208,7 @@ class WorkerPool:
         )
 
 
-def carried_out(work: Work[T, Any], item: T) -> Plain | Failed:
+def result_or_failure(work: Work[T, Any], item: T) -> Plain | Failed:
     """The job's plain result, or why there is none."""
     return attempted(work, item, lambda: plain(work(item)))
 
@@ -242,7 +242,9 @@ class Threads:
         pool = ThreadPoolExecutor(max_workers=self.count)
         try:
             with threadpool_limits(limits=1, user_api="blas"):
-                futures = {pool.submit(carried_out, work, item): i for i, item in enumerate(items)}
+                futures = {
+                    pool.submit(result_or_failure, work, item): i for i, item in enumerate(items)
+                }
                 for future in as_completed(futures):
                     yield futures[future], future.result()
         finally:
@@ -261,23 +263,23 @@ class Processes:
     ) -> Iterator[tuple[int, Plain | Failed]]:
         todo, attempts, idle = deque(range(len(items))), [0] * len(items), deque[_WorkerProcess]()
         busy: dict[Connection, tuple[_WorkerProcess, int]] = {}
-        everyone: list[_WorkerProcess] = []
+        workers: list[_WorkerProcess] = []
         try:
             while todo or busy:
                 while todo and len(busy) < self.count:
-                    hand = idle.popleft() if idle else _WorkerProcess.begun(work, items, everyone)
+                    worker = idle.popleft() if idle else _WorkerProcess.begun(work, items, workers)
                     i = todo.popleft()
-                    hand.ask(i)
-                    busy[hand.line] = hand, i
+                    worker.ask(i)
+                    busy[worker.line] = worker, i
                 for line in wait(list(busy)):
                     assert isinstance(line, Connection)
-                    hand, i = busy.pop(line)
+                    worker, i = busy.pop(line)
                     try:
                         found = line.recv()
                     except (EOFError, OSError):
                         attempts[i] += 1
-                        reason = hand.end()
-                        everyone.remove(hand)
+                        reason = worker.end()
+                        workers.remove(worker)
                         if attempts[i] < ATTEMPTS:
                             todo.appendleft(i)
                         else:
@@ -290,13 +292,13 @@ class Processes:
                                 ),
                             )
                         continue
-                    idle.append(hand)
+                    idle.append(worker)
                     yield i, found
         finally:
-            for hand in everyone:
-                hand.process.terminate()
-            for hand in everyone:
-                hand.end()
+            for worker in workers:
+                worker.process.terminate()
+            for worker in workers:
+                worker.end()
 
 
 @dataclass(frozen=True, eq=False)
@@ -308,13 +310,13 @@ class _WorkerProcess:
 
     @classmethod
     def begun(
-        cls, work: Work[T, Any], items: Sequence[T], everyone: list[_WorkerProcess]
+        cls, work: Work[T, Any], items: Sequence[T], workers: list[_WorkerProcess]
     ) -> _WorkerProcess:
         context = multiprocessing.get_context("fork")
         ours, theirs = context.Pipe()
         # it inherits our ends of all lines: were they left open there, none would end if this
         # process died
-        inherited = [ours, *(hand.line for hand in everyone)]
+        inherited = [ours, *(worker.line for worker in workers)]
         process = context.Process(target=_serve, args=(theirs, inherited, work, items), daemon=True)
         # a signal that comes before the child is ready for it would end it with the parent's answer
         # to it
@@ -324,9 +326,9 @@ class _WorkerProcess:
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, held)
         theirs.close()
-        hand = cls(ours, process)
-        everyone.append(hand)
-        return hand
+        worker = cls(ours, process)
+        workers.append(worker)
+        return worker
 
     def ask(self, number: int) -> None:
         # it has died: the line says so when it is listened to
@@ -334,7 +336,7 @@ class _WorkerProcess:
             self.line.send(number)
 
     def end(self) -> str:
-        """Wait for the end of a process that has died or was progress to; says how it came."""
+        """Wait for the end of a process that has died or was asked to end; says how it ended."""
         self.process.join(5.0)
         self.line.close()
         code = self.process.exitcode
@@ -352,7 +354,7 @@ def _serve(
         other.close()
     with threadpool_limits(limits=1, user_api="blas"), contextlib.suppress(EOFError, OSError):
         while True:
-            line.send(carried_out(work, items[line.recv()]))
+            line.send(result_or_failure(work, items[line.recv()]))
 
 
 def run_jobs(work: Callable[[T], R], items: Iterable[T], *, jobs: int = 1) -> list[R]:

@@ -54,7 +54,9 @@ class Store:
         with contextlib.suppress(FileError, ValueError, KeyError, TypeError, RecursionError):
             held = load_arrays(self.folder / f"{key}.npz")
             about = json.loads(held[_ABOUT].tobytes())
-            found: Plain = _joined(about["result"], [held[f"a{i}"] for i in range(about["arrays"])])
+            found: Plain = _with_arrays(
+                about["result"], [held[f"a{i}"] for i in range(about["arrays"])]
+            )
             if about["key"] == key and about["sha256"] == digest(found):
                 return found
         return None
@@ -64,18 +66,18 @@ class Store:
         was worked out."""
         make_folder(self.folder)
         arrays: list[Numbers] = []
-        told = _parted(result, arrays)
+        tree = _without_arrays(result, arrays)
         about = {
             "key": key,
             "what": what,
             "sha256": digest(result),
             "arrays": len(arrays),
-            "result": told,
+            "result": tree,
         }
-        named = {f"a{i}": a for i, a in enumerate(arrays)}
-        named[_ABOUT] = np.frombuffer(json.dumps(about, allow_nan=False).encode(), np.uint8)
+        by_name = {f"a{i}": a for i, a in enumerate(arrays)}
+        by_name[_ABOUT] = np.frombuffer(json.dumps(about, allow_nan=False).encode(), np.uint8)
         buffer = io.BytesIO()
-        np.savez(buffer, **named)  # type: ignore[arg-type]
+        np.savez(buffer, **by_name)  # type: ignore[arg-type]
         write_atomically(self.folder / f"{key}.npz", buffer.getvalue())
         line = json.dumps({"key": key, "what": what}) + "\n"
         try:
@@ -120,22 +122,22 @@ def plain(value: Any) -> Any:
     raise TypeError(f"the result of a job holds a {type(value).__name__}, which is no plain data")
 
 
-def _parted(value: Any, arrays: list[Numbers]) -> Any:
+def _without_arrays(value: Any, arrays: list[Numbers]) -> Any:
     """The same as strict JSON; arrays, and numbers that JSON does not know, are put aside."""
     if isinstance(value, np.ndarray) or isinstance(value, float) and not math.isfinite(value):
         arrays.append(np.asarray(value))
         return {"": len(arrays) - 1, "number": isinstance(value, float)}
     if isinstance(value, dict):
-        return {k: _parted(v, arrays) for k, v in value.items()}
-    return [_parted(v, arrays) for v in value] if isinstance(value, list) else value
+        return {k: _without_arrays(v, arrays) for k, v in value.items()}
+    return [_without_arrays(v, arrays) for v in value] if isinstance(value, list) else value
 
 
-def _joined(value: Any, arrays: list[Numbers]) -> Any:
+def _with_arrays(value: Any, arrays: list[Numbers]) -> Any:
     if isinstance(value, dict) and "" in value:
         return float(arrays[value[""]]) if value["number"] else arrays[value[""]]
     if isinstance(value, dict):
-        return {k: _joined(v, arrays) for k, v in value.items()}
-    return [_joined(v, arrays) for v in value] if isinstance(value, list) else value
+        return {k: _with_arrays(v, arrays) for k, v in value.items()}
+    return [_with_arrays(v, arrays) for v in value] if isinstance(value, list) else value
 
 
 # ---- digests -----------------------------------------------------------------------------------
@@ -165,10 +167,10 @@ class _Digests:
         known = self._known.get(id(thing))
         if known is None:
             self._known[id(thing)] = thing, b"a part of itself"
-            known = self._known[id(thing)] = thing, self._worked_out(thing)
+            known = self._known[id(thing)] = thing, self._computed(thing)
         return known[1]
 
-    def _worked_out(self, thing: object) -> bytes:
+    def _computed(self, thing: object) -> bytes:
         if isinstance(thing, np.ndarray | np.generic):
             array = np.asarray(thing)
             if array.dtype.hasobject:
@@ -234,11 +236,11 @@ def _parts(thing: object) -> list[tuple[str, object]]:
 
 
 def _sha(*parts: bytes) -> bytes:
-    whole = hashlib.sha256()
+    hasher = hashlib.sha256()
     for part in parts:
-        whole.update(len(part).to_bytes(8, "big"))
-        whole.update(part)
-    return whole.digest()
+        hasher.update(len(part).to_bytes(8, "big"))
+        hasher.update(part)
+    return hasher.digest()
 
 
 def _ours(module: str | None) -> bool:

@@ -173,8 +173,8 @@ def _words(values: Array, cell: float) -> tuple[NDArray[np.uint64], Places]:
         half = 1 << doubling
         word = word[:-half] * MIX + word[half:] if word.size > half else word[:0]
         word ^= word >> np.uint64(31)
-    kept = np.flatnonzero(word % np.uint64(KEPT) == 0)
-    return word[kept], begins[kept]
+    sampled = np.flatnonzero(word % np.uint64(KEPT) == 0)
+    return word[sampled], begins[sampled]
 
 
 def _matches(found: dict[int, tuple[NDArray[np.uint64], Places]]) -> Places:
@@ -208,10 +208,10 @@ def _shared(
         same &= np.abs(a - b) <= 1.000001 * near
         moves[1:] |= np.abs(np.diff(a)) > 2.0 * near
     starts, stops = runs_of(same)
-    told = np.concatenate([[0], np.cumsum(moves)])
-    count = told[stops] - told[starts]
+    levels_before = np.concatenate([[0], np.cumsum(moves)])
+    count = levels_before[stops] - levels_before[starts]
     best = int(np.argmax(count)) if count.size else -1
-    whole = best >= 0 and stops[best] - starts[best] == same.size
-    if best < 0 or count[best] < (TELLING if whole else BROKEN * TELLING):
+    covers_all = best >= 0 and stops[best] - starts[best] == same.size
+    if best < 0 or count[best] < (TELLING if covers_all else BROKEN * TELLING):
         return None
     return start + int(starts[best]), int(stops[best] - starts[best])

@@ -17,7 +17,7 @@ from pamid.base.json_file import read_json, write_json
 from pamid.base.progress import Progress, silent
 from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE, Run
 from pamid.correction.output_network import CHECKPOINT_FILE, train_correction, write_correction
-from pamid.correction.residual_data import read_leftover
+from pamid.correction.residual_data import read_residual_data
 from pamid.diagnosis.diagnose import diagnose_into
 from pamid.excitation.aprbs import aprbs
 from pamid.model.registry import catalogue_rig, effects
@@ -184,7 +184,7 @@ def _trained(run: Run, seed: int, progress: Progress) -> dict[str, Any]:
         inputs=[run.path(FIT_FILE), run.path(RESIDUAL_FILE)],
     )
     found = train_correction(
-        read_leftover(run.folder),
+        read_residual_data(run.folder),
         iterations=ITERATIONS,
         seed=seed,
         checkpoint=run.path(CHECKPOINT_FILE),

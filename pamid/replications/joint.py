@@ -30,7 +30,7 @@ from pamid.correction.output_network import (
     Correction,
     train_correction,
 )
-from pamid.correction.residual_data import Leftover, Stretch, derived
+from pamid.correction.residual_data import ResidualData, Stretch, derived
 from pamid.diagnosis.contender import Contender
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.diagnosis.verdict import diagnosis_json
@@ -193,13 +193,13 @@ def record_twin(folder: Path, twin: Twin, plan: Plan) -> Records:
 # ---- the models --------------------------------------------------------------------------------
 
 
-def leftover_of(records: Records) -> Leftover:
+def residual_data_of(records: Records) -> ResidualData:
     """What the analytic model leaves of the angle, to train on (part 0) and to test by (part 1)."""
     recordings = [records.training, *records.steps.values()]
     loops = list(records.analytic.values())
     columns = {name: np.concatenate([one[name] for one in loops]) for name in loops[0]}
     columns[ANGLE] = np.concatenate([r.signal(ANGLE) for r in recordings])
-    return Leftover(
+    return ResidualData(
         ANGLE,
         "loop",
         columns,
@@ -225,7 +225,7 @@ def train_elman(
     """
     begun = time.perf_counter()
     found = train_correction(
-        leftover_of(records),
+        residual_data_of(records),
         iterations=plan.iterations,
         seed=plan.seed,
         starts=plan.starts,

@@ -48,14 +48,14 @@ COVERAGE = 0.95
 
 def calibrated_from(folder: Path) -> dict[str, Any]:
     """calibration.json from the finished cases in the folder of a trial's calibration part."""
-    told = read_json(folder / "labels.json")
+    labels = read_json(folder / "labels.json")
     results = [read_json(path) for path in sorted((folder / "cases").glob("*.json"))]
-    drawn = {label["number"] for label in told["cases"]}
+    drawn = {label["number"] for label in labels["cases"]}
     return calibrate(
-        told["cases"],
+        labels["cases"],
         [r for r in results if r["case"] in drawn],
-        seed=int(told["seed"]),
-        digest=str(told["cases_sha256"]),
+        seed=int(labels["seed"]),
+        digest=str(labels["cases_sha256"]),
     )
 
 
@@ -117,12 +117,12 @@ def _exact_right(m: Marked) -> bool:
 
 def _further(cases: list[Marked]) -> Line:
     """Is a further effect, weighed beside a first one, of a planted family?"""
-    weighed = [(m, told) for m in cases for told in m.found["further"]]
+    weighings = [(m, weighing) for m in cases for weighing in m.found["further"]]
     real = [
-        m.stratum in ("single", "double") and told["family"] in {t["family"] for t in m.truth}
-        for m, told in weighed
+        m.stratum in ("single", "double") and weighing["family"] in {t["family"] for t in m.truth}
+        for m, weighing in weighings
     ]
-    x = [Newcomer(**told).features() for _, told in weighed]
+    x = [Newcomer(**weighing).features() for _, weighing in weighings]
     line = _line(x, np.array(real, bool), LOOKS_AT["further"])
     return replace(
         line, yes=_most_right(np.array([line.probability(row) for row in x]), np.array(real, bool))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -485,7 +487,7 @@ def test_all_files_or_none(
             "replace",
             lambda a, b: (
                 fails_late(a, b)
-                if ".ingest-" in str(a) and ".ingest-" not in str(b)
+                if ".ingest." in str(a) and ".ingest." not in str(b)
                 else replace(a, b)
             ),
         )
@@ -494,6 +496,27 @@ def test_all_files_or_none(
             == "write"
         )
     assert sorted(here.iterdir()) == before and len(moved) == 2
+
+
+def test_what_a_killed_ingest_left_is_swept_by_the_next(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    left, busy, link = (
+        here / f".ingest.{process}.0{number}.tmp"
+        for number, process in enumerate((ended.pid, os.getppid(), ended.pid))
+    )
+    (here / "other").mkdir()
+    (here / "other" / "rec.csv").write_text("mine")
+    for stage in (left, busy):
+        stage.mkdir()
+        (stage / "rec.csv").write_text("half")
+    link.symlink_to(here / "other")
+    assert ran(capsys, "log.csv", "--mapping", "map.toml", "--output", "rec.csv")[0] == 0
+    assert not left.exists()
+    assert (busy / "rec.csv").exists() and link.is_symlink()
+    assert (here / "other" / "rec.csv").read_text() == "mine"
 
 
 def test_a_rig_file_named_by_a_mapping_is_not_run(

@@ -27,7 +27,7 @@ from pamid.correction.port_network import (
     named_values,
     origin_of,
 )
-from pamid.correction.residual_data import read_columns, read_leftover
+from pamid.correction.residual_data import read_columns, read_residual_data
 from pamid.estimation.fit_model import GreyBox, fit_json, fit_model, residual_csv
 from pamid.model.registry import rig_named
 from pamid.networks.store import load_network
@@ -143,7 +143,7 @@ def test_figures_files_and_text(run: Copy, capsys: pytest.CaptureFixture[str]) -
     )
     after = (folder / "residual.csv").read_text().splitlines()
     assert all(new.startswith(f"{old},") for old, new in zip(before, after, strict=True))
-    leftover = read_leftover(folder, replay=True)
+    leftover = read_residual_data(folder, replay=True)
     held = leftover.of_part(1)[0]
     values = load_network(folder).predict(leftover.signals(held))
     assert np.isfinite(values).all() and np.ptp(values) > 0.0

@@ -25,7 +25,7 @@ from pamid.base.json_file import read_json, write_json
 from pamid.base.npz import load_arrays
 from pamid.base.run_folder import Run
 from pamid.correction.output_network import Wanted, with_columns
-from pamid.correction.residual_data import read_columns, read_leftover
+from pamid.correction.residual_data import read_columns, read_residual_data
 from pamid.estimation.fit_model import fit_json, fit_model, residual_csv
 from pamid.model.registry import rig_named
 from pamid.networks.anfis import Anfis
@@ -278,7 +278,7 @@ def test_without_a_controller_the_replay_is_corrected(
 def test_every_window_is_a_record_of_its_own(run: Copy) -> None:
     folder = run()
     without_loop(folder)
-    leftover = read_leftover(folder, "angle_deg", ("command", "angle_refitted_deg"))
+    leftover = read_residual_data(folder, "angle_deg", ("command", "angle_refitted_deg"))
     window, part = leftover.columns["window"], leftover.columns["part"]
     assert leftover.washout > 0
     assert len(leftover.stretches) == len(

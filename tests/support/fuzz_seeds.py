@@ -64,10 +64,10 @@ def make_seeds(place: Path) -> Path:
 def _checkpoint(place: Path) -> None:
     """Where a training of the run stood after its first step."""
     from pamid.correction.output_network import Wanted, train_correction
-    from pamid.correction.residual_data import read_leftover
+    from pamid.correction.residual_data import read_residual_data
 
     train_correction(
-        read_leftover(place / "explained"),
+        read_residual_data(place / "explained"),
         wanted=Wanted("elman", {"hidden": 2}),
         iterations=1,
         seed=0,

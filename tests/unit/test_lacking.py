@@ -12,7 +12,7 @@ import pytest
 from cli.frame import run
 from cli.options import evidence_from
 from pamid.base.errors import FileError
-from pamid.correction.residual_data import read_leftover
+from pamid.correction.residual_data import read_residual_data
 from pamid.estimation.fit_model import GreyBox, fit_json, fit_model, residual_table
 from pamid.estimation.intervals import estimates
 from pamid.model.registry import effects, rig_named
@@ -167,5 +167,5 @@ def test_the_commands_go_all_the_way(
     assert set(said["how_far"]) == {"position_m", "cell_n"}
     assert all(np.isfinite(v) for one in said["how_far"].values() for v in one.values())
     assert run(["report", str(tmp_path / "run")]) == 0
-    left = read_leftover(tmp_path / "run", "cell_n")
+    left = read_residual_data(tmp_path / "run", "cell_n")
     assert all(np.isfinite(left.target[s.rows]).all() for s in left.stretches) and left.stretches

@@ -79,10 +79,10 @@ def read_ros(path: Path) -> Log:
 
 def _enter(gathering: Gathering, name: str, topic: _Topic, zero: int) -> None:
     if topic.stamped:
-        apart = abs(topic.measured[0] - topic.received[0]) / 1e9
-        if apart > CLOCKS_APART:
+        difference_s = abs(topic.measured[0] - topic.received[0]) / 1e9
+        if difference_s > CLOCKS_APART:
             gathering.note(
-                f"{name}: its header is {apart:.0f} s away from the clock of the recorder"
+                f"{name}: its header is {difference_s:.0f} s away from the clock of the recorder"
             )
     else:
         gathering.note(
