@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from importlib import resources
 from typing import Any
 
 import click
@@ -46,9 +45,6 @@ def command(name: str | None) -> frame.Result:
 
 def schemas() -> dict[str, dict[str, Any]]:
     """Every schema by name, without `pamid.` and its number."""
-    files = sorted(resources.files("pamid.schemas").iterdir(), key=lambda file: file.name)
-    return {
-        file.name.removesuffix(".json"): json.loads(file.read_text(encoding="utf-8"))
-        for file in files
-        if file.name.endswith(".json")
-    }
+    from pamid.schemas import all_schemas
+
+    return all_schemas()

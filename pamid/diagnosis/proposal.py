@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.recording.recording import write_recording
+from pamid.schemas.diagnosis import NextExperiment
 
 Array = NDArray[np.float64]
 
@@ -72,17 +73,17 @@ class Proposal:
             )
 
 
-def proposal_json(p: Proposal | None) -> dict[str, Any] | None:
+def proposal_result(p: Proposal | None) -> NextExperiment | None:
     """`next_experiment` of diagnosis.json."""
     if p is None:
         return None
-    return {
-        "name": p.name,
-        "why": p.why,
-        "separates": list(p.separates),
-        "expected_separation": p.expected_separation,
-        "minutes": p.minutes,
-        "excitation": FILE,
-        "excitations": list(p.files),
-        "settings": list(p.settings),
-    }
+    return NextExperiment(
+        name=p.name,
+        why=p.why,
+        separates=p.separates,
+        expected_separation=p.expected_separation,
+        minutes=p.minutes,
+        excitation=FILE,
+        excitations=tuple(p.files),
+        settings=p.settings,
+    )

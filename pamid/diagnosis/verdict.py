@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,83 +12,82 @@ from pamid.base.units import as_column
 from pamid.diagnosis.contender import Contender
 from pamid.diagnosis.decision import forecast_interval
 from pamid.diagnosis.localise import frequency_band, regimes, worst_windows
-from pamid.diagnosis.proposal import Proposal, proposal_json
+from pamid.diagnosis.proposal import Proposal, proposal_result
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.diagnosis.transfer import transfer
 from pamid.estimation.intervals import background_pull, estimates
 from pamid.model.isolability import isolability
+from pamid.schemas import diagnosis as result
 
 Array = NDArray[np.float64]
-SCHEMA = "pamid.diagnosis/1"
 
 
 def diagnosis_json(
     d: Diagnosis, unknown: dict[str, Any] | None, seed: int, proposal: Proposal | None = None
 ) -> dict[str, Any]:
     """diagnosis.json, section 4 of the contract."""
+    return diagnosis_file(d, unknown, seed, proposal).as_json()
+
+
+def diagnosis_file(
+    d: Diagnosis, unknown: dict[str, Any] | None, seed: int, proposal: Proposal | None = None
+) -> result.DiagnosisFile:
+    """The same as the model that describes it."""
     base = d.budget.baseline
     after = list(d.cause.replays) if d.cause else None
     shares = _where_shares(d)
     final = d.cause or base
-    parameters = {
-        e.name: {
-            "value": e.value,
-            "low": e.low,
-            "high": e.high,
-            "prior": e.prior,
-            "strain": e.strain,
-            "unit": e.bound.unit,
-            "word": e.word,
-            "at_bound": e.at_bound,
-        }
-        for e in estimates(final.fit)
-        if not e.bound.owner
-    }
-    port = d.cause.group if d.cause else (unknown or {}).get("port") or shares[0]["port"]
-    return {
-        "schema": SCHEMA,
-        "verdict": d.verdict,
-        "sentence": sentence(d, unknown),
-        "remark": remark(d),
-        "causes": causes(d),
-        "ranking": [_ranked(d, c, p, seed) for c, p in zip(d.ranking, d.probability, strict=True)]
-        + [
-            {
-                "effect": label,
-                "family": "",
-                "port": "",
-                "probability": 0.0,
-                "held_out": {},
-                "shrinkage": 0.0,
-                "low": 0.0,
-                "high": 0.0,
-                "converged": False,
-                "why": why,
-            }
-            for label, why in d.failed
-        ],
-        "where": {
-            "port": port,
-            "ports": shares,
+    port = d.cause.group if d.cause else (unknown or {}).get("port") or shares[0].port
+    return result.DiagnosisFile(
+        verdict=cast(result.Verdict, d.verdict),
+        sentence=sentence(d, unknown),
+        remark=remark(d),
+        causes=tuple(causes(d)),
+        ranking=(
+            *(_ranked(d, c, p, seed) for c, p in zip(d.ranking, d.probability, strict=True)),
+            *(_unfitted(label, why) for label, why in d.failed),
+        ),
+        where=result.Where(
+            port=port,
+            ports=shares,
             **_isolable(d),
-            "regimes": [vars(r) for r in regimes(d.evidence, base, d.cause, d.settings)],
-            "frequency_hz": frequency_band(list(base.replays), after, d.evidence.noise, d.settings),
-            "windows_s": worst_windows(list(base.replays), d.budget),
+            regimes=tuple(
+                result.Regime(**vars(r)) for r in regimes(d.evidence, base, d.cause, d.settings)
+            ),
+            frequency_hz=tuple(
+                frequency_band(list(base.replays), after, d.evidence.noise, d.settings)
+            ),
+            windows_s=tuple(
+                (begin, end) for begin, end in worst_windows(list(base.replays), d.budget)
+            ),
+        ),
+        how_far={c: how_far(d, i, seed) for i, c in enumerate(d.evidence.channels)},
+        transfer=tuple(result.Transfer(**one) for one in transfer(d)),
+        look_alikes=d.classes,
+        next_experiment=proposal_result(proposal),
+        parameters={
+            e.name: result.Estimate(
+                value=e.value,
+                low=e.low,
+                high=e.high,
+                prior=e.prior,
+                strain=e.strain,
+                unit=e.bound.unit,
+                word=e.word,
+                at_bound=e.at_bound,
+            )
+            for e in estimates(final.fit)
+            if not e.bound.owner
         },
-        "how_far": {c: how_far(d, i, seed) for i, c in enumerate(d.evidence.channels)},
-        "transfer": transfer(d),
-        "look_alikes": [list(k) for k in d.classes],
-        "next_experiment": proposal_json(proposal),
-        "parameters": parameters,
-        "background": _background(d, final),
-        "unknown": unknown,
-        "units": d.units,
-        "further": [vars(n) for n in d.newcomers],
-        "grounds": vars(d.grounds) if d.grounds else None,
-        "confidence": {k: v for k, v in vars(d.judged).items() if k != "verdict"}
+        background=_background(d, final),
+        unknown=result.Unknown(**unknown) if unknown else None,
+        units=result.UnitsInDoubt(**d.units) if d.units else None,
+        further=tuple(result.Further(**vars(n)) for n in d.newcomers),
+        grounds=result.Grounds(**vars(d.grounds)) if d.grounds else None,
+        confidence=result.Confidence(gap=d.judged.gap, known=d.judged.known, first=d.judged.first)
         if d.judged
         else None,
-    }
+    )
 
 
 def groups(d: Diagnosis) -> list[str]:
@@ -96,7 +95,7 @@ def groups(d: Diagnosis) -> list[str]:
     return list(dict.fromkeys(rig.group_of(name) for name in rig.ports))
 
 
-def _where_shares(d: Diagnosis) -> list[dict[str, Any]]:
+def _where_shares(d: Diagnosis) -> tuple[result.PortShare, ...]:
     """Every port group's share of the gap, largest first."""
     named = d.cause.group if d.cause and len(d.cause.attached) == 1 else ""
     found = (
@@ -104,10 +103,11 @@ def _where_shares(d: Diagnosis) -> list[dict[str, Any]]:
         if d.located
         else dict.fromkeys(groups(d), 1.0 / len(groups(d)))
     )
-    return [{"port": g, "share": v} for g, v in sorted(found.items(), key=lambda e: (-e[1], e[0]))]
+    ordered = sorted(found.items(), key=lambda e: (-e[1], e[0]))
+    return tuple(result.PortShare(port=g, share=v) for g, v in ordered)
 
 
-def causes(d: Diagnosis) -> list[dict[str, Any]]:
+def causes(d: Diagnosis) -> list[result.Cause]:
     """What the verdict adds, strongest first; for "ambiguous" the members that cannot be told
     apart."""
     if d.cause is None:
@@ -148,30 +148,42 @@ def _cause_shares(d: Diagnosis, labels: list[str]) -> dict[str, float]:
     return {k: v / total if total > 0 else 1.0 / len(labels) for k, v in phi.items()}
 
 
-def _cause(c: Contender, label: str, share: float) -> dict[str, Any]:
+def _cause(c: Contender, label: str, share: float) -> result.Cause:
     attached = next(a for a in c.attached if a.label == label)
     rig = c.assembly.rig
     found = {
-        e.bound.name: {
-            "value": e.value,
-            "low": e.low,
-            "high": e.high,
-            "unit": e.bound.unit,
-            "word": e.word,
-        }
+        e.bound.name: result.CauseParameter(
+            value=e.value, low=e.low, high=e.high, unit=e.bound.unit, word=e.word
+        )
         for e in estimates(c.fit)
         if e.bound.owner == label
     }
-    return {
-        "effect": label,
-        "family": attached.family(rig),
-        "port": attached.group(rig),
-        "parameters": found,
-        "share": share,
-    }
+    return result.Cause(
+        effect=label,
+        family=attached.family(rig),
+        port=attached.group(rig),
+        parameters=found,
+        share=share,
+    )
 
 
-def _ranked(d: Diagnosis, c: Contender, probability: float, seed: int) -> dict[str, Any]:
+def _unfitted(label: str, why: str) -> result.Candidate:
+    """A candidate that could not be fitted."""
+    return result.Candidate(
+        effect=label,
+        family="",
+        port="",
+        probability=0.0,
+        held_out={},
+        shrinkage=0.0,
+        low=0.0,
+        high=0.0,
+        converged=False,
+        why=why,
+    )
+
+
+def _ranked(d: Diagnosis, c: Contender, probability: float, seed: int) -> result.Candidate:
     rows = d.reporting if d.reporting.any() else d.chosen
     losses, base = (
         d.budget.channel_losses(c.absolutes),
@@ -180,27 +192,25 @@ def _ranked(d: Diagnosis, c: Contender, probability: float, seed: int) -> dict[s
     low, high = forecast_interval(base[rows], losses[rows], seed, d.settings)
     held = {}
     for i, channel in enumerate(d.evidence.channels):
-        held[channel] = {
-            "mae_before": as_column(
-                channel, float(seen_mean(d.budget.baseline.absolutes[rows, i]))
-            ),
-            "mae_after": as_column(channel, float(seen_mean(c.absolutes[rows, i]))),
-        }
-    return {
-        "effect": c.attached[-1].label,
-        "family": c.family,
-        "port": c.group,
-        "probability": probability,
-        "held_out": held,
-        "shrinkage": d.budget.shrinkage(c.absolutes, rows),
-        "low": low,
-        "high": high,
-        "converged": c.fit.converged,
-        "why": c.fit.why,
-    }
+        held[channel] = result.HeldOut(
+            mae_before=as_column(channel, float(seen_mean(d.budget.baseline.absolutes[rows, i]))),
+            mae_after=as_column(channel, float(seen_mean(c.absolutes[rows, i]))),
+        )
+    return result.Candidate(
+        effect=c.attached[-1].label,
+        family=c.family,
+        port=c.group,
+        probability=probability,
+        held_out=held,
+        shrinkage=d.budget.shrinkage(c.absolutes, rows),
+        low=low,
+        high=high,
+        converged=c.fit.converged,
+        why=c.fit.why,
+    )
 
 
-def how_far(d: Diagnosis, i: int, seed: int) -> dict[str, float | None]:
+def how_far(d: Diagnosis, i: int, seed: int) -> result.Reach:
     """One channel's errors on the windows that only report, in the column's unit."""
     channel, b = d.evidence.channels[i], d.budget
     seen = ~np.isnan(b.floor[:, i])
@@ -208,16 +218,16 @@ def how_far(d: Diagnosis, i: int, seed: int) -> dict[str, float | None]:
     before = b.baseline.absolutes[rows, i]
     after = (d.cause or b.baseline).absolutes[rows, i]
     low, high = forecast_interval(before, after, seed, d.settings)
-    return {
-        "mae_data_sheet": as_column(channel, b.data_sheet[rows, i].mean()),
-        "mae_refitted": as_column(channel, before.mean()),
-        "mae_with_cause": as_column(channel, after.mean()),
-        "noise_floor": as_column(channel, b.floor[rows, i].mean()),
-        "black_box": as_column(channel, b.black_box[rows, i].mean()),
-        "shrinkage": float(1.0 - after.mean() / before.mean()),
-        "low": low,
-        "high": high,
-    }
+    return result.Reach(
+        mae_data_sheet=as_column(channel, b.data_sheet[rows, i].mean()),
+        mae_refitted=as_column(channel, before.mean()),
+        mae_with_cause=as_column(channel, after.mean()),
+        noise_floor=as_column(channel, b.floor[rows, i].mean()),
+        black_box=as_column(channel, b.black_box[rows, i].mean()),
+        shrinkage=float(1.0 - after.mean() / before.mean()),
+        low=low,
+        high=high,
+    )
 
 
 def _isolable(d: Diagnosis) -> dict[str, Any]:
@@ -233,14 +243,12 @@ def _isolable(d: Diagnosis) -> dict[str, Any]:
     return {
         "indistinguishable": together,
         "redundancy": found.redundancy,
-        "unseen": list(found.unseen),
-        "sensors": [
-            {"sensor": s.sensor, "splits": [list(g) for g in s.splits]} for s in found.sensors
-        ],
+        "unseen": found.unseen,
+        "sensors": tuple(result.Sensor(sensor=s.sensor, splits=s.splits) for s in found.sensors),
     }
 
 
-def _background(d: Diagnosis, final: Contender) -> dict[str, dict[str, float]]:
+def _background(d: Diagnosis, final: Contender) -> dict[str, result.Pull]:
     """Pull of every background term, and a share of the data sheet's gap in proportion to its
     squared pull."""
     pulls = background_pull(final.fit)
@@ -250,7 +258,7 @@ def _background(d: Diagnosis, final: Contender) -> dict[str, dict[str, float]]:
         v**2 for v in pulls.values()
     )
     return {
-        k: {"pull": v, "share_of_gap": gained * v**2 / everything if everything > 0 else 0.0}
+        k: result.Pull(pull=v, share_of_gap=gained * v**2 / everything if everything > 0 else 0.0)
         for k, v in pulls.items()
     }
 

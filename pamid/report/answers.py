@@ -9,7 +9,6 @@ from pathlib import Path
 from pamid.base.errors import quoted
 from pamid.report import words
 from pamid.report.budget import ChannelErrors, headline
-from pamid.report.diagnosed import Candidate, Diagnosis, NextExperiment, Regime, Unknown, Where
 from pamid.report.load import RunData
 from pamid.report.sentences import (
     causes_words,
@@ -28,6 +27,7 @@ from pamid.report.words import (
     sentence,
     short,
 )
+from pamid.schemas.diagnosis import Candidate, DiagnosisFile, NextExperiment, Regime, Unknown, Where
 
 DIAGNOSE_HINT = "`pamid diagnose` on the same recordings adds this answer."
 _MOST_WINDOWS = 6
@@ -51,10 +51,10 @@ def where_answer(run: RunData) -> Answer:
     if diagnosis.verdict == "no-structural-gap":
         return Answer("Nowhere: no gap is left to place.")
     where = diagnosis.where
-    if where is None or not (where.port or where.shares):
+    if where is None or not (where.port or where.ports):
         return Answer("The diagnosis names no port.")
     details = [_alike(where)]
-    if where.frequency_hz is not None:
+    if where.frequency_hz:
         details.append(
             f"Most of it lies between {short(where.frequency_hz[0], 2)} and "
             f"{short(where.frequency_hz[1], 2)} Hz."
@@ -111,7 +111,7 @@ def _alike(where: Where) -> str:
         else []
     )
     told += [
-        f"measuring {sensor_words(one.name)} as well would separate "
+        f"measuring {sensor_words(one.sensor)} as well would separate "
         f"{', and '.join(split_words(one))}"
         for one in where.sensors
         if one.splits
@@ -147,22 +147,21 @@ def which_answer(run: RunData) -> Answer:
     return Answer(lead, (*details, *_beside(diagnosis), _confidence(diagnosis)))
 
 
-def _confidence(diagnosis: Diagnosis) -> str:
+def _confidence(diagnosis: DiagnosisFile) -> str:
     """The calibrated probabilities behind the verdict."""
     asked = {
         "gap": "there is a structural gap at all",
         "known": "the catalogue knows its cause",
         "first": "the first of the ranking, or a look-alike, is it",
     }
+    known = diagnosis.confidence.numbers() if diagnosis.confidence is not None else {}
     told = [
-        f"{question} {words.chance(diagnosis.confidence[key])}"
-        for key, question in asked.items()
-        if key in diagnosis.confidence
+        f"{question} {words.chance(known[key])}" for key, question in asked.items() if key in known
     ]
     return f"Calibrated probabilities: {', '.join(told)}." if told else ""
 
 
-def _explained(diagnosis: Diagnosis) -> tuple[str, list[str]]:
+def _explained(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
     told = [_with_chance(diagnosis, cause.effect) for cause in diagnosis.causes]
     details = []
     if len(diagnosis.causes) > 1:
@@ -171,7 +170,7 @@ def _explained(diagnosis: Diagnosis) -> tuple[str, list[str]]:
     return sentence(words.join(told)), details + _sizes(diagnosis) + _unsettled(diagnosis)
 
 
-def _with_chance(diagnosis: Diagnosis, effect: str) -> str:
+def _with_chance(diagnosis: DiagnosisFile, effect: str) -> str:
     chance = next((one.probability for one in diagnosis.ranking if one.effect == effect), None)
     text = effect_words(effect)
     port = next(cause.port for cause in diagnosis.causes if cause.effect == effect)
@@ -179,7 +178,7 @@ def _with_chance(diagnosis: Diagnosis, effect: str) -> str:
     return text if chance is None else f"{text}, with probability {words.chance(chance)}"
 
 
-def _sizes(diagnosis: Diagnosis) -> list[str]:
+def _sizes(diagnosis: DiagnosisFile) -> list[str]:
     """The causes' own parameters with their intervals."""
     told = []
     for cause in diagnosis.causes:
@@ -193,12 +192,12 @@ def _sizes(diagnosis: Diagnosis) -> list[str]:
     return told
 
 
-def _ambiguous(diagnosis: Diagnosis) -> tuple[str, list[str]]:
+def _ambiguous(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
     lead = sentence(f"either {causes_words(diagnosis)}: these recordings cannot tell")
     return lead, _sizes(diagnosis) + _unsettled(diagnosis)
 
 
-def _unsettled(diagnosis: Diagnosis) -> list[str]:
+def _unsettled(diagnosis: DiagnosisFile) -> list[str]:
     """Causes whose refit did not converge."""
     named = {cause.effect for cause in diagnosis.causes}
     return [
@@ -211,7 +210,7 @@ def _unsettled(diagnosis: Diagnosis) -> list[str]:
     ]
 
 
-def _unknown(diagnosis: Diagnosis) -> tuple[str, list[str]]:
+def _unknown(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
     lead = "None of the catalogue."
     one = diagnosis.unknown
     return lead, [] if one is None else [text for text in (*_nature(one), *_formula(one)) if text]
@@ -266,11 +265,11 @@ def _formula(one: Unknown) -> list[str]:
     return told
 
 
-def _no_gap(diagnosis: Diagnosis) -> tuple[str, list[str]]:
+def _no_gap(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
     return "No effect is needed beyond retuned parameters and the background.", []
 
 
-def _beside(diagnosis: Diagnosis) -> list[str]:
+def _beside(diagnosis: DiagnosisFile) -> list[str]:
     """Look-alike classes, and the runner-up, always."""
     named = {cause.effect for cause in diagnosis.causes}
     details = [
@@ -291,7 +290,7 @@ def _beside(diagnosis: Diagnosis) -> list[str]:
     ]
 
 
-def _result(one: Candidate, diagnosis: Diagnosis) -> str:
+def _result(one: Candidate, diagnosis: DiagnosisFile) -> str:
     text = f"removes {percent(one.shrinkage)} of the held-out error{over_channels(diagnosis)}"
     interval = percent_span(one.low, one.high)
     text += words.interval_tail(interval)
@@ -388,7 +387,7 @@ def next_answer(run: RunData) -> Answer:
         _expected(further),
     ]
     # no file elsewhere is vouched for
-    own = [name for name in further.excitations if name == Path(name).name]
+    own = [name for name in further.files if name == Path(name).name]
     if own:
         verb = "Its excitation is" if len(own) == 1 else "Its excitations, one for each run, are"
         files = words.join(f"`{words.clean(name)}`" for name in own)
@@ -412,10 +411,10 @@ def next_answer(run: RunData) -> Answer:
 
 def _expected(further: NextExperiment) -> str:
     told = []
-    if further.separation is not None:
+    if further.expected_separation is not None:
         told.append(
             "the nearest two of these models are expected to differ by "
-            f"{short(further.separation, 2)} noise standard deviations rms"
+            f"{short(further.expected_separation, 2)} noise standard deviations rms"
         )
     if further.minutes is not None:
         told.append(f"it takes about {short(further.minutes, 2)}{words.SPACE}min at the rig")

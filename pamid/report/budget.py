@@ -77,18 +77,17 @@ def _row(name: str, run: RunData) -> ChannelErrors:
     # else there is no "with cause"
     named = reached if run.diagnosis is not None and run.diagnosis.causes else None
 
-    def told(field: str) -> float | None:
-        found = getattr(reached, field) if reached is not None else None
+    def told(found: float | None, field: str) -> float | None:
         return fitted.get(field) if found is None else found
 
     return ChannelErrors(
         channel=name,
-        data_sheet=told("data_sheet"),
-        refitted=told("refitted"),
+        data_sheet=told(reached.mae_data_sheet if reached else None, "data_sheet"),
+        refitted=told(reached.mae_refitted if reached else None, "refitted"),
         with_network=network.get("with_network"),
-        with_cause=named.with_cause if named is not None else None,
+        with_cause=named.mae_with_cause if named is not None else None,
         black_box=reached.black_box if reached is not None else None,
-        noise_floor=told("noise_floor"),
+        noise_floor=told(reached.noise_floor if reached else None, "noise_floor"),
         shrinkage=named.shrinkage if named is not None else None,
         low=named.low if named is not None else None,
         high=named.high if named is not None else None,

@@ -18,12 +18,12 @@ from pamid.model.effect import Effect
 from pamid.model.registry import catalogue_rig, effects
 from pamid.model.rig import Port
 from pamid.report import words
-from pamid.report.diagnosed import Cause, Estimate, Unknown
 from pamid.report.formula import FormulaError, formula_html
 from pamid.report.load import RunData
 from pamid.report.markup import Html, joined, paragraphs, prose, tag
 from pamid.report.mathml import Typeset, fraction, math_html, name, number_html, operator
 from pamid.report.words import channel_unit, effect_words, port_words
+from pamid.schemas.diagnosis import Cause, CauseParameter, Unknown
 from pamid.symbolic import vocabulary as equations
 from pamid.symbolic.expression import Expr, expression, substitute, symbol, text
 
@@ -130,11 +130,17 @@ def model_equations_html(run: RunData) -> Html:
     found = []
     for label in run.fit.effects:
         own = {
-            one.name.removeprefix(f"{label}:"): Estimate(one.value, one.low, one.high)
+            one.name.removeprefix(f"{label}:"): CauseParameter(
+                value=one.value, low=one.low, high=one.high, unit="", word=""
+            )
             for one in run.fit.parameters
             if one.name.startswith(f"{label}:")
         }
-        found.append(_cause_html(run.rig, Cause(label, "", "", own, None)))
+        found.append(
+            _cause_html(
+                run.rig, Cause(effect=label, family="", port="", parameters=own, share=None)
+            )
+        )
     return joined(found)
 
 
@@ -192,7 +198,7 @@ def _rows(found: Acting, typeset: Typeset) -> list[list[Html]]:
     return rows
 
 
-def _spoken(found: Acting, values: Mapping[str, Estimate]) -> str:
+def _spoken(found: Acting, values: Mapping[str, CauseParameter]) -> str:
     """The same in plain text."""
     told = {
         key: words.with_unit_text(values[outside].value, channel_unit(outside))
@@ -213,7 +219,7 @@ def _spoken(found: Acting, values: Mapping[str, Estimate]) -> str:
     )
 
 
-def _shown(found: Acting, values: Mapping[str, Estimate]) -> Any:
+def _shown(found: Acting, values: Mapping[str, CauseParameter]) -> Any:
     """How symbols are shown: parameters by the names of the tables, or as their values."""
 
     def shown(space: str, key: str) -> Html:

@@ -11,42 +11,42 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import NDArray
 
 from pamid.report import words
-from pamid.report.diagnosed import Diagnosis, Pull
 from pamid.report.load import Network, Residual, RunData
 from pamid.report.reading import FloatArray
 from pamid.report.sentences import pulls_title, timeline_title, training_title
 from pamid.report.style import Drawing, bare, colour, grid, label, legend_above
+from pamid.schemas.diagnosis import DiagnosisFile
 
 _BINS = 160
 _PANELS = {"mse": ("MSE [-]", True), "gamma": ("gamma [-]", False), "mu": ("mu [-]", True)}
 
 
-def pulls_drawing(pulls: tuple[Pull, ...]) -> Drawing | None:
+def pulls_drawing(pulls: dict[str, float]) -> Drawing | None:
     """Bars: each background correction over its tolerance [-]; beyond 2 the map itself is wrong."""
     if not pulls:
         return None
-    shown = sorted(pulls, key=lambda one: -abs(one.pull))[:16]
-    reach = max(2.6, *(1.25 * abs(one.pull) for one in shown))
+    shown = sorted(pulls.items(), key=lambda one: -abs(one[1]))[:16]
+    reach = max(2.6, *(1.25 * abs(pull) for _, pull in shown))
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
         axes.axvspan(-1.0, 1.0, color=colour("faint"), linewidth=0.0)
-        for row, one in enumerate(shown):
-            large = abs(one.pull) > 2.0
+        for row, (_, pull) in enumerate(shown):
+            large = abs(pull) > 2.0
             axes.barh(
                 row,
-                one.pull,
+                pull,
                 height=0.6,
                 color=colour("with_cause" if large else "refitted"),
                 linewidth=0.0,
             )
             axes.annotate(
-                words.short(one.pull, 2),
-                (one.pull, row),
-                xytext=(4 if one.pull >= 0 else -4, 0),
+                words.short(pull, 2),
+                (pull, row),
+                xytext=(4 if pull >= 0 else -4, 0),
                 textcoords="offset points",
                 va="center",
-                ha="left" if one.pull >= 0 else "right",
+                ha="left" if pull >= 0 else "right",
                 fontsize=8.5,
                 color=colour("ink"),
             )
@@ -57,7 +57,7 @@ def pulls_drawing(pulls: tuple[Pull, ...]) -> Drawing | None:
                 linewidth=0.7,
                 linestyle="-" if edge == 0 else (0, (3, 2)),
             )
-        axes.set_yticks(range(len(shown)), [label(words.port_words(one.name), 24) for one in shown])
+        axes.set_yticks(range(len(shown)), [label(words.port_words(name), 24) for name, _ in shown])
         axes.set_ylim(len(shown) - 0.4, -0.6)
         axes.set_xlim(-reach, reach)
         axes.xaxis.set_major_locator(MaxNLocator(7 if narrow else 9, integer=True))
@@ -190,13 +190,9 @@ def _binned(time: FloatArray, error: FloatArray, most: int) -> tuple[FloatArray,
     return np.add.reduceat(time, edges[:-1]) / sizes, np.add.reduceat(error, edges[:-1]) / sizes
 
 
-def pulls_of(run: RunData) -> tuple[Pull, ...]:
+def pulls_of(run: RunData) -> dict[str, float]:
     """The background corrections of the diagnosis, else those of the fit."""
-    diagnosis: Diagnosis | None = run.diagnosis
+    diagnosis: DiagnosisFile | None = run.diagnosis
     if diagnosis is not None and diagnosis.background:
-        return diagnosis.background
-    return (
-        tuple(Pull(name, pull, None) for name, pull in run.fit.background)
-        if run.fit is not None
-        else ()
-    )
+        return {name: one.pull for name, one in diagnosis.background.items()}
+    return dict(run.fit.background) if run.fit is not None else {}

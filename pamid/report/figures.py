@@ -15,7 +15,6 @@ from matplotlib.ticker import MaxNLocator
 from pamid.base.units import split_column
 from pamid.report import words
 from pamid.report.budget import MODELS, ChannelErrors, Window
-from pamid.report.diagnosed import Candidate, Diagnosis, Regime, Where
 from pamid.report.load import Residual, RunData
 from pamid.report.reading import FloatArray
 from pamid.report.sentences import (
@@ -30,6 +29,7 @@ from pamid.report.sentences import (
     window_title,
 )
 from pamid.report.style import Drawing, bare, colour, grid, label, legend_above
+from pamid.schemas.diagnosis import Candidate, DiagnosisFile, Regime, Where
 
 MOST_CANDIDATES = 12
 _LEFT_END = -0.5  # a candidate that is worse than this is drawn at the edge, with an arrow
@@ -46,10 +46,10 @@ LINES = {
 }
 
 
-def ports_drawing(diagnosis: Diagnosis) -> Drawing | None:
+def ports_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
     """Bars: the share of the gap that enters at each port [%]."""
     where = diagnosis.where
-    if where is None or not where.shares:
+    if where is None or not where.ports:
         return None
     shares = _large_shares(where)
     alike = {port for group in where.indistinguishable if where.port in group for port in group} - {
@@ -79,7 +79,7 @@ def ports_drawing(diagnosis: Diagnosis) -> Drawing | None:
     return Drawing("ports", ports_title(where), draw, height, height)
 
 
-def regimes_drawing(diagnosis: Diagnosis) -> Drawing | None:
+def regimes_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
     """Pairs of bars: each regime's share of the gap and of the time [%]."""
     told = [
         one
@@ -195,7 +195,7 @@ def _binned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, float
     )
 
 
-def ranking_drawing(diagnosis: Diagnosis) -> Drawing | None:
+def ranking_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
     """Points with 95 % intervals: the part of the held-out error each candidate removes [%], best
     first."""
     shown = [one for one in candidate_order(diagnosis) if one.shrinkage is not None][
@@ -266,7 +266,9 @@ def ranking_drawing(diagnosis: Diagnosis) -> Drawing | None:
     return Drawing("ranking", ranking_title(diagnosis), draw, height, height)
 
 
-def budget_drawing(rows: tuple[ChannelErrors, ...], diagnosis: Diagnosis | None) -> Drawing | None:
+def budget_drawing(
+    rows: tuple[ChannelErrors, ...], diagnosis: DiagnosisFile | None
+) -> Drawing | None:
     """Bars per channel: held-out MAE of every model [channel's unit]."""
     rows = tuple(row for row in rows if row.known())
     if not rows:
@@ -343,7 +345,7 @@ def window_drawing(
 
 def _large_shares(where: Where) -> list[tuple[str, float]]:
     """The shares from the largest; three or more that round to nothing stand in one row."""
-    ordered = sorted(where.shares, key=lambda one: -one[1])
+    ordered = sorted(((one.port, one.share) for one in where.ports), key=lambda one: -one[1])
     large = [one for one in ordered if abs(one[1]) >= _NOTHING or one[0] == where.port]
     small = len(ordered) - len(large)
     if small < 3:

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pamid.base.errors import FileError
+from pamid.base.result_file import REMEDY, damaged, read_result
 from pamid.base.run_folder import Run
 from pamid.base.units import split_column
-from pamid.report.diagnosed import Diagnosis, read_diagnosis
-from pamid.report.reading import REMEDY, FloatArray, Node, read_columns, read_object
+from pamid.report.reading import FloatArray, Node, read_columns, read_object
+from pamid.schemas.diagnosis import DiagnosisFile
 
 KEYS = ("time_s", "recording", "part", "window")  # columns of residual.csv that are no signal
 
@@ -141,7 +142,7 @@ class RunData:
 
     steps: tuple[Step, ...]
     fit: Fit | None
-    diagnosis: Diagnosis | None
+    diagnosis: DiagnosisFile | None
     network: Network | None
     residual: Residual | None
     trace: dict[str, FloatArray] | None
@@ -218,6 +219,15 @@ def load_run(folder: Path) -> RunData:
         trace=trace,
         missing=missing,
     )
+
+
+def read_diagnosis(path: Path) -> DiagnosisFile | None:
+    """The diagnosis in a file; None if there is no such file, FileError where it is damaged."""
+    found = read_result(path, DiagnosisFile)
+    if found is not None and found.verdict in ("explained", "ambiguous") and not found.causes:
+        needed = f"a list with at least one effect, as the verdict is {found.verdict!r}"
+        raise damaged(path, "causes", needed, "empty")
+    return found
 
 
 def read_steps(path: Path) -> tuple[Step, ...]:

@@ -300,9 +300,9 @@ def _candidates(run: RunData) -> Html:
         return Html("")
     count = len(diagnosis.ranking)
     parts: list[Part] = [tag("h3", "What the verdict rests on")]
-    if diagnosis.grounds:
+    if diagnosis.grounds is not None and (figures := diagnosis.grounds.numbers()):
         parts += [
-            grounds_table(diagnosis.grounds),
+            grounds_table(figures),
             paragraphs(["All on the held-out windows that choose."], "note"),
         ]
     parts.append(
@@ -399,7 +399,9 @@ def _background(run: RunData, pictures: dict[str, Picture]) -> Html:
     told = []
     if run.diagnosis is not None:
         shares = [
-            one.share_of_gap for one in run.diagnosis.background if one.share_of_gap is not None
+            one.share_of_gap
+            for one in run.diagnosis.background.values()
+            if one.share_of_gap is not None
         ]
         told = (
             [f"Together these corrections took {words.percent(sum(shares))} of the gap."]

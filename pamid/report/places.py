@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from pamid.base.metrics import runs_of
 from pamid.base.units import split_column
 from pamid.report import words
-from pamid.report.diagnosed import Regime
 from pamid.report.load import Residual, RunData
 from pamid.report.reading import FloatArray
 from pamid.report.samples import Stretch, channels_of, inputs_of
 from pamid.report.sentences import regime_words
 from pamid.report.words import channel_unit, channel_words
+from pamid.schemas.diagnosis import Regime
 
 WORST = 5
 MOST_BANDS = 2000

@@ -8,7 +8,6 @@ import numpy as np
 
 from pamid.report import words
 from pamid.report.budget import MODELS, ChannelErrors, Window, headline
-from pamid.report.diagnosed import Candidate, Diagnosis, Pull, Regime, Sensor, Where
 from pamid.report.load import Network, RunData
 from pamid.report.reading import FloatArray
 from pamid.report.words import (
@@ -19,16 +18,17 @@ from pamid.report.words import (
     percent_span,
     with_unit_text,
 )
+from pamid.schemas.diagnosis import Candidate, DiagnosisFile, Regime, Sensor, Where
 
 
-def causes_words(diagnosis: Diagnosis) -> str:
+def causes_words(diagnosis: DiagnosisFile) -> str:
     """ "Coulomb friction", "Coulomb friction and dead time"; for an ambiguous verdict joined by
     "or"."""
     last = "or" if diagnosis.verdict == "ambiguous" else "and"
     return words.join((effect_words(cause.effect) for cause in diagnosis.causes), last)
 
 
-def model_words(field: str, diagnosis: Diagnosis | None) -> str:
+def model_words(field: str, diagnosis: DiagnosisFile | None) -> str:
     """What a field of ChannelErrors is called in a legend: "refitted", "with Coulomb friction",
     "with the causes"."""
     if field == "with_cause" and diagnosis is not None and diagnosis.verdict == "explained":
@@ -38,18 +38,18 @@ def model_words(field: str, diagnosis: Diagnosis | None) -> str:
     return MODELS[field]
 
 
-def candidate_order(diagnosis: Diagnosis) -> list[Candidate]:
+def candidate_order(diagnosis: DiagnosisFile) -> list[Candidate]:
     """The ranking as the diagnosis wrote it: best first."""
     return list(diagnosis.ranking)
 
 
-def over_channels(diagnosis: Diagnosis) -> str:
+def over_channels(diagnosis: DiagnosisFile) -> str:
     """ " over all channels" where the ranking is about several of them."""
     several = any(len(one.held_out) > 1 for one in diagnosis.ranking) or len(diagnosis.how_far) > 1
     return " over all channels" if several else ""
 
 
-def runner_up(diagnosis: Diagnosis) -> Candidate | None:
+def runner_up(diagnosis: DiagnosisFile) -> Candidate | None:
     """The best candidate that is neither a cause nor a look-alike of one; else the best that is no
     cause."""
     named = {cause.effect for cause in diagnosis.causes}
@@ -108,7 +108,7 @@ def _fit_sentence(run: RunData, row: ChannelErrors | None) -> str:
     )
 
 
-def _removes(diagnosis: Diagnosis) -> str:
+def _removes(diagnosis: DiagnosisFile) -> str:
     return "removes" if len(diagnosis.causes) == 1 else "together remove"
 
 
@@ -122,7 +122,7 @@ def _gain(row: ChannelErrors | None) -> str:
 def ports_title(where: Where) -> str:
     """ "81 % of the gap enters at the joint port, 12 % at the muscle port", or that the verdict
     names another port."""
-    ordered = sorted(where.shares, key=lambda one: -one[1])
+    ordered = sorted(((one.port, one.share) for one in where.ports), key=lambda one: -one[1])
     named = [one for one in ordered if one[0] == where.port]
     if named and named[0][1] < ordered[0][1]:
         return (
@@ -182,7 +182,7 @@ def missing_title(port: str, signal: str, share: float) -> str:
     return words.sentence(text).removesuffix(".")
 
 
-def ranking_title(diagnosis: Diagnosis) -> str:
+def ranking_title(diagnosis: DiagnosisFile) -> str:
     """The best candidate against the runner-up; for verdicts without a cause, how far the best
     falls short."""
     best, second = diagnosis.ranking[0], runner_up(diagnosis)
@@ -209,7 +209,7 @@ def ranking_title(diagnosis: Diagnosis) -> str:
     return words.sentence(text).removesuffix(".")
 
 
-def budget_title(rows: tuple[ChannelErrors, ...], diagnosis: Diagnosis | None) -> str:
+def budget_title(rows: tuple[ChannelErrors, ...], diagnosis: DiagnosisFile | None) -> str:
     """ "Coulomb friction removes 78 % of the held-out angle error"."""
     row = headline(rows)
     if row is None or row.refitted is None:
@@ -238,7 +238,7 @@ def budget_title(rows: tuple[ChannelErrors, ...], diagnosis: Diagnosis | None) -
 
 
 def window_title(
-    channel: str, window: Window, diagnosis: Diagnosis | None, kinds: tuple[str, ...]
+    channel: str, window: Window, diagnosis: DiagnosisFile | None, kinds: tuple[str, ...]
 ) -> str:
     """ "Worst held-out window: the angle error falls from 1.20 to 0.210 deg with Coulomb
     friction"."""
@@ -263,11 +263,11 @@ def window_title(
     )
 
 
-def pulls_title(pulls: tuple[Pull, ...]) -> str:
+def pulls_title(pulls: dict[str, float]) -> str:
     """Whether the background stays within its tolerances."""
-    largest = max(pulls, key=lambda one: abs(one.pull))
-    told = f"{words.port_words(largest.name)} with {words.short(largest.pull, 2)}"
-    beyond = sum(abs(one.pull) > 2.0 for one in pulls)
+    name, largest = max(pulls.items(), key=lambda one: abs(one[1]))
+    told = f"{words.port_words(name)} with {words.short(largest, 2)}"
+    beyond = sum(abs(pull) > 2.0 for pull in pulls.values())
     if beyond:
         many = "correction lies" if beyond == 1 else "corrections lie"
         return f"{beyond} background {many} beyond twice the tolerance, the farthest {told}"

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 
 from pamid.report import words
 from pamid.report.budget import MODELS, ChannelErrors
-from pamid.report.diagnosed import Diagnosis, Estimate, Transfer, Where
 from pamid.report.load import Fit, LoopError, Parameter, RunData, Step, Together
 from pamid.report.markup import Html, Part, tag
 from pamid.report.sentences import sensor_words, split_words
@@ -19,6 +18,7 @@ from pamid.report.words import (
     percent,
     percent_span,
 )
+from pamid.schemas.diagnosis import DiagnosisFile, Estimate, Transfer, Where
 
 STRAINED = 3.0
 #: figures of `grounds` in diagnosis.json -> what each one is; all on the held-out windows that
@@ -227,7 +227,7 @@ def _remark(one: Parameter, strained: bool) -> str:
     return ", ".join(told) or words.DASH
 
 
-def ranking_table(diagnosis: Diagnosis) -> Html:
+def ranking_table(diagnosis: DiagnosisFile) -> Html:
     """Every candidate that was refitted, with its errors per channel."""
     channels = list(dict.fromkeys(name for one in diagnosis.ranking for name in one.held_out))
     heads = ["effect", "family", "port", "P", "removed", words.INTERVAL]
@@ -243,8 +243,12 @@ def ranking_table(diagnosis: Diagnosis) -> Html:
         ]
         row += [number(one.probability, 2), percent(one.shrinkage), percent_span(one.low, one.high)]
         for name in channels:
-            before, after = one.held_out.get(name, (None, None))
-            row.append(words.DASH if after is None else f"{number(before)} → {number(after)}")
+            held = one.held_out.get(name)
+            row.append(
+                words.DASH
+                if held is None or held.mae_after is None
+                else f"{number(held.mae_before)} → {number(held.mae_after)}"
+            )
         body.append(
             [
                 *row,
@@ -316,7 +320,7 @@ def inputs_table(steps: tuple[Step, ...]) -> Html:
 
 def transfer_table(told: tuple[Transfer, ...], fit: Fit | None) -> Html:
     """MAE on held-out recordings made under other conditions, refitted and with the cause."""
-    channels = list(dict.fromkeys(name for one in told for name in one.mae))
+    channels = list(dict.fromkeys(name for one in told for name in one.channels))
     heads = ["recording", "differs in"]
     heads += [f"{channel_words(name)} MAE [{channel_unit(name) or '-'}]" for name in channels]
     body: list[list[Part]] = []
@@ -328,24 +332,40 @@ def transfer_table(told: tuple[Transfer, ...], fit: Fit | None) -> Html:
         ]
         row: list[Part] = [
             words.clean(known[0]) if known else tag("code", words.clean(one.recording)),
-            words.clean(one.differs) or words.DASH,
+            words.clean(_differences(one.differs)) or words.DASH,
         ]
         for name in channels:
-            before, after, removed = one.mae.get(name, (None, None, None))
+            errors = one.channels.get(name)
             row.append(
                 words.DASH
-                if after is None
-                else f"{number(before)} → {number(after)} ({percent(removed)} removed)"
+                if errors is None or errors.mae_with_cause is None
+                else f"{number(errors.mae_refitted)} → {number(errors.mae_with_cause)} "
+                f"({percent(errors.shrinkage)} removed)"
             )
         body.append(row)
     return table(heads, body, range(2, 2 + len(channels)))
+
+
+def _differences(found: Mapping[str, object]) -> str:
+    return ", ".join(f"{key} {_plainly(value)}" for key, value in found.items())
+
+
+def _plainly(value: object) -> str:
+    """A value of `differs` as text: a number, a word, or the changed entries of a table."""
+    if isinstance(value, dict):
+        return " and ".join(f"{key} {_plainly(one)}" for key, one in value.items())
+    return (
+        f"{value:.3g}"
+        if isinstance(value, float | int) and not isinstance(value, bool)
+        else str(value)
+    )
 
 
 def sensors_table(where: Where) -> Html:
     """Further sensors and the groups of ports that each would take apart."""
     body = [
         [
-            words.sentence(sensor_words(one.name)).removesuffix("."),
+            words.sentence(sensor_words(one.sensor)).removesuffix("."),
             "; ".join(split_words(one)) or words.DASH,
         ]
         for one in where.sensors

@@ -1,1 +1,29 @@
-"""JSON schemas of what commands print and of the files of a run: data, one file per schema."""
+"""What commands print and what the files of a run hold: a model per file, from which pamid writes,
+reads and describes it; small outputs of commands as shipped JSON schemas."""
+
+from __future__ import annotations
+
+import importlib
+import json
+from importlib import resources
+from typing import Any
+
+#: name without `pamid.` and its number -> module of this package and its model
+MODELS = {
+    "diagnosis": ("diagnosis", "DiagnosisFile"),
+}
+
+
+def all_schemas() -> dict[str, dict[str, Any]]:
+    """Every JSON schema by name, without `pamid.` and its number."""
+    from pamid.schemas.model import json_schema
+
+    found = {
+        name: json_schema(getattr(importlib.import_module(f"pamid.schemas.{module}"), kind))
+        for name, (module, kind) in MODELS.items()
+    }
+    for file in resources.files("pamid.schemas").iterdir():
+        if file.name.endswith(".json"):
+            shipped = json.loads(file.read_text(encoding="utf-8"))
+            found[file.name.removesuffix(".json")] = shipped
+    return dict(sorted(found.items()))

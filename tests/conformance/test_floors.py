@@ -15,7 +15,8 @@ ROOT = Path(__file__).resolve().parents[2]
 
 #: rooms from the ground up; a file may import its own room and rooms on floors below
 FLOORS: tuple[tuple[str, ...], ...] = (
-    ("base", "schemas"),
+    ("schemas",),
+    ("base",),
     ("parallel", "recording", "symbolic"),
     ("engine",),
     ("model", "networks"),
@@ -40,7 +41,7 @@ HOMES: dict[str, tuple[str, ...]] = {
     "matplotlib": ("pamid/report/",),
     "pandas": ("pamid/recording/recording.py", "pamid/ingest/"),
     "pint": ("pamid/ingest/",),
-    "pydantic": ("pamid/ingest/",),
+    "pydantic": ("pamid/ingest/", "pamid/schemas/"),
     "h5py": ("pamid/ingest/",),
     "nptdms": ("pamid/ingest/",),
     "asammdf": ("pamid/ingest/",),

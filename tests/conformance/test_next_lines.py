@@ -24,7 +24,7 @@ import pamid.diagnosis.diagnose as whole
 import pamid.trial.work as trial_work
 from pamid.base.errors import PamidError
 from pamid.diagnosis.next_experiment import bench_of, sent_with
-from pamid.diagnosis.proposal import NEXT_FILES, Proposal, proposal_json
+from pamid.diagnosis.proposal import NEXT_FILES, Proposal, proposal_result
 from pamid.excitation.experiments import MENU, Bench, Experiment, menu
 from pamid.model.registry import rig_named
 from pamid.recording.recording import Recording, read_recording, write_recording
@@ -263,7 +263,7 @@ def proposed(rig: str, recording: Recording, e: Experiment, folder: Path) -> lis
         tuple(s for s in e.settings(bench) if s),
     )
     p.write(lambda *names: [folder / name for name in names])
-    said = proposal_json(p)
+    said = proposal_result(p).as_json()
     assert said is not None and len(said["excitations"]) == max(1, len(said["settings"]))
     assert said["excitation"] == said["excitations"][0]
     files = [folder / name for name in said["excitations"]]

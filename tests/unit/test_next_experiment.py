@@ -3,7 +3,6 @@ says."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +21,7 @@ from pamid.diagnosis.next_experiment import (
     next_experiment,
     separations,
 )
-from pamid.diagnosis.proposal import FILE, Proposal, proposal_json
+from pamid.diagnosis.proposal import FILE, Proposal, proposal_result
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.estimation.fit_model import fit_model
 from pamid.excitation.aprbs import aprbs
@@ -166,7 +165,7 @@ def test_the_file_reads_back_and_simulates(
     stored = diagnose_into(
         run, split_recordings(rig_named(str(rig)), [made], []), {k: effects()[k] for k in RIVALS}
     )
-    assert stored["next_experiment"] == json.loads(json.dumps(proposal_json(p)))
+    assert stored["next_experiment"] == proposal_result(p).as_json()
     assert stored["next_experiment"]["excitation"] == FILE
     back = read_recording(run.path(FILE))
     assert back.loop == "open" and back.sampling_period_s == PERIOD_S
@@ -195,7 +194,7 @@ def test_nothing_in_question_nothing_to_do(
     _, _, _, d, _ = rubbing
     assert next_experiment(replace(d, verdict="no-structural-gap")) is None
     assert next_experiment(replace(d, ranking=d.ranking[:1])) is None
-    assert proposal_json(None) is None
+    assert proposal_result(None) is None
 
 
 def joint(known: dict[str, float]) -> Bench:

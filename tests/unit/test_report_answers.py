@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import get_args
 
 import pytest
 from matplotlib.figure import Figure
@@ -12,18 +13,18 @@ from synthetic_run import diagnosis_json, fit_json, make_run, network_json, run_
 from test_report import VERDICTS, text_of
 
 from pamid.report.budget import errors_of
-from pamid.report.diagnosed import VERDICTS as KNOWN_VERDICTS
-from pamid.report.diagnosed import Where
 from pamid.report.figures import missing_drawing, regimes_drawing
 from pamid.report.load import load_run
 from pamid.report.sentences import ports_title
 from pamid.report.writing import drawings_of
+from pamid.schemas.diagnosis import Verdict, Where
+from pamid.schemas.model import read
 
 NO_TRACES = ("residual.csv", "trace.csv", "network.json")
 
 
 def test_the_verdicts_are_those_of_the_contract() -> None:
-    assert set(VERDICTS) == set(KNOWN_VERDICTS)
+    assert set(VERDICTS) == set(get_args(Verdict))
 
 
 @pytest.mark.parametrize("verdict", VERDICTS)
@@ -128,7 +129,8 @@ def test_a_remark_on_the_recordings_goes_before_the_verdict(tmp_path: Path) -> N
 
 
 def test_a_port_that_the_shares_do_not_lead_is_said() -> None:
-    where = Where("muscle", (("joint", 0.81), ("muscle", 0.12)), (), (), None, (), None, (), ())
+    shares = [{"port": "joint", "share": 0.81}, {"port": "muscle", "share": 0.12}]
+    where = read(Where, {"port": "muscle", "ports": shares})
     told = ports_title(where).replace("\u00a0", " ")
     assert (
         told == "81 % of the gap might enter at the joint port; the verdict names the muscle port, "

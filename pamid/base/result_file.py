@@ -1,0 +1,47 @@
+"""Reading a file that pamid wrote, as the model that describes it: what does not fit is refused
+with its file, its place in it, and what should stand there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TypeVar
+
+from pamid.base.errors import FileError, nearest
+from pamid.base.json_file import read_json
+from pamid.schemas.model import Misfit, Model, read
+
+M = TypeVar("M", bound=Model)
+REMEDY = "Run the command that wrote it again."
+
+
+def read_result(path: Path, kind: type[M], *, any_schema: bool = False) -> M | None:
+    """The result in a file; None if there is no such file, FileError where it is damaged or of
+    another schema (any_schema: of a later version, read as far as it is known)."""
+    if not path.exists():
+        return None
+    content = read_json(path)
+    if not isinstance(content, dict):
+        raise FileError(f"{path} should hold one JSON object.", REMEDY, code="damaged")
+    schema = kind.model_fields["schema_"].default
+    if not any_schema and content.get("schema") != schema:
+        found = repr(content["schema"])[:60] if "schema" in content else "missing"
+        raise damaged(path, "schema", repr(schema), found)
+    try:
+        return read(kind, content)
+    except Misfit as misfit:
+        if misfit.choices and isinstance(misfit.value, str):
+            hint = nearest(misfit.value, misfit.choices)
+            raise FileError(
+                f"{path}: there is no {misfit.place} {misfit.value!r:.60}.",
+                hint or f"There are: {', '.join(misfit.choices)}.",
+                code="damaged",
+            ) from None
+        found = "missing" if misfit.missing else f"{misfit.value!r:.60}"
+        raise damaged(path, misfit.place, misfit.expected, found) from None
+
+
+def damaged(path: Path, place: str, expected: str, found: str) -> FileError:
+    """The error of a file in which something else stands than what was expected."""
+    return FileError(
+        f"{path}: {place} should be {expected}, it is {found}.", REMEDY, code="damaged"
+    )

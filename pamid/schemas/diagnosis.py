@@ -1,0 +1,364 @@
+"""diagnosis.json: where the gap lies, which effect causes it, how far it shrinks."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo, WithJsonSchema
+
+from pamid.schemas.estimates import (
+    CONVERGED,
+    HIGH,
+    LOW,
+    SHARE,
+    SHRINKAGE,
+    UNIT,
+    WHY_ENDED,
+    Estimate,
+    FailedJob,
+    Interval,
+)
+from pamid.schemas.model import (
+    Count,
+    Figures,
+    Flag,
+    ListOf,
+    MapOf,
+    Model,
+    Number,
+    NumbersByKey,
+    Pair,
+    Sometimes,
+    Text,
+    Written,
+    expected,
+)
+
+Verdict = Literal["explained", "ambiguous", "unknown-effect", "no-structural-gap"]
+ERROR = "mean absolute error, in the unit of the channel"
+
+
+class CauseParameter(Interval):
+    """A parameter of an effect that the verdict adds."""
+
+    unit: Text = Field("", description=UNIT)
+    word: Text = Field("", description="settled by the data, weak, or silent")
+
+
+class Cause(Model):
+    """An effect that the verdict adds."""
+
+    effect: Text = Field(description="label, effect@port where the place is not unique")
+    family: Text = Field("", description="of effects that are mistaken for each other")
+    port: Text = Field("", description="group of ports that it acts on")
+    parameters: MapOf[CauseParameter] = Field({}, description="by name with unit")
+    share: Number | None = Field(
+        None, description="Shapley share of the shrinkage among the causes, 0 to 1"
+    )
+
+
+class HeldOut(Model):
+    """Errors of a channel before and after a candidate, on held-out windows."""
+
+    mae_before: Written[Number] = Field(None, description=f"refitted model: {ERROR}")
+    mae_after: Written[Number] = Field(None, description=f"with the candidate: {ERROR}")
+
+
+class Candidate(Model):
+    """An effect that was refitted together with the model."""
+
+    effect: Text = Field(description="label, effect@port where the place is not unique")
+    family: Text = Field("", description="of effects that are mistaken for each other")
+    port: Text = Field("", description="group of ports that it acts on")
+    probability: Number | None = Field(
+        None, description="calibrated frequency with which such a candidate is the cause, 0 to 1"
+    )
+    held_out: MapOf[HeldOut] = Field({}, description="by channel")
+    shrinkage: Written[Number] = Field(None, description=SHRINKAGE)
+    low: Written[Number] = Field(None, description=LOW)
+    high: Written[Number] = Field(None, description=HIGH)
+    converged: Flag = Field(True, description=CONVERGED)
+    why: Text = Field("", description=WHY_ENDED)
+
+
+class PortShare(Model):
+    """How much of the gap enters at a port."""
+
+    port: Text
+    share: Number = Field(description=SHARE)
+
+
+class Sensor(Model):
+    """A further sensor that would separate what the present ones cannot."""
+
+    sensor: Text
+    splits: ListOf[ListOf[Text]] = Field((), description="groups of ports that it would separate")
+
+
+class Regime(Model):
+    """A range of a signal in which the gap is concentrated."""
+
+    signal: Text
+    low: Written[Number] = Field(None, description="lower end of the range")
+    high: Written[Number] = Field(None, description="upper end of the range")
+    unit: Text = Field("", description=UNIT)
+    share_of_gap: Written[Number] = Field(None, description=SHARE)
+    share_of_time: Written[Number] = Field(None, description=SHARE)
+
+
+def _band(value: Any, info: ValidationInfo) -> Any:
+    if info.context is None:
+        return value
+    if value and (not isinstance(value, list) or len(value) != 2):
+        raise expected("made of pairs of numbers")
+    return value or []
+
+
+class Where(Model):
+    """Where the gap enters, and when it shows."""
+
+    port: Text = Field("", description="group of ports")
+    ports: ListOf[PortShare] = Field((), description="all groups of ports; shares sum to 1")
+    indistinguishable: ListOf[ListOf[Text]] = Field(
+        (), description="groups of ports that these sensors or recordings cannot separate"
+    )
+    redundancy: Written[Count] = Field(
+        None, description="independent checks that these sensors allow"
+    )
+    unseen: ListOf[Text] = Field((), description="ports that no sensor tells anything about")
+    sensors: ListOf[Sensor] = Field((), description="further sensors that would help, best first")
+    regimes: ListOf[Regime] = Field((), description="when it shows")
+    frequency_hz: Annotated[tuple[Number, ...], BeforeValidator(_band)] = Field(
+        (), description="[low, high] of the band that holds most of the gap, Hz; else empty"
+    )
+    windows_s: ListOf[Pair] = Field(
+        (), description="[begin, end] of the worst windows, s of the recording"
+    )
+
+
+class Reach(Model):
+    """Errors of a measured channel on held-out data that chose nothing."""
+
+    mae_data_sheet: Written[Number] = Field(None, description=f"data-sheet parameters: {ERROR}")
+    mae_refitted: Written[Number] = Field(None, description=f"refitted parameters: {ERROR}")
+    mae_with_cause: Written[Number] = Field(
+        None, description=f"refitted together with the cause: {ERROR}"
+    )
+    noise_floor: Written[Number] = Field(
+        None, description="error of a perfect model, by the noise of the sensors"
+    )
+    black_box: Number | None = Field(None, description="error of a model without physics")
+    shrinkage: Written[Number] = Field(None, description=SHRINKAGE)
+    low: Written[Number] = Field(None, description=LOW)
+    high: Written[Number] = Field(None, description=HIGH)
+
+
+class ChannelTransfer(Model):
+    """Errors of a channel of one recording."""
+
+    mae_refitted: Written[Number] = Field(None, description=f"refitted parameters: {ERROR}")
+    mae_with_cause: Written[Number] = Field(None, description=f"with the cause: {ERROR}")
+    shrinkage: Written[Number] = Field(None, description=SHRINKAGE)
+
+
+Condition = Annotated[Any, WithJsonSchema({"type": ["number", "string", "object"]})]
+
+
+class Transfer(Model):
+    """A held-out recording made under other conditions than all that were fitted; beside the keys
+    below it has one per channel."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, ChannelTransfer] = Field(init=False)
+
+    recording: Text = Field("", description="first 12 digits of its sha256")
+    differs: dict[Text, Condition] = Field({}, description="what is new: known values, loop ...")
+
+    @property
+    def channels(self) -> dict[str, ChannelTransfer]:
+        return self.__pydantic_extra__
+
+
+class NextExperiment(Model):
+    """What to measure next."""
+
+    name: Text
+    why: Text = Field("", description="what it is good for, in words")
+    separates: ListOf[Text] = Field((), description="effects that it would tell from each other")
+    expected_separation: Written[Number] = Field(
+        None,
+        description="smallest rms difference of two of their models on it, in noise standard "
+        "deviations",
+    )
+    minutes: Written[Number] = Field(None, description="at the rig, min")
+    excitation: Text = Field("", description="the first of `excitations`")
+    excitations: ListOf[Text] = Field(
+        (), description="files of the run folder to send, one per entry of `settings`"
+    )
+    settings: ListOf[Figures] = Field((), description="known values of each repetition")
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """The files to send; of an older version one at most."""
+        return self.excitations or tuple(filter(None, [self.excitation]))
+
+
+class Pull(Model):
+    """A tolerance-sized correction that stands in every model."""
+
+    pull: Number = Field(description="fitted value over tolerance")
+    share_of_gap: Written[Number] = Field(None, description=SHARE)
+
+
+class Unknown(Model):
+    """What is known of an effect that the catalogue does not hold."""
+
+    port: Text = Field("", description="where it enters")
+    formula: Text = Field("", description="of what is missing, in the signals at the port")
+    variables: ListOf[Text] = Field((), description="signals that the formula uses")
+    inclusion: Written[Number] = Field(
+        None, description="share of resampled fits in which the formula's terms came up"
+    )
+    described: Written[Number] = Field(
+        None, description="share of the term's variance that the formula describes"
+    )
+    dissipative: Written[Flag] = Field(None, description="whether it takes energy out")
+    parity: Text = Field("none", description="odd, even or none, in the velocity")
+    memory: Written[Flag] = Field(None, description="whether it depends on the past")
+
+
+class Slip(Model):
+    """What, multiplied by `factor`, brings model and recording together."""
+
+    kind: Literal["parameter", "column"]
+    name: Text
+    factor: Number
+
+
+class UnitsInDoubt(Model):
+    """The refitted model misses by more than the signal moves: units and signs are in doubt."""
+
+    error_over_spread: MapOf[Number] = Field(
+        description="held-out error over the spread of the signal, by channel"
+    )
+    advice: Text
+    slips: ListOf[Slip]
+
+
+class Further(Model):
+    """An effect that was weighed beside those already found."""
+
+    effect: Text
+    family: Text
+    removed: Number = Field(description="share of the gap that it removes")
+    of_left: Number = Field(description="share that it removes of what the others leave")
+    gain: Number = Field(description="log squared error per channel that it gains")
+    sure: Number = Field(description="the gain in its standard errors")
+    margin: Number = Field(
+        description="standard errors by which it beats the next of another family"
+    )
+    at_port: Number = Field(description="evidence at its port over the largest at any")
+    unexplained: Number = Field(description="the largest evidence, nats per sample")
+    probability: Number = Field(description="of being real, 0 to 1")
+    taken: Flag = Field(description="whether it is part of the answer")
+
+
+class Grounds(NumbersByKey):
+    """What the verdict rests on, all on the held-out windows that choose."""
+
+    visible: Written[Number] = Field(
+        None, description="refitted error over the noise floor, in the worst channel"
+    )
+    gap: Written[Number] = Field(
+        None, description="refitted error above the floor, in floors, summed over channels"
+    )
+    of_signal: Written[Number] = Field(
+        None, description="refitted error over the signal's standard deviation, worst channel"
+    )
+    left: Written[Number] = Field(None, description="share of the gap left by the best model")
+    ceiling: Written[Number] = Field(None, description="share of the gap left by the black box")
+    shrinkage: Written[Number] = Field(None, description="of the error, by the best model")
+    gain: Written[Number] = Field(
+        None, description="log squared error per channel that the best model gains"
+    )
+    sure: Written[Number] = Field(None, description="the gain in its standard errors")
+    helps: Written[Number] = Field(
+        None, description="share of resamples in which the first candidate helps at all"
+    )
+    margin: Written[Number] = Field(
+        None, description="share of the gap by which the best of another family is worse"
+    )
+    margin_gain: Written[Number] = Field(
+        None, description="the margin in log squared error per channel"
+    )
+    margin_sure: Written[Number] = Field(None, description="the margin in its standard errors")
+    wins: Written[Number] = Field(
+        None, description="share of resamples won by the family of the first candidate"
+    )
+    missing: Written[Number] = Field(
+        None, description="evidence that something is missing, nats per sample"
+    )
+    unexplained: Written[Number] = Field(
+        None, description="the same beside the best model, nats per sample"
+    )
+    at_port: Written[Number] = Field(
+        None, description="evidence at the port of the first candidate over the largest at any"
+    )
+    strain: Written[Number] = Field(
+        None, description="largest of a parameter in the best model, in prior standard deviations"
+    )
+    pull: Written[Number] = Field(
+        None, description="largest of the background in the best model, in tolerances"
+    )
+    channels: Written[Count] = Field(None, description="that are measured")
+
+
+class Confidence(NumbersByKey):
+    """The calibrated probabilities behind the verdict, 0 to 1."""
+
+    gap: Written[Number] = Field(None, description="that there is a structural gap")
+    known: Written[Number] = Field(None, description="that the catalogue knows its cause")
+    first: Written[Number] = Field(
+        None, description="that the first of the ranking, or one that looks like it, is it"
+    )
+
+
+class DiagnosisFile(Model):
+    """Where the gap lies, which effect causes it, how far it shrinks."""
+
+    model_config = ConfigDict(
+        title="diagnosis.json and pamid diagnose: where the gap lies, which effect causes it, "
+        "how far it shrinks"
+    )
+
+    schema_: Literal["pamid.diagnosis/1"] = Field(default="pamid.diagnosis/1", alias="schema")
+    verdict: Verdict
+    sentence: Text = Field("", description="the verdict in words")
+    remark: Text = Field(
+        "",
+        description="what to check first, where the recordings show nothing of the model; else "
+        "empty",
+    )
+    causes: ListOf[Cause] = Field(
+        (),
+        description="effects that the verdict adds, strongest first; for ambiguous the members "
+        "that cannot be told from each other",
+    )
+    ranking: ListOf[Candidate] = Field(
+        (), description="every candidate that was refitted, best first"
+    )
+    where: Written[Where] = Field(None, description="where the gap enters")
+    how_far: MapOf[Reach] = Field({}, description="by channel")
+    transfer: ListOf[Transfer] = Field((), description="does the cause hold elsewhere?")
+    look_alikes: ListOf[ListOf[Text]] = Field(
+        (), description="classes of effects that these recordings cannot tell from each other"
+    )
+    next_experiment: NextExperiment | None = Field(None, description="what to measure next")
+    parameters: MapOf[Estimate] = Field({}, description="of the rig, by name with unit")
+    background: MapOf[Pull] = Field({}, description="by name")
+    unknown: Unknown | None = Field(None, description="of an effect without a name")
+    units: UnitsInDoubt | None = Field(None, description="null where they are not in doubt")
+    further: ListOf[Further] = Field((), description="in the order in which they were tried")
+    grounds: Grounds | None = Field(None, description="what the verdict rests on")
+    confidence: Confidence | None = Field(None, description="of the verdict")
+    failed_jobs: Sometimes[ListOf[FailedJob]] = None

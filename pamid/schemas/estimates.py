@@ -1,0 +1,45 @@
+"""What several result files say in the same words: a value with its interval, a failed job."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from pamid.schemas.model import Model, Number, Text, Written
+
+UNIT = "as people write it; empty for none"
+SHA256 = "of the bytes of the file, hexadecimal"
+SEED = "seed of every random draw"
+LOW = "lower end of the 95 % interval"
+HIGH = "upper end of the 95 % interval"
+SHARE = "0 to 1"
+SHRINKAGE = "1 - error with the cause / error of the refitted model, on held-out data"
+WHY_ENDED = "why the optimiser stopped, in words"
+CONVERGED = "whether the optimiser came to its end"
+EFFECTS = "labels, effect@port where the place is not unique"
+STRAIN = "distance from the prior in its standard deviations"
+AT_BOUND = "low or high: the bound that it lies at; null between them"
+
+
+class Interval(Model):
+    """A value with its 95 % interval, in the unit that the key ends with."""
+
+    value: Number = Field(description="in the unit that the key ends with")
+    low: Written[Number] = Field(None, description=LOW)
+    high: Written[Number] = Field(None, description=HIGH)
+
+
+class Estimate(Interval):
+    """A parameter of the rig with its prior."""
+
+    prior: Written[Number] = Field(None, description="from the data sheet, or an earlier fit")
+    strain: Written[Number] = Field(None, description=STRAIN)
+    unit: Written[Text] = Field(None, description=UNIT)
+    word: Text = Field("", description="settled by the data, weak, or silent: all from the prior")
+    at_bound: Text | None = Field(None, description=AT_BOUND)
+
+
+class FailedJob(Model):
+    """A part of the work without a result; the rest goes on, and the exit code is 6."""
+
+    job: Text = Field(description="what it was")
+    why: Text = Field(description="why it failed")

@@ -1,0 +1,290 @@
+"""The ground of all result files: a frozen, typed model per JSON object.
+
+One class says three things at once: what pamid writes (its constructor and `as_json`), what it
+reads (`read`), and what `pamid schema` prints (`json_schema`).
+
+- Written: every field that the writer sets, in the order of the class. Numbers that are not finite
+  are refused where the text is made (pamid.base.json_file), with their place in the file.
+- Read: keys that no field knows are ignored, so that a file of a later version still reads; null
+  counts as missing; a field with a default may be missing. Text stands for text only, a number for
+  a number, true and false for themselves.
+
+`x: Number = Field(None, ...)`, with the default in the first place, is a field that a file may lack
+and that a writer has to name: type checkers take only `default=` for a default.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from numbers import Integral, Real
+from typing import Annotated, Any, TypeVar
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    FailFast,
+    Field,
+    GetJsonSchemaHandler,
+    PlainValidator,
+    ValidationError,
+    ValidationInfo,
+    WithJsonSchema,
+    WrapValidator,
+    model_validator,
+)
+from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
+from pydantic_core import CoreSchema, PydanticCustomError
+
+T = TypeVar("T")
+M = TypeVar("M", bound="Model")
+
+DRAFT = "https://json-schema.org/draft/2020-12/schema"
+_READING: dict[str, bool] = {"reading": True}
+_NULL = {"type": "null"}
+
+
+class Misfit(ValueError):
+    """A JSON value that is not what its model says.
+
+    place: keys and indices down to it, "where.windows_s[0]"; expected: in words; value: what stands
+    there; missing: nothing does; choices: the words that may stand there, where they are few.
+    """
+
+    def __init__(
+        self, place: str, expected: str, value: object, missing: bool, choices: tuple[str, ...]
+    ) -> None:
+        super().__init__(f"{place} should be {expected}")
+        self.place, self.expected = place, expected
+        self.value, self.missing, self.choices = value, missing, choices
+
+
+class _Missing:
+    """Stands where a needed key is missing, so that its field says what it expects."""
+
+
+_MISSING = _Missing()
+
+
+# ---- scalars -----------------------------------------------------------------------------------
+
+
+def expected(what: str) -> PydanticCustomError:
+    """The error of a value that should be `what`."""
+    return PydanticCustomError("expected", "{what}", {"what": what})
+
+
+def _number(value: Any, info: ValidationInfo) -> float:
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise expected("a number")
+    if info.context is None and isinstance(value, int):
+        return value  # a setting that was given as 2 is written as 2
+    try:
+        return float(value)
+    except OverflowError:
+        raise expected("a finite number") from None
+
+
+def _count(value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise expected("a number")
+    return int(value) if isinstance(value, Integral) else value  # type: ignore[return-value]
+
+
+def _text(value: Any) -> str:
+    # not pydantic's own: a path may hold bytes that are no UTF-8, as lone surrogates
+    if not isinstance(value, str):
+        raise expected("a text")
+    return value
+
+
+def _flag(value: Any) -> bool:
+    plain = value.item() if hasattr(value, "item") else value  # of NumPy
+    if not isinstance(plain, bool):
+        raise expected("true or false")
+    return plain
+
+
+Number = Annotated[float, PlainValidator(_number), WithJsonSchema({"type": "number"})]
+Count = Annotated[int, PlainValidator(_count), WithJsonSchema({"type": "integer"})]
+Text = Annotated[str, PlainValidator(_text), WithJsonSchema({"type": "string"})]
+Flag = Annotated[bool, PlainValidator(_flag), WithJsonSchema({"type": "boolean"})]
+
+
+# ---- containers --------------------------------------------------------------------------------
+
+
+def _one_by_one(value: Any, validated: Callable[[Any], Any]) -> Any:
+    """Entry by entry: a file with a million wrong entries is refused at the first."""
+    if not isinstance(value, dict):
+        return validated(value)
+    return {key: validated({key: one})[key] for key, one in value.items()}
+
+
+def _two(value: Any) -> Any:
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        raise expected("made of pairs of numbers")
+    return value
+
+
+def _numbers_only(value: Any, info: ValidationInfo) -> Any:
+    if info.context is None or not isinstance(value, dict):
+        return value
+    return {k: one for k, one in value.items() if one is not None and not isinstance(one, str)}
+
+
+class _FailFast(FailFast):
+    """A list with a million wrong entries is refused at the first."""
+
+    def __hash__(self) -> int:  # annotations of a union are compared
+        return hash(type(self))
+
+
+ListOf = Annotated[tuple[T, ...], _FailFast()]
+MapOf = Annotated[dict[Text, T], WrapValidator(_one_by_one)]
+Pair = Annotated[tuple[Number, Number], BeforeValidator(_two)]
+#: numbers by key; of a file, texts and nulls among them are passed over
+Figures = Annotated[MapOf[Number], BeforeValidator(_numbers_only)]
+
+
+class _NeverNull:
+    def __get_pydantic_json_schema__(
+        self, core: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        made = handler(core)
+        others = [one for one in made.pop("anyOf", []) if one != _NULL]
+        made |= others[0] if len(others) == 1 else {"anyOf": others} if others else {}
+        if made.get("default", 0) is None:
+            del made["default"]
+        return made
+
+
+class _Absent(_NeverNull):
+    pass
+
+
+#: pamid always writes it; None where an older or partial file lacks it
+Written = Annotated[T | None, _NeverNull()]
+#: written only where there is something to say; None where it is missing
+Sometimes = Annotated[T | None, _Absent()]
+
+
+# ---- objects -----------------------------------------------------------------------------------
+
+
+class Model(BaseModel):
+    """One JSON object."""
+
+    model_config = ConfigDict(
+        frozen=True, extra="ignore", populate_by_name=True, protected_namespaces=()
+    )
+
+    def as_json(self) -> dict[str, Any]:
+        """What is written: plain dicts and lists, the fields that were set, in their order."""
+        fields = type(self).model_fields
+        written = {
+            field.alias or name: _plain(getattr(self, name))
+            for name, field in fields.items()
+            if name in self.model_fields_set or field.alias == "schema"
+        }
+        return written | {name: _plain(one) for name, one in (self.model_extra or {}).items()}
+
+    @model_validator(mode="before")
+    @classmethod
+    def _null_is_missing(cls, data: Any, info: ValidationInfo) -> Any:
+        if not isinstance(data, dict):
+            return data
+        known = {key for name, f in cls.model_fields.items() for key in (name, f.alias or name)}
+        if info.context is None:
+            if (strange := data.keys() - known) and cls.model_config["extra"] == "ignore":
+                raise expected(f"written without {', '.join(sorted(strange))}")
+            return data
+        needed = {f.alias or name for name, f in cls.model_fields.items() if f.is_required()}
+        given = {key: value for key, value in data.items() if value is not None or key in needed}
+        return dict.fromkeys(needed, _MISSING) | given
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, core: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        made = handler.resolve_ref_schema(handler(core))
+        made["required"] = [
+            field.alias or name
+            for name, field in cls.model_fields.items()
+            if not any(isinstance(one, _Absent) for one in field.metadata)
+        ]
+        for one in made.get("properties", {}).values():
+            one.pop("default", None)
+        return made
+
+
+class NumbersByKey(Model):
+    """An object of numbers, of which a later version may hold more; texts are passed over."""
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, Number] = Field(init=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _texts_are_passed_over(cls, data: Any, info: ValidationInfo) -> Any:
+        return _numbers_only(data, info)
+
+    def numbers(self) -> dict[str, float]:
+        """All that are there, by key."""
+        return {key: float(one) for key, one in self.as_json().items() if one is not None}
+
+
+class _Untitled(GenerateJsonSchema):
+    """JSON schemas without a title per key, which would only repeat it."""
+
+    def field_title_should_be_set(self, schema: Any) -> bool:
+        return False
+
+
+def json_schema(kind: type[Model]) -> dict[str, Any]:
+    """The JSON schema (draft 2020-12) of what is written of this kind."""
+    made = kind.model_json_schema(mode="serialization", schema_generator=_Untitled)
+    name = made["properties"]["schema"]["const"]
+    return {"$schema": DRAFT, "$id": name, "title": made.pop("title"), **made}
+
+
+def read(kind: type[M], content: Mapping[str, Any]) -> M:
+    """The object that was read as JSON; Misfit at the first value that is not what it should be."""
+    try:
+        return kind.model_validate(
+            {key: value for key, value in content.items() if key != "schema"}, context=_READING
+        )
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+    value, context = first["input"], first.get("ctx", {})
+    choices: tuple[str, ...] = ()
+    if first["type"] == "literal_error":
+        what = str(context["expected"])
+        choices = tuple(word.strip("'") for word in what.replace(" or ", ", ").split(", "))
+    else:
+        what = context.get("what") or _EXPECTED.get(first["type"], first["msg"])
+    missing = value is _MISSING
+    raise Misfit(_place(first["loc"]), what, value, missing, choices) from None
+
+
+_EXPECTED = {
+    "model_type": "an object",
+    "dict_type": "an object",
+    "tuple_type": "a list",
+    "missing": "given",
+}
+
+
+def _place(keys: tuple[int | str, ...]) -> str:
+    found = ""
+    for key in keys:
+        found += f"[{key}]" if isinstance(key, int) else f".{key}" if found else key
+    return found
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Model):
+        return value.as_json()
+    if isinstance(value, dict):
+        return {key: _plain(one) for key, one in value.items()}
+    return [_plain(one) for one in value] if isinstance(value, tuple | list) else value
