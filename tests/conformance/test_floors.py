@@ -27,6 +27,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("report",),
     ("correction",),
     ("export", "replications"),
+    ("api",),
     ("cli",),
 )
 #: not in a room: what rig files, effect files and scripts import
@@ -38,7 +39,7 @@ HOMES: dict[str, tuple[str, ...]] = {
     "llvmlite": ("pamid/engine/",),
     "torch": ("pamid/networks/",),
     "pysindy": ("pamid/diagnosis/",),
-    "matplotlib": ("pamid/report/",),
+    "matplotlib": ("pamid/report/", "pamid/recording/plot.py"),
     "pandas": ("pamid/recording/recording.py", "pamid/ingest/"),
     "pint": ("pamid/ingest/",),
     "pydantic": ("pamid/ingest/",),
