@@ -44,7 +44,7 @@ KEPT = "recordings"  # folder of a run with the recordings that came to it in no
 
 def warn_in_python(text: str) -> None:
     """What is odd but not wrong, as a UserWarning at the line that called pamid."""
-    warnings.warn(text, stacklevel=5)
+    warnings.warn(text, stacklevel=4)
 
 
 @dataclass(frozen=True)

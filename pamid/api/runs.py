@@ -63,9 +63,8 @@ def create_run(
         **options,
     }
     if given.kept:
-        noted["recordings"] = {
-            n: hashlib.sha256(content).hexdigest() for n, content in given.kept.items()
-        }
+        sha256 = {n: hashlib.sha256(content).hexdigest() for n, content in given.kept.items()}
+        noted["recordings"] = [f"{digest} {name}" for name, digest in sha256.items()]
     run = Run.create(
         home.folder,
         command=command,

@@ -40,7 +40,7 @@ HOMES: dict[str, tuple[str, ...]] = {
     "torch": ("pamid/networks/",),
     "pysindy": ("pamid/diagnosis/",),
     "matplotlib": ("pamid/report/", "pamid/recording/plot.py"),
-    "pandas": ("pamid/recording/recording.py", "pamid/ingest/"),
+    "pandas": ("pamid/recording/recording.py", "pamid/ingest/", "pamid/api/given.py"),
     "pint": ("pamid/ingest/",),
     "pydantic": ("pamid/ingest/",),
     "h5py": ("pamid/ingest/",),

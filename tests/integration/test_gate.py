@@ -16,6 +16,7 @@ from virtual_joint import record
 from cli.frame import run
 from pamid.api.given import evidence_of
 from pamid.base.errors import DataError, PamidError
+from pamid.base.progress import silent
 from pamid.checks.recording_quality import blocking, examine
 from pamid.diagnosis.contender import contender_from
 from pamid.diagnosis.misfit_beyond_range import doubt
@@ -132,7 +133,9 @@ def test_what_check_calls_wrong_stops_a_fit(
     assert not [n for n in needles if n not in told], told
     assert "bad.csv" in told and "--no-check" in said["hint"] and not output.exists()
     assert run(["check", str(path), "--rig", "one-dof"]) == 3
-    assert evidence_of(path, "one-dof", check=False).evidence.fit, "--no-check takes it"
+    assert evidence_of(path, "one-dof", check=False, warn=silent).evidence.fit, (
+        "--no-check takes it"
+    )
 
 
 def test_held_out_recordings_are_asked_too(joint: Recording, tmp_path: Path) -> None:

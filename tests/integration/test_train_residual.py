@@ -425,7 +425,7 @@ _HELD = """
 import os, sys, time
 from pamid_cli.frame import main
 from pamid_cli.progress import ProgressBar
-said, left, update = int(sys.argv.pop(1)), [int(sys.argv.pop(1))], Progress.update
+said, left, update = int(sys.argv.pop(1)), [int(sys.argv.pop(1))], ProgressBar.update
 def held(*words):
     left[0] -= 1
     if left[0] == 0:
@@ -433,7 +433,7 @@ def held(*words):
         while True:
             time.sleep(0.01)    # one long wait would never hear a signal that comes just before it begins
     update(*words)
-Progress.update = held
+ProgressBar.update = held
 main()
 """  # noqa: E501
 Process = subprocess.Popen[bytes]
