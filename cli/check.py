@@ -37,8 +37,8 @@ def command(file: Path, rig: str | None, figure: Path | None, overwrite: bool) -
     its data sheet is complete, its null is exact, and it behaves wherever it fits. Exit code 3 if
     anything is wrong; notes leave it at 0.
     """
+    from pamid.api.checking import check
     from pamid.base.errors import FileError, UsageError
-    from pamid.checks.inspection import inspect, inspection_text
 
     if figure is not None and figure.exists() and not overwrite:
         raise FileError(
@@ -46,26 +46,14 @@ def command(file: Path, rig: str | None, figure: Path | None, overwrite: bool) -
             "Choose another --figure, or --overwrite to replace it.",
             code="exists",
         )
-    found = inspect(file, rig)
-    said, text = found.said, inspection_text(found.said)
-    if figure is not None:
-        if found.recording is None and said["kind"] != "recording":
-            raise UsageError(
-                "--figure draws recordings.", "Leave it out for a rig or an effect file."
-            )
-        if found.recording is not None:
-            from pamid.base.files import make_folder, write_atomically
-            from pamid.report.quality_figure import card_png
+    found = check(file, rig)
+    said, text = found.to_dict(), found.summary()
+    if figure is not None and found.kind != "recording":
+        raise UsageError("--figure draws recordings.", "Leave it out for a rig or an effect file.")
+    if figure is not None and found.recording is not None:
+        from pamid.base.files import make_folder, write_atomically
 
-            of_issues = {issue.text for issue in found.issues}
-            others = [
-                f["detail"]
-                for f in said["findings"]
-                if not f["ok"] and not f["advice"] and f["detail"] not in of_issues
-            ]
-            make_folder(figure.parent)
-            write_atomically(
-                figure, card_png(found.recording, found.issues, said["quality"]["channels"], others)
-            )
-            said, text = {**said, "figure": str(figure)}, f"{text}\nfigure: {figure}"
-    return frame.Result(said, text, 0 if said["ok"] else WRONG)
+        make_folder(figure.parent)
+        write_atomically(figure, found.plot_png())
+        said, text = {**said, "figure": str(figure)}, f"{text}\nfigure: {figure}"
+    return frame.Result(said, text, 0 if found.ok else WRONG)

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from . import frame
-from .job import carried_through, cluster_option, failed_text, kept, pool_of, require_one_of
-from .options import evidence_from, no_check_option, with_sidecar
+from .job import cluster_option, failed_text, said_of
+from .options import no_check_option
 from .progress import ProgressBar
-from .terminal import quoted
-
-if TYPE_CHECKING:
-    from pamid.model.effect import Effect
+from .terminal import quoted, warning
 
 PLACE = 80
 EXAMPLE = """
@@ -87,55 +84,28 @@ def command(
     done); the same command with --resume repeats none of them. Where single jobs fail the rest is
     written, and the exit code is 6.
     """
-    from pamid.base.run_folder import JOBS, Run
-    from pamid.diagnosis.diagnose import diagnose_into
-    from pamid.model.registry import code_files, rig_of
+    from pamid.api.diagnosing import diagnose
 
-    require_one_of(resume, overwrite)
-    evidence = evidence_from(rig, recordings, held_out, check=not no_check)
-    catalogue = _catalogue(effects, without)
-    inputs = [f for p in (*recordings, *held_out) for f in with_sidecar(p)]
-    inputs += code_files(rig, [str(e) for e in effects])
-    with pool_of(jobs, cluster, kept=output / JOBS) as pool:
-        run = Run.create(
-            output,
-            command=frame.command_line(),
+    with ProgressBar("diagnose") as progress:
+        run = diagnose(
+            list(recordings),
+            rig,
+            held_out=list(held_out),
+            effects=[str(file) for file in effects],
+            without=without,
             seed=seed,
-            inputs=inputs,
+            jobs=jobs,
+            cluster=cluster,
+            output=output,
             overwrite=overwrite,
             resume=resume,
-            options={
-                "rig": rig or rig_of(evidence.recordings),
-                "effects": [str(e) for e in effects],
-                "without": list(without),
-            },
+            check=not no_check,
+            progress=lambda text: progress.update(0, text),
+            warn=warning,
+            command=frame.command_line(),
         )
-        if run.record["outcome"] == "done":  # resumed, and nothing is left to do
-            return frame.Result(
-                *kept(run.path("diagnosis.json"), lambda found: diagnosis_text(found, output))
-            )
-        with carried_through(run, pool), ProgressBar("diagnose") as progress:
-            found = diagnose_into(
-                run,
-                evidence,
-                catalogue,
-                seed=seed,
-                progress=lambda text: progress.update(0, text),
-                pool=pool,
-            )
-    return frame.Result(found, diagnosis_text(found, output), 6 if pool.failed else 0)
-
-
-def _catalogue(files: tuple[Path, ...], without: tuple[str, ...]) -> dict[str, type[Effect]]:
-    from pamid.base.errors import UsageError, nearest
-    from pamid.model.registry import effects_with
-
-    known, _ = effects_with(tuple(str(f) for f in files))
-    for name in without:
-        if name not in known:
-            raise UsageError(f"--without {name!r}: no such effect.", nearest(name, list(known)))
-        del known[name]
-    return known
+    found, text = said_of(output / "diagnosis.json", lambda found: diagnosis_text(found, output))
+    return frame.Result(found, text, 6 if run.failed_jobs else 0)
 
 
 def diagnosis_text(found: dict[str, Any], output: Path) -> str:
@@ -152,17 +122,28 @@ def diagnosis_text(found: dict[str, Any], output: Path) -> str:
                 f"Next: pamid report {quoted(output)}",
             ]
         )
-    where = found["where"]
-    lines = [
-        found["sentence"],
-        "",
-        "Where     "
-        + ", ".join(
-            f"{p['port']} {100 * p['share']:.0f} %"
-            for p in where["ports"][:4]
-            if p["share"] >= 0.005
-        ),
+    lines = [found["sentence"], "", *_where(found["where"]), *_which(found["causes"])]
+    lines += _how_far(found)
+    lines.append("          (on the half of the held-out windows that did not choose the effect)")
+    lines += ["", f"{'effect':36s} {'family':20s} {'P':>5s} {'shrinkage':>10s} {'95 %':>16s}"]
+    lines += [
+        f"{r['effect']:36s} {r['family']:20s} {r['probability']:5.2f} {100 * r['shrinkage']:8.1f} "
+        "% "
+        f"{100 * r['low']:6.1f} .. {100 * r['high']:5.1f}"
+        for r in found["ranking"][:8]
     ]
+    lines += _further(found, output)
+    lines += failed_text(found)
+    lines.append(f"Next: pamid report {quoted(output)}")
+    return "\n".join(lines)
+
+
+def _where(where: dict[str, Any]) -> list[str]:
+    """Ports, the regimes in which the gap shows, and a sensor that would tell more."""
+    shares = [
+        f"{p['port']} {100 * p['share']:.0f} %" for p in where["ports"][:4] if p["share"] >= 0.005
+    ]
+    lines = ["Where     " + ", ".join(shares)]
     lines += [
         f"          {100 * r['share_of_gap']:.0f} % of the gap in {100 * r['share_of_time']:.0f} "
         "% of the time: "
@@ -174,7 +155,12 @@ def diagnosis_text(found: dict[str, Any], output: Path) -> str:
         lines.append(
             f"          a measurement of {where['sensors'][0]['sensor']} would split {split}"
         )
-    for i, c in enumerate(found["causes"]):
+    return lines
+
+
+def _which(causes: list[dict[str, Any]]) -> list[str]:
+    lines = []
+    for i, c in enumerate(causes):
         values = ", ".join(
             f"{k} {v['value']:.4g} ({v['low']:.4g} .. {v['high']:.4g})"
             for k, v in c["parameters"].items()
@@ -182,15 +168,12 @@ def diagnosis_text(found: dict[str, Any], output: Path) -> str:
         lines.append(
             ("Which     " if i == 0 else "          ") + f"{c['effect']} ({c['family']}): {values}"
         )
-    lines += _how_far(found)
-    lines.append("          (on the half of the held-out windows that did not choose the effect)")
-    lines += ["", f"{'effect':36s} {'family':20s} {'P':>5s} {'shrinkage':>10s} {'95 %':>16s}"]
-    lines += [
-        f"{r['effect']:36s} {r['family']:20s} {r['probability']:5.2f} {100 * r['shrinkage']:8.1f} "
-        "% "
-        f"{100 * r['low']:6.1f} .. {100 * r['high']:5.1f}"
-        for r in found["ranking"][:8]
-    ]
+    return lines
+
+
+def _further(found: dict[str, Any], output: Path) -> list[str]:
+    """How sure it is, and what to measure next."""
+    lines = []
     sure = found.get("confidence")
     if sure:
         lines += [
@@ -208,9 +191,7 @@ def diagnosis_text(found: dict[str, Any], output: Path) -> str:
                 quoted(output / name) for name in n.get("excitations") or [n["excitation"]]
             )
         )
-    lines += failed_text(found)
-    lines.append(f"Next: pamid report {quoted(output)}")
-    return "\n".join(lines)
+    return lines
 
 
 def _how_far(found: dict[str, Any]) -> list[str]:

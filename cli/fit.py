@@ -8,10 +8,10 @@ from typing import Any
 import click
 
 from . import frame
-from .job import carried_through, cluster_option, failed_text, kept, pool_of, require_one_of
-from .options import evidence_from, no_check_option, with_sidecar
+from .job import cluster_option, failed_text, said_of
+from .options import no_check_option
 from .progress import ProgressBar
-from .terminal import quoted
+from .terminal import quoted, warning
 
 PLACE = 50
 EXAMPLE = """
@@ -106,60 +106,30 @@ def command(
     Tests can be fitted in stages, each on its own recordings: the first with its --output, the next
     --from that run.
     """
-    from pamid.base.errors import UsageError
-    from pamid.base.files import write_atomically
-    from pamid.base.json_file import write_json
-    from pamid.base.run_folder import FIT_FILE, JOBS, RESIDUAL_FILE, Run
-    from pamid.estimation.fit_model import fit_json, fit_model, residual_csv
-    from pamid.estimation.posterior import read_posterior
-    from pamid.model.registry import code_files, rig_of
-    from pamid.simulation.virtual_rig import attach_specs
+    from pamid.api.fitting import fit
+    from pamid.base.run_folder import FIT_FILE
 
-    require_one_of(resume, overwrite)
-    evidence = evidence_from(rig, recordings, held_out, check=not no_check)
-    attached = tuple(a for a, _ in attach_specs(evidence.rig, effects))
-    if earlier and earlier.resolve() == output.resolve():
-        raise UsageError(
-            f"{output} cannot be both --from and --output.",
-            "Give every stage a run folder of its own.",
-        )
-    before = read_posterior(earlier) if earlier else None
-    inputs = [f for p in (*recordings, *held_out) for f in with_sidecar(p)]
-    inputs += [*code_files(rig, effects), *([earlier / FIT_FILE] if earlier else [])]
-    with pool_of(jobs, cluster, kept=output / JOBS) as pool:
-        run = Run.create(
-            output,
-            command=frame.command_line(),
+    with ProgressBar("fit") as progress:
+        model = fit(
+            list(recordings),
+            rig,
+            held_out=list(held_out),
+            effects=effects,
+            earlier=earlier,
+            bootstrap=bootstrap,
             seed=seed,
-            inputs=inputs,
+            jobs=jobs,
+            cluster=cluster,
+            output=output,
             overwrite=overwrite,
             resume=resume,
-            options={
-                "rig": rig or rig_of(evidence.recordings),
-                "effects": list(effects),
-                "bootstrap": bootstrap,
-                **({"from": str(earlier)} if earlier else {}),
-            },
+            check=not no_check,
+            progress=lambda text: progress.update(0, text),
+            warn=warning,
+            command=frame.command_line(),
         )
-        if run.record["outcome"] == "done":  # resumed, and nothing is left to do
-            found, text = kept(run.path(FIT_FILE), lambda found: fit_text(found, output))
-            return frame.Result(found, text, 0 if found["converged"] else 5)
-        with carried_through(run, pool), ProgressBar("fit") as progress:
-            model = fit_model(
-                evidence,
-                attached,
-                seed=seed,
-                draws=bootstrap,
-                earlier=before,
-                pool=pool,
-                progress=lambda text: progress.update(0, text),
-            )
-            found = fit_json(model, seed) | {"failed_jobs": pool.failed_jobs}
-            write_json(run.path(FIT_FILE), found)
-            write_atomically(run.path(RESIDUAL_FILE), residual_csv(model))
-    return frame.Result(
-        found, fit_text(found, output), 5 if not found["converged"] else 6 if pool.failed else 0
-    )
+    found, text = said_of(output / FIT_FILE, lambda found: fit_text(found, output))
+    return frame.Result(found, text, 5 if not model.converged else 6 if model.failed_jobs else 0)
 
 
 def fit_text(found: dict[str, Any], output: Path) -> str:

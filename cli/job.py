@@ -2,16 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
-
-if TYPE_CHECKING:
-    from pamid.base.run_folder import Run
-    from pamid.parallel.jobs import WorkerPool
 
 cluster_option = click.option(
     "--cluster",
@@ -26,52 +21,9 @@ cluster_option = click.option(
 )
 
 
-@contextlib.contextmanager
-def pool_of(jobs: int, cluster: str | None, *, kept: Path | None = None) -> Iterator[WorkerPool]:
-    """Who does the jobs: processes of this machine, or a cluster; kept: the folder of their
-    results."""
-    from pamid.parallel.jobs import WorkerPool
-    from pamid.parallel.store import Store
-
-    store = Store(kept) if kept else None
-    if cluster is None:
-        yield WorkerPool(jobs, store)
-        return
-    from pamid.parallel.dask_backend import cluster as connected
-
-    with connected(cluster) as executor:
-        yield WorkerPool(jobs, store, executor)
-
-
-@contextlib.contextmanager
-def carried_through(run: Run, pool: WorkerPool) -> Iterator[None]:
-    """Close the run with a word for how it ended, and how many jobs it took; their results go once
-    all are done."""
-    try:
-        yield
-    except BaseException as error:
-        run.finish(
-            "interrupted" if isinstance(error, KeyboardInterrupt) else "failed", jobs=pool.counts
-        )
-        raise
-    run.finish("partial" if pool.failed else "done", jobs=pool.counts)
-    if pool.store and not pool.failed:
-        pool.store.clear()
-
-
-def require_one_of(resume: bool, overwrite: bool) -> None:
-    """UsageError where both are asked for."""
-    from pamid.base.errors import UsageError
-
-    if resume and overwrite:
-        raise UsageError(
-            "--resume goes on with the earlier run, --overwrite replaces it.", "Give one of them."
-        )
-
-
-def kept(path: Path, text_of: Callable[[dict[str, Any]], str]) -> tuple[dict[str, Any], str]:
-    """What a finished run holds, and its text; FileError where it is not what was once written
-    there."""
+def said_of(path: Path, text_of: Callable[[dict[str, Any]], str]) -> tuple[dict[str, Any], str]:
+    """What a run holds, and its text; FileError where it is not what was once written there, as an
+    earlier run may have been changed that --resume finds done."""
     from pamid.base.errors import FileError
     from pamid.base.json_file import read_json
 

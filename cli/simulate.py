@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
@@ -12,11 +11,6 @@ from .hints import unused
 from .options import noise_factor, parse_known
 from .terminal import quoted
 
-if TYPE_CHECKING:
-    from pamid.recording.recording import Recording
-    from pamid.simulation.virtual_rig import VirtualRecording
-
-MODEL_DIGITS = 12  # what is exported is held against this file to 1e-9 of every channel's span
 PLACE = 20
 EXAMPLE = """
 pamid simulate --rig one-dof --excitation excitation.csv --effect coulomb-friction:torque_n_m=0.3 --known inertia_kg_m2=0.0896 --seed 2 --output rec.csv
@@ -107,48 +101,34 @@ def command(
     loop); a rig of several joints takes the references of all of them, or all commands. What the
     excitation's TOML states as known holds for the rig, and is stated in the recording.
     """
-    from pamid.base.errors import FileError, UsageError
-    from pamid.base.files import make_folder
-    from pamid.model.registry import rig_of
-    from pamid.recording.recording import SIGNIFICANT_DIGITS, read_recording, write_recording
-    from pamid.simulation.virtual_rig import virtual_rig
+    from pamid.api.simulating import simulate
 
-    if output.exists() and not overwrite:
-        raise FileError(
-            f"{output} exists already.",
-            "Choose another --output, or --overwrite to replace it.",
-            code="exists",
-        )
-    source = read_recording(excitation)
-    stated, unstated, factor = parse_known(known), parse_known(hidden), noise_factor(noise)
-    if model is None:
-        if which != "best":
-            raise UsageError("--which belongs to --model RUN.")
-        made = virtual_rig(rig or rig_of([source]), source, effects, stated, unstated, factor, seed)
-    else:
-        made = _modelled(model, which, rig, effects, source, stated, unstated, factor, seed)
-    rig = made.meta["recording"]["rig"]
-    make_folder(output.parent)
-    write_recording(
-        output,
-        source.time,
-        made.columns,
-        made.meta,
-        digits=SIGNIFICANT_DIGITS if model is None else MODEL_DIGITS,
+    made = simulate(
+        excitation,
+        rig,
+        effects=effects,
+        model=model,
+        which=which,
+        known=parse_known(known),
+        parameters=parse_known(hidden),
+        noise=noise_factor(noise),
+        seed=seed,
+        output=output,
+        overwrite=overwrite,
     )
     found = {
         "schema": "pamid.simulate/1",
         "output": str(output),
-        "samples": len(source),
-        "rig": rig,
-        "loop": made.meta["recording"]["loop"],
-        "effects": made.effects,
+        "samples": len(made),
+        "rig": made.rig,
+        "loop": made.loop,
+        "effects": list(made.effects),
         "seed": seed,
     }
     told = ", ".join(made.effects) or "no effect"
     text = (
-        f"{output}: {len(source)} samples of {', '.join(made.columns)} ({told}, seed {seed}).\n"
-        f"Next: {_follow(output, len(source), rig)}"
+        f"{output}: {len(made)} samples of {', '.join(made.columns)} ({told}, seed {seed}).\n"
+        f"Next: {_follow(output, len(made), made.rig or 'one-dof')}"
     )
     return frame.Result(found, text)
 
@@ -159,29 +139,3 @@ def _follow(output: Path, samples: int, rig: str) -> str:
     if samples < FEWEST:
         return f"pamid check {quoted(output)} --rig {quoted(rig)}   (a fit needs {FEWEST} samples)"
     return f"pamid diagnose {quoted(output)} --rig {quoted(rig)} --output {unused('run')}"
-
-
-def _modelled(
-    run: Path,
-    which: str,
-    rig: str | None,
-    effects: tuple[str, ...],
-    source: Recording,
-    known: dict[str, float],
-    hidden: dict[str, float],
-    noise: float,
-    seed: int,
-) -> VirtualRecording:
-    """The model of a run on the excitation."""
-    from pamid.base.errors import UsageError
-    from pamid.correction.identified_model import load_identified, record_identified
-
-    for effect in effects:
-        if not effect.endswith(".py"):
-            raise UsageError(
-                f"--effect {effect!r}: the model has the effects that the run found; with --model "
-                "only "
-                "its effect files are named again."
-            )
-    model = load_identified(run, which=which, rig=rig, effects=effects).knowing(hidden)
-    return record_identified(model, source, known, noise=noise, seed=seed)

@@ -49,6 +49,11 @@ def aside(text: str) -> None:
         click.echo(printable(text), err=True)
 
 
+def warning(text: str) -> None:
+    """What is odd but not wrong, beside the result."""
+    aside(f"Warning: {text}")
+
+
 def hang_up(stream: TextIO | None = None) -> None:
     """Let go of a stream (default: stdout) that nobody reads or that is full, so that the end of
     the process does not stumble over it."""

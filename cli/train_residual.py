@@ -2,26 +2,14 @@
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 from . import frame, names
 from .progress import ProgressBar
 from .terminal import aside, quoted
-
-if TYPE_CHECKING:
-    from pamid.base.run_folder import Run
-    from pamid.correction.output_network import TrainingOptions
-    from pamid.correction.residual_data import ResidualData
-    from pamid.networks.training import Step
-
-    PortWork = Callable[
-        [Run, ResidualData, Callable[[str], None], TrainingOptions], tuple[dict[str, Any], bool]
-    ]
 
 PLACE = 60
 EXAMPLE = """
@@ -131,103 +119,35 @@ def command(
     Interrupted, it keeps what it has reached; --resume with the same options goes on from there as
     if nothing had happened.
     """
-    from pamid.base.errors import PamidError
-    from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE, Run
-    from pamid.correction.output_network import (
-        CHECKPOINT_FILE,
-        TrainingOptions,
-        Wanted,
-        train_correction,
-        write_correction,
-    )
-    from pamid.correction.residual_data import read_residual_data
+    from pamid.api.training import train_residual
 
-    wanted = Wanted(network, sizes)
-    folder = Run.open(run)
     given = tuple(word.strip() for word in (inputs or "").split(",") if word.strip())
-    port = _port_of(run, at, rig)
-    leftover = read_residual_data(run, channel, given, replay=port is not None)
-    folder.begin_step(
-        command=frame.command_line(),
-        seed=seed,
-        inputs=[run / FIT_FILE, run / RESIDUAL_FILE],
-        options={
-            "network": network,
+    with ProgressBar("train-residual") as progress:
+        found = train_residual(
+            run,
+            network=network,
+            iterations=iterations,
+            seed=seed,
+            starts=starts,
+            jobs=jobs,
+            evidence=evidence,
+            device=device,
+            at=at,
+            rig=rig,
+            channel=channel,
+            inputs=given,
+            resume=resume,
+            progress=lambda text: progress.update(0, text),
+            command=frame.command_line(),
             **sizes,
-            "iterations": iterations,
-            "starts": starts,
-            "evidence": evidence,
-            "at": at,
-            "resume": resume,
-            "channel": leftover.channel,
-            "inputs": list(leftover.inputs),
-        },
-    )
-
-    def told(step: Step, start: int) -> None:
-        which = f"start {start + 1} of {starts}, " if starts > 1 else ""
-        progress.update(
-            step.iteration, f"{which}MSE {step.mse:.4g}, gamma {step.gamma:.1f}, mu {step.mu:.1g}"
         )
-
-    course = TrainingOptions(
-        wanted=wanted,
-        independent=evidence == "independent-samples",
-        device=device,
-        iterations=iterations,
-        seed=seed,
-        starts=starts,
-        threads=jobs or os.cpu_count() or 1,
-        checkpoint=folder.path(CHECKPOINT_FILE),
-        resume=resume,
-        progress=told,
-    )
-    try:
-        with ProgressBar("train-residual", iterations) as progress:
-            if port is None:
-                found = train_correction(leftover, **course)
-                about, interrupted = write_correction(folder, found), found.interrupted
-            else:
-                about, interrupted = port(
-                    folder, leftover, lambda text: progress.update(0, text), course
-                )
-    except (PamidError, KeyboardInterrupt) as error:
-        folder.finish("failed" if isinstance(error, PamidError) else "interrupted")
-        raise
-    folder.finish("interrupted" if interrupted else "done")
-    if interrupted:
-        aside(training_text(about, run))
+    about = found.to_dict()
+    text = training_text(about, run)
+    if found.interrupted:
+        aside(text)
         raise KeyboardInterrupt
-    stuck = not about["training"]["converged"] and about["training"]["iterations"] < iterations
-    return frame.Result(about, training_text(about, run), 5 if stuck else 0)
-
-
-def _port_of(run: Path, at: str, rig: str | None) -> PortWork | None:
-    """What trains at a port of the run's model and writes it; None at the output. Wrong names are
-    refused here."""
-    from pamid.base.errors import UsageError
-
-    if at == "output":
-        if rig:
-            raise UsageError("--rig belongs to --at PORT: at the output no rig is needed.")
-        return None
-    from pamid.correction.port_network import (
-        entry_of,
-        origin_of,
-        train_at_port,
-        write_port_correction,
-    )
-
-    origin = origin_of(run, rig)
-    entry = entry_of(origin.evidence.rig, at)
-
-    def work(
-        folder: Run, leftover: ResidualData, stage: Callable[[str], None], course: TrainingOptions
-    ) -> tuple[dict[str, Any], bool]:
-        found = train_at_port(leftover, origin.model(stage), entry, stage, **course)
-        return write_port_correction(folder, found), found.interrupted
-
-    return work
+    stuck = not found.converged and found.iterations < iterations
+    return frame.Result(about, text, 5 if stuck else 0)
 
 
 def training_text(about: dict[str, Any], run: Path) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from . import frame, names
-from .job import cluster_option, failed_text, pool_of
+from .job import cluster_option, failed_text
 from .progress import ProgressBar
 from .terminal import quoted
 
@@ -116,6 +116,7 @@ def command(
     The folder has to be one that all of them see. A share that failed is sent again, or left to the
     last command, which works through whatever is missing.
     """
+    from pamid.api.workers import worker_pool
     from pamid.base.errors import UsageError
     from pamid.base.json_file import write_json
     from pamid.trial.calibrate import calibrated_from
@@ -137,7 +138,7 @@ def command(
         else {"rig": rig, "part": part, "seed": seed}
     )
     options = {"cases": cases, "only": only}
-    with pool_of(jobs, cluster) as pool:
+    with worker_pool(jobs, cluster) as pool:
         if index is not None:
             return _share(output, fixed, options, _share_of(index), pool)
         run = _begun(output, fixed, options, resume)

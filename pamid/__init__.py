@@ -1,8 +1,15 @@
 """pamid: where a grey-box model departs from its rig, which effect causes it, and how far the gap
 shrinks.
 
-The face: the nouns that a rig file, an effect file or a script needs. Each is loaded when it is
-first asked for, so that `import pamid` costs nothing. Nothing inside the package imports the face.
+    import pamid
+
+    recording = pamid.read_recording("joint.csv")
+    found = pamid.diagnose(recording, rig="one-dof")
+    found.verdict, found.causes, found.plot_worst_window()
+
+The face: verbs, their results, and the nouns that a rig file or an effect file needs. Each is
+loaded when it is first asked for, so that `import pamid` costs nothing. Nothing inside the package
+imports the face.
 """
 
 from __future__ import annotations
@@ -11,22 +18,85 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    import os
+
+    from pamid.api.checking import CheckResult, check
+    from pamid.api.diagnosing import diagnose
+    from pamid.api.fitting import fit
+    from pamid.api.results import (
+        DiagnosisResult,
+        FitResult,
+        IdentifiedCause,
+        ParameterEstimate,
+        ParameterTable,
+    )
+    from pamid.api.runs import open_run
+    from pamid.api.simulating import simulate
+    from pamid.api.training import NetworkResult, train_residual
     from pamid.base.errors import PamidError
+    from pamid.excitation.aprbs import aprbs
     from pamid.model.assembly import Assembly
     from pamid.model.background import Gain, SmoothGain, SplitGain
     from pamid.model.effect import Effect, State
     from pamid.model.parameter import Parameter
     from pamid.model.rig import Loop, Port, Rig
-    from pamid.recording.recording import Recording
+    from pamid.recording.recording import Recording, read_recording, write_recording
+    from pamid.report.writing import Report
+
+    def report(
+        run: FitResult | NetworkResult | str | os.PathLike[str],
+        output: str | os.PathLike[str] | None = None,
+        *,
+        pdf: str | os.PathLike[str] | None = None,
+    ) -> Report: ...
+
 
 __version__ = "0.1.0"
+
+_HOME = {
+    "Assembly": "pamid.model.assembly",
+    "CheckResult": "pamid.api.checking",
+    "DiagnosisResult": "pamid.api.results",
+    "Effect": "pamid.model.effect",
+    "FitResult": "pamid.api.results",
+    "Gain": "pamid.model.background",
+    "IdentifiedCause": "pamid.api.results",
+    "Loop": "pamid.model.rig",
+    "NetworkResult": "pamid.api.training",
+    "PamidError": "pamid.base.errors",
+    "Parameter": "pamid.model.parameter",
+    "ParameterEstimate": "pamid.api.results",
+    "ParameterTable": "pamid.api.results",
+    "Port": "pamid.model.rig",
+    "Recording": "pamid.recording.recording",
+    "Rig": "pamid.model.rig",
+    "SmoothGain": "pamid.model.background",
+    "SplitGain": "pamid.model.background",
+    "State": "pamid.model.effect",
+    "aprbs": "pamid.excitation.aprbs",
+    "check": "pamid.api.checking",
+    "diagnose": "pamid.api.diagnosing",
+    "fit": "pamid.api.fitting",
+    "open_run": "pamid.api.runs",
+    "read_recording": "pamid.recording.recording",
+    "simulate": "pamid.api.simulating",
+    "train_residual": "pamid.api.training",
+    "write_recording": "pamid.recording.recording",
+}
 __all__ = [
     "Assembly",
+    "CheckResult",
+    "DiagnosisResult",
     "Effect",
+    "FitResult",
     "Gain",
+    "IdentifiedCause",
     "Loop",
+    "NetworkResult",
     "PamidError",
     "Parameter",
+    "ParameterEstimate",
+    "ParameterTable",
     "Port",
     "Recording",
     "Rig",
@@ -34,25 +104,22 @@ __all__ = [
     "SplitGain",
     "State",
     "__version__",
+    "aprbs",
+    "check",
+    "diagnose",
+    "fit",
+    "open_run",
+    "read_recording",
+    "report",
+    "simulate",
+    "train_residual",
+    "write_recording",
 ]
-
-_HOME = {
-    "Assembly": "pamid.model.assembly",
-    "Effect": "pamid.model.effect",
-    "Gain": "pamid.model.background",
-    "Loop": "pamid.model.rig",
-    "PamidError": "pamid.base.errors",
-    "Parameter": "pamid.model.parameter",
-    "Port": "pamid.model.rig",
-    "Recording": "pamid.recording.recording",
-    "Rig": "pamid.model.rig",
-    "SmoothGain": "pamid.model.background",
-    "SplitGain": "pamid.model.background",
-    "State": "pamid.model.effect",
-}
 
 
 def __getattr__(name: str) -> Any:
+    if name == "report":  # the package, which can be called
+        return importlib.import_module("pamid.report")
     if name not in _HOME:
         raise AttributeError(f"module 'pamid' has no attribute {name!r}")
     return getattr(importlib.import_module(_HOME[name]), name)

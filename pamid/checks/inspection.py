@@ -50,31 +50,41 @@ class Inspection:
     issues: tuple[Issue, ...] = ()
 
 
-def inspect(path: Path, rig: str | None = None) -> Inspection:
-    """Check a recording (.csv) or a Python file with rigs and effects (.py): {"schema", "kind",
-    "ok", "findings"...}.
+def inspect(
+    source: Path | Recording | type[Rig] | type[Effect], rig: str | Rig | None = None
+) -> Inspection:
+    """Check a recording (.csv) or a Python file with rigs and effects (.py), or one of these
+    itself: {"schema", "kind", "ok", "findings"...}.
 
     `rig` is the rig a recording is meant for (default: the one its TOML names). FileError for a
     file of another kind or one that is not there; whatever is wrong inside is listed, not raised.
     """
-    require_file(path, "recording, rig or effect file")
     recording: Recording | None = None
     issues: tuple[Issue, ...] = ()
-    if path.suffix == ".csv":
-        try:
-            recording = read_recording(path)
-        except (FileError, DataError) as error:
-            about, found = {"kind": "recording"}, _every_problem(path, error)
-        else:
-            about, found, issues = _recording(recording, rig)
-    elif path.suffix == ".py":
-        about, found = _python(path)
+    if isinstance(source, Recording):
+        path, recording = source.path, source
+        about, found, issues = _recording(source, rig)
+    elif isinstance(source, type):
+        path = Path(source.__qualname__)
+        about, found = _classes(path, [source])
     else:
-        raise FileError(
-            f"{path}: pamid checks recordings (.csv) and rig or effect files (.py).",
-            "`pamid ingest` reads other kinds of log.",
-            code="suffix",
-        )
+        path = source
+        require_file(path, "recording, rig or effect file")
+        if path.suffix == ".csv":
+            try:
+                recording = read_recording(path)
+            except (FileError, DataError) as error:
+                about, found = {"kind": "recording"}, _every_problem(path, error)
+            else:
+                about, found, issues = _recording(recording, rig)
+        elif path.suffix == ".py":
+            about, found = _python(path)
+        else:
+            raise FileError(
+                f"{path}: pamid checks recordings (.csv) and rig or effect files (.py).",
+                "`pamid ingest` reads other kinds of log.",
+                code="suffix",
+            )
     wrong = [f for f in found if f.wrong]
     said: dict[str, Any] = {"schema": SCHEMA, "file": str(path), **about, "ok": not wrong}
     if wrong:
@@ -106,7 +116,7 @@ def require_sound(recording: Recording, rig: Rig) -> None:
 
 
 def _recording(
-    recording: Recording, rig_name: str | None
+    recording: Recording, rig_name: str | Rig | None
 ) -> tuple[dict[str, Any], list[Finding], tuple[Issue, ...]]:
     found = [Finding("file", True, "uniform stamps, finite numbers, no row missing")]
     found += [Finding("warning", False, w, advice=True) for w in recording.warnings]
@@ -129,7 +139,7 @@ def _recording(
         "duration_s": len(recording) * period,
         "sampling_period_s": period,
         "loop": recording.loop,
-        "rig": name,
+        "rig": library.name_of(name) if name else None,
         "known": recording.known,
         "controller": recording.controller,
         "columns": {name: _column(recording, name) for name in recording.columns},
@@ -163,7 +173,9 @@ def _column(recording: Recording, name: str) -> dict[str, Any]:
     }
 
 
-def _against_rig(recording: Recording, rig_name: str | None) -> tuple[Rig | None, list[Finding]]:
+def _against_rig(
+    recording: Recording, rig_name: str | Rig | None
+) -> tuple[Rig | None, list[Finding]]:
     """The rig, which of its columns are there, and which columns it does not know.
 
     A rig file is run only where the user names it; one that a recording's TOML names is told, not
@@ -292,9 +304,17 @@ def _python(path: Path) -> tuple[dict[str, Any], list[Finding]]:
         module = library.load_file(path)
     except PamidError as error:
         return {"kind": "python"}, [Finding("file", False, str(error))]
-    own = [
-        v for v in vars(module).values() if isinstance(v, type) and v.__module__ == module.__name__
-    ]
+    return _classes(
+        path,
+        [
+            v
+            for v in vars(module).values()
+            if isinstance(v, type) and v.__module__ == module.__name__
+        ],
+    )
+
+
+def _classes(path: Path, own: list[type]) -> tuple[dict[str, Any], list[Finding]]:
     rigs = [v for v in own if issubclass(v, Rig)]
     effects = [v for v in own if issubclass(v, Effect)]
     kind = "rig" if rigs else "effect" if effects else "python"

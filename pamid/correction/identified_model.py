@@ -34,7 +34,7 @@ from pamid.estimation.fit_model import loop_motion, loop_names
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attach
 from pamid.model.effect import Effect
-from pamid.model.registry import effects_again, rig_again
+from pamid.model.registry import effects_again, name_of, rig_again
 from pamid.model.rig import Rig
 from pamid.model.trace import Traced, beside, fed, signals_of
 from pamid.networks.store import NETWORK_FILE, TrainedNetwork, load_network
@@ -301,7 +301,11 @@ def _corrected_in_loop(
 
 
 def load_identified(
-    run_folder: Path, *, which: str = "best", rig: str | None = None, effects: tuple[str, ...] = ()
+    run_folder: Path,
+    *,
+    which: str = "best",
+    rig: str | Rig | None = None,
+    effects: tuple[str | type[Effect], ...] = (),
 ) -> Identified:
     """The model of a run; FileError where the folder is damaged or its rig or effect files are not
     named here.
@@ -309,8 +313,8 @@ def load_identified(
     which          "cause" (of a diagnosis), "network" (the refitted model with the network that was
     trained on the
                    run), "refitted", or "best": the first of these that the run has
-    rig, effects   paths of the rig file and the effect files that the run was made with; they are
-    run
+    rig, effects   paths of the rig file and the effect files that the run was made with, which are
+    run; or the rig and the effects themselves
     """
     if which not in WHICH:
         raise UsageError(f"--which {which!r}: take one of {', '.join(WHICH)}.")
@@ -345,7 +349,7 @@ def load_identified(
             tuple(map(str, record["options"].get("effects", ()))), effects, noted
         )
         model = _model(made, fit, "cause" if chosen == "cause" else "model", catalogue, path)
-        model = replace(model, source=rig or source, sha256=sha256_of(path))
+        model = replace(model, source=name_of(rig or source), sha256=sha256_of(path))
     if chosen != "network":
         return model
     with _sound(run_folder / NETWORK_FILE):

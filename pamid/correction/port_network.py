@@ -155,7 +155,7 @@ class Origin:
         return found
 
 
-def origin_of(folder: Path, rig: str | None = None) -> Origin:
+def origin_of(folder: Path, rig: str | Rig | None = None) -> Origin:
     """Read a run's recordings again. FileError where one has moved or changed, or where the rig is
     a file that nobody names here: it is code, and is run."""
     record, fit = Run.open(folder).record, read_json(folder / FIT_FILE)
@@ -180,9 +180,9 @@ def origin_of(folder: Path, rig: str | None = None) -> Origin:
     for path in roles:
         for one in (path, str(Path(path).with_suffix(".toml"))):
             if one in known:
-                _require_unchanged(one, known[one], folder)
+                _require_unchanged(_place(folder, one), known[one], folder)
     made = rig_again(name, rig, known)
-    recordings = {path: read_recording(Path(path)) for path in roles}
+    recordings = {path: read_recording(_place(folder, path)) for path in roles}
     evidence = split_recordings(
         made,
         [r for path, r in recordings.items() if roles[path] != "held-out"],
@@ -191,8 +191,14 @@ def origin_of(folder: Path, rig: str | None = None) -> Origin:
     return Origin(evidence, tuple(attach(made, label, effects()) for label in labels), fit)
 
 
-def _require_unchanged(path: str, sha256: str, folder: Path) -> None:
-    if not Path(path).is_file():
+def _place(folder: Path, path: str) -> Path:
+    """Where a recording lies: a run keeps those that came to it in no file in its own folder."""
+    kept = folder / path
+    return kept if not Path(path).is_file() and kept.is_file() else Path(path)
+
+
+def _require_unchanged(path: Path, sha256: str, folder: Path) -> None:
+    if not path.is_file():
         raise FileError(
             f"{path}, to which {folder} was fitted, is not there.",
             "Put it back; a path that is not absolute counts from where the run was made.",

@@ -26,6 +26,9 @@ from pamid.model.rig import Rig, check_rig
 from pamid.recording.recording import Recording
 
 _CODE = "A rig or effect file is code, run only when you name it yourself:"
+_IN_PROGRAM = (
+    "class:"  # leads the name that a run notes for a rig that no name and no file stands for
+)
 
 
 def _classes(module: ModuleType, base: type) -> list[type]:
@@ -123,15 +126,38 @@ def _frames(error: BaseException) -> list[Any]:
     return out[::-1]
 
 
-def rig_named(name: str) -> Rig:
+def rig_named(name: str | Rig) -> Rig:
     """The rig that a user named: of the catalogue, or by the path of a file that holds one, which
-    is run."""
+    is run; a rig itself stands for itself."""
+    if isinstance(name, Rig):
+        check_rig(name, type(name).__name__)
+        return name
     return _rig_in(Path(name)) if is_code(name) else catalogue_rig(name)
+
+
+def name_of(rig: str | Rig) -> str:
+    """What a run notes of the rig that a user named: the word itself, the catalogue's name of a rig
+    of the catalogue, else the name of its class."""
+    if isinstance(rig, str):
+        return rig
+    kind = type(rig)
+    if rigs().get(rig.name) is kind:
+        variants = {f"{rig.name}:{v}": kind(v) for v in getattr(kind, "variants", ())}  # type: ignore[call-arg]
+        for name, one in {rig.name: kind(), **variants}.items():
+            if vars(one) == vars(rig):
+                return name
+    return f"{_IN_PROGRAM}{kind.__qualname__}"
 
 
 def catalogue_rig(name: str) -> Rig:
     """A rig of the catalogue, "one-dof" or "one-dof:polynomial"; FileError for anything else. No
     file is ever run: this is the look-up for names that came from data."""
+    if name.startswith(_IN_PROGRAM):
+        raise FileError(
+            f"{name.removeprefix(_IN_PROGRAM)} is a rig of somebody's Python program.",
+            "Give it there again, as rig=.",
+            code="rig",
+        )
     base, _, variant = name.partition(":")
     known = rigs()
     if base not in known:
@@ -166,12 +192,14 @@ def _rig_in(path: Path, sha256: str = "") -> Rig:
     return rig
 
 
-def rig_again(noted: str, named: str | None, sha256: Mapping[str, str]) -> Rig:
+def rig_again(noted: str, named: str | Rig | None, sha256: Mapping[str, str]) -> Rig:
     """The rig that a run notes; its file only where the caller names it, too, and it is the same as
-    then.
+    then; a rig of a program only where the caller gives it.
 
     sha256: of the run's inputs, by path.
     """
+    if isinstance(named, Rig):
+        return rig_named(named)
     if is_code(noted) and not is_code(named or ""):
         raise FileError(
             f"The run was made with the rig file {noted!r}.",
@@ -184,11 +212,11 @@ def rig_again(noted: str, named: str | None, sha256: Mapping[str, str]) -> Rig:
 
 
 def effects_again(
-    noted: tuple[str, ...], named: tuple[str, ...], sha256: Mapping[str, str]
+    noted: tuple[str, ...], named: tuple[str | type[Effect], ...], sha256: Mapping[str, str]
 ) -> dict[str, type[Effect]]:
     """The catalogue, widened by the effect files that a run notes, each named again and the same as
-    then."""
-    files = {Path(_file_of(name)).name: name for name in named}
+    then, and by effects that are given themselves."""
+    files = {Path(_file_of(name)).name: name for name in named if isinstance(name, str)}
     wanted: dict[str, str] = {}
     for path in filter(is_code, (_file_of(spec) for spec in noted)):
         if Path(path).name not in files:
@@ -201,11 +229,10 @@ def effects_again(
     return effects_with(named, wanted)[0]
 
 
-def code_files(rig: str | None, specs: Sequence[str]) -> list[Path]:
+def code_files(rig: str | Rig | None, specs: Sequence[str | type[Effect]]) -> list[Path]:
     """The rig and effect files among what was asked for."""
-    return [
-        Path(name) for name in (rig or "", *(_file_of(spec) for spec in specs)) if is_code(name)
-    ]
+    names = [rig, *(_file_of(spec) for spec in specs if isinstance(spec, str))]
+    return [Path(name) for name in names if isinstance(name, str) and is_code(name)]
 
 
 def _file_of(spec: str) -> str:
@@ -236,12 +263,17 @@ def rig_of(recordings: list[Recording]) -> str:
 
 
 def effects_with(
-    specs: tuple[str, ...], sha256: Mapping[str, str] = MappingProxyType({})
+    specs: tuple[str | type[Effect], ...], sha256: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[dict[str, type[Effect]], list[str]]:
-    """The catalogue, widened by the effect files among `specs`, which a user said and which are
-    run; and the specs as names. sha256: what files have to be, by spec."""
+    """The catalogue, widened by the effects among `specs` and by the effect files, which a user
+    said and which are run; and the specs as names. sha256: what files have to be, by spec."""
     known, names = effects(), []
     for spec in specs:
+        if isinstance(spec, type):
+            require_sound(spec, spec.__name__)
+            known[spec.name] = spec
+            names.append(spec.name)
+            continue
         path = _file_of(spec)
         if is_code(path):
             found = _classes(load_file(Path(path), sha256.get(spec, "")), Effect)

@@ -10,15 +10,17 @@ from __future__ import annotations
 
 import json
 import re
+import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pamid.base.errors import DataError, FileError, nearest
+from pamid.base.card import Cells, card, html_table, interval, text_table
+from pamid.base.errors import DataError, FileError, UsageError, nearest
 from pamid.base.files import TABLE, open_data, sha256_of, write_together
 from pamid.base.units import NONE, compatible, from_si, split_column, suffixes_for, to_si
 from pamid.recording.file_checks import (
@@ -30,11 +32,17 @@ from pamid.recording.file_checks import (
     sidecar_of,
 )
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+    from pamid.recording.plot import NotebookFigure
+
 FloatArray = NDArray[np.float64]
 
 TIME = "time_s"
 MIN_SAMPLES = 50
 SIGNIFICANT_DIGITS = 9
+EXACT_DIGITS = 17  # any double comes back as it was
 TIME_DIGITS = 12  # a stamp late in a long record needs more: 9 digits are 10 us after 1000 s
 
 _PLAIN = "Every cell holds one number with a decimal point; `pamid ingest` reads other dialects."
@@ -86,7 +94,9 @@ class Recording:
     in the column's unit, shape (n,), without time; arrays are read-only sampling_period_s   s loop
     "closed" | "open" | None: was a controller producing the command from the output? known
     parameters of the rig known for this recording, by full name, in the unit of the name controller
-    the controller's settings, by full name warnings         what was odd but not wrong
+    the controller's settings, by full name warnings         what was odd but not wrong effects
+    labels of the effects that a simulated recording was made with, with their values; no file tells
+    them
     """
 
     name: str
@@ -100,6 +110,79 @@ class Recording:
     known: dict[str, float] = field(default_factory=dict)
     controller: dict[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    effects: tuple[str, ...] = ()
+
+    @classmethod
+    def from_pandas(
+        cls,
+        frame: DataFrame,
+        name: str = "recording",
+        *,
+        rig: str | None = None,
+        loop: str | None = None,
+        known: Mapping[str, float] | None = None,
+        controller: Mapping[str, float] | None = None,
+    ) -> Recording:
+        """A recording out of a table with the column time_s and one column per signal, its unit at
+        the end of its name (angle_deg); the rest is what a recording's TOML says.
+
+        UsageError where it is no such table; otherwise errors as of `read_recording`.
+        """
+        if TIME not in frame.columns:
+            raise UsageError(
+                f"The table {name!r} has no column {TIME!r}.",
+                "Its index is not read: frame.reset_index(names='time_s') makes a column of it.",
+            )
+        try:
+            arrays = {str(c): frame[c].to_numpy(dtype=float) for c in frame.columns}
+        except (TypeError, ValueError) as error:
+            raise UsageError(
+                f"The table {name!r} holds more than numbers: {error}.", "Leave such columns out."
+            ) from None
+        tables = {
+            "recording": {k: v for k, v in (("rig", rig), ("loop", loop)) if v is not None},
+            "known": dict(known or {}),
+            "controller": dict(controller or {}),
+        }
+        return recording_of(arrays.pop(TIME), arrays, tables, name=name, digits=EXACT_DIGITS)
+
+    def to_pandas(self) -> DataFrame:
+        """time_s and every signal as the columns of a table."""
+        import pandas
+
+        return pandas.DataFrame({TIME: self.time, **self.columns})
+
+    def plot(self, signals: Iterable[str] | None = None) -> NotebookFigure:
+        """A figure of every signal over time, or of these, in the units of their names; FileError
+        for a signal that was not recorded."""
+        from pamid.recording.plot import plot_signals
+
+        chosen = {name: self.signal(name) for name in (signals or self.columns)}
+        return plot_signals(self._headline(), self.time, chosen)
+
+    def __repr__(self) -> str:
+        return f"<Recording {self._headline()}: {', '.join(self.columns)}>"
+
+    def _repr_html_(self) -> str:
+        return card(self._headline(), html_table(self._ranges()))
+
+    def summary(self) -> str:
+        """The range of every signal as lines of text."""
+        return f"{self._headline()}\n{text_table(self._ranges())}"
+
+    def _headline(self) -> str:
+        loop = f", {self.loop} loop" if self.loop else ""
+        span = len(self) * self.sampling_period_s
+        return (
+            f"{self.name}: {len(self)} samples over {span:.4g} s, one every "
+            f"{1e3 * self.sampling_period_s:.4g} ms{loop}"
+        )
+
+    def _ranges(self) -> Cells:
+        rows = [
+            (name, interval(float(x.min()), float(x.max()))) for name, x in self.columns.items()
+        ]
+        return ("signal", "range"), rows
 
     def __len__(self) -> int:
         return self.time.size
@@ -177,6 +260,29 @@ def read_recording(path: str | Path) -> Recording:
         side.controller,
         side.warnings,
     )
+
+
+def recording_of(
+    time: ArrayLike,
+    columns: Mapping[str, ArrayLike],
+    meta: Mapping[str, Any] | None = None,
+    *,
+    name: str = "recording",
+    digits: int = SIGNIFICANT_DIGITS,
+) -> Recording:
+    """What reading a recording would give that `write_recording` had written, without leaving a
+    file: checked alike, rounded alike. Its path is NAME.csv, where nothing need lie."""
+    plain = re.sub(r"[^\w.-]+", "-", name).strip("-.") or "recording"
+    tables = {title: content for title, content in (meta or {}).items() if content}
+    with tempfile.TemporaryDirectory(prefix="pamid-") as folder:
+        path = Path(folder, f"{plain}.csv")
+        try:
+            write_recording(path, time, columns, tables, digits=digits)
+            found = read_recording(path)
+        except (FileError, DataError) as error:
+            message = error.message.replace(str(path), path.name)
+            raise type(error)(message, error.hint, code=error.code) from None
+    return replace(found, path=Path(path.name))
 
 
 def write_recording(

@@ -9,8 +9,6 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from matplotlib.transforms import blended_transform_factory
 from numpy.typing import NDArray
@@ -18,6 +16,7 @@ from PIL import Image
 
 from pamid.checks.recording_quality import Issue
 from pamid.recording.file_checks import HUGE
+from pamid.recording.plot import NotebookFigure
 from pamid.recording.recording import Recording
 from pamid.report import words
 from pamid.report.style import PNG_DPI, WIDE_IN, colour, grid, label, settings
@@ -40,18 +39,37 @@ def card_png(
     channels: Mapping[str, Mapping[str, float]],
     others: Sequence[str] = (),
 ) -> bytes:
-    """The quality card as a PNG; channels: step and noise per column
+    """The quality card of `card_figure` as a PNG."""
+    buffer, small = io.BytesIO(), io.BytesIO()
+    with settings("quality"):
+        card_figure(recording, issues, channels, others).savefig(
+            buffer,
+            format="png",
+            dpi=PNG_DPI,
+            facecolor=colour("paper"),
+            metadata={"Software": None},
+        )
+    # dense traces do not compress: with a palette the file has a third of the size
+    Image.open(buffer).convert("RGB").quantize(COLOURS).save(small, "PNG", optimize=True)
+    return small.getvalue()
+
+
+def card_figure(
+    recording: Recording,
+    issues: Sequence[Issue],
+    channels: Mapping[str, Mapping[str, float]],
+    others: Sequence[str] = (),
+) -> NotebookFigure:
+    """The quality card; channels: step and noise per column
     (`pamid.checks.recording_quality.channel_figures`); others: what is wrong besides the issues, as
     a column that the rig needs."""
     rows = _rows(recording, issues)
     lines = textwrap.wrap(label(card_title(recording, issues, others), 400), WIDEST_LINE)
-    buffer, small = io.BytesIO(), io.BytesIO()
     with settings("quality"):
-        figure = Figure(
+        figure = NotebookFigure(
             figsize=(WIDE_IN, REST_IN + ROW_IN * len(rows) + 0.19 * len(lines)),
             layout="constrained",
         )
-        FigureCanvasAgg(figure)
         axes = figure.subplots(len(rows), 2, squeeze=False, width_ratios=[5.0, 1.0], sharex="col")
         for (whole, close), name in zip(axes, rows, strict=True):
             _over_time(whole, recording, name, [issue for issue in issues if name in issue.columns])
@@ -63,16 +81,7 @@ def card_png(
         axes[-1, 1].set_xlabel("time [ms]")
         figure.align_ylabels(axes[:, 0])
         figure.suptitle("\n".join(lines), x=0.012, ha="left", fontsize=10.5, fontweight="bold")
-        figure.savefig(
-            buffer,
-            format="png",
-            dpi=PNG_DPI,
-            facecolor=colour("paper"),
-            metadata={"Software": None},
-        )
-    # dense traces do not compress: with a palette the file has a third of the size
-    Image.open(buffer).convert("RGB").quantize(COLOURS).save(small, "PNG", optimize=True)
-    return small.getvalue()
+    return figure
 
 
 def card_title(recording: Recording, issues: Sequence[Issue], others: Sequence[str] = ()) -> str:

@@ -19,12 +19,12 @@ from typing import Any
 
 import matplotlib
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont
 from matplotlib.ft2font import FT2Font
 
+from pamid.recording.plot import NotebookFigure
 from pamid.report.words import clean
 
 #: role -> colour on a light and on a dark page
@@ -184,17 +184,22 @@ def _svg(drawing: Drawing, *, narrow: bool) -> str:
     return _for_page(text[text.index("<svg") :])
 
 
-def _png(drawing: Drawing) -> bytes:
+def figure_of(drawing: Drawing) -> NotebookFigure:
+    """The drawing as a figure of its own, its title above it."""
     with settings(drawing.name):
         lines = textwrap.wrap(label(drawing.title, 400), 88)
-        figure = Figure(
+        figure = NotebookFigure(
             figsize=(WIDE_IN, drawing.height + 0.2 + 0.19 * len(lines)), layout="constrained"
         )
-        FigureCanvasAgg(figure)
         drawing.draw(figure, False)
         figure.suptitle("\n".join(lines), x=0.012, ha="left", fontsize=10.5, fontweight="bold")
+    return figure
+
+
+def _png(drawing: Drawing) -> bytes:
+    with settings(drawing.name):
         buffer = io.BytesIO()
-        figure.savefig(
+        figure_of(drawing).savefig(
             buffer,
             format="png",
             dpi=PNG_DPI,

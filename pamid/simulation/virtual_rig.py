@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from pamid.base.errors import FileError, UsageError, nearest
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attach
-from pamid.model.registry import effects_with, rig_named
+from pamid.model.effect import Effect
+from pamid.model.registry import effects_with, name_of, rig_named
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
 from pamid.simulation.simulate import input_table, port_sizes, virtual_recording
@@ -47,7 +48,9 @@ def split_spec(spec: str) -> tuple[str, dict[str, float]]:
     return name, values
 
 
-def attach_specs(rig: Any, specs: tuple[str, ...]) -> list[tuple[Attachment, dict[str, float]]]:
+def attach_specs(
+    rig: Any, specs: tuple[str | type[Effect], ...]
+) -> list[tuple[Attachment, dict[str, float]]]:
     """Attachments named on the command line, with the values given for their parameters."""
     catalogue, names = effects_with(specs)
     found = []
@@ -80,9 +83,9 @@ def in_its_loop(rig: Rig, excitation: Recording) -> bool:
 
 
 def virtual_rig(
-    rig_name: str,
+    rig_name: str | Rig,
     excitation: Recording,
-    specs: tuple[str, ...],
+    specs: tuple[str | type[Effect], ...],
     known: dict[str, float],
     hidden: dict[str, float],
     noise: float,
@@ -120,7 +123,7 @@ def virtual_rig(
     columns = virtual_recording(assembly, excitation, p, noise=noise, seed=seed)
     meta: dict[str, Any] = {
         "recording": {
-            "rig": rig_name,
+            "rig": name_of(rig_name),
             "loop": "closed" if closed else "open",
             "sampling_period_s": excitation.sampling_period_s,
         }

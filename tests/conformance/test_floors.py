@@ -27,6 +27,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("report",),
     ("correction",),
     ("export", "replications"),
+    ("api",),
     ("cli",),
 )
 #: not in a room: what rig files, effect files and scripts import
@@ -38,8 +39,8 @@ HOMES: dict[str, tuple[str, ...]] = {
     "llvmlite": ("pamid/engine/",),
     "torch": ("pamid/networks/",),
     "pysindy": ("pamid/diagnosis/",),
-    "matplotlib": ("pamid/report/",),
-    "pandas": ("pamid/recording/recording.py", "pamid/ingest/"),
+    "matplotlib": ("pamid/report/", "pamid/recording/plot.py"),
+    "pandas": ("pamid/recording/recording.py", "pamid/ingest/", "pamid/api/given.py"),
     "pint": ("pamid/ingest/",),
     "pydantic": ("pamid/ingest/", "pamid/schemas/"),
     "h5py": ("pamid/ingest/",),

@@ -14,8 +14,9 @@ from small_cart import RIG, record_cart
 from virtual_joint import record
 
 from cli.frame import run
-from cli.options import evidence_from
+from pamid.api.given import evidence_of
 from pamid.base.errors import DataError, PamidError
+from pamid.base.progress import silent
 from pamid.checks.recording_quality import blocking, examine
 from pamid.diagnosis.contender import contender_from
 from pamid.diagnosis.misfit_beyond_range import doubt
@@ -132,7 +133,9 @@ def test_what_check_calls_wrong_stops_a_fit(
     assert not [n for n in needles if n not in told], told
     assert "bad.csv" in told and "--no-check" in said["hint"] and not output.exists()
     assert run(["check", str(path), "--rig", "one-dof"]) == 3
-    assert evidence_from("one-dof", (path,), (), check=False).fit, "--no-check takes it"
+    assert evidence_of(path, "one-dof", check=False, warn=silent).evidence.fit, (
+        "--no-check takes it"
+    )
 
 
 def test_held_out_recordings_are_asked_too(joint: Recording, tmp_path: Path) -> None:
@@ -140,7 +143,7 @@ def test_held_out_recordings_are_asked_too(joint: Recording, tmp_path: Path) -> 
     good = read_recording(bad)
     bad = written(tmp_path, good, {ANGLE: np.radians(good.columns[ANGLE])})
     with pytest.raises(PamidError, match="bad.csv: unit"):
-        evidence_from("one-dof", (joint.path,), (bad,))
+        evidence_of(joint.path, "one-dof", bad)
 
 
 def test_no_check_is_an_option_of_both_commands(
@@ -317,7 +320,7 @@ def test_the_experiments_that_pamid_recommends_are_taken(tmp_path: Path) -> None
         == 0
     )
     assert not np.ptp(read_recording(made).columns["command"])
-    assert "angle_deg" in evidence_from("one-dof", (made,), ()).channels
+    assert "angle_deg" in evidence_of(made, "one-dof").evidence.channels
     assert run(["check", str(made), "--rig", "one-dof"]) == 0
 
 

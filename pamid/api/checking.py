@@ -1,0 +1,126 @@
+"""`pamid.check`: what is wrong with a recording, a rig or an effect, before any fitting."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pamid.api.given import RecordingLike, RigLike, recording_given, rig_given
+from pamid.base.card import card, html_table
+from pamid.base.errors import UsageError
+from pamid.checks.conformance import Finding
+from pamid.checks.inspection import Inspection, inspect, inspection_text
+from pamid.checks.recording_quality import Issue
+from pamid.model.effect import Effect
+from pamid.model.rig import Rig
+from pamid.recording.recording import Recording
+
+if TYPE_CHECKING:
+    from pamid.recording.plot import NotebookFigure
+
+
+@dataclass(frozen=True)
+class CheckResult:
+    """What was looked at, and what is wrong with it.
+
+    kind: "recording", "rig", "effect" or "python"; ok: nothing is wrong (notes aside); findings:
+    (check, ok, detail, advice), advice: worth saying, but nothing wrong; recording: what was read,
+    None where it could not be or is a rig or an effect.
+    """
+
+    subject: str
+    kind: str
+    ok: bool
+    findings: tuple[Finding, ...]
+    recording: Recording | None
+    _inspection: Inspection
+
+    @property
+    def problems(self) -> tuple[Finding, ...]:
+        """What is wrong."""
+        return tuple(f for f in self.findings if f.wrong)
+
+    @property
+    def notes(self) -> tuple[Finding, ...]:
+        """What is worth saying, but not wrong."""
+        return tuple(f for f in self.findings if not f.ok and f.advice)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What the command prints with --json."""
+        return dict(self._inspection.said)
+
+    def summary(self) -> str:
+        """Problems first, then notes and what is as it should be, as lines of text."""
+        return inspection_text(self._inspection.said)
+
+    def plot(self) -> NotebookFigure:
+        """Every channel of a recording with the places of each finding; UsageError for anything
+        else."""
+        from pamid.report.quality_figure import card_figure
+
+        return card_figure(*self._drawn())
+
+    def plot_png(self) -> bytes:
+        """The same as a small PNG file."""
+        from pamid.report.quality_figure import card_png
+
+        return card_png(*self._drawn())
+
+    def _drawn(self) -> tuple[Recording, tuple[Issue, ...], dict[str, dict[str, float]], list[str]]:
+        if self.recording is None:
+            what = "could not be read" if self.kind == "recording" else f"is a {self.kind} file"
+            raise UsageError(f"{self.subject} {what}: only recordings are drawn.")
+        issues = self._inspection.issues
+        told = {issue.text for issue in issues}
+        others = [f.detail for f in self.problems if f.detail not in told]
+        return self.recording, issues, self._inspection.said["quality"]["channels"], others
+
+    def __repr__(self) -> str:
+        return f"<CheckResult {self._headline()}>"
+
+    def _repr_html_(self) -> str:
+        rows = [("wrong", f.check, f.detail) for f in self.problems]
+        rows += [("note", f.check, f.detail) for f in self.notes]
+        return card(self._headline(), html_table((("", "check", "finding"), rows)))
+
+    def _headline(self) -> str:
+        count = len(self.problems)
+        wrong = "nothing is wrong" if self.ok else f"{count} problem{'' if count == 1 else 's'}"
+        return f"{self.subject} ({self.kind}): {wrong}, {len(self.notes)} notes"
+
+
+def check(
+    subject: RecordingLike | type[Rig] | type[Effect] | Rig,
+    rig: RigLike | None = None,
+) -> CheckResult:
+    """Say what is wrong with a recording, a rig or an effect.
+
+    subject   a recording, its path or a table; a rig or an effect, or the path of its file (it is
+              run)
+    rig       the rig that a recording is meant for; default: the one that it names
+
+    Of a recording: what is clipped, frozen, lost, spiked, coarse or hardly excited; with a rig,
+    columns that are exchanged, of the opposite sign, in another unit or late. Of a rig: its
+    equations build, every port is used, nothing blows up over the bounds, sensitivities are exact.
+    Of an effect: its data sheet is complete, its null is exact. What is wrong is listed, not
+    raised; FileError for a file that is not there or of another kind.
+    """
+    looked_at: Any = subject
+    if isinstance(subject, Rig):
+        looked_at = type(subject)
+    elif isinstance(subject, str | os.PathLike):
+        looked_at = Path(subject)
+    elif not isinstance(subject, type):
+        looked_at = recording_given(subject)
+    found = inspect(looked_at, rig_given(rig))
+    said = found.said
+    return CheckResult(
+        said["file"],
+        said["kind"],
+        said["ok"],
+        tuple(Finding(f["check"], f["ok"], f["detail"], f["advice"]) for f in said["findings"]),
+        found.recording,
+        found,
+    )

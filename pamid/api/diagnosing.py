@@ -1,0 +1,98 @@
+"""`pamid.diagnose`: where a model departs from its recordings, which effect causes it, how far the
+gap shrinks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from pamid.api.given import (
+    EffectLike,
+    PathLike,
+    RecordingLike,
+    RigLike,
+    Warn,
+    effects_given,
+    evidence_of,
+    warn_in_python,
+)
+from pamid.api.progress import ShowProgress, progress_line
+from pamid.api.results import DiagnosisResult, read_result
+from pamid.api.runs import create_run, words_of
+from pamid.api.workers import RunHome, closing, worker_pool
+from pamid.base.errors import FileError, UsageError, nearest
+from pamid.diagnosis.diagnose import diagnose_into
+from pamid.model.effect import Effect
+from pamid.model.registry import effects_with
+
+
+def diagnose(
+    recordings: RecordingLike | Sequence[RecordingLike],
+    rig: RigLike | None = None,
+    *,
+    held_out: RecordingLike | Sequence[RecordingLike] = (),
+    effects: EffectLike | Iterable[EffectLike] = (),
+    without: Iterable[str] = (),
+    seed: int = 0,
+    jobs: int = 2,
+    cluster: str | None = None,
+    output: PathLike | None = None,
+    overwrite: bool = False,
+    resume: bool = False,
+    check: bool = True,
+    progress: ShowProgress = None,
+    warn: Warn = warn_in_python,
+    command: Sequence[str] = (),
+) -> DiagnosisResult:
+    """Say where a model departs from its recordings, which effect of the catalogue causes it, and
+    how far the gap shrinks once that effect is added, on recordings that neither the parameters nor
+    the choice have seen.
+
+    effects    further effects to consider: paths of effect files (they are run), or Effects
+    without    effects of the catalogue to leave out, by name
+    jobs       processes of this machine; the result does not depend on it
+    output     run folder to make. With it an interrupted diagnosis keeps every finished job, and
+               resume=True repeats none of them. Default: a temporary one, which `save` copies
+
+    Everything else is as in `pamid.fit`.
+    """
+    given = evidence_of(recordings, rig, held_out, check=check, warn=warn)
+    further, left_out = effects_given(effects), list(without)
+    catalogue = catalogue_of(further, left_out)
+    home = RunHome(None if output is None else Path(output))
+    folder = None if output is None else home.folder
+    with worker_pool(jobs, cluster, run_folder=folder) as pool:
+        run = create_run(
+            home,
+            given,
+            further,
+            command=command or ["pamid.diagnose", *words_of(given, further)],
+            seed=seed,
+            options={"without": left_out},
+            overwrite=overwrite,
+            resume=resume,
+        )
+        if run.record["outcome"] != "done":  # else resumed, and nothing is left to do
+            with closing(run, pool), progress_line(progress, "diagnose") as show:
+                diagnose_into(run, given.evidence, catalogue, seed=seed, progress=show, pool=pool)
+    found = read_result(home, given.rig, further)
+    if not isinstance(found, DiagnosisResult):
+        raise FileError(
+            f"{home.folder} holds no diagnosis any more.",
+            "Make the run again with --overwrite.",
+            code="damaged",
+        )
+    return found
+
+
+def catalogue_of(
+    further: tuple[str | type[Effect], ...], without: Iterable[str]
+) -> dict[str, type[Effect]]:
+    """Every effect of the catalogue and further ones, by name, but for those left out; UsageError
+    where one of these is none."""
+    known, _ = effects_with(further)
+    for name in without:
+        if name not in known:
+            raise UsageError(f"--without {name!r}: no such effect.", nearest(name, list(known)))
+        del known[name]
+    return known

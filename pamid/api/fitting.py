@@ -1,0 +1,110 @@
+"""`pamid.fit`: grey-box parameters with intervals, into a run folder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from pamid.api.given import (
+    EffectLike,
+    PathLike,
+    RecordingLike,
+    RigLike,
+    Warn,
+    effects_given,
+    evidence_of,
+    warn_in_python,
+)
+from pamid.api.progress import ShowProgress, progress_line
+from pamid.api.results import FitResult, read_result
+from pamid.api.runs import create_run, words_of
+from pamid.api.workers import RunHome, closing, worker_pool
+from pamid.base.errors import UsageError
+from pamid.base.files import write_atomically
+from pamid.base.json_file import write_json
+from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE
+from pamid.estimation.fit_model import fit_json, fit_model, residual_csv
+from pamid.estimation.posterior import read_posterior
+from pamid.simulation.virtual_rig import attach_specs
+
+
+def fit(
+    recordings: RecordingLike | Sequence[RecordingLike],
+    rig: RigLike | None = None,
+    *,
+    held_out: RecordingLike | Sequence[RecordingLike] = (),
+    effects: EffectLike | Iterable[EffectLike] = (),
+    earlier: FitResult | PathLike | None = None,
+    bootstrap: int = 0,
+    seed: int = 0,
+    jobs: int = 1,
+    cluster: str | None = None,
+    output: PathLike | None = None,
+    overwrite: bool = False,
+    resume: bool = False,
+    check: bool = True,
+    progress: ShowProgress = None,
+    warn: Warn = warn_in_python,
+    command: Sequence[str] = (),
+) -> FitResult:
+    """Fit the parameters of a rig to recordings and judge the model on what was held out.
+
+    recordings   what is fitted; of each the last 30 % is held out, unless there is `held_out`
+    rig          by name, by the path of a rig file (it is run), or a Rig; default: the one that the
+                 recordings name, else one-dof
+    held_out     recordings that only judge
+    effects      to fit with: NAME or NAME@PORT, paths of effect files (they are run), or Effects
+    earlier      a fit of the same rig, or its run folder: what it knew becomes this one's prior
+    bootstrap    intervals from so many refits on resampled windows instead of the Jacobian
+    seed, jobs   same inputs and seed, same output; processes for the bootstrap
+    cluster      scheduler of a Dask cluster that does the jobs instead
+    output       run folder to make (overwrite: in place of an earlier run; resume: go on with an
+                 interrupted one); default: a temporary one, which `save` copies
+    check        refuse recordings with which any fit of this rig is nonsense
+    progress     None: a line that updates itself; False: silent; or a function of a line of text
+    warn         takes what is odd but not wrong; default: warnings.warn
+    command      what the run notes as its command; default: this call
+
+    PamidError for whatever is wrong with files, data or the call.
+    """
+    given = evidence_of(recordings, rig, held_out, check=check, warn=warn)
+    named = effects_given(effects)
+    attached = tuple(a for a, _ in attach_specs(given.evidence.rig, named))
+    before = (
+        Path(earlier.folder if isinstance(earlier, FitResult) else earlier) if earlier else None
+    )
+    if before and output is not None and before.resolve() == Path(output).resolve():
+        raise UsageError(
+            f"{output} cannot be both --from and --output.",
+            "Give every stage a run folder of its own.",
+        )
+    posterior = read_posterior(before) if before else None
+    home = RunHome(None if output is None else Path(output))
+    folder = None if output is None else home.folder
+    with worker_pool(jobs, cluster, run_folder=folder) as pool:
+        run = create_run(
+            home,
+            given,
+            named,
+            command=command or ["pamid.fit", *words_of(given, named)],
+            seed=seed,
+            inputs=[before / FIT_FILE] if before else [],
+            options={"bootstrap": bootstrap, **({"from": str(before)} if before else {})},
+            overwrite=overwrite,
+            resume=resume,
+        )
+        if run.record["outcome"] != "done":  # else resumed, and nothing is left to do
+            with closing(run, pool), progress_line(progress, "fit") as show:
+                model = fit_model(
+                    given.evidence,
+                    attached,
+                    seed=seed,
+                    draws=bootstrap,
+                    earlier=posterior,
+                    pool=pool,
+                    progress=show,
+                )
+                found = fit_json(model, seed) | {"failed_jobs": pool.failed_jobs}
+                write_json(run.path(FIT_FILE), found)
+                write_atomically(run.path(RESIDUAL_FILE), residual_csv(model))
+    return read_result(home, given.rig, named)

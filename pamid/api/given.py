@@ -1,0 +1,223 @@
+"""What a user may give: rigs, effects and recordings by name, by path or as Python objects."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from pamid.base.errors import PamidError, UsageError, nearest
+from pamid.base.files import sha256_of
+from pamid.checks.inspection import require_sound
+from pamid.model.effect import Effect
+from pamid.model.registry import catalogue_rig, rig_named, rig_of
+from pamid.model.rig import Rig
+from pamid.recording.recording import (
+    EXACT_DIGITS,
+    Recording,
+    match_column,
+    read_recording,
+    recording_files,
+    recording_of,
+)
+from pamid.simulation.data_split import DataSplit
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+PathLike: TypeAlias = str | os.PathLike[str]
+#: a recording, the path of its CSV file, or a table with the column time_s
+RecordingLike: TypeAlias = "Recording | PathLike | DataFrame"
+#: a name of the catalogue, the path of a rig file (it is run), or a rig
+RigLike: TypeAlias = PathLike | Rig | type[Rig]
+#: NAME or NAME@PORT, the path of an effect file (it is run), or an effect
+EffectLike: TypeAlias = PathLike | type[Effect]
+Warn: TypeAlias = Callable[[str], None]
+
+KEPT = "recordings"  # folder of a run with the recordings that came to it in no file
+
+
+def warn_in_python(text: str) -> None:
+    """What is odd but not wrong, as a UserWarning at the line that called pamid."""
+    warnings.warn(text, stacklevel=4)
+
+
+@dataclass(frozen=True)
+class Given:
+    """Recordings, read and divided for a rig.
+
+    rig: as it was named, or the one that the recordings name; inputs: files that were read; kept:
+    files that a run folder has to hold, by name there, because what they hold came in no file.
+    """
+
+    evidence: DataSplit
+    rig: str | Rig
+    inputs: tuple[Path, ...]
+    kept: dict[str, bytes]
+
+
+def rig_given(rig: RigLike | None) -> str | Rig | None:
+    """A word for `rig_named`, or the rig itself; UsageError for anything else."""
+    if isinstance(rig, type) and issubclass(rig, Rig):
+        return rig()
+    if rig is None or isinstance(rig, str | Rig):
+        return rig
+    if isinstance(rig, os.PathLike):
+        return _as_file(rig)
+    raise UsageError(
+        f"rig={rig!r:.60} is no rig.",
+        "Give a name (see `pamid rigs`), the path of a rig file, or a pamid.Rig.",
+    )
+
+
+def effects_given(effects: EffectLike | Iterable[EffectLike]) -> tuple[str | type[Effect], ...]:
+    """Words for `effects_with`, and effects themselves; UsageError for anything else."""
+    single = isinstance(effects, str | os.PathLike | type)
+    found: list[str | type[Effect]] = []
+    for one in [effects] if single else effects:  # type: ignore[list-item, union-attr]
+        if isinstance(one, str) or isinstance(one, type) and issubclass(one, Effect):
+            found.append(one)
+        elif isinstance(one, os.PathLike):
+            found.append(_as_file(one))
+        else:
+            raise UsageError(
+                f"{one!r:.60} is no effect.",
+                "Give a name (see `pamid effects`), the path of an effect file, or a class "
+                "derived from pamid.Effect.",
+            )
+    return tuple(found)
+
+
+def recording_given(recording: RecordingLike, name: str = "recording") -> Recording:
+    """The recording, read where it is a path; UsageError for what is none."""
+    if isinstance(recording, Recording):
+        return recording
+    if isinstance(recording, str | os.PathLike):
+        return read_recording(Path(recording))
+    if hasattr(recording, "columns") and hasattr(recording, "to_numpy"):
+        return Recording.from_pandas(recording, name)
+    raise UsageError(
+        f"{recording!r:.60} is no recording.",
+        "Give a pamid.Recording, the path of a CSV file, or a pandas.DataFrame with the column "
+        "time_s.",
+    )
+
+
+def recordings_given(given: RecordingLike | Sequence[RecordingLike]) -> list[RecordingLike]:
+    """One or several as a list."""
+    return list(given) if isinstance(given, list | tuple) else [given]  # type: ignore[list-item]
+
+
+def evidence_of(
+    recordings: RecordingLike | Sequence[RecordingLike],
+    rig: RigLike | None = None,
+    held_out: RecordingLike | Sequence[RecordingLike] = (),
+    *,
+    check: bool = True,
+    warn: Warn = warn_in_python,
+) -> Given:
+    """Read the recordings, refuse those that are wrong for the rig (default: the one of the
+    catalogue that they name), and divide them for it. Errors as of `read_recording`,
+    `require_sound` and `gather`.
+
+    check: refuse recordings with which any fit is nonsense.
+    """
+    named = rig_given(rig)
+    made = rig_named(named) if named else None
+    fitted, judged = recordings_given(recordings), recordings_given(held_out)
+    if not fitted:
+        raise UsageError("There is no recording to fit.", "Give at least one.")
+    taken = [_taken(one, k) for k, one in enumerate((*fitted, *judged))]
+    read = [recording for recording, _ in taken]
+    named = named or rig_of(read)
+    made = made or catalogue_rig(str(named))
+    for recording in read:
+        for text in (*recording.warnings, *unknown_columns(made, recording)):
+            warn(f"{recording.path}: {text}")
+    evidence = split_recordings(made, read[: len(fitted)], read[len(fitted) :])
+    for recording in evidence.recordings:
+        if check:
+            require_sound(recording, made)
+        if lacks := evidence.lacking(recording):
+            warn(
+                f"{recording.path} lacks {', '.join(lacks)}, which other recordings have; each is "
+                "used where it was recorded."
+            )
+    unused = [c for c in made.outputs if c not in evidence.channels and any(r.has(c) for r in read)]
+    if unused:
+        warn(
+            f"{', '.join(unused)} cannot be judged and is left out: at rest in every recording, or "
+            "not both fitted and held out."
+        )
+    kept = {name: content for _, files in taken for name, content in files.items()}
+    in_files = [recording.path for recording, files in taken if not files]
+    inputs = tuple(file for path in in_files for file in _with_toml(path))
+    return Given(evidence, named, inputs, kept)
+
+
+def unknown_columns(rig: Rig, recording: Recording) -> list[str]:
+    """A sentence per column that the rig does not know: it is kept and not used."""
+    wanted = [*rig.inputs, *rig.outputs, *(loop.reference for loop in rig.loops)]
+    used = {match_column(recording.columns, name) for name in wanted}
+    return [
+        f"rig {rig.name!r} does not know the column {c!r}; it is not used. {nearest(c, wanted)}".rstrip()  # noqa: E501
+        for c in recording.columns
+        if c not in used
+    ]
+
+
+def _taken(given: RecordingLike, number: int) -> tuple[Recording, dict[str, bytes]]:
+    """The recording, and the files that hold it where no file of the user's does: a table, a
+    simulation, a part of a recording. Then it is what these files hold, to the last bit."""
+    recording = recording_given(given, f"recording-{number + 1}")
+    if isinstance(given, str | os.PathLike) or isinstance(given, Recording) and _is_its_file(given):
+        return recording, {}
+    about = {
+        "rig": recording.rig,
+        "loop": recording.loop,
+        "sampling_period_s": recording.sampling_period_s,
+    }
+    meta: dict[str, Any] = {"recording": {k: v for k, v in about.items() if v is not None}}
+    meta |= {"known": recording.known} if recording.known else {}
+    meta |= {"controller": recording.controller} if recording.controller else {}
+    name = f"{number + 1}-{Path(recording.path).stem}"
+    path = Path(KEPT, f"{name}.csv")
+    files = recording_files(path, recording.time, recording.columns, meta, digits=EXACT_DIGITS)
+    found = recording_of(recording.time, recording.columns, meta, name=name, digits=EXACT_DIGITS)
+    named = replace(found, name=recording.name, path=path)
+    return named, {file.as_posix(): content for file, content in files.items()}
+
+
+def _is_its_file(recording: Recording) -> bool:
+    """Does the file that it names hold just this? A part of a recording, or one whose known values
+    were changed, still has the path of the whole."""
+    try:
+        if sha256_of(recording.path) != recording.sha256:
+            return False
+        found = read_recording(recording.path)
+    except (PamidError, OSError):
+        return False
+    same = ("rig", "loop", "known", "controller", "sampling_period_s")
+    return (
+        all(getattr(found, name) == getattr(recording, name) for name in same)
+        and np.array_equal(found.time, recording.time)
+        and found.columns.keys() == recording.columns.keys()
+        and all(np.array_equal(x, recording.columns[name]) for name, x in found.columns.items())
+    )
+
+
+def _with_toml(path: Path) -> list[Path]:
+    """A recording and the TOML beside it, if there is one."""
+    toml = path.with_suffix(".toml")
+    return [path, toml] if toml.exists() else [path]
+
+
+def _as_file(path: os.PathLike[str]) -> str:
+    """A path as a word that is taken for a file's, whatever it holds."""
+    text = os.fspath(path)
+    return text if os.sep in text or text.endswith(".py") else os.path.join(".", text)

@@ -1,0 +1,48 @@
+"""What a run has found, on an excitation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+from pamid.base.files import make_folder
+from pamid.correction.identified_model import load_identified, record_identified
+from pamid.model.effect import Effect
+from pamid.model.rig import Rig
+from pamid.recording.recording import Recording, read_recording, recording_of, write_recording
+from pamid.simulation.virtual_rig import VirtualRecording
+
+MODEL_DIGITS = 12  # what is exported is held against this to 1e-9 of every channel's span
+
+
+def modelled(
+    folder: Path,
+    excitation: Recording,
+    *,
+    which: str,
+    rig: str | Rig | None,
+    effects: tuple[str | type[Effect], ...],
+    known: Mapping[str, float],
+    parameters: Mapping[str, float],
+    noise: float,
+    seed: int,
+) -> VirtualRecording:
+    """The sensors of the model that a run found; errors as of `load_identified` and
+    `record_identified`."""
+    model = load_identified(folder, which=which, rig=rig, effects=effects).knowing(parameters)
+    return record_identified(model, excitation, known, noise=noise, seed=seed)
+
+
+def recorded(
+    excitation: Recording, made: VirtualRecording, digits: int, output: Path | None = None
+) -> Recording:
+    """A simulation as its file holds it, whether one is written or not."""
+    if output is None:
+        name = f"{excitation.name}-simulated"
+        found = recording_of(excitation.time, made.columns, made.meta, name=name, digits=digits)
+    else:
+        make_folder(output.parent)
+        write_recording(output, excitation.time, made.columns, made.meta, digits=digits)
+        found = read_recording(output)
+    return replace(found, effects=tuple(made.effects))

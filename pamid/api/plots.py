@@ -1,0 +1,57 @@
+"""The figures of a result: those of its report, as figures."""
+
+from __future__ import annotations
+
+from pamid.base.errors import DataError, UsageError, nearest
+from pamid.recording.plot import NotebookFigure
+from pamid.report.budget import errors_of, headline, worst_window
+from pamid.report.evidence import training_drawing
+from pamid.report.figures import budget_drawing, ports_drawing, ranking_drawing, window_drawing
+from pamid.report.load import RunData
+from pamid.report.style import Drawing, figure_of
+
+KINDS = ("data_sheet", "refitted", "cause", "network")
+
+
+def worst_window_figure(run: RunData, channel: str | None = None) -> NotebookFigure:
+    """UsageError for a channel that the run does not have, DataError where no window was scored."""
+    row = headline(errors_of(run))
+    known = run.fit.channels if run.fit is not None else ()
+    chosen = channel or (row.channel if row is not None else "")
+    if channel is not None and channel not in known:
+        raise UsageError(
+            f"The run has no channel {channel!r}.",
+            nearest(channel, known) or f"There are {', '.join(known)}.",
+        )
+    window = worst_window(run.residual, chosen) if run.residual is not None else None
+    if run.residual is None or window is None:
+        raise DataError(
+            "No window of this run was scored.", "Its residual.csv holds what was compared."
+        )
+    kinds = tuple(kind for kind in KINDS if run.residual.of(chosen, kind) is not None)
+    return figure_of(window_drawing(run, run.residual, chosen, window, kinds))
+
+
+def errors_figure(run: RunData) -> NotebookFigure:
+    return _shown(budget_drawing(errors_of(run), run.diagnosis), "held-out errors")
+
+
+def ports_figure(run: RunData) -> NotebookFigure:
+    drawing = ports_drawing(run.diagnosis) if run.diagnosis is not None else None
+    return _shown(drawing, "shares of ports")
+
+
+def ranking_figure(run: RunData) -> NotebookFigure:
+    drawing = ranking_drawing(run.diagnosis) if run.diagnosis is not None else None
+    return _shown(drawing, "candidates that were refitted")
+
+
+def training_figure(run: RunData) -> NotebookFigure:
+    drawing = training_drawing(run.trace, run.network) if run.trace is not None else None
+    return _shown(drawing, "course of a training")
+
+
+def _shown(drawing: Drawing | None, what: str) -> NotebookFigure:
+    if drawing is None:
+        raise DataError(f"This run holds no {what}.", "`pamid.report` shows all that it holds.")
+    return figure_of(drawing)

@@ -1,0 +1,434 @@
+"""What a run has found, as typed nouns. Every result is read from its run folder, so that one of
+today and one that is opened years later show the same."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+from pamid.api.given import PathLike, RecordingLike, recording_given
+from pamid.api.modelled import MODEL_DIGITS, modelled, recorded
+from pamid.api.saving import save_run
+from pamid.api.workers import RunHome
+from pamid.base.card import Cells, card, html_table, interval, number, paragraph, text_table
+from pamid.base.errors import FileError, nearest
+from pamid.base.json_file import read_json
+from pamid.base.units import split_column
+from pamid.model.effect import Effect
+from pamid.model.rig import Rig
+from pamid.recording.recording import Recording
+from pamid.report.budget import ChannelErrors, errors_of
+from pamid.report.diagnosed import Candidate, NextExperiment, Regime, Unknown, read_diagnosis
+from pamid.report.load import Recorded, RunData, load_run
+from pamid.report.reading import Node, read_object
+
+if TYPE_CHECKING:
+    from pamid.recording.plot import NotebookFigure
+    from pamid.report.writing import Report
+
+#: a rig and effects, as `load_identified` takes them
+RunCode: TypeAlias = tuple[str | Rig | None, tuple[str | type[Effect], ...]]
+
+FIT_SCHEMA, DIAGNOSIS_SCHEMA = "pamid.fit/1", "pamid.diagnosis/1"
+MANY = 8  # rows of a card
+
+
+@dataclass(frozen=True)
+class ParameterEstimate:
+    """A fitted parameter, in `unit` ("-": none).
+
+    low, high: its 95 % interval, None where it was not free; prior: the data sheet's value, None
+    where there is none; word: "settled", "weak" or "silent", by how much the recordings say of it;
+    strain: distance from the prior in prior standard deviations; at_bound: "low" or "high" where it
+    ended there; source: where the prior comes from.
+    """
+
+    name: str
+    value: float
+    low: float | None
+    high: float | None
+    prior: float | None
+    unit: str
+    word: str = ""
+    strain: float | None = None
+    at_bound: str = ""
+    source: str = ""
+
+    def __repr__(self) -> str:
+        unit = "" if self.unit in ("", "-") else f" {self.unit}"
+        word = f", {self.word}" if self.word else ""
+        return f"<{self.name} = {number(self.value)}{unit} ({interval(self.low, self.high)}){word}>"
+
+
+class ParameterTable(Mapping[str, ParameterEstimate]):
+    """Fitted parameters by name, in the order of the rig."""
+
+    def __init__(self, estimates: tuple[ParameterEstimate, ...]) -> None:
+        self._by_name = {one.name: one for one in estimates}
+
+    def __getitem__(self, name: str) -> ParameterEstimate:
+        if name not in self._by_name:
+            hint = nearest(name, self._by_name) or f"There are {', '.join(self._by_name)}."
+            raise KeyError(f"{name!r}. {hint}")
+        return self._by_name[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._by_name)
+
+    def __len__(self) -> int:
+        return len(self._by_name)
+
+    def __repr__(self) -> str:
+        return text_table(self.rows()) if self._by_name else "no parameters"
+
+    def _repr_html_(self) -> str:
+        return card(f"{len(self)} parameters", html_table(self.rows()))
+
+    def rows(self) -> Cells:
+        """Header and rows for a table."""
+        found = [
+            (
+                p.name,
+                number(p.value),
+                interval(p.low, p.high),
+                number(p.prior),
+                "" if p.unit == "-" else p.unit,
+                p.word + (f", at its {p.at_bound} bound" if p.at_bound else ""),
+            )
+            for p in self._by_name.values()
+        ]
+        return ("parameter", "value", "95 %", "data sheet", "unit", "known"), found
+
+
+@dataclass(frozen=True)
+class IdentifiedCause:
+    """An effect that the verdict names.
+
+    effect: name, with @port where the rig has several of its kind; parameters: in the model that
+    has all causes; share: Shapley share of the shrinkage among the causes, 0 to 1; probability: 0
+    to 1, None where the diagnosis gives none.
+    """
+
+    effect: str
+    family: str
+    port: str
+    parameters: ParameterTable
+    share: float | None
+    probability: float | None
+
+    def __repr__(self) -> str:
+        return f"<{self.effect} ({self.family}): {self.parameter_text()}>"
+
+    def parameter_text(self) -> str:
+        """Values with their intervals in one line."""
+        return ", ".join(
+            f"{p.name} {number(p.value)} ({interval(p.low, p.high)})"
+            for p in self.parameters.values()
+        )
+
+
+@dataclass(frozen=True)
+class FitResult:
+    """A fitted model and how well it does on what was held out.
+
+    folder: of the run; rig: its name; effects: what was fitted with it; converged, why: of the
+    search; recordings, channels: what it was fitted to; parameters: with 95 % intervals;
+    combinations: what is known of parameters that are known only together; failed_jobs: (job, why);
+    code: rig and effects as they were given, which `simulate` needs where they are no names.
+    """
+
+    folder: Path
+    rig: str
+    effects: tuple[str, ...]
+    recordings: tuple[Recorded, ...]
+    channels: tuple[str, ...]
+    converged: bool
+    why: str
+    parameters: ParameterTable
+    combinations: ParameterTable
+    failed_jobs: tuple[tuple[str, str], ...]
+    code: RunCode
+    _home: RunHome
+
+    @cached_property
+    def data(self) -> RunData:
+        """All that the files of the run hold."""
+        return load_run(self.folder)
+
+    @cached_property
+    def errors(self) -> dict[str, ChannelErrors]:
+        """Mean absolute errors on what was held out, by channel, in the channel's unit."""
+        return {row.channel: row for row in errors_of(self.data)}
+
+    def to_dict(self) -> dict[str, Any]:
+        """What the command prints with --json: fit.json."""
+        found: dict[str, Any] = read_json(self.folder / "fit.json")
+        return found
+
+    def simulate(
+        self,
+        excitation: RecordingLike,
+        *,
+        which: str = "best",
+        parameters: Mapping[str, float] | None = None,
+        known: Mapping[str, float] | None = None,
+        noise: float = 0.0,
+        seed: int = 0,
+    ) -> Recording:
+        """What the found model's sensors would record on an excitation, by its own integration
+        steps.
+
+        excitation: columns that are sent (references run the model in its control loop); which:
+        "cause", "network", "refitted", or "best": the first of these there is; parameters, known:
+        values by name in its unit that replace fitted ones, the latter stated in the recording;
+        noise: factor on the rig's sensor noise. FileError where the run was made with a rig or
+        effect file, or in Python, and it was opened without it; DataError where the excitation has
+        another period, or the model becomes unstable.
+        """
+        source = recording_given(excitation, "excitation")
+        made = modelled(
+            self.folder,
+            source,
+            which=which,
+            rig=self.code[0],
+            effects=self.code[1],
+            known=known or {},
+            parameters=parameters or {},
+            noise=noise,
+            seed=seed,
+        )
+        return recorded(source, made, MODEL_DIGITS)
+
+    def plot_worst_window(self, channel: str | None = None) -> NotebookFigure:
+        """Measured and modelled over the held-out window in which the refitted model errs most;
+        channel [default: the one that tells most]."""
+        from pamid.api.plots import worst_window_figure
+
+        return worst_window_figure(self.data, channel)
+
+    def plot_errors(self) -> NotebookFigure:
+        """Held-out mean absolute errors of every model, channel by channel."""
+        from pamid.api.plots import errors_figure
+
+        return errors_figure(self.data)
+
+    def save(self, folder: PathLike, *, overwrite: bool = False) -> Path:
+        """Write the run folder, as the command writes it; FileError where something else lies
+        there. `pamid.open_run` opens it again."""
+        return save_run(self.folder, Path(folder), overwrite=overwrite)
+
+    def report(self, output: PathLike, *, pdf: PathLike | None = None) -> Report:
+        """Write the page of this run to `output`, on request as a PDF as well."""
+        from pamid.report.writing import write_report
+
+        return write_report(self.folder, Path(output), None if pdf is None else Path(pdf))
+
+    def __repr__(self) -> str:
+        state = "" if self.converged else f", not converged: {self.why}"
+        return f"<FitResult {self._model()}{state}>\n{text_table(self._error_rows())}"
+
+    def _repr_html_(self) -> str:
+        state = "" if self.converged else f"Not converged: {self.why}."
+        return card(
+            f"Fit of {self._model()}",
+            paragraph(state),
+            self._errors_html(),
+            html_table(self.parameters.rows()),
+        )
+
+    def _model(self) -> str:
+        return f"{self.rig} with {', '.join(self.effects)}" if self.effects else self.rig
+
+    def _errors_html(self) -> str:
+        return paragraph("Held-out mean absolute error") + html_table(self._error_rows())
+
+    def _error_rows(self) -> Cells:
+        models = ("data_sheet", "refitted", "with_network", "with_cause", "noise_floor")
+        shown = [m for m in models if any(getattr(e, m) is not None for e in self.errors.values())]
+        rows = [
+            (
+                split_column(name)[0],
+                *(number(getattr(e, m)) for m in shown),
+                split_column(name)[1],
+            )
+            for name, e in self.errors.items()
+        ]
+        return ("channel", *(m.replace("_", " ") for m in shown), "unit"), rows
+
+
+@dataclass(frozen=True, repr=False)
+class DiagnosisResult(FitResult):
+    """Where a model departs from its recordings, which effect causes it, how far the gap shrinks;
+    beside that all that a fit holds, of the refitted model (`refitted`: its parameters) and of the
+    one with its causes (`parameters`).
+
+    verdict: "explained", "ambiguous", "unknown-effect", "no-structural-gap" ...; sentence: the same
+    in words; remark: why nothing can be said, where that is so; ports: share of the gap that enters
+    at each, 0 to 1, largest first; causes: strongest first; ranking: every candidate that was
+    refitted; regimes: where in its range the gap shows; unknown: the term that no effect explains;
+    next_experiment: what to measure next.
+    """
+
+    verdict: str = ""
+    sentence: str = ""
+    remark: str = ""
+    ports: tuple[tuple[str, float], ...] = ()
+    causes: tuple[IdentifiedCause, ...] = ()
+    ranking: tuple[Candidate, ...] = ()
+    regimes: tuple[Regime, ...] = ()
+    look_alikes: tuple[tuple[str, ...], ...] = ()
+    refitted: ParameterTable = field(default_factory=lambda: ParameterTable(()))
+    unknown: Unknown | None = None
+    next_experiment: NextExperiment | None = None
+
+    def to_dict(self) -> dict[str, Any]:
+        """What the command prints with --json: diagnosis.json."""
+        found: dict[str, Any] = read_json(self.folder / "diagnosis.json")
+        return found
+
+    def plot_ports(self) -> NotebookFigure:
+        """The share of the gap that enters at every port; DataError where there is no gap."""
+        from pamid.api.plots import ports_figure
+
+        return ports_figure(self.data)
+
+    def plot_ranking(self) -> NotebookFigure:
+        """The share of the held-out error that every candidate removes."""
+        from pamid.api.plots import ranking_figure
+
+        return ranking_figure(self.data)
+
+    def __repr__(self) -> str:
+        causes = "".join(f"\n  {c!r}" for c in self.causes)
+        return f"<DiagnosisResult {self.verdict}: {self.remark or self.sentence}>{causes}"
+
+    def _repr_html_(self) -> str:
+        if self.remark:
+            return card(self.verdict, paragraph(self.remark), self._errors_html())
+        where = ", ".join(f"{port} {share:.0%}" for port, share in self.ports if share >= 0.005)
+        causes = [
+            (c.effect, c.family, c.port, c.parameter_text(), _percent(c.share))
+            for c in self.causes[:MANY]
+        ]
+        gains = [
+            f"{name}: {e.shrinkage:.0%} ({e.low:.0%} .. {e.high:.0%})"
+            for name, e in self.errors.items()
+            if e.shrinkage is not None and e.low is not None and e.high is not None
+        ]
+        following = self.next_experiment
+        return card(
+            self.sentence or self.verdict,
+            paragraph(f"Where: {where}" if where else ""),
+            html_table((("which", "family", "port", "parameters (95 %)", "share"), causes)),
+            paragraph(f"How far the held-out error shrinks: {', '.join(gains)}" if gains else ""),
+            self._errors_html(),
+            paragraph(f"Measure next: {following.name}. {following.why}" if following else ""),
+        )
+
+
+def read_result(
+    home: RunHome,
+    rig: str | Rig | None = None,
+    effects: tuple[str | type[Effect], ...] = (),
+) -> FitResult:
+    """The result in a run folder: a DiagnosisResult where it holds a diagnosis. FileError where it
+    holds none, or a damaged one; no code of the folder's is run."""
+    folder = home.folder
+    fit = read_object(folder / "fit.json", FIT_SCHEMA)
+    diagnosis = read_object(folder / "diagnosis.json", DIAGNOSIS_SCHEMA)
+    if fit is None:
+        load_run(folder)  # says what is wrong with it
+        raise FileError(
+            f"{folder} holds a diagnosis without its fit.json.",
+            "Make the run again.",
+            code="damaged",
+        )
+    common: dict[str, Any] = {
+        "folder": folder,
+        "rig": fit.text("rig"),
+        "effects": fit.texts("effects"),
+        "recordings": tuple(
+            Recorded(
+                one.text("name"),
+                one.text("path", ""),
+                one.text("sha256", ""),
+                one.text("role", ""),
+                one.maybe("samples"),
+                one.maybe("period_s"),
+                one.text("loop", ""),
+            )
+            for one in fit.listed("recordings")
+        ),
+        "channels": fit.texts("channels"),
+        "converged": fit.flag("converged", True),
+        "why": fit.text("why", ""),
+        "combinations": _parameters(fit.children("combinations")),
+        "failed_jobs": tuple(
+            (one.text("job", ""), one.text("why", ""))
+            for one in (diagnosis or fit).listed("failed_jobs")
+        ),
+        "code": (rig, effects),
+        "_home": home,
+    }
+    parameters = _parameters(fit.children("parameters"))
+    if diagnosis is None:
+        return FitResult(parameters=parameters, **common)
+    found = read_diagnosis(folder / "diagnosis.json")
+    assert found is not None
+    chances = {one.effect: one.probability for one in found.ranking}
+    shares = found.where.shares if found.where is not None else ()
+    return DiagnosisResult(
+        parameters=_parameters(diagnosis.children("parameters")),
+        refitted=parameters,
+        **common,
+        verdict=found.verdict,
+        sentence=diagnosis.text("sentence", ""),
+        remark=found.remark,
+        ports=tuple(sorted(shares, key=lambda one: -one[1])),
+        causes=tuple(_cause(one, chances) for one in diagnosis.listed("causes")),
+        ranking=found.ranking,
+        regimes=found.where.regimes if found.where is not None else (),
+        look_alikes=found.look_alikes,
+        unknown=found.unknown,
+        next_experiment=found.next_experiment,
+    )
+
+
+def _parameters(nodes: Mapping[str, Node]) -> ParameterTable:
+    return ParameterTable(
+        tuple(
+            ParameterEstimate(
+                name,
+                node.number("value"),
+                node.maybe("low"),
+                node.maybe("high"),
+                node.maybe("prior"),
+                node.text("unit", "") or split_column(name)[1],
+                node.text("word", ""),
+                node.maybe("strain"),
+                node.text("at_bound", ""),
+                node.text("source", ""),
+            )
+            for name, node in nodes.items()
+        )
+    )
+
+
+def _cause(node: Node, chances: Mapping[str, float | None]) -> IdentifiedCause:
+    effect = node.text("effect")
+    told = node.maybe("probability")
+    return IdentifiedCause(
+        effect,
+        node.text("family", ""),
+        node.text("port", ""),
+        _parameters(node.children("parameters")),
+        node.maybe("share"),
+        chances.get(effect) if told is None else told,
+    )
+
+
+def _percent(share: float | None) -> str:
+    return "–" if share is None else f"{share:.0%}"

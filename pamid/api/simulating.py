@@ -1,0 +1,93 @@
+"""`pamid.simulate`: a virtual rig, or what a run has found, on an excitation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from pamid.api.given import (
+    EffectLike,
+    PathLike,
+    RecordingLike,
+    RigLike,
+    effects_given,
+    recording_given,
+    rig_given,
+)
+from pamid.api.modelled import MODEL_DIGITS, modelled, recorded
+from pamid.api.results import FitResult
+from pamid.base.errors import FileError, UsageError
+from pamid.model.registry import rig_of
+from pamid.recording.recording import SIGNIFICANT_DIGITS, Recording
+from pamid.simulation.virtual_rig import virtual_rig
+
+
+def simulate(
+    excitation: RecordingLike,
+    rig: RigLike | None = None,
+    *,
+    effects: EffectLike | Iterable[EffectLike] = (),
+    model: FitResult | PathLike | None = None,
+    which: str = "best",
+    known: Mapping[str, float] | None = None,
+    parameters: Mapping[str, float] | None = None,
+    noise: float = 1.0,
+    seed: int = 0,
+    output: PathLike | None = None,
+    overwrite: bool = False,
+) -> Recording:
+    """What the sensors of a virtual rig would have recorded.
+
+    excitation   what is sent: a reference column runs the rig's controller (closed loop), a command
+                 column is replayed (open loop)
+    rig          as in `pamid.fit`; default: the one that the excitation names, else one-dof
+    effects      NAME, NAME@PORT, with :parameter=value,...; paths of effect files (they are run);
+                 or Effects, which act at their typical size
+    model        a result or its run folder: simulate what it has found, by its own steps, instead
+                 of a rig from its data sheet; `which` part of it: "cause", "network", "refitted",
+                 or "best": the first of these there is. A run made with a rig or effect file needs
+                 them again, as rig and effects
+    known        parameters by name, in its unit, that the recording states as known
+    parameters   parameters of the virtual rig that nobody is told
+    noise        factor on the sensors' noise, 0: none; same seed, same noise
+    output       CSV to write, with its TOML; FileError where it exists, unless overwrite
+
+    The recording is what that file holds, whether one is written or not; its `effects` tell what
+    was simulated. PamidError for whatever is wrong with files, data or the call.
+    """
+    target = None if output is None else Path(output)
+    if target is not None and target.exists() and not overwrite:
+        raise FileError(
+            f"{target} exists already.",
+            "Choose another --output, or --overwrite to replace it.",
+            code="exists",
+        )
+    if not noise >= 0.0:
+        raise UsageError(f"noise={noise!r} is no factor of at least 0.")
+    source = recording_given(excitation, "excitation")
+    stated, hidden, named = dict(known or {}), dict(parameters or {}), effects_given(effects)
+    if model is None:
+        if which != "best":
+            raise UsageError("--which belongs to --model RUN.")
+        virtual = rig_given(rig) or rig_of([source])
+        made = virtual_rig(virtual, source, named, stated, hidden, noise, seed)
+        return recorded(source, made, SIGNIFICANT_DIGITS, target)
+    for effect in named:
+        if isinstance(effect, str) and not effect.endswith(".py"):
+            raise UsageError(
+                f"--effect {effect!r}: the model has the effects that the run found; with --model "
+                "only its effect files are named again."
+            )
+    own = model.code if isinstance(model, FitResult) else (None, ())
+    made = modelled(
+        model.folder if isinstance(model, FitResult) else Path(model),
+        source,
+        which=which,
+        rig=rig_given(rig) or own[0],
+        effects=named or own[1],
+        known=stated,
+        parameters=hidden,
+        noise=noise,
+        seed=seed,
+    )
+    return recorded(source, made, MODEL_DIGITS, target)

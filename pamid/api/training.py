@@ -1,0 +1,257 @@
+"""`pamid.train_residual`: a network for what a fitted model leaves over."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from pamid.api.given import PathLike, RigLike, rig_given
+from pamid.api.progress import ShowProgress, progress_line
+from pamid.api.results import FitResult
+from pamid.api.workers import RunHome
+from pamid.base.card import Cells, card, html_table, number, paragraph, text_table
+from pamid.base.errors import PamidError, UsageError
+from pamid.base.json_file import read_json
+from pamid.base.progress import Progress
+from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE, Run
+from pamid.correction.output_network import (
+    CHECKPOINT_FILE,
+    TrainingOptions,
+    Wanted,
+    train_correction,
+    write_correction,
+)
+from pamid.correction.port_network import (
+    entry_of,
+    origin_of,
+    train_at_port,
+    write_port_correction,
+)
+from pamid.correction.residual_data import ResidualData, read_residual_data
+from pamid.model.rig import Rig
+from pamid.networks.store import NETWORK_FILE
+from pamid.networks.training import Step
+from pamid.report.load import RunData, load_run
+
+if TYPE_CHECKING:
+    from pamid.recording.plot import NotebookFigure
+
+EVIDENCE = ("every-sample", "independent-samples")
+#: trains and writes; network.json, and whether it was interrupted
+Trainer = Callable[[Run, ResidualData, Progress, TrainingOptions], tuple[dict[str, Any], bool]]
+
+
+@dataclass(frozen=True)
+class NetworkResult:
+    """A network that corrects a fitted model, and what it is worth on what was held out.
+
+    folder: of the run; kind: "elman", "anfis" or "narx"; target: what it was trained on; inputs:
+    what it is given; weights: their number; iterations, why, converged: of the training;
+    interrupted: it was ended early, and is what it had reached; errors: channel -> "refitted",
+    "with_network" ... -> mean absolute error in the channel's unit.
+    """
+
+    folder: Path
+    kind: str
+    target: str
+    inputs: tuple[str, ...]
+    weights: int
+    iterations: int
+    why: str
+    converged: bool
+    interrupted: bool
+    errors: dict[str, dict[str, float]]
+    _home: RunHome = field(repr=False)
+
+    @cached_property
+    def data(self) -> RunData:
+        """All that the files of the run hold."""
+        return load_run(self.folder)
+
+    def to_dict(self) -> dict[str, Any]:
+        """What the command prints with --json: network.json."""
+        found: dict[str, Any] = read_json(self.folder / NETWORK_FILE)
+        return found
+
+    def plot_training(self) -> NotebookFigure:
+        """Error, effective number of parameters and damping over the iterations."""
+        from pamid.api.plots import training_figure
+
+        return training_figure(self.data)
+
+    def plot_worst_window(self, channel: str | None = None) -> NotebookFigure:
+        """Measured, refitted and corrected over the held-out window in which the refitted model
+        errs most."""
+        from pamid.api.plots import worst_window_figure
+
+        return worst_window_figure(self.data, channel)
+
+    def __repr__(self) -> str:
+        return f"<NetworkResult {self._headline()}>\n{text_table(self._rows())}"
+
+    def _repr_html_(self) -> str:
+        return card(
+            self._headline(),
+            paragraph(f"It is given {', '.join(self.inputs)}."),
+            html_table(self._rows()),
+        )
+
+    def _headline(self) -> str:
+        return (
+            f"{self.kind}, {self.weights} weights, for {self.target}: {self.iterations} "
+            f"iterations, {self.why}"
+        )
+
+    def _rows(self) -> Cells:
+        rows = [
+            (channel, number(e.get("refitted")), number(e.get("with_network")))
+            for channel, e in self.errors.items()
+        ]
+        return ("held-out mean absolute error", "refitted", "with network"), rows
+
+
+def train_residual(
+    run: FitResult | PathLike,
+    *,
+    network: str = "elman",
+    iterations: int = 1000,
+    seed: int = 0,
+    starts: int = 1,
+    jobs: int | None = None,
+    evidence: str = "every-sample",
+    device: str = "cpu",
+    at: str = "output",
+    rig: RigLike | None = None,
+    channel: str | None = None,
+    inputs: Sequence[str] = (),
+    resume: bool = False,
+    progress: ShowProgress = None,
+    command: Sequence[str] = (),
+    **sizes: int | None,
+) -> NetworkResult:
+    """Train a network on what the refitted model of a run leaves over, on its fitted part, and
+    judge it on the held-out part. Its files are added to the run.
+
+    run          a result, or a run folder
+    network      "elman", "anfis" or "narx"
+    sizes        what its kind has to choose: hidden=, units of elman or narx [default: 10, or as
+                 many as the samples decide]; sets=, membership sets on every input of anfis
+                 [default: the most, up to 5, that make no more than 64 rules]
+    iterations   Levenberg-Marquardt steps at most, for each of `starts` random starts; seed: theirs
+    jobs         cores to use [default: all]; the result does not depend on it
+    evidence     what the regularisation counts: "every-sample", or "independent-samples"
+    device       "cpu", or "cuda" where torch sees one
+    at           "output", or the port of the rig where the correction enters the equations; rig:
+                 then the rig file that the run was made with (it is run), or the Rig
+    channel      output to correct [default: angle_deg, else the first of the run]
+    inputs       columns of residual.csv that the network is given
+    resume       go on from where the same training was interrupted
+
+    An interrupt ends the training with what it has. PamidError for whatever is wrong with the run
+    or the call, and where nothing came of the training.
+    """
+    if evidence not in EVIDENCE:
+        raise UsageError(f"evidence={evidence!r}: take {' or '.join(EVIDENCE)}.")
+    wanted = Wanted(network, sizes)
+    home = run._home if isinstance(run, FitResult) else RunHome(Path(run))
+    named = rig_given(rig)
+    if named is None and at != "output" and isinstance(run, FitResult):
+        named = run.code[0]
+    folder = Run.open(home.folder)
+    trainer = _trainer_at(home.folder, at, named) if at != "output" else _at_output
+    if at == "output" and rig is not None:
+        raise UsageError("--rig belongs to --at PORT: at the output no rig is needed.")
+    leftover = read_residual_data(home.folder, channel, tuple(inputs), replay=at != "output")
+    options = {
+        "network": network,
+        **sizes,
+        "iterations": iterations,
+        "starts": starts,
+        "evidence": evidence,
+        "at": at,
+        "resume": resume,
+        "channel": leftover.channel,
+        "inputs": list(leftover.inputs),
+    }
+    folder.begin_step(
+        command=command or ["pamid.train_residual", str(home.folder)],
+        seed=seed,
+        inputs=[home.folder / FIT_FILE, home.folder / RESIDUAL_FILE],
+        options=options,
+    )
+    course = TrainingOptions(
+        wanted=wanted,
+        independent=evidence == "independent-samples",
+        device=device,
+        iterations=iterations,
+        seed=seed,
+        starts=starts,
+        threads=jobs or os.cpu_count() or 1,
+        checkpoint=folder.path(CHECKPOINT_FILE),
+        resume=resume,
+    )
+    try:
+        with progress_line(progress, "train-residual") as show:
+            course["progress"] = _steps(show, iterations, starts)
+            about, interrupted = trainer(folder, leftover, show, course)
+    except (PamidError, KeyboardInterrupt) as error:
+        folder.finish("failed" if isinstance(error, PamidError) else "interrupted")
+        raise
+    folder.finish("interrupted" if interrupted else "done")
+    return _result(home, about, interrupted)
+
+
+def _at_output(
+    run: Run, leftover: ResidualData, show: Progress, course: TrainingOptions
+) -> tuple[dict[str, Any], bool]:
+    found = train_correction(leftover, **course)
+    return write_correction(run, found), found.interrupted
+
+
+def _trainer_at(folder: Path, at: str, rig: str | Rig | None) -> Trainer:
+    """What trains at a port of the run's model and writes it. Wrong names are refused here."""
+    origin = origin_of(folder, rig)
+    entry = entry_of(origin.evidence.rig, at)
+
+    def train(
+        run: Run, leftover: ResidualData, show: Progress, course: TrainingOptions
+    ) -> tuple[dict[str, Any], bool]:
+        found = train_at_port(leftover, origin.model(show), entry, show, **course)
+        return write_port_correction(run, found), found.interrupted
+
+    return train
+
+
+def _steps(show: Progress, iterations: int, starts: int) -> Callable[[Step, int], None]:
+    def step_done(step: Step, start: int) -> None:
+        which = f"start {start + 1} of {starts}, " if starts > 1 else ""
+        show(
+            f"{step.iteration}/{iterations} {which}MSE {step.mse:.4g}, gamma {step.gamma:.1f}, mu "
+            f"{step.mu:.1g}"
+        )
+
+    return step_done
+
+
+def _result(home: RunHome, about: dict[str, Any], interrupted: bool) -> NetworkResult:
+    training = about["training"]
+    return NetworkResult(
+        folder=home.folder,
+        kind=about["kind"],
+        target=about["target"],
+        inputs=tuple(one["name"] for one in about["inputs"]),
+        weights=about["n_weights"],
+        iterations=training["iterations"],
+        why=training["why"],
+        converged=training["converged"],
+        interrupted=interrupted,
+        errors={
+            channel: {k: v for k, v in errors.items() if isinstance(v, float)}
+            for channel, errors in about["mae"].items()
+        },
+        _home=home,
+    )

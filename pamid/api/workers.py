@@ -1,0 +1,58 @@
+"""Who does the jobs of a run, in which folder it lies, and how it is closed."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import weakref
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from pamid.base.run_folder import JOBS, Run
+from pamid.parallel.jobs import WorkerPool
+from pamid.parallel.store import Store
+
+
+class RunHome:
+    """The folder of a run: the one that the user named, or a temporary one that goes with the last
+    result that refers to it."""
+
+    def __init__(self, folder: Path | None) -> None:
+        self.temporary = folder is None
+        if folder is None:
+            folder = Path(tempfile.mkdtemp(prefix="pamid-"))
+            weakref.finalize(self, shutil.rmtree, folder, ignore_errors=True)
+        self.folder = folder
+
+
+@contextmanager
+def worker_pool(
+    jobs: int, cluster: str | None = None, *, run_folder: Path | None = None
+) -> Iterator[WorkerPool]:
+    """Processes of this machine, or the Dask cluster of a scheduler; run_folder: where results of
+    single jobs stay while the run goes on."""
+    store = Store(run_folder / JOBS) if run_folder else None
+    if cluster is None:
+        yield WorkerPool(jobs, store)
+        return
+    from pamid.parallel.dask_backend import cluster as connected
+
+    with connected(cluster) as executor:
+        yield WorkerPool(jobs, store, executor)
+
+
+@contextmanager
+def closing(run: Run, pool: WorkerPool) -> Iterator[None]:
+    """Close the run with a word for how it ended, and how many jobs it took; their results go once
+    all are done."""
+    try:
+        yield
+    except BaseException as error:
+        run.finish(
+            "interrupted" if isinstance(error, KeyboardInterrupt) else "failed", jobs=pool.counts
+        )
+        raise
+    run.finish("partial" if pool.failed else "done", jobs=pool.counts)
+    if pool.store and not pool.failed:
+        pool.store.clear()

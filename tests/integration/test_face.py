@@ -1,0 +1,428 @@
+"""`import pamid`, as somebody at a notebook uses it: verbs, typed results, cards, plots, run
+folders."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from dataclasses import FrozenInstanceError, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas
+import pytest
+from matplotlib.figure import Figure
+from pamid_cli import frame
+from small_cart import FEW, RIG, record_cart
+
+import pamid
+from pamid.base.errors import DataError, FileError, UsageError
+from pamid.model.registry import effects
+
+LEFT_OUT = [name for name in effects() if name not in FEW]
+RESULTS = ("fit.json", "residual.csv", "diagnosis.json")
+HOSTILE = "<script>alert(1)</script>"
+
+
+class PushedCart(pamid.Rig):
+    """A cart as a user writes it down in a notebook's cell."""
+
+    inputs = {"force_n": "N"}
+    outputs = {"position_m": "m"}
+    ports = {
+        "force": pamid.Port("motion", "N", signals=("velocity", "position")),
+        "sensor": pamid.Port("reading", "m"),
+    }
+    states = (pamid.State("position", "m"), pamid.State("velocity", "m/s"))
+    parameters = (pamid.Parameter("mass_kg", 1.0, low=0.1, high=10.0, source="kitchen scale"),)
+
+    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:
+        force = port("force", u.force_n, velocity=x.velocity, position=x.position)
+        return {"position": x.velocity, "velocity": force / p.mass_kg}
+
+    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Any]:
+        return {"position_m": port("sensor", x.position)}
+
+
+class ConstantPull(pamid.Effect):
+    """A force that always pulls the same way."""
+
+    family = "pull"
+    general_kinds = ("motion",)
+    parameters = (
+        pamid.Parameter("level", 0.1, low=-2.0, high=2.0, null=0.0, label="N", source="a guess"),
+    )
+
+    def act(self, value: Any, at: Any, p: Any, z: Any) -> Any:
+        return value + p.level
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return record_cart(tmp_path_factory.mktemp("cart"))
+
+
+@pytest.fixture(scope="module")
+def fitted(recorded: Path) -> pamid.FitResult:
+    return pamid.fit(recorded, RIG, progress=False)
+
+
+@pytest.fixture(scope="module")
+def found(recorded: Path) -> pamid.DiagnosisResult:
+    return pamid.diagnose(recorded, RIG, without=LEFT_OUT, jobs=1, progress=False)
+
+
+def in_a_fresh_python(code: str) -> str:
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return done.stdout
+
+
+def test_every_name_is_there_and_offered() -> None:
+    for name in pamid.__all__:
+        assert getattr(pamid, name) is not None
+    assert set(pamid.__all__) == set(dir(pamid))
+    with pytest.raises(AttributeError, match="no attribute 'diagnosis_of'"):
+        _ = pamid.diagnosis_of  # type: ignore[attr-defined]
+
+
+def test_type_checkers_see_every_name() -> None:
+    text = Path(str(pamid.__file__)).read_text(encoding="utf-8")
+    block = text[text.index("if TYPE_CHECKING:") : text.index("__version__ =")]
+    assert not [
+        n for n in pamid.__all__ if n != "__version__" and not re.search(rf"\b{n}\b", block)
+    ]
+
+
+def test_report_is_a_verb_whether_its_package_is_loaded_or_not() -> None:
+    code = "import pamid; print(callable(pamid.report)); import pamid.report.words; "
+    assert in_a_fresh_python(f"{code}print(callable(pamid.report))") == "True\nTrue\n"
+
+
+# ---- recordings --------------------------------------------------------------------------------
+
+
+def test_a_recording_says_what_it_is(recorded: Path) -> None:
+    recording = pamid.read_recording(recorded)
+    assert repr(recording) == (
+        "<Recording rec: 900 samples over 9 s, one every 10 ms, open loop: force_n, position_m>"
+    )
+    assert "position_m" in recording._repr_html_() and "position_m" in recording.summary()
+
+
+def test_a_recording_is_drawn_with_its_units(recorded: Path) -> None:
+    figure = pamid.read_recording(recorded).plot()
+    assert isinstance(figure, Figure)
+    assert [axes.get_ylabel() for axes in figure.axes] == ["[N]", "[m]"]
+    assert figure.axes[-1].get_xlabel() == "time [s]" and figure.get_suptitle().startswith("rec: ")
+    assert figure._repr_png_().startswith(b"\x89PNG")
+    one = pamid.read_recording(recorded).plot(["position_mm"])
+    assert [axes.get_ylabel() for axes in one.axes] == ["[mm]"]
+    with pytest.raises(FileError, match="there is no column 'speed_m_per_s'"):
+        pamid.read_recording(recorded).plot(["speed_m_per_s"])
+
+
+def test_a_table_and_back(recorded: Path) -> None:
+    recording = pamid.read_recording(recorded)
+    table = recording.to_pandas()
+    assert list(table.columns) == ["time_s", "force_n", "position_m"]
+    again = pamid.Recording.from_pandas(table, "bench/../1", loop="open", known={"mass_kg": 1.2})
+    assert (again.loop, again.known, again.path) == (
+        "open",
+        {"mass_kg": 1.2},
+        Path("bench-..-1.csv"),
+    )
+    np.testing.assert_allclose(
+        again.columns["position_m"], recording.columns["position_m"], rtol=1e-15
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda t: t.drop(columns="time_s"), "has no column 'time_s'"),
+        (lambda t: t.assign(operator="Ann"), "holds more than numbers"),
+        (lambda t: t.assign(position_m=np.nan), "bench.csv"),
+        (lambda t: t.head(10), "too short: 10 samples"),
+    ],
+)
+def test_a_table_that_is_no_recording(recorded: Path, change: Any, words: str) -> None:
+    table = change(pamid.read_recording(recorded).to_pandas())
+    with pytest.raises(pamid.PamidError, match=words) as caught:
+        pamid.Recording.from_pandas(table, "bench")
+    assert "/tmp" not in str(caught.value)
+
+
+# ---- a fit -------------------------------------------------------------------------------------
+
+
+def test_a_fit_has_typed_parameters(fitted: pamid.FitResult) -> None:
+    mass = fitted.parameters["mass_kg"]
+    assert mass.low is not None and mass.high is not None
+    assert mass.low < mass.value < mass.high and (mass.prior, mass.unit) == (1.0, "kg")
+    assert mass.word == "settled" and mass.source == "kitchen scale"
+    with pytest.raises(FrozenInstanceError):
+        mass.value = 2.0  # type: ignore[misc]
+    with pytest.raises(KeyError, match="Did you mean 'mass_kg'"):
+        fitted.parameters["mas_kg"]
+    assert fitted.converged and fitted.channels == ("position_m",) and fitted.rig == "cart"
+    assert fitted.errors["position_m"].refitted < fitted.errors["position_m"].data_sheet  # type: ignore[operator]
+    assert "FitResult cart" in repr(fitted) and "mass_kg" in repr(fitted.parameters)
+
+
+def test_a_fit_is_the_commands(fitted: pamid.FitResult, recorded: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "by-command"
+    assert frame.run(["fit", str(recorded), "--rig", RIG, "--output", str(folder)]) == 0
+    saved = fitted.save(tmp_path / "by-hand")
+    names = {path.name for path in folder.iterdir()}
+    assert (
+        names == {path.name for path in saved.iterdir()} == {"fit.json", "residual.csv", "run.json"}
+    )
+    for name in names - {"run.json"}:
+        assert (folder / name).read_bytes() == (saved / name).read_bytes(), name
+    mine, theirs = (json.loads((f / "run.json").read_text()) for f in (saved, folder))
+    assert {k: mine[k] for k in ("seed", "options", "inputs", "outcome", "files")} == {
+        k: theirs[k] for k in ("seed", "options", "inputs", "outcome", "files")
+    }
+    assert fitted.to_dict() == json.loads((folder / "fit.json").read_text())
+
+
+def test_an_opened_fit_shows_the_same(fitted: pamid.FitResult, tmp_path: Path) -> None:
+    opened = pamid.open_run(fitted.save(tmp_path / "run"))
+    assert opened.parameters == fitted.parameters and opened.errors == fitted.errors
+    assert repr(opened) == repr(fitted) and opened._repr_html_() == fitted._repr_html_()
+    assert opened.plot_worst_window()._repr_png_() == fitted.plot_worst_window()._repr_png_()
+
+
+def test_what_was_fitted_simulates(fitted: pamid.FitResult, recorded: Path, tmp_path: Path) -> None:
+    push = pamid.read_recording(recorded.with_name("push.csv"))
+    simulated = fitted.simulate(push)
+    assert simulated.has("position_m") and len(simulated) == len(push)
+    np.testing.assert_array_equal(
+        simulated.columns["position_m"], fitted.simulate(push.to_pandas()).columns["position_m"]
+    )
+    heavy = fitted.simulate(push, parameters={"mass_kg": 2.4})
+    assert np.ptp(heavy.columns["position_m"]) < np.ptp(simulated.columns["position_m"])
+    folder = fitted.save(tmp_path / "run")
+    with pytest.raises(FileError, match="rig file"):
+        pamid.open_run(folder).simulate(push)  # its rig is code, which nobody named
+    again = pamid.open_run(folder, rig=RIG).simulate(push)
+    np.testing.assert_array_equal(again.columns["position_m"], simulated.columns["position_m"])
+    by_verb = pamid.simulate(push, model=folder, rig=RIG, noise=0.0, output=tmp_path / "sim.csv")
+    np.testing.assert_array_equal(by_verb.columns["position_m"], simulated.columns["position_m"])
+
+
+# ---- rigs and effects of one's own -------------------------------------------------------------
+
+
+@pytest.mark.parametrize("rig", [PushedCart, PushedCart()])
+def test_a_rig_of_ones_own(
+    rig: Any, recorded: Path, fitted: pamid.FitResult, tmp_path: Path
+) -> None:
+    own = pamid.fit(pamid.read_recording(recorded).to_pandas(), rig, progress=False)
+    assert own.rig == "pushed-cart"
+    assert own.parameters["mass_kg"].value == pytest.approx(
+        fitted.parameters["mass_kg"].value, rel=1e-6
+    )
+    push = recorded.with_name("push.csv")
+    assert own.simulate(push).has("position_m")
+    opened = pamid.open_run(own.save(tmp_path / "run"))
+    with pytest.raises(FileError, match="PushedCart is a rig of somebody's Python program"):
+        opened.simulate(push)
+    assert pamid.open_run(tmp_path / "run", rig=rig).simulate(push).has("position_m")
+
+
+def test_an_effect_of_ones_own(recorded: Path) -> None:
+    own = pamid.fit(recorded, RIG, effects=[ConstantPull, "viscous-friction"], progress=False)
+    assert own.effects == ("constant-pull", "viscous-friction")
+    assert "constant-pull:level" in own.parameters
+    with pytest.raises(UsageError, match="is no effect"):
+        pamid.fit(recorded, RIG, effects=[3], progress=False)  # type: ignore[list-item]
+
+
+def test_what_is_simulated_can_be_diagnosed(recorded: Path) -> None:
+    made = pamid.simulate(
+        recorded.with_name("push.csv"), PushedCart, effects=["coulomb-friction:force_n=0.8"], seed=2
+    )
+    assert made.effects[0].startswith("coulomb-friction:force_n=0.8")
+    result = pamid.diagnose(made, PushedCart(), without=LEFT_OUT, jobs=1, progress=False)
+    assert [c.effect for c in result.causes] == ["coulomb-friction"]
+
+
+def test_a_part_of_a_recording_is_its_own_data(recorded: Path, tmp_path: Path) -> None:
+    whole = pamid.read_recording(recorded)
+    first, rest = whole.slice(0, 500), whole.slice(500, 900)
+    run = pamid.fit([first], RIG, held_out=rest, output=tmp_path / "run", progress=False)
+    assert [(one.role, one.samples) for one in run.recordings] == [("fit", 500), ("held-out", 400)]
+    kept = pamid.read_recording(tmp_path / "run" / run.recordings[0].path)
+    np.testing.assert_array_equal(kept.columns["position_m"], first.columns["position_m"])
+    known = pamid.fit(replace(whole, known={"mass_kg": 1.2}), RIG, progress=False)
+    assert "mass_kg" not in known.parameters
+
+
+# ---- a diagnosis -------------------------------------------------------------------------------
+
+
+def test_a_diagnosis_answers_where_which_how_far(found: pamid.DiagnosisResult) -> None:
+    assert found.verdict == "explained" and found.ports[0][0] == "force"
+    (cause,) = found.causes
+    assert (cause.effect, cause.family, cause.port) == ("coulomb-friction", "friction", "force")
+    force = cause.parameters["force_n"]
+    assert force.low is not None and force.low < force.value and force.unit == "N"
+    assert cause.share == 1.0 and cause.probability is not None and 0.0 <= cause.probability <= 1.0
+    assert found.errors["position_m"].with_cause < found.errors["position_m"].refitted  # type: ignore[operator]
+    assert found.parameters["mass_kg"].value == pytest.approx(1.2, rel=0.05)
+    card = found._repr_html_()
+    for words in (found.sentence, "Where: force", "coulomb-friction", "position"):
+        assert words in card, words
+    assert "DiagnosisResult explained" in repr(found) and "coulomb-friction" in repr(found)
+
+
+def test_a_diagnosis_is_the_commands(
+    found: pamid.DiagnosisResult, recorded: Path, tmp_path: Path
+) -> None:
+    folder, words = tmp_path / "run", [w for name in LEFT_OUT for w in ("--without", name)]
+    assert (
+        frame.run(["diagnose", str(recorded), "--rig", RIG, "--output", str(folder), *words]) == 0
+    )
+    saved = found.save(tmp_path / "saved")
+    assert sorted(p.name for p in folder.iterdir()) == sorted(p.name for p in saved.iterdir())
+    for path in folder.iterdir():
+        if path.name != "run.json":
+            assert path.read_bytes() == (saved / path.name).read_bytes(), path.name
+
+
+def test_an_opened_diagnosis_shows_the_same(found: pamid.DiagnosisResult, tmp_path: Path) -> None:
+    opened = pamid.open_run(found.save(tmp_path / "run"))
+    assert isinstance(opened, pamid.DiagnosisResult)
+    assert repr(opened.causes) == repr(found.causes)
+    assert opened._repr_html_() == found._repr_html_()
+    for figure in (
+        opened.plot_worst_window(),
+        opened.plot_ports(),
+        opened.plot_ranking(),
+        opened.plot_errors(),
+    ):
+        assert figure.get_suptitle() and figure._repr_png_().startswith(b"\x89PNG")
+    assert "position [m]" in [axes.get_ylabel() for axes in opened.plot_worst_window().axes]
+    with pytest.raises(UsageError, match="no channel 'angle_deg'"):
+        opened.plot_worst_window("angle_deg")
+
+
+def test_a_card_is_text_whatever_a_file_says(found: pamid.DiagnosisResult, tmp_path: Path) -> None:
+    folder = found.save(tmp_path / "run")
+    for name, key in (("fit.json", "rig"), ("diagnosis.json", "sentence")):
+        told = json.loads((folder / name).read_text())
+        told[key] = HOSTILE + "\x1b[2J\u202e"
+        if "causes" in told:
+            told["causes"][0] |= {"effect": HOSTILE, "family": HOSTILE, "port": HOSTILE}
+        (folder / name).write_text(json.dumps(told))
+    opened = pamid.open_run(folder)
+    assert isinstance(opened, pamid.DiagnosisResult)
+    shown = opened._repr_html_() + pamid.FitResult._repr_html_(opened)
+    assert "<script" not in shown and "&lt;script&gt;" in shown
+    assert "\x1b" not in shown and "\u202e" not in shown
+    table = pandas.DataFrame(
+        {"time_s": 0.01 * np.arange(100), f"x{HOSTILE}_m": np.sin(np.arange(100.0))}
+    )
+    card = pamid.Recording.from_pandas(table, HOSTILE)._repr_html_()
+    assert "<script" not in card and "&lt;script&gt;" in card
+
+
+# ---- check, network, report, run folders -------------------------------------------------------
+
+
+def test_a_check_lists_what_is_wrong(recorded: Path) -> None:
+    sound = pamid.check(recorded, RIG)
+    assert sound.ok and sound.kind == "recording" and not sound.problems
+    assert "nothing is wrong" in repr(sound) and sound.plot().get_suptitle().startswith("rec: ")
+    recording = pamid.read_recording(recorded)
+    backwards = replace(
+        recording, columns={**recording.columns, "position_m": -recording.columns["position_m"]}
+    )
+    wrong = pamid.check(backwards, PushedCart)
+    assert not wrong.ok and "position_m" in wrong.problems[0].detail
+    assert wrong.problems[0].detail.split()[0] in wrong._repr_html_()
+    with pytest.raises(pamid.PamidError, match="position_m"):
+        pamid.fit(backwards, PushedCart, progress=False)
+    of_rig = pamid.check(PushedCart)
+    assert (of_rig.kind, of_rig.subject) == ("rig", "PushedCart") and of_rig.ok
+    assert pamid.check(ConstantPull).kind == "effect"
+    with pytest.raises(UsageError, match="only recordings are drawn"):
+        of_rig.plot()
+
+
+def test_a_network_is_added_to_a_run(fitted: pamid.FitResult, tmp_path: Path) -> None:
+    folder = fitted.save(tmp_path / "run")
+    lines: list[str] = []
+    network = pamid.train_residual(folder, hidden=2, iterations=3, progress=lines.append)
+    assert (network.kind, network.iterations, network.weights) == ("elman", 3, 13)
+    assert {"refitted", "with_network"} <= network.errors["position_m"].keys()
+    assert lines and lines[0].startswith(("0/3 ", "1/3 ")) and not network.interrupted
+    assert "position_m" in network._repr_html_() and "elman" in repr(network)
+    assert network.plot_training().get_suptitle()
+    assert pamid.open_run(folder).errors["position_m"].with_network is not None
+    page = pamid.report(network)
+    assert page.page == folder / "report.html" and page.page.is_file()
+
+
+def test_folders_that_hold_no_result(tmp_path: Path, fitted: pamid.FitResult) -> None:
+    with pytest.raises(FileError, match="not a run folder"):
+        pamid.open_run(tmp_path)
+    folder = fitted.save(tmp_path / "run")
+    with pytest.raises(FileError, match="already holds a run"):
+        fitted.save(folder)
+    assert fitted.save(folder, overwrite=True) == folder
+    record = json.loads((folder / "run.json").read_text())
+    (tmp_path / "secret.txt").write_text("mine")
+    (folder / "run.json").write_text(json.dumps({**record, "files": ["../secret.txt"]}))
+    with pytest.raises(FileError, match="not a file of that folder"):
+        pamid.open_run(folder).save(tmp_path / "copy")
+    (folder / "fit.json").write_text('{"schema": "pamid.fit/1", "rig": 3}')
+    with pytest.raises(FileError, match="rig should be a text"):
+        pamid.open_run(folder)
+
+
+def test_a_temporary_run_goes_with_its_result(recorded: Path) -> None:
+    result = pamid.fit(recorded, RIG, progress=False)
+    folder = result.folder
+    assert folder.is_dir()
+    del result
+    assert not folder.exists()
+
+
+def test_progress_is_one_line_where_a_person_looks(
+    recorded: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    lines: list[str] = []
+    pamid.fit(recorded, RIG, progress=lines.append)
+    assert "fitting" in lines
+    pamid.fit(recorded, RIG)
+    said = capsys.readouterr()
+    assert not said.out and not said.err, "nothing in a pipe"
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: pamid.fit([], RIG), "no recording to fit"),
+        (lambda: pamid.fit(3, RIG), "is no recording"),  # type: ignore[arg-type]
+        (lambda: pamid.fit("rec.csv", 3), "is no rig"),  # type: ignore[arg-type]
+        (lambda: pamid.diagnose("nowhere.csv", RIG), "nowhere.csv"),
+        (lambda: pamid.simulate("nowhere.csv", noise=-1.0), "noise=-1.0"),
+        (lambda: pamid.open_run("nowhere"), "not a run folder"),
+        (lambda: pamid.train_residual("nowhere", evidence="some"), "evidence='some'"),
+    ],
+)
+def test_what_is_wrong_is_said(call: Any, words: str) -> None:
+    with pytest.raises(pamid.PamidError, match=words):
+        call()
+
+
+def test_nothing_to_draw_is_said(fitted: pamid.FitResult) -> None:
+    from pamid.api.plots import training_figure
+
+    with pytest.raises(DataError, match="holds no course of a training"):
+        training_figure(fitted.data)
