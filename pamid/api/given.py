@@ -25,7 +25,7 @@ from pamid.recording.recording import (
     recording_files,
     recording_of,
 )
-from pamid.simulation.data_split import DataSplit
+from pamid.simulation.data_split import DataSplit, split_recordings
 
 if TYPE_CHECKING:
     from pandas import DataFrame
