@@ -21,9 +21,9 @@ from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
 from pamid.report.budget import ChannelErrors, errors_of
-from pamid.report.diagnosed import Candidate, NextExperiment, Regime, Unknown, read_diagnosis
-from pamid.report.load import Recorded, RunData, load_run
+from pamid.report.load import Recorded, RunData, load_run, read_diagnosis
 from pamid.report.reading import Node, read_object
+from pamid.schemas.diagnosis import Candidate, NextExperiment, Regime, Unknown
 
 if TYPE_CHECKING:
     from pamid.recording.plot import NotebookFigure
@@ -379,7 +379,7 @@ def read_result(
     found = read_diagnosis(folder / "diagnosis.json")
     assert found is not None
     chances = {one.effect: one.probability for one in found.ranking}
-    shares = found.where.shares if found.where is not None else ()
+    shares = [(p.port, p.share) for p in found.where.ports] if found.where is not None else []
     return DiagnosisResult(
         parameters=_parameters(diagnosis.children("parameters")),
         refitted=parameters,
@@ -389,8 +389,8 @@ def read_result(
         remark=found.remark,
         ports=tuple(sorted(shares, key=lambda one: -one[1])),
         causes=tuple(_cause(one, chances) for one in diagnosis.listed("causes")),
-        ranking=found.ranking,
-        regimes=found.where.regimes if found.where is not None else (),
+        ranking=tuple(found.ranking),
+        regimes=tuple(found.where.regimes) if found.where is not None else (),
         look_alikes=found.look_alikes,
         unknown=found.unknown,
         next_experiment=found.next_experiment,
