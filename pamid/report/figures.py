@@ -64,9 +64,9 @@ def ports_drawing(diagnosis: Diagnosis) -> Drawing | None:
                 row,
                 100.0 * share,
                 height=0.62,
-                color=colour("with_cause" if named else "data_sheet"),
-                hatch="////" if doubtful else None,
-                linewidth=0.0,
+                color=colour("with_cause" if named else "faint" if doubtful else "data_sheet"),
+                edgecolor=colour("data_sheet"),
+                linewidth=0.9 if doubtful else 0.0,
             )
             note = f" (not told from {label(words.port_words(where.port), 16)})" if doubtful else ""
             _value(axes, 100.0 * share, row, f"{words.percent(share)}{'' if narrow else note}")

@@ -12,7 +12,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from matplotlib.figure import Figure
 from PIL import Image, UnidentifiedImageError
 
 from pamid.base.errors import FileError
@@ -20,7 +19,6 @@ from pamid.base.files import PICTURE, read_data
 from pamid.base.run_folder import FIGURES
 from pamid.report import words
 from pamid.report.reading import REMEDY, Node, read_object
-from pamid.report.style import WIDE_IN, Drawing
 from pamid.report.words import channel_unit, channel_words, effect_words, number, percent, sentence
 
 JOINT_FILE, ARM_FILE = "paper.json", "arm-paper.json"
@@ -48,7 +46,7 @@ _JOINT_TRAINING = {
 
 
 @dataclass(frozen=True)
-class Section:
+class Topic:
     """A heading, a table (its head first, or none), sentences below, a picture (its name); left:
     columns that are set left although they follow the first."""
 
@@ -76,7 +74,7 @@ class Paper:
     subtitle: str
     lead: str
     warnings: tuple[str, ...]
-    sections: tuple[Section, ...]
+    topics: tuple[Topic, ...]
     stills: tuple[Still, ...]
 
 
@@ -88,23 +86,6 @@ def read_paper(folder: Path) -> Paper | None:
         return _joint(joint, _stills(folder, ("steps",)))
     arm = read_object(folder / ARM_FILE, "pamid.paper-arm/1")
     return None if arm is None else _arm(arm, _stills(folder, tuple(_TESTS)))
-
-
-def paper_drawings(paper: Paper) -> list[Drawing]:
-    """The pictures as drawings of a PDF."""
-    return [_drawing(one) for one in paper.stills]
-
-
-def _drawing(still: Still) -> Drawing:
-    height = WIDE_IN * still.tall_px / still.wide_px
-
-    def draw(figure: Figure, narrow: bool) -> None:
-        axes = figure.subplots()
-        axes.set_axis_off()
-        with Image.open(io.BytesIO(still.png)) as picture:
-            axes.imshow(picture, interpolation="none")
-
-    return Drawing(f"still-{still.name}", "", draw, height, height)
 
 
 def _stills(folder: Path, names: Iterable[str]) -> tuple[Still, ...]:
@@ -141,14 +122,14 @@ def _joint(node: Node, stills: tuple[Still, ...]) -> Paper:
     for name, one in (("published", published.needed("training")), ("here", here)):
         training.append((name, *(words.short(one.maybe(key)) for key in _JOINT_TRAINING)))
     sections = (
-        Section(
+        Topic(
             "Errors on the steps",
             tuple(_joint_rows(rows, cases)),
             ("Mean absolute error of the angle in the model's own control loop, deg.",),
             "steps",
         ),
-        Section("The network's training", tuple(training), (sentence(here.text("why", "")),)),
-        Section(
+        Topic("The network's training", tuple(training), (sentence(here.text("why", "")),)),
+        Topic(
             "What the diagnosis names",
             _cause_rows(diagnosis),
             (sentence(diagnosis.text("sentence", "")),),
@@ -254,13 +235,11 @@ def _arm(node: Node, stills: tuple[Still, ...]) -> Paper:
     sections = (
         *errors,
         *angles,
-        Section("The force law", (), (sentence(force.text("finding", "")),)),
-        Section(
+        Topic("The force law", (), (sentence(force.text("finding", "")),)),
+        Topic(
             "Inertial data", _known_rows(node.children("combinations"), stages), (_STAR,), left=(1,)
         ),
-        Section(
-            "Parameters", _known_rows(node.children("parameters"), fitted), (_STAR,), left=(1,)
-        ),
+        Topic("Parameters", _known_rows(node.children("parameters"), fitted), (_STAR,), left=(1,)),
         _hidden(node.needed("twin").needed("hidden")),
         _notes(node),
     )
@@ -277,14 +256,14 @@ def _arm(node: Node, stills: tuple[Still, ...]) -> Paper:
 _STAR = "*: the interval does not hold the truth."
 
 
-def _arm_errors(title: str, variables: Node, *, only: str = "", still: str = "") -> Section:
+def _arm_errors(title: str, variables: Node, *, only: str = "", still: str = "") -> Topic:
     rows = [one for one in variables.nested().items() if not only or one[1].text("unit") == only]
     models = [key for key in _ARM_MODELS if any(one.maybe(key) is not None for _, one in rows)]
     body = [
         (channel_words(name), one.text("unit"), *(number(one.maybe(key)) for key in models))
         for name, one in rows
     ]
-    return Section(
+    return Topic(
         title,
         (("variable", "unit", *(_ARM_MODELS[key] for key in models)), *body),
         ("Mean absolute error on recordings that no fit has seen.",),
@@ -315,7 +294,7 @@ def _known_rows(
 # ---- both --------------------------------------------------------------------------------------
 
 
-def _hidden(twin: Node) -> Section:
+def _hidden(twin: Node) -> Topic:
     known = [
         name
         for name, value in twin.content.items()
@@ -325,13 +304,13 @@ def _hidden(twin: Node) -> Section:
         (channel_words(name), number(twin.number(name)), channel_unit(name) or "-")
         for name in known
     ]
-    return Section(
+    return Topic(
         "What the twin hides", (("parameter", "value", "unit"), *rows) if rows else (), left=(2,)
     )
 
 
-def _notes(node: Node) -> Section:
-    return Section("What this is not", (), node.texts("notes"))
+def _notes(node: Node) -> Topic:
+    return Topic("What this is not", (), node.texts("notes"))
 
 
 def _warnings(node: Node) -> tuple[str, ...]:

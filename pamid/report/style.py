@@ -61,8 +61,6 @@ SETTINGS: dict[Any, Any] = {
     "axes.unicode_minus": True,
     "grid.color": COLOURS["line"][0],
     "grid.linewidth": 0.7,
-    "hatch.color": COLOURS["paper"][0],
-    "hatch.linewidth": 1.4,
     "legend.frameon": False,
     "legend.fontsize": 8.5,
     "legend.labelcolor": COLOURS["ink"][0],
@@ -99,11 +97,12 @@ class Drawing:
 
 @dataclass(frozen=True)
 class Picture:
-    """A drawing carried out: SVG for wide and narrow pages, PNG with its title for papers and
-    slides."""
+    """A drawing carried out. wide, narrow: SVG for pages, in their colours; svg: the wide one as
+    it stands, for the PDF; png: with its title, for papers and slides."""
 
     name: str
     title: str
+    svg: str
     wide: str
     narrow: str
     png: bytes
@@ -111,11 +110,13 @@ class Picture:
 
 def render(drawing: Drawing) -> Picture:
     """Carry out a drawing; the same drawing gives the same bytes."""
+    wide, narrow = _svg(drawing, narrow=False), _svg(drawing, narrow=True)
     return Picture(
         name=drawing.name,
         title=drawing.title,
-        wide=_svg(drawing, narrow=False),
-        narrow=_svg(drawing, narrow=True),
+        svg=_METADATA.sub("", wide),
+        wide=_for_page(wide),
+        narrow=_for_page(narrow),
         png=_png(drawing),
     )
 
@@ -181,7 +182,7 @@ def _svg(drawing: Drawing, *, narrow: bool) -> str:
             metadata={"Date": None, "Creator": None, "Format": None, "Type": None},
         )
     text = buffer.getvalue()
-    return _for_page(text[text.index("<svg") :])
+    return text[text.index("<svg") :]
 
 
 def _png(drawing: Drawing) -> bytes:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 from pamid.report import words
 from pamid.report.budget import MODELS, ChannelErrors
 from pamid.report.diagnosed import Diagnosis, Estimate, Transfer, Where
+from pamid.report.document import Block, Cell, Heading, Table, notes, table
 from pamid.report.load import Fit, LoopError, Parameter, RunData, Step, Together
-from pamid.report.markup import Html, Part, tag
 from pamid.report.sentences import sensor_words, split_words
 from pamid.report.words import (
     channel_unit,
@@ -50,29 +48,12 @@ GROUNDS = {
 SHARES = frozenset({"left", "ceiling", "shrinkage", "helps", "margin", "wins", "at_port"})
 
 
-def table(
-    heads: Iterable[str], rows: Iterable[Iterable[Part]], numeric: Iterable[int] = ()
-) -> Html:
-    """A table in a box that scrolls sideways on narrow pages; `numeric` columns are set right."""
-    right = set(numeric)
-
-    def cells(kind: str, parts: Iterable[Part]) -> list[Html]:
-        return [
-            tag(kind, part, class_="n") if column in right else tag(kind, part)
-            for column, part in enumerate(parts)
-        ]
-
-    head = tag("tr", cells("th", heads))
-    body = [tag("tr", cells("td", row)) for row in rows]
-    return tag("div", tag("table", tag("thead", head), tag("tbody", body)), class_="scroll")
-
-
 def mae_fields(rows: tuple[ChannelErrors, ...]) -> list[str]:
     """The models that are told for at least one channel."""
     return [name for name in MODELS if any(name in row.known() for row in rows)]
 
 
-def mae_table(rows: tuple[ChannelErrors, ...]) -> Html:
+def mae_table(rows: tuple[ChannelErrors, ...]) -> Table:
     """Held-out MAE (eq. 11) per channel and model."""
     fields = mae_fields(rows)
     shrinks = any(row.shrinkage is not None for row in rows)
@@ -117,7 +98,7 @@ def mae_text(rows: tuple[ChannelErrors, ...]) -> str:
     )
 
 
-def loop_table(errors: tuple[LoopError, ...]) -> Html:
+def loop_table(errors: tuple[LoopError, ...]) -> Table:
     """MAE of the model in its own loop, with the band that small parameter changes cause."""
     heads = ["channel", "unit", "data sheet", "refitted", "band (0.1 % of conductances)"]
     body = [
@@ -133,7 +114,7 @@ def loop_table(errors: tuple[LoopError, ...]) -> Html:
     return table(heads, body, (2, 3, 4))
 
 
-def parameter_table(parameters: tuple[Parameter, ...], with_cause: dict[str, Estimate]) -> Html:
+def parameter_table(parameters: tuple[Parameter, ...], with_cause: dict[str, Estimate]) -> Table:
     """Value, interval, prior, unit, how well it is known, strain, and what to think of it."""
     beside = any(one.name in with_cause for one in parameters)
     heads = [
@@ -146,13 +127,10 @@ def parameter_table(parameters: tuple[Parameter, ...], with_cause: dict[str, Est
         "strain",
         "known",
     ]
-    body: list[list[Part]] = []
+    body: list[list[str | Cell]] = []
     for one in parameters:
-        name: Part = [
-            tag("code", words.clean(one.name)),
-            tag("small", words.clean(one.source)) if one.source else "",
-        ]
-        row: list[Part] = [
+        name = Cell(words.clean(one.name), "code", words.clean(one.source))
+        row: list[str | Cell] = [
             name,
             words.unit_words(one.unit) or "-",
             number(one.value),
@@ -164,19 +142,19 @@ def parameter_table(parameters: tuple[Parameter, ...], with_cause: dict[str, Est
             row.append(number(other.value) if other is not None else words.DASH)
         strained = one.strain is not None and abs(one.strain) > STRAINED
         told = words.DASH if one.strain is None else f"{one.strain:.1f}".replace("-", words.MINUS)
-        strain: Part = tag("strong", told) if strained else told
+        strain = Cell(told, "strong" if strained else "")
         body.append([*row, strain, _remark(one, strained)])
     return table(heads, body, range(2, 6 + beside))
 
 
-def together_table(groups: tuple[Together, ...]) -> Html:
+def combinations_table(groups: tuple[Together, ...]) -> Table:
     """Combinations that are known where their parameters are not."""
-    body: list[list[Part]] = []
+    body: list[list[str | Cell]] = []
     for group in groups:
         for one in group.known:
             body.append(
                 [
-                    tag("code", words.clean(one.name)),
+                    Cell(words.clean(one.name), "code"),
                     words.unit_words(one.unit) or words.DASH,
                     number(one.value, 5),
                     f"{number(one.low, 5)} to {number(one.high, 5)}",
@@ -227,17 +205,17 @@ def _remark(one: Parameter, strained: bool) -> str:
     return ", ".join(told) or words.DASH
 
 
-def ranking_table(diagnosis: Diagnosis) -> Html:
+def ranking_table(diagnosis: Diagnosis) -> Table:
     """Every candidate that was refitted, with its errors per channel."""
     channels = list(dict.fromkeys(name for one in diagnosis.ranking for name in one.held_out))
     heads = ["effect", "family", "port", "P", "removed", words.INTERVAL]
     heads += [f"{channel_words(name)} MAE [{channel_unit(name) or '-'}]" for name in channels] + [
         "remark"
     ]
-    body: list[list[Part]] = []
+    body: list[list[str | Cell]] = []
     for one in diagnosis.ranking:
-        row: list[Part] = [
-            tag("code", words.clean(one.effect)),
+        row: list[str | Cell] = [
+            Cell(words.clean(one.effect), "code"),
             effect_words(one.family),
             words.port_words(one.port),
         ]
@@ -256,7 +234,7 @@ def ranking_table(diagnosis: Diagnosis) -> Html:
     return table(heads, body, range(3, 6 + len(channels)))
 
 
-def recordings_table(fit: Fit) -> Html:
+def recordings_table(fit: Fit) -> Table:
     """What was recorded and which part it played."""
     heads = ["recording", "role", "samples", "period [ms]", "loop"]
     body = [
@@ -272,12 +250,31 @@ def recordings_table(fit: Fit) -> Html:
     return table(heads, body, (2, 3))
 
 
-def steps_table(steps: tuple[Step, ...]) -> Html:
+def provenance(
+    steps: tuple[Step, ...],
+    fit: Fit | None = None,
+    *,
+    level: int = 2,
+    notes_before: tuple[str, ...] = (),
+) -> tuple[Block, ...]:
+    """Every command that worked on the run, the recordings, input files and versions."""
+    recordings = [recordings_table(fit)] if fit is not None and fit.recordings else []
+    inputs = [_inputs_table(steps)] if any(step.inputs for step in steps) else []
+    return (
+        Heading("Provenance", level),
+        _steps_table(steps),
+        *recordings,
+        *inputs,
+        notes(*notes_before, _versions(steps)),
+    )
+
+
+def _steps_table(steps: tuple[Step, ...]) -> Table:
     """Every command that worked on the run."""
     heads = ["command", "seed", "begun", "ended", "outcome"]
-    body = [
+    body: list[list[str | Cell]] = [
         [
-            tag("code", words.clean(" ".join(one.command))),
+            Cell(words.clean(" ".join(one.command)), "code"),
             count(one.seed),
             _moment(one.begun) or words.DASH,
             _moment(one.ended) or "did not end",
@@ -285,10 +282,10 @@ def steps_table(steps: tuple[Step, ...]) -> Html:
         ]
         for one in steps
     ]
-    return table(heads, body, (1,))
+    return table(heads, body, (1,), fixed=True)
 
 
-def versions_words(steps: tuple[Step, ...]) -> str:
+def _versions(steps: tuple[Step, ...]) -> str:
     """What the commands ran on; of several versions the latest."""
     versions = dict(pair for step in steps for pair in step.versions)
     listed = ", ".join(
@@ -305,29 +302,29 @@ def _moment(stamp: str) -> str:
     return words.clean(stamp).replace("T", " ").replace("+00:00", " UTC")
 
 
-def inputs_table(steps: tuple[Step, ...]) -> Html:
+def _inputs_table(steps: tuple[Step, ...]) -> Table:
     """Every input file with the sha256 it had."""
     inputs = dict.fromkeys(pair for step in steps for pair in step.inputs)
     return table(
         ["input", "sha256"],
-        [[words.clean(path), tag("code", words.clean(sha))] for path, sha in inputs],
+        [[words.clean(path), Cell(words.clean(sha), "code")] for path, sha in inputs],
     )
 
 
-def transfer_table(told: tuple[Transfer, ...], fit: Fit | None) -> Html:
+def transfer_table(told: tuple[Transfer, ...], fit: Fit | None) -> Table:
     """MAE on held-out recordings made under other conditions, refitted and with the cause."""
     channels = list(dict.fromkeys(name for one in told for name in one.mae))
     heads = ["recording", "differs in"]
     heads += [f"{channel_words(name)} MAE [{channel_unit(name) or '-'}]" for name in channels]
-    body: list[list[Part]] = []
+    body: list[list[str | Cell]] = []
     for one in told:
         known = [
             r.name
             for r in (fit.recordings if fit is not None else ())
             if r.sha256.startswith(one.recording)
         ]
-        row: list[Part] = [
-            words.clean(known[0]) if known else tag("code", words.clean(one.recording)),
+        row: list[str | Cell] = [
+            words.clean(known[0]) if known else Cell(words.clean(one.recording), "code"),
             words.clean(one.differs) or words.DASH,
         ]
         for name in channels:
@@ -341,7 +338,7 @@ def transfer_table(told: tuple[Transfer, ...], fit: Fit | None) -> Html:
     return table(heads, body, range(2, 2 + len(channels)))
 
 
-def sensors_table(where: Where) -> Html:
+def sensors_table(where: Where) -> Table:
     """Further sensors and the groups of ports that each would take apart."""
     body = [
         [
@@ -353,7 +350,7 @@ def sensors_table(where: Where) -> Html:
     return table(["one more sensor", "takes apart"], body)
 
 
-def grounds_table(grounds: dict[str, float]) -> Html:
+def grounds_table(grounds: dict[str, float]) -> Table:
     """The figures that the verdict rests on, and what each one means."""
     body = [
         [

@@ -9,15 +9,15 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from importlib import resources
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
 from pamid.report import words
 from pamid.report.budget import ChannelErrors, headline
 from pamid.report.load import Residual, RunData
-from pamid.report.markup import Html, paragraphs, tag
+from pamid.report.markup import paragraphs, tag
 from pamid.report.places import Place, places_of
 from pamid.report.reading import FloatArray
 from pamid.report.samples import (
@@ -34,6 +34,7 @@ from pamid.report.samples import (
     stretches_of,
 )
 from pamid.report.sentences import model_words
+from pamid.report.web_page import asset
 from pamid.report.words import channel_unit, channel_words
 
 MEASURED = "measured"
@@ -70,16 +71,16 @@ _HUGE = 4.0
 class Traces:
     """The section, "" where nothing was sampled, and the places that its plots can be sent to."""
 
-    section: Html = Html("")
+    section: Markup = Markup("")
     places: tuple[Place, ...] = field(default=())
 
-    def buttons(self, answer: str) -> Html:
+    def buttons(self, answer: str) -> Markup:
         """The places that this answer speaks of."""
         named = [
             (number, place) for number, place in enumerate(self.places) if place.answer == answer
         ]
         if not named:
-            return Html("")
+            return Markup("")
         found = [
             tag("button", place.label, type="button", data_place=str(number))
             for number, place in named
@@ -91,18 +92,14 @@ class Traces:
 def traces_scripts() -> tuple[str, ...]:
     """What draws the plots: the library with its licence, then our own."""
     library, licence, own = (
-        _asset(name) for name in ("uplot.iife.min.js", "uplot.LICENSE", "traces.js")
+        asset(name) for name in ("uplot.iife.min.js", "uplot.LICENSE", "traces.js")
     )
     return f"/*\n{licence.strip()}\n*/\n{library.strip()}\n", own
 
 
 def traces_style() -> str:
     """The rules that the library needs."""
-    return _asset("uplot.min.css").strip() + "\n"
-
-
-def _asset(name: str) -> str:
-    return resources.files("pamid.report").joinpath(f"assets/{name}").read_text(encoding="utf-8")
+    return asset("uplot.min.css").strip() + "\n"
 
 
 def traces_of(
@@ -224,7 +221,7 @@ def _recording(run: RunData, residual: Residual, stretch: Stretch) -> dict[str, 
 
 def _blocks(
     residual: Residual, found: Sequence[Stretch], plots: list[dict[str, Any]]
-) -> list[Html]:
+) -> list[Markup]:
     """The samples as blocks of text that no browser runs, named by recording, plot and kind."""
     blocks = []
     for one in found:
@@ -240,10 +237,10 @@ def _blocks(
     return blocks
 
 
-def _block(name: str, content: Packed) -> Html:
+def _block(name: str, content: Packed) -> Markup:
     return tag(
         "script",
-        Html(content.text),
+        Markup(content.text),
         type="text/plain",
         id=name,
         data_offset=repr(content.offset),
