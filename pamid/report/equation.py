@@ -19,14 +19,14 @@ from pamid.model.bound_parameter import bind
 from pamid.model.effect import Effect
 from pamid.model.registry import catalogue_rig, effects
 from pamid.model.rig import Port
-from pamid.report import words
+from pamid.report import formatting
 from pamid.report.diagnosed import Cause, Estimate, Unknown
 from pamid.report.document import Equation
+from pamid.report.formatting import channel_unit, effect_label, port_label
 from pamid.report.formula import FormulaError, formula_html
 from pamid.report.load import RunData
 from pamid.report.markup import tag
 from pamid.report.mathml import Typeset, fraction, math_html, name, number_html, operator
-from pamid.report.words import channel_unit, effect_words, port_words
 from pamid.symbolic import vocabulary as equations
 from pamid.symbolic.expression import Expr, expression, substitute, symbol, text
 
@@ -145,12 +145,12 @@ def _known(found: Iterable[Equation | None]) -> tuple[Equation, ...]:
 
 
 def _unknown_equation(unknown: Unknown) -> tuple[Equation, ...]:
-    formula = words.clean(unknown.formula)
+    formula = formatting.clean(unknown.formula)
     try:
         math = formula_html(formula)
     except FormulaError:
         return ()  # the sentence above has it as text
-    at = f" at the {port_words(unknown.port)} port" if unknown.port else ""
+    at = f" at the {port_label(unknown.port)} port" if unknown.port else ""
     title = f"The term that is missing{at}, as it is described best"
     return (Equation(title, (math,), (formula,)),)
 
@@ -172,9 +172,9 @@ def _cause_equation(rig: str, cause: Cause) -> Equation | None:
 
 
 def _title(cause: Cause) -> str:
-    at = f" at the {port_words(cause.port)} port" if cause.port and "@" not in cause.effect else ""
+    at = f" at the {port_label(cause.port)} port" if cause.port and "@" not in cause.effect else ""
     found = ", and with the values found" if cause.parameters else ""
-    return f"The equation of {effect_words(cause.effect)}{at}{found}"
+    return f"The equation of {effect_label(cause.effect)}{at}{found}"
 
 
 def _rows(found: Acting, typeset: Typeset) -> list[list[Markup]]:
@@ -191,7 +191,7 @@ def _rows(found: Acting, typeset: Typeset) -> list[list[Markup]]:
 def _plain(found: Acting, values: Mapping[str, Estimate]) -> str:
     """The same in plain text."""
     shown = {
-        key: words.with_unit_text(values[outside].value, channel_unit(outside))
+        key: formatting.with_unit_text(values[outside].value, channel_unit(outside))
         if outside in values
         else split_column(outside)[0]
         for key, outside in found.names.items()
@@ -230,11 +230,11 @@ def _legend(found: Acting, typeset: Typeset) -> Iterator[str]:
         f"{letter}: the {found.what} without the effect, {letter}′ with it. Plain numbers are "
         "in SI units."
     )
-    told = [
+    meanings = [
         f"{function}: {_meaning(function)}" for function in typeset.functions if _meaning(function)
     ]
-    if told:
-        yield "; ".join(told) + "."
+    if meanings:
+        yield "; ".join(meanings) + "."
 
 
 def _meaning(function: str) -> str:

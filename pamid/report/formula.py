@@ -11,9 +11,9 @@ import re
 
 from markupsafe import Markup
 
+from pamid.report.formatting import unit_label
 from pamid.report.markup import Part, tag
 from pamid.report.mathml import fenced, fraction, math_html, name, number_html, operator, power_html
-from pamid.report.words import unit_words
 
 _NUMBER = r"\d+\.?\d*(?:e[+-]?\d+)?"
 _TOKEN = re.compile(
@@ -49,7 +49,7 @@ class _Reader:
         if [kind for kind, _ in self._tokens[:2]] == ["name", "unit"] and self._tokens[2:3] == [
             ("sign", "=")
         ]:
-            unit = unit_words(self._tokens[1][1][1:-1])
+            unit = unit_label(self._tokens[1][1][1:-1])
             row.append(tag("mrow", name(self._tokens[0][1]), tag("mtext", f" [{unit or '-'}]")))
             row.append(operator("="))
             self._at = 3
@@ -119,7 +119,7 @@ class _Reader:
             return number_html(float(text), digits=4)
         if kind == "size":
             number, _, unit = text[1:-1].partition(" ")
-            return number_html(float(number), unit_words(unit), digits=4)
+            return number_html(float(number), unit_label(unit), digits=4)
         if kind == "name":
             return tag("mrow", name(text), self._bracketed()) if self._take("(") else name(text)
         if text == "(":

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 from markupsafe import Markup
 
-from pamid.report import words
+from pamid.report import formatting
 from pamid.report.markup import Part, tag
 from pamid.symbolic.expression import Expr, const
 from pamid.symbolic.vocabulary import sign, smooth_step, stop
@@ -32,7 +32,7 @@ def math_html(rows: list[list[Markup]], spoken: str) -> Markup:
 
 def name(text: str) -> Markup:
     """A quantity by its name; a single letter is slanted."""
-    return tag("mi", words.clean(text).replace("_", " ").replace(" ", words.SPACE))
+    return tag("mi", formatting.clean(text).replace("_", " ").replace(" ", formatting.SPACE))
 
 
 def operator(text: str, **attributes: str) -> Markup:
@@ -41,14 +41,19 @@ def operator(text: str, **attributes: str) -> Markup:
 
 def number_html(value: float, unit_text: str = "", digits: int = 3) -> Markup:
     """A number with its unit; powers of ten set as such."""
-    head, _, power = words.short(abs(value), digits).partition(f"{words.SPACE}×{words.SPACE}10")
+    head, _, power = formatting.short(abs(value), digits).partition(
+        f"{formatting.SPACE}×{formatting.SPACE}10"
+    )
     parts: list[Part] = [operator("−", form="prefix")] if value < 0.0 else []
     parts.append(tag("mn", head))
     if power:
         exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
         parts += [operator("×"), tag("msup", tag("mn", "10"), _whole(exponent))]
     if unit_text:
-        parts += [tag("mspace", width="0.2em"), tag("mtext", unit_text.replace(" ", words.SPACE))]
+        parts += [
+            tag("mspace", width="0.2em"),
+            tag("mtext", unit_text.replace(" ", formatting.SPACE)),
+        ]
     return tag("mrow", parts) if len(parts) > 1 else tag("mn", head)
 
 
@@ -178,7 +183,7 @@ class Typeset:
             return tag("mrow", args[0], operator(_RELATIONS[node.op]), args[1])
         if node.op == "where":
             rows = [
-                (args[1], tag("mrow", tag("mtext", f"if{words.SPACE}"), args[0])),
+                (args[1], tag("mrow", tag("mtext", f"if{formatting.SPACE}"), args[0])),
                 (args[2], tag("mtext", "otherwise")),
             ]
             cases = tag(
@@ -225,7 +230,7 @@ def _negative(node: Expr) -> bool:
 
 
 def _terms(node: Expr, minus: bool) -> list[tuple[bool, Expr]]:
-    """A sum taken apart: (is it subtracted, term); what there is a word for stays whole."""
+    """The terms of a sum as (is it subtracted, term); a named function is one term."""
     if node.op == "neg":
         return _terms(node.args[0], not minus)
     if node.op not in ("add", "sub") or _word(node) is not None:
@@ -234,8 +239,8 @@ def _terms(node: Expr, minus: bool) -> list[tuple[bool, Expr]]:
 
 
 def _factors(node: Expr) -> tuple[list[Expr], list[Expr]]:
-    """A product taken apart: factors above and below the line; what there is a word for stays
-    whole."""
+    """The factors of a product above and below the line; a product that is a named function is one
+    factor."""
     if node.op == "div":
         (above, under), (below, over) = map(_factors, node.args)
         return above + over, under + below

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pamid.report import words
-from pamid.report.budget import ChannelErrors
+from pamid.report import formatting
+from pamid.report.channel_errors import ChannelErrors
 from pamid.report.document import (
     Block,
     Document,
@@ -40,7 +40,7 @@ def paper_document(
         title=paper.lead,
         subtitle=paper.subtitle,
         headline=paper.lead,
-        preface=Paragraphs(tuple(map(words.clean, paper.warnings)), "warning"),
+        preface=Paragraphs(tuple(map(formatting.clean, paper.warnings)), "warning"),
         blocks=(
             *(
                 Section(tuple(_topic(one, stills)))
@@ -60,7 +60,7 @@ def _topic(one: Topic, stills: dict[str, Still]) -> Iterator[Block]:
         yield table(
             head, body, [column for column in range(1, len(head)) if column not in one.left]
         )
-    yield notes(*map(words.clean, one.sentences))
+    yield notes(*map(formatting.clean, one.sentences))
     if one.still in stills:
         still = stills[one.still]
         yield Image(still.name, one.title, still.png, still.wide_px, still.tall_px)

@@ -17,9 +17,16 @@ from PIL import Image, UnidentifiedImageError
 from pamid.base.errors import FileError
 from pamid.base.files import PICTURE, read_data
 from pamid.base.run_folder import FIGURES
-from pamid.report import words
+from pamid.report import formatting
+from pamid.report.formatting import (
+    channel_label,
+    channel_unit,
+    effect_label,
+    number,
+    percent,
+    sentence,
+)
 from pamid.report.reading import REMEDY, Node, read_object
-from pamid.report.words import channel_unit, channel_words, effect_words, number, percent, sentence
 
 JOINT_FILE, ARM_FILE = "paper.json", "arm-paper.json"
 _MOST_PIXELS = 40_000_000
@@ -120,7 +127,7 @@ def _joint(node: Node, stills: tuple[Still, ...]) -> Paper:
     here = node.needed("training")
     training = [("", *_JOINT_TRAINING.values())]
     for name, one in (("published", published.needed("training")), ("here", here)):
-        training.append((name, *(words.short(one.maybe(key)) for key in _JOINT_TRAINING)))
+        training.append((name, *(formatting.short(one.maybe(key)) for key in _JOINT_TRAINING)))
     sections = (
         Topic(
             "Errors on the steps",
@@ -146,15 +153,15 @@ def _joint(node: Node, stills: tuple[Still, ...]) -> Paper:
 def _joint_lead(rows: list[Node], cases: list[str]) -> str:
     """The last case is the one that no model was trained at."""
     case = cases[-1]
-    told = [(row.text("model"), row.needed("mae").maybe(case)) for row in rows]
-    known = [(model, error) for model, error in told if error is not None]
+    errors = [(row.text("model"), row.needed("mae").maybe(case)) for row in rows]
+    known = [(model, error) for model, error in errors if error is not None]
     if len(known) < 2:
         return "The errors of the models on the steps of the first paper."
     first, best = known[0], min(known[1:], key=lambda one: one[1])
     return (
-        f"At {words.clean(case)}, the {words.clean(first[0])} is off by {words.short(first[1])} "
-        "deg, the "
-        f"{words.clean(best[0])} by {words.short(best[1])} deg."
+        f"At {formatting.clean(case)}, the {formatting.clean(first[0])} is off by "
+        f"{formatting.short(first[1])} deg, the "
+        f"{formatting.clean(best[0])} by {formatting.short(best[1])} deg."
     )
 
 
@@ -162,7 +169,7 @@ def _joint_rows(rows: list[Node], cases: list[str]) -> Iterable[tuple[str, ...]]
     yield (
         "model",
         *(
-            words.clean(f"{case}, {what}")
+            formatting.clean(f"{case}, {what}")
             for case in cases
             for what in ("published", "here", "after 1 s", "lower by")
         ),
@@ -171,7 +178,7 @@ def _joint_rows(rows: list[Node], cases: list[str]) -> Iterable[tuple[str, ...]]
         parts = [row.needed(key) for key in ("published", "mae", "mae_after_1_s")]
         lower = row.needed("improvement")
         yield (
-            words.clean(row.text("model")),
+            formatting.clean(row.text("model")),
             *(
                 cell
                 for case in cases
@@ -186,16 +193,16 @@ def _joint_rows(rows: list[Node], cases: list[str]) -> Iterable[tuple[str, ...]]
 def _cause_rows(diagnosis: Node) -> tuple[tuple[str, ...], ...]:
     found = [
         (
-            effect_words(cause.text("effect")),
-            channel_words(name),
+            effect_label(cause.text("effect")),
+            channel_label(name),
             number(one.maybe("value")),
-            words.span(one.maybe("low"), one.maybe("high")),
+            formatting.span(one.maybe("low"), one.maybe("high")),
             channel_unit(name) or "-",
         )
         for cause in diagnosis.listed("causes")
         for name, one in cause.children("parameters").items()
     ]
-    return (("effect", "parameter", "value", words.INTERVAL, "unit"), *found) if found else ()
+    return (("effect", "parameter", "value", formatting.INTERVAL, "unit"), *found) if found else ()
 
 
 # ---- the second paper --------------------------------------------------------------------------
@@ -260,7 +267,7 @@ def _arm_errors(title: str, variables: Node, *, only: str = "", still: str = "")
     rows = [one for one in variables.nested().items() if not only or one[1].text("unit") == only]
     models = [key for key in _ARM_MODELS if any(one.maybe(key) is not None for _, one in rows)]
     body = [
-        (channel_words(name), one.text("unit"), *(number(one.maybe(key)) for key in models))
+        (channel_label(name), one.text("unit"), *(number(one.maybe(key)) for key in models))
         for name, one in rows
     ]
     return Topic(
@@ -273,21 +280,23 @@ def _arm_errors(title: str, variables: Node, *, only: str = "", still: str = "")
 
 
 def _known_rows(
-    told: Mapping[str, Node], columns: Mapping[str, str]
+    parameters: Mapping[str, Node], columns: Mapping[str, str]
 ) -> tuple[tuple[str, ...], ...]:
     """Values with their intervals, a star where the interval does not hold the truth."""
     body = []
-    for name, one in told.items():
+    for name, one in parameters.items():
         cells = []
         for key in columns:
             if isinstance(one.content.get(key), Mapping):
                 value = one.needed(key)
                 star = "*" if value.maybe_flag("holds") is False else ""
-                interval = words.span(value.maybe("low"), value.maybe("high"))
+                interval = formatting.span(value.maybe("low"), value.maybe("high"))
                 cells.append(f"{number(value.maybe('value'))} ({interval}){star}")
             else:
                 cells.append(number(one.maybe(key)))
-        body.append((channel_words(name), words.unit_words(one.text("unit", "")) or "-", *cells))
+        body.append(
+            (channel_label(name), formatting.unit_label(one.text("unit", "")) or "-", *cells)
+        )
     return (("", "unit", *columns.values()), *body)
 
 
@@ -301,7 +310,7 @@ def _hidden(twin: Node) -> Topic:
         if isinstance(value, int | float) and not isinstance(value, bool)
     ]
     rows = [
-        (channel_words(name), number(twin.number(name)), channel_unit(name) or "-")
+        (channel_label(name), number(twin.number(name)), channel_unit(name) or "-")
         for name in known
     ]
     return Topic(

@@ -29,8 +29,8 @@ from pamid.report.document import (
     Section,
     Table,
 )
+from pamid.report.formatting import clean
 from pamid.report.style import colour, label
-from pamid.report.words import clean
 
 CREATOR = "pamid"
 _FONT = "DejaVu Sans"  # the figures are drawn in it, and it has Greek, superscripts and signs

@@ -13,10 +13,10 @@ import numpy as np
 from markupsafe import Markup
 
 from pamid.base.errors import PamidError
-from pamid.report import words
+from pamid.report import formatting
 from pamid.report.load import RunData
 from pamid.report.markup import joined, prose, tag
-from pamid.report.motion import MEASURED, Motion, gap_words, motion_of, rig_of_run, scale_of
+from pamid.report.motion import MEASURED, Motion, gap_label, motion_of, rig_of_run, scale_of
 from pamid.report.reading import FloatArray
 from pamid.report.web_page import asset
 
@@ -40,7 +40,7 @@ def player_html(run: RunData) -> Markup:
         return Markup("")
     still = _widest(motion)
     several = motion.recording and run.fit is not None and len(run.fit.recordings) > 1
-    when = words.span(float(motion.time[0]), float(motion.time[-1]), "s")
+    when = formatting.span(float(motion.time[0]), float(motion.time[-1]), "s")
     note = (
         f"{when}{f' in recording {motion.recording}' if several else ''}; the gaps are not "
         "enlarged. At the marks "
@@ -224,9 +224,9 @@ def _strip(motion: Motion, channel: str, across: FloatArray, top: int, tall: int
         )
         for kind, gap in gaps.items()
     ]
-    what = words.axis_label(gap_words(channel), words.channel_unit(channel))
+    what = formatting.axis_label(gap_label(channel), formatting.channel_unit(channel))
     edges: Iterable[tuple[float, str]] = (
-        (value, words.short(value, 2))
+        (value, formatting.short(value, 2))
         for value in {low, high, 0.0}
         if value == 0.0 or abs(value) > 0.2 * reach
     )

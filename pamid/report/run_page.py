@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from pamid.report import words
+from pamid.report import formatting
 from pamid.report.answers import Answer, how_far_answer, next_answer, where_answer, which_answer
-from pamid.report.budget import ChannelErrors, disagreements
+from pamid.report.captions import verdict_sentence
+from pamid.report.channel_errors import ChannelErrors, disagreements
 from pamid.report.document import (
     Block,
     Bullets,
@@ -22,7 +23,6 @@ from pamid.report.document import (
 from pamid.report.equation import cause_equations, model_equations
 from pamid.report.load import Fit, RunData
 from pamid.report.player import player_html, player_script
-from pamid.report.sentences import verdict_sentence
 from pamid.report.style import Picture
 from pamid.report.tables import (
     combinations_table,
@@ -44,7 +44,7 @@ def run_document(
 ) -> Document:
     """The report of a run with the pictures that were drawn of it."""
     verdict = verdict_sentence(run, rows)
-    rig, player, traces = words.clean(run.rig), player_html(run), traces_of(run, rows)
+    rig, player, traces = formatting.clean(run.rig), player_html(run), traces_of(run, rows)
     samples = [Interactive(traces.section)] if traces.section else []
     return Document(
         title=f"{rig}: {verdict}" if rig else verdict,
@@ -114,27 +114,29 @@ def _answer(
 
 
 def _subtitle(run: RunData) -> str:
-    parts = [f"Rig {words.clean(run.rig)}"] if run.rig else []
+    parts = [f"Rig {formatting.clean(run.rig)}"] if run.rig else []
     if run.fit is not None and run.fit.recordings:
-        names = [words.clean(one.name) for one in run.fit.recordings]
-        parts.append(words.join(names) if len(names) <= 3 else f"{len(names)} recordings")
+        names = [formatting.clean(one.name) for one in run.fit.recordings]
+        parts.append(formatting.join(names) if len(names) <= 3 else f"{len(names)} recordings")
     return " · ".join(parts)
 
 
 def _warnings(run: RunData) -> Paragraphs:
     texts = []
     if run.fit is not None and not run.fit.converged:
-        texts.append(f"The fit did not converge: {words.clean(run.fit.why) or 'no reason given'}.")
+        texts.append(
+            f"The fit did not converge: {formatting.clean(run.fit.why) or 'no reason given'}."
+        )
     if run.network is not None and not run.network.converged:
         texts.append(
-            f"The training of the network did not converge: {words.clean(run.network.why)}."
+            f"The training of the network did not converge: {formatting.clean(run.network.why)}."
         )
     texts += [
         f"This command did not end: {' '.join(step.command)}."
         for step in run.steps
         if not step.ended
     ]
-    return Paragraphs(tuple(words.clean(one).replace("..", ".") for one in texts), "warning")
+    return Paragraphs(tuple(formatting.clean(one).replace("..", ".") for one in texts), "warning")
 
 
 def _evidence(
@@ -167,12 +169,14 @@ def _errors(run: RunData, rows: tuple[ChannelErrors, ...]) -> Iterator[Block]:
     differing = disagreements(run, rows)
     for file in dict.fromkeys(one[1] for one in differing):
         found = [
-            f"{words.channel_words(channel)} "
-            f"{words.with_unit_text(other, words.channel_unit(channel))}"
+            f"{formatting.channel_label(channel)} "
+            f"{formatting.with_unit_text(other, formatting.channel_unit(channel))}"
             for channel, name, other, _ in differing
             if name == file
         ]
-        texts.append(f"{file} scored the refitted model on other windows: {words.join(found)}.")
+        texts.append(
+            f"{file} scored the refitted model on other windows: {formatting.join(found)}."
+        )
     if run.residual is None:
         texts.append("There is no residual.csv, so no window is shown; `pamid fit` writes it.")
     yield notes(*texts)
@@ -217,7 +221,7 @@ def _candidates(run: RunData) -> Iterator[Block]:
         f"All {len(diagnosis.ranking)} candidates that were refitted", (ranking_table(diagnosis),)
     )
     classes = [
-        words.join(map(words.effect_words, group))
+        formatting.join(map(formatting.effect_label, group))
         for group in diagnosis.look_alikes
         if len(group) > 1
     ]
@@ -232,7 +236,7 @@ def _sensors(run: RunData) -> Iterator[Block]:
     if where is None or not where.sensors:
         return
     checks = (
-        f"These sensors allow {words.count(where.redundancy)} independent checks. "
+        f"These sensors allow {formatting.count(where.redundancy)} independent checks. "
         if where.redundancy
         else ""
     )
@@ -266,12 +270,12 @@ def _stepping(fit: Fit) -> str:
         return ""
     kind = "implicit" if fit.implicit else "explicit"
     text = (
-        f"Simulated with {words.count(fit.substeps)} {kind} "
+        f"Simulated with {formatting.count(fit.substeps)} {kind} "
         f"step{'' if fit.substeps == 1 else 's'} per sample"
     )
     if fit.recheck is not None:
         text += (
-            f"; doubled steps change no output by more than {words.number(fit.recheck, 2)} "
+            f"; doubled steps change no output by more than {formatting.number(fit.recheck, 2)} "
             "noise standard deviations"
         )
     return f"{text}."
@@ -283,7 +287,7 @@ def _background(run: RunData, pictures: dict[str, Picture]) -> Iterator[Block]:
         return
     background = run.diagnosis.background if run.diagnosis is not None else ()
     shares = [one.share_of_gap for one in background if one.share_of_gap is not None]
-    took = f"Together these corrections took {words.percent(sum(shares))} of the gap."
+    took = f"Together these corrections took {formatting.percent(sum(shares))} of the gap."
     yield Heading("Background", 3)
     yield from drawn
     yield notes(
@@ -299,17 +303,21 @@ def _network(run: RunData, pictures: dict[str, Picture]) -> Iterator[Block]:
     if one is None:
         yield notes("No network was trained; `pamid train-residual` adds one.")
         return
-    size = f" with {words.count(one.n_weights)} parameters" if one.n_weights is not None else ""
-    ended = words.clean(one.why) or "no word of it"
+    size = (
+        f" with {formatting.count(one.n_weights)} parameters" if one.n_weights is not None else ""
+    )
+    ended = formatting.clean(one.why) or "no word of it"
     texts = [
-        words.sentence(f"{words.clean(one.kind)} network{size}; how training ended: {ended}"),
-        words.sentence(words.clean(one.remark)),
+        formatting.sentence(
+            f"{formatting.clean(one.kind)} network{size}; how training ended: {ended}"
+        ),
+        formatting.sentence(formatting.clean(one.remark)),
     ]
     if one.in_loop:
         texts += [
             "It corrects the model in its own loop: there the held-out error of "
-            f"{words.clean(name)} goes from {mae['refitted']:.3g} to {mae['with_network']:.3g}; "
-            "the replay above is another comparison."
+            f"{formatting.clean(name)} goes from {mae['refitted']:.3g} to "
+            f"{mae['with_network']:.3g}; the replay above is another comparison."
             for name, mae in one.mae.items()
             if {"refitted", "with_network"} <= set(mae)
         ]

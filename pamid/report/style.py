@@ -1,9 +1,9 @@
 """How the figures look, and how one drawing becomes a PNG file and two SVG texts that follow the
 page's colours.
 
-Colours are those of Okabe and Ito (2008), told apart with any colour vision; every bar and line is
-named as well. In the SVG each colour is replaced by a variable of the page, so that one picture
-serves light and dark.
+Colours are those of Okabe and Ito (2008), distinguishable with any colour vision; every bar and
+line is named as well. In the SVG each colour is replaced by a variable of the page, so that one
+picture serves light and dark.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties, findfont
 from matplotlib.ft2font import FT2Font
 
-from pamid.report.words import clean
+from pamid.report.formatting import clean
 
 #: role -> colour on a light and on a dark page
 COLOURS = {

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from pamid.report import words
-from pamid.report.budget import MODELS, ChannelErrors
+from pamid.report import formatting
+from pamid.report.captions import sensor_label, split_labels
+from pamid.report.channel_errors import MODELS, ChannelErrors
 from pamid.report.diagnosed import Diagnosis, Estimate, Transfer, Where
 from pamid.report.document import Block, Cell, Heading, Table, notes, table
-from pamid.report.load import Fit, LoopError, Parameter, RunData, Step, Together
-from pamid.report.sentences import sensor_words, split_words
-from pamid.report.words import (
+from pamid.report.formatting import (
+    channel_label,
     channel_unit,
-    channel_words,
     count,
-    effect_words,
+    effect_label,
     number,
     percent,
     percent_span,
 )
+from pamid.report.load import Fit, LoopError, Parameter, RunData, Step, Together
 
 STRAINED = 3.0
 #: figures of `grounds` in diagnosis.json -> what each one is; all on the held-out windows that
@@ -49,7 +49,7 @@ SHARES = frozenset({"left", "ceiling", "shrinkage", "helps", "margin", "wins", "
 
 
 def mae_fields(rows: tuple[ChannelErrors, ...]) -> list[str]:
-    """The models that are told for at least one channel."""
+    """The models whose error is known for at least one channel."""
     return [name for name in MODELS if any(name in row.known() for row in rows)]
 
 
@@ -61,16 +61,16 @@ def mae_table(rows: tuple[ChannelErrors, ...]) -> Table:
         "channel",
         "unit",
         *(MODELS[name] for name in fields),
-        *([f"shrinkage ({words.INTERVAL})"] * shrinks),
+        *([f"shrinkage ({formatting.INTERVAL})"] * shrinks),
     ]
     body = []
     for row in rows:
         known = row.known()
-        cells = [channel_words(row.channel), channel_unit(row.channel) or "-"]
+        cells = [channel_label(row.channel), channel_unit(row.channel) or "-"]
         cells += [number(known.get(name)) for name in fields]
         interval = percent_span(row.low, row.high)
         cells += (
-            [percent(row.shrinkage) + ("" if interval == words.DASH else f" ({interval})")]
+            [percent(row.shrinkage) + ("" if interval == formatting.DASH else f" ({interval})")]
             if shrinks
             else []
         )
@@ -84,9 +84,9 @@ def mae_text(rows: tuple[ChannelErrors, ...]) -> str:
     lines = [["MAE, held out", *(MODELS[name] for name in fields)]]
     for row in rows:
         known, unit_text = row.known(), channel_unit(row.channel)
-        name = f"{channel_words(row.channel)} [{unit_text or '-'}]"
+        name = f"{channel_label(row.channel)} [{unit_text or '-'}]"
         lines.append(
-            [name, *(number(known.get(field)).replace(words.SPACE, " ") for field in fields)]
+            [name, *(number(known.get(field)).replace(formatting.SPACE, " ") for field in fields)]
         )
     widths = [max(len(line[column]) for line in lines) for column in range(len(lines[0]))]
     return "\n".join(
@@ -103,7 +103,7 @@ def loop_table(errors: tuple[LoopError, ...]) -> Table:
     heads = ["channel", "unit", "data sheet", "refitted", "band (0.1 % of conductances)"]
     body = [
         [
-            channel_words(one.channel),
+            channel_label(one.channel),
             channel_unit(one.channel) or "-",
             number(one.data_sheet),
             number(one.refitted),
@@ -121,7 +121,7 @@ def parameter_table(parameters: tuple[Parameter, ...], with_cause: dict[str, Est
         "parameter",
         "unit",
         "value",
-        words.INTERVAL,
+        formatting.INTERVAL,
         "prior",
         *(["with cause"] * beside),
         "strain",
@@ -129,20 +129,24 @@ def parameter_table(parameters: tuple[Parameter, ...], with_cause: dict[str, Est
     ]
     body: list[list[str | Cell]] = []
     for one in parameters:
-        name = Cell(words.clean(one.name), "code", words.clean(one.source))
+        name = Cell(formatting.clean(one.name), "code", formatting.clean(one.source))
         row: list[str | Cell] = [
             name,
-            words.unit_words(one.unit) or "-",
+            formatting.unit_label(one.unit) or "-",
             number(one.value),
-            words.span(one.low, one.high),
+            formatting.span(one.low, one.high),
             number(one.prior),
         ]
         if beside:
             other = with_cause.get(one.name)
-            row.append(number(other.value) if other is not None else words.DASH)
+            row.append(number(other.value) if other is not None else formatting.DASH)
         strained = one.strain is not None and abs(one.strain) > STRAINED
-        told = words.DASH if one.strain is None else f"{one.strain:.1f}".replace("-", words.MINUS)
-        strain = Cell(told, "strong" if strained else "")
+        shown = (
+            formatting.DASH
+            if one.strain is None
+            else f"{one.strain:.1f}".replace("-", formatting.MINUS)
+        )
+        strain = Cell(shown, "strong" if strained else "")
         body.append([*row, strain, _remark(one, strained)])
     return table(heads, body, range(2, 6 + beside))
 
@@ -154,16 +158,16 @@ def combinations_table(groups: tuple[Together, ...]) -> Table:
         for one in group.known:
             body.append(
                 [
-                    Cell(words.clean(one.name), "code"),
-                    words.unit_words(one.unit) or words.DASH,
+                    Cell(formatting.clean(one.name), "code"),
+                    formatting.unit_label(one.unit) or formatting.DASH,
                     number(one.value, 5),
                     f"{number(one.low, 5)} to {number(one.high, 5)}",
                     number(one.prior),
-                    words.clean(", ".join(group.parameters)),
+                    formatting.clean(", ".join(group.parameters)),
                 ]
             )
     return table(
-        ["combination", "unit", "value", words.INTERVAL, "prior", "ties together"],
+        ["combination", "unit", "value", formatting.INTERVAL, "prior", "ties together"],
         body,
         range(2, 5),
     )
@@ -185,7 +189,7 @@ def parameters_of(run: RunData) -> tuple[tuple[Parameter, ...], dict[str, Estima
             one.low,
             one.high,
             one.prior,
-            words.channel_unit(name),
+            formatting.channel_unit(name),
             "",
             "",
             one.strain,
@@ -197,38 +201,38 @@ def parameters_of(run: RunData) -> tuple[tuple[Parameter, ...], dict[str, Estima
 
 
 def _remark(one: Parameter, strained: bool) -> str:
-    told = [words.clean(one.word)] if one.word else []
-    told += ["may be absorbing structure"] if strained else []
-    told += (
+    remarks = [formatting.clean(one.word)] if one.word else []
+    remarks += ["may be absorbing structure"] if strained else []
+    remarks += (
         [f"at its {'lower' if one.at_bound == 'low' else 'upper'} bound"] if one.at_bound else []
     )
-    return ", ".join(told) or words.DASH
+    return ", ".join(remarks) or formatting.DASH
 
 
 def ranking_table(diagnosis: Diagnosis) -> Table:
     """Every candidate that was refitted, with its errors per channel."""
     channels = list(dict.fromkeys(name for one in diagnosis.ranking for name in one.held_out))
-    heads = ["effect", "family", "port", "P", "removed", words.INTERVAL]
-    heads += [f"{channel_words(name)} MAE [{channel_unit(name) or '-'}]" for name in channels] + [
+    heads = ["effect", "family", "port", "P", "removed", formatting.INTERVAL]
+    heads += [f"{channel_label(name)} MAE [{channel_unit(name) or '-'}]" for name in channels] + [
         "remark"
     ]
     body: list[list[str | Cell]] = []
     for one in diagnosis.ranking:
         row: list[str | Cell] = [
-            Cell(words.clean(one.effect), "code"),
-            effect_words(one.family),
-            words.port_words(one.port),
+            Cell(formatting.clean(one.effect), "code"),
+            effect_label(one.family),
+            formatting.port_label(one.port),
         ]
         row += [number(one.probability, 2), percent(one.shrinkage), percent_span(one.low, one.high)]
         for name in channels:
             before, after = one.held_out.get(name, (None, None))
-            row.append(words.DASH if after is None else f"{number(before)} → {number(after)}")
+            row.append(formatting.DASH if after is None else f"{number(before)} → {number(after)}")
         body.append(
             [
                 *row,
                 ""
                 if one.converged
-                else f"not converged: {words.clean(one.why) or 'no reason given'}",
+                else f"not converged: {formatting.clean(one.why) or 'no reason given'}",
             ]
         )
     return table(heads, body, range(3, 6 + len(channels)))
@@ -239,11 +243,11 @@ def recordings_table(fit: Fit) -> Table:
     heads = ["recording", "role", "samples", "period [ms]", "loop"]
     body = [
         [
-            words.clean(one.name),
-            words.clean(one.role),
+            formatting.clean(one.name),
+            formatting.clean(one.role),
             count(one.samples),
-            words.DASH if one.period_s is None else number(1e3 * one.period_s),
-            words.clean(one.loop) or words.DASH,
+            formatting.DASH if one.period_s is None else number(1e3 * one.period_s),
+            formatting.clean(one.loop) or formatting.DASH,
         ]
         for one in fit.recordings
     ]
@@ -274,11 +278,11 @@ def _steps_table(steps: tuple[Step, ...]) -> Table:
     heads = ["command", "seed", "begun", "ended", "outcome"]
     body: list[list[str | Cell]] = [
         [
-            Cell(words.clean(" ".join(one.command)), "code"),
+            Cell(formatting.clean(" ".join(one.command)), "code"),
             count(one.seed),
-            _moment(one.begun) or words.DASH,
+            _moment(one.begun) or formatting.DASH,
             _moment(one.ended) or "did not end",
-            one.outcome or words.DASH,
+            one.outcome or formatting.DASH,
         ]
         for one in steps
     ]
@@ -289,17 +293,18 @@ def _versions(steps: tuple[Step, ...]) -> str:
     """What the commands ran on; of several versions the latest."""
     versions = dict(pair for step in steps for pair in step.versions)
     listed = ", ".join(
-        f"{words.clean(name)} {words.clean(version)}" for name, version in versions.items()
+        f"{formatting.clean(name)} {formatting.clean(version)}"
+        for name, version in versions.items()
     )
-    places = words.join(
-        dict.fromkeys(words.clean(step.platform) for step in steps if step.platform)
+    places = formatting.join(
+        dict.fromkeys(formatting.clean(step.platform) for step in steps if step.platform)
     )
     return f"Versions: {listed}{f'; on {places}' if places else ''}." if listed else ""
 
 
 def _moment(stamp: str) -> str:
     """ "2024-05-01T10:00:00+00:00" -> "2024-05-01 10:00:00 UTC"."""
-    return words.clean(stamp).replace("T", " ").replace("+00:00", " UTC")
+    return formatting.clean(stamp).replace("T", " ").replace("+00:00", " UTC")
 
 
 def _inputs_table(steps: tuple[Step, ...]) -> Table:
@@ -307,30 +312,30 @@ def _inputs_table(steps: tuple[Step, ...]) -> Table:
     inputs = dict.fromkeys(pair for step in steps for pair in step.inputs)
     return table(
         ["input", "sha256"],
-        [[words.clean(path), Cell(words.clean(sha), "code")] for path, sha in inputs],
+        [[formatting.clean(path), Cell(formatting.clean(sha), "code")] for path, sha in inputs],
     )
 
 
-def transfer_table(told: tuple[Transfer, ...], fit: Fit | None) -> Table:
+def transfer_table(transfers: tuple[Transfer, ...], fit: Fit | None) -> Table:
     """MAE on held-out recordings made under other conditions, refitted and with the cause."""
-    channels = list(dict.fromkeys(name for one in told for name in one.mae))
+    channels = list(dict.fromkeys(name for one in transfers for name in one.mae))
     heads = ["recording", "differs in"]
-    heads += [f"{channel_words(name)} MAE [{channel_unit(name) or '-'}]" for name in channels]
+    heads += [f"{channel_label(name)} MAE [{channel_unit(name) or '-'}]" for name in channels]
     body: list[list[str | Cell]] = []
-    for one in told:
+    for one in transfers:
         known = [
             r.name
             for r in (fit.recordings if fit is not None else ())
             if r.sha256.startswith(one.recording)
         ]
         row: list[str | Cell] = [
-            words.clean(known[0]) if known else Cell(words.clean(one.recording), "code"),
-            words.clean(one.differs) or words.DASH,
+            formatting.clean(known[0]) if known else Cell(formatting.clean(one.recording), "code"),
+            formatting.clean(one.differs) or formatting.DASH,
         ]
         for name in channels:
             before, after, removed = one.mae.get(name, (None, None, None))
             row.append(
-                words.DASH
+                formatting.DASH
                 if after is None
                 else f"{number(before)} → {number(after)} ({percent(removed)} removed)"
             )
@@ -342,8 +347,8 @@ def sensors_table(where: Where) -> Table:
     """Further sensors and the groups of ports that each would take apart."""
     body = [
         [
-            words.sentence(sensor_words(one.name)).removesuffix("."),
-            "; ".join(split_words(one)) or words.DASH,
+            formatting.sentence(sensor_label(one.name)).removesuffix("."),
+            "; ".join(split_labels(one)) or formatting.DASH,
         ]
         for one in where.sensors
     ]
@@ -354,9 +359,9 @@ def grounds_table(grounds: dict[str, float]) -> Table:
     """The figures that the verdict rests on, and what each one means."""
     body = [
         [
-            words.port_words(name),
+            formatting.port_label(name),
             percent(value) if name in SHARES else number(value),
-            GROUNDS.get(name, words.DASH),
+            GROUNDS.get(name, formatting.DASH),
         ]
         for name, value in grounds.items()
     ]

@@ -14,11 +14,13 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from pamid.report import words
-from pamid.report.budget import ChannelErrors, headline
+from pamid.report import formatting
+from pamid.report.captions import model_label
+from pamid.report.channel_errors import ChannelErrors, headline
+from pamid.report.formatting import channel_label, channel_unit
+from pamid.report.highlights import Highlight, highlights_of
 from pamid.report.load import Residual, RunData
 from pamid.report.markup import paragraphs, tag
-from pamid.report.places import Place, places_of
 from pamid.report.reading import FloatArray
 from pamid.report.samples import (
     KINDS,
@@ -33,9 +35,7 @@ from pamid.report.samples import (
     packed_times,
     stretches_of,
 )
-from pamid.report.sentences import model_words
 from pamid.report.web_page import asset
-from pamid.report.words import channel_unit, channel_words
 
 MEASURED = "measured"
 #: kind of trace -> the role its colour goes by, its dashes [px]; in the order they are drawn
@@ -72,7 +72,7 @@ class Traces:
     """The section, "" where nothing was sampled, and the places that its plots can be sent to."""
 
     section: Markup = Markup("")
-    places: tuple[Place, ...] = field(default=())
+    places: tuple[Highlight, ...] = field(default=())
 
     def buttons(self, answer: str) -> Markup:
         """The places that this answer speaks of."""
@@ -117,20 +117,20 @@ def traces_of(
     found = stretches_of(residual, most_values // sum(len(plot["kinds"]) for plot in plots))
     if not found:
         return Traces()
-    places = places_of(run, residual, channels[0], found)
+    places = highlights_of(run, residual, channels[0], found)
     kinds = [kind for kind in LOOKS if any(kind in plot["kinds"] for plot in plots)]
     plan = {
         "plots": plots,
         "kinds": {
             kind: {
-                "name": _kind_words(kind, run),
+                "name": _kind_label(kind, run),
                 "role": LOOKS[kind][0],
                 "dash": LOOKS[kind][1],
                 "off": _hides(kind, rows) or (kind in _IN_LOOP and "loop_network" not in kinds),
             }
             for kind in kinds
         },
-        "recordings": [_recording(run, residual, one) for one in found],
+        "recordings": [_recording(run, one) for one in found],
         "places": [
             {
                 "label": one.label,
@@ -168,7 +168,7 @@ def traces_of(
 def _channel_plot(residual: Residual, channel: str) -> dict[str, Any]:
     kinds = [kind for kind in LOOKS if kind == MEASURED or has(residual, channel, kind)]
     return {
-        "name": channel_words(channel),
+        "name": channel_label(channel),
         "unit": channel_unit(channel),
         "column": channel,
         "kinds": kinds,
@@ -178,7 +178,7 @@ def _channel_plot(residual: Residual, channel: str) -> dict[str, Any]:
 
 def _input_plot(column: str) -> dict[str, Any]:
     return {
-        "name": channel_words(column),
+        "name": channel_label(column),
         "unit": channel_unit(column),
         "column": column,
         "kinds": [MEASURED],
@@ -186,9 +186,9 @@ def _input_plot(column: str) -> dict[str, Any]:
     }
 
 
-def _kind_words(kind: str, run: RunData) -> str:
+def _kind_label(kind: str, run: RunData) -> str:
     if kind in _FIELDS:
-        return model_words(_FIELDS[kind], run.diagnosis)
+        return model_label(_FIELDS[kind], run.diagnosis)
     return _IN_LOOP.get(kind, kind)
 
 
@@ -205,11 +205,13 @@ def _hides(kind: str, rows: tuple[ChannelErrors, ...]) -> bool:
     )
 
 
-def _recording(run: RunData, residual: Residual, stretch: Stretch) -> dict[str, Any]:
+def _recording(run: RunData, stretch: Stretch) -> dict[str, Any]:
     known = run.fit.recordings if run.fit is not None else ()
     number = stretch.recording
     name = (
-        words.clean(known[number].name) if 0 <= number < len(known) else f"recording {number + 1}"
+        formatting.clean(known[number].name)
+        if 0 <= number < len(known)
+        else f"recording {number + 1}"
     )
     return {
         "number": number,
@@ -273,18 +275,18 @@ def _exactness(residual: Residual, found: Sequence[Stretch], channels: list[str]
         ]
         span = max(float(np.nanmax(one) - np.nanmin(one)) for one in traces)
         exact.append(
-            f"{channel_words(channel)} "
-            f"{words.with_unit_text(0.5 * span / LEVELS, channel_unit(channel), 2)}"
+            f"{channel_label(channel)} "
+            f"{formatting.with_unit_text(0.5 * span / LEVELS, channel_unit(channel), 2)}"
         )
-    told = [
+    texts = [
         "Every sample is here, in 65535 steps over the span of its trace, so that a value is off "
         "by at most: "
-        f"{words.join(exact)}."
+        f"{formatting.join(exact)}."
     ]
     if any(one.cut for one in found):
-        told.append(
+        texts.append(
             "The recordings are too long for a page: a part of what was fitted is left out; "
             "residual.csv has "
             "all of it."
         )
-    return told
+    return texts

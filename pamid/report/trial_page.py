@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pamid.report import words
+from pamid.report import formatting
 from pamid.report.document import (
     Block,
     Bullets,
@@ -18,11 +18,11 @@ from pamid.report.document import (
     notes,
     table,
 )
+from pamid.report.formatting import effect_label
 from pamid.report.load import Step
 from pamid.report.style import Picture
 from pamid.report.tables import provenance
-from pamid.report.trial import Trial, reached_words
-from pamid.report.words import effect_words
+from pamid.report.trial_results import Trial, reached_text
 from pamid.trial.table import HEAD, TITLES, strata, summary
 
 _SHOWN_FAILURES = 20
@@ -30,7 +30,7 @@ _SHOWN_FAILURES = 20
 
 def trial_document(trial: Trial, steps: tuple[Step, ...], pictures: dict[str, Picture]) -> Document:
     """The report of a trial with the pictures that were drawn of it."""
-    headline = words.sentence(reached_words(trial))
+    headline = formatting.sentence(reached_text(trial))
     sections = (
         (
             "Figures and targets",
@@ -60,16 +60,16 @@ def trial_document(trial: Trial, steps: tuple[Step, ...], pictures: dict[str, Pi
         ),
     )
     cases = (
-        f"sha256 of the cases and their labels: `{words.clean(trial.digest)}`."
+        f"sha256 of the cases and their labels: `{formatting.clean(trial.digest)}`."
         if trial.digest
         else ""
     )
-    seed = f"Seed {words.count(trial.content['seed'])}."
+    seed = f"Seed {formatting.count(trial.content['seed'])}."
     return Document(
         title=headline,
-        subtitle=f"Blind trial, part {words.clean(trial.content['part'])}",
+        subtitle=f"Blind trial, part {formatting.clean(trial.content['part'])}",
         headline=headline,
-        preface=Paragraphs((words.clean(summary(dict(trial.content))),)),
+        preface=Paragraphs((formatting.clean(summary(dict(trial.content))),)),
         blocks=(
             *(
                 Section((Heading(title), *drawn, *below, notes(note)))
@@ -95,8 +95,8 @@ def _targets(trial: Trial) -> tuple[Block, ...]:
 def _confusion(trial: Trial) -> tuple[Block, ...]:
     body = [
         [
-            effect_words(family),
-            ", ".join(f"{effect_words(answer)} {words.count(n)}" for answer, n in row.items()),
+            effect_label(family),
+            ", ".join(f"{effect_label(answer)} {formatting.count(n)}" for answer, n in row.items()),
         ]
         for family, row in trial.confusion.items()
     ]
@@ -108,9 +108,9 @@ def _confusion(trial: Trial) -> tuple[Block, ...]:
 def _strata(trial: Trial) -> tuple[Block, ...]:
     tables = []
     for name, rows in strata(dict(trial.content)).items():
-        unit_text = words.channel_unit(name)
-        head = f"{words.channel_words(name)}{f' [{unit_text}]' if unit_text else ''}"
-        body = [[words.clean(key), *rates] for key, rates in rows]
+        unit_text = formatting.channel_unit(name)
+        head = f"{formatting.channel_label(name)}{f' [{unit_text}]' if unit_text else ''}"
+        body = [[formatting.clean(key), *rates] for key, rates in rows]
         tables.append(table([head, *TITLES.values()], body, range(1, 1 + len(TITLES))))
     return tuple(tables)
 
@@ -119,7 +119,8 @@ def _failures(trial: Trial) -> Iterator[Block]:
     if not trial.failures:
         return
     lines = [
-        f"Case {words.clean(number)}: {words.clean(why)}" for number, why in trial.failures.items()
+        f"Case {formatting.clean(number)}: {formatting.clean(why)}"
+        for number, why in trial.failures.items()
     ]
     more = [f"... and {len(lines) - _SHOWN_FAILURES} more"] if len(lines) > _SHOWN_FAILURES else []
     yield Section((Heading("Failed cases"), Bullets((*lines[:_SHOWN_FAILURES], *more))))

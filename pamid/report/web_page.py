@@ -15,7 +15,7 @@ from pamid.report.document import Document
 from pamid.report.markup import printable, prose
 from pamid.report.style import COLOURS
 
-#: how every page begins: by this a page of ours is told from somebody's file
+#: how every page begins: by this a page of ours is known from somebody's file
 MARK = "<!doctype html>\n<!-- pamid.report/1 -->\n"
 #: drawings carry their styles themselves, hence the attributes; style elements and scripts are
 #: allowed by their hashes

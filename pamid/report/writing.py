@@ -11,9 +11,14 @@ from pathlib import Path
 from pamid.base.errors import FileError
 from pamid.base.files import PAGE, make_folder, read_data, write_together
 from pamid.base.run_folder import FIGURES, Run
-from pamid.report.budget import ChannelErrors, errors_of, headline, worst_window
+from pamid.report.channel_errors import ChannelErrors, errors_of, headline, worst_window
 from pamid.report.document import Document
-from pamid.report.evidence import pulls_drawing, pulls_of, timeline_drawing, training_drawing
+from pamid.report.evidence_figures import (
+    pulls_drawing,
+    pulls_of,
+    timeline_drawing,
+    training_drawing,
+)
 from pamid.report.figures import (
     budget_drawing,
     missing_drawing,
@@ -28,9 +33,9 @@ from pamid.report.papers import Paper, read_paper
 from pamid.report.pdf import CREATOR, pdf_of
 from pamid.report.run_page import run_document
 from pamid.report.style import Drawing, Picture, render
-from pamid.report.trial import read_trial
 from pamid.report.trial_figures import trial_drawings
 from pamid.report.trial_page import trial_document
+from pamid.report.trial_results import read_trial
 from pamid.report.web_page import MARK, html_of
 
 #: every figure this version can write; older ones of these names are removed when a run no longer

@@ -22,7 +22,7 @@ from test_report import scripts_of
 
 from pamid.base.errors import DataError
 from pamid.report.animation import RATE, gif_of
-from pamid.report.budget import errors_of, worst_window
+from pamid.report.channel_errors import errors_of, worst_window
 from pamid.report.load import RunData, load_run
 from pamid.report.motion import MEASURED, motion_of, rig_of_run, scale_of
 from pamid.report.player import player_html, player_script

@@ -30,8 +30,8 @@ from synthetic_run import (
 )
 
 from pamid.base.errors import FileError
-from pamid.report import words
-from pamid.report.budget import errors_of, headline, worst_window
+from pamid.report import formatting
+from pamid.report.channel_errors import errors_of, headline, worst_window
 from pamid.report.load import load_run
 from pamid.report.player import player_script
 from pamid.report.run_page import run_document
@@ -79,7 +79,7 @@ def outline_of(page: Path) -> Outline:
 
 
 def flat(text: str) -> str:
-    return " ".join(text.replace(words.SPACE, " ").split())
+    return " ".join(text.replace(formatting.SPACE, " ").split())
 
 
 def text_of(folder: Path) -> str:

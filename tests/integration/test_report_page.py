@@ -16,15 +16,15 @@ from browser import CHROMIUM, Browser, Page, browser
 from synthetic_run import CHANNELS, WINDOW_ROWS, make_run, make_trial
 from test_report import flat
 
-from pamid.report.budget import errors_of
+from pamid.report.channel_errors import errors_of
+from pamid.report.formatting import number
 from pamid.report.load import RunData, load_run
 from pamid.report.run_page import run_document
 from pamid.report.samples import LEVELS
 from pamid.report.style import COLOURS
-from pamid.report.trial import read_trial
 from pamid.report.trial_page import trial_document
+from pamid.report.trial_results import read_trial
 from pamid.report.web_page import html_of
-from pamid.report.words import number
 from pamid.report.writing import write_report
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")

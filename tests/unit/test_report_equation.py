@@ -15,10 +15,10 @@ from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named
 from pamid.report.document import Equation
 from pamid.report.equation import acting, cause_equations, model_equations
+from pamid.report.formatting import SPACE
 from pamid.report.formula import FormulaError, formula_html
 from pamid.report.load import RunData, load_run
 from pamid.report.mathml import Typeset, name
-from pamid.report.words import SPACE
 from pamid.symbolic.expression import Expr, symbol, symbols
 from pamid.symbolic.vocabulary import (
     absolute,
