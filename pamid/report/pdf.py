@@ -39,7 +39,7 @@ TEXT_MM = 210.0 - 2.0 * SIDE_MM
 _PICTURE_DPI = 160.0
 _LINE = 1.38  # line height in font sizes
 _MM = 25.4 / 72.0  # one point
-_CELL_MM = (0.7, 1.8)  # padding of cells, above and at the side
+_CELL_MM = (0.7, 2.6)  # padding of cells, above and at the side
 #: fpdf2 writes this moment as it is given, and stamps no other for it: the same document gives the
 #: same bytes
 _NO_MOMENT = datetime(1970, 1, 1, tzinfo=UTC)
