@@ -241,7 +241,7 @@ def _in_process(drawn: bool) -> None:
     def blank(drawing: Any) -> Any:
         if drawn or _NUMBER[0] % DRAWN_EVERY == 0:
             return whole(drawing)
-        return style.Picture(drawing.name, drawing.title, _NOTHING, _NOTHING, b"")
+        return style.Picture(drawing.name, drawing.title, _NOTHING, _NOTHING, _NOTHING, b"")
 
     writing.render = blank  # type: ignore[attr-defined]
 

@@ -88,7 +88,7 @@ def command(
         make_folder(target.parent)
     write_atomically(target, gif)
     width, height = size_px(gif)
-    told = {
+    result = {
         "schema": "pamid.animate/1",
         "output": str(target),
         "rig": found.rig,
@@ -104,7 +104,7 @@ def command(
         "mean_gap": motion.means,
     }
     return frame.Result(
-        told,
+        result,
         f"{motion.title}.\n{target}: {motion.time[0]:.2f} to {motion.time[-1]:.2f} s, "
         f"{motion.time.size} frames, {width} x {height} px, {len(gif) / 1000:.0f} kB.",
     )

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pamid.base.errors import DataError, UsageError, nearest
 from pamid.recording.plot import NotebookFigure
-from pamid.report.budget import errors_of, headline, worst_window
-from pamid.report.evidence import training_drawing
+from pamid.report.channel_errors import errors_of, headline, worst_window
+from pamid.report.evidence_figures import training_drawing
 from pamid.report.figures import budget_drawing, ports_drawing, ranking_drawing, window_drawing
 from pamid.report.load import RunData
 from pamid.report.style import Drawing, figure_of

@@ -20,7 +20,7 @@ from pamid.base.units import split_column
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
-from pamid.report.budget import ChannelErrors, errors_of
+from pamid.report.channel_errors import ChannelErrors, errors_of
 from pamid.report.load import Recorded, RunData, load_run, read_diagnosis
 from pamid.report.reading import Node, read_object
 from pamid.schemas.diagnosis import Candidate, NextExperiment, Regime, Unknown

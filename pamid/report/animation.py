@@ -23,8 +23,8 @@ from matplotlib.ticker import MaxNLocator
 from PIL import Image
 
 from pamid.base.errors import DataError
-from pamid.report import words
-from pamid.report.motion import MEASURED, ROLES, Motion, gap_words, scale_of
+from pamid.report import formatting
+from pamid.report.motion import MEASURED, ROLES, Motion, gap_label, scale_of
 from pamid.report.style import SETTINGS, colour, grid, label
 
 RATE = 25  # frames per second: 4 hundredths of a second each, which every viewer keeps
@@ -101,7 +101,7 @@ def _stage(motion: Motion, width_px: int) -> Stage:
     low, high = motion.box
     wide, tall = high - low
     arm_in = float(np.clip(WIDTH_IN * tall / wide, *ARM_IN))
-    title = textwrap.wrap(label(words.clean(motion.title), 300), 62)
+    title = textwrap.wrap(label(formatting.clean(motion.title), 300), 62)
     top_in, strips_in = (
         0.12 + 0.18 * len(title) + 0.26,
         0.3 * len(motion.gaps) + STRIP_IN * len(motion.gaps) + 0.42,
@@ -200,7 +200,9 @@ def _strip(axes: Axes, motion: Motion, channel: str, last: bool) -> Axes:
     axes.yaxis.set_major_locator(MaxNLocator(3))
     axes.tick_params(labelsize=7.5, labelbottom=last)
     grid(axes, "y")
-    what = words.axis_label(label(gap_words(channel), 44), label(words.channel_unit(channel)))
+    what = formatting.axis_label(
+        label(gap_label(channel), 44), label(formatting.channel_unit(channel))
+    )
     axes.set_title(what, loc="left", fontsize=8.0, color=colour("muted"), pad=3.0)
     if last:
         axes.set_xlabel(

@@ -7,26 +7,26 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pamid.base.errors import quoted
-from pamid.report import words
-from pamid.report.budget import ChannelErrors, headline
-from pamid.report.load import RunData
-from pamid.report.sentences import (
-    causes_words,
+from pamid.report import formatting
+from pamid.report.captions import (
+    causes_label,
     over_channels,
-    regime_words,
+    regime_label,
     runner_up,
-    sensor_words,
-    split_words,
+    sensor_label,
+    split_labels,
 )
-from pamid.report.words import (
+from pamid.report.channel_errors import ChannelErrors, headline
+from pamid.report.formatting import (
+    channel_label,
     channel_unit,
-    channel_words,
-    effect_words,
+    effect_label,
     percent,
     percent_span,
     sentence,
     short,
 )
+from pamid.report.load import RunData
 from pamid.schemas.diagnosis import Candidate, DiagnosisFile, NextExperiment, Regime, Unknown, Where
 
 DIAGNOSE_HINT = "`pamid diagnose` on the same recordings adds this answer."
@@ -61,7 +61,7 @@ def where_answer(run: RunData) -> Answer:
         )
     if where.windows_s:
         shown = [
-            words.span(low, high, "s") for low, high in sorted(where.windows_s[:_MOST_WINDOWS])
+            formatting.span(low, high, "s") for low, high in sorted(where.windows_s[:_MOST_WINDOWS])
         ]
         more = (
             f", and {len(where.windows_s) - len(shown)} more"
@@ -85,10 +85,10 @@ def _where_lead(verdict: str, where: Where) -> str:
     )
     # the form of the effect tells what the sensors alone cannot
     if not alike or verdict == "explained":
-        return f"At the {words.port_words(where.port)} port."
+        return f"At the {formatting.port_label(where.port)} port."
     return sentence(
-        f"at the {words.port_words(where.port)} port; these sensors cannot tell it from "
-        f"{words.join(map(words.port_words, alike), 'or')}"
+        f"at the {formatting.port_label(where.port)} port; these sensors cannot tell it from "
+        f"{formatting.join(map(formatting.port_label, alike), 'or')}"
     )
 
 
@@ -96,33 +96,33 @@ def _alike(where: Where) -> str:
     """What the sensors cannot tell apart, and the sensor that would help most; "" where there is
     nothing to say."""
     groups = [
-        words.join(map(words.port_words, group))
+        formatting.join(map(formatting.port_label, group))
         for group in where.indistinguishable
         if len(group) > 1
     ]
-    told = (
+    texts = (
         [f"for an effect of unknown form these sensors cannot tell {', nor '.join(groups)} apart"]
         if groups
         else []
     )
-    told += (
-        [f"they say nothing of {words.join(map(words.port_words, where.unseen))}"]
+    texts += (
+        [f"they say nothing of {formatting.join(map(formatting.port_label, where.unseen))}"]
         if where.unseen
         else []
     )
-    told += [
-        f"measuring {sensor_words(one.sensor)} as well would separate "
-        f"{', and '.join(split_words(one))}"
+    texts += [
+        f"measuring {sensor_label(one.sensor)} as well would separate "
+        f"{', and '.join(split_labels(one))}"
         for one in where.sensors
         if one.splits
     ][:1]
-    return sentence("; ".join(told))
+    return sentence("; ".join(texts))
 
 
 def _regime(one: Regime) -> str:
     if one.share_of_gap is None:
-        return sentence(regime_words(one))
-    text = f"{regime_words(one)}: {percent(one.share_of_gap)} of the gap"
+        return sentence(regime_label(one))
+    text = f"{regime_label(one)}: {percent(one.share_of_gap)} of the gap"
     if one.share_of_time:
         text += (
             f" in {percent(one.share_of_time)} of the time, "
@@ -155,45 +155,47 @@ def _confidence(diagnosis: DiagnosisFile) -> str:
         "first": "the first of the ranking, or a look-alike, is it",
     }
     known = diagnosis.confidence.numbers() if diagnosis.confidence is not None else {}
-    told = [
-        f"{question} {words.chance(known[key])}" for key, question in asked.items() if key in known
+    texts = [
+        f"{question} {formatting.chance(known[key])}"
+        for key, question in asked.items()
+        if key in known
     ]
-    return f"Calibrated probabilities: {', '.join(told)}." if told else ""
+    return f"Calibrated probabilities: {', '.join(texts)}." if texts else ""
 
 
 def _explained(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
-    told = [_with_chance(diagnosis, cause.effect) for cause in diagnosis.causes]
+    texts = [_with_chance(diagnosis, cause.effect) for cause in diagnosis.causes]
     details = []
     if len(diagnosis.causes) > 1:
-        shares = [f"{effect_words(one.effect)} {percent(one.share)}" for one in diagnosis.causes]
-        details.append(sentence(f"shares of the shrinkage: {words.join(shares)}"))
-    return sentence(words.join(told)), details + _sizes(diagnosis) + _unsettled(diagnosis)
+        shares = [f"{effect_label(one.effect)} {percent(one.share)}" for one in diagnosis.causes]
+        details.append(sentence(f"shares of the shrinkage: {formatting.join(shares)}"))
+    return sentence(formatting.join(texts)), details + _sizes(diagnosis) + _unsettled(diagnosis)
 
 
 def _with_chance(diagnosis: DiagnosisFile, effect: str) -> str:
     chance = next((one.probability for one in diagnosis.ranking if one.effect == effect), None)
-    text = effect_words(effect)
+    text = effect_label(effect)
     port = next(cause.port for cause in diagnosis.causes if cause.effect == effect)
-    text += f" at the {words.port_words(port)} port" if port and "@" not in effect else ""
-    return text if chance is None else f"{text}, with probability {words.chance(chance)}"
+    text += f" at the {formatting.port_label(port)} port" if port and "@" not in effect else ""
+    return text if chance is None else f"{text}, with probability {formatting.chance(chance)}"
 
 
 def _sizes(diagnosis: DiagnosisFile) -> list[str]:
     """The causes' own parameters with their intervals."""
-    told = []
+    texts = []
     for cause in diagnosis.causes:
         for name, one in cause.parameters.items():
-            interval = words.span(one.low, one.high)
-            tail = words.interval_tail(interval)
-            value = words.with_unit_text(one.value, channel_unit(name))
-            told.append(
-                sentence(f"{effect_words(cause.effect)}: {channel_words(name)} {value}{tail}")
+            interval = formatting.span(one.low, one.high)
+            tail = formatting.interval_tail(interval)
+            value = formatting.with_unit_text(one.value, channel_unit(name))
+            texts.append(
+                sentence(f"{effect_label(cause.effect)}: {channel_label(name)} {value}{tail}")
             )
-    return told
+    return texts
 
 
 def _ambiguous(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
-    lead = sentence(f"either {causes_words(diagnosis)}: these recordings cannot tell")
+    lead = sentence(f"either {causes_label(diagnosis)}: these recordings cannot tell")
     return lead, _sizes(diagnosis) + _unsettled(diagnosis)
 
 
@@ -202,8 +204,8 @@ def _unsettled(diagnosis: DiagnosisFile) -> list[str]:
     named = {cause.effect for cause in diagnosis.causes}
     return [
         sentence(
-            f"the refit with {effect_words(one.effect)} did not converge"
-            f"{': ' + words.clean(one.why) if one.why else ''}"
+            f"the refit with {effect_label(one.effect)} did not converge"
+            f"{': ' + formatting.clean(one.why) if one.why else ''}"
         )
         for one in diagnosis.ranking
         if one.effect in named and not one.converged
@@ -218,7 +220,7 @@ def _unknown(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
 
 def _nature(one: Unknown) -> list[str]:
     """Odd or even, memory, dissipative: in words."""
-    against = words.port_words(
+    against = formatting.port_label(
         "velocity" if "velocity" in one.variables else (one.variables or ("signal",))[0]
     )
     parity = {
@@ -246,23 +248,25 @@ def _nature(one: Unknown) -> list[str]:
 def _formula(one: Unknown) -> list[str]:
     if not one.formula:
         return ["No function of the signals at this port describes it."]
-    of = f" of {words.join(map(words.port_words, one.variables))}" if one.variables else ""
-    at = f" at the {words.port_words(one.port)} port" if one.port else ""
-    told = [
+    of = (
+        f" of {formatting.join(map(formatting.port_label, one.variables))}" if one.variables else ""
+    )
+    at = f" at the {formatting.port_label(one.port)} port" if one.port else ""
+    texts = [
         f"The missing term{at} is described best, as a function{of}, by "
-        f"`{words.clean(one.formula)}`."
+        f"`{formatting.clean(one.formula)}`."
     ]
     if one.inclusion is not None:
-        told.append(
+        texts.append(
             f"Each of its terms came up in at least {percent(one.inclusion)} of the fits to "
             "resampled data."
         )
     if one.described is not None:
-        told.append(
+        texts.append(
             f"The formula covers {percent(one.described)} of its variance; it is a description, "
             "not a cause."
         )
-    return told
+    return texts
 
 
 def _no_gap(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
@@ -275,7 +279,7 @@ def _beside(diagnosis: DiagnosisFile) -> list[str]:
     details = [
         sentence(
             "look-alikes that these recordings do not separate: "
-            f"{words.join(map(effect_words, group))}"
+            f"{formatting.join(map(effect_label, group))}"
         )
         for group in diagnosis.look_alikes
         if len(group) > 1 and (not named or named & set(group))
@@ -286,18 +290,18 @@ def _beside(diagnosis: DiagnosisFile) -> list[str]:
     which = "Runner-up" if named else "The candidate that comes closest"
     return [
         *details,
-        sentence(f"{which}: {effect_words(second.effect)}, {_result(second, diagnosis)}"),
+        sentence(f"{which}: {effect_label(second.effect)}, {_result(second, diagnosis)}"),
     ]
 
 
 def _result(one: Candidate, diagnosis: DiagnosisFile) -> str:
     text = f"removes {percent(one.shrinkage)} of the held-out error{over_channels(diagnosis)}"
     interval = percent_span(one.low, one.high)
-    text += words.interval_tail(interval)
-    text += "" if one.probability is None else f", probability {words.chance(one.probability)}"
+    text += formatting.interval_tail(interval)
+    text += "" if one.probability is None else f", probability {formatting.chance(one.probability)}"
     if one.converged:
         return text
-    return f"{text}; its fit did not converge{': ' + words.clean(one.why) if one.why else ''}"
+    return f"{text}; its fit did not converge{': ' + formatting.clean(one.why) if one.why else ''}"
 
 
 def how_far_answer(run: RunData, rows: tuple[ChannelErrors, ...]) -> Answer:
@@ -306,7 +310,7 @@ def how_far_answer(run: RunData, rows: tuple[ChannelErrors, ...]) -> Answer:
     row = headline(rows)
     if row is None:
         return Answer("No channel was scored.")
-    what, unit_text = channel_words(row.channel), channel_unit(row.channel)
+    what, unit_text = channel_label(row.channel), channel_unit(row.channel)
     details = _limits(row, unit_text)
     points = (
         [_channel_point(one) for one in rows if one.shrinkage is not None] if len(rows) > 1 else []
@@ -321,24 +325,24 @@ def _steps(run: RunData, row: ChannelErrors, unit_text: str) -> str:
         (row.refitted, "refitted"),
         (row.with_cause, _cause_label(run)),
     ]
-    told = [
-        f"{words.with_unit_text(value, unit_text)} {name}"
+    texts = [
+        f"{formatting.with_unit_text(value, unit_text)} {name}"
         for value, name in steps
         if value is not None
     ]
-    return words.join(told) or "not told"
+    return formatting.join(texts) or "not told"
 
 
 def _cause_label(run: RunData) -> str:
-    return f"with {causes_words(run.diagnosis)}" if run.diagnosis is not None else "with the cause"
+    return f"with {causes_label(run.diagnosis)}" if run.diagnosis is not None else "with the cause"
 
 
 def _limits(row: ChannelErrors, unit_text: str) -> list[str]:
     """Noise floor and black box, and what they mean for the best model so far."""
     best = row.with_cause if row.with_cause is not None else row.refitted
-    told = []
+    texts = []
     if row.noise_floor is not None:
-        text = f"The noise floor is {words.with_unit_text(row.noise_floor, unit_text)}"
+        text = f"The noise floor is {formatting.with_unit_text(row.noise_floor, unit_text)}"
         if best is not None and row.noise_floor > 0:
             times = best / row.noise_floor
             text += (
@@ -346,7 +350,7 @@ def _limits(row: ChannelErrors, unit_text: str) -> list[str]:
                 if times < 1.1
                 else f"; what is left is {short(times, 2)} times that"
             )
-        told.append(f"{text}.")
+        texts.append(f"{text}.")
     if row.black_box is not None and best is not None:
         verb = "no better than the physical model"
         if row.black_box < best:
@@ -355,19 +359,19 @@ def _limits(row: ChannelErrors, unit_text: str) -> list[str]:
                 if row.black_box > 0.9 * best
                 else "so some structure may still be missing"
             )
-        told.append(
+        texts.append(
             "A black box trained on the same data reaches "
-            f"{words.with_unit_text(row.black_box, unit_text)}, "
+            f"{formatting.with_unit_text(row.black_box, unit_text)}, "
             f"{verb}."
         )
-    return told
+    return texts
 
 
 def _channel_point(row: ChannelErrors) -> str:
     interval = percent_span(row.low, row.high)
-    tail = words.interval_tail(interval)
+    tail = formatting.interval_tail(interval)
     return sentence(
-        f"{channel_words(row.channel)}: {percent(row.shrinkage)} of the held-out error "
+        f"{channel_label(row.channel)}: {percent(row.shrinkage)} of the held-out error "
         f"removed{tail}"
     )
 
@@ -377,27 +381,27 @@ def next_answer(run: RunData) -> Answer:
     is."""
     if run.diagnosis is None:
         return Answer("Run the diagnosis on what is already recorded.", (_diagnose_command(run),))
-    further = run.diagnosis.next_experiment
-    if further is None:
+    experiment = run.diagnosis.next_experiment
+    if experiment is None:
         return Answer("The diagnosis asks for no further experiment.")
-    apart = words.join(map(effect_words, further.separates))
+    separated = formatting.join(map(effect_label, experiment.separates))
     details = [
-        sentence(words.clean(further.why)),
-        sentence(f"it separates {apart}") if apart else "",
-        _expected(further),
+        sentence(formatting.clean(experiment.why)),
+        sentence(f"it separates {separated}") if separated else "",
+        _expected(experiment),
     ]
     # no file elsewhere is vouched for
-    own = [name for name in further.files if name == Path(name).name]
+    own = [name for name in experiment.files if name == Path(name).name]
     if own:
         verb = "Its excitation is" if len(own) == 1 else "Its excitations, one for each run, are"
-        files = words.join(f"`{words.clean(name)}`" for name in own)
+        files = formatting.join(f"`{formatting.clean(name)}`" for name in own)
         details.append(f"{verb} {files} in the run folder, ready to be sent.")
     runs = [
-        words.join(
-            f"{channel_words(name)} {words.with_unit_text(value, channel_unit(name))}"
+        formatting.join(
+            f"{channel_label(name)} {formatting.with_unit_text(value, channel_unit(name))}"
             for name, value in one.items()
         )
-        for one in further.settings
+        for one in experiment.settings
     ]
     points = (
         [sentence(f"run {k}: {one}") for k, one in enumerate(runs, start=1) if one]
@@ -405,20 +409,22 @@ def next_answer(run: RunData) -> Answer:
         else []
     )
     return Answer(
-        sentence(effect_words(further.name)), tuple(one for one in details if one), tuple(points)
+        sentence(effect_label(experiment.name)), tuple(one for one in details if one), tuple(points)
     )
 
 
-def _expected(further: NextExperiment) -> str:
-    told = []
-    if further.expected_separation is not None:
-        told.append(
+def _expected(experiment: NextExperiment) -> str:
+    texts = []
+    if experiment.expected_separation is not None:
+        texts.append(
             "the nearest two of these models are expected to differ by "
-            f"{short(further.expected_separation, 2)} noise standard deviations rms"
+            f"{short(experiment.expected_separation, 2)} noise standard deviations rms"
         )
-    if further.minutes is not None:
-        told.append(f"it takes about {short(further.minutes, 2)}{words.SPACE}min at the rig")
-    return sentence("; ".join(told))
+    if experiment.minutes is not None:
+        texts.append(
+            f"it takes about {short(experiment.minutes, 2)}{formatting.SPACE}min at the rig"
+        )
+    return sentence("; ".join(texts))
 
 
 def _diagnose_command(run: RunData) -> str:
@@ -426,10 +432,10 @@ def _diagnose_command(run: RunData) -> str:
     if run.fit is None or not run.fit.recordings:
         return DIAGNOSE_HINT
     files = [
-        f"{'--held-out ' if one.role == 'held-out' else ''}{quoted(words.clean(one.path or one.name))}"  # noqa: E501
+        f"{'--held-out ' if one.role == 'held-out' else ''}{quoted(formatting.clean(one.path or one.name))}"  # noqa: E501
         for one in run.fit.recordings
     ]
-    rig = quoted(words.clean(run.named_rig)) if run.named_rig else ""
+    rig = quoted(formatting.clean(run.named_rig)) if run.named_rig else ""
     return " ".join(
         ["`pamid diagnose", *files, *([f"--rig {rig}"] if rig else []), "--output diagnosis`"]
     )

@@ -6,9 +6,11 @@ it.
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
+
+from markupsafe import Markup
 
 from pamid.base.errors import PamidError
 from pamid.base.units import quantity_of, split_column
@@ -17,12 +19,13 @@ from pamid.model.bound_parameter import bind
 from pamid.model.effect import Effect
 from pamid.model.registry import catalogue_rig, effects
 from pamid.model.rig import Port
-from pamid.report import words
+from pamid.report import formatting
+from pamid.report.document import Equation
+from pamid.report.formatting import channel_unit, effect_label, port_label
 from pamid.report.formula import FormulaError, formula_html
 from pamid.report.load import RunData
-from pamid.report.markup import Html, joined, paragraphs, prose, tag
+from pamid.report.markup import tag
 from pamid.report.mathml import Typeset, fraction, math_html, name, number_html, operator
-from pamid.report.words import channel_unit, effect_words, port_words
 from pamid.schemas.diagnosis import Cause, CauseParameter, Unknown
 from pamid.symbolic import vocabulary as equations
 from pamid.symbolic.expression import Expr, expression, substitute, symbol, text
@@ -112,21 +115,20 @@ def _acting(effect: Effect, port: Port, port_name: str) -> Acting:
     )
 
 
-def equations_html(run: RunData) -> Html:
-    """The equations of the causes, or the formula of the missing term; "" where there is
-    neither."""
+def cause_equations(run: RunData) -> tuple[Equation, ...]:
+    """The equations of the causes, or the formula of the missing term."""
     diagnosis = run.diagnosis
     if diagnosis is None:
-        return Html("")
+        return ()
     if diagnosis.unknown is not None and diagnosis.unknown.formula:
-        return _unknown_html(diagnosis.unknown)
-    return joined(_cause_html(run.rig, one) for one in diagnosis.causes)
+        return _unknown_equation(diagnosis.unknown)
+    return _known(_cause_equation(run.rig, one) for one in diagnosis.causes)
 
 
-def model_equations_html(run: RunData) -> Html:
+def model_equations(run: RunData) -> tuple[Equation, ...]:
     """The equations of the effects that the fitted model already had."""
     if run.fit is None:
-        return Html("")
+        return ()
     found = []
     for label in run.fit.effects:
         own = {
@@ -137,57 +139,51 @@ def model_equations_html(run: RunData) -> Html:
             if one.name.startswith(f"{label}:")
         }
         found.append(
-            _cause_html(
+            _cause_equation(
                 run.rig, Cause(effect=label, family="", port="", parameters=own, share=None)
             )
         )
-    return joined(found)
+    return _known(found)
 
 
-def _unknown_html(unknown: Unknown) -> Html:
+def _known(found: Iterable[Equation | None]) -> tuple[Equation, ...]:
+    return tuple(one for one in found if one is not None)
+
+
+def _unknown_equation(unknown: Unknown) -> tuple[Equation, ...]:
+    formula = formatting.clean(unknown.formula)
     try:
-        math = formula_html(words.clean(unknown.formula))
+        math = formula_html(formula)
     except FormulaError:
-        return Html("")  # the sentence above has it as text
-    at = f" at the {port_words(unknown.port)} port" if unknown.port else ""
-    return tag(
-        "figure",
-        tag("figcaption", prose(f"The term that is missing{at}, as it is described best")),
-        tag("div", math, class_="scroll"),
-        class_="equation",
-    )
+        return ()  # the sentence above has it as text
+    at = f" at the {port_label(unknown.port)} port" if unknown.port else ""
+    title = f"The term that is missing{at}, as it is described best"
+    return (Equation(title, (math,), (formula,)),)
 
 
-def _cause_html(rig: str, cause: Cause) -> Html:
+def _cause_equation(rig: str, cause: Cause) -> Equation | None:
     found = acting(rig, cause.effect)
     if found is None:
-        return Html("")
-    spoken = _spoken(found, {})
-    title = tag("figcaption", prose(_title(cause)))
-    if len(spoken) > _LONGEST:
-        return tag(
-            "figure", title, tag("pre", found.effect.story().get("Equation", "")), class_="equation"
-        )
-    plain, filled = Typeset(_shown(found, {})), Typeset(_shown(found, cause.parameters))
-    drawn = [math_html(_rows(found, plain), spoken)]
+        return None
+    title, in_names = _title(cause), _plain(found, {})
+    if len(in_names) > _LONGEST:
+        return Equation(title, code=found.effect.story().get("Equation", ""))
+    with_names = Typeset(_shown(found, {}))
+    math, plain = [math_html(_rows(found, with_names), in_names)], [in_names]
     if cause.parameters:
-        drawn.append(math_html(_rows(found, filled), _spoken(found, cause.parameters)))
-    return tag(
-        "figure",
-        title,
-        tag("div", drawn, class_="scroll"),
-        paragraphs(_legend(found, plain), "note"),
-        class_="equation",
-    )
+        plain.append(_plain(found, cause.parameters))
+        with_values = Typeset(_shown(found, cause.parameters))
+        math.append(math_html(_rows(found, with_values), plain[1]))
+    return Equation(title, tuple(math), tuple(plain), notes=tuple(_legend(found, with_names)))
 
 
 def _title(cause: Cause) -> str:
-    at = f" at the {port_words(cause.port)} port" if cause.port and "@" not in cause.effect else ""
+    at = f" at the {port_label(cause.port)} port" if cause.port and "@" not in cause.effect else ""
     found = ", and with the values found" if cause.parameters else ""
-    return f"The equation of {effect_words(cause.effect)}{at}{found}"
+    return f"The equation of {effect_label(cause.effect)}{at}{found}"
 
 
-def _rows(found: Acting, typeset: Typeset) -> list[list[Html]]:
+def _rows(found: Acting, typeset: Typeset) -> list[list[Markup]]:
     after = tag("mrow", name(found.letter), operator("′", lspace="0", rspace="0"))
     rows = [[after, tag("mrow", operator("="), typeset(found.value))]]
     for state, rate in found.rates.items():
@@ -198,15 +194,15 @@ def _rows(found: Acting, typeset: Typeset) -> list[list[Html]]:
     return rows
 
 
-def _spoken(found: Acting, values: Mapping[str, CauseParameter]) -> str:
+def _plain(found: Acting, values: Mapping[str, CauseParameter]) -> str:
     """The same in plain text."""
-    told = {
-        key: words.with_unit_text(values[outside].value, channel_unit(outside))
+    shown = {
+        key: formatting.with_unit_text(values[outside].value, channel_unit(outside))
         if outside in values
         else split_column(outside)[0]
         for key, outside in found.names.items()
     }
-    named = {symbol("parameter", key): symbol("told", name) for key, name in told.items()}
+    named = {symbol("parameter", key): symbol("shown", name) for key, name in shown.items()}
     value, *rates = substitute([found.value, *found.rates.values()], named)
     return "; ".join(
         [
@@ -222,7 +218,7 @@ def _spoken(found: Acting, values: Mapping[str, CauseParameter]) -> str:
 def _shown(found: Acting, values: Mapping[str, CauseParameter]) -> Any:
     """How symbols are shown: parameters by the names of the tables, or as their values."""
 
-    def shown(space: str, key: str) -> Html:
+    def shown(space: str, key: str) -> Markup:
         if space != "parameter":
             return name(key)
         outside = found.names[key]
@@ -240,11 +236,11 @@ def _legend(found: Acting, typeset: Typeset) -> Iterator[str]:
         f"{letter}: the {found.what} without the effect, {letter}′ with it. Plain numbers are "
         "in SI units."
     )
-    told = [
+    meanings = [
         f"{function}: {_meaning(function)}" for function in typeset.functions if _meaning(function)
     ]
-    if told:
-        yield "; ".join(told) + "."
+    if meanings:
+        yield "; ".join(meanings) + "."
 
 
 def _meaning(function: str) -> str:

@@ -18,7 +18,7 @@ from pamid.report.style import Drawing, Picture, colour, grid, label, render
 
 Array = NDArray[np.float64]
 
-MANY = 60  # changes that can be told apart in one panel
+MANY = 60  # changes that can be distinguished in one panel
 MOST_TICKS = 5
 DEEPEST_DB = -60.0
 DASHED = (0, (4, 2))
@@ -87,7 +87,7 @@ def finding(shown: Sequence[Shown]) -> str:
 
 
 def _signal(axes: Axes, one: Shown) -> None:
-    """The signal as it is held, or so much of its beginning that its changes can be told apart."""
+    """The signal as it is held, or so much of its beginning that changes can be distinguished."""
     changes, count = one.covers.changes, len(one.samples)
     if changes is not None and changes.pace_hz.size > 2 * MANY:
         count = round(float(np.sum(0.5 / changes.pace_hz[:MANY])) / one.period_s)
@@ -100,10 +100,10 @@ def _signal(axes: Axes, one: Shown) -> None:
     )
     axes.set_xlim(0.0, count * one.period_s)
     axes.set_ylabel(one.axis)
-    whole = len(one.samples)
+    total = len(one.samples)
     part = (
-        f", first {count * one.period_s:.3g} of {whole * one.period_s:.3g} s"
-        if count < whole
+        f", first {count * one.period_s:.3g} of {total * one.period_s:.3g} s"
+        if count < total
         else ""
     )
     axes.set_title(f"what is sent{part}", loc="left")

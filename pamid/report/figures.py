@@ -13,21 +13,21 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from pamid.base.units import split_column
-from pamid.report import words
-from pamid.report.budget import MODELS, ChannelErrors, Window
-from pamid.report.load import Residual, RunData
-from pamid.report.reading import FloatArray
-from pamid.report.sentences import (
+from pamid.report import formatting
+from pamid.report.captions import (
     budget_title,
     candidate_order,
     missing_title,
-    model_words,
+    model_label,
     over_channels,
     ports_title,
     ranking_title,
     regimes_title,
     window_title,
 )
+from pamid.report.channel_errors import MODELS, ChannelErrors, Window
+from pamid.report.load import Residual, RunData
+from pamid.report.reading import FloatArray
 from pamid.report.style import Drawing, bare, colour, grid, label, legend_above
 from pamid.schemas.diagnosis import Candidate, DiagnosisFile, Regime, Where
 
@@ -64,13 +64,17 @@ def ports_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
                 row,
                 100.0 * share,
                 height=0.62,
-                color=colour("with_cause" if named else "data_sheet"),
-                hatch="////" if doubtful else None,
-                linewidth=0.0,
+                color=colour("with_cause" if named else "faint" if doubtful else "data_sheet"),
+                edgecolor=colour("data_sheet"),
+                linewidth=0.9 if doubtful else 0.0,
             )
-            note = f" (not told from {label(words.port_words(where.port), 16)})" if doubtful else ""
-            _value(axes, 100.0 * share, row, f"{words.percent(share)}{'' if narrow else note}")
-        _rows(axes, [words.port_words(port) for port, _ in shares])
+            note = (
+                f" (not told from {label(formatting.port_label(where.port), 16)})"
+                if doubtful
+                else ""
+            )
+            _value(axes, 100.0 * share, row, f"{formatting.percent(share)}{'' if narrow else note}")
+        _rows(axes, [formatting.port_label(port) for port, _ in shares])
         axes.set_xlim(min(0.0, 100.0 * min(share for _, share in shares)), 118.0)
         axes.set_xticks(range(0, 101, 25))
         axes.set_xlabel("share of the structural gap [%]")
@@ -81,17 +85,17 @@ def ports_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
 
 def regimes_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
     """Pairs of bars: each regime's share of the gap and of the time [%]."""
-    told = [
+    regimes = [
         one
         for one in (diagnosis.where.regimes if diagnosis.where is not None else ())
         if one.share_of_gap is not None and one.share_of_time is not None
     ]
-    if not told:
+    if not regimes:
         return None
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
-        for row, one in enumerate(told):
+        for row, one in enumerate(regimes):
             pair = (
                 (one.share_of_gap, "with_cause", -0.17),
                 (one.share_of_time, "data_sheet", 0.17),
@@ -108,20 +112,20 @@ def regimes_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
                     linewidth=0.0,
                     label="" if row else name,
                 )
-                _value(axes, 100.0 * share, row + offset, words.percent(share))
-        _rows(axes, [_regime_name(one) for one in told], 26)
+                _value(axes, 100.0 * share, row + offset, formatting.percent(share))
+        _rows(axes, [_regime_name(one) for one in regimes], 26)
         axes.set_xlim(0.0, 118.0)
         axes.set_xticks(range(0, 101, 25 if not narrow else 50))
         axes.set_xlabel("share [%]")
         legend_above(axes, 2)
 
-    height = 0.85 + 0.46 * len(told)
-    return Drawing("regimes", regimes_title(told), draw, height, height)
+    height = 0.85 + 0.46 * len(regimes)
+    return Drawing("regimes", regimes_title(regimes), draw, height, height)
 
 
 def _regime_name(one: Regime) -> str:
     """The signal, and below it the range."""
-    return f"{words.port_words(one.signal)}\n{words.span(one.low, one.high, words.unit_words(one.unit))}"  # noqa: E501
+    return f"{formatting.port_label(one.signal)}\n{formatting.span(one.low, one.high, formatting.unit_label(one.unit))}"  # noqa: E501
 
 
 def missing_drawing(run: RunData) -> Drawing | None:
@@ -165,9 +169,13 @@ def missing_drawing(run: RunData) -> Drawing | None:
         )
         axes.axhline(0.0, color=colour("muted"), linewidth=0.7)
         axes.set_xlabel(
-            words.axis_label(label(words.channel_words(signal)), label(words.channel_unit(signal)))
+            formatting.axis_label(
+                label(formatting.channel_label(signal)), label(formatting.channel_unit(signal))
+            )
         )
-        axes.set_ylabel(words.axis_label("missing", label(words.channel_unit(stems["missing"]))))
+        axes.set_ylabel(
+            formatting.axis_label("missing", label(formatting.channel_unit(stems["missing"])))
+        )
         axes.xaxis.set_major_locator(MaxNLocator(5 if narrow else 9))
         grid(axes, "y")
         legend_above(axes, 2)
@@ -274,7 +282,7 @@ def budget_drawing(
     if not rows:
         return None
     fields = [name for name in MODELS if any(name in row.known() for row in rows)]
-    names = [label(model_words(field, diagnosis), 30) for field in fields]
+    names = [label(model_label(field, diagnosis), 30) for field in fields]
     columns = min(3, len(rows))
     deep = -(-len(rows) // columns)
 
@@ -300,7 +308,7 @@ def window_drawing(
     """Measured and modelled traces over the worst window, and their errors below [channel's unit]
     over time [s]."""
     diagnosis = run.diagnosis
-    unit_text, what = words.channel_unit(channel), words.channel_words(channel)
+    unit_text, what = formatting.channel_unit(channel), formatting.channel_label(channel)
     time, measured = residual.columns["time_s"][window.rows], residual.columns[channel][window.rows]
     found = ((kind, residual.of(channel, kind)) for kind in kinds)
     traces = {kind: trace[window.rows] for kind, trace in found if trace is not None}
@@ -311,7 +319,7 @@ def window_drawing(
         below.axhline(0.0, color=colour("ink"), linewidth=0.8)
         for kind, trace in traces.items():
             role, width, dashes = LINES[kind]
-            name = label(model_words(role, diagnosis), 30)
+            name = label(model_label(role, diagnosis), 30)
             above.plot(
                 *_thinned(time, trace),
                 color=colour(role),
@@ -327,10 +335,10 @@ def window_drawing(
                     linewidth=width,
                     linestyle=dashes,
                 )
-        above.set_ylabel(words.axis_label(label(what, 22), label(unit_text)))
-        below.set_ylabel(words.axis_label("error", label(unit_text)))
+        above.set_ylabel(formatting.axis_label(label(what, 22), label(unit_text)))
+        below.set_ylabel(formatting.axis_label("error", label(unit_text)))
         below.set_xlabel(
-            words.axis_label(label(f"time{run.recording_words(window.recording)}"), "s")
+            formatting.axis_label(label(f"time{run.recording_words(window.recording)}"), "s")
         )
         for axes in (above, below):
             grid(axes, "y")
@@ -390,30 +398,36 @@ def _candidate(axes: Axes, one: Candidate, row: int, role: str) -> None:
 def _chance(one: Candidate) -> str:
     if one.probability is None:
         return ""
-    told = words.chance(one.probability).replace("above ", "> ").replace("below ", "< ")
-    return told
+    return formatting.chance(one.probability).replace("above ", "> ").replace("below ", "< ")
 
 
 def _candidate_name(one: Candidate, alike: set[str], narrow: bool) -> str:
-    name = words.effect_words(one.effect)
+    name = formatting.effect_label(one.effect)
     return f"{name} (look-alike)" if one.effect in alike and not narrow else name
 
 
 def _budget(axes: Axes, row: ChannelErrors, fields: list[str]) -> None:
     known = row.known()
-    unit_text = words.channel_unit(row.channel)
+    unit_text = formatting.channel_unit(row.channel)
     for position, field in enumerate(fields):
         if field not in known:
             axes.text(
-                0.0, position, f" {words.DASH}", va="center", fontsize=8.0, color=colour("muted")
+                0.0,
+                position,
+                f" {formatting.DASH}",
+                va="center",
+                fontsize=8.0,
+                color=colour("muted"),
             )
             continue
         axes.barh(position, known[field], height=0.66, color=colour(field), linewidth=0.0)
-        _value(axes, known[field], position, words.short(known[field]))
+        _value(axes, known[field], position, formatting.short(known[field]))
     axes.set_xlim(0.0, 1.32 * max(known.values()) or 1.0)
     axes.locator_params(axis="x", nbins=4)
     axes.set_xlabel(
-        words.axis_label(f"{label(words.channel_words(row.channel), 22)} MAE", label(unit_text))
+        formatting.axis_label(
+            f"{label(formatting.channel_label(row.channel), 22)} MAE", label(unit_text)
+        )
     )
 
 

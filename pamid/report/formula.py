@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import re
 
-from pamid.report.markup import Html, Part, tag
+from markupsafe import Markup
+
+from pamid.report.formatting import unit_label
+from pamid.report.markup import Part, tag
 from pamid.report.mathml import fenced, fraction, math_html, name, number_html, operator, power_html
-from pamid.report.words import unit_words
 
 _NUMBER = r"\d+\.?\d*(?:e[+-]?\d+)?"
 _TOKEN = re.compile(
@@ -25,7 +27,7 @@ class FormulaError(ValueError):
     """The text is no formula."""
 
 
-def formula_html(text: str) -> Html:
+def formula_html(text: str) -> Markup:
     """The formula set; FormulaError where it is none."""
     return _Reader(text).formula()
 
@@ -42,12 +44,12 @@ class _Reader:
             self._tokens.append((str(found.lastgroup), str(found[str(found.lastgroup)])))
             place = found.end()
 
-    def formula(self) -> Html:
-        row: list[Html] = []
+    def formula(self) -> Markup:
+        row: list[Markup] = []
         if [kind for kind, _ in self._tokens[:2]] == ["name", "unit"] and self._tokens[2:3] == [
             ("sign", "=")
         ]:
-            unit = unit_words(self._tokens[1][1][1:-1])
+            unit = unit_label(self._tokens[1][1][1:-1])
             row.append(tag("mrow", name(self._tokens[0][1]), tag("mtext", f" [{unit or '-'}]")))
             row.append(operator("="))
             self._at = 3
@@ -67,7 +69,7 @@ class _Reader:
         self._at += 1
         return text
 
-    def _sum(self) -> Html:
+    def _sum(self) -> Markup:
         self._depth += 1
         if self._depth > _DEEPEST:
             raise FormulaError("nested too deeply")
@@ -85,7 +87,7 @@ class _Reader:
         self._depth -= 1
         return tag("mrow", parts)
 
-    def _term(self) -> Html:
+    def _term(self) -> Markup:
         found = self._factor()
         while True:
             if self._take("/"):
@@ -100,7 +102,7 @@ class _Reader:
         kind, text = self._peek()
         return kind in ("number", "name", "size") or text == "(" or (text == "|" and not self._bars)
 
-    def _factor(self) -> Html:
+    def _factor(self) -> Markup:
         base = self._atom()
         if self._take("^"):
             kind, text = self._peek()
@@ -110,14 +112,14 @@ class _Reader:
             return power_html(base, tag("mn", text))
         return base
 
-    def _atom(self) -> Html:
+    def _atom(self) -> Markup:
         kind, text = self._peek()
         self._at += 1
         if kind == "number":
             return number_html(float(text), digits=4)
         if kind == "size":
             number, _, unit = text[1:-1].partition(" ")
-            return number_html(float(number), unit_words(unit), digits=4)
+            return number_html(float(number), unit_label(unit), digits=4)
         if kind == "name":
             return tag("mrow", name(text), self._bracketed()) if self._take("(") else name(text)
         if text == "(":
@@ -129,13 +131,13 @@ class _Reader:
             return self._closed("|", inside)
         raise FormulaError(f"unexpected {text!r}" if text else "it breaks off")
 
-    def _bracketed(self) -> Html:
+    def _bracketed(self) -> Markup:
         bars, self._bars = self._bars, 0
         inside = self._sum()
         self._bars = bars
         return self._closed("(", inside)
 
-    def _closed(self, begin: str, inside: Html) -> Html:
+    def _closed(self, begin: str, inside: Markup) -> Markup:
         close = ")" if begin == "(" else "|"
         if not self._take(close):
             raise FormulaError(f"{close!r} is missing")

@@ -1,64 +1,61 @@
-"""HTML made of escaped parts: text from files can never become markup, because only `Html` passes
-unescaped."""
+"""Fragments of HTML, MathML and SVG made of escaped parts: text from files can never become markup,
+because only `Markup` passes unescaped. Whole pages are Jinja2 templates (web_page.py).
+"""
 
 from __future__ import annotations
 
-import html
 import re
 from collections.abc import Iterable
+
+import markupsafe
+from markupsafe import Markup
 
 _CODE = re.compile(r"`([^`]+)`")
 _FORBIDDEN = re.compile(
     r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff]"
 )
-_KEPT = re.compile(r"\b(held-out|Bouc-Wen)\b")
-_VOID = ("meta", "br", "hr", "img")
+_UNBROKEN = re.compile(r"\b(held-out|Bouc-Wen)\b")
+
+Part = str | Markup | Iterable["Part"]
 
 
-class Html(str):
-    """Markup that is safe as it stands."""
-
-    __slots__ = ()
-
-
-Part = str | Html | Iterable["Part"]
+def printable(value: object) -> str:
+    """Text with a replacement sign for control characters and direction marks; markup as it is."""
+    return value if isinstance(value, Markup) else _FORBIDDEN.sub("\ufffd", str(value))
 
 
-def escape(text: str) -> Html:
-    """Text as markup that shows it literally; control characters and direction marks become a
-    replacement sign."""
-    return (
-        text
-        if isinstance(text, Html)
-        else Html(html.escape(_FORBIDDEN.sub("\ufffd", text), quote=True))
-    )
+def escape(text: str) -> Markup:
+    """Text as markup that shows it literally."""
+    return markupsafe.escape(printable(text))
 
 
-def tag(name: str, /, *parts: Part, **attributes: str) -> Html:
+def tag(name: str, /, *parts: Part, **attributes: str) -> Markup:
     """One element. `class_` is written class, other underscores become hyphens."""
     inside = "".join(
         f' {key.rstrip("_").replace("_", "-")}="{escape(value)}"'
         for key, value in attributes.items()
     )
-    if name in _VOID:
-        return Html(f"<{name}{inside}>")
-    return Html(f"<{name}{inside}>{joined(parts)}</{name}>")
+    return Markup(f"<{name}{inside}>{joined(parts)}</{name}>")
 
 
-def joined(parts: Iterable[Part]) -> Html:
+def joined(parts: Iterable[Part]) -> Markup:
     """Parts one after the other; texts are escaped, nested lists are flattened."""
-    return Html("".join(escape(part) if isinstance(part, str) else joined(part) for part in parts))
-
-
-def prose(text: str) -> Html:
-    """A sentence; what stands in backticks is set as code, and words of few letters are kept on one
-    line."""
-    return Html(
-        _KEPT.sub(r'<span class="k">\1</span>', _CODE.sub(r"<code>\1</code>", escape(text)))
+    return Markup(
+        "".join(escape(part) if isinstance(part, str) else joined(part) for part in parts)
     )
 
 
-def paragraphs(sentences: Iterable[str], class_: str = "") -> Html:
+def prose(text: str) -> Markup:
+    """A sentence; what stands in backticks is set as code, and compounds that a line break would
+    make hard to read are kept on one line."""
+    return Markup(
+        _UNBROKEN.sub(
+            r'<span class="k">\1</span>', _CODE.sub(r"<code>\1</code>", str(escape(text)))
+        )
+    )
+
+
+def paragraphs(sentences: Iterable[str], class_: str = "") -> Markup:
     """One <p> per text; empty ones are left out."""
     extra = {"class_": class_} if class_ else {}
     return joined(tag("p", prose(text), **extra) for text in sentences if text)

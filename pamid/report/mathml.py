@@ -6,13 +6,15 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 
-from pamid.report import words
-from pamid.report.markup import Html, Part, tag
+from markupsafe import Markup
+
+from pamid.report import formatting
+from pamid.report.markup import Part, tag
 from pamid.symbolic.expression import Expr, const
 from pamid.symbolic.vocabulary import sign, smooth_step, stop
 
 #: how a symbol (space, name) is shown
-Shown = Callable[[str, str], Html]
+Shown = Callable[[str, str], Markup]
 
 _SUM, _PRODUCT, _ATOM = 1, 2, 3  # what binds how tightly
 _RELATIONS = {"lt": "<", "le": "≤"}
@@ -22,48 +24,53 @@ _CIRCLE = {m * math.pi**k: (m, k) for m, k in ((0.5, 1), (1.0, 1), (2.0, 1), (4.
 _GUARD = 1e-12  # what a bristle's reach is kept above
 
 
-def math_html(rows: list[list[Html]], spoken: str) -> Html:
+def math_html(rows: list[list[Markup]], spoken: str) -> Markup:
     """Equations below each other, aligned at the second cell; spoken: the same in plain text."""
     table = tag("mtable", [tag("mtr", [tag("mtd", cell) for cell in row]) for row in rows])
     return tag("math", table, display="block", alttext=spoken)
 
 
-def name(text: str) -> Html:
+def name(text: str) -> Markup:
     """A quantity by its name; a single letter is slanted."""
-    return tag("mi", words.clean(text).replace("_", " ").replace(" ", words.SPACE))
+    return tag("mi", formatting.clean(text).replace("_", " ").replace(" ", formatting.SPACE))
 
 
-def operator(text: str, **attributes: str) -> Html:
+def operator(text: str, **attributes: str) -> Markup:
     return tag("mo", text, **attributes)
 
 
-def number_html(value: float, unit_text: str = "", digits: int = 3) -> Html:
+def number_html(value: float, unit_text: str = "", digits: int = 3) -> Markup:
     """A number with its unit; powers of ten set as such."""
-    head, _, power = words.short(abs(value), digits).partition(f"{words.SPACE}×{words.SPACE}10")
+    head, _, power = formatting.short(abs(value), digits).partition(
+        f"{formatting.SPACE}×{formatting.SPACE}10"
+    )
     parts: list[Part] = [operator("−", form="prefix")] if value < 0.0 else []
     parts.append(tag("mn", head))
     if power:
         exponent = math.floor(math.log10(abs(float(f"{value:.{digits - 1}e}"))))
         parts += [operator("×"), tag("msup", tag("mn", "10"), _whole(exponent))]
     if unit_text:
-        parts += [tag("mspace", width="0.2em"), tag("mtext", unit_text.replace(" ", words.SPACE))]
+        parts += [
+            tag("mspace", width="0.2em"),
+            tag("mtext", unit_text.replace(" ", formatting.SPACE)),
+        ]
     return tag("mrow", parts) if len(parts) > 1 else tag("mn", head)
 
 
-def fraction(above: Html, below: Html) -> Html:
+def fraction(above: Markup, below: Markup) -> Markup:
     return tag("mfrac", above, below)
 
 
-def power_html(base: Html, exponent: Html) -> Html:
+def power_html(base: Markup, exponent: Markup) -> Markup:
     return tag("msup", base, exponent)
 
 
-def call(function: str, *arguments: Html) -> Html:
+def call(function: str, *arguments: Markup) -> Markup:
     """f(a, b)."""
     return tag("mrow", tag("mi", function), fenced("(", *arguments, close=")"))
 
 
-def fenced(begin: str, *parts: Html, close: str) -> Html:
+def fenced(begin: str, *parts: Markup, close: str) -> Markup:
     """Parts between brackets, separated by commas."""
     inside: list[Part] = []
     for part in parts:
@@ -76,7 +83,7 @@ def fenced(begin: str, *parts: Html, close: str) -> Html:
     )
 
 
-def _whole(number: int) -> Html:
+def _whole(number: int) -> Markup:
     return (
         tag("mrow", operator("−", form="prefix"), tag("mn", str(-number)))
         if number < 0
@@ -91,10 +98,10 @@ class Typeset:
     def __init__(self, shown: Shown) -> None:
         self._shown, self.functions = shown, dict[str, None]()
 
-    def __call__(self, node: Expr) -> Html:
+    def __call__(self, node: Expr) -> Markup:
         return self._set(node)[0]
 
-    def _set(self, node: Expr) -> tuple[Html, int]:
+    def _set(self, node: Expr) -> tuple[Markup, int]:
         word = _word(node)
         if word is not None:
             return self._called(*word), _ATOM
@@ -108,11 +115,11 @@ class Typeset:
             return self._product(node)
         return self._function(node), _ATOM
 
-    def _called(self, function: str, arguments: tuple[Expr, ...]) -> Html:
+    def _called(self, function: str, arguments: tuple[Expr, ...]) -> Markup:
         self.functions[function] = None
         return call(function, *map(self, arguments))
 
-    def _sum(self, node: Expr) -> Html:
+    def _sum(self, node: Expr) -> Markup:
         parts: list[Part] = []
         for minus, term in _terms(node, False):
             minus, inner = (minus, term) if not _negative(term) else (not minus, const(-term.value))
@@ -126,7 +133,7 @@ class Typeset:
             parts.append(body)
         return tag("mrow", parts)
 
-    def _product(self, node: Expr) -> tuple[Html, int]:
+    def _product(self, node: Expr) -> tuple[Markup, int]:
         above, below = _factors(node)
         factor = math.prod(one.value for one in above if one.op == "const")
         rest = [one for one in above if one.op != "const"]
@@ -145,7 +152,7 @@ class Typeset:
             (tag("mrow", operator("−", form="prefix"), found), _SUM) if minus else (found, _PRODUCT)
         )
 
-    def _factors(self, factors: list[Expr]) -> Html:
+    def _factors(self, factors: list[Expr]) -> Markup:
         """Factors side by side, equal ones as powers."""
         parts: list[Part] = []
         for one in dict.fromkeys(factors):
@@ -155,9 +162,9 @@ class Typeset:
                 body = fenced("(", body, close=")")
             body = power_html(body, tag("mn", str(many))) if many > 1 else body
             parts += [operator("⋅"), body] if parts else [body]
-        return tag("mrow", parts) if len(parts) > 1 else Html(str(parts[0]))
+        return tag("mrow", parts) if len(parts) > 1 else Markup(str(parts[0]))
 
-    def _function(self, node: Expr) -> Html:
+    def _function(self, node: Expr) -> Markup:
         args = [self(one) for one in node.args]
         if node.op == "sqrt":
             return tag("msqrt", args[0])
@@ -176,7 +183,7 @@ class Typeset:
             return tag("mrow", args[0], operator(_RELATIONS[node.op]), args[1])
         if node.op == "where":
             rows = [
-                (args[1], tag("mrow", tag("mtext", f"if{words.SPACE}"), args[0])),
+                (args[1], tag("mrow", tag("mtext", f"if{formatting.SPACE}"), args[0])),
                 (args[2], tag("mtext", "otherwise")),
             ]
             cases = tag(
@@ -206,7 +213,7 @@ def _word(node: Expr) -> tuple[str, tuple[Expr, ...]] | None:
     return None
 
 
-def _constant(value: float) -> Html:
+def _constant(value: float) -> Markup:
     for size, (many, exponent) in _CIRCLE.items():
         if math.isclose(value, size, rel_tol=1e-12):
             pi = (
@@ -223,7 +230,7 @@ def _negative(node: Expr) -> bool:
 
 
 def _terms(node: Expr, minus: bool) -> list[tuple[bool, Expr]]:
-    """A sum taken apart: (is it subtracted, term); what there is a word for stays whole."""
+    """The terms of a sum as (is it subtracted, term); a named function is one term."""
     if node.op == "neg":
         return _terms(node.args[0], not minus)
     if node.op not in ("add", "sub") or _word(node) is not None:
@@ -232,8 +239,8 @@ def _terms(node: Expr, minus: bool) -> list[tuple[bool, Expr]]:
 
 
 def _factors(node: Expr) -> tuple[list[Expr], list[Expr]]:
-    """A product taken apart: factors above and below the line; what there is a word for stays
-    whole."""
+    """The factors of a product above and below the line; a product that is a named function is one
+    factor."""
     if node.op == "div":
         (above, under), (below, over) = map(_factors, node.args)
         return above + over, under + below

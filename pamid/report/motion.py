@@ -18,11 +18,11 @@ from pamid.base.units import split_column, to_si
 from pamid.model.registry import catalogue_rig, rig_named, rigs
 from pamid.model.rig import Rig
 from pamid.model.trace import Names
-from pamid.report import words
-from pamid.report.budget import MODELS, Window, worst_window
+from pamid.report import formatting
+from pamid.report.captions import causes_label
+from pamid.report.channel_errors import MODELS, Window, worst_window
 from pamid.report.load import Residual, RunData
 from pamid.report.reading import REMEDY, FloatArray
-from pamid.report.sentences import causes_words
 
 LONGEST_S = 12.0  # shown where no times are asked for
 MEASURED = "measured"
@@ -154,7 +154,7 @@ def motion_of(
 
 def _recording(run: RunData, number: int) -> str:
     known = run.fit.recordings if run.fit is not None else ()
-    return words.clean(known[number].name) if 0 <= number < len(known) else ""
+    return formatting.clean(known[number].name) if 0 <= number < len(known) else ""
 
 
 def _channels(residual: Residual, rig: Rig, parameters: Names) -> list[str]:
@@ -173,23 +173,23 @@ def _channels(residual: Residual, rig: Rig, parameters: Names) -> list[str]:
 def motion_title(means: dict[str, dict[str, float]], names: dict[str, str]) -> str:
     """ "The refitted model follows the angle to 0.06 deg on average (data sheet: 2.4 deg)"."""
     *before, best = names
-    units = [words.channel_unit(channel) for channel in means]
+    units = [formatting.channel_unit(channel) for channel in means]
     # a common one is named once
     shown = units if len(set(units)) > 1 else [*[""] * (len(units) - 1), units[-1]]
 
-    def told(kind: str) -> list[str]:
+    def mean_texts(kind: str) -> list[str]:
         return [
-            words.with_unit_text(of[kind], unit, 2)
+            formatting.with_unit_text(of[kind], unit, 2)
             for of, unit in zip(means.values(), shown, strict=True)
         ]
 
     article = "the " if len(means) == 1 else ""
-    follows = words.join(
-        f"{article}{words.channel_words(channel)} to {value}"
-        for channel, value in zip(means, told(best), strict=True)
+    follows = formatting.join(
+        f"{article}{formatting.channel_label(channel)} to {value}"
+        for channel, value in zip(means, mean_texts(best), strict=True)
     )
     model = f"model {names[best]}" if best == "cause" else f"{names[best]} model"
-    others = "".join(f" ({names[kind]}: {words.join(told(kind))})" for kind in before)
+    others = "".join(f" ({names[kind]}: {formatting.join(mean_texts(kind))})" for kind in before)
     return f"The {model} follows {follows} on average{others}"
 
 
@@ -201,14 +201,14 @@ def scale_of(extent: float) -> float:
     )
 
 
-def gap_words(channel: str) -> str:
+def gap_label(channel: str) -> str:
     """ "angle 1: model - measured"."""
-    return f"{words.channel_words(channel)}: model {words.MINUS} measured"
+    return f"{formatting.channel_label(channel)}: model {formatting.MINUS} measured"
 
 
 def _model_name(run: RunData, kind: str) -> str:
     if kind == "cause" and run.diagnosis is not None and len(run.diagnosis.causes) == 1:
-        return f"with {causes_words(run.diagnosis)}"
+        return f"with {causes_label(run.diagnosis)}"
     return MODELS[ROLES[kind]]
 
 

@@ -12,16 +12,21 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from matplotlib.figure import Figure
 from PIL import Image, UnidentifiedImageError
 
 from pamid.base.errors import FileError
 from pamid.base.files import PICTURE, read_data
 from pamid.base.run_folder import FIGURES
-from pamid.report import words
+from pamid.report import formatting
+from pamid.report.formatting import (
+    channel_label,
+    channel_unit,
+    effect_label,
+    number,
+    percent,
+    sentence,
+)
 from pamid.report.reading import REMEDY, Node, read_object
-from pamid.report.style import WIDE_IN, Drawing
-from pamid.report.words import channel_unit, channel_words, effect_words, number, percent, sentence
 
 JOINT_FILE, ARM_FILE = "paper.json", "arm-paper.json"
 _MOST_PIXELS = 40_000_000
@@ -48,7 +53,7 @@ _JOINT_TRAINING = {
 
 
 @dataclass(frozen=True)
-class Section:
+class Topic:
     """A heading, a table (its head first, or none), sentences below, a picture (its name); left:
     columns that are set left although they follow the first."""
 
@@ -76,7 +81,7 @@ class Paper:
     subtitle: str
     lead: str
     warnings: tuple[str, ...]
-    sections: tuple[Section, ...]
+    topics: tuple[Topic, ...]
     stills: tuple[Still, ...]
 
 
@@ -88,23 +93,6 @@ def read_paper(folder: Path) -> Paper | None:
         return _joint(joint, _stills(folder, ("steps",)))
     arm = read_object(folder / ARM_FILE, "pamid.paper-arm/1")
     return None if arm is None else _arm(arm, _stills(folder, tuple(_TESTS)))
-
-
-def paper_drawings(paper: Paper) -> list[Drawing]:
-    """The pictures as drawings of a PDF."""
-    return [_drawing(one) for one in paper.stills]
-
-
-def _drawing(still: Still) -> Drawing:
-    height = WIDE_IN * still.tall_px / still.wide_px
-
-    def draw(figure: Figure, narrow: bool) -> None:
-        axes = figure.subplots()
-        axes.set_axis_off()
-        with Image.open(io.BytesIO(still.png)) as picture:
-            axes.imshow(picture, interpolation="none")
-
-    return Drawing(f"still-{still.name}", "", draw, height, height)
 
 
 def _stills(folder: Path, names: Iterable[str]) -> tuple[Still, ...]:
@@ -139,16 +127,16 @@ def _joint(node: Node, stills: tuple[Still, ...]) -> Paper:
     here = node.needed("training")
     training = [("", *_JOINT_TRAINING.values())]
     for name, one in (("published", published.needed("training")), ("here", here)):
-        training.append((name, *(words.short(one.maybe(key)) for key in _JOINT_TRAINING)))
+        training.append((name, *(formatting.short(one.maybe(key)) for key in _JOINT_TRAINING)))
     sections = (
-        Section(
+        Topic(
             "Errors on the steps",
             tuple(_joint_rows(rows, cases)),
             ("Mean absolute error of the angle in the model's own control loop, deg.",),
             "steps",
         ),
-        Section("The network's training", tuple(training), (sentence(here.text("why", "")),)),
-        Section(
+        Topic("The network's training", tuple(training), (sentence(here.text("why", "")),)),
+        Topic(
             "What the diagnosis names",
             _cause_rows(diagnosis),
             (sentence(diagnosis.text("sentence", "")),),
@@ -165,15 +153,15 @@ def _joint(node: Node, stills: tuple[Still, ...]) -> Paper:
 def _joint_lead(rows: list[Node], cases: list[str]) -> str:
     """The last case is the one that no model was trained at."""
     case = cases[-1]
-    told = [(row.text("model"), row.needed("mae").maybe(case)) for row in rows]
-    known = [(model, error) for model, error in told if error is not None]
+    errors = [(row.text("model"), row.needed("mae").maybe(case)) for row in rows]
+    known = [(model, error) for model, error in errors if error is not None]
     if len(known) < 2:
         return "The errors of the models on the steps of the first paper."
     first, best = known[0], min(known[1:], key=lambda one: one[1])
     return (
-        f"At {words.clean(case)}, the {words.clean(first[0])} is off by {words.short(first[1])} "
-        "deg, the "
-        f"{words.clean(best[0])} by {words.short(best[1])} deg."
+        f"At {formatting.clean(case)}, the {formatting.clean(first[0])} is off by "
+        f"{formatting.short(first[1])} deg, the "
+        f"{formatting.clean(best[0])} by {formatting.short(best[1])} deg."
     )
 
 
@@ -181,7 +169,7 @@ def _joint_rows(rows: list[Node], cases: list[str]) -> Iterable[tuple[str, ...]]
     yield (
         "model",
         *(
-            words.clean(f"{case}, {what}")
+            formatting.clean(f"{case}, {what}")
             for case in cases
             for what in ("published", "here", "after 1 s", "lower by")
         ),
@@ -190,7 +178,7 @@ def _joint_rows(rows: list[Node], cases: list[str]) -> Iterable[tuple[str, ...]]
         parts = [row.needed(key) for key in ("published", "mae", "mae_after_1_s")]
         lower = row.needed("improvement")
         yield (
-            words.clean(row.text("model")),
+            formatting.clean(row.text("model")),
             *(
                 cell
                 for case in cases
@@ -205,16 +193,16 @@ def _joint_rows(rows: list[Node], cases: list[str]) -> Iterable[tuple[str, ...]]
 def _cause_rows(diagnosis: Node) -> tuple[tuple[str, ...], ...]:
     found = [
         (
-            effect_words(cause.text("effect")),
-            channel_words(name),
+            effect_label(cause.text("effect")),
+            channel_label(name),
             number(one.maybe("value")),
-            words.span(one.maybe("low"), one.maybe("high")),
+            formatting.span(one.maybe("low"), one.maybe("high")),
             channel_unit(name) or "-",
         )
         for cause in diagnosis.listed("causes")
         for name, one in cause.children("parameters").items()
     ]
-    return (("effect", "parameter", "value", words.INTERVAL, "unit"), *found) if found else ()
+    return (("effect", "parameter", "value", formatting.INTERVAL, "unit"), *found) if found else ()
 
 
 # ---- the second paper --------------------------------------------------------------------------
@@ -254,13 +242,11 @@ def _arm(node: Node, stills: tuple[Still, ...]) -> Paper:
     sections = (
         *errors,
         *angles,
-        Section("The force law", (), (sentence(force.text("finding", "")),)),
-        Section(
+        Topic("The force law", (), (sentence(force.text("finding", "")),)),
+        Topic(
             "Inertial data", _known_rows(node.children("combinations"), stages), (_STAR,), left=(1,)
         ),
-        Section(
-            "Parameters", _known_rows(node.children("parameters"), fitted), (_STAR,), left=(1,)
-        ),
+        Topic("Parameters", _known_rows(node.children("parameters"), fitted), (_STAR,), left=(1,)),
         _hidden(node.needed("twin").needed("hidden")),
         _notes(node),
     )
@@ -277,14 +263,14 @@ def _arm(node: Node, stills: tuple[Still, ...]) -> Paper:
 _STAR = "*: the interval does not hold the truth."
 
 
-def _arm_errors(title: str, variables: Node, *, only: str = "", still: str = "") -> Section:
+def _arm_errors(title: str, variables: Node, *, only: str = "", still: str = "") -> Topic:
     rows = [one for one in variables.nested().items() if not only or one[1].text("unit") == only]
     models = [key for key in _ARM_MODELS if any(one.maybe(key) is not None for _, one in rows)]
     body = [
-        (channel_words(name), one.text("unit"), *(number(one.maybe(key)) for key in models))
+        (channel_label(name), one.text("unit"), *(number(one.maybe(key)) for key in models))
         for name, one in rows
     ]
-    return Section(
+    return Topic(
         title,
         (("variable", "unit", *(_ARM_MODELS[key] for key in models)), *body),
         ("Mean absolute error on recordings that no fit has seen.",),
@@ -294,44 +280,46 @@ def _arm_errors(title: str, variables: Node, *, only: str = "", still: str = "")
 
 
 def _known_rows(
-    told: Mapping[str, Node], columns: Mapping[str, str]
+    parameters: Mapping[str, Node], columns: Mapping[str, str]
 ) -> tuple[tuple[str, ...], ...]:
     """Values with their intervals, a star where the interval does not hold the truth."""
     body = []
-    for name, one in told.items():
+    for name, one in parameters.items():
         cells = []
         for key in columns:
             if isinstance(one.content.get(key), Mapping):
                 value = one.needed(key)
                 star = "*" if value.maybe_flag("holds") is False else ""
-                interval = words.span(value.maybe("low"), value.maybe("high"))
+                interval = formatting.span(value.maybe("low"), value.maybe("high"))
                 cells.append(f"{number(value.maybe('value'))} ({interval}){star}")
             else:
                 cells.append(number(one.maybe(key)))
-        body.append((channel_words(name), words.unit_words(one.text("unit", "")) or "-", *cells))
+        body.append(
+            (channel_label(name), formatting.unit_label(one.text("unit", "")) or "-", *cells)
+        )
     return (("", "unit", *columns.values()), *body)
 
 
 # ---- both --------------------------------------------------------------------------------------
 
 
-def _hidden(twin: Node) -> Section:
+def _hidden(twin: Node) -> Topic:
     known = [
         name
         for name, value in twin.content.items()
         if isinstance(value, int | float) and not isinstance(value, bool)
     ]
     rows = [
-        (channel_words(name), number(twin.number(name)), channel_unit(name) or "-")
+        (channel_label(name), number(twin.number(name)), channel_unit(name) or "-")
         for name in known
     ]
-    return Section(
+    return Topic(
         "What the twin hides", (("parameter", "value", "unit"), *rows) if rows else (), left=(2,)
     )
 
 
-def _notes(node: Node) -> Section:
-    return Section("What this is not", (), node.texts("notes"))
+def _notes(node: Node) -> Topic:
+    return Topic("What this is not", (), node.texts("notes"))
 
 
 def _warnings(node: Node) -> tuple[str, ...]:

@@ -8,16 +8,17 @@ wide; the script shows those of one frame, or those since a while ago. Nothing i
 from __future__ import annotations
 
 from collections.abc import Iterable
-from importlib import resources
 
 import numpy as np
+from markupsafe import Markup
 
 from pamid.base.errors import PamidError
-from pamid.report import words
+from pamid.report import formatting
 from pamid.report.load import RunData
-from pamid.report.markup import Html, joined, prose, tag
-from pamid.report.motion import MEASURED, Motion, gap_words, motion_of, rig_of_run, scale_of
+from pamid.report.markup import joined, prose, tag
+from pamid.report.motion import MEASURED, Motion, gap_label, motion_of, rig_of_run, scale_of
 from pamid.report.reading import FloatArray
+from pamid.report.web_page import asset
 
 RATE = 30  # frames per second
 TRAIL_S = 1.0
@@ -27,19 +28,19 @@ _WIDE, _STRIP, _LEFT, _ABOVE = 1000, 500, 44, 24
 
 def player_script() -> str:
     """What plays the figures of a page."""
-    return resources.files("pamid.report").joinpath("assets/player.js").read_text(encoding="utf-8")
+    return asset("player.js")
 
 
-def player_html(run: RunData) -> Html:
+def player_html(run: RunData) -> Markup:
     """The figure; nothing where the run is of no catalogued rig with a pose or lacks what the pose
     needs."""
     try:
         motion = motion_of(run, rig_of_run(run), 1.0 / RATE)
     except PamidError:
-        return Html("")
+        return Markup("")
     still = _widest(motion)
     several = motion.recording and run.fit is not None and len(run.fit.recordings) > 1
-    when = words.span(float(motion.time[0]), float(motion.time[-1]), "s")
+    when = formatting.span(float(motion.time[0]), float(motion.time[-1]), "s")
     note = (
         f"{when}{f' in recording {motion.recording}' if several else ''}; the gaps are not "
         "enlarged. At the marks "
@@ -83,7 +84,7 @@ def _class(motion: Motion, kind: str) -> str:
     )
 
 
-def _legend(motion: Motion) -> Html:
+def _legend(motion: Motion) -> Markup:
     keys = [
         tag(
             "span",
@@ -101,7 +102,7 @@ def _legend(motion: Motion) -> Html:
     return tag("div", keys, class_="legend")
 
 
-def _arm(motion: Motion, still: int) -> Html:
+def _arm(motion: Motion, still: int) -> Markup:
     """The polylines, measured below, with the paths of the tip, pivots and a scale."""
     low, high = motion.box
     unit = float((high - low).max()) / _WIDE
@@ -147,7 +148,7 @@ def _arm(motion: Motion, still: int) -> Html:
     )
 
 
-def _moving(points: FloatArray, still: int, class_: str, tail: int = 0) -> Html:
+def _moving(points: FloatArray, still: int, class_: str, tail: int = 0) -> Markup:
     """A polyline with its points (frames, points, 2) of every frame; `tail`: how many frames before
     are shown too."""
     return tag(
@@ -163,7 +164,7 @@ def _numbers(points: FloatArray) -> str:
     return " ".join(f"{value:.0f}" for value in points.ravel())
 
 
-def _strips(motion: Motion, still: int) -> Html:
+def _strips(motion: Motion, still: int) -> Markup:
     """Gaps of every channel over time, one below the other, with a cursor."""
     right, count = _STRIP - 12, len(motion.gaps)
     across = _LEFT + (right - _LEFT) * (motion.time - motion.time[0]) / float(np.ptp(motion.time))
@@ -204,7 +205,7 @@ def _strips(motion: Motion, still: int) -> Html:
     )
 
 
-def _strip(motion: Motion, channel: str, across: FloatArray, top: int, tall: int) -> Html:
+def _strip(motion: Motion, channel: str, across: FloatArray, top: int, tall: int) -> Markup:
     """The curves of one channel between its least and its largest gap, which are written beside
     it."""
     gaps = motion.gaps[channel]
@@ -223,9 +224,9 @@ def _strip(motion: Motion, channel: str, across: FloatArray, top: int, tall: int
         )
         for kind, gap in gaps.items()
     ]
-    what = words.axis_label(gap_words(channel), words.channel_unit(channel))
+    what = formatting.axis_label(gap_label(channel), formatting.channel_unit(channel))
     edges: Iterable[tuple[float, str]] = (
-        (value, words.short(value, 2))
+        (value, formatting.short(value, 2))
         for value in {low, high, 0.0}
         if value == 0.0 or abs(value) > 0.2 * reach
     )

@@ -18,7 +18,7 @@ from pamid.checks.recording_quality import Issue
 from pamid.recording.file_checks import HUGE
 from pamid.recording.plot import NotebookFigure
 from pamid.recording.recording import Recording
-from pamid.report import words
+from pamid.report import formatting
 from pamid.report.style import PNG_DPI, WIDE_IN, colour, grid, label, settings
 
 Array = NDArray[np.float64]
@@ -27,7 +27,7 @@ BUCKETS = 700  # of which each shows its lowest and highest sample
 MOST_ROWS = 24
 NARROWEST = 0.004  # of the time axis: a single sample must be seen, too
 CLOSE = 60  # samples in the panel for noise and step
-SPELT_OUT = 3  # findings told in the title
+SPELT_OUT = 3  # findings named in the title
 WIDEST_LINE = 80  # letters in a line of the title
 ROW_IN, REST_IN = 0.72, 0.65
 COLOURS = 96
@@ -71,8 +71,8 @@ def card_figure(
             layout="constrained",
         )
         axes = figure.subplots(len(rows), 2, squeeze=False, width_ratios=[5.0, 1.0], sharex="col")
-        for (whole, close), name in zip(axes, rows, strict=True):
-            _over_time(whole, recording, name, [issue for issue in issues if name in issue.columns])
+        for (full, close), name in zip(axes, rows, strict=True):
+            _over_time(full, recording, name, [issue for issue in issues if name in issue.columns])
             _close_up(close, recording, name, channels[name])
         axes[0, 1].set_title(
             f"{CLOSE} quiet samples", loc="left", fontsize=8.0, pad=3.0, color=colour("muted")
@@ -95,16 +95,18 @@ def card_title(recording: Recording, issues: Sequence[Issue], others: Sequence[s
         counted = f"{recording.name}: {counted}" + (f"; {_many(notes, 'note')}" if notes else "")
     else:
         counted = " and ".join(
-            _many(told, word) for told, word in ((wrong, "problem"), (notes, "note")) if told
+            _many(findings, word)
+            for findings, word in ((wrong, "problem"), (notes, "note"))
+            if findings
         )
         counted = f"{counted} in {recording.name}"
-    told = [*wrong, *notes]
-    more = f"; and {len(told) - SPELT_OUT} more" if len(told) > SPELT_OUT else ""
-    return f"{counted}: {'; '.join(told[:SPELT_OUT])}{more}" if told else counted
+    findings = [*wrong, *notes]
+    more = f"; and {len(findings) - SPELT_OUT} more" if len(findings) > SPELT_OUT else ""
+    return f"{counted}: {'; '.join(findings[:SPELT_OUT])}{more}" if findings else counted
 
 
-def _many(told: Sequence[str], word: str) -> str:
-    return f"{len(told)} {word}{'' if len(told) == 1 else 's'}"
+def _many(findings: Sequence[str], word: str) -> str:
+    return f"{len(findings)} {word}{'' if len(findings) == 1 else 's'}"
 
 
 def _rows(recording: Recording, issues: Sequence[Issue]) -> list[str]:
@@ -145,7 +147,7 @@ def _over_time(axes: Axes, recording: Recording, name: str, issues: Sequence[Iss
         color=colour("with_cause" if kinds else "ink"),
         fontweight="bold" if kinds else "normal",
     )
-    axes.set_ylabel(f"[{label(words.channel_unit(name), 12) or '-'}]")
+    axes.set_ylabel(f"[{label(formatting.channel_unit(name), 12) or '-'}]")
     axes.set_xlim(time[0], time[-1])
     axes.margins(y=0.08)
     axes.yaxis.set_major_locator(MaxNLocator(3))
@@ -169,7 +171,7 @@ def _close_up(axes: Axes, recording: Recording, name: str, channel: Mapping[str,
         markerfacecolor=colour("ink"),
     )
     said = [
-        f"{what} {words.number(channel[what], 2)}"
+        f"{what} {formatting.number(channel[what], 2)}"
         for what in ("noise", "step")
         if channel[what] > 0.0
     ]

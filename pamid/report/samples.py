@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.units import split_column
-from pamid.report.budget import stretches
+from pamid.report.channel_errors import stretches
 from pamid.report.load import KEYS, Residual
 from pamid.report.reading import FloatArray
 
@@ -111,9 +111,9 @@ def stretches_of(residual: Residual, most_rows: int) -> list[Stretch]:
     from the end of the list of recordings, of what was fitted before what was held out."""
     columns = residual.columns
     usable = np.flatnonzero(np.isfinite(columns["time_s"]))
-    kept = usable[np.argsort(columns["part"][usable] != 1, kind="stable")][:most_rows]
+    chosen = usable[np.argsort(columns["part"][usable] != 1, kind="stable")][:most_rows]
     allowed = np.zeros(columns["time_s"].size, bool)
-    allowed[kept] = True
+    allowed[chosen] = True
     windows = stretches(residual, np.flatnonzero(allowed & (columns["window"] >= 0)))
     found = []
     for number in np.unique(columns["recording"][usable]):

@@ -1,9 +1,9 @@
 """How the figures look, and how one drawing becomes a PNG file and two SVG texts that follow the
 page's colours.
 
-Colours are those of Okabe and Ito (2008), told apart with any colour vision; every bar and line is
-named as well. In the SVG each colour is replaced by a variable of the page, so that one picture
-serves light and dark.
+Colours are those of Okabe and Ito (2008), distinguishable with any colour vision; every bar and
+line is named as well. In the SVG each colour is replaced by a variable of the page, so that one
+picture serves light and dark.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from matplotlib.font_manager import FontProperties, findfont
 from matplotlib.ft2font import FT2Font
 
 from pamid.recording.plot import NotebookFigure
-from pamid.report.words import clean
+from pamid.report.formatting import clean
 
 #: role -> colour on a light and on a dark page
 COLOURS = {
@@ -61,8 +61,6 @@ SETTINGS: dict[Any, Any] = {
     "axes.unicode_minus": True,
     "grid.color": COLOURS["line"][0],
     "grid.linewidth": 0.7,
-    "hatch.color": COLOURS["paper"][0],
-    "hatch.linewidth": 1.4,
     "legend.frameon": False,
     "legend.fontsize": 8.5,
     "legend.labelcolor": COLOURS["ink"][0],
@@ -99,11 +97,12 @@ class Drawing:
 
 @dataclass(frozen=True)
 class Picture:
-    """A drawing carried out: SVG for wide and narrow pages, PNG with its title for papers and
-    slides."""
+    """A drawing carried out. wide, narrow: SVG for pages, in their colours; svg: the wide one as
+    it stands, for the PDF; png: with its title, for papers and slides."""
 
     name: str
     title: str
+    svg: str
     wide: str
     narrow: str
     png: bytes
@@ -111,11 +110,13 @@ class Picture:
 
 def render(drawing: Drawing) -> Picture:
     """Carry out a drawing; the same drawing gives the same bytes."""
+    wide, narrow = _svg(drawing, narrow=False), _svg(drawing, narrow=True)
     return Picture(
         name=drawing.name,
         title=drawing.title,
-        wide=_svg(drawing, narrow=False),
-        narrow=_svg(drawing, narrow=True),
+        svg=_METADATA.sub("", wide),
+        wide=_for_page(wide),
+        narrow=_for_page(narrow),
         png=_png(drawing),
     )
 
@@ -181,7 +182,7 @@ def _svg(drawing: Drawing, *, narrow: bool) -> str:
             metadata={"Date": None, "Creator": None, "Format": None, "Type": None},
         )
     text = buffer.getvalue()
-    return _for_page(text[text.index("<svg") :])
+    return text[text.index("<svg") :]
 
 
 def figure_of(drawing: Drawing) -> NotebookFigure:

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
-from pamid.report import words
-from pamid.report.budget import MODELS, ChannelErrors
-from pamid.report.load import Fit, LoopError, Parameter, RunData, Step, Together
-from pamid.report.markup import Html, Part, tag
-from pamid.report.sentences import sensor_words, split_words
-from pamid.report.words import (
+from pamid.report import formatting
+from pamid.report.captions import sensor_label, split_labels
+from pamid.report.channel_errors import MODELS, ChannelErrors
+from pamid.report.document import Block, Cell, Heading, Table, notes, table
+from pamid.report.formatting import (
+    channel_label,
     channel_unit,
-    channel_words,
     count,
-    effect_words,
+    effect_label,
     number,
     percent,
     percent_span,
 )
+from pamid.report.load import Fit, LoopError, Parameter, RunData, Step, Together
 from pamid.schemas.diagnosis import DiagnosisFile, Estimate, Transfer, Where
 
 STRAINED = 3.0
@@ -50,29 +50,12 @@ GROUNDS = {
 SHARES = frozenset({"left", "ceiling", "shrinkage", "helps", "margin", "wins", "at_port"})
 
 
-def table(
-    heads: Iterable[str], rows: Iterable[Iterable[Part]], numeric: Iterable[int] = ()
-) -> Html:
-    """A table in a box that scrolls sideways on narrow pages; `numeric` columns are set right."""
-    right = set(numeric)
-
-    def cells(kind: str, parts: Iterable[Part]) -> list[Html]:
-        return [
-            tag(kind, part, class_="n") if column in right else tag(kind, part)
-            for column, part in enumerate(parts)
-        ]
-
-    head = tag("tr", cells("th", heads))
-    body = [tag("tr", cells("td", row)) for row in rows]
-    return tag("div", tag("table", tag("thead", head), tag("tbody", body)), class_="scroll")
-
-
 def mae_fields(rows: tuple[ChannelErrors, ...]) -> list[str]:
-    """The models that are told for at least one channel."""
+    """The models whose error is known for at least one channel."""
     return [name for name in MODELS if any(name in row.known() for row in rows)]
 
 
-def mae_table(rows: tuple[ChannelErrors, ...]) -> Html:
+def mae_table(rows: tuple[ChannelErrors, ...]) -> Table:
     """Held-out MAE (eq. 11) per channel and model."""
     fields = mae_fields(rows)
     shrinks = any(row.shrinkage is not None for row in rows)
@@ -80,16 +63,16 @@ def mae_table(rows: tuple[ChannelErrors, ...]) -> Html:
         "channel",
         "unit",
         *(MODELS[name] for name in fields),
-        *([f"shrinkage ({words.INTERVAL})"] * shrinks),
+        *([f"shrinkage ({formatting.INTERVAL})"] * shrinks),
     ]
     body = []
     for row in rows:
         known = row.known()
-        cells = [channel_words(row.channel), channel_unit(row.channel) or "-"]
+        cells = [channel_label(row.channel), channel_unit(row.channel) or "-"]
         cells += [number(known.get(name)) for name in fields]
         interval = percent_span(row.low, row.high)
         cells += (
-            [percent(row.shrinkage) + ("" if interval == words.DASH else f" ({interval})")]
+            [percent(row.shrinkage) + ("" if interval == formatting.DASH else f" ({interval})")]
             if shrinks
             else []
         )
@@ -103,9 +86,9 @@ def mae_text(rows: tuple[ChannelErrors, ...]) -> str:
     lines = [["MAE, held out", *(MODELS[name] for name in fields)]]
     for row in rows:
         known, unit_text = row.known(), channel_unit(row.channel)
-        name = f"{channel_words(row.channel)} [{unit_text or '-'}]"
+        name = f"{channel_label(row.channel)} [{unit_text or '-'}]"
         lines.append(
-            [name, *(number(known.get(field)).replace(words.SPACE, " ") for field in fields)]
+            [name, *(number(known.get(field)).replace(formatting.SPACE, " ") for field in fields)]
         )
     widths = [max(len(line[column]) for line in lines) for column in range(len(lines[0]))]
     return "\n".join(
@@ -117,12 +100,12 @@ def mae_text(rows: tuple[ChannelErrors, ...]) -> str:
     )
 
 
-def loop_table(errors: tuple[LoopError, ...]) -> Html:
+def loop_table(errors: tuple[LoopError, ...]) -> Table:
     """MAE of the model in its own loop, with the band that small parameter changes cause."""
     heads = ["channel", "unit", "data sheet", "refitted", "band (0.1 % of conductances)"]
     body = [
         [
-            channel_words(one.channel),
+            channel_label(one.channel),
             channel_unit(one.channel) or "-",
             number(one.data_sheet),
             number(one.refitted),
@@ -133,59 +116,60 @@ def loop_table(errors: tuple[LoopError, ...]) -> Html:
     return table(heads, body, (2, 3, 4))
 
 
-def parameter_table(parameters: tuple[Parameter, ...], with_cause: dict[str, Estimate]) -> Html:
+def parameter_table(parameters: tuple[Parameter, ...], with_cause: dict[str, Estimate]) -> Table:
     """Value, interval, prior, unit, how well it is known, strain, and what to think of it."""
     beside = any(one.name in with_cause for one in parameters)
     heads = [
         "parameter",
         "unit",
         "value",
-        words.INTERVAL,
+        formatting.INTERVAL,
         "prior",
         *(["with cause"] * beside),
         "strain",
         "known",
     ]
-    body: list[list[Part]] = []
+    body: list[list[str | Cell]] = []
     for one in parameters:
-        name: Part = [
-            tag("code", words.clean(one.name)),
-            tag("small", words.clean(one.source)) if one.source else "",
-        ]
-        row: list[Part] = [
+        name = Cell(formatting.clean(one.name), "code", formatting.clean(one.source))
+        row: list[str | Cell] = [
             name,
-            words.unit_words(one.unit) or "-",
+            formatting.unit_label(one.unit) or "-",
             number(one.value),
-            words.span(one.low, one.high),
+            formatting.span(one.low, one.high),
             number(one.prior),
         ]
         if beside:
             other = with_cause.get(one.name)
-            row.append(number(other.value) if other is not None else words.DASH)
+            row.append(number(other.value) if other is not None else formatting.DASH)
         strained = one.strain is not None and abs(one.strain) > STRAINED
-        told = words.DASH if one.strain is None else f"{one.strain:.1f}".replace("-", words.MINUS)
-        strain: Part = tag("strong", told) if strained else told
+        shown = (
+            formatting.DASH
+            if one.strain is None
+            else f"{one.strain:.1f}".replace("-", formatting.MINUS)
+        )
+        strain = Cell(shown, "strong" if strained else "")
         body.append([*row, strain, _remark(one, strained)])
     return table(heads, body, range(2, 6 + beside))
 
 
-def together_table(groups: tuple[Together, ...]) -> Html:
+def combinations_table(groups: tuple[Together, ...]) -> Table:
     """Combinations that are known where their parameters are not."""
-    body: list[list[Part]] = []
+    body: list[list[str | Cell]] = []
     for group in groups:
         for one in group.known:
             body.append(
                 [
-                    tag("code", words.clean(one.name)),
-                    words.unit_words(one.unit) or words.DASH,
+                    Cell(formatting.clean(one.name), "code"),
+                    formatting.unit_label(one.unit) or formatting.DASH,
                     number(one.value, 5),
                     f"{number(one.low, 5)} to {number(one.high, 5)}",
                     number(one.prior),
-                    words.clean(", ".join(group.parameters)),
+                    formatting.clean(", ".join(group.parameters)),
                 ]
             )
     return table(
-        ["combination", "unit", "value", words.INTERVAL, "prior", "ties together"],
+        ["combination", "unit", "value", formatting.INTERVAL, "prior", "ties together"],
         body,
         range(2, 5),
     )
@@ -207,7 +191,7 @@ def parameters_of(run: RunData) -> tuple[tuple[Parameter, ...], dict[str, Estima
             one.low,
             one.high,
             one.prior,
-            words.channel_unit(name),
+            formatting.channel_unit(name),
             "",
             "",
             one.strain,
@@ -219,33 +203,33 @@ def parameters_of(run: RunData) -> tuple[tuple[Parameter, ...], dict[str, Estima
 
 
 def _remark(one: Parameter, strained: bool) -> str:
-    told = [words.clean(one.word)] if one.word else []
-    told += ["may be absorbing structure"] if strained else []
-    told += (
+    remarks = [formatting.clean(one.word)] if one.word else []
+    remarks += ["may be absorbing structure"] if strained else []
+    remarks += (
         [f"at its {'lower' if one.at_bound == 'low' else 'upper'} bound"] if one.at_bound else []
     )
-    return ", ".join(told) or words.DASH
+    return ", ".join(remarks) or formatting.DASH
 
 
-def ranking_table(diagnosis: DiagnosisFile) -> Html:
+def ranking_table(diagnosis: DiagnosisFile) -> Table:
     """Every candidate that was refitted, with its errors per channel."""
     channels = list(dict.fromkeys(name for one in diagnosis.ranking for name in one.held_out))
-    heads = ["effect", "family", "port", "P", "removed", words.INTERVAL]
-    heads += [f"{channel_words(name)} MAE [{channel_unit(name) or '-'}]" for name in channels] + [
+    heads = ["effect", "family", "port", "P", "removed", formatting.INTERVAL]
+    heads += [f"{channel_label(name)} MAE [{channel_unit(name) or '-'}]" for name in channels] + [
         "remark"
     ]
-    body: list[list[Part]] = []
+    body: list[list[str | Cell]] = []
     for one in diagnosis.ranking:
-        row: list[Part] = [
-            tag("code", words.clean(one.effect)),
-            effect_words(one.family),
-            words.port_words(one.port),
+        row: list[str | Cell] = [
+            Cell(formatting.clean(one.effect), "code"),
+            effect_label(one.family),
+            formatting.port_label(one.port),
         ]
         row += [number(one.probability, 2), percent(one.shrinkage), percent_span(one.low, one.high)]
         for name in channels:
             held = one.held_out.get(name)
             row.append(
-                words.DASH
+                formatting.DASH
                 if held is None or held.mae_after is None
                 else f"{number(held.mae_before)} → {number(held.mae_after)}"
             )
@@ -254,90 +238,110 @@ def ranking_table(diagnosis: DiagnosisFile) -> Html:
                 *row,
                 ""
                 if one.converged
-                else f"not converged: {words.clean(one.why) or 'no reason given'}",
+                else f"not converged: {formatting.clean(one.why) or 'no reason given'}",
             ]
         )
     return table(heads, body, range(3, 6 + len(channels)))
 
 
-def recordings_table(fit: Fit) -> Html:
+def recordings_table(fit: Fit) -> Table:
     """What was recorded and which part it played."""
     heads = ["recording", "role", "samples", "period [ms]", "loop"]
     body = [
         [
-            words.clean(one.name),
-            words.clean(one.role),
+            formatting.clean(one.name),
+            formatting.clean(one.role),
             count(one.samples),
-            words.DASH if one.period_s is None else number(1e3 * one.period_s),
-            words.clean(one.loop) or words.DASH,
+            formatting.DASH if one.period_s is None else number(1e3 * one.period_s),
+            formatting.clean(one.loop) or formatting.DASH,
         ]
         for one in fit.recordings
     ]
     return table(heads, body, (2, 3))
 
 
-def steps_table(steps: tuple[Step, ...]) -> Html:
+def provenance(
+    steps: tuple[Step, ...],
+    fit: Fit | None = None,
+    *,
+    level: int = 2,
+    notes_before: tuple[str, ...] = (),
+) -> tuple[Block, ...]:
+    """Every command that worked on the run, the recordings, input files and versions."""
+    recordings = [recordings_table(fit)] if fit is not None and fit.recordings else []
+    inputs = [_inputs_table(steps)] if any(step.inputs for step in steps) else []
+    return (
+        Heading("Provenance", level),
+        _steps_table(steps),
+        *recordings,
+        *inputs,
+        notes(*notes_before, _versions(steps)),
+    )
+
+
+def _steps_table(steps: tuple[Step, ...]) -> Table:
     """Every command that worked on the run."""
     heads = ["command", "seed", "begun", "ended", "outcome"]
-    body = [
+    body: list[list[str | Cell]] = [
         [
-            tag("code", words.clean(" ".join(one.command))),
+            Cell(formatting.clean(" ".join(one.command)), "code"),
             count(one.seed),
-            _moment(one.begun) or words.DASH,
+            _moment(one.begun) or formatting.DASH,
             _moment(one.ended) or "did not end",
-            one.outcome or words.DASH,
+            one.outcome or formatting.DASH,
         ]
         for one in steps
     ]
-    return table(heads, body, (1,))
+    return table(heads, body, (1,), fixed=True)
 
 
-def versions_words(steps: tuple[Step, ...]) -> str:
+def _versions(steps: tuple[Step, ...]) -> str:
     """What the commands ran on; of several versions the latest."""
     versions = dict(pair for step in steps for pair in step.versions)
     listed = ", ".join(
-        f"{words.clean(name)} {words.clean(version)}" for name, version in versions.items()
+        f"{formatting.clean(name)} {formatting.clean(version)}"
+        for name, version in versions.items()
     )
-    places = words.join(
-        dict.fromkeys(words.clean(step.platform) for step in steps if step.platform)
+    places = formatting.join(
+        dict.fromkeys(formatting.clean(step.platform) for step in steps if step.platform)
     )
     return f"Versions: {listed}{f'; on {places}' if places else ''}." if listed else ""
 
 
 def _moment(stamp: str) -> str:
     """ "2024-05-01T10:00:00+00:00" -> "2024-05-01 10:00:00 UTC"."""
-    return words.clean(stamp).replace("T", " ").replace("+00:00", " UTC")
+    return formatting.clean(stamp).replace("T", " ").replace("+00:00", " UTC")
 
 
-def inputs_table(steps: tuple[Step, ...]) -> Html:
+def _inputs_table(steps: tuple[Step, ...]) -> Table:
     """Every input file with the sha256 it had."""
     inputs = dict.fromkeys(pair for step in steps for pair in step.inputs)
     return table(
         ["input", "sha256"],
-        [[words.clean(path), tag("code", words.clean(sha))] for path, sha in inputs],
+        [[formatting.clean(path), Cell(formatting.clean(sha), "code")] for path, sha in inputs],
     )
 
 
-def transfer_table(told: tuple[Transfer, ...], fit: Fit | None) -> Html:
+def transfer_table(transfers: tuple[Transfer, ...], fit: Fit | None) -> Table:
     """MAE on held-out recordings made under other conditions, refitted and with the cause."""
-    channels = list(dict.fromkeys(name for one in told for name in one.channels))
+    channels = list(dict.fromkeys(name for one in transfers for name in one.channels))
     heads = ["recording", "differs in"]
-    heads += [f"{channel_words(name)} MAE [{channel_unit(name) or '-'}]" for name in channels]
-    body: list[list[Part]] = []
-    for one in told:
+    heads += [f"{channel_label(name)} MAE [{channel_unit(name) or '-'}]" for name in channels]
+    body: list[list[str | Cell]] = []
+    for one in transfers:
         known = [
             r.name
             for r in (fit.recordings if fit is not None else ())
             if r.sha256.startswith(one.recording)
         ]
-        row: list[Part] = [
-            words.clean(known[0]) if known else tag("code", words.clean(one.recording)),
-            words.clean(_differences(one.differs)) or words.DASH,
+        row: list[str | Cell] = [
+            formatting.clean(known[0]) if known else Cell(formatting.clean(one.recording), "code"),
+            formatting.clean(_differences(one.differs)) or formatting.DASH,
         ]
         for name in channels:
             errors = one.channels.get(name)
             row.append(
-                words.DASH
+                formatting.DASH
                 if errors is None or errors.mae_with_cause is None
                 else f"{number(errors.mae_refitted)} → {number(errors.mae_with_cause)} "
                 f"({percent(errors.shrinkage)} removed)"
@@ -361,25 +365,25 @@ def _plainly(value: object) -> str:
     )
 
 
-def sensors_table(where: Where) -> Html:
+def sensors_table(where: Where) -> Table:
     """Further sensors and the groups of ports that each would take apart."""
     body = [
         [
-            words.sentence(sensor_words(one.sensor)).removesuffix("."),
-            "; ".join(split_words(one)) or words.DASH,
+            formatting.sentence(sensor_label(one.sensor)).removesuffix("."),
+            "; ".join(split_labels(one)) or formatting.DASH,
         ]
         for one in where.sensors
     ]
     return table(["one more sensor", "takes apart"], body)
 
 
-def grounds_table(grounds: dict[str, float]) -> Html:
+def grounds_table(grounds: dict[str, float]) -> Table:
     """The figures that the verdict rests on, and what each one means."""
     body = [
         [
-            words.port_words(name),
+            formatting.port_label(name),
             percent(value) if name in SHARES else number(value),
-            GROUNDS.get(name, words.DASH),
+            GROUNDS.get(name, formatting.DASH),
         ]
         for name, value in grounds.items()
     ]

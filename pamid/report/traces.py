@@ -9,16 +9,18 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from importlib import resources
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
-from pamid.report import words
-from pamid.report.budget import ChannelErrors, headline
+from pamid.report import formatting
+from pamid.report.captions import model_label
+from pamid.report.channel_errors import ChannelErrors, headline
+from pamid.report.formatting import channel_label, channel_unit
+from pamid.report.highlights import Highlight, highlights_of
 from pamid.report.load import Residual, RunData
-from pamid.report.markup import Html, paragraphs, tag
-from pamid.report.places import Place, places_of
+from pamid.report.markup import paragraphs, tag
 from pamid.report.reading import FloatArray
 from pamid.report.samples import (
     KINDS,
@@ -33,8 +35,7 @@ from pamid.report.samples import (
     packed_times,
     stretches_of,
 )
-from pamid.report.sentences import model_words
-from pamid.report.words import channel_unit, channel_words
+from pamid.report.web_page import asset
 
 MEASURED = "measured"
 #: kind of trace -> the role its colour goes by, its dashes [px]; in the order they are drawn
@@ -70,16 +71,16 @@ _HUGE = 4.0
 class Traces:
     """The section, "" where nothing was sampled, and the places that its plots can be sent to."""
 
-    section: Html = Html("")
-    places: tuple[Place, ...] = field(default=())
+    section: Markup = Markup("")
+    places: tuple[Highlight, ...] = field(default=())
 
-    def buttons(self, answer: str) -> Html:
+    def buttons(self, answer: str) -> Markup:
         """The places that this answer speaks of."""
         named = [
             (number, place) for number, place in enumerate(self.places) if place.answer == answer
         ]
         if not named:
-            return Html("")
+            return Markup("")
         found = [
             tag("button", place.label, type="button", data_place=str(number))
             for number, place in named
@@ -91,18 +92,14 @@ class Traces:
 def traces_scripts() -> tuple[str, ...]:
     """What draws the plots: the library with its licence, then our own."""
     library, licence, own = (
-        _asset(name) for name in ("uplot.iife.min.js", "uplot.LICENSE", "traces.js")
+        asset(name) for name in ("uplot.iife.min.js", "uplot.LICENSE", "traces.js")
     )
     return f"/*\n{licence.strip()}\n*/\n{library.strip()}\n", own
 
 
 def traces_style() -> str:
     """The rules that the library needs."""
-    return _asset("uplot.min.css").strip() + "\n"
-
-
-def _asset(name: str) -> str:
-    return resources.files("pamid.report").joinpath(f"assets/{name}").read_text(encoding="utf-8")
+    return asset("uplot.min.css").strip() + "\n"
 
 
 def traces_of(
@@ -120,20 +117,20 @@ def traces_of(
     found = stretches_of(residual, most_values // sum(len(plot["kinds"]) for plot in plots))
     if not found:
         return Traces()
-    places = places_of(run, residual, channels[0], found)
+    places = highlights_of(run, residual, channels[0], found)
     kinds = [kind for kind in LOOKS if any(kind in plot["kinds"] for plot in plots)]
     plan = {
         "plots": plots,
         "kinds": {
             kind: {
-                "name": _kind_words(kind, run),
+                "name": _kind_label(kind, run),
                 "role": LOOKS[kind][0],
                 "dash": LOOKS[kind][1],
                 "off": _hides(kind, rows) or (kind in _IN_LOOP and "loop_network" not in kinds),
             }
             for kind in kinds
         },
-        "recordings": [_recording(run, residual, one) for one in found],
+        "recordings": [_recording(run, one) for one in found],
         "places": [
             {
                 "label": one.label,
@@ -171,7 +168,7 @@ def traces_of(
 def _channel_plot(residual: Residual, channel: str) -> dict[str, Any]:
     kinds = [kind for kind in LOOKS if kind == MEASURED or has(residual, channel, kind)]
     return {
-        "name": channel_words(channel),
+        "name": channel_label(channel),
         "unit": channel_unit(channel),
         "column": channel,
         "kinds": kinds,
@@ -181,7 +178,7 @@ def _channel_plot(residual: Residual, channel: str) -> dict[str, Any]:
 
 def _input_plot(column: str) -> dict[str, Any]:
     return {
-        "name": channel_words(column),
+        "name": channel_label(column),
         "unit": channel_unit(column),
         "column": column,
         "kinds": [MEASURED],
@@ -189,9 +186,9 @@ def _input_plot(column: str) -> dict[str, Any]:
     }
 
 
-def _kind_words(kind: str, run: RunData) -> str:
+def _kind_label(kind: str, run: RunData) -> str:
     if kind in _FIELDS:
-        return model_words(_FIELDS[kind], run.diagnosis)
+        return model_label(_FIELDS[kind], run.diagnosis)
     return _IN_LOOP.get(kind, kind)
 
 
@@ -208,11 +205,13 @@ def _hides(kind: str, rows: tuple[ChannelErrors, ...]) -> bool:
     )
 
 
-def _recording(run: RunData, residual: Residual, stretch: Stretch) -> dict[str, Any]:
+def _recording(run: RunData, stretch: Stretch) -> dict[str, Any]:
     known = run.fit.recordings if run.fit is not None else ()
     number = stretch.recording
     name = (
-        words.clean(known[number].name) if 0 <= number < len(known) else f"recording {number + 1}"
+        formatting.clean(known[number].name)
+        if 0 <= number < len(known)
+        else f"recording {number + 1}"
     )
     return {
         "number": number,
@@ -224,7 +223,7 @@ def _recording(run: RunData, residual: Residual, stretch: Stretch) -> dict[str, 
 
 def _blocks(
     residual: Residual, found: Sequence[Stretch], plots: list[dict[str, Any]]
-) -> list[Html]:
+) -> list[Markup]:
     """The samples as blocks of text that no browser runs, named by recording, plot and kind."""
     blocks = []
     for one in found:
@@ -240,10 +239,10 @@ def _blocks(
     return blocks
 
 
-def _block(name: str, content: Packed) -> Html:
+def _block(name: str, content: Packed) -> Markup:
     return tag(
         "script",
-        Html(content.text),
+        Markup(content.text),
         type="text/plain",
         id=name,
         data_offset=repr(content.offset),
@@ -276,18 +275,18 @@ def _exactness(residual: Residual, found: Sequence[Stretch], channels: list[str]
         ]
         span = max(float(np.nanmax(one) - np.nanmin(one)) for one in traces)
         exact.append(
-            f"{channel_words(channel)} "
-            f"{words.with_unit_text(0.5 * span / LEVELS, channel_unit(channel), 2)}"
+            f"{channel_label(channel)} "
+            f"{formatting.with_unit_text(0.5 * span / LEVELS, channel_unit(channel), 2)}"
         )
-    told = [
+    texts = [
         "Every sample is here, in 65535 steps over the span of its trace, so that a value is off "
         "by at most: "
-        f"{words.join(exact)}."
+        f"{formatting.join(exact)}."
     ]
     if any(one.cut for one in found):
-        told.append(
+        texts.append(
             "The recordings are too long for a page: a part of what was fitted is left out; "
             "residual.csv has "
             "all of it."
         )
-    return told
+    return texts

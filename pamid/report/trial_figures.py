@@ -7,19 +7,19 @@ import textwrap
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from pamid.report import words
+from pamid.report import formatting
+from pamid.report.formatting import effect_label
 from pamid.report.style import Drawing, bare, colour, grid, label, legend_above
-from pamid.report.trial import (
+from pamid.report.trial_results import (
     Scored,
     Share,
     Trial,
     confusion_title,
     reliability_title,
     strata_title,
-    stratum_words,
+    stratum_label,
     targets_title,
 )
-from pamid.report.words import effect_words
 from pamid.trial.table import TITLES
 
 SERIES = {"family_first": ("refitted", -0.16, "o"), "false_alarm": ("with_cause", 0.16, "s")}
@@ -38,19 +38,19 @@ def trial_drawings(trial: Trial) -> list[Drawing]:
 
 def targets_drawing(trial: Trial) -> Drawing | None:
     """Points with 95 % intervals: every rate that has a target [%], and the target."""
-    told = [one for one in trial.scored if one.reached is not None and one.row.unit == "%"]
-    if not told:
+    shown = [one for one in trial.scored if one.reached is not None and one.row.unit == "%"]
+    if not shown:
         return None
 
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
-        for row, one in enumerate(told):
+        for row, one in enumerate(shown):
             _target(axes, row, one)
-        titles = [label(one.row.title.removeprefix("... "), 60) for one in told]
+        titles = [label(one.row.title.removeprefix("... "), 60) for one in shown]
         axes.set_yticks(
-            range(len(told)), [textwrap.fill(one, 24 if narrow else 60) for one in titles]
+            range(len(shown)), [textwrap.fill(one, 24 if narrow else 60) for one in titles]
         )
-        axes.set_ylim(len(told) - 0.4, -0.6)
+        axes.set_ylim(len(shown) - 0.4, -0.6)
         grid(axes)
         bare(axes)
         _percent_axis(axes, narrow)
@@ -62,7 +62,7 @@ def targets_drawing(trial: Trial) -> Drawing | None:
         axes.set_xlabel(f"share of the cases [%]\n{note}")
 
     return Drawing(
-        "targets", targets_title(trial), draw, 0.85 + 0.28 * len(told), 0.85 + 0.42 * len(told)
+        "targets", targets_title(trial), draw, 0.85 + 0.28 * len(shown), 0.85 + 0.42 * len(shown)
     )
 
 
@@ -111,7 +111,7 @@ def reliability_drawing(trial: Trial) -> Drawing | None:
                 linewidth=1.6,
             )
             axes.annotate(
-                words.count(one.right.of),
+                formatting.count(one.right.of),
                 (one.said, one.right.high),
                 xytext=(0, 3),
                 ha="center",
@@ -169,7 +169,7 @@ def confusion_drawing(trial: Trial) -> Drawing | None:
                     axes.text(
                         x,
                         y,
-                        words.count(count),
+                        formatting.count(count),
                         ha="center",
                         va="center",
                         fontsize=size,
@@ -178,12 +178,12 @@ def confusion_drawing(trial: Trial) -> Drawing | None:
         longest = 16 if narrow else 24
         axes.set_xticks(
             range(len(answers)),
-            [label(effect_words(name), longest) for name in answers],
+            [label(effect_label(name), longest) for name in answers],
             rotation=90,
             fontsize=size,
         )
         axes.set_yticks(
-            range(len(rows)), [label(effect_words(name), longest) for name in rows], fontsize=size
+            range(len(rows)), [label(effect_label(name), longest) for name in rows], fontsize=size
         )
         axes.set_xlim(-0.5, len(answers) - 0.5)
         axes.set_ylim(len(rows) - 0.5, -0.5)
@@ -196,15 +196,15 @@ def confusion_drawing(trial: Trial) -> Drawing | None:
 
 def strata_drawing(trial: Trial) -> Drawing | None:
     """Points with 95 % intervals: family first, and false alarms [%], by condition."""
-    told = [
+    shown = [
         (name, key, rates)
         for name, bins in trial.strata.items()
         for key, rates in bins.items()
         if any(rates[series].of for series in SERIES)
     ]
-    if not told:
+    if not shown:
         return None
-    heads = [name for name, _, _ in told]
+    heads = [name for name, _, _ in shown]
     steps = [
         0.0,
         *(1.0 if name == before else 1.7 for before, name in zip(heads, heads[1:], strict=False)),
@@ -214,7 +214,7 @@ def strata_drawing(trial: Trial) -> Drawing | None:
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots()
         for series, (role, offset, marker) in SERIES.items():
-            for place, (_, _, rates) in zip(places, told, strict=True):
+            for place, (_, _, rates) in zip(places, shown, strict=True):
                 _point(axes, place + offset, rates[series], role, marker)
             axes.plot(
                 [],
@@ -225,7 +225,7 @@ def strata_drawing(trial: Trial) -> Drawing | None:
                 linewidth=1.5,
                 label=TITLES[series],
             )
-        axes.set_yticks(places, [label(stratum_words(name, key)) for name, key, _ in told])
+        axes.set_yticks(places, [label(stratum_label(name, key)) for name, key, _ in shown])
         axes.set_ylim(places[-1] + 0.6, places[0] - 0.7)
         grid(axes)
         bare(axes)
@@ -235,8 +235,8 @@ def strata_drawing(trial: Trial) -> Drawing | None:
             if narrow
             else "share of the cases [%], number of cases at the right"
         )
-        for place, (_, _, rates) in zip(places, told, strict=True):
-            counts = " / ".join(words.count(rates[series].of) for series in SERIES)
+        for place, (_, _, rates) in zip(places, shown, strict=True):
+            counts = " / ".join(formatting.count(rates[series].of) for series in SERIES)
             axes.text(
                 103.0,
                 place,

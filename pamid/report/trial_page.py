@@ -1,131 +1,126 @@
-"""One HTML page from a trial: the targets first, then how the figures come about."""
+"""What the report of a trial says: the targets first, then how the figures come about."""
 
 from __future__ import annotations
 
-from pamid.report import words
+from collections.abc import Iterator
+
+from pamid.report import formatting
+from pamid.report.document import (
+    Block,
+    Bullets,
+    Cell,
+    Details,
+    Document,
+    Heading,
+    Paragraphs,
+    Section,
+    figures,
+    notes,
+    table,
+)
+from pamid.report.formatting import effect_label
 from pamid.report.load import Step
-from pamid.report.markup import Html, Part, joined, paragraphs, prose, tag
-from pamid.report.page import document, figure_html
 from pamid.report.style import Picture
-from pamid.report.tables import inputs_table, steps_table, table, versions_words
-from pamid.report.trial import Trial, reached_words
-from pamid.report.words import effect_words
+from pamid.report.tables import provenance
+from pamid.report.trial_results import Trial, reached_text
 from pamid.trial.table import HEAD, TITLES, strata, summary
 
 _SHOWN_FAILURES = 20
 
 
-def trial_html(trial: Trial, steps: tuple[Step, ...], pictures: dict[str, Picture]) -> str:
-    """The whole page as text."""
-    lead = words.sentence(reached_words(trial))
-    main = tag(
-        "main",
-        tag(
-            "header",
-            tag("p", f"Blind trial, part {words.clean(trial.content['part'])}", class_="rig"),
-            tag("h1", prose(lead)),
-            paragraphs([words.clean(summary(dict(trial.content)))]),
-        ),
-        _section(
+def trial_document(trial: Trial, steps: tuple[Step, ...], pictures: dict[str, Picture]) -> Document:
+    """The report of a trial with the pictures that were drawn of it."""
+    headline = formatting.sentence(reached_text(trial))
+    sections = (
+        (
             "Figures and targets",
-            pictures,
-            "targets",
-            _figures(trial),
+            figures(pictures, ["targets"]),
+            _targets(trial),
             "Intervals: Wilson for shares, bootstrap over cases for the others, 95 %.",
         ),
-        _section(
+        (
             "Are stated probabilities right?",
-            pictures,
-            "reliability",
-            Html(""),
+            figures(pictures, ["reliability"]),
+            (),
             "Answers in ten bins of the probability that the diagnosis stated for its first "
             "candidate.",
         ),
-        _section(
+        (
             "What is taken for what?",
-            pictures,
-            "confusion",
+            figures(pictures, ["confusion"]),
             _confusion(trial),
             "Visible single faults; in parentheses how naming a family was avoided.",
         ),
-        _section(
+        (
             "When does it work?",
-            pictures,
-            "strata",
+            figures(pictures, ["strata"]),
             _strata(trial),
             "Family first: of visible single faults; detected: single faults, visible or not; "
-            "false alarm: of "
-            "cases in which nothing is planted.",
+            "false alarm: of cases in which nothing is planted.",
         ),
-        _failures(trial),
-        _provenance(trial, steps),
     )
-    return document(lead, main)
+    cases = (
+        f"sha256 of the cases and their labels: `{formatting.clean(trial.digest)}`."
+        if trial.digest
+        else ""
+    )
+    seed = f"Seed {formatting.count(trial.content['seed'])}."
+    return Document(
+        title=headline,
+        subtitle=f"Blind trial, part {formatting.clean(trial.content['part'])}",
+        headline=headline,
+        preface=Paragraphs((formatting.clean(summary(dict(trial.content))),)),
+        blocks=(
+            *(
+                Section((Heading(title), *drawn, *below, notes(note)))
+                for title, drawn, below, note in sections
+                if drawn or below
+            ),
+            *_failures(trial),
+            Section(provenance(steps, notes_before=(seed, cases))),
+        ),
+    )
 
 
-def _section(title: str, pictures: dict[str, Picture], name: str, below: Html, note: str) -> Html:
-    if name not in pictures and not below:
-        return Html("")
-    shown = [figure_html(pictures[name])] if name in pictures else []
-    return tag("section", tag("h2", title), shown, below, paragraphs([note], "note"))
-
-
-def _figures(trial: Trial) -> Html:
-    body: list[list[Part]] = []
+def _targets(trial: Trial) -> tuple[Block, ...]:
+    body: list[list[str | Cell]] = []
     for one in trial.scored:
-        outcome: Part = "no cases" if one.row.target is not None and one.value is None else ""
+        outcome: str | Cell = "no cases" if one.row.target is not None and one.value is None else ""
         if one.reached is not None:
-            outcome = "reached" if one.reached else tag("strong", "missed")
+            outcome = "reached" if one.reached else Cell("missed", "strong")
         body.append([*(text.replace(" .. ", " to ") for text in one.texts), outcome])
-    return table([*HEAD, ""], body, (1, 2, 3, 4))
+    return (table([*HEAD, ""], body, (1, 2, 3, 4)),)
 
 
-def _confusion(trial: Trial) -> Html:
+def _confusion(trial: Trial) -> tuple[Block, ...]:
     body = [
         [
-            effect_words(family),
-            ", ".join(f"{effect_words(answer)} {words.count(n)}" for answer, n in row.items()),
+            effect_label(family),
+            ", ".join(f"{effect_label(answer)} {formatting.count(n)}" for answer, n in row.items()),
         ]
         for family, row in trial.confusion.items()
     ]
     if not body:
-        return Html("")
-    return tag("details", tag("summary", "The same in words"), table(["planted", "answers"], body))
+        return ()
+    return (Details("The same in words", (table(["planted", "answers"], body),)),)
 
 
-def _strata(trial: Trial) -> Html:
-    parts = []
+def _strata(trial: Trial) -> tuple[Block, ...]:
+    tables = []
     for name, rows in strata(dict(trial.content)).items():
-        unit_text = words.channel_unit(name)
-        head = f"{words.channel_words(name)}{f' [{unit_text}]' if unit_text else ''}"
-        parts.append(
-            table(
-                [head, *TITLES.values()],
-                [[words.clean(key), *rates] for key, rates in rows],
-                range(1, 1 + len(TITLES)),
-            )
-        )
-    return joined(parts)
+        unit_text = formatting.channel_unit(name)
+        head = f"{formatting.channel_label(name)}{f' [{unit_text}]' if unit_text else ''}"
+        body = [[formatting.clean(key), *rates] for key, rates in rows]
+        tables.append(table([head, *TITLES.values()], body, range(1, 1 + len(TITLES))))
+    return tuple(tables)
 
 
-def _failures(trial: Trial) -> Html:
+def _failures(trial: Trial) -> Iterator[Block]:
     if not trial.failures:
-        return Html("")
-    told = [
-        f"Case {words.clean(number)}: {words.clean(why)}" for number, why in trial.failures.items()
+        return
+    lines = [
+        f"Case {formatting.clean(number)}: {formatting.clean(why)}"
+        for number, why in trial.failures.items()
     ]
-    more = [f"... and {len(told) - _SHOWN_FAILURES} more"] if len(told) > _SHOWN_FAILURES else []
-    points = [tag("li", one) for one in told[:_SHOWN_FAILURES] + more]
-    return tag("section", tag("h2", "Failed cases"), tag("ul", points))
-
-
-def _provenance(trial: Trial, steps: tuple[Step, ...]) -> Html:
-    told = [f"Seed {words.count(trial.content['seed'])}."]
-    told += (
-        [f"sha256 of the cases and their labels: `{words.clean(trial.digest)}`."]
-        if trial.digest
-        else []
-    )
-    parts: list[Part] = [tag("h2", "Provenance"), tag("div", steps_table(steps), class_="steps")]
-    parts += [inputs_table(steps)] if any(step.inputs for step in steps) else []
-    return tag("section", parts, paragraphs([*told, versions_words(steps)], "note"))
+    more = [f"... and {len(lines) - _SHOWN_FAILURES} more"] if len(lines) > _SHOWN_FAILURES else []
+    yield Section((Heading("Failed cases"), Bullets((*lines[:_SHOWN_FAILURES], *more))))

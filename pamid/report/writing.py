@@ -4,15 +4,21 @@ PDF."""
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
 from pamid.base.errors import FileError
 from pamid.base.files import PAGE, make_folder, read_data, write_together
 from pamid.base.run_folder import FIGURES, Run
-from pamid.report.budget import ChannelErrors, errors_of, headline, worst_window
-from pamid.report.evidence import pulls_drawing, pulls_of, timeline_drawing, training_drawing
+from pamid.report.channel_errors import ChannelErrors, errors_of, headline, worst_window
+from pamid.report.document import Document
+from pamid.report.evidence_figures import (
+    pulls_drawing,
+    pulls_of,
+    timeline_drawing,
+    training_drawing,
+)
 from pamid.report.figures import (
     budget_drawing,
     missing_drawing,
@@ -22,15 +28,15 @@ from pamid.report.figures import (
     window_drawing,
 )
 from pamid.report.load import RunData, Step, load_run, read_steps
-from pamid.report.page import MARK, page_html
-from pamid.report.papers import Paper, paper_drawings, read_paper
-from pamid.report.papers_page import paper_html
-from pamid.report.pdf import pdf_of
-from pamid.report.sheets import CREATOR
+from pamid.report.paper_page import paper_document
+from pamid.report.papers import Paper, read_paper
+from pamid.report.pdf import CREATOR, pdf_of
+from pamid.report.run_page import run_document
 from pamid.report.style import Drawing, Picture, render
-from pamid.report.trial import read_trial
 from pamid.report.trial_figures import trial_drawings
-from pamid.report.trial_page import trial_html
+from pamid.report.trial_page import trial_document
+from pamid.report.trial_results import read_trial
+from pamid.report.web_page import MARK, html_of
 
 #: every figure this version can write; older ones of these names are removed when a run no longer
 #: has them
@@ -71,13 +77,12 @@ class Report:
 
 @dataclass(frozen=True)
 class Content:
-    """What a folder has to say: rows of the MAE table, drawings, and the page once these are
+    """What a folder has to say: rows of the MAE table, drawings, and the document once these are
     pictures."""
 
     errors: tuple[ChannelErrors, ...]
     drawings: list[Drawing]
-    html_of: Callable[[dict[str, Picture]], str]
-    stills: list[Drawing] = field(default_factory=list)  # pictures of the run's own, for the PDF
+    document_of: Callable[[dict[str, Picture]], Document]
 
 
 def write_report(run_folder: Path, output: Path | None = None, pdf: Path | None = None) -> Report:
@@ -96,8 +101,9 @@ def write_report(run_folder: Path, output: Path | None = None, pdf: Path | None 
             lambda found: found.startswith(b"%PDF") and f"/Creator ({CREATOR})".encode() in found,
         )
     pictures = {drawing.name: render(drawing) for drawing in content.drawings}
-    html = content.html_of(pictures)  # everything is drawn before anything is written
-    paper = pdf_of(html, [*content.drawings, *content.stills]) if pdf is not None else b""
+    document = content.document_of(pictures)  # everything is made before anything is written
+    html = html_of(document)
+    paper = pdf_of(document) if pdf is not None else b""
     own = {f"{FIGURES}/{name}.png": name for name in FIGURE_NAMES}
     drawn = [file for file, name in own.items() if name in pictures]
     beside = [one for one in (page, pdf) if one is not None]
@@ -123,26 +129,25 @@ def content_of(run_folder: Path) -> Content:
         Run.open(run_folder)
         steps = read_steps(run_folder / "run.json")
         if trial is not None:
-            return Content((), trial_drawings(trial), partial(trial_html, trial, steps))
+            return Content((), trial_drawings(trial), partial(trial_document, trial, steps))
         assert paper is not None
         return _paper_content(run_folder, paper, steps)
     run = load_run(run_folder)
     rows = errors_of(run)
-    return Content(rows, drawings_of(run, rows), partial(page_html, run, rows))
+    return Content(rows, drawings_of(run, rows), partial(run_document, run, rows))
 
 
 def _paper_content(run_folder: Path, paper: Paper, steps: tuple[Step, ...]) -> Content:
     """The paper's own pictures stay as they are; those of the diagnosis of its record are drawn,
     where there is one."""
     if not (run_folder / "diagnosis.json").exists():
-        return Content((), [], partial(paper_html, paper, steps, None, ()), paper_drawings(paper))
+        return Content((), [], partial(paper_document, paper, steps, None, ()))
     run = load_run(run_folder)
     rows = errors_of(run)
     return Content(
         rows,
         drawings_of(run, rows),
-        partial(paper_html, paper, steps, run, rows),
-        paper_drawings(paper),
+        partial(paper_document, paper, steps, run, rows),
     )
 
 

@@ -119,17 +119,6 @@ def trial_text(found: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def trial_markdown(found: dict[str, Any]) -> str:
-    """The main table and the breakdown by condition as Markdown."""
-    lines = [summary(found), "", *_markdown(HEAD, [cells(found, row) for row in rows_of(found)])]
-    for dimension, table in strata(found).items():
-        lines += [
-            "",
-            *_markdown((dimension, *TITLES.values()), [(name, *row) for name, row in table]),
-        ]
-    return "\n".join(lines)
-
-
 def summary(found: dict[str, Any]) -> str:
     """How many cases there are, and how many of them count."""
     failed, unseen = found["rates"]["failed"]["hits"], found["rates"]["unseen"]
@@ -170,11 +159,3 @@ def strata(found: dict[str, Any]) -> dict[str, list[tuple[str, list[str]]]]:
 
 def _share(rate: dict[str, Any]) -> str:
     return f"{100.0 * rate['share']:.0f} % ({rate['hits']}/{rate['of']})" if rate["of"] else "-"
-
-
-def _markdown(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> list[str]:
-    return [
-        f"| {' | '.join(head)} |",
-        "|---" + "|---:" * (len(head) - 1) + "|",
-        *(f"| {' | '.join(row)} |" for row in rows),
-    ]

@@ -100,7 +100,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
         raise DataError(END)
 
     def blank(drawing: Drawing) -> Picture:
-        return Picture(drawing.name, drawing.title, "", "", b"")
+        return Picture(drawing.name, drawing.title, "", "", "", b"")
 
     for place in (
         "pamid.estimation.fit_model.fit_model",

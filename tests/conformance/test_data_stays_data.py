@@ -145,7 +145,7 @@ def test_a_page_vouches_for_nothing_outside_its_run(
 ) -> None:
     """Neither for an excitation elsewhere, nor with a line to copy that is two commands."""
     monkeypatch.setattr(
-        "pamid.report.writing.render", lambda one: Picture(one.name, one.title, "", "", b"")
+        "pamid.report.writing.render", lambda one: Picture(one.name, one.title, "", "", "", b"")
     )
     diagnosis = diagnosis_json("explained")
     assert (
@@ -162,8 +162,7 @@ def test_a_page_vouches_for_nothing_outside_its_run(
     run = make_run(tmp_path / "fit", fit=fit)
     (run / "diagnosis.json").unlink()
     assert (
-        "pamid diagnose &#x27;rec.csv; touch stolen&#x27; --rig"
-        in write_report(run).page.read_text()
+        "pamid diagnose &#39;rec.csv; touch stolen&#39; --rig" in write_report(run).page.read_text()
     )
 
 

@@ -22,11 +22,12 @@ from test_report import scripts_of
 
 from pamid.base.errors import DataError
 from pamid.report.animation import RATE, gif_of
-from pamid.report.budget import errors_of, worst_window
+from pamid.report.channel_errors import errors_of, worst_window
 from pamid.report.load import RunData, load_run
 from pamid.report.motion import MEASURED, motion_of, rig_of_run, scale_of
-from pamid.report.page import page_html
 from pamid.report.player import player_html, player_script
+from pamid.report.run_page import run_document
+from pamid.report.web_page import html_of
 
 STEP_S = 1.0 / RATE
 LINK_1_M, LINK_2_M = 0.4, 0.3
@@ -141,7 +142,7 @@ def links(tmp_path_factory: pytest.TempPathFactory) -> RunData:
 
 
 def page_of(run: RunData) -> str:
-    return page_html(run, errors_of(run), {})
+    return html_of(run_document(run, errors_of(run), {}))
 
 
 def test_poses_are_those_of_the_angles_at_their_times(links: RunData) -> None:

@@ -97,7 +97,7 @@ def test_type_checkers_see_every_name() -> None:
 
 
 def test_report_is_a_verb_whether_its_package_is_loaded_or_not() -> None:
-    code = "import pamid; print(callable(pamid.report)); import pamid.report.words; "
+    code = "import pamid; print(callable(pamid.report)); import pamid.report.formatting; "
     assert in_a_fresh_python(f"{code}print(callable(pamid.report))") == "True\nTrue\n"
 
 

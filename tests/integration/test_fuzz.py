@@ -81,7 +81,7 @@ def test_damaged_input(
     monkeypatch.setattr(
         writing,
         "render",
-        lambda drawing: Picture(drawing.name, drawing.title, NOTHING, NOTHING, b""),
+        lambda drawing: Picture(drawing.name, drawing.title, NOTHING, NOTHING, NOTHING, b""),
     )
     for number in (*range(min(FEW, SAMPLE) if kind in SLOW else SAMPLE), *FOUND.get(kind, ())):
         place = tmp_path / str(number)

@@ -30,13 +30,14 @@ from synthetic_run import (
 )
 
 from pamid.base.errors import FileError
-from pamid.report import words
-from pamid.report.budget import errors_of, headline, worst_window
+from pamid.report import formatting
+from pamid.report.channel_errors import errors_of, headline, worst_window
 from pamid.report.load import load_run
-from pamid.report.page import page_html, page_script
 from pamid.report.player import player_script
+from pamid.report.run_page import run_document
 from pamid.report.style import Drawing, Picture, render
 from pamid.report.traces import traces_scripts
+from pamid.report.web_page import html_of, page_script
 from pamid.report.writing import drawings_of, write_report
 
 VERDICTS = ("explained", "ambiguous", "unknown-effect", "no-structural-gap")
@@ -78,17 +79,17 @@ def outline_of(page: Path) -> Outline:
 
 
 def flat(text: str) -> str:
-    return " ".join(text.replace(words.SPACE, " ").split())
+    return " ".join(text.replace(formatting.SPACE, " ").split())
 
 
 def text_of(folder: Path) -> str:
     """What the page says, without its figures (they take the time)."""
     run = load_run(folder)
-    return flat(Outline(page_html(run, errors_of(run), {})).text)
+    return flat(Outline(html_of(run_document(run, errors_of(run), {}))).text)
 
 
 def blank(drawing: Drawing) -> Picture:
-    return Picture(drawing.name, drawing.title, "<svg/>", "<svg/>", b"\x89PNG")
+    return Picture(drawing.name, drawing.title, "<svg/>", "<svg/>", "<svg/>", b"\x89PNG")
 
 
 @pytest.fixture

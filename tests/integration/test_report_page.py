@@ -16,14 +16,15 @@ from browser import CHROMIUM, Browser, Page, browser
 from synthetic_run import CHANNELS, WINDOW_ROWS, make_run, make_trial
 from test_report import flat
 
-from pamid.report.budget import errors_of
+from pamid.report.channel_errors import errors_of
+from pamid.report.formatting import number
 from pamid.report.load import RunData, load_run
-from pamid.report.page import page_html
+from pamid.report.run_page import run_document
 from pamid.report.samples import LEVELS
 from pamid.report.style import COLOURS
-from pamid.report.trial import read_trial
-from pamid.report.trial_page import trial_html
-from pamid.report.words import number
+from pamid.report.trial_page import trial_document
+from pamid.report.trial_results import read_trial
+from pamid.report.web_page import html_of
 from pamid.report.writing import write_report
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
@@ -52,7 +53,7 @@ def chromium() -> Iterator[Browser]:
 
 def written(run: RunData, path: Path) -> Path:
     """The page without its pictures, which take the time."""
-    path.write_text(page_html(run, errors_of(run), {}), encoding="utf-8")
+    path.write_text(html_of(run_document(run, errors_of(run), {})), encoding="utf-8")
     return path
 
 
@@ -333,7 +334,7 @@ def test_a_phone_never_scrolls_sideways(kind: str, tmp_path: Path, chromium: Bro
         trial = read_trial(make_trial(tmp_path / "TRIAL") / "trial.json")
         assert trial is not None
         found = tmp_path / "trial.html"
-        found.write_text(trial_html(trial, (), {}), encoding="utf-8")
+        found.write_text(html_of(trial_document(trial, (), {})), encoding="utf-8")
     else:
         verdict = "explained" if kind == "fit" else kind
         found = written(

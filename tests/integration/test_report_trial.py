@@ -17,8 +17,6 @@ from synthetic_run import make_trial, share_json, trial_json
 from test_report import flat, outline_of, scripts_of
 
 from pamid.base.errors import FileError
-from pamid.report.page import page_script
-from pamid.report.trial import Trial, read_trial
 from pamid.report.trial_figures import (
     confusion_drawing,
     reliability_drawing,
@@ -26,6 +24,8 @@ from pamid.report.trial_figures import (
     targets_drawing,
     trial_drawings,
 )
+from pamid.report.trial_results import Trial, read_trial
+from pamid.report.web_page import page_script
 from pamid.report.writing import write_report
 from pamid.trial.table import ROWS
 

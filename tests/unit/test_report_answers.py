@@ -12,10 +12,10 @@ from matplotlib.figure import Figure
 from synthetic_run import diagnosis_json, fit_json, make_run, network_json, run_json
 from test_report import VERDICTS, text_of
 
-from pamid.report.budget import errors_of
+from pamid.report.captions import ports_title
+from pamid.report.channel_errors import errors_of
 from pamid.report.figures import missing_drawing, regimes_drawing
 from pamid.report.load import load_run
-from pamid.report.sentences import ports_title
 from pamid.report.writing import drawings_of
 from pamid.schemas.diagnosis import Verdict, Where
 from pamid.schemas.model import read

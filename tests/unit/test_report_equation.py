@@ -8,16 +8,17 @@ import xml.etree.ElementTree as xml
 from pathlib import Path
 
 import pytest
+from markupsafe import Markup, escape
 from synthetic_run import diagnosis_json, fit_json, make_run
 
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named
-from pamid.report.equation import acting, equations_html, model_equations_html
+from pamid.report.document import Equation
+from pamid.report.equation import acting, cause_equations, model_equations
+from pamid.report.formatting import SPACE
 from pamid.report.formula import FormulaError, formula_html
 from pamid.report.load import RunData, load_run
-from pamid.report.markup import Html
 from pamid.report.mathml import Typeset, name
-from pamid.report.words import SPACE
 from pamid.symbolic.expression import Expr, symbol, symbols
 from pamid.symbolic.vocabulary import (
     absolute,
@@ -44,7 +45,16 @@ def read(math: str) -> str:
     return "".join(xml.fromstring(f"<all>{math}</all>").itertext()).replace(SPACE, " ")
 
 
-def set_in_type(node: Expr) -> Html:
+def shown(equations: tuple[Equation, ...]) -> str:
+    """Titles, equations and notes as a page holds them."""
+    return "".join(
+        part
+        for one in equations
+        for part in (escape(one.title), *one.math, *map(escape, one.notes))
+    )
+
+
+def set_in_type(node: Expr) -> Markup:
     return Typeset(lambda space, key: name(key))(node)
 
 
@@ -105,7 +115,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> RunData:
 
 
 def test_the_cause_is_told_in_names_and_in_values(run: RunData) -> None:
-    html = equations_html(run)
+    html = shown(cause_equations(run))
     text = read(html)
     assert "The equation of Coulomb friction at the joint port, and with the values found" in text
     assert "M′=M−torque⋅stop(position,give)give" in text
@@ -129,8 +139,8 @@ def test_the_effects_of_a_fit_are_told_too(tmp_path: Path) -> None:
         "unit": "s",
     }
     run = load_run(make_run(tmp_path / "RUN", fit=fit, without=("residual.csv", "diagnosis.json")))
-    assert "u′=delay(u,0.012s)" in read(model_equations_html(run))
-    assert equations_html(run) == ""
+    assert "u′=delay(u,0.012s)" in read(shown(model_equations(run)))
+    assert cause_equations(run) == ()
 
 
 def test_a_rig_from_a_file_has_no_equation(tmp_path: Path) -> None:
@@ -138,7 +148,7 @@ def test_a_rig_from_a_file_has_no_equation(tmp_path: Path) -> None:
     (tmp_path / "cart.py").write_text(f"open({str(marker)!r}, 'w')", encoding="utf-8")
     fit = {**fit_json(), "rig": str(tmp_path / "cart.py")}
     run = load_run(make_run(tmp_path / "RUN", fit=fit, without=("residual.csv",)))
-    assert equations_html(run) == "" and not marker.exists()
+    assert cause_equations(run) == () and not marker.exists()
     assert acting("one-dof", "no-such-effect") is None
 
 
@@ -189,6 +199,6 @@ def test_an_unreadable_formula_stays_text(tmp_path: Path) -> None:
     run = load_run(
         make_run(tmp_path / "RUN", "unknown-effect", diagnosis=diagnosis, without=("residual.csv",))
     )
-    assert equations_html(run) == ""
+    assert cause_equations(run) == ()
     fine = load_run(make_run(tmp_path / "FINE", "unknown-effect", without=("residual.csv",)))
-    assert "The term that is missing at the muscle port" in read(equations_html(fine))
+    assert "The term that is missing at the muscle port" in read(shown(cause_equations(fine)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from pamid.report import words
+from pamid.report import formatting
 from pamid.report.markup import escape, prose, tag
 
 
@@ -24,7 +24,7 @@ from pamid.report.markup import escape, prose, tag
     ],
 )
 def test_numbers(value: float | None, told: str) -> None:
-    assert words.number(value).replace(words.SPACE, " ") == told
+    assert formatting.number(value).replace(formatting.SPACE, " ") == told
 
 
 @pytest.mark.parametrize(
@@ -42,35 +42,38 @@ def test_numbers(value: float | None, told: str) -> None:
     ],
 )
 def test_percentages(share: float | None, told: str) -> None:
-    assert words.percent(share).replace(words.SPACE, " ") == told
+    assert formatting.percent(share).replace(formatting.SPACE, " ") == told
 
 
 def test_names_and_units() -> None:
-    assert words.effect_words("coulomb-friction@joint_2") == "Coulomb friction at joint 2"
-    assert words.effect_words("maxwell-slip-hysteresis") == "Maxwell slip hysteresis"
-    assert (words.channel_words("pressure_1_kpa"), words.channel_unit("pressure_1_kpa")) == (
+    assert formatting.effect_label("coulomb-friction@joint_2") == "Coulomb friction at joint 2"
+    assert formatting.effect_label("maxwell-slip-hysteresis") == "Maxwell slip hysteresis"
+    assert (
+        formatting.channel_label("pressure_1_kpa"),
+        formatting.channel_unit("pressure_1_kpa"),
+    ) == (
         "pressure 1",
         "kPa",
     )
-    assert words.unit_words("m3/(s Pa)") == "m³/(s Pa)"
+    assert formatting.unit_label("m3/(s Pa)") == "m³/(s Pa)"
     assert (
-        words.short(0.52) == "0.52"
-        and words.short(100.0) == "100"
-        and words.short(1e-8, 3).startswith("1\u00a0×")
+        formatting.short(0.52) == "0.52"
+        and formatting.short(100.0) == "100"
+        and formatting.short(1e-8, 3).startswith("1\u00a0×")
     )
-    assert words.span(1.17e-8, 1.29e-8).replace(words.SPACE, " ") == "(1.17 to 1.29) × 10⁻⁸"
+    assert (
+        formatting.span(1.17e-8, 1.29e-8).replace(formatting.SPACE, " ") == "(1.17 to 1.29) × 10⁻⁸"
+    )
 
 
 def test_markup_escapes_everything_but_markup() -> None:
-    assert (
-        tag("p", "<b>", tag("i", "&"), title='"') == '<p title="&quot;">&lt;b&gt;<i>&amp;</i></p>'
-    )
+    assert tag("p", "<b>", tag("i", "&"), title='"') == '<p title="&#34;">&lt;b&gt;<i>&amp;</i></p>'
     assert prose("run `a<b`") == "run <code>a&lt;b</code>"
     assert escape("\x00\ud800") == "\ufffd\ufffd"
 
 
 def test_no_probability_is_a_certainty() -> None:
-    assert [words.chance(p) for p in (1.0, 0.991, 0.99, 0.0, 0.01)] == [
+    assert [formatting.chance(p) for p in (1.0, 0.991, 0.99, 0.0, 0.01)] == [
         "above 0.99",
         "above 0.99",
         "0.99",

@@ -34,7 +34,7 @@ def clean(text: str) -> str:
     return " ".join(_CONTROL.sub(" ", text).split())
 
 
-def effect_words(name: str) -> str:
+def effect_label(name: str) -> str:
     """ "coulomb-friction@joint_2" -> "Coulomb friction at joint 2"."""
     stem, _, port = clean(name).partition("@")
     words = stem.replace("-", " ").replace("_", " ")
@@ -43,22 +43,22 @@ def effect_words(name: str) -> str:
     return f"{words} at {port.replace('_', ' ')}" if port else words
 
 
-def port_words(name: str) -> str:
+def port_label(name: str) -> str:
     """ "joint_2" -> "joint 2"."""
     return clean(name).replace("_", " ")
 
 
-def channel_words(name: str) -> str:
+def channel_label(name: str) -> str:
     """ "pressure_1_kpa" -> "pressure 1"."""
     return clean(split_column(name)[0]).replace("_", " ")
 
 
 def channel_unit(name: str) -> str:
     """ "pressure_1_kpa" -> "kPa"; "" without unit."""
-    return unit_words(split_column(name)[1])
+    return unit_label(split_column(name)[1])
 
 
-def unit_words(symbol: str) -> str:
+def unit_label(symbol: str) -> str:
     """ "kg m2" -> "kg m²"; "" where there is no unit."""
     symbol = clean(symbol)
     if symbol in ("", NONE):

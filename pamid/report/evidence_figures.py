@@ -10,10 +10,10 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 from numpy.typing import NDArray
 
-from pamid.report import words
+from pamid.report import formatting
+from pamid.report.captions import pulls_title, timeline_title, training_title
 from pamid.report.load import Network, Residual, RunData
 from pamid.report.reading import FloatArray
-from pamid.report.sentences import pulls_title, timeline_title, training_title
 from pamid.report.style import Drawing, bare, colour, grid, label, legend_above
 from pamid.schemas.diagnosis import DiagnosisFile
 
@@ -41,7 +41,7 @@ def pulls_drawing(pulls: dict[str, float]) -> Drawing | None:
                 linewidth=0.0,
             )
             axes.annotate(
-                words.short(pull, 2),
+                formatting.short(pull, 2),
                 (pull, row),
                 xytext=(4 if pull >= 0 else -4, 0),
                 textcoords="offset points",
@@ -57,7 +57,9 @@ def pulls_drawing(pulls: dict[str, float]) -> Drawing | None:
                 linewidth=0.7,
                 linestyle="-" if edge == 0 else (0, (3, 2)),
             )
-        axes.set_yticks(range(len(shown)), [label(words.port_words(name), 24) for name, _ in shown])
+        axes.set_yticks(
+            range(len(shown)), [label(formatting.port_label(name), 24) for name, _ in shown]
+        )
         axes.set_ylim(len(shown) - 0.4, -0.6)
         axes.set_xlim(-reach, reach)
         axes.xaxis.set_major_locator(MaxNLocator(7 if narrow else 9, integer=True))
@@ -95,7 +97,7 @@ def training_drawing(trace: dict[str, FloatArray], network: Network | None) -> D
 
 
 def _power_of_ten(value: float, _: int | None = None) -> str:
-    return f"10{words.superscript(round(math.log10(value)))}"
+    return f"10{formatting.superscript(round(math.log10(value)))}"
 
 
 def timeline_drawing(run: RunData, channel: str) -> Drawing | None:
@@ -134,7 +136,9 @@ def timeline_drawing(run: RunData, channel: str) -> Drawing | None:
         if last > first:
             axes.set_xlim(first, last)
         axes.set_ylim(bottom=0.0)
-        axes.set_ylabel(words.axis_label("mean |error|", label(words.channel_unit(channel))))
+        axes.set_ylabel(
+            formatting.axis_label("mean |error|", label(formatting.channel_unit(channel)))
+        )
         axes.set_xlabel("time [s]")
         grid(axes, "y")
         legend_above(axes, 2 if narrow else 3)

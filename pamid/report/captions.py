@@ -6,34 +6,34 @@ from __future__ import annotations
 
 import numpy as np
 
-from pamid.report import words
-from pamid.report.budget import MODELS, ChannelErrors, Window, headline
-from pamid.report.load import Network, RunData
-from pamid.report.reading import FloatArray
-from pamid.report.words import (
+from pamid.report import formatting
+from pamid.report.channel_errors import MODELS, ChannelErrors, Window, headline
+from pamid.report.formatting import (
+    channel_label,
     channel_unit,
-    channel_words,
-    effect_words,
+    effect_label,
     percent,
     percent_span,
     with_unit_text,
 )
+from pamid.report.load import Network, RunData
+from pamid.report.reading import FloatArray
 from pamid.schemas.diagnosis import Candidate, DiagnosisFile, Regime, Sensor, Where
 
 
-def causes_words(diagnosis: DiagnosisFile) -> str:
+def causes_label(diagnosis: DiagnosisFile) -> str:
     """ "Coulomb friction", "Coulomb friction and dead time"; for an ambiguous verdict joined by
     "or"."""
     last = "or" if diagnosis.verdict == "ambiguous" else "and"
-    return words.join((effect_words(cause.effect) for cause in diagnosis.causes), last)
+    return formatting.join((effect_label(cause.effect) for cause in diagnosis.causes), last)
 
 
-def model_words(field: str, diagnosis: DiagnosisFile | None) -> str:
+def model_label(field: str, diagnosis: DiagnosisFile | None) -> str:
     """What a field of ChannelErrors is called in a legend: "refitted", "with Coulomb friction",
     "with the causes"."""
     if field == "with_cause" and diagnosis is not None and diagnosis.verdict == "explained":
         return (
-            f"with {causes_words(diagnosis)}" if len(diagnosis.causes) == 1 else "with the causes"
+            f"with {causes_label(diagnosis)}" if len(diagnosis.causes) == 1 else "with the causes"
         )
     return MODELS[field]
 
@@ -55,17 +55,17 @@ def runner_up(diagnosis: DiagnosisFile) -> Candidate | None:
     named = {cause.effect for cause in diagnosis.causes}
     alike = {name for group in diagnosis.look_alikes if named & set(group) for name in group}
     others = [one for one in diagnosis.ranking if one.effect not in named]
-    apart = [one for one in others if one.effect not in alike]
-    return (apart or others or [None])[0]  # type: ignore[list-item]
+    different = [one for one in others if one.effect not in alike]
+    return (different or others or [None])[0]  # type: ignore[list-item]
 
 
 def verdict_sentence(run: RunData, rows: tuple[ChannelErrors, ...]) -> str:
     """The whole page in one sentence."""
     diagnosis, row = run.diagnosis, headline(rows)
     if diagnosis is None:
-        return _fit_sentence(run, row)
+        return _fit_sentence(row)
     if diagnosis.remark:
-        return words.clean(diagnosis.remark)
+        return formatting.clean(diagnosis.remark)
     if diagnosis.verdict == "no-structural-gap":
         return (
             "No structural gap: retuned parameters and the background account for what was "
@@ -79,18 +79,18 @@ def verdict_sentence(run: RunData, rows: tuple[ChannelErrors, ...]) -> str:
             if diagnosis.where
             else ""
         )
-        at = f" at the {words.port_words(port)} port" if port else ""
+        at = f" at the {formatting.port_label(port)} port" if port else ""
         return f"Something material enters{at} that no effect of the catalogue explains."
     if diagnosis.verdict == "ambiguous":
-        named = words.join(effect_words(cause.effect) for cause in diagnosis.causes)
+        named = formatting.join(effect_label(cause.effect) for cause in diagnosis.causes)
         return f"The gap is explained, but these recordings cannot tell apart {named}."
-    return words.sentence(f"{causes_words(diagnosis)} {_removes(diagnosis)} {_gain(row)}")
+    return formatting.sentence(f"{causes_label(diagnosis)} {_removes(diagnosis)} {_gain(row)}")
 
 
-def _fit_sentence(run: RunData, row: ChannelErrors | None) -> str:
+def _fit_sentence(row: ChannelErrors | None) -> str:
     if row is None or row.refitted is None:
         return "Fitted, not yet diagnosed."
-    unit_text, what = channel_unit(row.channel), channel_words(row.channel)
+    unit_text, what = channel_unit(row.channel), channel_label(row.channel)
     if row.data_sheet is None:
         return (
             f"Refitted, not yet diagnosed: the held-out {what} error is "
@@ -100,10 +100,11 @@ def _fit_sentence(run: RunData, row: ChannelErrors | None) -> str:
         return (
             f"Refitting does not help: the held-out {what} error is "
             f"{with_unit_text(row.refitted, unit_text)}, "
-            f"{words.short(row.data_sheet)} from the data sheet; the cause is not yet diagnosed."
+            f"{formatting.short(row.data_sheet)} from the data sheet; the cause is not yet "
+            "diagnosed."
         )
     return (
-        f"Refitting takes the held-out {what} error from {words.short(row.data_sheet)} to "
+        f"Refitting takes the held-out {what} error from {formatting.short(row.data_sheet)} to "
         f"{with_unit_text(row.refitted, unit_text)}; what is left is not yet diagnosed."
     )
 
@@ -115,8 +116,8 @@ def _removes(diagnosis: DiagnosisFile) -> str:
 def _gain(row: ChannelErrors | None) -> str:
     if row is None or row.shrinkage is None:
         return "the gap"
-    tail = words.interval_tail(percent_span(row.low, row.high))
-    return f"{percent(row.shrinkage)} of the held-out {channel_words(row.channel)} error{tail}"
+    tail = formatting.interval_tail(percent_span(row.low, row.high))
+    return f"{percent(row.shrinkage)} of the held-out {channel_label(row.channel)} error{tail}"
 
 
 def ports_title(where: Where) -> str:
@@ -127,59 +128,62 @@ def ports_title(where: Where) -> str:
     if named and named[0][1] < ordered[0][1]:
         return (
             f"{percent(ordered[0][1])} of the gap might enter at the "
-            f"{words.port_words(ordered[0][0])} port; the "
-            f"verdict names the {words.port_words(where.port)} port, with {percent(named[0][1])}"
+            f"{formatting.port_label(ordered[0][0])} port; the "
+            f"verdict names the {formatting.port_label(where.port)} port, "
+            f"with {percent(named[0][1])}"
         )
     ordered = named + [one for one in ordered if one[0] != where.port]
     (port, share), others = ordered[0], ordered[1:2]
     tail = (
-        f", {percent(others[0][1])} at the {words.port_words(others[0][0])} port" if others else ""
+        f", {percent(others[0][1])} at the {formatting.port_label(others[0][0])} port"
+        if others
+        else ""
     )
-    return f"{percent(share)} of the gap enters at the {words.port_words(port)} port{tail}"
+    return f"{percent(share)} of the gap enters at the {formatting.port_label(port)} port{tail}"
 
 
-def sensor_words(name: str) -> str:
+def sensor_label(name: str) -> str:
     """ "force_1_n and force_2_n" -> "force 1 and force 2"; "the value at port angle_sensor" -> "...
     angle sensor"."""
     if name.startswith("the "):
-        return words.port_words(name)
-    return words.join(map(channel_words, name.split(" and ")))
+        return formatting.port_label(name)
+    return formatting.join(map(channel_label, name.split(" and ")))
 
 
-def split_words(sensor: Sensor) -> list[str]:
+def split_labels(sensor: Sensor) -> list[str]:
     """The groups of ports that a sensor would take apart: ["muscle and joint"]."""
-    return [words.join(map(words.port_words, group)) for group in sensor.splits]
+    return [formatting.join(map(formatting.port_label, group)) for group in sensor.splits]
 
 
-def regime_words(one: Regime) -> str:
+def regime_label(one: Regime) -> str:
     """ "velocity between -2 and 2 deg/s"."""
-    unit_text = words.unit_words(one.unit)
+    unit_text = formatting.unit_label(one.unit)
     if one.low is not None and one.high is not None:
         place = (
-            f"{words.port_words(one.signal)} between {words.short(one.low)} and "
-            f"{words.short(one.high)}"
+            f"{formatting.port_label(one.signal)} between {formatting.short(one.low)} and "
+            f"{formatting.short(one.high)}"
         )
-        return place + (f"{words.SPACE}{unit_text}" if unit_text else "")
-    return f"{words.port_words(one.signal)} {words.span(one.low, one.high, unit_text)}".replace(
-        words.DASH, ""
-    )
+        return place + (f"{formatting.SPACE}{unit_text}" if unit_text else "")
+    interval = formatting.span(one.low, one.high, unit_text)
+    return f"{formatting.port_label(one.signal)} {interval}".replace(formatting.DASH, "")
 
 
-def regimes_title(told: list[Regime]) -> str:
+def regimes_title(regimes: list[Regime]) -> str:
     """ "70 % of the gap lies in 20 % of the time: velocity between -2 and 2 deg/s"."""
-    best = told[0]
+    best = regimes[0]
     return (
         f"{percent(best.share_of_gap)} of the gap lies in {percent(best.share_of_time)} of the "
         "time: "
-        f"{regime_words(best)}"
+        f"{regime_label(best)}"
     )
 
 
 def missing_title(port: str, signal: str, share: float) -> str:
     """ "Velocity alone accounts for 31 % of what is missing at the joint port"."""
-    at = f" at the {words.port_words(port)} port" if port else ""
-    text = f"{words.port_words(signal)} alone accounts for {percent(share)} of what is missing{at}"
-    return words.sentence(text).removesuffix(".")
+    at = f" at the {formatting.port_label(port)} port" if port else ""
+    name = formatting.port_label(signal)
+    text = f"{name} alone accounts for {percent(share)} of what is missing{at}"
+    return formatting.sentence(text).removesuffix(".")
 
 
 def ranking_title(diagnosis: DiagnosisFile) -> str:
@@ -192,21 +196,21 @@ def ranking_title(diagnosis: DiagnosisFile) -> str:
             if diagnosis.verdict == "unknown-effect"
             else "no effect is needed"
         )
-        return words.sentence(
-            f"the best candidate, {effect_words(best.effect)}, removes {percent(best.shrinkage)} "
+        return formatting.sentence(
+            f"the best candidate, {effect_label(best.effect)}, removes {percent(best.shrinkage)} "
             f"of the held-out error{over_channels(diagnosis)}; {tail}"
         ).removesuffix(".")
     if second is None or second.shrinkage is None:
         text = (
-            f"{effect_words(best.effect)} removes {percent(best.shrinkage)} of the held-out error"
+            f"{effect_label(best.effect)} removes {percent(best.shrinkage)} of the held-out error"
         )
     else:
         text = (
-            f"{effect_words(best.effect)} removes {percent(best.shrinkage)} of the held-out error"
-            f"{over_channels(diagnosis)}, the runner-up {effect_words(second.effect)} "
+            f"{effect_label(best.effect)} removes {percent(best.shrinkage)} of the held-out error"
+            f"{over_channels(diagnosis)}, the runner-up {effect_label(second.effect)} "
             f"{percent(second.shrinkage)}"
         )
-    return words.sentence(text).removesuffix(".")
+    return formatting.sentence(text).removesuffix(".")
 
 
 def budget_title(rows: tuple[ChannelErrors, ...], diagnosis: DiagnosisFile | None) -> str:
@@ -214,26 +218,28 @@ def budget_title(rows: tuple[ChannelErrors, ...], diagnosis: DiagnosisFile | Non
     row = headline(rows)
     if row is None or row.refitted is None:
         return "Held-out error of each model"
-    what, unit_text = channel_words(row.channel), channel_unit(row.channel)
+    what, unit_text = channel_label(row.channel), channel_unit(row.channel)
     explained = diagnosis is not None and diagnosis.verdict == "explained"
     if explained and diagnosis is not None and row.with_cause is not None and row.refitted > 0:
         share = row.shrinkage if row.shrinkage is not None else 1.0 - row.with_cause / row.refitted
         text = (
-            f"{causes_words(diagnosis)} {_removes(diagnosis)} {percent(share)} of the held-out "
+            f"{causes_label(diagnosis)} {_removes(diagnosis)} {percent(share)} of the held-out "
             f"{what} error"
         )
-        return words.sentence(text).removesuffix(".")
+        return formatting.sentence(text).removesuffix(".")
     if row.data_sheet is None:
         return (
             f"The refitted model errs by {with_unit_text(row.refitted, unit_text)} in {what}, "
             "held out"
         )
-    text = f"Refitting changes the held-out {what} error from {words.short(row.data_sheet)} to "
+    text = (
+        f"Refitting changes the held-out {what} error from {formatting.short(row.data_sheet)} to "
+    )
     text += with_unit_text(row.refitted, unit_text)
     return (
         text
         if row.noise_floor is None
-        else f"{text}; the noise floor is {words.short(row.noise_floor)}"
+        else f"{text}; the noise floor is {formatting.short(row.noise_floor)}"
     )
 
 
@@ -243,19 +249,20 @@ def window_title(
     """ "Worst held-out window: the angle error falls from 1.20 to 0.210 deg with Coulomb
     friction"."""
     part = "held-out" if window.held_out else "fitted"
-    what, unit_text = channel_words(channel), channel_unit(channel)
+    what, unit_text = channel_label(channel), channel_unit(channel)
     before = window.mae["refitted"]
     for kind in reversed(kinds):
         if kind in ("cause", "network") and kind in window.mae:
             cause = (
-                causes_words(diagnosis)
+                causes_label(diagnosis)
                 if diagnosis is not None and kind == "cause"
                 else "the network"
             )
             change = "falls" if window.mae[kind] < before else "grows"
             return (
-                f"Worst {part} window: the {what} error {change} from {words.short(before)} to "
-                f"{with_unit_text(window.mae[kind], unit_text)} with {cause}"
+                f"Worst {part} window: the {what} error {change} from "
+                f"{formatting.short(before)} to {with_unit_text(window.mae[kind], unit_text)} "
+                f"with {cause}"
             )
     return (
         f"Worst {part} window: the refitted model errs by {with_unit_text(before, unit_text)} "
@@ -266,29 +273,28 @@ def window_title(
 def pulls_title(pulls: dict[str, float]) -> str:
     """Whether the background stays within its tolerances."""
     name, largest = max(pulls.items(), key=lambda one: abs(one[1]))
-    told = f"{words.port_words(name)} with {words.short(largest, 2)}"
+    worst = f"{formatting.port_label(name)} with {formatting.short(largest, 2)}"
     beyond = sum(abs(pull) > 2.0 for pull in pulls.values())
     if beyond:
         many = "correction lies" if beyond == 1 else "corrections lie"
-        return f"{beyond} background {many} beyond twice the tolerance, the farthest {told}"
-    return f"The background stays within twice its tolerance; the largest pull is {told}"
+        return f"{beyond} background {many} beyond twice the tolerance, the farthest {worst}"
+    return f"The background stays within twice its tolerance; the largest pull is {worst}"
 
 
 def training_title(trace: dict[str, FloatArray], network: Network | None) -> str:
     """Where the training ended, and how many parameters it uses."""
-    text = (
-        f"Training ends at iteration {words.count(float(trace['iteration'][-1]))} with an MSE of "
-    )
-    text += words.short(float(trace["mse"][-1]))
+    iteration = formatting.count(float(trace["iteration"][-1]))
+    text = f"Training ends at iteration {iteration} with an MSE of "
+    text += formatting.short(float(trace["mse"][-1]))
     gamma = trace.get("gamma")
     if gamma is None or not np.isfinite(gamma[-1]):
         return text
     of = (
-        f" of {words.count(network.n_weights)}"
+        f" of {formatting.count(network.n_weights)}"
         if network is not None and network.n_weights is not None
         else ""
     )
-    return f"{text}, using {words.short(float(gamma[-1]))}{of} parameters"
+    return f"{text}, using {formatting.short(float(gamma[-1]))}{of} parameters"
 
 
 def timeline_title(
@@ -299,7 +305,7 @@ def timeline_title(
     error = error[np.isfinite(error)]
     order = np.sort(error)[::-1]
     half = int(np.searchsorted(np.cumsum(order), 0.5 * order.sum())) + 1
-    what = words.clean(f"{channel_words(channel)} error{run.recording_words(recording)}")
+    what = formatting.clean(f"{channel_label(channel)} error{run.recording_words(recording)}")
     if not order.size:
         return f"No refitted {what} is known in the time shown"
     return f"Half of the refitted {what} lies in {percent(half / order.size)} of the time shown"

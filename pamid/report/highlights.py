@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from pamid.base.metrics import runs_of
 from pamid.base.units import split_column
-from pamid.report import words
+from pamid.report import formatting
+from pamid.report.captions import regime_label
+from pamid.report.formatting import channel_label, channel_unit
 from pamid.report.load import Residual, RunData
 from pamid.report.reading import FloatArray
 from pamid.report.samples import Stretch, channels_of, inputs_of
-from pamid.report.sentences import regime_words
-from pamid.report.words import channel_unit, channel_words
 from pamid.schemas.diagnosis import Regime
 
 WORST = 5
@@ -25,7 +25,7 @@ _SMOOTH_S = 0.015  # over which the diagnosis takes the rate of a measured signa
 
 
 @dataclass(frozen=True)
-class Place:
+class Highlight:
     """Times [s] of a recording; answer: the question whose answer names it; bands: the times within
     the recording that are meant, where these are not simply the first and the last."""
 
@@ -37,9 +37,9 @@ class Place:
     bands: tuple[tuple[float, float], ...] = ()
 
 
-def places_of(
+def highlights_of(
     run: RunData, residual: Residual, channel: str, found: Sequence[Stretch]
-) -> list[Place]:
+) -> list[Highlight]:
     """What there is to look at, for errors of this channel."""
     error = np.abs(residual.columns[channel] - _refitted(residual, channel))
     worst = _worst(residual, channel, error, found, run)
@@ -68,7 +68,7 @@ def _judged(found: Sequence[Stretch]) -> list[tuple[Stretch, int, int]]:
 
 def _worst(
     residual: Residual, channel: str, error: FloatArray, found: Sequence[Stretch], run: RunData
-) -> list[Place]:
+) -> list[Highlight]:
     """The windows in which the refitted model is off most, worst first."""
     scored = [
         (float(np.nanmean(error[one.rows[first : last + 1]])), one, first, last)
@@ -78,18 +78,18 @@ def _worst(
     time, places = residual.columns["time_s"], []
     for size, one, first, last in sorted(scored, key=lambda each: -each[0])[:WORST]:
         begin, end = float(time[one.rows[first]]), float(time[one.rows[last]])
-        off = words.with_unit_text(size, channel_unit(channel))
+        off = formatting.with_unit_text(size, channel_unit(channel))
         label = (
-            f"{words.span(begin, end, 's', 4)}{run.recording_words(one.recording)}: "
-            f"{channel_words(channel)} off by"
+            f"{formatting.span(begin, end, 's', 4)}{run.recording_words(one.recording)}: "
+            f"{channel_label(channel)} off by"
         )
-        places.append(Place("how far", f"{label} {off}", one.recording, begin, end))
+        places.append(Highlight("how far", f"{label} {off}", one.recording, begin, end))
     return places
 
 
 def _named(
     residual: Residual, error: FloatArray, found: Sequence[Stretch], span: tuple[float, float]
-) -> Place | None:
+) -> Highlight | None:
     """A window of the diagnosis, which does not say of which recording: the one with most error
     there."""
     best: tuple[float, Stretch] | None = None
@@ -106,13 +106,13 @@ def _named(
     return (
         None
         if best is None
-        else Place("where", words.span(*span, "s", 4), best[1].recording, *span)
+        else Highlight("where", formatting.span(*span, "s", 4), best[1].recording, *span)
     )
 
 
 def _regime(
     residual: Residual, error: FloatArray, found: Sequence[Stretch], regime: Regime
-) -> Place | None:
+) -> Highlight | None:
     """The window with most error within the regime; None where its signal does not stand in
     residual.csv."""
     low = -np.inf if regime.low is None else regime.low
@@ -140,8 +140,8 @@ def _regime(
     bands = _bands(time, inside[one.recording])
     if not 0 < len(bands) <= MOST_BANDS:
         return None
-    return Place(
-        "where", regime_words(regime), one.recording, float(time[first]), float(time[last]), bands
+    return Highlight(
+        "where", regime_label(regime), one.recording, float(time[first]), float(time[last]), bands
     )
 
 

@@ -20,13 +20,13 @@ MODELS = {
     "black_box": "black box",
     "noise_floor": "noise floor",
 }
-_AGREE = 0.02  # two files that tell the same MAE within this share are not worth a remark
+_AGREE = 0.02  # two files that agree on an MAE within this share are not worth a remark
 
 
 @dataclass(frozen=True)
 class ChannelErrors:
     """Held-out MAE (eq. 11) of one channel by model, in the channel's unit; None where no file of
-    the run tells it."""
+    the run states it."""
 
     channel: str
     data_sheet: float | None = None
@@ -40,7 +40,7 @@ class ChannelErrors:
     high: float | None = None
 
     def known(self) -> dict[str, float]:
-        """The MAE that are told, by field."""
+        """The MAE that a file of the run states, by field."""
         found = {name: getattr(self, name) for name in MODELS}
         return {name: value for name, value in found.items() if value is not None}
 
@@ -77,17 +77,17 @@ def _row(name: str, run: RunData) -> ChannelErrors:
     # else there is no "with cause"
     named = reached if run.diagnosis is not None and run.diagnosis.causes else None
 
-    def told(found: float | None, field: str) -> float | None:
+    def stated(found: float | None, field: str) -> float | None:
         return fitted.get(field) if found is None else found
 
     return ChannelErrors(
         channel=name,
-        data_sheet=told(reached.mae_data_sheet if reached else None, "data_sheet"),
-        refitted=told(reached.mae_refitted if reached else None, "refitted"),
+        data_sheet=stated(reached.mae_data_sheet if reached else None, "data_sheet"),
+        refitted=stated(reached.mae_refitted if reached else None, "refitted"),
         with_network=network.get("with_network"),
         with_cause=named.mae_with_cause if named is not None else None,
         black_box=reached.black_box if reached is not None else None,
-        noise_floor=told(reached.noise_floor if reached else None, "noise_floor"),
+        noise_floor=stated(reached.noise_floor if reached else None, "noise_floor"),
         shrinkage=named.shrinkage if named is not None else None,
         low=named.low if named is not None else None,
         high=named.high if named is not None else None,
@@ -115,8 +115,8 @@ def disagreements(
 
 
 def headline(rows: tuple[ChannelErrors, ...]) -> ChannelErrors | None:
-    """The channel that tells most: the largest gain by the cause (else the largest refitted error)
-    per noise floor."""
+    """The channel that leads the report: the largest gain by the cause (else the largest refitted
+    error) per noise floor."""
     scored = [row for row in rows if row.refitted is not None]
     if not scored:
         return rows[0] if rows else None
@@ -173,8 +173,8 @@ def stretches(residual: Residual, rows: NDArray[np.intp]) -> list[slice]:
     if not rows.size:
         return []
     recording, window = residual.columns["recording"], residual.columns["window"]
-    apart = (np.diff(rows) > 1) | (np.diff(recording[rows]) != 0) | (np.diff(window[rows]) != 0)
-    edges = np.flatnonzero(apart)
+    breaks = (np.diff(rows) > 1) | (np.diff(recording[rows]) != 0) | (np.diff(window[rows]) != 0)
+    edges = np.flatnonzero(breaks)
     starts = rows[np.concatenate([[0], edges + 1])]
     ends = rows[np.concatenate([edges, [rows.size - 1]])]
     return [slice(int(start), int(end) + 1) for start, end in zip(starts, ends, strict=True)]

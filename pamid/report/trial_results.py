@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pamid.report import words
+from pamid.report import formatting
+from pamid.report.formatting import effect_label, percent
 from pamid.report.reading import Node, read_object
-from pamid.report.words import effect_words, percent
 from pamid.trial.machines import ONE_DOF
 from pamid.trial.table import ROWS_OF, TITLES, Row, cells, rows_of
 
@@ -86,7 +86,7 @@ def read_trial(path: Path) -> Trial | None:
             Node(path, "rates", {}).refuse(key, "a rate")
         _share(parts["rates"][key])
     scored = tuple(
-        _scored(row, parts[row.section][row.key], node)
+        _scored(row, parts[row.section][row.key], dict(node.content))
         for row in rows_of(node.content)
         if row.key in parts[row.section]
     )
@@ -109,7 +109,7 @@ def read_trial(path: Path) -> Trial | None:
     )
 
 
-def _scored(row: Row, node: Node, whole: Node) -> Scored:
+def _scored(row: Row, node: Node, content: dict[str, Any]) -> Scored:
     keys = ("value" if row.section == "figures" else "share", "low", "high")
     for key in keys:
         if key not in node.content:
@@ -119,7 +119,7 @@ def _scored(row: Row, node: Node, whole: Node) -> Scored:
         node.number("high")
     value, low, high = (None if one is None else row.factor * one for one in found)
     node.number("of")
-    return Scored(row, cells(dict(whole.content), row), value, low, high)
+    return Scored(row, cells(content, row), value, low, high)
 
 
 def _rates(node: Node) -> dict[str, Share]:
@@ -141,7 +141,7 @@ def _share(node: Node) -> Share:
 # ---- sentences ---------------------------------------------------------------------------------
 
 
-def reached_words(trial: Trial) -> str:
+def reached_text(trial: Trial) -> str:
     """ "9 of 12 targets are reached"."""
     judged = [one.reached for one in trial.scored if one.reached is not None]
     return (
@@ -160,9 +160,9 @@ def targets_title(trial: Trial) -> str:
     ]
     more = f" and {len(missed) - 2} more" if len(missed) > 2 else ""
     return (
-        f"{reached_words(trial)}; missed: {', '.join(missed[:2])}{more}"
+        f"{reached_text(trial)}; missed: {', '.join(missed[:2])}{more}"
         if missed
-        else reached_words(trial)
+        else reached_text(trial)
     )
 
 
@@ -184,7 +184,8 @@ def confusion_title(trial: Trial) -> str:
         sum(map(_total, rows.values())),
     )
     text = (
-        f"{words.count(right)} of {words.count(every)} visible single faults are given their family"
+        f"{formatting.count(right)} of {formatting.count(every)} visible single faults are given "
+        "their family"
     )
     wrong = [
         (count, family, answer)
@@ -196,9 +197,9 @@ def confusion_title(trial: Trial) -> str:
         return text
     count, family, answer = max(wrong, key=lambda one: one[0])
     return (
-        f"{text}; most often mistaken: {effect_words(family)} for {effect_words(answer)}, "
-        f"{words.count(count)} of "
-        f"{words.count(_total(rows[family]))}"
+        f"{text}; most often mistaken: {effect_label(family)} for {effect_label(answer)}, "
+        f"{formatting.count(count)} of "
+        f"{formatting.count(_total(rows[family]))}"
     )
 
 
@@ -206,23 +207,23 @@ def strata_title(trial: Trial) -> str:
     """ "The family comes first in 61 % (visibility 1.1 to 1.3) to 98 % (visibility >= 2) of the
     cases"."""
     found = [
-        (rates["family_first"].share, stratum_words(name, key))
+        (rates["family_first"].share, stratum_label(name, key))
         for name, bins in trial.strata.items()
         for key, rates in bins.items()
     ]
-    told = [(share, where) for share, where in found if share is not None]
-    if not told:
+    shares = [(share, where) for share, where in found if share is not None]
+    if not shares:
         return "No visible single fault in any stratum"
-    (low, worst), (high, best) = min(told), max(told)
+    (low, worst), (high, best) = min(shares), max(shares)
     return (
         f"The family is named first in {percent(low)} ({worst}) to {percent(high)} ({best}) of "
         "the visible faults"
     )
 
 
-def stratum_words(dimension: str, key: str) -> str:
+def stratum_label(dimension: str, key: str) -> str:
     """ "inertia_kg_m2", "0.014" -> "inertia 0.014 kg m²"."""
-    return f"{words.channel_words(dimension)} {words.clean(key)} {words.channel_unit(dimension)}".strip()  # noqa: E501
+    return f"{formatting.channel_label(dimension)} {formatting.clean(key)} {formatting.channel_unit(dimension)}".strip()  # noqa: E501
 
 
 def _total(row: dict[str, float]) -> float:

@@ -1,0 +1,169 @@
+"""What a report says, without how it is shown: headings, paragraphs, tables and pictures in their
+order. The page (web_page.py) and the PDF (pdf.py) are made from the same document.
+
+Text in backticks is shown as code; every text may come from files, so whoever shows it escapes it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+from markupsafe import Markup
+
+from pamid.report.style import Picture
+
+
+@dataclass(frozen=True)
+class Heading:
+    """level: 2 to 4; question: what an answer's heading answers, shown above it."""
+
+    kind: ClassVar[str] = "heading"
+    text: str
+    level: int = 2
+    question: str = ""
+
+
+@dataclass(frozen=True)
+class Paragraphs:
+    """style: "", "note" or "warning"."""
+
+    kind: ClassVar[str] = "paragraphs"
+    texts: tuple[str, ...]
+    style: str = ""
+
+
+@dataclass(frozen=True)
+class Bullets:
+    kind: ClassVar[str] = "bullets"
+    items: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """style: "", "code" or "strong"; small: a second line in small print."""
+
+    text: str
+    style: str = ""
+    small: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """numeric: columns that are aligned right; fixed: column widths that the page's style sets."""
+
+    kind: ClassVar[str] = "table"
+    head: tuple[str, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    numeric: frozenset[int] = frozenset()
+    fixed: bool = False
+
+
+@dataclass(frozen=True)
+class Figure:
+    kind: ClassVar[str] = "figure"
+    picture: Picture
+
+
+@dataclass(frozen=True)
+class Image:
+    """A PNG that the run has already drawn."""
+
+    kind: ClassVar[str] = "image"
+    name: str
+    title: str
+    png: bytes
+    width_px: int
+    height_px: int
+
+
+@dataclass(frozen=True)
+class Equation:
+    """math: MathML for the page; plain: the same equations as lines of text; code: shown as it
+    stands, where an equation is too long to be set."""
+
+    kind: ClassVar[str] = "equation"
+    title: str
+    math: tuple[Markup, ...] = ()
+    plain: tuple[str, ...] = ()
+    code: str = ""
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Details:
+    """Folded on the page until the reader opens it; open in the PDF."""
+
+    kind: ClassVar[str] = "details"
+    summary: str
+    blocks: tuple[Block, ...]
+
+
+@dataclass(frozen=True)
+class Interactive:
+    """What only a page with scripts can show; not in the PDF."""
+
+    kind: ClassVar[str] = "interactive"
+    markup: Markup
+
+
+@dataclass(frozen=True)
+class Section:
+    """style: "", or "answer" for the answers that lead a report."""
+
+    kind: ClassVar[str] = "section"
+    blocks: tuple[Block, ...]
+    style: str = ""
+
+
+Block = (
+    Heading
+    | Paragraphs
+    | Bullets
+    | Table
+    | Figure
+    | Image
+    | Equation
+    | Details
+    | Interactive
+    | Section
+)
+
+
+@dataclass(frozen=True)
+class Document:
+    """title: of the browser's tab and of the PDF's metadata; scripts, styles: of ours, that the
+    interactive blocks need."""
+
+    title: str
+    subtitle: str
+    headline: str
+    preface: Paragraphs
+    blocks: tuple[Block, ...]
+    scripts: tuple[str, ...] = ()
+    styles: str = ""
+
+
+def table(
+    head: Iterable[str],
+    rows: Iterable[Iterable[str | Cell]],
+    numeric: Iterable[int] = (),
+    *,
+    fixed: bool = False,
+) -> Table:
+    """A table whose cells may be given as plain texts."""
+    cells = tuple(
+        tuple(cell if isinstance(cell, Cell) else Cell(cell) for cell in row) for row in rows
+    )
+    return Table(tuple(head), cells, frozenset(numeric), fixed)
+
+
+def notes(*texts: str) -> Paragraphs:
+    """Remarks below a table or a picture."""
+    return Paragraphs(texts, "note")
+
+
+def figures(pictures: dict[str, Picture], names: Sequence[str]) -> tuple[Figure, ...]:
+    """The pictures of these names, as far as they were drawn."""
+    return tuple(Figure(pictures[name]) for name in names if name in pictures)

@@ -1,0 +1,66 @@
+"""What the report of a reproduced paper says: result, tables, pictures, provenance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from pamid.report import formatting
+from pamid.report.channel_errors import ChannelErrors
+from pamid.report.document import (
+    Block,
+    Document,
+    Heading,
+    Image,
+    Paragraphs,
+    Section,
+    notes,
+    table,
+)
+from pamid.report.load import RunData, Step
+from pamid.report.papers import Paper, Still, Topic
+from pamid.report.run_page import answer_sections
+from pamid.report.style import Picture
+from pamid.report.tables import provenance
+
+
+def paper_document(
+    paper: Paper,
+    steps: tuple[Step, ...],
+    run: RunData | None,
+    rows: tuple[ChannelErrors, ...],
+    pictures: dict[str, Picture],
+) -> Document:
+    """The report of a paper; run: of the diagnosis that belongs to it, where there is one."""
+    stills = {still.name: still for still in paper.stills}
+    answers: tuple[Block, ...] = ()
+    if run is not None:
+        heading = Heading("The diagnosis of the training record")
+        answers = (heading, *answer_sections(run, rows, pictures))
+    return Document(
+        title=paper.lead,
+        subtitle=paper.subtitle,
+        headline=paper.lead,
+        preface=Paragraphs(tuple(map(formatting.clean, paper.warnings)), "warning"),
+        blocks=(
+            *(
+                Section(tuple(_topic(one, stills)))
+                for one in paper.topics
+                if one.rows or any(one.sentences)
+            ),
+            *answers,
+            Section(provenance(steps)),
+        ),
+    )
+
+
+def _topic(one: Topic, stills: dict[str, Still]) -> Iterator[Block]:
+    yield Heading(one.title)
+    head, *body = one.rows or ((),)
+    if body:
+        yield table(
+            head, body, [column for column in range(1, len(head)) if column not in one.left]
+        )
+    yield notes(*map(formatting.clean, one.sentences))
+    if one.still in stills:
+        still = stills[one.still]
+        yield Image(still.name, one.title, still.png, still.wide_px, still.tall_px)

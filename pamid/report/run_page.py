@@ -1,0 +1,325 @@
+"""What the report of a run says: three answers first, then the evidence."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from pamid.report import formatting
+from pamid.report.answers import Answer, how_far_answer, next_answer, where_answer, which_answer
+from pamid.report.captions import verdict_sentence
+from pamid.report.channel_errors import ChannelErrors, disagreements
+from pamid.report.document import (
+    Block,
+    Bullets,
+    Details,
+    Document,
+    Heading,
+    Interactive,
+    Paragraphs,
+    Section,
+    figures,
+    notes,
+)
+from pamid.report.equation import cause_equations, model_equations
+from pamid.report.load import Fit, RunData
+from pamid.report.player import player_html, player_script
+from pamid.report.style import Picture
+from pamid.report.tables import (
+    combinations_table,
+    grounds_table,
+    loop_table,
+    mae_table,
+    parameter_table,
+    parameters_of,
+    provenance,
+    ranking_table,
+    sensors_table,
+    transfer_table,
+)
+from pamid.report.traces import traces_of, traces_scripts, traces_style
+
+
+def run_document(
+    run: RunData, rows: tuple[ChannelErrors, ...], pictures: dict[str, Picture]
+) -> Document:
+    """The report of a run with the pictures that were drawn of it."""
+    verdict = verdict_sentence(run, rows)
+    rig, player, traces = formatting.clean(run.rig), player_html(run), traces_of(run, rows)
+    samples = [Interactive(traces.section)] if traces.section else []
+    return Document(
+        title=f"{rig}: {verdict}" if rig else verdict,
+        subtitle=_subtitle(run),
+        headline=verdict,
+        preface=_warnings(run),
+        blocks=(
+            *answer_sections(
+                run,
+                rows,
+                pictures,
+                where=[Interactive(traces.buttons("where"))],
+                how_far=[Interactive(traces.buttons("how far")), Interactive(player)],
+            ),
+            *samples,
+            _evidence(run, rows, pictures),
+        ),
+        scripts=(
+            *((player_script(),) if player else ()),
+            *(traces_scripts() if samples else ()),
+        ),
+        styles=traces_style() if samples else "",
+    )
+
+
+def answer_sections(
+    run: RunData,
+    rows: tuple[ChannelErrors, ...],
+    pictures: dict[str, Picture],
+    *,
+    where: Sequence[Block] = (),
+    how_far: Sequence[Block] = (),
+) -> tuple[Section, ...]:
+    """The three answers and the next experiment; where, how_far: what else stands below these
+    answers."""
+    unknown = run.diagnosis is not None and run.diagnosis.unknown is not None
+    # the ranking leads, unless no effect of it is the answer
+    which = (("missing",), ("ranking",)) if unknown else (("ranking",), ())
+
+    def drawn(*names: str) -> tuple[Block, ...]:
+        return figures(pictures, names)
+
+    return (
+        _answer(
+            "Where", where_answer(run), drawn("ports", "regimes"), (*drawn("timeline"), *where)
+        ),
+        _answer(
+            "Which",
+            which_answer(run),
+            drawn(*which[0]),
+            (*drawn(*which[1]), *cause_equations(run)),
+        ),
+        _answer(
+            "How far", how_far_answer(run, rows), drawn("budget"), (*drawn("window"), *how_far)
+        ),
+        _answer("Next experiment", next_answer(run)),
+    )
+
+
+def _answer(
+    question: str, answer: Answer, above: Sequence[Block] = (), below: Sequence[Block] = ()
+) -> Section:
+    """Lead sentence, pictures, list, sentences, what stands below them."""
+    points = [Bullets(answer.points)] if answer.points else []
+    heading = Heading(answer.lead, question=question)
+    return Section((heading, *above, *points, Paragraphs(answer.details), *below), "answer")
+
+
+def _subtitle(run: RunData) -> str:
+    parts = [f"Rig {formatting.clean(run.rig)}"] if run.rig else []
+    if run.fit is not None and run.fit.recordings:
+        names = [formatting.clean(one.name) for one in run.fit.recordings]
+        parts.append(formatting.join(names) if len(names) <= 3 else f"{len(names)} recordings")
+    return " · ".join(parts)
+
+
+def _warnings(run: RunData) -> Paragraphs:
+    texts = []
+    if run.fit is not None and not run.fit.converged:
+        texts.append(
+            f"The fit did not converge: {formatting.clean(run.fit.why) or 'no reason given'}."
+        )
+    if run.network is not None and not run.network.converged:
+        texts.append(
+            f"The training of the network did not converge: {formatting.clean(run.network.why)}."
+        )
+    texts += [
+        f"This command did not end: {' '.join(step.command)}."
+        for step in run.steps
+        if not step.ended
+    ]
+    return Paragraphs(tuple(formatting.clean(one).replace("..", ".") for one in texts), "warning")
+
+
+def _evidence(
+    run: RunData, rows: tuple[ChannelErrors, ...], pictures: dict[str, Picture]
+) -> Section:
+    return Section(
+        (
+            Heading("Evidence"),
+            *_errors(run, rows),
+            *_transfer(run),
+            *_closed_loop(run),
+            *_candidates(run),
+            *_sensors(run),
+            *_parameters(run),
+            *_background(run, pictures),
+            *_network(run, pictures),
+            *provenance(run.steps, run.fit, level=3),
+        )
+    )
+
+
+def _errors(run: RunData, rows: tuple[ChannelErrors, ...]) -> Iterator[Block]:
+    yield Heading("Mean absolute error per channel", 3)
+    if rows:
+        yield mae_table(rows)
+    texts = [
+        "Mean of |measured − model| over the held-out windows, each model driven by the recorded "
+        "command."
+    ]
+    differing = disagreements(run, rows)
+    for file in dict.fromkeys(one[1] for one in differing):
+        found = [
+            f"{formatting.channel_label(channel)} "
+            f"{formatting.with_unit_text(other, formatting.channel_unit(channel))}"
+            for channel, name, other, _ in differing
+            if name == file
+        ]
+        texts.append(
+            f"{file} scored the refitted model on other windows: {formatting.join(found)}."
+        )
+    if run.residual is None:
+        texts.append("There is no residual.csv, so no window is shown; `pamid fit` writes it.")
+    yield notes(*texts)
+
+
+def _transfer(run: RunData) -> Iterator[Block]:
+    if run.diagnosis is None or not run.diagnosis.transfer:
+        return
+    yield Heading("Does it hold elsewhere?", 3)
+    yield transfer_table(run.diagnosis.transfer, run.fit)
+    yield notes(
+        "Held-out recordings made under other conditions than any that was fitted: mean absolute "
+        "error refitted and with the cause, on windows that did not choose it."
+    )
+
+
+def _closed_loop(run: RunData) -> Iterator[Block]:
+    yield Heading("In its own control loop", 3)
+    if run.fit is None or not run.fit.closed_loop:
+        yield notes(
+            "No closed-loop error: it needs a recording whose controller is known "
+            "(`[controller]` in its TOML file) in `pamid fit`."
+        )
+        return
+    yield loop_table(run.fit.closed_loop)
+    yield notes(
+        "Mean absolute error of the model under its own controller, over the held-out part. The "
+        "band is how far it moves when the conductances change by 0.1 %: differences inside it "
+        "mean nothing."
+    )
+
+
+def _candidates(run: RunData) -> Iterator[Block]:
+    diagnosis = run.diagnosis
+    if diagnosis is None or not diagnosis.ranking:
+        return
+    yield Heading("What the verdict rests on", 3)
+    if diagnosis.grounds is not None and (statistics := diagnosis.grounds.numbers()):
+        yield grounds_table(statistics)
+        yield notes("All on the held-out windows that choose.")
+    yield Details(
+        f"All {len(diagnosis.ranking)} candidates that were refitted", (ranking_table(diagnosis),)
+    )
+    classes = [
+        formatting.join(map(formatting.effect_label, group))
+        for group in diagnosis.look_alikes
+        if len(group) > 1
+    ]
+    if classes:
+        yield Heading("Look-alikes", 3)
+        yield Bullets(tuple(classes))
+        yield notes("Effects of one class predict the same, within the noise, on these recordings.")
+
+
+def _sensors(run: RunData) -> Iterator[Block]:
+    where = run.diagnosis.where if run.diagnosis is not None else None
+    if where is None or not where.sensors:
+        return
+    checks = (
+        f"These sensors allow {formatting.count(where.redundancy)} independent checks. "
+        if where.redundancy
+        else ""
+    )
+    yield Heading("Which sensor would tell more", 3)
+    yield sensors_table(where)
+    yield notes(
+        f"{checks}From the structure of the rig's equations alone, for an effect of unknown form."
+    )
+
+
+def _parameters(run: RunData) -> Iterator[Block]:
+    parameters, with_cause = parameters_of(run)
+    if not parameters:
+        return
+    yield Heading("Parameters", 3)
+    yield parameter_table(parameters, with_cause)
+    yield notes(
+        "Strain is the distance from the prior in prior standard deviations. Settled: the data "
+        "fix it; weak: partly the prior; silent: the data say nothing about it."
+    )
+    yield from model_equations(run)
+    if run.fit is not None and run.fit.together:
+        yield Heading("Known only in combination", 4)
+        yield combinations_table(run.fit.together)
+    if run.fit is not None:
+        yield notes(_stepping(run.fit))
+
+
+def _stepping(fit: Fit) -> str:
+    if fit.substeps is None:
+        return ""
+    kind = "implicit" if fit.implicit else "explicit"
+    text = (
+        f"Simulated with {formatting.count(fit.substeps)} {kind} "
+        f"step{'' if fit.substeps == 1 else 's'} per sample"
+    )
+    if fit.recheck is not None:
+        text += (
+            f"; doubled steps change no output by more than {formatting.number(fit.recheck, 2)} "
+            "noise standard deviations"
+        )
+    return f"{text}."
+
+
+def _background(run: RunData, pictures: dict[str, Picture]) -> Iterator[Block]:
+    drawn = figures(pictures, ["background"])
+    if not drawn:
+        return
+    background = run.diagnosis.background if run.diagnosis is not None else {}
+    shares = [one.share_of_gap for one in background.values() if one.share_of_gap is not None]
+    took = f"Together these corrections took {formatting.percent(sum(shares))} of the gap."
+    yield Heading("Background", 3)
+    yield from drawn
+    yield notes(
+        took if shares else "",
+        "Tolerance-sized corrections that stand in every model compared; an effect counts only "
+        "beyond them.",
+    )
+
+
+def _network(run: RunData, pictures: dict[str, Picture]) -> Iterator[Block]:
+    yield Heading("Residual network", 3)
+    one = run.network
+    if one is None:
+        yield notes("No network was trained; `pamid train-residual` adds one.")
+        return
+    size = (
+        f" with {formatting.count(one.n_weights)} parameters" if one.n_weights is not None else ""
+    )
+    ended = formatting.clean(one.why) or "no word of it"
+    texts = [
+        formatting.sentence(
+            f"{formatting.clean(one.kind)} network{size}; how training ended: {ended}"
+        ),
+        formatting.sentence(formatting.clean(one.remark)),
+    ]
+    if one.in_loop:
+        texts += [
+            "It corrects the model in its own loop: there the held-out error of "
+            f"{formatting.clean(name)} goes from {mae['refitted']:.3g} to "
+            f"{mae['with_network']:.3g}; the replay above is another comparison."
+            for name, mae in one.mae.items()
+            if {"refitted", "with_network"} <= set(mae)
+        ]
+    yield Paragraphs(tuple(texts))
+    yield from figures(pictures, ["window-network", "training"])
