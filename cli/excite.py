@@ -296,7 +296,7 @@ def _pulses(request: dict[str, Any]) -> Made:
             f"The period is {request['period']:g} s; the shortest pulse lasts {PULSES_S[0]:g} s."
         )
     columns = muscle_pulses(rig, request["muscle"], request["level"], request["period"])
-    pulsed = list(request["muscle"] or rig.filled_by)
+    pulsed = list(request["muscle"] or rig.actuators)
     lengths = ", ".join(f"{1e3 * s:g}" for s in PULSES_S)
     said = [
         f"  Muscle {' then '.join(pulsed)}: vented and filled again for {lengths} ms at a duty of "

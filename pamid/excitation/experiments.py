@@ -222,19 +222,19 @@ def muscle_pulses(
     """Commands that vent and fill one muscle after another, `valve_pulses` of duty `level` each, ()
     for all of them; the commands of all joints, samples. UsageError for a muscle that is not there.
     """
-    chosen = list(muscles) or list(rig.filled_by)
-    strange = [repr(name) for name in chosen if name not in rig.filled_by]
+    chosen = list(muscles) or list(rig.actuators)
+    strange = [repr(name) for name in chosen if name not in rig.actuators]
     if strange or not chosen:
         raise UsageError(
             f"rig {rig.name!r} has no muscle {', '.join(strange)}".rstrip() + ".",
-            f"Muscles it declares (filled_by): {', '.join(rig.filled_by) or 'none'}.",
+            f"Muscles it declares (actuators): {', '.join(rig.actuators) or 'none'}.",
         )
     if not 0.0 < level <= 1.0:
         raise UsageError(f"The level is {level:g}; a duty lies in (0, 1].")
     wave = level * valve_pulses(period_s * np.arange(round(PULSED_S / period_s), dtype=np.float64))
-    columns = {command: np.zeros(len(chosen) * len(wave)) for command, _ in rig.filled_by.values()}
+    columns = {command: np.zeros(len(chosen) * len(wave)) for command, _ in rig.actuators.values()}
     for k, name in enumerate(chosen):
-        command, fills = rig.filled_by[name]
+        command, fills = rig.actuators[name]
         columns[command][k * len(wave) : (k + 1) * len(wave)] = -fills * wave
     return columns
 

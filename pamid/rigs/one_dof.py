@@ -148,7 +148,7 @@ class OneDof(Rig):
     }
     period_s = 0.003
     excited = {"reference_deg": 40.0, "command": 0.8}
-    filled_by = {"1": ("command", 1.0), "2": ("command", -1.0)}
+    actuators = {"1": ("command", 1.0), "2": ("command", -1.0)}
     variants = tuple(LAWS)
 
     def __init__(self, law: str = "exponential") -> None:

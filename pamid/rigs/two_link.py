@@ -285,7 +285,7 @@ class TwoLink(Rig):
     }
     period_s = 0.003
     excited = {"reference_1_deg": 20.0, "reference_2_deg": 30.0, "command_1": 0.8, "command_2": 0.8}
-    filled_by = {i: (f"command_{i[0]}", 1.0 if i[1] == "1" else -1.0) for i in MUSCLES}
+    actuators = {i: (f"command_{i[0]}", 1.0 if i[1] == "1" else -1.0) for i in MUSCLES}
     variants = tuple(LAWS)
 
     def __init__(self, law: str = "exponential") -> None:

@@ -13,23 +13,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 
-COMMAND = '''"""`pamid say-hello`: Greet
-somebody."""
-
-import click
-
-from . import frame
-
-PLACE = 51
-EXAMPLE = "pamid say-hello Ada"
-
-
-@frame.command("say-hello", example=EXAMPLE)
-@click.argument("name")
-def command(name):
-    """Greet NAME."""
-    return frame.Result({"schema": "pamid.text/1", "text": name}, f"Hello, {name}.")
-'''
+PAGE = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+COMMAND = PAGE.partition("## Add a command")[2].partition("```python\n")[2].partition("```")[0]
 NETWORK = '''"""A line, y = w u + b."""
 
 from dataclasses import dataclass
