@@ -103,6 +103,8 @@ class Rig:
     excited: ClassVar[dict[str, float]] = {}
     # what is driven by itself, such as a muscle -> its command, and the sign that loads it
     actuators: ClassVar[dict[str, tuple[str, float]]] = {}
+    # `pamid.excitation.experiments.Experiment`s of its own, offered before the general ones
+    experiments: ClassVar[tuple[Any, ...]] = ()
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)

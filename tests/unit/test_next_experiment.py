@@ -38,6 +38,7 @@ from pamid.excitation.experiments import (
 )
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.rigs.muscle_experiments import EXPERIMENTS
 from pamid.simulation.data_split import Span, gather
 from pamid.simulation.virtual_rig import virtual_rig
 
@@ -210,7 +211,7 @@ def joint(known: dict[str, float]) -> Bench:
 def test_the_joint_is_offered_all_but_a_swing() -> None:
     bench = joint({})
     offered = menu(bench)
-    assert [e.name for e in MENU if e not in offered] == ["gravity-test"]
+    assert [e.name for e in (*EXPERIMENTS, *MENU) if e not in offered] == ["gravity-test"]
     for e in offered:
         columns = e.signals(bench)
         lengths = {len(v) for v in columns.values()}
