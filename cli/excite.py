@@ -207,8 +207,9 @@ def _valves_shut(
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Commands at rest, and the TOML of a recording with the valves shut, at the pressure asked
     for."""
-    from pamid.excitation.experiments import at_rest, held_pressure
+    from pamid.excitation.experiments import at_rest
     from pamid.model.registry import rig_named
+    from pamid.rigs.muscle_experiments import held_pressure
 
     rig, pressure = rig_named(request["rig"]), request["pressure"]
     samples = len(next(iter(columns.values())))
@@ -287,8 +288,8 @@ def _given(texts: tuple[str, ...]) -> dict[str, float]:
 
 def _pulses(request: dict[str, Any]) -> Made:
     from pamid.base.errors import UsageError
-    from pamid.excitation.experiments import PULSES_S, muscle_pulses
     from pamid.model.registry import rig_named
+    from pamid.rigs.muscle_experiments import PULSES_S, muscle_pulses
 
     rig = rig_named(request["rig"])
     if not 0.0 < request["period"] <= PULSES_S[0]:
@@ -296,7 +297,7 @@ def _pulses(request: dict[str, Any]) -> Made:
             f"The period is {request['period']:g} s; the shortest pulse lasts {PULSES_S[0]:g} s."
         )
     columns = muscle_pulses(rig, request["muscle"], request["level"], request["period"])
-    pulsed = list(request["muscle"] or rig.filled_by)
+    pulsed = list(request["muscle"] or rig.actuators)
     lengths = ", ".join(f"{1e3 * s:g}" for s in PULSES_S)
     said = [
         f"  Muscle {' then '.join(pulsed)}: vented and filled again for {lengths} ms at a duty of "
@@ -314,8 +315,9 @@ def _pulses(request: dict[str, Any]) -> Made:
 
 def _gravity(request: dict[str, Any]) -> Made:
     from pamid.base.errors import UsageError
-    from pamid.excitation.experiments import RELEASE_DEG, RELEASE_S, gravity_test, nothing_sent
+    from pamid.excitation.experiments import nothing_sent
     from pamid.model.registry import rig_named
+    from pamid.rigs.muscle_experiments import RELEASE_DEG, RELEASE_S, gravity_test
 
     rig = rig_named(request["rig"])
     known = gravity_test(

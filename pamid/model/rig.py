@@ -101,8 +101,10 @@ class Rig:
     period_s: ClassVar[float] = 0.003
     # usual amplitude of references and commands, column's unit
     excited: ClassVar[dict[str, float]] = {}
-    # muscle -> command and its sign that fills it
-    filled_by: ClassVar[dict[str, tuple[str, float]]] = {}
+    # what is driven by itself, such as a muscle -> its command, and the sign that loads it
+    actuators: ClassVar[dict[str, tuple[str, float]]] = {}
+    # `pamid.excitation.experiments.Experiment`s of its own, offered before the general ones
+    experiments: ClassVar[tuple[Any, ...]] = ()
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)

@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 from pamid.base.files import write_atomically
 from pamid.base.units import from_si, split_column, to_si
 from pamid.correction.force_map import COLUMNS, ForceMap, pulls
-from pamid.excitation.experiments import gravity_test, muscle_pulses, nothing_sent
+from pamid.excitation.experiments import nothing_sent
 from pamid.model.registry import catalogue_rig
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.rigs.muscle import LAWS
+from pamid.rigs.muscle_experiments import gravity_test, muscle_pulses
 from pamid.simulation.data_split import DataSplit, split_recordings
 from pamid.simulation.simulate import output_table
 from pamid.simulation.virtual_rig import virtual_rig

@@ -20,6 +20,7 @@ from pamid.model.rig import Loop, Port, Rig, chain_of_links
 from pamid.rigs import antagonists as pair
 from pamid.rigs.antagonists import Muscle, pressure_rate, pull_of, valves_of
 from pamid.rigs.muscle import LAWS, law_named
+from pamid.rigs.muscle_experiments import EXPERIMENTS
 from pamid.rigs.pneumatics import ATMOSPHERE_PA
 from pamid.symbolic.vocabulary import Expr, Number
 
@@ -148,7 +149,8 @@ class OneDof(Rig):
     }
     period_s = 0.003
     excited = {"reference_deg": 40.0, "command": 0.8}
-    filled_by = {"1": ("command", 1.0), "2": ("command", -1.0)}
+    experiments = EXPERIMENTS
+    actuators = {"1": ("command", 1.0), "2": ("command", -1.0)}
     variants = tuple(LAWS)
 
     def __init__(self, law: str = "exponential") -> None:

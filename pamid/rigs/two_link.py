@@ -33,6 +33,7 @@ from pamid.model.rig import Loop, Port, Rig, chain_of_links
 from pamid.rigs import antagonists as pair
 from pamid.rigs.antagonists import Muscle, pressure_rate, pull_of, valves_of
 from pamid.rigs.muscle import LAWS, law_named
+from pamid.rigs.muscle_experiments import EXPERIMENTS
 from pamid.rigs.pneumatics import ATMOSPHERE_PA
 from pamid.symbolic.vocabulary import Expr, Number, cos, sin
 
@@ -285,7 +286,8 @@ class TwoLink(Rig):
     }
     period_s = 0.003
     excited = {"reference_1_deg": 20.0, "reference_2_deg": 30.0, "command_1": 0.8, "command_2": 0.8}
-    filled_by = {i: (f"command_{i[0]}", 1.0 if i[1] == "1" else -1.0) for i in MUSCLES}
+    experiments = EXPERIMENTS
+    actuators = {i: (f"command_{i[0]}", 1.0 if i[1] == "1" else -1.0) for i in MUSCLES}
     variants = tuple(LAWS)
 
     def __init__(self, law: str = "exponential") -> None:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-import re
 import shlex
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -74,44 +72,6 @@ def test_help_of_a_command_is_light_and_ends_with_an_example(name: str) -> None:
     assert example and all(line.startswith("  ") for line in example.splitlines())
     assert f"pamid {name}" in example
     assert "--json" in body and "--debug" in body
-
-
-def test_a_command_is_one_file(tmp_path: Path) -> None:
-    """CONTRIBUTING's, in a copy of the package: listed at its place, and run."""
-    copy = tmp_path / "pamid_cli"
-    shutil.copytree(Path(frame.__file__).parent, copy)
-    place = re.search(r"^PLACE = (\d+)$", (copy / "fit.py").read_text(), re.MULTILINE)
-    assert place is not None
-    (copy / "say_hello.py").write_text(f'''"""`pamid say-hello`: Greet\nsomebody."""
-
-import click
-
-from . import frame
-
-PLACE = {int(place[1]) + 1}
-EXAMPLE = "pamid say-hello Ada"
-
-
-@frame.command("say-hello", example=EXAMPLE)
-@click.argument("name")
-def command(name):
-    """Greet NAME."""
-    return frame.Result({{"schema": "pamid.text/1", "text": name}}, f"Hello, {{name}}.")
-''')
-
-    def run(*words: str) -> list[str]:
-        found = subprocess.run(
-            [sys.executable, "-m", "pamid_cli", *words],
-            env={**os.environ, "PYTHONPATH": str(tmp_path)},
-            capture_output=True,
-            text=True,
-            check=True,
-        )
-        return found.stdout.splitlines()
-
-    lines = run("--help")
-    assert lines[lines.index("  say-hello        Greet somebody.") - 1].startswith("  fit ")
-    assert run("say-hello", "Ada") == ["Hello, Ada."]
 
 
 def test_every_command_file_is_found() -> None:

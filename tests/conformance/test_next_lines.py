@@ -15,13 +15,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pamid.trial.case_runs as trial_work
 import pytest
 from pamid_cli import frame
 from pamid_cli.demo import demo_text
 from small_cart import others, record_cart
 
 import pamid.diagnosis.diagnose as whole
-import pamid.trial.work as trial_work
 from pamid.base.errors import PamidError
 from pamid.diagnosis.next_experiment import bench_of, sent_with
 from pamid.diagnosis.proposal import NEXT_FILES, Proposal, proposal_result
@@ -30,6 +30,7 @@ from pamid.model.registry import rig_named
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.report.answers import next_answer
 from pamid.report.load import load_run
+from pamid.rigs.muscle_experiments import EXPERIMENTS
 from pamid.simulation.data_split import DataSplit, split_recordings
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -272,15 +273,16 @@ def proposed(rig: str, recording: Recording, e: Experiment, folder: Path) -> lis
     return files
 
 
+OF_MUSCLES = (*EXPERIMENTS, *MENU)
 ARM = Bench(rig_named("two-link"), {}, 0.003)
 ENTRIES = [
     (rig, e)
     for rig, names in (
-        ("one-dof", {e.name for e in MENU} - {"gravity-test"}),
-        ("two-link", {e.name for e in MENU}),
+        ("one-dof", {e.name for e in OF_MUSCLES} - {"gravity-test"}),
+        ("two-link", {e.name for e in OF_MUSCLES}),
         ("cart.py", {"odd-multisine", "slow-reversals", "constant-speed-runs", "amplitude-sweep"}),
     )
-    for e in MENU
+    for e in OF_MUSCLES
     if e.name in names
 ]
 
@@ -325,7 +327,7 @@ def test_a_recommended_experiment_is_simulated_checked_and_taken(
 def test_several_settings_are_several_files_that_a_run_owns(
     recorded: dict[str, Recording], here: Path
 ) -> None:
-    e = next(e for e in MENU if e.name == "torque-loops-two-pressures")
+    e = next(e for e in EXPERIMENTS if e.name == "torque-loops-two-pressures")
     files = proposed("one-dof", recorded["one-dof"], e, here)
     assert [p.name for p in files] == list(NEXT_FILES)
     assert [read_recording(p).known["initial_pressure_kpa"] for p in files] == [200.0, 500.0]

@@ -16,9 +16,10 @@ from cli import frame
 from pamid.base.errors import DataError
 from pamid.diagnosis.next_experiment import bench_of
 from pamid.excitation.aprbs import aprbs
-from pamid.excitation.experiments import MENU, PULSES_S, Bench, menu, muscle_pulses, odd_multisine
+from pamid.excitation.experiments import MENU, Bench, menu, odd_multisine
 from pamid.model.registry import rig_named
 from pamid.recording.recording import Recording, read_recording, write_recording
+from pamid.rigs.muscle_experiments import EXPERIMENTS, PULSES_S, muscle_pulses
 from pamid.simulation.data_split import split_recordings
 
 Array = NDArray[np.float64]
@@ -378,8 +379,8 @@ def bench() -> Bench:
 
 
 def test_the_arm_is_offered_everything() -> None:
-    assert menu(bench()) == list(MENU)
-    for e in MENU:
+    assert menu(bench()) == [*EXPERIMENTS, *MENU]
+    for e in (*EXPERIMENTS, *MENU):
         columns = e.signals(bench())
         assert len({len(v) for v in columns.values()}) == 1, e.name
         assert {"reference_1_deg", "reference_2_deg"} <= set(columns) or not {
@@ -392,7 +393,7 @@ def test_the_arm_is_offered_everything() -> None:
     "name", ["torque-loops-two-pressures", "quick-release", "valve-pulses", "duty-staircase"]
 )
 def test_joints_take_turns(name: str) -> None:
-    e = next(e for e in MENU if e.name == name)
+    e = next(e for e in EXPERIMENTS if e.name == name)
     columns = e.signals(bench())
     half = len(next(iter(columns.values()))) // 2
     kind = "external_torque_{}_nm" if e.pushed else "command_{}"
@@ -427,7 +428,7 @@ def test_the_bench_is_that_of_the_commanded_recording(recorded: tuple[Path, Path
     for recordings in ([swung, pulsed], [pulsed, swung], [swung]):
         b = bench_of(split_recordings(rig, recordings, []))
         assert b.known == {} and b.command == ("command_1", "command_2")
-        assert menu(b) == list(MENU)
+        assert menu(b) == [*EXPERIMENTS, *MENU]
         assert list(b.driven) == ["reference_1_deg", "reference_2_deg"] and all(
             h > 1.0 for _, h in b.driven.values()
         )
