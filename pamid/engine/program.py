@@ -8,6 +8,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.engine.arguments import Equations, Inputs, MemoryArrays, Results, Times
 from pamid.engine.llvm_ir import (
     LANES,
     declarations,
@@ -41,18 +42,16 @@ class Memory:
     begin: bool = True
     join: bool = False  # the state was set anew since the last run
 
+    def arrays(self, *, sensitive: bool = True) -> MemoryArrays:
+        """The arrays themselves; without room for sensitivities where these are not wanted."""
+        S, buffer_S = self.S, self.buffer_S
+        if not sensitive:
+            S, buffer_S = S[:, :0].copy(), buffer_S[:, :, :0].copy()
+        return MemoryArrays(self.x, self.cells, self.past, S, self.buffers, buffer_S, self.heads)
+
     def copy(self) -> Memory:
-        return Memory(
-            self.x.copy(),
-            self.cells.copy(),
-            self.past.copy(),
-            self.S.copy(),
-            self.buffers.copy(),
-            self.buffer_S.copy(),
-            self.heads.copy(),
-            self.begin,
-            self.join,
-        )
+        x, cells, past, S, buffers, buffer_S, heads = (array.copy() for array in self.arrays())
+        return Memory(x, cells, past, S, buffers, buffer_S, heads, self.begin, self.join)
 
 
 @dataclass(frozen=True)
@@ -81,12 +80,7 @@ class Program:
     operations: int
     derived: int
     sensitive: frozenset[str]
-    _address: NDArray[np.int64] = field(repr=False)
-    _phase: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]] = field(repr=False)
-    # of the rates: rows, columns
-    _pattern: tuple[NDArray[np.int64], NDArray[np.int64]] = field(repr=False)
-    # partials by parameters, per function
-    _direct: tuple[NDArray[np.int64], NDArray[np.int64]] = field(repr=False)
+    _equations: Equations = field(repr=False)
 
     def memory(
         self, x: Array, columns: int = 0, *, stepping: Stepping | None = None, period_s: float = 1.0
@@ -142,37 +136,25 @@ class Program:
         n, ns = u.shape[0], memory.S.shape[1] if columns is not None else 0
         Y = np.empty((n, len(self.outputs)))
         JY = np.empty((n, len(self.outputs), ns) if columns is not None else (1, 1, 0))
-        S = memory.S if columns is not None else memory.S[:, :0].copy()
-        buffer_S = memory.buffer_S if columns is not None else memory.buffer_S[:, :, :0].copy()
-        chosen = columns if columns is not None else np.full(len(self.parameters), -1, np.int64)
-        phase_n, phase_first, phase_delay = self._phase
+        none = np.full(len(self.parameters), -1, np.int64)
         bad = sweep(
-            self._address,
-            phase_n,
-            phase_first,
-            phase_delay,
-            *self._pattern,
-            *self._direct,
-            memory.x,
-            memory.cells,
-            memory.past,
-            np.ascontiguousarray(u, float),
-            self._prepared(p),
-            chosen,
-            S,
-            memory.buffers,
-            buffer_S,
-            memory.heads,
-            float(time_s),
-            float(period_s),
-            step.substeps,
-            step.implicit,
-            memory.begin,
-            memory.join,
-            columns is not None,
-            Y,
-            JY,
-            np.ones(len(self.outputs)) if weights is None else weights,
+            self._equations,
+            memory.arrays(sensitive=columns is not None),
+            Inputs(
+                np.ascontiguousarray(u, float),
+                self._prepared(p),
+                none if columns is None else columns,
+                columns is not None,
+            ),
+            Times(
+                float(time_s),
+                float(period_s),
+                step.substeps,
+                step.implicit,
+                memory.begin,
+                memory.join,
+            ),
+            Results(Y, JY, np.ones(len(self.outputs)) if weights is None else weights),
         )
         memory.begin = memory.join = False
         return Y, JY, int(bad)
@@ -184,11 +166,8 @@ class Program:
         from pamid.engine.integrator import rate_matrix
 
         return rate_matrix(
-            self._address,
-            *self._pattern,
-            memory.x,
-            memory.cells,
-            memory.past,
+            self._equations,
+            memory.arrays(),
             np.ascontiguousarray(u, float),
             self._prepared(p),
             time_s,
@@ -201,7 +180,7 @@ class Program:
         from pamid.engine.integrator import prepare
 
         values = np.concatenate([np.asarray(p, float), np.empty(self.derived)])
-        prepare(self._address[-1], values, values[len(p) :])
+        prepare(self._equations.address[-1], values, values[len(p) :])
         return values
 
 
@@ -265,7 +244,7 @@ def build_program(
     parts.append(function_text("prepare", derived, index))
     address = addresses("\n".join(parts), [*names, "prepare"])
 
-    def whole(values: object) -> NDArray[np.int64]:
+    def int_array(values: object) -> NDArray[np.int64]:
         return np.array(values, np.int64)
 
     room = np.full(most, -1, np.int64)  # the driver sizes its scratch by this array
@@ -280,10 +259,16 @@ def build_program(
         parts[1].count("\n"),
         len(derived),
         frozenset(parameters) if sensitive is None else sensitive,
-        whole(address),
-        (whole(phase_n), whole(phase_first), whole(phase_delay)),
-        (whole(pattern[0]), room),
-        (whole(direct_at), whole(direct).reshape(-1, 3)),
+        Equations(
+            int_array(address),
+            int_array(phase_n),
+            int_array(phase_first),
+            int_array(phase_delay),
+            int_array(pattern[0]),
+            room,
+            int_array(direct_at),
+            int_array(direct).reshape(-1, 3),
+        ),
     )
 
 

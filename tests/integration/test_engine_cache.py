@@ -118,7 +118,7 @@ def test_text_of_a_model_does_not_depend_on_the_process(
     again."""
     code = (
         "import sys; sys.path.insert(0, sys.argv[1])\n"
-        "from pamid.engine import machine\n"
+        "from pamid.engine import jit_cache as machine\n"
         "machine._compile = lambda text: (print(machine._key(text)), sys.exit(0))\n"
         "from pamid.model.assembly import Assembly\n"
         "from pamid.model.attachment import attach\n"
