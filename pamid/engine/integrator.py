@@ -19,14 +19,11 @@ computed.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic as _intrinsic
 
-from pamid.engine.arguments import Work
+from pamid.engine.function_calls import call, multiply
 from pamid.engine.lu import factor, solve
 from pamid.engine.numba_cache import njit
 
@@ -37,53 +34,113 @@ NEWTON_STEPS, HALVINGS = 40, 20
 # relative changes: above DAMPED a Newton step may be shortened, below SETTLED it was the last
 DAMPED, SETTLED = 1e-3, 1e-9
 RATES, OUTPUTS, PHASES = 0, 1, 2  # numbers of functions; the phases of the cells follow one another
-# numba's own annotation keeps the typing context that a call leaves out
-intrinsic: Any = _intrinsic
 
 
-def _data(context, builder, kind, value):  # type: ignore[no-untyped-def]
-    """Address of an array's first element, without touching its reference count."""
-    return builder.ptrtoint(context.make_array(kind)(context, builder, value).data, ir.IntType(64))
+# ---- what the functions are given --------------------------------------------------------------
+# Arrays are C-contiguous, float64 where nothing else is said; nx states, nc cells, ns sensitivity
+# columns. The classes stand in this file because numba's cache of it is found stale by this file's
+# stamp alone, and they keep their names because that cache refers to them by name.
 
 
-@intrinsic
-def _call(typingctx, address, x, c, b, u, k, p, t, out):  # type: ignore[no-untyped-def]
-    """Call the compiled function at `address` with seven arrays; the inputs start k numbers into
-    u."""
-    signature = types.void(types.intp, x, c, b, u, types.intp, p, t, out)
+class CompiledEquations(NamedTuple):
+    """A compiled model; all arrays are int64.
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
-        kind = ir.FunctionType(ir.VoidType(), [ir.IntType(64)] * 7)
-        words = [_data(context, builder, sig.args[i], args[i]) for i in (1, 2, 3, 4, 6, 7, 8)]
-        words[3] = builder.add(words[3], builder.mul(args[5], ir.IntType(64)(8)))
-        builder.call(builder.inttoptr(args[0], kind.as_pointer()), words)
-        return context.get_dummy_value()
+    address         (3 functions + 1): of each function plain, with partials, and the sparse product
+                    of its partials with the sensitivities; last what fills the derived parameters
+    phase_n, phase_first, phase_delay
+                    (phases): number of cells, place of the first one, delay line after it or -1
+    pointer, columns
+                    sparsity of the rates' partials, row by row (CSR)
+    direct_at, direct
+                    (functions + 1) and (entries, 3): row, parameter and place of the partials by
+                    parameters
+    """
 
-    return signature, codegen
+    address: Any
+    phase_n: Any
+    phase_first: Any
+    phase_delay: Any
+    pointer: Any
+    columns: Any
+    direct_at: Any
+    direct: Any
 
 
-@intrinsic
-def _multiply(typingctx, address, partials, skip, S, D, at, n):  # type: ignore[no-untyped-def]
-    """Call a compiled sparse product D = P S; partials stand `skip`, the result `at` numbers into
-    their arrays."""
-    signature = types.void(types.intp, partials, types.intp, S, D, types.intp, types.intp)
+class MemoryArrays(NamedTuple):
+    """What is carried on from step to step, in place.
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
-        word = ir.IntType(64)
-        kind = ir.FunctionType(ir.VoidType(), [word] * 4)
-        first = builder.add(
-            _data(context, builder, sig.args[1], args[1]), builder.mul(args[2], word(8))
-        )
-        result = builder.add(
-            _data(context, builder, sig.args[4], args[4]), builder.mul(args[5], word(8))
-        )
-        builder.call(
-            builder.inttoptr(args[0], kind.as_pointer()),
-            [first, _data(context, builder, sig.args[3], args[3]), result, args[6]],
-        )
-        return context.get_dummy_value()
+    x (nx,) states; cells, past (nc,); S (nx + 2 nc, ns) their sensitivities, in this order; buffers
+    (delays, length), buffer_S (delays, length, ns) and heads (delays,) of the delay lines.
+    """
 
-    return signature, codegen
+    x: Any
+    cells: Any
+    past: Any
+    S: Any
+    buffers: Any
+    buffer_S: Any
+    heads: Any
+
+
+class Inputs(NamedTuple):
+    """What a run is given: u (samples, inputs), p (parameters and derived ones), column
+    (parameters) of each one's sensitivity or -1, and whether sensitivities are asked for."""
+
+    u: Any
+    p: Any
+    column: Any
+    sensitive: bool
+
+
+class Times(NamedTuple):
+    """begin: at the very first step; join: the state was set anew since the last one."""
+
+    time_s: float
+    period_s: float
+    substeps: int
+    implicit: bool
+    begin: bool
+    join: bool
+
+
+class Results(NamedTuple):
+    """Y (samples, outputs), and JY (samples, outputs, ns), which is multiplied by weights
+    (outputs,)."""
+
+    Y: Any
+    JY: Any
+    weights: Any
+
+
+class Work(NamedTuple):
+    """Scratch of a sweep.
+
+    out                 values of a function, then its partials
+    D                   its partials times S
+    ticks (6,)          as in `pamid.symbolic.memory_cells.TICKS`
+    x0, S0              state and sensitivities at the start of the step
+    slope, slope_S      their weighted sums (RK4) or first slopes (SDIRK2)
+    M, pivots           LU of Newton's matrix
+    step, next_step     Newton's steps (nx, 1), from here and from where the step would lead
+    before, base        the state before a Newton step; the known part of the stage
+    """
+
+    out: Any
+    D: Any
+    ticks: Any
+    x0: Any
+    slope: Any
+    S0: Any
+    slope_S: Any
+    M: Any
+    pivots: Any
+    step: Any
+    next_step: Any
+    before: Any
+    base: Any
+
+
+# ---- steps ---------------------------------------------------------------------------------------
 
 
 @njit(cache=True, inline="always")
@@ -91,7 +148,7 @@ def _rows(equations, f, n, inputs, S, work):  # type: ignore[no-untyped-def]
     """D[i] = sum_j partial(i, j) S[j] + direct parameter columns, for function f; its partials
     follow n values."""
     direct, out, D = equations.direct, work.out, work.D
-    _multiply(equations.address[3 * f + 2], out, n, S, D, 0, S.shape[1])
+    multiply(equations.address[3 * f + 2], out, n, S, D, 0, S.shape[1])
     for e in range(equations.direct_at[f], equations.direct_at[f + 1]):
         k = inputs.column[direct[e, 1]]
         if k >= 0:
@@ -117,7 +174,7 @@ def _update_cells(equations, memory, inputs, row, work):  # type: ignore[no-unty
         n = equations.phase_n[phase]
         delayed = equations.phase_delay[phase]
         f = PHASES + phase
-        _call(address[3 * f + (1 if sensitive else 0)], x, c, b, inputs.u, row, inputs.p, t, out)
+        call(address[3 * f + (1 if sensitive else 0)], x, c, b, inputs.u, row, inputs.p, t, out)
         at = equations.phase_first[phase]
         for i in range(n):
             c[at + i] = out[i]
@@ -174,7 +231,7 @@ def _rk4(equations, memory, inputs, row, h, work):  # type: ignore[no-untyped-de
     for stage in range(4):
         weight = h / 6.0 if stage == 0 or stage == 3 else h / 3.0
         reach = 0.5 * h if stage < 2 else h
-        _call(address[1 if sensitive else 0], x, c, b, u, row, p, t, out)
+        call(address[1 if sensitive else 0], x, c, b, u, row, p, t, out)
         if sensitive:
             _rows(equations, RATES, nx, inputs, S, work)
             for i in range(size):
@@ -218,7 +275,7 @@ def _newton(equations, memory, inputs, row, gh, work):  # type: ignore[no-untype
     step, following = work.step, work.next_step
     nx = x.shape[0]
     for _ in range(NEWTON_STEPS):
-        _call(address[1], x, c, b, u, row, p, t, out)
+        call(address[1], x, c, b, u, row, p, t, out)
         _newton_matrix(out, equations.pointer, equations.columns, nx, gh, M)
         factor(M, pivots)
         for i in range(nx):
@@ -234,7 +291,7 @@ def _newton(equations, memory, inputs, row, gh, work):  # type: ignore[no-untype
                 x[i] = before[i] + reach * step[i, 0]
             if worst <= DAMPED:
                 break
-            _call(address[0], x, c, b, u, row, p, t, out)
+            call(address[0], x, c, b, u, row, p, t, out)
             for i in range(nx):
                 following[i, 0] = base[i] + gh * out[i] - x[i]
             solve(M, pivots, following)
@@ -280,7 +337,7 @@ def _sdirk2(equations, memory, inputs, row, h, work):  # type: ignore[no-untyped
             x[:] = np.nan
             return
         if sensitive:
-            _call(
+            call(
                 equations.address[1],
                 x,
                 memory.cells,
@@ -335,7 +392,7 @@ def _read_outputs(equations, memory, inputs, k, row, work, results):  # type: ig
     address, direct, out = equations.address, equations.direct, work.out
     Y, JY, weights, sensitive = results.Y, results.JY, results.weights, inputs.sensitive
     ny, ns = Y.shape[1], memory.S.shape[1]
-    _call(
+    call(
         address[4 if sensitive else 3],
         memory.x,
         memory.cells,
@@ -349,7 +406,7 @@ def _read_outputs(equations, memory, inputs, k, row, work, results):  # type: ig
     for i in range(ny):
         Y[k, i] = out[i]
     if sensitive:
-        _multiply(address[5], out, ny, memory.S, JY, k * ny * ns, ns)
+        multiply(address[5], out, ny, memory.S, JY, k * ny * ns, ns)
         for e in range(equations.direct_at[OUTPUTS], equations.direct_at[OUTPUTS + 1]):
             j = inputs.column[direct[e, 1]]
             if j >= 0:
@@ -399,7 +456,7 @@ def sweep(equations, memory, inputs, times, results):  # type: ignore[no-untyped
 @njit(cache=True, nogil=True)
 def prepare(address, p, derived):  # type: ignore[no-untyped-def]
     """Fill what depends on parameters only."""
-    _call(address, p, p, p, p, 0, p, p, derived)
+    call(address, p, p, p, p, 0, p, p, derived)
 
 
 @njit(cache=True, nogil=True)
@@ -409,7 +466,7 @@ def rate_matrix(equations, memory, u, p, time_s, step_s, period_s):  # type: ign
     nx = memory.x.shape[0]
     out = np.zeros(nx + columns.shape[0] + 2)
     t = np.array([time_s, step_s, period_s, 1.0, 0.0, 0.0])
-    _call(equations.address[1], memory.x, memory.cells, memory.past, u, 0, p, t, out)
+    call(equations.address[1], memory.x, memory.cells, memory.past, u, 0, p, t, out)
     M = np.zeros((nx, nx))
     for i in range(nx):
         for e in range(pointer[i], pointer[i + 1]):

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.engine.arguments import Equations, Inputs, MemoryArrays, Results, Times
 from pamid.engine.llvm_ir import (
     LANES,
     declarations,
+    extract_derived,
     function_text,
-    hoist,
     product_text,
     with_partials,
 )
-from pamid.symbolic.memory_cells import TICKS, Lowered, cell_update
+from pamid.symbolic.memory_cells import TICKS, StateEquations, cell_update
 from pamid.symbolic.vocabulary import Expr, expression
+
+if TYPE_CHECKING:  # numba is loaded when a model is compiled, not with the package
+    from pamid.engine.integrator import CompiledEquations, MemoryArrays
 
 Array = NDArray[np.float64]
 
@@ -44,6 +47,8 @@ class Memory:
 
     def arrays(self, *, sensitive: bool = True) -> MemoryArrays:
         """The arrays themselves; without room for sensitivities where these are not wanted."""
+        from pamid.engine.integrator import MemoryArrays
+
         S, buffer_S = self.S, self.buffer_S
         if not sensitive:
             S, buffer_S = S[:, :0].copy(), buffer_S[:, :, :0].copy()
@@ -80,7 +85,7 @@ class Program:
     operations: int
     derived: int
     sensitive: frozenset[str]
-    _equations: Equations = field(repr=False)
+    _equations: CompiledEquations = field(repr=False)
 
     def memory(
         self, x: Array, columns: int = 0, *, stepping: Stepping | None = None, period_s: float = 1.0
@@ -122,7 +127,7 @@ class Program:
         outputs x columns; empty without), and the first sample at which the state blew up (-1:
         none).
         """
-        from pamid.engine.integrator import sweep
+        from pamid.engine.integrator import Inputs, Results, Times, sweep
 
         step = stepping or Stepping()
         if memory.S.shape[1] == 0:
@@ -186,28 +191,28 @@ class Program:
 
 @lru_cache(maxsize=256)
 def build_program(
-    lowered: Lowered,
+    equations: StateEquations,
     inputs: tuple[str, ...],
     parameters: tuple[str, ...],
     outputs: tuple[str, ...],
     sensitive: frozenset[str] | None = None,
 ) -> Program:
-    """Compile lowered equations (from the cache on disk where they were compiled before; in one
+    """Compile equations (from the cache on disk where they were compiled before; in one
     process only once).
 
     sensitive: parameters that sensitivities may be asked for (default: all); fewer are cheaper.
     """
-    cells = lowered.cells
-    nx, nc = len(lowered.states), len(cells)
-    place = {("state", n): i for i, n in enumerate(lowered.states)}
+    cells = equations.cells
+    nx, nc = len(equations.states), len(cells)
+    place = {("state", n): i for i, n in enumerate(equations.states)}
     place |= {(space, c.name): i for i, c in enumerate(cells) for space in ("cell", "past")}
     place |= {("input", n): i for i, n in enumerate(inputs)}
     place |= {("parameter", n): i for i, n in enumerate(parameters)}
     place |= {("tick", n): i for i, n in enumerate(TICKS)}
     base = {"state": 0, "cell": nx, "past": nx + nc, "parameter": nx + 2 * nc}
 
-    phases, phase_n, phase_first, phase_delay, delays = _phases(lowered)
-    groups: list[list[Expr]] = [list(lowered.rates), list(lowered.outputs), *phases]
+    phases, phase_n, phase_first, phase_delay, delays = _phases(equations)
+    groups: list[list[Expr]] = [list(equations.rates), list(equations.outputs), *phases]
     parts, names = [declarations()], []
     direct, direct_at, most = [], [0], 0
     pattern: tuple[list[int], list[int]] = ([], [])
@@ -219,7 +224,7 @@ def build_program(
         return base[space] + place[space, name]
 
     tables = [with_partials(roots, column, sensitive) for roots in groups]
-    values, derived = hoist([v for v, _, _ in tables])
+    values, derived = extract_derived([v for v, _, _ in tables])
     place |= {("derived", str(i)): len(parameters) + i for i in range(len(derived))}
     for i, roots in enumerate(groups):
         _, pointer, columns = tables[i]
@@ -239,6 +244,7 @@ def build_program(
         direct_at.append(len(direct))
         most = max(most, len(columns))
     # LLVM is loaded when a model is compiled, not with the package
+    from pamid.engine.integrator import CompiledEquations
     from pamid.engine.jit_cache import addresses
 
     parts.append(function_text("prepare", derived, index))
@@ -250,7 +256,7 @@ def build_program(
     room = np.full(most, -1, np.int64)  # the driver sizes its scratch by this array
     room[: len(pattern[1])] = pattern[1]
     return Program(
-        lowered.states,
+        equations.states,
         inputs,
         parameters,
         outputs,
@@ -259,7 +265,7 @@ def build_program(
         parts[1].count("\n"),
         len(derived),
         frozenset(parameters) if sensitive is None else sensitive,
-        Equations(
+        CompiledEquations(
             int_array(address),
             int_array(phase_n),
             int_array(phase_first),
@@ -273,7 +279,7 @@ def build_program(
 
 
 def _phases(
-    lowered: Lowered,
+    equations: StateEquations,
 ) -> tuple[list[list[Expr]], list[int], list[int], list[int], list[float]]:
     """Cut the ordered cells after every delay line: the driver moves the line between two phases.
 
@@ -290,7 +296,7 @@ def _phases(
     current: list[Expr] = []
     inline: dict[Expr, Expr] = {}
     first = 0
-    for i, cell in enumerate(lowered.cells):
+    for i, cell in enumerate(equations.cells):
         if cell.buffer_s > 0.0:
             waits = expression(0.0 if cell.seconds is None else cell.seconds)
             goes_in, seconds = substitute([cell.update, waits], inline)
