@@ -8,15 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pamid.engine.integrator import GAMMA
+from pamid.engine.integrator import DAMPED, GAMMA, HALVINGS, NEWTON_STEPS, SETTLED
 from pamid.export.onnx_graph import Graph, graph_of
 
 #: a graph and a state (nx,) -> rates (nx,) there, and df/dx (nx, nx)
 Rates = Callable[[Graph, str], str]
-
-ITERATIONS, HALVINGS = 40, 20
-# largest relative change: above, a step may be shortened; below, it was the last
-DAMPED, SETTLED = 1e-3, 1e-9
 
 
 @dataclass(frozen=True)
@@ -61,7 +57,7 @@ class Implicit:
         found, fine = g.several(
             "Loop",
             2,
-            g.array(ITERATIONS, np.int64),
+            g.array(NEWTON_STEPS, np.int64),
             g.array(True, np.bool_),
             guess,
             g.array(False, np.bool_),
