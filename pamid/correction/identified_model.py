@@ -42,7 +42,7 @@ from pamid.recording.recording import Recording
 from pamid.simulation.simulate import input_table, noisy_inputs, sensor_noise
 from pamid.simulation.virtual_rig import VirtualRecording, in_its_loop
 from pamid.symbolic.expression import symbol
-from pamid.symbolic.memory_cells import Cell, Lowered, lower
+from pamid.symbolic.memory_cells import Cell, StateEquations, expand_memory
 from pamid.symbolic.vocabulary import Expr
 
 Array = NDArray[np.float64]
@@ -142,10 +142,10 @@ class Identified:
         return fed(own, before, ADDED, value, cells)
 
     @cached_property
-    def lowered(self) -> Lowered:
+    def lowered(self) -> StateEquations:
         """The same without memory operators."""
         e = self.equations
-        return lower(e.rates, e.outputs, e.cells)
+        return expand_memory(e.rates, e.outputs, e.cells)
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -182,7 +182,7 @@ class Identified:
     def program_with(self, extra: Mapping[str, Expr]) -> Program:
         """Compiled, with further outputs behind the model's own."""
         e, names = self.equations, (*self.outputs, *extra)
-        lowered = lower(e.rates, {**e.outputs, **extra}, e.cells) if extra else self.lowered
+        lowered = expand_memory(e.rates, {**e.outputs, **extra}, e.cells) if extra else self.lowered
         return build_program(lowered, self.inputs, tuple(self.constants), names, frozenset())
 
     def knowing(self, known: Mapping[str, float]) -> Identified:

@@ -1,134 +1,185 @@
-"""The generic sweep through time: compiled once, serves every model through function addresses.
+"""Time integration: compiled once, serves every model through function addresses.
 
-One sweep carries values and, on request, exact sensitivities of the discrete recursion (not of the
-differential equation): the derivative of what was computed. Explicit Runge-Kutta of order 4, or the
-L-stable SDIRK2 of Alexander (1977) for stiff models, one or more steps per sample, inputs held over
-the sample.
+`sweep` runs over the samples of a recording. At the start of every step it updates the cells, at
+the start of every sample it reads the outputs, and it moves the states by one step of
 
-Rows of the sensitivity matrix: states, cells, past cells. Function numbers: 0 rates, 1 outputs, 2..
-cell phases; each has three addresses: plain, with partials, and the sparse product of its partials
-with the sensitivities.
+    RK4     the classical Runge-Kutta method of order 4 (Hairer, Norsett and Wanner 1993, II.1)
+    SDIRK2  the L-stable, singly diagonally implicit method of order 2 of Alexander (1977), for
+            stiff models (see `_sdirk2`)
+
+with the inputs held over the sample. On request it carries exact forward sensitivities of that
+recursion (not of the differential equation): with z = (states, cells) and z(k+1) = F(z(k), p), the
+columns S = dz/dp follow S(k+1) = dF/dz S(k) + dF/dp, so that they are the derivative of what was
+computed.
+
+    Alexander (1977), SIAM J. Numer. Anal. 14(6), 1006-1021
+    Deuflhard (2004), Newton Methods for Nonlinear Problems, section 3.3
+    Hairer, Norsett and Wanner (1993), Solving Ordinary Differential Equations I
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic as _intrinsic
 
+from pamid.engine.function_calls import call, multiply
 from pamid.engine.lu import factor, solve
 from pamid.engine.numba_cache import njit
 
+# diagonal of SDIRK2: g^2 - 2 g + 1/2 = 0 makes it L-stable and of order 2
 GAMMA = 1.0 - 1.0 / np.sqrt(2.0)
 BLOWN_UP = 1e15
-# numba's own annotation keeps the typing context that a call leaves out
-intrinsic: Any = _intrinsic
+NEWTON_STEPS, HALVINGS = 40, 20
+# relative changes: above DAMPED a Newton step may be shortened, below SETTLED it was the last
+DAMPED, SETTLED = 1e-3, 1e-9
+RATES, OUTPUTS, PHASES = 0, 1, 2  # numbers of functions; the phases of the cells follow one another
 
 
-def _data(context, builder, kind, value):  # type: ignore[no-untyped-def]
-    """Address of an array's first element, without touching its reference count."""
-    return builder.ptrtoint(context.make_array(kind)(context, builder, value).data, ir.IntType(64))
+# ---- what the functions are given --------------------------------------------------------------
+# Arrays are C-contiguous, float64 where nothing else is said; nx states, nc cells, ns sensitivity
+# columns. The classes stand in this file because numba's cache of it is found stale by this file's
+# stamp alone, and they keep their names because that cache refers to them by name.
 
 
-@intrinsic
-def _call(typingctx, address, x, c, b, u, k, p, t, out):  # type: ignore[no-untyped-def]
-    """Call the compiled function at `address` with seven arrays; the inputs start k numbers into
-    u."""
-    signature = types.void(types.intp, x, c, b, u, types.intp, p, t, out)
+class CompiledEquations(NamedTuple):
+    """A compiled model; all arrays are int64.
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
-        kind = ir.FunctionType(ir.VoidType(), [ir.IntType(64)] * 7)
-        words = [_data(context, builder, sig.args[i], args[i]) for i in (1, 2, 3, 4, 6, 7, 8)]
-        words[3] = builder.add(words[3], builder.mul(args[5], ir.IntType(64)(8)))
-        builder.call(builder.inttoptr(args[0], kind.as_pointer()), words)
-        return context.get_dummy_value()
+    address         (3 functions + 1): of each function plain, with partials, and the sparse product
+                    of its partials with the sensitivities; last what fills the derived parameters
+    phase_n, phase_first, phase_delay
+                    (phases): number of cells, place of the first one, delay line after it or -1
+    pointer, columns
+                    sparsity of the rates' partials, row by row (CSR)
+    direct_at, direct
+                    (functions + 1) and (entries, 3): row, parameter and place of the partials by
+                    parameters
+    """
 
-    return signature, codegen
+    address: Any
+    phase_n: Any
+    phase_first: Any
+    phase_delay: Any
+    pointer: Any
+    columns: Any
+    direct_at: Any
+    direct: Any
 
 
-@intrinsic
-def _multiply(typingctx, address, partials, skip, S, D, at, n):  # type: ignore[no-untyped-def]
-    """Call a compiled sparse product D = P S; partials stand `skip`, the result `at` numbers into
-    their arrays."""
-    signature = types.void(types.intp, partials, types.intp, S, D, types.intp, types.intp)
+class MemoryArrays(NamedTuple):
+    """What is carried on from step to step, in place.
 
-    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
-        word = ir.IntType(64)
-        kind = ir.FunctionType(ir.VoidType(), [word] * 4)
-        first = builder.add(
-            _data(context, builder, sig.args[1], args[1]), builder.mul(args[2], word(8))
-        )
-        result = builder.add(
-            _data(context, builder, sig.args[4], args[4]), builder.mul(args[5], word(8))
-        )
-        builder.call(
-            builder.inttoptr(args[0], kind.as_pointer()),
-            [first, _data(context, builder, sig.args[3], args[3]), result, args[6]],
-        )
-        return context.get_dummy_value()
+    x (nx,) states; cells, past (nc,); S (nx + 2 nc, ns) their sensitivities, in this order; buffers
+    (delays, length), buffer_S (delays, length, ns) and heads (delays,) of the delay lines.
+    """
 
-    return signature, codegen
+    x: Any
+    cells: Any
+    past: Any
+    S: Any
+    buffers: Any
+    buffer_S: Any
+    heads: Any
+
+
+class Inputs(NamedTuple):
+    """What a run is given: u (samples, inputs), p (parameters and derived ones), column
+    (parameters) of each one's sensitivity or -1, and whether sensitivities are asked for."""
+
+    u: Any
+    p: Any
+    column: Any
+    sensitive: bool
+
+
+class Times(NamedTuple):
+    """begin: at the very first step; join: the state was set anew since the last one."""
+
+    time_s: float
+    period_s: float
+    substeps: int
+    implicit: bool
+    begin: bool
+    join: bool
+
+
+class Results(NamedTuple):
+    """Y (samples, outputs), and JY (samples, outputs, ns), which is multiplied by weights
+    (outputs,)."""
+
+    Y: Any
+    JY: Any
+    weights: Any
+
+
+class Work(NamedTuple):
+    """Scratch of a sweep.
+
+    out                 values of a function, then its partials
+    D                   its partials times S
+    ticks (6,)          as in `pamid.symbolic.memory_cells.TICKS`
+    x0, S0              state and sensitivities at the start of the step
+    slope, slope_S      their weighted sums (RK4) or first slopes (SDIRK2)
+    M, pivots           LU of Newton's matrix
+    step, next_step     Newton's steps (nx, 1), from here and from where the step would lead
+    before, base        the state before a Newton step; the known part of the stage
+    """
+
+    out: Any
+    D: Any
+    ticks: Any
+    x0: Any
+    slope: Any
+    S0: Any
+    slope_S: Any
+    M: Any
+    pivots: Any
+    step: Any
+    next_step: Any
+    before: Any
+    base: Any
+
+
+# ---- steps ---------------------------------------------------------------------------------------
 
 
 @njit(cache=True, inline="always")
-def _rows(address, f, out, n, direct_at, direct, p_column, S, D):  # type: ignore[no-untyped-def]
+def _rows(equations, f, n, inputs, S, work):  # type: ignore[no-untyped-def]
     """D[i] = sum_j partial(i, j) S[j] + direct parameter columns, for function f; its partials
     follow n values."""
-    _multiply(address[3 * f + 2], out, n, S, D, 0, S.shape[1])
-    for e in range(direct_at[f], direct_at[f + 1]):
-        k = p_column[direct[e, 1]]
+    direct, out, D = equations.direct, work.out, work.D
+    multiply(equations.address[3 * f + 2], out, n, S, D, 0, S.shape[1])
+    for e in range(equations.direct_at[f], equations.direct_at[f + 1]):
+        k = inputs.column[direct[e, 1]]
         if k >= 0:
             D[direct[e, 0], k] += out[n + direct[e, 2]]
 
 
 @njit(cache=True, inline="always")
-def _update_cells(
-    address,
-    n_phase,
-    phase_first,
-    phase_delay,
-    direct_at,
-    direct,
-    sens,
-    x,
-    c,
-    b,
-    u,
-    row,
-    p,
-    t,
-    out,
-    S,
-    D,
-    p_column,
-    buffers,
-    buffer_S,
-    heads,
-):  # type: ignore[no-untyped-def]
+def _update_cells(equations, memory, inputs, row, work):  # type: ignore[no-untyped-def]
     """All cells at the start of a step. Delay lines sit between phases: push the input, read at the
     delay."""
+    address, sensitive = equations.address, inputs.sensitive
+    x, c, b, S = memory.x, memory.cells, memory.past, memory.S
+    buffers, buffer_S, heads = memory.buffers, memory.buffer_S, memory.heads
+    out, D, t = work.out, work.D, work.ticks
     nx, nc, ns = x.shape[0], c.shape[0], S.shape[1]
     for i in range(nc):
         b[i] = c[i]
-    if sens:
+    if sensitive:
         for i in range(nc):
             for k in range(ns):
                 S[nx + nc + i, k] = S[nx + i, k]
-    for phase in range(n_phase.shape[0]):
-        n = n_phase[phase]
-        delayed = phase_delay[phase]
-        f = 2 + phase
-        _call(address[3 * f + (1 if sens else 0)], x, c, b, u, row, p, t, out)
-        at = phase_first[phase]
+    for phase in range(equations.phase_n.shape[0]):
+        n = equations.phase_n[phase]
+        delayed = equations.phase_delay[phase]
+        f = PHASES + phase
+        call(address[3 * f + (1 if sensitive else 0)], x, c, b, inputs.u, row, inputs.p, t, out)
+        at = equations.phase_first[phase]
         for i in range(n):
             c[at + i] = out[i]
-        if sens:
-            _rows(
-                address, f, out, n + (2 if delayed >= 0 else 0), direct_at, direct, p_column, S, D
-            )
+        if sensitive:
+            _rows(equations, f, n + (2 if delayed >= 0 else 0), inputs, S, work)
             for i in range(n):
                 for k in range(ns):
                     S[nx + at + i, k] = D[i, k]
@@ -139,16 +190,16 @@ def _update_cells(
             heads[delayed] = head
             if t[4] > 0.5:
                 buffers[delayed, :] = out[n]
-                if sens:
+                if sensitive:
                     for m in range(size):
                         buffer_S[delayed, m] = D[n]
             buffers[delayed, head] = out[n]
             position = min(max(out[n + 1] / t[1], 0.0), size - 2.0)
-            whole = int(position)
-            part = position - whole
-            near, far = (head - whole) % size, (head - whole - 1) % size
+            steps = int(position)
+            part = position - steps
+            near, far = (head - steps) % size, (head - steps - 1) % size
             c[cell] = (1.0 - part) * buffers[delayed, near] + part * buffers[delayed, far]
-            if sens:
+            if sensitive:
                 slope = (buffers[delayed, far] - buffers[delayed, near]) / t[1]
                 for k in range(ns):
                     buffer_S[delayed, head, k] = D[n, k]
@@ -160,45 +211,29 @@ def _update_cells(
 
 
 @njit(cache=True, inline="always")
-def _rk4(
-    address,
-    direct_at,
-    direct,
-    sens,
-    x,
-    c,
-    b,
-    u,
-    row,
-    p,
-    t,
-    h,
-    out,
-    S,
-    D,
-    p_column,
-    x0,
-    acc,
-    s,
-    d,
-    s0,
-    total,
-):  # type: ignore[no-untyped-def]
+def _rk4(equations, memory, inputs, row, h, work):  # type: ignore[no-untyped-def]
+    """One step of h: k1 = f(x), k2 = f(x + h/2 k1), k3 = f(x + h/2 k2), k4 = f(x + h k3), and
+    x + h/6 (k1 + 2 k2 + 2 k3 + k4); S likewise, with the derivative of every stage."""
+    address, sensitive = equations.address, inputs.sensitive
+    x, c, b, S = memory.x, memory.cells, memory.past, memory.S
+    u, p, t, out = inputs.u, inputs.p, work.ticks, work.out
+    x0, acc = work.x0, work.slope
+    s, d, s0, total = S.ravel(), work.D.ravel(), work.S0.ravel(), work.slope_S.ravel()
     nx = x.shape[0]
     size = nx * S.shape[1]
     for i in range(nx):
         x0[i] = x[i]
         acc[i] = 0.0
-    if sens:
+    if sensitive:
         for i in range(size):
             s0[i] = s[i]
             total[i] = s[i]
     for stage in range(4):
         weight = h / 6.0 if stage == 0 or stage == 3 else h / 3.0
         reach = 0.5 * h if stage < 2 else h
-        _call(address[1 if sens else 0], x, c, b, u, row, p, t, out)
-        if sens:
-            _rows(address, 0, out, nx, direct_at, direct, p_column, S, D)
+        call(address[1 if sensitive else 0], x, c, b, u, row, p, t, out)
+        if sensitive:
+            _rows(equations, RATES, nx, inputs, S, work)
             for i in range(size):
                 total[i] += weight * d[i]
                 s[i] = s0[i] + reach * d[i]
@@ -207,122 +242,116 @@ def _rk4(
             x[i] = x0[i] + reach * out[i]
     for i in range(nx):
         x[i] = x0[i] + acc[i]
-    if sens:
+    if sensitive:
         for i in range(size):
             s[i] = total[i]
 
 
 @njit(cache=True)
-def _matrix(out, pattern, columns, nx, gh, M):  # type: ignore[no-untyped-def]
+def _newton_matrix(out, pointer, columns, nx, gh, M):  # type: ignore[no-untyped-def]
     """M = I - gh df/dx."""
     for i in range(nx):
         for j in range(nx):
             M[i, j] = 1.0 if i == j else 0.0
-        for e in range(pattern[i], pattern[i + 1]):
+        for e in range(pointer[i], pointer[i + 1]):
             if columns[e] < nx:
                 M[i, columns[e]] -= gh * out[nx + e]
 
 
 @njit(cache=True)
-def _newton(
-    address, pattern, columns, x, c, b, u, row, p, t, gh, out, base, M, pivots, r, q, before
-):  # type: ignore[no-untyped-def]
+def _newton(equations, memory, inputs, row, gh, work):  # type: ignore[no-untyped-def]
     """Solve x = base + gh f(x) in place by damped Newton; says whether it converged to round-off.
 
-    Damping by affine-invariant monotonicity (Deuflhard 2004, section 3.3).
+    A step dx solves (I - gh df/dx) dx = base + gh f(x) - x. Above DAMPED it is halved until the
+    next one, with the same matrix, is smaller: |dx'| <= (1 - reach/4) |dx|, the affine-invariant
+    monotonicity test of Deuflhard (2004, section 3.3). Sizes are the largest |dx_i| / (1e-6 +
+    |x_i|). It stops after a step below SETTLED: convergence is quadratic, the next one would be
+    below round-off.
     """
+    address = equations.address
+    x, c, b = memory.x, memory.cells, memory.past
+    u, p, t, out = inputs.u, inputs.p, work.ticks, work.out
+    M, pivots, base, before = work.M, work.pivots, work.base, work.before
+    step, following = work.step, work.next_step
     nx = x.shape[0]
-    for _ in range(40):
-        _call(address[1], x, c, b, u, row, p, t, out)
-        _matrix(out, pattern, columns, nx, gh, M)
+    for _ in range(NEWTON_STEPS):
+        call(address[1], x, c, b, u, row, p, t, out)
+        _newton_matrix(out, equations.pointer, equations.columns, nx, gh, M)
         factor(M, pivots)
         for i in range(nx):
-            r[i, 0] = base[i] + gh * out[i] - x[i]
-        solve(M, pivots, r)
+            step[i, 0] = base[i] + gh * out[i] - x[i]
+        solve(M, pivots, step)
         worst = 0.0
         for i in range(nx):
-            worst = max(worst, abs(r[i, 0]) / (1e-6 + abs(x[i])))
+            worst = max(worst, abs(step[i, 0]) / (1e-6 + abs(x[i])))
             before[i] = x[i]
         reach = 1.0
-        for _ in range(20 if worst > 1e-3 else 1):
+        for _ in range(HALVINGS if worst > DAMPED else 1):
             for i in range(nx):
-                x[i] = before[i] + reach * r[i, 0]
-            if worst <= 1e-3:
+                x[i] = before[i] + reach * step[i, 0]
+            if worst <= DAMPED:
                 break
-            _call(address[0], x, c, b, u, row, p, t, out)
+            call(address[0], x, c, b, u, row, p, t, out)
             for i in range(nx):
-                q[i, 0] = base[i] + gh * out[i] - x[i]
-            solve(M, pivots, q)
+                following[i, 0] = base[i] + gh * out[i] - x[i]
+            solve(M, pivots, following)
             left = 0.0
             for i in range(nx):
-                left = max(left, abs(q[i, 0]) / (1e-6 + abs(before[i])))
+                left = max(left, abs(following[i, 0]) / (1e-6 + abs(before[i])))
             if left <= (1.0 - 0.25 * reach) * worst:
                 break
             reach *= 0.5
-        if worst < 1e-9:
+        if worst < SETTLED:
             return True
     return False
 
 
 @njit(cache=True)
-def _sdirk2(
-    address,
-    pattern,
-    columns,
-    direct_at,
-    direct,
-    sens,
-    x,
-    c,
-    b,
-    u,
-    row,
-    p,
-    t,
-    h,
-    out,
-    S,
-    D,
-    p_column,
-    x0,
-    k1,
-    S0,
-    A,
-    M,
-    pivots,
-    r,
-    q,
-    before,
-    base,
-):  # type: ignore[no-untyped-def]
-    """Two implicit stages with damped Newton to round-off; sensitivities by the implicit function
-    theorem.
+def _sdirk2(equations, memory, inputs, row, h, work):  # type: ignore[no-untyped-def]
+    """One step of h in two stages, each solved by damped Newton to round-off; with g = GAMMA
+
+        x1 = x + g h f(x1),   x2 = x + (1 - g) h f(x1) + g h f(x2),   x2 is the result
+
+    (Alexander 1977; stiffly accurate). Sensitivities by the implicit function theorem, with f_x =
+    df/dx and f_p all other parts of df/dp, through cells and parameters:
+
+        (I - g h f_x) S1 = S + g h f_p,   (I - g h f_x) S2 = S + (1 - g) h (S1 - S)/(g h) + g h f_p
 
     Where Newton does not converge the state becomes NaN, so that the sweep reports it.
     """
+    sensitive, x, S, D = inputs.sensitive, memory.x, memory.S, work.D
+    x0, k1, S0, A = work.x0, work.slope, work.S0, work.slope_S
+    out, M, pivots = work.out, work.M, work.pivots
     nx, ns = x.shape[0], S.shape[1]
     gh = GAMMA * h
     x0[:] = x
     k1[:] = 0.0
-    if sens:
+    if sensitive:
         S0[:] = S[:nx]
         A[:] = 0.0
     for stage in range(2):
         carry = 0.0 if stage == 0 else (1.0 - GAMMA) * h
         for i in range(nx):
-            base[i] = x0[i] + carry * k1[i]
-        solved = _newton(
-            address, pattern, columns, x, c, b, u, row, p, t, gh, out, base, M, pivots, r, q, before
-        )
-        if not solved:
+            work.base[i] = x0[i] + carry * k1[i]
+        if not _newton(equations, memory, inputs, row, gh, work):
             x[:] = np.nan
             return
-        if sens:
-            _call(address[1], x, c, b, u, row, p, t, out)
-            _matrix(out, pattern, columns, nx, gh, M)
+        if sensitive:
+            call(
+                equations.address[1],
+                x,
+                memory.cells,
+                memory.past,
+                inputs.u,
+                row,
+                inputs.p,
+                work.ticks,
+                out,
+            )
+            _newton_matrix(out, equations.pointer, equations.columns, nx, gh, M)
             factor(M, pivots)
             S[:nx] = 0.0
-            _rows(address, 0, out, nx, direct_at, direct, p_column, S, D)  # everything but df/dx S
+            _rows(equations, RATES, nx, inputs, S, work)  # everything but df/dx S
             for i in range(nx):
                 for k in range(ns):
                     S[i, k] = S0[i, k] + carry * A[i, k] + gh * D[i, k]
@@ -336,160 +365,90 @@ def _sdirk2(
                 k1[i] = (x[i] - x0[i]) / gh
 
 
-@njit(cache=True, nogil=True)
-def sweep(
-    address,
-    n_phase,
-    phase_first,
-    phase_delay,
-    pattern,
-    columns,
-    direct_at,
-    direct,
-    x,
-    c,
-    b,
-    u,
-    p,
-    p_column,
-    S,
-    buffers,
-    buffer_S,
-    heads,
-    time_s,
-    period_s,
-    substeps,
-    implicit,
-    begin,
-    join,
-    sens,
-    Y,
-    JY,
-    weights,
-):  # type: ignore[no-untyped-def]
-    """Run over the rows of u (samples x inputs); fills Y (samples x outputs) and JY (samples x
-    outputs x columns), the latter times `weights` (outputs).
+@njit(cache=True, inline="always")
+def _work(equations, memory, n_outputs):  # type: ignore[no-untyped-def]
+    nx, nc, ns = memory.x.shape[0], memory.cells.shape[0], memory.S.shape[1]
+    width = max(max(nx, n_outputs), nc) + 2
+    return Work(
+        np.zeros(width + equations.columns.shape[0] + 2),
+        np.zeros((width, ns)),
+        np.zeros(6),
+        np.zeros(nx),
+        np.zeros(nx),
+        np.zeros((nx, ns)),
+        np.zeros((nx, ns)),
+        np.zeros((nx, nx)),
+        np.zeros(nx, np.int64),
+        np.zeros((nx, 1)),
+        np.zeros((nx, 1)),
+        np.zeros(nx),
+        np.zeros(nx),
+    )
 
-    State, cells, buffers and sensitivities are carried in place, so that the next call continues.
-    Returns the first sample at which the state is no longer finite, or -1.
+
+@njit(cache=True, inline="always")
+def _read_outputs(equations, memory, inputs, k, row, work, results):  # type: ignore[no-untyped-def]
+    """Row k of Y and JY."""
+    address, direct, out = equations.address, equations.direct, work.out
+    Y, JY, weights, sensitive = results.Y, results.JY, results.weights, inputs.sensitive
+    ny, ns = Y.shape[1], memory.S.shape[1]
+    call(
+        address[4 if sensitive else 3],
+        memory.x,
+        memory.cells,
+        memory.past,
+        inputs.u,
+        row,
+        inputs.p,
+        work.ticks,
+        out,
+    )
+    for i in range(ny):
+        Y[k, i] = out[i]
+    if sensitive:
+        multiply(address[5], out, ny, memory.S, JY, k * ny * ns, ns)
+        for e in range(equations.direct_at[OUTPUTS], equations.direct_at[OUTPUTS + 1]):
+            j = inputs.column[direct[e, 1]]
+            if j >= 0:
+                JY[k, direct[e, 0], j] += out[ny + direct[e, 2]]
+        for i in range(ny):
+            for j in range(ns):
+                JY[k, i, j] *= weights[i]
+
+
+@njit(cache=True, nogil=True)
+def sweep(equations, memory, inputs, times, results):  # type: ignore[no-untyped-def]
+    """Run over the rows of u, filling Y and, where sensitivities are asked for, JY.
+
+    Memory is carried on in place, so that the next call continues. Returns the first sample at
+    which the state is no longer finite, or -1.
     """
-    n, nx, nc, ny, ns = u.shape[0], x.shape[0], c.shape[0], Y.shape[1], S.shape[1]
-    width = max(max(nx, ny), nc) + 2
-    out = np.zeros(width + columns.shape[0] + 2)
-    D = np.zeros((width, ns))
-    x0, k1 = np.zeros(nx), np.zeros(nx)
-    S0, A = np.zeros((nx, ns)), np.zeros((nx, ns))
-    M, r, pivots = np.zeros((nx, nx)), np.zeros((nx, 1)), np.zeros(nx, np.int64)
-    q, before, base = np.zeros((nx, 1)), np.zeros(nx), np.zeros(nx)
-    s, d, s0, total = S.ravel(), D.ravel(), S0.ravel(), A.ravel()
-    t = np.zeros(6)
-    h = period_s / substeps
-    t[1], t[2] = h, period_s
-    for k in range(n):
-        row = k * u.shape[1]
-        for sub in range(substeps):
-            t[0] = time_s + k * period_s + sub * h
+    x, nc, nu = memory.x, memory.cells.shape[0], inputs.u.shape[1]
+    work = _work(equations, memory, results.Y.shape[1])
+    t = work.ticks
+    h = times.period_s / times.substeps
+    t[1], t[2] = h, times.period_s
+    for k in range(inputs.u.shape[0]):
+        row = k * nu
+        for sub in range(times.substeps):
+            first = k == 0 and sub == 0
+            t[0] = times.time_s + k * times.period_s + sub * h
             t[3] = 1.0 if sub == 0 else 0.0
-            t[4] = 1.0 if begin and k == 0 and sub == 0 else 0.0
-            t[5] = 1.0 if join and k == 0 and sub == 0 else 0.0
+            t[4] = 1.0 if times.begin and first else 0.0
+            t[5] = 1.0 if times.join and first else 0.0
             if nc > 0:
-                _update_cells(
-                    address,
-                    n_phase,
-                    phase_first,
-                    phase_delay,
-                    direct_at,
-                    direct,
-                    sens,
-                    x,
-                    c,
-                    b,
-                    u,
-                    row,
-                    p,
-                    t,
-                    out,
-                    S,
-                    D,
-                    p_column,
-                    buffers,
-                    buffer_S,
-                    heads,
-                )
+                _update_cells(equations, memory, inputs, row, work)
             if sub == 0:
-                _call(address[4 if sens else 3], x, c, b, u, row, p, t, out)
-                for i in range(ny):
-                    Y[k, i] = out[i]
-                if sens:
-                    _multiply(address[5], out, ny, S, JY, k * ny * ns, ns)
-                    for e in range(direct_at[1], direct_at[2]):
-                        j = p_column[direct[e, 1]]
-                        if j >= 0:
-                            JY[k, direct[e, 0], j] += out[ny + direct[e, 2]]
-                    for i in range(ny):
-                        for j in range(ns):
-                            JY[k, i, j] *= weights[i]
-            if implicit:
-                _sdirk2(
-                    address,
-                    pattern,
-                    columns,
-                    direct_at,
-                    direct,
-                    sens,
-                    x,
-                    c,
-                    b,
-                    u,
-                    row,
-                    p,
-                    t,
-                    h,
-                    out,
-                    S,
-                    D,
-                    p_column,
-                    x0,
-                    k1,
-                    S0,
-                    A,
-                    M,
-                    pivots,
-                    r,
-                    q,
-                    before,
-                    base,
-                )
+                _read_outputs(equations, memory, inputs, k, row, work, results)
+            if times.implicit:
+                _sdirk2(equations, memory, inputs, row, h, work)
             else:
-                _rk4(
-                    address,
-                    direct_at,
-                    direct,
-                    sens,
-                    x,
-                    c,
-                    b,
-                    u,
-                    row,
-                    p,
-                    t,
-                    h,
-                    out,
-                    S,
-                    D,
-                    p_column,
-                    x0,
-                    k1,
-                    s,
-                    d,
-                    s0,
-                    total,
-                )
-        for i in range(nx):
+                _rk4(equations, memory, inputs, row, h, work)
+        for i in range(x.shape[0]):
             if not abs(x[i]) < BLOWN_UP:
-                Y[k + 1 :] = np.nan
-                if sens:
-                    JY[k + 1 :] = np.nan
+                results.Y[k + 1 :] = np.nan
+                if inputs.sensitive:
+                    results.JY[k + 1 :] = np.nan
                 return k
     return -1
 
@@ -497,19 +456,20 @@ def sweep(
 @njit(cache=True, nogil=True)
 def prepare(address, p, derived):  # type: ignore[no-untyped-def]
     """Fill what depends on parameters only."""
-    _call(address, p, p, p, p, 0, p, p, derived)
+    call(address, p, p, p, p, 0, p, p, derived)
 
 
 @njit(cache=True, nogil=True)
-def rate_matrix(address, pattern, columns, x, c, b, u, p, time_s, step_s, period_s):  # type: ignore[no-untyped-def]
-    """df/dx at one point, nx x nx."""
-    nx = x.shape[0]
+def rate_matrix(equations, memory, u, p, time_s, step_s, period_s):  # type: ignore[no-untyped-def]
+    """df/dx at one point, nx x nx, at the held input u (inputs,)."""
+    pointer, columns = equations.pointer, equations.columns
+    nx = memory.x.shape[0]
     out = np.zeros(nx + columns.shape[0] + 2)
     t = np.array([time_s, step_s, period_s, 1.0, 0.0, 0.0])
-    _call(address[1], x, c, b, u, 0, p, t, out)
+    call(equations.address[1], memory.x, memory.cells, memory.past, u, 0, p, t, out)
     M = np.zeros((nx, nx))
     for i in range(nx):
-        for e in range(pattern[i], pattern[i + 1]):
+        for e in range(pointer[i], pointer[i + 1]):
             if columns[e] < nx:
                 M[i, columns[e]] = out[nx + e]
     return M

@@ -80,7 +80,7 @@ def function_text(name: str, roots: list[Expr], index: Callable[[str, str], int]
     return "\n".join([*lines, "ret void", "}"])
 
 
-def hoist(groups: list[list[Expr]]) -> tuple[list[list[Expr]], list[Expr]]:
+def extract_derived(groups: list[list[Expr]]) -> tuple[list[list[Expr]], list[Expr]]:
     """Replace what depends on parameters only by symbols of the space "derived"; returns these
     expressions too."""
     every = [root for group in groups for root in group]

@@ -1,4 +1,10 @@
-"""Small dense linear systems inside a sweep: LU with partial pivoting, in place."""
+"""Small dense linear systems inside a sweep: P M = L U with partial pivoting, in place (Golub and
+Van Loan 2013, Matrix Computations, sections 3.1 and 3.4).
+
+`factor` leaves U above and L (unit diagonal) below; pivots[j] is the row that was exchanged with
+row j at step j. A pivot of zero becomes 1e-300: the solution is huge or not finite, which the
+caller sees.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +13,7 @@ from pamid.engine.numba_cache import njit
 
 @njit(cache=True)
 def factor(M, pivots):  # type: ignore[no-untyped-def]
-    """LU in place with partial pivoting."""
+    """L and U in the place of M (n, n); pivots (n,) int64."""
     n = M.shape[0]
     for j in range(n):
         best = j
@@ -28,7 +34,7 @@ def factor(M, pivots):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def solve(M, pivots, B):  # type: ignore[no-untyped-def]
-    """Solve in place for all columns of B."""
+    """Solve M X = B by what `factor` left of M: B (n, m) becomes X."""
     n, m = B.shape
     for j in range(n):
         if pivots[j] != j:

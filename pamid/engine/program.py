@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,13 +12,16 @@ from numpy.typing import NDArray
 from pamid.engine.llvm_ir import (
     LANES,
     declarations,
+    extract_derived,
     function_text,
-    hoist,
     product_text,
     with_partials,
 )
-from pamid.symbolic.memory_cells import TICKS, Lowered, cell_update
+from pamid.symbolic.memory_cells import TICKS, StateEquations, cell_update
 from pamid.symbolic.vocabulary import Expr, expression
+
+if TYPE_CHECKING:  # numba is loaded when a model is compiled, not with the package
+    from pamid.engine.integrator import CompiledEquations, MemoryArrays
 
 Array = NDArray[np.float64]
 
@@ -41,18 +45,18 @@ class Memory:
     begin: bool = True
     join: bool = False  # the state was set anew since the last run
 
+    def arrays(self, *, sensitive: bool = True) -> MemoryArrays:
+        """The arrays themselves; without room for sensitivities where these are not wanted."""
+        from pamid.engine.integrator import MemoryArrays
+
+        S, buffer_S = self.S, self.buffer_S
+        if not sensitive:
+            S, buffer_S = S[:, :0].copy(), buffer_S[:, :, :0].copy()
+        return MemoryArrays(self.x, self.cells, self.past, S, self.buffers, buffer_S, self.heads)
+
     def copy(self) -> Memory:
-        return Memory(
-            self.x.copy(),
-            self.cells.copy(),
-            self.past.copy(),
-            self.S.copy(),
-            self.buffers.copy(),
-            self.buffer_S.copy(),
-            self.heads.copy(),
-            self.begin,
-            self.join,
-        )
+        x, cells, past, S, buffers, buffer_S, heads = (array.copy() for array in self.arrays())
+        return Memory(x, cells, past, S, buffers, buffer_S, heads, self.begin, self.join)
 
 
 @dataclass(frozen=True)
@@ -81,12 +85,7 @@ class Program:
     operations: int
     derived: int
     sensitive: frozenset[str]
-    _address: NDArray[np.int64] = field(repr=False)
-    _phase: tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]] = field(repr=False)
-    # of the rates: rows, columns
-    _pattern: tuple[NDArray[np.int64], NDArray[np.int64]] = field(repr=False)
-    # partials by parameters, per function
-    _direct: tuple[NDArray[np.int64], NDArray[np.int64]] = field(repr=False)
+    _equations: CompiledEquations = field(repr=False)
 
     def memory(
         self, x: Array, columns: int = 0, *, stepping: Stepping | None = None, period_s: float = 1.0
@@ -128,7 +127,7 @@ class Program:
         outputs x columns; empty without), and the first sample at which the state blew up (-1:
         none).
         """
-        from pamid.engine.integrator import sweep
+        from pamid.engine.integrator import Inputs, Results, Times, sweep
 
         step = stepping or Stepping()
         if memory.S.shape[1] == 0:
@@ -142,37 +141,25 @@ class Program:
         n, ns = u.shape[0], memory.S.shape[1] if columns is not None else 0
         Y = np.empty((n, len(self.outputs)))
         JY = np.empty((n, len(self.outputs), ns) if columns is not None else (1, 1, 0))
-        S = memory.S if columns is not None else memory.S[:, :0].copy()
-        buffer_S = memory.buffer_S if columns is not None else memory.buffer_S[:, :, :0].copy()
-        chosen = columns if columns is not None else np.full(len(self.parameters), -1, np.int64)
-        phase_n, phase_first, phase_delay = self._phase
+        none = np.full(len(self.parameters), -1, np.int64)
         bad = sweep(
-            self._address,
-            phase_n,
-            phase_first,
-            phase_delay,
-            *self._pattern,
-            *self._direct,
-            memory.x,
-            memory.cells,
-            memory.past,
-            np.ascontiguousarray(u, float),
-            self._prepared(p),
-            chosen,
-            S,
-            memory.buffers,
-            buffer_S,
-            memory.heads,
-            float(time_s),
-            float(period_s),
-            step.substeps,
-            step.implicit,
-            memory.begin,
-            memory.join,
-            columns is not None,
-            Y,
-            JY,
-            np.ones(len(self.outputs)) if weights is None else weights,
+            self._equations,
+            memory.arrays(sensitive=columns is not None),
+            Inputs(
+                np.ascontiguousarray(u, float),
+                self._prepared(p),
+                none if columns is None else columns,
+                columns is not None,
+            ),
+            Times(
+                float(time_s),
+                float(period_s),
+                step.substeps,
+                step.implicit,
+                memory.begin,
+                memory.join,
+            ),
+            Results(Y, JY, np.ones(len(self.outputs)) if weights is None else weights),
         )
         memory.begin = memory.join = False
         return Y, JY, int(bad)
@@ -184,11 +171,8 @@ class Program:
         from pamid.engine.integrator import rate_matrix
 
         return rate_matrix(
-            self._address,
-            *self._pattern,
-            memory.x,
-            memory.cells,
-            memory.past,
+            self._equations,
+            memory.arrays(),
             np.ascontiguousarray(u, float),
             self._prepared(p),
             time_s,
@@ -201,34 +185,34 @@ class Program:
         from pamid.engine.integrator import prepare
 
         values = np.concatenate([np.asarray(p, float), np.empty(self.derived)])
-        prepare(self._address[-1], values, values[len(p) :])
+        prepare(self._equations.address[-1], values, values[len(p) :])
         return values
 
 
 @lru_cache(maxsize=256)
 def build_program(
-    lowered: Lowered,
+    equations: StateEquations,
     inputs: tuple[str, ...],
     parameters: tuple[str, ...],
     outputs: tuple[str, ...],
     sensitive: frozenset[str] | None = None,
 ) -> Program:
-    """Compile lowered equations (from the cache on disk where they were compiled before; in one
+    """Compile equations (from the cache on disk where they were compiled before; in one
     process only once).
 
     sensitive: parameters that sensitivities may be asked for (default: all); fewer are cheaper.
     """
-    cells = lowered.cells
-    nx, nc = len(lowered.states), len(cells)
-    place = {("state", n): i for i, n in enumerate(lowered.states)}
+    cells = equations.cells
+    nx, nc = len(equations.states), len(cells)
+    place = {("state", n): i for i, n in enumerate(equations.states)}
     place |= {(space, c.name): i for i, c in enumerate(cells) for space in ("cell", "past")}
     place |= {("input", n): i for i, n in enumerate(inputs)}
     place |= {("parameter", n): i for i, n in enumerate(parameters)}
     place |= {("tick", n): i for i, n in enumerate(TICKS)}
     base = {"state": 0, "cell": nx, "past": nx + nc, "parameter": nx + 2 * nc}
 
-    phases, phase_n, phase_first, phase_delay, delays = _phases(lowered)
-    groups: list[list[Expr]] = [list(lowered.rates), list(lowered.outputs), *phases]
+    phases, phase_n, phase_first, phase_delay, delays = _phases(equations)
+    groups: list[list[Expr]] = [list(equations.rates), list(equations.outputs), *phases]
     parts, names = [declarations()], []
     direct, direct_at, most = [], [0], 0
     pattern: tuple[list[int], list[int]] = ([], [])
@@ -240,7 +224,7 @@ def build_program(
         return base[space] + place[space, name]
 
     tables = [with_partials(roots, column, sensitive) for roots in groups]
-    values, derived = hoist([v for v, _, _ in tables])
+    values, derived = extract_derived([v for v, _, _ in tables])
     place |= {("derived", str(i)): len(parameters) + i for i in range(len(derived))}
     for i, roots in enumerate(groups):
         _, pointer, columns = tables[i]
@@ -260,18 +244,19 @@ def build_program(
         direct_at.append(len(direct))
         most = max(most, len(columns))
     # LLVM is loaded when a model is compiled, not with the package
+    from pamid.engine.integrator import CompiledEquations
     from pamid.engine.jit_cache import addresses
 
     parts.append(function_text("prepare", derived, index))
     address = addresses("\n".join(parts), [*names, "prepare"])
 
-    def whole(values: object) -> NDArray[np.int64]:
+    def int_array(values: object) -> NDArray[np.int64]:
         return np.array(values, np.int64)
 
     room = np.full(most, -1, np.int64)  # the driver sizes its scratch by this array
     room[: len(pattern[1])] = pattern[1]
     return Program(
-        lowered.states,
+        equations.states,
         inputs,
         parameters,
         outputs,
@@ -280,15 +265,21 @@ def build_program(
         parts[1].count("\n"),
         len(derived),
         frozenset(parameters) if sensitive is None else sensitive,
-        whole(address),
-        (whole(phase_n), whole(phase_first), whole(phase_delay)),
-        (whole(pattern[0]), room),
-        (whole(direct_at), whole(direct).reshape(-1, 3)),
+        CompiledEquations(
+            int_array(address),
+            int_array(phase_n),
+            int_array(phase_first),
+            int_array(phase_delay),
+            int_array(pattern[0]),
+            room,
+            int_array(direct_at),
+            int_array(direct).reshape(-1, 3),
+        ),
     )
 
 
 def _phases(
-    lowered: Lowered,
+    equations: StateEquations,
 ) -> tuple[list[list[Expr]], list[int], list[int], list[int], list[float]]:
     """Cut the ordered cells after every delay line: the driver moves the line between two phases.
 
@@ -305,7 +296,7 @@ def _phases(
     current: list[Expr] = []
     inline: dict[Expr, Expr] = {}
     first = 0
-    for i, cell in enumerate(lowered.cells):
+    for i, cell in enumerate(equations.cells):
         if cell.buffer_s > 0.0:
             waits = expression(0.0 if cell.seconds is None else cell.seconds)
             goes_in, seconds = substitute([cell.update, waits], inline)

@@ -35,7 +35,7 @@ intrinsic: Any = _intrinsic
 
 
 @intrinsic
-def _carry(typingctx, matrix, before, after, output, jacobian, first, h, p):  # type: ignore[no-untyped-def]
+def _propagate(typingctx, matrix, before, after, output, jacobian, first, h, p):  # type: ignore[no-untyped-def]
     """after = matrix @ before, and output @ after to the p numbers of `jacobian` from place `first`
     on."""
     signature = types.void(
@@ -66,22 +66,22 @@ def _carry(typingctx, matrix, before, after, output, jacobian, first, h, p):  # 
                 v.store(value, new, place(i, column))
                 v.add(total, v.spread(weights, i), value)
 
-        whole, rest = builder.sdiv(h, WORD(ROWS)), builder.srem(h, WORD(ROWS))
+        groups, rest = builder.sdiv(h, WORD(ROWS)), builder.srem(h, WORD(ROWS))
         with cgutils.for_range(builder, builder.sdiv(p, WORD(LANES))) as tile:
             column = builder.mul(tile.index, WORD(LANES))
             total = v.held(v.constant(0.0))
-            with cgutils.for_range(builder, whole) as group:
+            with cgutils.for_range(builder, groups) as group:
                 some_rows(builder.mul(group.index, WORD(ROWS)), ROWS, column, total)
             for count in range(1, ROWS):
                 with builder.if_then(builder.icmp_signed("==", rest, WORD(count))):
-                    some_rows(builder.mul(whole, WORD(ROWS)), count, column, total)
+                    some_rows(builder.mul(groups, WORD(ROWS)), count, column, total)
             v.store(builder.load(total), rows, builder.add(first, column))
         return context.get_dummy_value()
 
     return signature, codegen
 
 
-def _weighing(finish):  # type: ignore[no-untyped-def]
+def _product_codegen(finish):  # type: ignore[no-untyped-def]
     """Code for values = finish(values + matrix @ seen), with the matrix's columns (count, wide) one
     after the other."""
 
@@ -103,15 +103,17 @@ def _weighing(finish):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def _weigh(typingctx, columns, seen, values, count, wide):  # type: ignore[no-untyped-def]
+def _add_product(typingctx, columns, seen, values, count, wide):  # type: ignore[no-untyped-def]
     """values = values + matrix @ seen; `columns` (count, wide)."""
-    return types.void(columns, seen, values, types.intp, types.intp), _weighing(lambda v, x: x)
+    return types.void(columns, seen, values, types.intp, types.intp), _product_codegen(
+        lambda v, x: x
+    )
 
 
 @intrinsic
-def _activate(typingctx, columns, seen, values, count, wide):  # type: ignore[no-untyped-def]
+def _add_product_tanh(typingctx, columns, seen, values, count, wide):  # type: ignore[no-untyped-def]
     """values = tanh(values + matrix @ seen); `columns` (count, wide)."""
-    return types.void(columns, seen, values, types.intp, types.intp), _weighing(
+    return types.void(columns, seen, values, types.intp, types.intp), _product_codegen(
         lambda v, x: v.tanh(x)
     )
 
@@ -136,7 +138,7 @@ def run_states(columns, inputs, state, states):
         for j in range(m):
             seen[h + j] = inputs[k, j]
         fresh[:] = 0.0
-        _activate(columns, seen, fresh, h + m + 1, columns.shape[1])
+        _add_product_tanh(columns, seen, fresh, h + m + 1, columns.shape[1])
         for i in range(h):
             seen[i] = states[k, i] = fresh[i]
     state[:] = seen[:h]
@@ -167,10 +169,10 @@ def run_bend(columns, change, inputs, states, output, output_change, bend):
             seen[h + j] = inputs[k, j]
         da[:] = 0.0
         dda[:] = 0.0
-        _weigh(change, seen, da, h + m + 1, wide)
-        _weigh(columns, dx, da, h, wide)
-        _weigh(change, twice, dda, h, wide)
-        _weigh(columns, ddx, dda, h, wide)
+        _add_product(change, seen, da, h + m + 1, wide)
+        _add_product(columns, dx, da, h, wide)
+        _add_product(change, twice, dda, h, wide)
+        _add_product(columns, ddx, dda, h, wide)
         total = 0.0
         for i in range(h):
             after = states[k, i]
@@ -209,13 +211,13 @@ def run_sensitivities(units, columns, output, output_bias, inputs, state, sensit
         for j in range(m):
             seen[h + j] = inputs[k, j]
         fresh[:] = 0.0
-        _activate(columns, seen, fresh, per_unit, columns.shape[1])
+        _add_product_tanh(columns, seen, fresh, per_unit, columns.shape[1])
         for i in range(h):
             total += output[i] * fresh[i]
             for j in range(h):
                 matrix[i, j] = (1.0 - fresh[i] * fresh[i]) * units[i, j]
         y[k] = total
-        _carry(matrix, before, after, output, jacobian, first, h, wide)
+        _propagate(matrix, before, after, output, jacobian, first, h, wide)
         for i in range(h):
             slope = 1.0 - fresh[i] * fresh[i]
             own, row = after[i, i * per_unit : (i + 1) * per_unit], jacobian[first + i * per_unit :]
@@ -261,4 +263,4 @@ def run_adjoint(rows, output, states, inputs, weighing, gradient):
             for j in range(h + m + 1):
                 row[j] += factor * seen[j]
         adjoint[:] = 0.0
-        _weigh(rows, entering, adjoint, h, wide)
+        _add_product(rows, entering, adjoint, h, wide)

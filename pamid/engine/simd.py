@@ -83,8 +83,8 @@ class Vectors:
         series = self.constant(1.0 / math.factorial(_TERMS))
         for n in range(_TERMS - 1, -1, -1):
             series = self.fma(series, r, self.constant(1.0 / math.factorial(n)))
-        whole = b.add(b.bitcast(shifted, _WORDS), ir.Constant(_WORDS, [_BIAS] * LANES))
-        power = b.bitcast(b.shl(whole, ir.Constant(_WORDS, [52] * LANES)), _VECTOR)
+        exponent = b.add(b.bitcast(shifted, _WORDS), ir.Constant(_WORDS, [_BIAS] * LANES))
+        power = b.bitcast(b.shl(exponent, ir.Constant(_WORDS, [52] * LANES)), _VECTOR)
         return b.fmul(series, power)
 
     def _at(self, base: Any, place: Any) -> Any:

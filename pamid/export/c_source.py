@@ -78,13 +78,13 @@ def _places(step: Step, kind: str, variables: tuple[Variable, ...]) -> str:
 
 
 def _about(v: Variable) -> str:
-    told = [
+    parts = [
         v.name,
         v.unit or "-",
         *([v.about] if v.about else []),
         *(["acts on the start only"] if v.fixed else []),
     ]
-    return comment(", ".join(told))
+    return comment(", ".join(parts))
 
 
 def _fields(step: Step) -> list[str]:
@@ -96,7 +96,7 @@ def _fields(step: Step) -> list[str]:
         "lines": (sum(step.lines), "delay lines"),
     }
     found = [
-        f"double {name}[{size}];   /* {told} */" for name, (size, told) in sizes.items() if size
+        f"double {name}[{size}];   /* {about} */" for name, (size, about) in sizes.items() if size
     ]
     if step.lines:
         found.append(f"int heads[{len(step.lines)}];")

@@ -1,7 +1,7 @@
 """A step as a functional mock-up unit, FMI 2.0 or 3.0, for co-simulation: C99 sources, and a binary
 for this machine.
 
-What happens between two communication points is told in assets/fmu.h.
+What happens between two communication points is described in assets/fmu.h.
 """
 
 from __future__ import annotations
@@ -68,13 +68,13 @@ def make_fmu(step: Step, version: int, *, compiler: str | None = None) -> Fmu:
 
 def _zipped(content: dict[str, bytes]) -> bytes:
     """The same content gives the same bytes."""
-    whole = io.BytesIO()
-    with zipfile.ZipFile(whole, "w", zipfile.ZIP_DEFLATED) as file:
+    archive = io.BytesIO()
+    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as file:
         for name, data in content.items():
             entry = zipfile.ZipInfo(name)
             entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
             file.writestr(entry, data)
-    return whole.getvalue()
+    return archive.getvalue()
 
 
 # ---- sources and binary ------------------------------------------------------------------------

@@ -104,9 +104,10 @@ def _run_and_cell(
     name: str, nodes: Nodes, start: Array, about: Mapping[str, Any]
 ) -> tuple[bytes, bytes]:
     nu, n, ny = len(about["inputs"]), len(start), len(about["outputs"])
-    told = {"schema": SCHEMA, **about, "start": start.tolist()}
+    metadata = {"schema": SCHEMA, **about, "start": start.tolist()}
     words = {
-        key: value if isinstance(value, str) else json.dumps(value) for key, value in told.items()
+        key: value if isinstance(value, str) else json.dumps(value)
+        for key, value in metadata.items()
     }
 
     single = Graph()
@@ -122,17 +123,17 @@ def _run_and_cell(
         outermost=True,
     )
 
-    whole = Graph()
-    inside = whole.inside()
+    outer = Graph()
+    inside = outer.inside()
     outputs, following = nodes(inside, "sample", "before")
     once = graph_of(
         inside, "sample", {"before": (n,), "sample": (nu,)}, {following: (n,), outputs: (ny,)}
     )
-    last, every = whole.several("Scan", 2, "state", "inputs", body=once, num_scan_inputs=1)
-    whole.named("last_state", last)
-    whole.named("outputs", every)
+    last, every = outer.several("Scan", 2, "state", "inputs", body=once, num_scan_inputs=1)
+    outer.named("last_state", last)
+    outer.named("outputs", every)
     run = graph_of(
-        whole,
+        outer,
         name,
         {"inputs": ("samples", nu), "state": (n,)},
         {"outputs": ("samples", ny), "last_state": (n,)},

@@ -58,7 +58,7 @@ def _narx(
     """Memory: past inputs, sample by sample, then past outputs, the newest first."""
     layers, m = network.layers(weights), network.inputs
     reach_in, reach_out = network.input_lags * network.stride, network.output_lags * network.stride
-    taps, kept = given, []
+    taps, past_inputs = given, []
     if reach_in:
         inputs, outputs = g.parts(memory, [reach_in * m, reach_out])
         inputs = g.choose(first, g.add("Tile", given, g.index(reach_in)), inputs)
@@ -69,7 +69,9 @@ def _narx(
         taps = g.joined(
             [given, g.add("Gather", inputs, g.index(*np.concatenate(rows).tolist()), axis=0)]
         )
-        kept = [given, *g.parts(inputs, [(reach_in - 1) * m, m])[:1]] if reach_in > 1 else [given]
+        past_inputs = (
+            [given, *g.parts(inputs, [(reach_in - 1) * m, m])[:1]] if reach_in > 1 else [given]
+        )
     else:
         outputs = memory
     back = g.add(
@@ -81,7 +83,7 @@ def _narx(
     driven = _affine(g, layers.feedback, back, _affine(g, layers.taps, taps, g.array(layers.bias)))
     output = _affine(g, layers.output[None], g.add("Tanh", driven), g.number(layers.output_bias))
     older = g.parts(outputs, [reach_out - 1, 1])[:1] if reach_out > 1 else []
-    return output, g.joined([*kept, output, *older])
+    return output, g.joined([*past_inputs, output, *older])
 
 
 def _anfis(g: Graph, network: Anfis, weights: Array, given: str) -> str:

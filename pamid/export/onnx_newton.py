@@ -8,15 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pamid.engine.integrator import GAMMA
+from pamid.engine.integrator import DAMPED, GAMMA, HALVINGS, NEWTON_STEPS, SETTLED
 from pamid.export.onnx_graph import Graph, graph_of
 
 #: a graph and a state (nx,) -> rates (nx,) there, and df/dx (nx, nx)
 Rates = Callable[[Graph, str], str]
-
-ITERATIONS, HALVINGS = 40, 20
-# largest relative change: above, a step may be shortened; below, it was the last
-DAMPED, SETTLED = 1e-3, 1e-9
 
 
 @dataclass(frozen=True)
@@ -61,7 +57,7 @@ class Implicit:
         found, fine = g.several(
             "Loop",
             2,
-            g.array(ITERATIONS, np.int64),
+            g.array(NEWTON_STEPS, np.int64),
             g.array(True, np.bool_),
             guess,
             g.array(False, np.bool_),
@@ -77,15 +73,15 @@ class Implicit:
     ) -> str:
         """x + change, shortened where it is large and Newton's next one would not become
         smaller."""
-        whole, shorter = g.inside(), g.inside()
-        after = whole.add("Add", x, change)
+        full, shorter = g.inside(), g.inside()
+        after = full.add("Add", x, change)
         found = self._shortened(shorter, base, gh, x, matrix, change, worst)
         large = g.add("Squeeze", g.add("Greater", worst, g.number(DAMPED)))
         return g.add(
             "If",
             large,
             then_branch=graph_of(shorter, "shortened", {}, {found: (self.nx,)}),
-            else_branch=graph_of(whole, "whole", {}, {after: (self.nx,)}),
+            else_branch=graph_of(full, "whole", {}, {after: (self.nx,)}),
         )
 
     def _shortened(
@@ -133,19 +129,19 @@ def _largest(g: Graph, change: str, x: str) -> str:
 
 
 def _quotient(g: Graph, matrix: str, right: str, n: int) -> str:
-    """matrix^-1 right (n,), by elimination with the largest pivot of every column."""
-    whole = g.add("Concat", matrix, g.add("Unsqueeze", right, g.index(1)), axis=1)
+    """matrix^-1 right (n,), by Gauss-Jordan elimination with partial pivoting."""
+    augmented = g.add("Concat", matrix, g.add("Unsqueeze", right, g.index(1)), axis=1)
     rows, numbers = np.arange(n), g.array(np.arange(n), np.int64)
     for k in range(n):
-        column = g.add("Abs", g.add("Gather", whole, g.array(k, np.int64), axis=1))
+        column = g.add("Abs", g.add("Gather", augmented, g.array(k, np.int64), axis=1))
         open_ones = g.choose(g.array(rows >= k, np.bool_), column, g.number(-1.0))
         pivot = g.add("ArgMax", open_ones, axis=0, keepdims=1)
         order = g.choose(g.add("Equal", numbers, pivot), g.index(k), numbers)
         order = g.choose(g.array(rows == k, np.bool_), pivot, order)
-        whole = g.add("Gather", whole, order, axis=0)
-        row = g.add("Gather", whole, g.index(k), axis=0)
+        augmented = g.add("Gather", augmented, order, axis=0)
+        row = g.add("Gather", augmented, g.index(k), axis=0)
         row = g.add("Div", row, g.add("Gather", row, g.index(k), axis=1))
-        factor = g.add("Gather", whole, g.index(k), axis=1)
+        factor = g.add("Gather", augmented, g.index(k), axis=1)
         own = g.array((rows == k)[:, None], np.bool_)
-        whole = g.choose(own, row, g.add("Sub", whole, g.add("Mul", factor, row)))
-    return g.add("Gather", whole, g.array(n, np.int64), axis=1)
+        augmented = g.choose(own, row, g.add("Sub", augmented, g.add("Mul", factor, row)))
+    return g.add("Gather", augmented, g.array(n, np.int64), axis=1)

@@ -32,7 +32,7 @@ class Sampled:
     network: TrainedNetwork | None
 
     @cached_property
-    def kept(self) -> tuple[str, ...]:
+    def remembered(self) -> tuple[str, ...]:
         """Cells whose value at the last step is asked for, those of the network left out."""
         s = self.step
         asked = symbols(
@@ -51,7 +51,7 @@ class Sampled:
         memory = 0 if self.network is None else memory_size(self.network.network)
         parts = {
             "states": len(self.step.states),
-            "cells": len(self.kept),
+            "cells": len(self.remembered),
             "memory": memory,
             **{f"line {i}": size for i, size in enumerate(self.step.lines)},
             "samples": 1,
@@ -86,8 +86,8 @@ class Sampled:
         since = g.add("Mul", part["samples"], g.number(s.period_s))
         now = dict(
             zip(
-                self.kept,
-                g.numbers(part["cells"], len(self.kept)) if self.kept else (),
+                self.remembered,
+                g.numbers(part["cells"], len(self.remembered)) if self.remembered else (),
                 strict=True,
             )
         )
@@ -107,8 +107,8 @@ class Sampled:
                 outputs = g.joined([here(e) for e in s.readings])
             part["states"] = self._moved(g, here, held, part["states"])
         part["samples"] = g.add("Add", part["samples"], g.number(1.0))
-        if self.kept:
-            part["cells"] = g.joined([now[n] for n in self.kept])
+        if self.remembered:
+            part["cells"] = g.joined([now[n] for n in self.remembered])
         return outputs, g.joined(list(part.values()))
 
     def _states(self, g: Graph, vector: str) -> dict[Symbol, str]:
@@ -166,10 +166,10 @@ class Sampled:
         part[name] = line
         steps = g.add("Div", here(update.seconds), g.number(self.step.step_s))
         place = g.add("Min", g.add("Max", steps, g.number(0.0)), g.number(size - 2.0))
-        whole = g.add("Floor", place)
-        at = g.add("Cast", whole, to=7)
+        steps_back = g.add("Floor", place)
+        at = g.add("Cast", steps_back, to=7)
         near, far = (g.add("Gather", line, i, axis=0) for i in (at, g.add("Add", at, g.index(1))))
-        share = g.add("Sub", place, whole)
+        share = g.add("Sub", place, steps_back)
         rest = g.add("Sub", g.number(1.0), share)
         return g.add("Add", g.add("Mul", rest, near), g.add("Mul", share, far))
 

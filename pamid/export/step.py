@@ -21,7 +21,7 @@ from math import ceil, isclose, nan
 from pamid.base.errors import PamidError, UsageError
 from pamid.base.units import NONE, as_column, quantity_of, split_column, unit
 from pamid.correction.identified_model import BESIDE, Identified
-from pamid.engine.llvm_ir import hoist, with_partials
+from pamid.engine.llvm_ir import extract_derived, with_partials
 from pamid.model.bound_parameter import Bound
 from pamid.model.trace import Names
 from pamid.symbolic.expression import (
@@ -38,7 +38,7 @@ from pamid.symbolic.expression import (
     symbol,
     symbols,
 )
-from pamid.symbolic.memory_cells import Lowered, cell_update, tick
+from pamid.symbolic.memory_cells import StateEquations, cell_update, tick
 
 
 @dataclass(frozen=True)
@@ -164,7 +164,7 @@ def step_of(model: Identified) -> Step:
         readings,
         [value for _, _, value in slopes],
     ]
-    (values, seconds, rates, readings, partials), derived = hoist(
+    (values, seconds, rates, readings, partials), derived = extract_derived(
         [substitute(g, settled) for g in groups]
     )
     lines = {cell.name: ceil(cell.buffer_s / h) + 3 for cell in lowered.cells if cell.buffer_s}
@@ -230,16 +230,16 @@ def _column(name: str, start: float) -> Variable:
     )
 
 
-def _slopes(lowered: Lowered) -> list[tuple[int, int, Expr]]:
+def _slopes(equations: StateEquations) -> list[tuple[int, int, Expr]]:
     """Non-zero d rate / d state."""
-    places = {name: i for i, name in enumerate(lowered.states)}
+    places = {name: i for i, name in enumerate(equations.states)}
     beyond = len(places)
 
     def column(space: str, name: str) -> int:
         return places[name] if space == "state" else beyond
 
-    values, pointer, columns = with_partials(list(lowered.rates), column, frozenset())
-    first = len(lowered.rates)
+    values, pointer, columns = with_partials(list(equations.rates), column, frozenset())
+    first = len(equations.rates)
     return [
         (row, columns[e], values[first + e])
         for row in range(first)
@@ -259,8 +259,10 @@ def _start(model: Identified, owned: list[_Owned]) -> list[Expr]:
             if not b.owner
         }
         try:
-            told = rig.start(Names(own, "parameter"))
-            formulas |= {prefix + s.name: expression(told.get(s.name, s.start)) for s in rig.states}
+            given = rig.start(Names(own, "parameter"))
+            formulas |= {
+                prefix + s.name: expression(given.get(s.name, s.start)) for s in rig.states
+            }
         except (PamidError, ArithmeticError, TypeError, ValueError):
             pass  # start() may do with its numbers what cannot be done with symbols
     numbers = {symbol("parameter", o.key): const(o.value) for o in owned}

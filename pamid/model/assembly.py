@@ -17,7 +17,7 @@ from pamid.model.bound_parameter import Bound, Sizes, bind
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.model.trace import Names, Traced, trace
-from pamid.symbolic.memory_cells import lower
+from pamid.symbolic.memory_cells import expand_memory
 from pamid.symbolic.vocabulary import Expr
 
 Array = NDArray[np.float64]
@@ -146,5 +146,5 @@ class Assembly:
         """Compiled equations with further outputs, in the order of `extra`, after the rig's own."""
         t = self.traced
         outputs = {**{k: t.outputs[k] for k in self.outputs or t.outputs}, **extra}
-        lowered = lower(t.rates, outputs, t.cells)
+        lowered = expand_memory(t.rates, outputs, t.cells)
         return build_program(lowered, t.inputs, tuple(self.keys), tuple(outputs), self.sensitive)

@@ -1,18 +1,27 @@
-"""Memory operators become cells: values kept from step to step by the engine.
+"""Memory operators become cells: discrete states that the engine carries from step to step.
 
 A cell is updated at the start of every step (of every sample where `sampled`), from the state at
 that instant and its own past, and holds over the step. Inside the step an operator is evaluated
 relative to its cell, so a play or a bristle is exact for a motion one way, whatever the
-integrator's stages do, and no operator is stiff.
+integrator's stages do, and no operator is stiff. With x_k at the start of the step, k - 1 at that
+of the one before, and h its length:
 
-    play     x less a deflection that follows x and saturates at +-r
-    bristle  z(x) relaxes over |x - x_k| towards +-reach
-    lag      exact for a held input (averaged over the step), first-order hold for a moving one
-    delay    ring buffer kept by the driver, linear between samples
+    play     s_k = clip(s_k-1 + x_k - x_k-1, -r, r); the value is x - clip(s_k + x - x_k, -r, r),
+             and stop(x) = x - play(x) (Krasnosel'skii and Pokrovskii 1989; Brokate and Sprekels
+             1996)
+    bristle  dz/dx = 1 - sign(dx) z / reach (Dahl 1968), solved exactly from z_k over x - x_k:
+             z = e + (z_k - e) exp(-|x - x_k| / reach) with e = +-reach, the sign of the motion
+    lag      tau dy/dt = x - y, solved exactly: for a held x as the mean over the step, for a moving
+             one with x linear over the step (first-order hold)
+    delay    ring buffer of the integrator, linear between steps
     integral an ordinary state
 
+    Krasnosel'skii and Pokrovskii (1989), Systems with Hysteresis
+    Brokate and Sprekels (1996), Hysteresis and Phase Transitions
+    Dahl (1968), A solid friction model, Aerospace Corporation TOR-0158(3107-18)-1
+
 Where the state is set anew between two windows of a recording, deflections stay as they are:
-memories are kept relative to the signal, so that a corrected position is not taken for a motion.
+memories are stored relative to the signal, so that a corrected position is not taken for a motion.
 """
 
 from __future__ import annotations
@@ -33,8 +42,8 @@ def tick(name: str) -> Expr:
 
 @dataclass(frozen=True)
 class Cell:
-    """A remembered value. `update` may read states, inputs, parameters, its own past and other
-    cells' new values."""
+    """A remembered value, a discrete state. `update` may read states, inputs, parameters, its own
+    past and other cells' new values."""
 
     name: str
     update: Expr
@@ -55,7 +64,7 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Lowered:
+class StateEquations:
     """Equations without memory operators."""
 
     states: tuple[str, ...]
@@ -64,12 +73,12 @@ class Lowered:
     cells: tuple[Cell, ...]  # in the order they have to be updated
 
 
-def _held(node: Expr) -> bool:
+def _is_held_over_step(node: Expr) -> bool:
     """Does the value stay put over a step?"""
     return all(space != "state" for space, _ in symbols([node]))
 
 
-class _Lowering:
+class _MemoryExpansion:
     def __init__(self) -> None:
         self.new: dict[Expr, Expr] = {}
         self.cells: list[Cell] = []
@@ -78,7 +87,7 @@ class _Lowering:
     def name(self, kind: str) -> str:
         return f"{kind}{len(self.cells) + len(self.states)}"
 
-    def followed(self, name: str, x: Expr) -> tuple[Expr, Expr]:
+    def position_at_step_start(self, name: str, x: Expr) -> tuple[Expr, Expr]:
         """x at the last step start, before and after this step's update."""
         self.cells.append(Cell(f"{name}_origin", x, x))
         return symbol("past", f"{name}_origin"), symbol("cell", f"{name}_origin")
@@ -86,7 +95,7 @@ class _Lowering:
     def play(self, x: Expr, r: Expr) -> Expr:
         name = self.name("play")
         past, here = symbol("past", name), symbol("cell", name)
-        before, origin = self.followed(name, x)
+        before, origin = self.position_at_step_start(name, x)
 
         def deflected(s: Expr, travel: Expr) -> Expr:
             return maximum(-r, minimum(r, s + travel))
@@ -97,7 +106,7 @@ class _Lowering:
     def bristle(self, x: Expr, reach: Expr) -> Expr:
         name = self.name("bristle")
         past, here = symbol("past", name), symbol("cell", name)
-        before, origin = self.followed(name, x)
+        before, origin = self.position_at_step_start(name, x)
 
         def moved(z: Expr, step: Expr) -> Expr:
             decay = exp(-abs(step) / reach)
@@ -113,7 +122,7 @@ class _Lowering:
         decay = exp(-h / tau)
         name = self.name("lag")
         y, before = symbol("past", name), symbol("past", f"{name}_input")
-        if _held(x):
+        if _is_held_over_step(x):
             cell = Cell(name, before + (y - before) * decay, x)
             out = x + (cell.here - x) * (tau / h) * (1.0 - decay)
         else:
@@ -136,7 +145,7 @@ class _Lowering:
             Cell(name, now, now, buffer_s=longest_s, seconds=seconds),
         ]
         out = symbol("cell", name)
-        return out if _held(x) else x + (out - now)
+        return out if _is_held_over_step(x) else x + (out - now)
 
     def integral(self, x: Expr) -> Expr:
         name = self.name("integral")
@@ -185,17 +194,17 @@ def _ordered(cells: list[Cell]) -> tuple[Cell, ...]:
     return tuple(order)
 
 
-def lower(
+def expand_memory(
     rates: dict[str, Expr], outputs: dict[str, Expr], cells: tuple[Cell, ...] = ()
-) -> Lowered:
+) -> StateEquations:
     """Replace every memory operator by cells; adds a state per integral."""
-    work = _Lowering()
+    work = _MemoryExpansion()
     explicit = [e for c in cells for e in (c.update, c.start)]
     work.run([*rates.values(), *outputs.values(), *explicit])
     done = [Cell(c.name, work.new[c.update], work.new[c.start], c.sampled) for c in cells]
     rate_nodes = [work.new[e] for e in rates.values()]
     out_nodes = [work.new[e] for e in outputs.values()]
-    return Lowered(
+    return StateEquations(
         (*rates, *(n for n, _ in work.states)),
         (*rate_nodes, *(e for _, e in work.states)),
         tuple(out_nodes),

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pamid.engine.program import Memory, Program, Stepping, build_program
 from pamid.symbolic.expression import symbol
-from pamid.symbolic.memory_cells import Cell, lower
+from pamid.symbolic.memory_cells import Cell, expand_memory
 from pamid.symbolic.vocabulary import Expr
 
 Array = NDArray[np.float64]
@@ -38,7 +38,7 @@ def program(
     cells: tuple[Cell, ...] = (),
 ) -> Program:
     return build_program(
-        lower(rates, outputs, cells), tuple(inputs), tuple(parameters), tuple(outputs)
+        expand_memory(rates, outputs, cells), tuple(inputs), tuple(parameters), tuple(outputs)
     )
 
 

@@ -406,11 +406,11 @@ def test_operators_can_follow_one_another() -> None:
 
 def test_an_algebraic_loop_is_named() -> None:
     from pamid.symbolic.expression import symbol
-    from pamid.symbolic.memory_cells import Cell, lower
+    from pamid.symbolic.memory_cells import Cell, expand_memory
 
     one, other = symbol("cell", "one"), symbol("cell", "other")
     with pytest.raises(EquationError, match="algebraic loop through one, other"):
-        lower(
+        expand_memory(
             {"x": one},
             {"y": other},
             (Cell("one", 2.0 * other, other), Cell("other", one + 1.0, one)),

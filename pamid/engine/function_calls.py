@@ -1,0 +1,57 @@
+"""Calls of compiled functions by their addresses, from inside functions that numba compiles."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from llvmlite import ir
+from numba import types
+from numba.extending import intrinsic as _intrinsic
+
+# numba's own annotation keeps the typing context that a call leaves out
+intrinsic: Any = _intrinsic
+
+
+def _data(context, builder, kind, value):  # type: ignore[no-untyped-def]
+    """Address of an array's first element, without touching its reference count."""
+    return builder.ptrtoint(context.make_array(kind)(context, builder, value).data, ir.IntType(64))
+
+
+@intrinsic
+def call(typingctx, address, x, c, b, u, k, p, t, out):  # type: ignore[no-untyped-def]
+    """Call the compiled function at `address` with seven arrays; the inputs start k numbers into
+    u."""
+    signature = types.void(types.intp, x, c, b, u, types.intp, p, t, out)
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        kind = ir.FunctionType(ir.VoidType(), [ir.IntType(64)] * 7)
+        words = [_data(context, builder, sig.args[i], args[i]) for i in (1, 2, 3, 4, 6, 7, 8)]
+        words[3] = builder.add(words[3], builder.mul(args[5], ir.IntType(64)(8)))
+        builder.call(builder.inttoptr(args[0], kind.as_pointer()), words)
+        return context.get_dummy_value()
+
+    return signature, codegen
+
+
+@intrinsic
+def multiply(typingctx, address, partials, skip, S, D, at, n):  # type: ignore[no-untyped-def]
+    """Call a compiled sparse product D = P S; partials stand `skip`, the result `at` numbers into
+    their arrays."""
+    signature = types.void(types.intp, partials, types.intp, S, D, types.intp, types.intp)
+
+    def codegen(context, builder, sig, args):  # type: ignore[no-untyped-def]
+        word = ir.IntType(64)
+        kind = ir.FunctionType(ir.VoidType(), [word] * 4)
+        first = builder.add(
+            _data(context, builder, sig.args[1], args[1]), builder.mul(args[2], word(8))
+        )
+        result = builder.add(
+            _data(context, builder, sig.args[4], args[4]), builder.mul(args[5], word(8))
+        )
+        builder.call(
+            builder.inttoptr(args[0], kind.as_pointer()),
+            [first, _data(context, builder, sig.args[3], args[3]), result, args[6]],
+        )
+        return context.get_dummy_value()
+
+    return signature, codegen
