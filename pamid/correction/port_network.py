@@ -40,7 +40,7 @@ from pamid.correction.output_network import (
     write_network,
 )
 from pamid.correction.residual_data import MODELS, Leftover, derived
-from pamid.diagnosis.contender import contender_from, transferred
+from pamid.diagnosis.candidate_model import candidate_from, transferred
 from pamid.diagnosis.smoother import ROUNDS, Latent, Smoother, size_at
 from pamid.estimation.fit_model import GreyBox, fit_model
 from pamid.estimation.posterior import read_posterior
@@ -228,7 +228,7 @@ def missing_at(model: GreyBox, replays: tuple[Replay, ...], entry: Entry) -> tup
     the data."""
     smoother = _AtEntry(
         model.evidence,
-        contender_from(model.assembly, model.fit, replays),
+        candidate_from(model.assembly, model.fit, replays),
         (entry.port,),
         place=entry.place,
     )

@@ -1,10 +1,13 @@
-"""What to measure next: the experiment that would set apart the models still in question, found by
-simulating it.
+"""What to measure next: the experiment that best discriminates between the models still tied.
 
-The better ranked model of a pair records a virtual experiment without noise; what the other one
-leaves of it is taken first as that model was fitted, then re-adjusted as far as the recordings it
-was fitted to allow. The re-adjustment can only bring it nearer, so an experiment whose first figure
-lies below the best second one is done with.
+For a pair (i, j) model i simulates the experiment without noise; the separation is the rms residual
+of model j in noise standard deviations, after j was re-adjusted to it as far as the recordings that
+it was fitted to allow (T-optimality, Atkinson and Fedorov 1975, Biometrika 62:57):
+
+    T(e) = min over pairs, min_p ||y_i(e) - y_j(e; p)|| / sigma
+
+Without re-adjustment the residual is an upper bound of T. Experiments are therefore taken in order
+of that bound, and the search ends when a re-adjusted one exceeds the bounds of all others.
 """
 
 from __future__ import annotations
@@ -20,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import DataError
-from pamid.diagnosis.contender import Contender
+from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.proposal import FILE, Proposal
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.tournament import Diagnosis
@@ -41,25 +44,25 @@ Array = NDArray[np.float64]
 def next_experiment(d: Diagnosis) -> Proposal | None:
     """The entry of the menu with the largest expected separation per root of its minutes; None
     where no two models are in question or none of the entries can be simulated."""
-    pairs = in_question(d)
+    pairs = pairs_to_separate(d)
     if not pairs:
         return None
     bench = bench_of(d.evidence)
     race = []
     for e in menu(bench):
         for way in benches(d.evidence, bench, e, pairs[0][0], d.settings):
-            ever_nearer = separations(d.evidence, way, e, pairs, d.settings)
-            race.append((next(ever_nearer), ever_nearer, way, e))
+            bounds = separations(d.evidence, way, e, pairs, d.settings)
+            race.append((next(bounds), bounds, way, e))
     while race:
         k = max(
             range(len(race)),
             key=lambda i: _rms(race[i][0]) / np.sqrt(race[i][3].minutes_on(race[i][2])),
         )
-        apart, ever_nearer, way, e = race[k]
-        nearer = next(ever_nearer, None)
-        if nearer is None:
+        apart, bounds, way, e = race[k]
+        tighter = next(bounds, None)
+        if tighter is None:
             return _proposal(d, way, e, pairs, apart) if apart.any() else None
-        race[k] = (nearer, ever_nearer, way, e)
+        race[k] = (tighter, bounds, way, e)
     return None
 
 
@@ -90,14 +93,14 @@ class Proposing(Work[Diagnosis, Proposal | None]):
         return ""
 
 
-def in_question(d: Diagnosis) -> list[tuple[Contender, Contender]]:
-    """Pairs of models to set apart, the better ranked one first, one model of each family: all that
-    are tied against each other, else the chosen one against its nearest rivals."""
+def pairs_to_separate(d: Diagnosis) -> list[tuple[CandidateModel, CandidateModel]]:
+    """Pairs of models to discriminate, the better ranked one first, one model of each family: every
+    pair of those that are tied, else the chosen model and each of its nearest rivals."""
     if d.verdict == "no-structural-gap" or d.empty or not d.ranking:
         return []
     best = d.cause or d.ranking[0]
     tied = d.verdict == "ambiguous"
-    firsts: dict[str, Contender] = {}
+    firsts: dict[str, CandidateModel] = {}
     for c in d.tied if tied else d.ranking:
         firsts.setdefault(c.family, c)
     others = [c for family, c in firsts.items() if family not in (best.family, d.ranking[0].family)]
@@ -160,7 +163,7 @@ def benches(
     evidence: Evidence,
     bench: Bench,
     e: Experiment,
-    model: Contender,
+    model: CandidateModel,
     settings: Settings = DEFAULT,
 ) -> list[Bench]:
     """The ways to run an experiment: as it is where a loop holds the rig, else those of several
@@ -191,7 +194,7 @@ def _stays(evidence: Evidence, made: Recording, beyond: float) -> bool:
 
 def _recorded(
     evidence: Evidence,
-    c: Contender,
+    c: CandidateModel,
     bench: Bench,
     columns: dict[str, Array],
     setting: dict[str, float],
@@ -243,7 +246,7 @@ def separations(
     evidence: Evidence,
     bench: Bench,
     e: Experiment,
-    pairs: list[tuple[Contender, Contender]],
+    pairs: list[tuple[CandidateModel, CandidateModel]],
     settings: Settings = DEFAULT,
 ) -> Iterator[Array]:
     """RMS difference per channel of the nearest pair, in noise standard deviations: ever smaller
@@ -283,7 +286,7 @@ def _rms(channels: Array) -> float:
 class _View:
     """A model before recordings that another one made."""
 
-    model: Contender
+    model: CandidateModel
     noise: Array
     tracks: tuple[Track, ...]
     settings: Settings
@@ -373,7 +376,7 @@ def _proposal(
     d: Diagnosis,
     bench: Bench,
     e: Experiment,
-    pairs: list[tuple[Contender, Contender]],
+    pairs: list[tuple[CandidateModel, CandidateModel]],
     apart: Array,
 ) -> Proposal:
     names = tuple(dict.fromkeys(c.attached[0].label for pair in pairs for c in pair))
@@ -406,18 +409,18 @@ def sent_with(evidence: Evidence, bench: Bench, columns: dict[str, Array]) -> di
 
 def _why(d: Diagnosis, e: Experiment, settings: tuple[dict[str, float], ...], apart: Array) -> str:
     """What is sent, what changes between repetitions, and where the models should part."""
-    told = [e.why]
+    parts = [e.why]
     if settings:
-        told.append(
+        parts.append(
             "with "
             + " and then ".join(", ".join(f"{k} = {v:g}" for k, v in s.items()) for s in settings)
         )
     worst = int(np.argmax(apart))
-    told.append(
+    parts.append(
         "simulated on the fitted models, the nearest two differ most in "
         f"{d.evidence.channels[worst]}, by "
         f"{apart[worst]:.2g} times its noise"
     )
     if apart[worst] < d.settings.experiment_visible:
-        told.append("nothing on the menu sets them apart clearly")
-    return "; ".join(told)
+        parts.append("nothing on the menu sets them apart clearly")
+    return "; ".join(parts)

@@ -1,4 +1,9 @@
-"""Screening: a few Gauss-Newton steps per candidate send it on or not. It never decides."""
+"""Screening: a few Gauss-Newton steps per candidate say which are worth a refit.
+
+A candidate's gain is the drop of the fit's cost (negative log posterior, nats) over the part of the
+recordings where the baseline is worst, against the baseline after as many steps. It only chooses
+what is refitted: the refit on held-out windows decides.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import PamidError
-from pamid.diagnosis.contender import Contender, set_within_bounds, transferred
+from pamid.diagnosis.candidate_model import CandidateModel, set_within_bounds, transferred
 from pamid.diagnosis.settings import DEFAULT, Settings
-from pamid.diagnosis.starting_hints import Clues
+from pamid.diagnosis.starting_hints import GapHints
 from pamid.engine.program import Stepping
 from pamid.estimation.fit_model import model_with
 from pamid.estimation.gauss_newton import Fit, Problem, fit, free_parameters
@@ -42,9 +47,9 @@ def starting_points(
     """Starting values, each with the steps it is given: typical ones, a trace of them, one
     variation per parameter that declares `tries`, and what the effect makes of the hints.
 
-    A trace leaves the model next to the baseline: from there the way leads down wherever an effect
-    helps. An effect that asks for hints acts beyond a limit or at one frequency only: a start has
-    to settle before it can be judged.
+    A trace leaves the model next to the baseline, where the cost falls along the effect's gradient
+    wherever the effect helps. An effect that asks for hints acts beyond a limit or at one frequency
+    only: it is given more steps before its gain is read.
     """
     own = {b.key: b for b in assembly.parameters if b.owner == attachment.label}
     slight = {
@@ -62,7 +67,7 @@ def starting_points(
 
 
 @dataclass(frozen=True, eq=False)
-class Ground:
+class ScreeningBaseline:
     """What candidates are screened against: the baseline over the part of every fitted recording
     where it is worst.
 
@@ -73,7 +78,7 @@ class Ground:
     makes a step several times as cheap.
     """
 
-    baseline: Contender
+    baseline: CandidateModel
     spans: tuple[tuple[int, int], ...]
     starts: tuple[Array, ...]
     p: Array
@@ -82,7 +87,9 @@ class Ground:
     settings: Settings
 
     @classmethod
-    def of(cls, baseline: Contender, candidates: int = 0, settings: Settings = DEFAULT) -> Ground:
+    def of(
+        cls, baseline: CandidateModel, candidates: int = 0, settings: Settings = DEFAULT
+    ) -> ScreeningBaseline:
         problem, base = baseline.fit.problem, baseline.fit
         seconds = settings.screen_beside_s if baseline.attached else settings.screen_s
         share = seconds / sum(len(t) * t.period_s for t in problem.tracks)
@@ -141,8 +148,8 @@ def _free(assembly: Assembly, places: tuple[int, ...], held: bool) -> tuple[int,
 def _worst_run(
     problem: Problem, track: Track, windows: list[Window], losses: Array, few: int
 ) -> tuple[int, int]:
-    """First and last of the `few` (or somewhat more) windows in a row with the largest loss. A part
-    has to be cut as the whole was; where none is, it is the whole."""
+    """First and last of the `few` (or somewhat more) windows in a row with the largest loss, such
+    that this part alone is cut into the same windows; all windows where there is none."""
     for count in range(min(few, len(windows)), len(windows)):
         for first in np.argsort(-np.convolve(losses, np.ones(count), "valid"), kind="stable"):
             last = int(first) + count - 1
@@ -152,7 +159,11 @@ def _worst_run(
 
 
 def screen(
-    evidence: Evidence, ground: Ground, attachment: Attachment, sizes: Sizes, clues: Clues
+    evidence: Evidence,
+    ground: ScreeningBaseline,
+    attachment: Attachment,
+    sizes: Sizes,
+    hints: GapHints,
 ) -> Screened:
     """Gain of one candidate after a few steps from each of its starting points and some more from
     the best of them."""
@@ -164,8 +175,8 @@ def screen(
         return Screened(attachment, None, {}, -np.inf, str(error))
     unstable = Screened(attachment, assembly, {}, -np.inf, "unstable at every starting value")
     best, found = unstable, None
-    hints = clues.at(attachment.ports[0])
-    for first, steps in starting_points(assembly, attachment, hints, settings):
+    here = hints.at(attachment.ports[0])
+    for first, steps in starting_points(assembly, attachment, here, settings):
         p = transferred(assembly, (baseline.assembly, ground.p))
         set_within_bounds(assembly, p, first)
         done = _probed(ground, problem, p, ground.starts, steps, baseline.fit.stepping)
@@ -182,7 +193,7 @@ def screen(
 
 
 def _probed(
-    ground: Ground,
+    ground: ScreeningBaseline,
     problem: Problem,
     p: Array,
     starts: tuple[Array, ...],
@@ -203,7 +214,7 @@ def _probed(
 
 
 def promising(
-    family_of: dict[str, str], screened: list[Screened], ground: Ground
+    family_of: dict[str, str], screened: list[Screened], ground: ScreeningBaseline
 ) -> list[Screened]:
     """The candidates to refit, by gain. On top of the baseline all of few; else some in any case,
     further ones that gain a share of the largest gain, and the best of every further family. Beside

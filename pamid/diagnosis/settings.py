@@ -19,7 +19,7 @@ from pamid.base.errors import UsageError, nearest
 
 #: what speaks for a value that has no source of its own
 JOINT = (
-    "engineering judgement, not varied by itself: judged with all others by the blind trial "
+    "engineering judgement, not varied by itself: decision with all others by the blind trial "
     "(README, 'The blind trial')"
 )
 COST = "bounds the cost; what another value would do to verdicts was not measured by itself"

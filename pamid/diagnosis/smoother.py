@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.diagnosis.contender import Contender, transferred
+from pamid.diagnosis.candidate_model import CandidateModel, transferred
 from pamid.diagnosis.smoothed_trajectory import (
     Followed,
     Linear,
@@ -81,7 +81,7 @@ class Smoother:
     held-out replays."""
 
     evidence: Evidence
-    base: Contender
+    base: CandidateModel
     ports: tuple[str, ...]
     linear: list[Linear] | None = None
     moved: bool = False  # was it linearised by the parameters, too?

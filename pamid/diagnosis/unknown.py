@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.units import NONE, display_unit, from_si, with_unit
-from pamid.diagnosis.contender import Contender
+from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.smoother import ROUNDS, Smoother, size_at
 from pamid.diagnosis.tournament import Diagnosis
@@ -78,7 +78,7 @@ class _Describing(Work[str, Missing | None]):
 
     what = "describing what is missing at"
     evidence: Evidence
-    base: Contender
+    base: CandidateModel
     seed: int
     settings: Settings
     smoothers: dict[str, Smoother] = field(default_factory=dict, compare=False, repr=False)

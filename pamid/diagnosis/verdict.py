@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pamid.base.metrics import seen_mean
 from pamid.base.units import as_column
-from pamid.diagnosis.contender import Contender
+from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.decision import forecast_interval
 from pamid.diagnosis.localise import frequency_band, regimes, worst_windows
 from pamid.diagnosis.proposal import Proposal, proposal_json
@@ -83,10 +83,10 @@ def diagnosis_json(
         "background": _background(d, final),
         "unknown": unknown,
         "units": d.units,
-        "further": [vars(n) for n in d.newcomers],
+        "further": [vars(n) for n in d.forward_steps],
         "grounds": vars(d.grounds) if d.grounds else None,
-        "confidence": {k: v for k, v in vars(d.judged).items() if k != "verdict"}
-        if d.judged
+        "confidence": {k: v for k, v in vars(d.decision).items() if k != "verdict"}
+        if d.decision
         else None,
     }
 
@@ -148,7 +148,7 @@ def _cause_shares(d: Diagnosis, labels: list[str]) -> dict[str, float]:
     return {k: v / total if total > 0 else 1.0 / len(labels) for k, v in phi.items()}
 
 
-def _cause(c: Contender, label: str, share: float) -> dict[str, Any]:
+def _cause(c: CandidateModel, label: str, share: float) -> dict[str, Any]:
     attached = next(a for a in c.attached if a.label == label)
     rig = c.assembly.rig
     found = {
@@ -171,7 +171,7 @@ def _cause(c: Contender, label: str, share: float) -> dict[str, Any]:
     }
 
 
-def _ranked(d: Diagnosis, c: Contender, probability: float, seed: int) -> dict[str, Any]:
+def _ranked(d: Diagnosis, c: CandidateModel, probability: float, seed: int) -> dict[str, Any]:
     rows = d.reporting if d.reporting.any() else d.chosen
     losses, base = (
         d.budget.channel_losses(c.absolutes),
@@ -240,7 +240,7 @@ def _isolable(d: Diagnosis) -> dict[str, Any]:
     }
 
 
-def _background(d: Diagnosis, final: Contender) -> dict[str, dict[str, float]]:
+def _background(d: Diagnosis, final: CandidateModel) -> dict[str, dict[str, float]]:
     """Pull of every background term, and a share of the data sheet's gap in proportion to its
     squared pull."""
     pulls = background_pull(final.fit)

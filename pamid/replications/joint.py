@@ -31,7 +31,7 @@ from pamid.correction.output_network import (
     train_correction,
 )
 from pamid.correction.residual_data import Leftover, Stretch, derived
-from pamid.diagnosis.contender import Contender
+from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.diagnosis.verdict import diagnosis_json
 from pamid.estimation.fit_model import GreyBox, fit_model, loop_run
@@ -269,7 +269,7 @@ def carried(assembly: Assembly, p: Array, before: float, after: float) -> Array:
     return p
 
 
-def named_rows(records: Records, grey: GreyBox, cause: Contender, seconds: float) -> list[Row]:
+def named_rows(records: Records, grey: GreyBox, cause: CandidateModel, seconds: float) -> list[Row]:
     """The model with the named causes in its own loop; once more, where it has a load behind a
     spring, with that spring and not its share and frequency kept for the other inertia."""
     model = replace(grey, assembly=cause.assembly, fit=cause.fit)

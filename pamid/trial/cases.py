@@ -50,8 +50,8 @@ class Case:
     @property
     def sha256(self) -> str:
         # the conditions of no two rigs are alike
-        told = {k: v for k, v in asdict(self).items() if k != "rig"}
-        return hashlib.sha256(json_text(told).encode()).hexdigest()
+        identity = {k: v for k, v in asdict(self).items() if k != "rig"}
+        return hashlib.sha256(json_text(identity).encode()).hexdigest()
 
     def label(self) -> dict[str, Any]:
         """The case as plain data, with what counts as the right answer to each fault."""

@@ -198,13 +198,13 @@ def _doubles(marked: list[Marked], singles: list[Marked]) -> dict[str, Rate]:
 
 def _forecasts(marked: list[Marked], seed: int) -> tuple[dict[str, Figure], Rate]:
     """Predicted against achieved shrinkage of explained cases, and the time a diagnosis took."""
-    told = [
+    stated = [
         s for m in marked if m.verdict == "explained" and (s := m.result["shrinkage"]) is not None
     ]
-    error = np.array([abs(s["predicted"] - s["achieved"]) for s in told])
-    bias = np.array([s["predicted"] - s["achieved"] for s in told])
+    error = np.array([abs(s["predicted"] - s["achieved"]) for s in stated])
+    bias = np.array([s["predicted"] - s["achieved"] for s in stated])
     seconds = np.array([m.result["seconds"] for m in marked])
-    covered = sum(s["low"] <= s["achieved"] <= s["high"] for s in told)
+    covered = sum(s["low"] <= s["achieved"] <= s["high"] for s in stated)
     return (
         {
             "shrinkage_error": _figure(error, np.median, seed),
@@ -212,7 +212,7 @@ def _forecasts(marked: list[Marked], seed: int) -> tuple[dict[str, Figure], Rate
             "seconds": _figure(seconds, np.median, seed),
             "seconds_worst": _worst(seconds),
         },
-        Rate(covered, len(told)),
+        Rate(covered, len(stated)),
     )
 
 
@@ -319,10 +319,10 @@ def _strata(marked: list[Marked]) -> dict[str, dict[str, dict[str, Rate]]]:
     out: dict[str, dict[str, dict[str, Rate]]] = {}
     for dimension, (value, edges) in DIMENSIONS.items():
         bins: dict[str, list[Marked]] = {}
-        told = (
+        stated = (
             m for m in marked if (m.truth or dimension != "visibility") and value(m) is not None
         )
-        for m in sorted(told, key=value):
+        for m in sorted(stated, key=value):
             bins.setdefault(_between(value(m), edges), []).append(m)
         out[dimension] = {name: _main_rates(cases) for name, cases in bins.items()}
     return {dimension: bins for dimension, bins in out.items() if bins}

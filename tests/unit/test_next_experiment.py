@@ -18,8 +18,8 @@ from pamid.diagnosis.diagnose import diagnose_into
 from pamid.diagnosis.next_experiment import (
     bench_of,
     benches,
-    in_question,
     next_experiment,
+    pairs_to_separate,
     separations,
 )
 from pamid.diagnosis.proposal import FILE, Proposal, proposal_json
@@ -87,7 +87,9 @@ def rubbing(
 
 def apart(d: Diagnosis, bench: Bench, e: Experiment) -> float:
     """Separation of the pairs in question on an experiment, re-adjusted."""
-    return float(np.sqrt((list(separations(d.evidence, bench, e, in_question(d)))[-1] ** 2).mean()))
+    return float(
+        np.sqrt((list(separations(d.evidence, bench, e, pairs_to_separate(d)))[-1] ** 2).mean())
+    )
 
 
 def test_it_separates_more_than_the_same_excitation_again(
@@ -111,7 +113,9 @@ def test_what_it_expects_is_what_comes(
     whole = gather(rig_named(str(rig)), [old, new], [])
     evidence = replace(whole, fit=tuple(Span(s.recording, 0, len(s.recording)) for s in whole.fit))
     at = [s.recording is new for s in evidence.fit].index(True)
-    right, wrong = (fit_model(evidence, c.attached).fit.residuals[at] for c in in_question(d)[0])
+    right, wrong = (
+        fit_model(evidence, c.attached).fit.residuals[at] for c in pairs_to_separate(d)[0]
+    )
     missed, met = (
         float(np.sqrt((left**2).mean()) / d.evidence.noise[0]) for left in (wrong, right)
     )
@@ -123,7 +127,9 @@ def test_the_bounds_only_fall(rubbing: tuple[Path, Path, Recording, Diagnosis, P
     _, _, _, d, _ = rubbing
     bench = bench_of(d.evidence)
     for e in menu(bench):
-        found = [float((a**2).mean()) for a in separations(d.evidence, bench, e, in_question(d))]
+        found = [
+            float((a**2).mean()) for a in separations(d.evidence, bench, e, pairs_to_separate(d))
+        ]
         assert found == sorted(found, reverse=True)
 
 
@@ -132,7 +138,7 @@ def test_no_other_entry_is_better(
 ) -> None:
     """What was passed over by its bound would not have won."""
     _, _, _, d, p = rubbing
-    truth = in_question(d)[0][0]
+    truth = pairs_to_separate(d)[0][0]
     scores = {}
     for e in menu(bench_of(d.evidence)):
         scores[e.name] = max(
