@@ -58,8 +58,8 @@ class Budget:
 def gap_budget(
     evidence: Evidence, *, seed: int, pool: WorkerPool, progress: Progress, settings: Settings
 ) -> Budget:
-    """Fit the baseline (parameters and background), replay it, and set the floor and the ceiling
-    beside it."""
+    """The baseline, fitted (parameters and background) and replayed, with the noise floor and the
+    error of a black box."""
     model = pool.one(_Baseline(evidence, progress), seed)
     progress("black box on what is left")
     return Budget(

@@ -38,10 +38,10 @@ def alike(
     other: CandidateModel,
     settings: Settings,
 ) -> bool:
-    """Do two models say the same on these recordings?"""
-    apart = distance(one, other, evidence.noise)
+    """Do two models predict the same of these recordings? See the head of the module."""
+    difference = distance(one, other, evidence.noise)
     reach = min(distance(one, baseline, evidence.noise), distance(other, baseline, evidence.noise))
-    return apart < max(settings.alike_share * reach, settings.alike_noise)
+    return difference < max(settings.alike_share * reach, settings.alike_noise)
 
 
 def look_alike_classes(

@@ -43,7 +43,7 @@ Array = NDArray[np.float64]
 
 def next_experiment(d: Diagnosis) -> Proposal | None:
     """The entry of the menu with the largest expected separation per root of its minutes; None
-    where no two models are in question or none of the entries can be simulated."""
+    where no two models are tied or none of the entries can be simulated."""
     pairs = pairs_to_separate(d)
     if not pairs:
         return None
@@ -58,10 +58,10 @@ def next_experiment(d: Diagnosis) -> Proposal | None:
             range(len(race)),
             key=lambda i: _rms(race[i][0]) / np.sqrt(race[i][3].minutes_on(race[i][2])),
         )
-        apart, bounds, way, e = race[k]
+        separation, bounds, way, e = race[k]
         tighter = next(bounds, None)
         if tighter is None:
-            return _proposal(d, way, e, pairs, apart) if apart.any() else None
+            return _proposal(d, way, e, pairs, separation) if separation.any() else None
         race[k] = (tighter, bounds, way, e)
     return None
 
@@ -111,7 +111,7 @@ def pairs_to_separate(d: Diagnosis) -> list[tuple[CandidateModel, CandidateModel
 def bench_of(evidence: Evidence) -> Bench:
     """The bench that the recordings were made on: its loop or its inputs, their range (2nd to 98th
     percentile)."""
-    rig, recordings, model = evidence.rig, evidence.recordings, _like(evidence)
+    rig, recordings, model = evidence.rig, evidence.recordings, _reference_recording(evidence)
     period = model.sampling_period_s
     recorded = {
         name
@@ -143,7 +143,7 @@ def bench_of(evidence: Evidence) -> Bench:
     )
 
 
-def _like(evidence: Evidence) -> Recording:
+def _reference_recording(evidence: Evidence) -> Recording:
     """The recording after which an experiment is set up: the first one that was commanded, if
     any."""
     commands = [q.command for q in evidence.rig.loops]
@@ -155,7 +155,7 @@ def _like(evidence: Evidence) -> Recording:
 def _settings(evidence: Evidence) -> dict[str, float]:
     """[known] of an experiment: as before, but nothing that only holds for a test without
     commands."""
-    model = _like(evidence)
+    model = _reference_recording(evidence)
     return model.known if all(model.has(q.command) for q in evidence.rig.loops) else {}
 
 
@@ -176,12 +176,14 @@ def benches(
             bench, driven={k: (c, share * h) for k, (c, h) in bench.driven.items()}, passes=passes
         )
         made = [_recorded(evidence, model, way, e.signals(way), s) for s in e.settings(way)]
-        if all(r is not None and _stays(evidence, r, settings.experiment_range) for r in made):
+        if all(
+            r is not None and _within_range(evidence, r, settings.experiment_range) for r in made
+        ):
             out.append(way)
     return out
 
 
-def _stays(evidence: Evidence, made: Recording, beyond: float) -> bool:
+def _within_range(evidence: Evidence, made: Recording, beyond: float) -> bool:
     """Does every channel stay within what was recorded, widened by this share of its span?"""
     for channel in evidence.channels:
         before = np.concatenate([r.signal(channel) for r in evidence.recordings if r.has(channel)])
@@ -236,10 +238,10 @@ def _recorded(
 
 
 def _controller(evidence: Evidence) -> dict[str, float]:
-    return {**evidence.rig.controller, **_like(evidence).controller}
+    return {**evidence.rig.controller, **_reference_recording(evidence).controller}
 
 
-# ---- how far apart -----------------------------------------------------------------------------
+# ---- separation ---------------------------------------------------------------------------------
 
 
 def separations(
@@ -253,7 +255,7 @@ def separations(
     over all channels together, the last one with all re-adjusted; zeros where a model cannot be
     simulated."""
     made: dict[str, list[Recording | None]] = {}
-    views, apart = [], []
+    rivals, separation = [], []
     for truth, other in pairs:
         if truth.label not in made:
             made[truth.label] = [
@@ -264,17 +266,19 @@ def separations(
             for r in made[truth.label]
             if r is not None
         )
-        view = _View(other, evidence.noise, tracks, settings)
-        if len(tracks) < len(made[truth.label]) or not view.left:
+        rival = _RivalModel(other, evidence.noise, tracks, settings)
+        if len(tracks) < len(made[truth.label]) or not rival.left:
             yield np.zeros(len(evidence.channels))
             return
-        views.append(view)
-        apart.append(view.misfit(view.left))
-        yield min(apart, key=_rms)
-    for k, view in enumerate(views):
-        again = view.readjusted()
-        apart[k] = min(apart[k], view.misfit(again), key=_rms) if again else apart[k]
-        yield min(apart, key=_rms)
+        rivals.append(rival)
+        separation.append(rival.misfit(rival.left))
+        yield min(separation, key=_rms)
+    for k, rival in enumerate(rivals):
+        again = rival.readjusted()
+        separation[k] = (
+            min(separation[k], rival.misfit(again), key=_rms) if again else separation[k]
+        )
+        yield min(separation, key=_rms)
 
 
 def _rms(channels: Array) -> float:
@@ -283,8 +287,8 @@ def _rms(channels: Array) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class _View:
-    """A model before recordings that another one made."""
+class _RivalModel:
+    """A model held against recordings that another model made."""
 
     model: CandidateModel
     noise: Array
@@ -377,15 +381,15 @@ def _proposal(
     bench: Bench,
     e: Experiment,
     pairs: list[tuple[CandidateModel, CandidateModel]],
-    apart: Array,
+    separation: Array,
 ) -> Proposal:
     names = tuple(dict.fromkeys(c.attached[0].label for pair in pairs for c in pair))
     columns, settings = e.signals(bench), tuple(s for s in e.settings(bench) if s)
     return Proposal(
         e.name,
-        _why(d, e, settings, apart),
+        _why(d, e, settings, separation),
         names,
-        _rms(apart),
+        _rms(separation),
         e.minutes_on(bench),
         columns,
         sent_with(d.evidence, bench, columns),
@@ -400,14 +404,16 @@ def sent_with(evidence: Evidence, bench: Bench, columns: dict[str, Array]) -> di
     meta: dict[str, Any] = {
         "recording": {"loop": "closed" if closed else "open", "sampling_period_s": bench.period_s}
     }
-    first = _like(evidence)
+    first = _reference_recording(evidence)
     if first.rig is not None:
         meta["recording"]["rig"] = first.rig
     meta |= {"known": bench.known} if bench.known else {}
     return meta | ({"controller": _controller(evidence)} if closed else {})
 
 
-def _why(d: Diagnosis, e: Experiment, settings: tuple[dict[str, float], ...], apart: Array) -> str:
+def _why(
+    d: Diagnosis, e: Experiment, settings: tuple[dict[str, float], ...], separation: Array
+) -> str:
     """What is sent, what changes between repetitions, and where the models should part."""
     parts = [e.why]
     if settings:
@@ -415,12 +421,12 @@ def _why(d: Diagnosis, e: Experiment, settings: tuple[dict[str, float], ...], ap
             "with "
             + " and then ".join(", ".join(f"{k} = {v:g}" for k, v in s.items()) for s in settings)
         )
-    worst = int(np.argmax(apart))
+    worst = int(np.argmax(separation))
     parts.append(
         "simulated on the fitted models, the nearest two differ most in "
         f"{d.evidence.channels[worst]}, by "
-        f"{apart[worst]:.2g} times its noise"
+        f"{separation[worst]:.2g} times its noise"
     )
-    if apart[worst] < d.settings.experiment_visible:
+    if separation[worst] < d.settings.experiment_visible:
         parts.append("nothing on the menu sets them apart clearly")
     return "; ".join(parts)

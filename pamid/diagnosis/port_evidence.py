@@ -164,8 +164,8 @@ def _found_at(
 def _gains(
     work: _Smoothing, items: list[Ports], pool: WorkerPool, known: dict[Ports, Found]
 ) -> list[float]:
-    """Log evidence beyond that without a latent value; 0 where neither path can be followed, or the
-    job failed.
+    """Log evidence beyond that without a latent value; 0 where the model with or without it becomes
+    unstable, or the job failed.
 
     known: what was found without one, if it was.
     """

@@ -160,47 +160,47 @@ def _worst_run(
 
 def screen(
     evidence: Evidence,
-    ground: ScreeningBaseline,
+    reference: ScreeningBaseline,
     attachment: Attachment,
     sizes: Sizes,
     hints: GapHints,
 ) -> Screened:
     """Gain of one candidate after a few steps from each of its starting points and some more from
     the best of them."""
-    baseline, settings = ground.baseline, ground.settings
+    baseline, settings = reference.baseline, reference.settings
     try:
         assembly = model_with(evidence, (*baseline.attached, attachment), sizes)
-        problem = ground.problem(evidence, assembly)
+        problem = reference.problem(evidence, assembly)
     except PamidError as error:
         return Screened(attachment, None, {}, -np.inf, str(error))
     unstable = Screened(attachment, assembly, {}, -np.inf, "unstable at every starting value")
     best, found = unstable, None
     here = hints.at(attachment.ports[0])
     for first, steps in starting_points(assembly, attachment, here, settings):
-        p = transferred(assembly, (baseline.assembly, ground.p))
+        p = transferred(assembly, (baseline.assembly, reference.p))
         set_within_bounds(assembly, p, first)
-        done = _probed(ground, problem, p, ground.starts, steps, baseline.fit.stepping)
+        done = _probed(reference, problem, p, reference.starts, steps, baseline.fit.stepping)
         # the baseline's integration steps are too long for this effect
         if not np.isfinite(done.cost):
-            done = _probed(ground, problem, p, ground.starts, steps, None)
-        if ground.cost - done.cost > best.gain:
-            best, found = Screened(attachment, assembly, first, ground.cost - done.cost), done
+            done = _probed(reference, problem, p, reference.starts, steps, None)
+        if reference.cost - done.cost > best.gain:
+            best, found = Screened(attachment, assembly, first, reference.cost - done.cost), done
     if found is None:
         return unstable
     more = settings.screen_steps
-    done = _probed(ground, problem, found.p, found.starts, more, found.stepping)
-    return replace(best, gain=max(best.gain, ground.cost - done.cost))
+    done = _probed(reference, problem, found.p, found.starts, more, found.stepping)
+    return replace(best, gain=max(best.gain, reference.cost - done.cost))
 
 
 def _probed(
-    ground: ScreeningBaseline,
+    reference: ScreeningBaseline,
     problem: Problem,
     p: Array,
     starts: tuple[Array, ...],
     steps: int,
     stepping: Stepping | None,
 ) -> Fit:
-    base = ground.baseline.fit
+    base = reference.baseline.fit
     return fit(
         problem,
         p=p,
@@ -214,17 +214,17 @@ def _probed(
 
 
 def promising(
-    family_of: dict[str, str], screened: list[Screened], ground: ScreeningBaseline
+    family_of: dict[str, str], screened: list[Screened], reference: ScreeningBaseline
 ) -> list[Screened]:
     """The candidates to refit, by gain. On top of the baseline all of few; else some in any case,
     further ones that gain a share of the largest gain, and the best of every further family. Beside
     effects that are already found only the leading ones."""
-    settings, first_round = ground.settings, not ground.baseline.attached
+    settings, first_round = reference.settings, not reference.baseline.attached
     usable = sorted(
         (s for s in screened if s.assembly is not None and np.isfinite(s.gain)),
         key=lambda s: (-s.gain, s.attachment.label),
     )
-    if not usable or (first_round and len(usable) <= settings.refits_all and not ground.held):
+    if not usable or (first_round and len(usable) <= settings.refits_all and not reference.held):
         return usable
     top = usable[0].gain
     leading = usable[: settings.refits if first_round else settings.refits_beside]

@@ -66,12 +66,12 @@ class _Screening(ObjectWork[Attachment, Screened]):
 
     what = "screening"
     evidence: Evidence
-    ground: ScreeningBaseline
+    reference: ScreeningBaseline
     sizes: Sizes
     hints: GapHints
 
     def result(self, item: Attachment) -> Screened:
-        return screen(self.evidence, self.ground, item, self.sizes, self.hints)
+        return screen(self.evidence, self.reference, item, self.sizes, self.hints)
 
     def plain_form(self, item: Attachment, found: Screened) -> Plain:
         return {
@@ -82,7 +82,7 @@ class _Screening(ObjectWork[Attachment, Screened]):
         }
 
     def restored(self, item: Attachment, found: Plain) -> Screened:
-        attached = (*self.ground.baseline.attached, item)
+        attached = (*self.reference.baseline.attached, item)
         return Screened(
             item,
             model_with(self.evidence, attached, self.sizes) if found["fits"] else None,
@@ -145,13 +145,13 @@ def run_round(
     Returns the models, what failed and why, and the family of the screen's own first choice.
     """
     evidence, sizes, run = search.evidence, search.budget.sizes, search.pool.run
-    ground = ScreeningBaseline.of(base, len(search.candidates), search.settings)
-    tried = run(_Screening(evidence, ground, sizes, search.hints), candidates, search.progress)
+    reference = ScreeningBaseline.of(base, len(search.candidates), search.settings)
+    tried = run(_Screening(evidence, reference, sizes, search.hints), candidates, search.progress)
     found = [
         Screened(a, None, {}, -np.inf, s.why) if isinstance(s, Failed) else s
         for a, s in zip(candidates, tried, strict=True)
     ]
-    leading = promising({a.label: search.family(a) for a in candidates}, found, ground)
+    leading = promising({a.label: search.family(a) for a in candidates}, found, reference)
     starts = [_start(s, base) for s in leading]
     work = Refitting(evidence, base.fit, sizes, search.settings)
     refitted = run(work, starts, search.progress)
@@ -210,13 +210,17 @@ def _simplest(search: Search, ranking: list[CandidateModel]) -> CandidateModel:
     """The first, or a simpler member of its family over which its gain is slight or uncertain (the
     one-standard-error rule of Breiman et al. 1984, at three)."""
     best = ranking[0]
-    kin = [c for c in ranking if c.family == best.family and _plainness(c) < _plainness(best)]
-    if not kin:
+    same_family = [
+        c for c in ranking if c.family == best.family and _complexity(c) < _complexity(best)
+    ]
+    if not same_family:
         return best
-    losses, s = search.losses([best, *kin]), search.settings
+    losses, s = search.losses([best, *same_family]), search.settings
     gap = search.excess(search.budget.baseline)
-    plain = sorted(enumerate(kin, start=1), key=lambda e: (_plainness(e[1]), losses[e[0]].mean()))
-    for i, c in plain:
+    simpler = sorted(
+        enumerate(same_family, start=1), key=lambda e: (_complexity(e[1]), losses[e[0]].mean())
+    )
+    for i, c in simpler:
         gain = losses[i] - losses[0]
         lost = search.excess(c) - search.excess(best)
         unsure = gain.mean() < s.simpler_errors * gain.std()
@@ -226,7 +230,7 @@ def _simplest(search: Search, ranking: list[CandidateModel]) -> CandidateModel:
     return best
 
 
-def _plainness(c: CandidateModel) -> tuple[int, bool]:
+def _complexity(c: CandidateModel) -> tuple[int, bool]:
     """Fewer parameters first; of equally many, an effect at home at its port before one of the
     general catalogue."""
     return c.free_count, not c.attached[-1].effect.kinds
