@@ -191,7 +191,8 @@ def ranked(
 
     Order is by mean bootstrapped log loss, but a simpler member of the first one's family goes
     before it where `_simplest` prefers it; what the first has won then counts for the simpler one.
-    Shares of bootstrap wins are bagged model weights (Yang and Zhu 2018, PNAS 115:1854).
+    Shares of bootstrap wins are bagged model weights: Huggins and Miller (2023), Bayesian Analysis
+    18:79.
     """
     if not models:
         return (), []
