@@ -40,7 +40,7 @@ from pamid.correction.output_network import (
     write_network,
 )
 from pamid.correction.residual_data import MODELS, ResidualData, derived
-from pamid.diagnosis.contender import contender_from, transferred
+from pamid.diagnosis.candidate_model import candidate_from, transferred
 from pamid.diagnosis.smoother import ROUNDS, Latent, Smoother, size_at
 from pamid.estimation.fit_model import GreyBox, fit_model
 from pamid.estimation.posterior import read_posterior
@@ -49,7 +49,7 @@ from pamid.model.attachment import Attachment, attach
 from pamid.model.effect import Effect
 from pamid.model.registry import effects, rig_again
 from pamid.model.rig import Rig
-from pamid.networks.store import TrainedNetwork
+from pamid.networks.trained_network import TrainedNetwork
 from pamid.networks.training import Training
 from pamid.recording.recording import read_recording
 from pamid.simulation.data_split import DataSplit, split_recordings
@@ -234,7 +234,7 @@ def missing_at(model: GreyBox, replays: tuple[Replay, ...], entry: Entry) -> tup
     the data."""
     smoother = _AtEntry(
         model.evidence,
-        contender_from(model.assembly, model.fit, replays),
+        candidate_from(model.assembly, model.fit, replays),
         (entry.port,),
         place=entry.place,
     )

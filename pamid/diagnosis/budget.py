@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from pamid.base.metrics import seen_mean
 from pamid.base.progress import Progress
-from pamid.diagnosis.contender import Contender, contender_from
-from pamid.diagnosis.serialise import grey_box_of, grey_box_plain
+from pamid.diagnosis.candidate_model import CandidateModel, candidate_from
+from pamid.diagnosis.serialise import grey_box_plain, grey_box_restored
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.estimation.fit_model import GreyBox, fit_model
 from pamid.model.bound_parameter import Sizes
@@ -29,7 +29,7 @@ class Budget:
     floor, black box; settings: of the diagnosis that it is part of."""
 
     model: GreyBox
-    baseline: Contender
+    baseline: CandidateModel
     data_sheet: Array
     floor: Array
     black_box: Array
@@ -58,13 +58,13 @@ class Budget:
 def gap_budget(
     evidence: DataSplit, *, seed: int, pool: WorkerPool, progress: Progress, settings: Settings
 ) -> Budget:
-    """Fit the baseline (parameters and background), replay it, and set the floor and the ceiling
-    beside it."""
+    """The baseline, fitted (parameters and background) and replayed, with the noise floor and the
+    error of a black box."""
     model = pool.one(_Baseline(evidence, progress), seed)
     progress("black box on what is left")
     return Budget(
         model,
-        contender_from(model.assembly, model.fit, model.held_out),
+        candidate_from(model.assembly, model.fit, model.held_out),
         _losses(model.data_sheet),
         _losses(model.floor),
         pool.one(_BlackBox(model, settings), seed),
@@ -87,7 +87,7 @@ class _Baseline(ObjectWork[int, GreyBox]):
         return grey_box_plain(found)
 
     def restored(self, item: int, found: Plain) -> GreyBox:
-        return grey_box_of(self.evidence, found)
+        return grey_box_restored(self.evidence, found)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,10 +1,15 @@
 """From figures to a verdict: is there a gap beyond tolerances, does the best model explain it, is
 its name right?
 
-The grounds are dimensionless, so that one judgement serves every rig. Each question is answered by
-a probability, a logistic function of the grounds whose weights were fitted to the calibration cases
-of `pamid trial` (an independent plant, seeds used for nothing else) and stand in calibration.json
-with the digest of those cases.
+The statistics are dimensionless, so that one decision rule serves every rig. Each question is
+answered by a probability, logistic regression on features x of the statistics,
+
+    P(yes | x) = 1 / (1 + exp(-b - w.x)),
+
+whose b and w were fitted by ridge-penalised maximum likelihood to the calibration cases of `pamid
+trial` (an independent plant, seeds used for nothing else); they stand in calibration.json with the
+digest of those cases (`pamid.trial.calibrate`). Platt (1999), Probabilistic outputs for support
+vector machines, in Advances in Large Margin Classifiers.
 """
 
 from __future__ import annotations
@@ -20,8 +25,8 @@ from numpy.typing import NDArray
 
 from pamid.base.metrics import moving_block_interval, seen_mean, shrinkage_interval
 from pamid.diagnosis.budget import Budget
-from pamid.diagnosis.contender import Contender, bootstrap_losses
-from pamid.diagnosis.port_evidence import Located
+from pamid.diagnosis.candidate_model import CandidateModel, bootstrap_losses
+from pamid.diagnosis.port_evidence import PortEvidence
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.estimation.intervals import background_pull, estimates
 from pamid.simulation.replay import spread_of
@@ -32,8 +37,8 @@ QUESTIONS = ("gap", "known", "first", "further")
 
 
 @dataclass(frozen=True)
-class Grounds:
-    """What a verdict rests on, all on the windows that choose."""
+class VerdictStatistics:
+    """What a verdict rests on, all on the windows that choose (`grounds` of diagnosis.json)."""
 
     visible: float  # refitted error over the floor, worst channel
     gap: float  # refitted error above the floor, in floors, summed over channels
@@ -57,7 +62,7 @@ class Grounds:
     channels: int  # measured
 
 
-def at_the_floor(budget: Budget, seed: int) -> bool:
+def at_noise_floor(budget: Budget, seed: int) -> bool:
     """The refitted model is at the floor in every channel, within the margin for a gap (10 %), with
     95 % confidence."""
 
@@ -71,16 +76,16 @@ def at_the_floor(budget: Budget, seed: int) -> bool:
     )
 
 
-def weigh(
+def verdict_statistics(
     budget: Budget,
     chosen: NDArray[np.bool_],
-    ranking: tuple[Contender, ...],
-    best: Contender | None,
-    located: Located,
-    after: Located,
+    ranking: tuple[CandidateModel, ...],
+    best: CandidateModel | None,
+    located: PortEvidence,
+    after: PortEvidence,
     seed: int,
-) -> Grounds:
-    """The grounds for a verdict; without any candidate those of the baseline alone."""
+) -> VerdictStatistics:
+    """What the verdict rests on; where no candidate was refitted, of the baseline alone."""
     base, rows = budget.baseline, chosen
     gap = budget.excess(base.absolutes, rows)
     spread, error = spread_of(base.replays), seen_mean(base.absolutes[rows])
@@ -107,7 +112,7 @@ def weigh(
         default=0.0,
     )
     strains = [e.strain for e in estimates(model.fit) if not e.bound.owner]
-    return Grounds(
+    return VerdictStatistics(
         visible=float(np.nanmax(error / seen_mean(budget.floor[rows]))),
         gap=gap,
         of_signal=float(np.nanmax(error / spread)),
@@ -131,7 +136,9 @@ def weigh(
     )
 
 
-def is_backed(budget: Budget, model: Contender, reporting: NDArray[np.bool_], seed: int) -> bool:
+def is_confirmed(
+    budget: Budget, model: CandidateModel, reporting: NDArray[np.bool_], seed: int
+) -> bool:
     """Does the error shrink on the windows that only report, and on everything held out with 95 %
     confidence? A single window has no say."""
     before, after = (budget.channel_losses(c.absolutes) for c in (budget.baseline, model))
@@ -145,8 +152,8 @@ def in_errors(draws: Array) -> float:
     return float(draws.mean() / max(draws.std(), 1e-6))
 
 
-def features(g: Grounds) -> dict[str, float]:
-    """The grounds as the logistic functions take them: ratios in decades, everything within the
+def features(g: VerdictStatistics) -> dict[str, float]:
+    """The statistics as the logistic functions take them: ratios in decades, everything within the
     range of the trial."""
     return {
         "visible": decades(g.visible, 1.0, 100.0),
@@ -198,7 +205,7 @@ class Calibration:
 
 @lru_cache
 def calibration() -> Calibration:
-    """What the calibration cases taught."""
+    """As fitted to the calibration cases."""
     found = json.loads((files("pamid.diagnosis") / "calibration.json").read_text(encoding="utf-8"))
     return Calibration(
         {q: Line(**found["lines"][q]) for q in QUESTIONS}, float(found["spread"]), found["cases"]
@@ -206,7 +213,7 @@ def calibration() -> Calibration:
 
 
 @dataclass(frozen=True)
-class Judged:
+class Decision:
     """verdict, and the probabilities behind it: a structural gap; a cause that the catalogue knows
     and that is rightly among the named; the first of the ranking (or one that looks like it here)
     being it."""
@@ -217,24 +224,24 @@ class Judged:
     first: float
 
 
-def judge(
-    g: Grounds,
+def decide(
+    g: VerdictStatistics,
     *,
     ambiguous: bool,
-    backed: bool = True,
+    confirmed: bool = True,
     empty: bool = False,
     settings: Settings = DEFAULT,
-) -> Judged:
-    """The verdict on these grounds; ambiguous: members of several families are tied; backed: see
-    `is_backed`; empty: the best model makes nothing of what was recorded.
+) -> Decision:
+    """The verdict; ambiguous: members of several families are tied; confirmed: see `is_confirmed`;
+    empty: the best model predicts no better than a guess without a model.
 
-    A first candidate that is as good as certain is named also where the gap by itself would not
-    raise an alarm. No cause is named that the held-out windows do not back, or of recordings that
-    show nothing of the model.
+    A first candidate that is as good as certain is named even where the evidence for a gap would
+    not raise an alarm by itself. No cause is named that held-out windows do not confirm, nor in
+    recordings that no model explains.
     """
     c, x = calibration(), features(g)
     gap, known, first = (c.lines[q].probability(x) for q in ("gap", "known", "first"))
-    most = 0.0 if empty else 1.0 if backed else settings.unbacked_probability
+    most = 0.0 if empty else 1.0 if confirmed else settings.unbacked_probability
     known, first = min(known, most), min(first, most)
     certain = first >= c.lines["first"].yes
     if gap < c.lines["gap"].yes and not certain:
@@ -247,17 +254,17 @@ def judge(
         verdict = "unknown-effect" if gap >= c.lines["gap"].yes else "no-structural-gap"
     else:
         verdict = "ambiguous" if ambiguous else "explained"
-    return Judged(verdict, gap, known, first)
+    return Decision(verdict, gap, known, first)
 
 
-def probabilities(judged: Judged, wins: list[float]) -> list[float]:
+def probabilities(decision: Decision, wins: list[float]) -> list[float]:
     """One per candidate: the first has its own, the others share in proportion to their wins what
     is left of the probability that the catalogue knows the cause."""
     if not wins:
         return []
     others = np.array(wins[1:]) + 1e-3
-    rest = max(0.0, min(1.0, max(judged.known, judged.first)) - judged.first)
-    return [judged.first, *(rest * others / others.sum()).tolist()]
+    rest = max(0.0, min(1.0, max(decision.known, decision.first)) - decision.first)
+    return [decision.first, *(rest * others / others.sum()).tolist()]
 
 
 def forecast_interval(

@@ -1,5 +1,17 @@
-"""Further effects beside a first one: greedy addition where something is still missing, with a
-backward check and swaps of the first for its rivals."""
+"""Several effects: forward selection with a backward check.
+
+Step k adds to the model M_(k-1) the effect that lowers the bootstrapped held-out log loss most,
+
+    j* = argmin_j L(M_(k-1) + e_j),    all parameters refitted jointly each time,
+
+among effects of other families whose ports still have latent evidence; a logistic function
+(calibration.json, "further") decides whether it is kept. Then an earlier effect whose removal costs
+less than the share `worth` of the gap is dropped, and the first is replaced by one of its rivals
+where the pair fits better: chosen alone, it had to account for what the second explains, too.
+
+Efroymson (1960), Multiple regression analysis, in Mathematical Methods for Digital Computers;
+Miller (2002), Subset Selection in Regression, sections 3.2 to 3.5 (forward, backward, replacement).
+"""
 
 from __future__ import annotations
 
@@ -7,23 +19,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pamid.diagnosis.contender import Contender, transferred
+from pamid.diagnosis.candidate_model import CandidateModel, transferred
 from pamid.diagnosis.decision import calibration, decades, in_errors, within
-from pamid.diagnosis.port_evidence import Located, locate
-from pamid.diagnosis.search import Refitting, Search, Start, run_round, settled
+from pamid.diagnosis.port_evidence import PortEvidence, locate
+from pamid.diagnosis.search import RefitStart, Refitting, Search, run_round, with_finer_steps
 from pamid.estimation.fit_model import model_with
 from pamid.model.attachment import Attachment
 
 
 @dataclass(frozen=True)
-class Newcomer:
-    """An effect weighed beside the ones already found, all on the windows that choose.
+class ForwardStep:
+    """The effect tried beside those already found, all on the windows that choose.
 
     removed, of_left: what it removes, in shares of the gap and of what the others leave; gain: log
     squared error per channel, sure: in standard errors; margin: standard errors by which it beats
     the next of another family; at_port: latent evidence at its port over the largest one;
-    unexplained: that one, nats per sample; probability of being real; taken: is it part of the
-    answer?
+    unexplained: that one, nats per sample; probability of being real; taken: is it added
+    to the model?
     """
 
     effect: str
@@ -52,23 +64,21 @@ class Newcomer:
 
 
 @dataclass(frozen=True, eq=False)
-class Extended:
-    """A model with all that has to stand beside its first effect; after: what is still missing
-    where; newcomers: the further effects that were weighed, in order."""
+class ForwardSelection:
+    """The model with every effect that was added; after: the latent evidence that is left at the
+    ports; forward_steps: the effects that were tried beside the first, in order."""
 
-    best: Contender
-    after: Located
-    newcomers: tuple[Newcomer, ...] = ()
+    best: CandidateModel
+    after: PortEvidence
+    forward_steps: tuple[ForwardStep, ...] = ()
 
 
-def extended(search: Search, ranking: tuple[Contender, ...], located: Located) -> Extended:
-    """The first of the ranking with what has to stand beside it.
-
-    A further effect is looked for where something is still missing. After each one the earlier ones
-    are left out in turn: an effect that the newcomer has made needless goes.
-    """
+def select_forward(
+    search: Search, ranking: tuple[CandidateModel, ...], located: PortEvidence
+) -> ForwardSelection:
+    """The first of the ranking and the effects that forward selection adds to it."""
     chosen = search.settings
-    best, weighed = settled(search, ranking[0]), list[Newcomer]()
+    best, steps = with_finer_steps(search, ranking[0]), list[ForwardStep]()
     while True:
         search.progress(f"looking where something is missing beside {best.label}")
         leaders = [k[0] for k in located.classes]
@@ -83,16 +93,18 @@ def extended(search: Search, ranking: tuple[Contender, ...], located: Located) -
         more = _candidates(search, best, located, after)
         if not more:
             break
-        weighed.append(_weighed(search, best, more, located, after))
-        if not weighed[-1].taken:
+        steps.append(_step(search, best, more, located, after))
+        if not steps[-1].taken:
             break
-        best = settled(search, _swapped(search, ranking, _without_needless(search, more[0])))
-    return Extended(best, after, tuple(weighed))
+        best = with_finer_steps(
+            search, _best_first(search, ranking, _backward_check(search, more[0]))
+        )
+    return ForwardSelection(best, after, tuple(steps))
 
 
 def _candidates(
-    search: Search, best: Contender, located: Located, after: Located
-) -> list[Contender]:
+    search: Search, best: CandidateModel, located: PortEvidence, after: PortEvidence
+) -> list[CandidateModel]:
     """Refitted models with one more effect, of another family and where something is still missing,
     best first."""
     taken = {search.family(a) for a in best.attached}
@@ -106,9 +118,13 @@ def _candidates(
     return [more[i] for i in sorted(range(len(more)), key=lambda i: (losses[i], more[i].label))]
 
 
-def _weighed(
-    search: Search, best: Contender, more: list[Contender], located: Located, after: Located
-) -> Newcomer:
+def _step(
+    search: Search,
+    best: CandidateModel,
+    more: list[CandidateModel],
+    located: PortEvidence,
+    after: PortEvidence,
+) -> ForwardStep:
     newest = more[0]
     other = next((c for c in more if c.family != newest.family), best)
     losses = search.losses([best, newest, other])
@@ -117,7 +133,7 @@ def _weighed(
     removed = left - search.excess(newest)
     ports = set(newest.attached[-1].ports)
     here = max(after.gains[k[0]] for k in located.classes if ports & set(k))
-    found = Newcomer(
+    found = ForwardStep(
         newest.attached[-1].label,
         newest.family,
         removed / max(gap, 1e-9),
@@ -134,9 +150,9 @@ def _weighed(
     return replace(found, probability=probability, taken=taken)
 
 
-def _without_needless(search: Search, best: Contender) -> Contender:
-    """Backward check: the model without any effect but the newest, if that one is missed by
-    nobody."""
+def _backward_check(search: Search, best: CandidateModel) -> CandidateModel:
+    """The model less the first earlier effect whose removal costs less than `worth` of the gap; the
+    model itself where every one is needed."""
     worth = search.settings.worth * search.excess(search.budget.baseline)
     for a in best.attached[:-1]:
         smaller = _refitted(search, tuple(k for k in best.attached if k is not a), best)
@@ -146,8 +162,10 @@ def _without_needless(search: Search, best: Contender) -> Contender:
     return best
 
 
-def _swapped(search: Search, ranking: tuple[Contender, ...], best: Contender) -> Contender:
-    """The first effect chosen again: alone it had to stand in for its company, too."""
+def _best_first(
+    search: Search, ranking: tuple[CandidateModel, ...], best: CandidateModel
+) -> CandidateModel:
+    """The first effect chosen again, among itself and its rivals, beside those added since."""
     if len(best.attached) < 2 or best.attached[0] is not ranking[0].attached[-1]:
         return best
     taken = {search.family(a) for a in best.attached[1:]}
@@ -160,7 +178,9 @@ def _swapped(search: Search, ranking: tuple[Contender, ...], best: Contender) ->
     return stable[int(np.argmin(search.losses(stable).mean(axis=1)))]
 
 
-def _refitted(search: Search, attached: tuple[Attachment, ...], *found: Contender) -> Contender:
+def _refitted(
+    search: Search, attached: tuple[Attachment, ...], *found: CandidateModel
+) -> CandidateModel:
     """A model with these effects, refitted from what these others have found, the last of them
     first."""
     assembly = model_with(search.evidence, attached, search.budget.sizes)
@@ -168,4 +188,4 @@ def _refitted(search: Search, attached: tuple[Attachment, ...], *found: Contende
     work = Refitting(
         search.evidence, search.budget.baseline.fit, search.budget.sizes, search.settings
     )
-    return search.pool.one(work, Start(attached, p, assembly=assembly))
+    return search.pool.one(work, RefitStart(attached, p, assembly=assembly))

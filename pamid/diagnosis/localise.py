@@ -1,4 +1,4 @@
-"""Where the gap lies: ports, regimes, frequency band, windows of time."""
+"""Where the gap lies: regimes (stretches of a signal's values), frequency band, windows of time."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from scipy.signal import savgol_filter, welch
 
 from pamid.base.units import display_unit, from_si, split_column
 from pamid.diagnosis.budget import Budget
-from pamid.diagnosis.contender import Contender
+from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.engine.program import Program
 from pamid.model.rig import Port
@@ -21,9 +21,9 @@ from pamid.symbolic.vocabulary import Expr
 
 Array = NDArray[np.float64]
 
-# kinds of port whose signals a regime is told in, best first
-TOLD = ("motion", "actuator-force", "flow")
-VALUES = {"flow": "flow", "actuator-force": "force"}  # ... and whose own value is one of them
+# kinds of port whose signals state a regime, best first
+REGIME_PORTS = ("motion", "actuator-force", "flow")
+VALUE_NAMES = {"flow": "flow", "actuator-force": "force"}  # ... and whose own value is one of them
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,10 @@ def _excess(before: Replay, after: Replay | None, noise: Array) -> Array:
 
 
 def regimes(
-    evidence: DataSplit, base: Contender, after: Contender | None, settings: Settings = DEFAULT
+    evidence: DataSplit,
+    base: CandidateModel,
+    after: CandidateModel | None,
+    settings: Settings = DEFAULT,
 ) -> list[Regime]:
     """At most a few stretches of values that hold much more of the gap of `base` than of the time,
     best first; of two that hold about the same samples only the better one."""
@@ -74,7 +77,7 @@ def regimes(
     )
     if gap.sum() <= 0.0:
         return []
-    inner = inner_signals(base)
+    inner = port_signals(base)
     tables = [
         measured_signals(evidence, r) | _followed(base, r, inner, settings.still) for r in befores
     ]
@@ -122,7 +125,7 @@ def _stretch(name: str, unit: str, x: Array, gap: Array, settings: Settings) -> 
     return _Stretch(regime, share - spent, (place >= i) & (place < j))
 
 
-# ---- signals a regime can be told in -----------------------------------------------------------
+# ---- signals that can state a regime -----------------------------------------------------------
 
 
 def measured_signals(evidence: DataSplit, r: Replay) -> dict[str, tuple[Array, str]]:
@@ -151,7 +154,7 @@ def measured_signals(evidence: DataSplit, r: Replay) -> dict[str, tuple[Array, s
 
 
 @dataclass(frozen=True)
-class _Inner:
+class _PortSignals:
     """Signals at the ports of a model: its equations with these as further outputs, their names and
     units, and the name of the velocity whose sign tells a reversal."""
 
@@ -161,16 +164,16 @@ class _Inner:
     velocity: str
 
 
-def inner_signals(base: Contender) -> _Inner:
+def port_signals(base: CandidateModel) -> _PortSignals:
     """What the model offers at its ports, and what flows and pulls there; the same signal only at
     its first port, and without its place where all places share it."""
     rig = base.assembly.rig
     found: dict[Expr, tuple[str, str, list[str]]] = {}
     turning = []
-    told = [q for q in base.assembly.traced.passages if rig.ports[q.port].kind in TOLD]
-    for q in sorted(told, key=lambda q: TOLD.index(rig.ports[q.port].kind)):
+    passages = [q for q in base.assembly.traced.passages if rig.ports[q.port].kind in REGIME_PORTS]
+    for q in sorted(passages, key=lambda q: REGIME_PORTS.index(rig.ports[q.port].kind)):
         port = rig.ports[q.port]
-        own = [("value", q.value)] if port.kind in VALUES else []
+        own = [("value", q.value)] if port.kind in VALUE_NAMES else []
         for key, value in (*own, *q.signals):
             if isinstance(value, Expr) and {space for space, _ in symbols([value])} & {
                 "state",
@@ -185,7 +188,7 @@ def inner_signals(base: Contender) -> _Inner:
         for value, (name, _, places) in found.items()
     }
     assembly = replace(base.assembly, sensitive=frozenset())
-    return _Inner(
+    return _PortSignals(
         assembly.program_with({f"at.{names[value]}": value for value in found}),
         tuple(names.values()),
         tuple(unit for _, unit, _ in found.values()),
@@ -196,14 +199,14 @@ def inner_signals(base: Contender) -> _Inner:
 def _quantity(port: Port, key: str) -> str:
     """What people call a signal: the position of an actuator without a unit is its contraction."""
     if key == "value":
-        return VALUES[port.kind]
+        return VALUE_NAMES[port.kind]
     if port.kind == "actuator-force" and not port.unit_of("position"):
         return {"position": "contraction", "velocity": "contraction_rate"}.get(key, key)
     return "flow_drawn" if key == "drawn" else key
 
 
 def _followed(
-    base: Contender, r: Replay, inner: _Inner, still: float
+    base: CandidateModel, r: Replay, inner: _PortSignals, still: float
 ) -> dict[str, tuple[Array, str]]:
     """The signals at the ports along a replay, and the time since the last reversal."""
     found = followed(

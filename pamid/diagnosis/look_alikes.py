@@ -1,19 +1,27 @@
-"""Which effects these recordings cannot tell apart: measured on the refitted models' own
-predictions."""
+"""Look-alikes: effects that these recordings cannot tell apart, by their models' predictions.
+
+With predictions y_i and noise s_c of channel c, over the held-out samples that are scored,
+
+    D(i, j) = max_c sqrt(mean_t ((y_i - y_j) / s_c)^2),
+
+i and j are alike where D(i, j) < max(a min(D(i, 0), D(j, 0)), b): 0 is the baseline, a and b are
+`alike_share` and `alike_noise`. Refitted parameters absorb what they can of the difference, as in
+the T-criterion for discrimination between models: Atkinson and Fedorov (1975), Biometrika 62:57.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.diagnosis.contender import Contender
+from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.simulation.data_split import DataSplit
 
 Array = NDArray[np.float64]
 
 
-def distance(one: Contender, other: Contender, noise: Array) -> float:
+def distance(one: CandidateModel, other: CandidateModel, noise: Array) -> float:
     """RMS difference of two models' held-out predictions, in noise standard deviations (worst
     channel)."""
     gaps = [
@@ -24,23 +32,27 @@ def distance(one: Contender, other: Contender, noise: Array) -> float:
 
 
 def alike(
-    evidence: DataSplit, baseline: Contender, one: Contender, other: Contender, settings: Settings
+    evidence: DataSplit,
+    baseline: CandidateModel,
+    one: CandidateModel,
+    other: CandidateModel,
+    settings: Settings,
 ) -> bool:
-    """Do two models say the same on these recordings?"""
-    apart = distance(one, other, evidence.noise)
+    """Do two models predict the same of these recordings? See the head of the module."""
+    difference = distance(one, other, evidence.noise)
     reach = min(distance(one, baseline, evidence.noise), distance(other, baseline, evidence.noise))
-    return apart < max(settings.alike_share * reach, settings.alike_noise)
+    return difference < max(settings.alike_share * reach, settings.alike_noise)
 
 
 def look_alike_classes(
     evidence: DataSplit,
-    baseline: Contender,
-    contenders: list[Contender],
+    baseline: CandidateModel,
+    models: list[CandidateModel],
     settings: Settings = DEFAULT,
 ) -> list[list[str]]:
-    """Classes of two and more, by single linkage, in the order of the contenders."""
-    classes: list[list[Contender]] = []
-    for c in contenders:
+    """Classes of two and more, by single linkage, in the order of the models."""
+    classes: list[list[CandidateModel]] = []
+    for c in models:
         near = [k for k in classes if any(alike(evidence, baseline, c, m, settings) for m in k)]
         merged = [m for k in near for m in k] + [c]
         classes = [k for k in classes if k not in near] + [merged]

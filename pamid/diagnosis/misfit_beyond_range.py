@@ -1,5 +1,5 @@
-"""A refitted model that still misses by more than the signal moves explains nothing, whatever
-lowers its error."""
+"""Wrong units or signs: a refitted model whose error exceeds the spread of the signal explains
+nothing, whatever lowers its error."""
 
 from __future__ import annotations
 
@@ -10,14 +10,17 @@ import numpy as np
 from pamid.base.metrics import seen_mean
 from pamid.checks.rig_consistency import evidence_of
 from pamid.checks.scale_slips import advice, slips
-from pamid.diagnosis.contender import Contender
+from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import spread_of
 
 
-def doubt(
-    evidence: DataSplit, base: Contender, best: Contender | None, settings: Settings = DEFAULT
+def scale_doubt(
+    evidence: DataSplit,
+    base: CandidateModel,
+    best: CandidateModel | None,
+    settings: Settings = DEFAULT,
 ) -> dict[str, Any] | None:
     """Held-out error over the spread of the signal, by channel, where units or signs are in doubt,
     the slips of the pen that would explain it, and a sentence; None where the refitted model
@@ -28,7 +31,7 @@ def doubt(
     """
     spread = spread_of(base.replays)
 
-    def far(c: Contender) -> dict[str, float]:
+    def far(c: CandidateModel) -> dict[str, float]:
         error = np.sqrt(seen_mean(c.squares))
         return {
             name: float(e / s)

@@ -1,5 +1,5 @@
-"""What one would guess of the held-out windows without a model: a model that does no better has
-explained nothing of what was recorded, however much an effect improves it."""
+"""Forecasts without a model: the median of a window, or a line through its start. A model that does
+no better has explained nothing, however much an effect improves it."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ from numpy.typing import NDArray
 
 from pamid.base.metrics import moving_block_interval, seen_mean
 from pamid.diagnosis.budget import Budget
-from pamid.diagnosis.contender import Contender
+from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.simulation.replay import Replay, warm_up
 
 Array = NDArray[np.float64]
 
 
-def explains_nothing(budget: Budget, model: Contender, seed: int) -> bool:
-    """In no channel is the model surely better, by a tenth, than the median of what was measured;
-    nor, where it is far from the noise, than a guess from the part of a window on which its start
-    was estimated: its median, or a line."""
+def explains_nothing(budget: Budget, model: CandidateModel, seed: int) -> bool:
+    """True unless in some channel the model is better, by the margin and with 95 % confidence, than
+    the median of everything scored and, where it is far from the noise floor, also than the better
+    of two forecasts from the part of a window on which its start was estimated: its median, and the
+    line through it."""
     margin, near = budget.settings.naive_margin, budget.settings.naive_near_floor
     middle, start, line = (
         np.concatenate([losses[i] for losses in map(_guesses, model.replays)]) for i in range(3)
@@ -34,7 +35,7 @@ def explains_nothing(budget: Budget, model: Contender, seed: int) -> bool:
 
 
 def _better(own: Array, guess: Array, seed: int, margin: float) -> bool:
-    """By the margin, with 95 % confidence; windows whose guess is exact tell nothing of a model."""
+    """By the margin, with 95 % confidence; windows whose guess is exact say nothing of a model."""
     return bool(
         guess.sum() > 0.0
         and own.sum() < (1.0 - margin) * guess.sum()

@@ -1,10 +1,13 @@
-"""What to measure next: the experiment that would set apart the models still in question, found by
-simulating it.
+"""What to measure next: the experiment that best discriminates between the models still tied.
 
-The better ranked model of a pair records a virtual experiment without noise; what the other one
-leaves of it is taken first as that model was fitted, then re-adjusted as far as the recordings it
-was fitted to allow. The re-adjustment can only bring it nearer, so an experiment whose first figure
-lies below the best second one is done with.
+For a pair (i, j) model i simulates the experiment without noise; the separation is the rms residual
+of model j in noise standard deviations, after j was re-adjusted to it as far as the recordings that
+it was fitted to allow (T-optimality, Atkinson and Fedorov 1975, Biometrika 62:57):
+
+    T(e) = min over pairs, min_p ||y_i(e) - y_j(e; p)|| / sigma
+
+Without re-adjustment the residual is an upper bound of T. Experiments are therefore taken in order
+of that bound, and the search ends when a re-adjusted one exceeds the bounds of all others.
 """
 
 from __future__ import annotations
@@ -20,17 +23,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import DataError
-from pamid.diagnosis.contender import Contender
+from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.proposal import FILE, Proposal
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.engine.program import Stepping
-from pamid.estimation.multiple_shooting import fit, initial_starts
+from pamid.estimation.multiple_shooting import fit, initial_states
 from pamid.estimation.problem import Problem
-from pamid.estimation.residual_weights import Weights, residual_weights
+from pamid.estimation.weights import Weights, residual_weights
 from pamid.excitation.experiments import MOST_SAMPLES, PASS_S, Bench, Experiment, menu
 from pamid.parallel.jobs import Work
-from pamid.parallel.store import Plain
+from pamid.parallel.result_store import Plain
 from pamid.recording.recording import Recording
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.simulate import choose_stepping, known_values, virtual_recording
@@ -42,26 +45,26 @@ Array = NDArray[np.float64]
 
 def next_experiment(d: Diagnosis) -> Proposal | None:
     """The entry of the menu with the largest expected separation per root of its minutes; None
-    where no two models are in question or none of the entries can be simulated."""
-    pairs = in_question(d)
+    where no two models are tied or none of the entries can be simulated."""
+    pairs = pairs_to_separate(d)
     if not pairs:
         return None
     bench = bench_of(d.evidence)
     race = []
     for e in menu(bench):
         for way in benches(d.evidence, bench, e, pairs[0][0], d.settings):
-            ever_nearer = separations(d.evidence, way, e, pairs, d.settings)
-            race.append((next(ever_nearer), ever_nearer, way, e))
+            bounds = separations(d.evidence, way, e, pairs, d.settings)
+            race.append((next(bounds), bounds, way, e))
     while race:
         k = max(
             range(len(race)),
             key=lambda i: _rms(race[i][0]) / np.sqrt(race[i][3].minutes_on(race[i][2])),
         )
-        apart, ever_nearer, way, e = race[k]
-        nearer = next(ever_nearer, None)
-        if nearer is None:
-            return _proposal(d, way, e, pairs, apart) if apart.any() else None
-        race[k] = (nearer, ever_nearer, way, e)
+        separation, bounds, way, e = race[k]
+        tighter = next(bounds, None)
+        if tighter is None:
+            return _proposal(d, way, e, pairs, separation) if separation.any() else None
+        race[k] = (tighter, bounds, way, e)
     return None
 
 
@@ -92,14 +95,14 @@ class Proposing(Work[Diagnosis, Proposal | None]):
         return ""
 
 
-def in_question(d: Diagnosis) -> list[tuple[Contender, Contender]]:
-    """Pairs of models to set apart, the better ranked one first, one model of each family: all that
-    are tied against each other, else the chosen one against its nearest rivals."""
+def pairs_to_separate(d: Diagnosis) -> list[tuple[CandidateModel, CandidateModel]]:
+    """Pairs of models to discriminate, the better ranked one first, one model of each family: every
+    pair of those that are tied, else the chosen model and each of its nearest rivals."""
     if d.verdict == "no-structural-gap" or d.empty or not d.ranking:
         return []
     best = d.cause or d.ranking[0]
     tied = d.verdict == "ambiguous"
-    firsts: dict[str, Contender] = {}
+    firsts: dict[str, CandidateModel] = {}
     for c in d.tied if tied else d.ranking:
         firsts.setdefault(c.family, c)
     others = [c for family, c in firsts.items() if family not in (best.family, d.ranking[0].family)]
@@ -110,7 +113,7 @@ def in_question(d: Diagnosis) -> list[tuple[Contender, Contender]]:
 def bench_of(evidence: DataSplit) -> Bench:
     """The bench that the recordings were made on: its loop or its inputs, their range (2nd to 98th
     percentile)."""
-    rig, recordings, model = evidence.rig, evidence.recordings, _like(evidence)
+    rig, recordings, model = evidence.rig, evidence.recordings, _reference_recording(evidence)
     period = model.sampling_period_s
     recorded = {
         name
@@ -142,7 +145,7 @@ def bench_of(evidence: DataSplit) -> Bench:
     )
 
 
-def _like(evidence: DataSplit) -> Recording:
+def _reference_recording(evidence: DataSplit) -> Recording:
     """The recording after which an experiment is set up: the first one that was commanded, if
     any."""
     commands = [q.command for q in evidence.rig.loops]
@@ -154,7 +157,7 @@ def _like(evidence: DataSplit) -> Recording:
 def _settings(evidence: DataSplit) -> dict[str, float]:
     """[known] of an experiment: as before, but nothing that only holds for a test without
     commands."""
-    model = _like(evidence)
+    model = _reference_recording(evidence)
     return model.known if all(model.has(q.command) for q in evidence.rig.loops) else {}
 
 
@@ -162,7 +165,7 @@ def benches(
     evidence: DataSplit,
     bench: Bench,
     e: Experiment,
-    model: Contender,
+    model: CandidateModel,
     settings: Settings = DEFAULT,
 ) -> list[Bench]:
     """The ways to run an experiment: as it is where a loop holds the rig, else those of several
@@ -175,12 +178,14 @@ def benches(
             bench, driven={k: (c, share * h) for k, (c, h) in bench.driven.items()}, passes=passes
         )
         made = [_recorded(evidence, model, way, e.signals(way), s) for s in e.settings(way)]
-        if all(r is not None and _stays(evidence, r, settings.experiment_range) for r in made):
+        if all(
+            r is not None and _within_range(evidence, r, settings.experiment_range) for r in made
+        ):
             out.append(way)
     return out
 
 
-def _stays(evidence: DataSplit, made: Recording, beyond: float) -> bool:
+def _within_range(evidence: DataSplit, made: Recording, beyond: float) -> bool:
     """Does every channel stay within what was recorded, widened by this share of its span?"""
     for channel in evidence.channels:
         before = np.concatenate([r.signal(channel) for r in evidence.recordings if r.has(channel)])
@@ -193,7 +198,7 @@ def _stays(evidence: DataSplit, made: Recording, beyond: float) -> bool:
 
 def _recorded(
     evidence: DataSplit,
-    c: Contender,
+    c: CandidateModel,
     bench: Bench,
     columns: dict[str, Array],
     setting: dict[str, float],
@@ -235,24 +240,24 @@ def _recorded(
 
 
 def _controller(evidence: DataSplit) -> dict[str, float]:
-    return {**evidence.rig.controller, **_like(evidence).controller}
+    return {**evidence.rig.controller, **_reference_recording(evidence).controller}
 
 
-# ---- how far apart -----------------------------------------------------------------------------
+# ---- separation ---------------------------------------------------------------------------------
 
 
 def separations(
     evidence: DataSplit,
     bench: Bench,
     e: Experiment,
-    pairs: list[tuple[Contender, Contender]],
+    pairs: list[tuple[CandidateModel, CandidateModel]],
     settings: Settings = DEFAULT,
 ) -> Iterator[Array]:
     """RMS difference per channel of the nearest pair, in noise standard deviations: ever smaller
     over all channels together, the last one with all re-adjusted; zeros where a model cannot be
     simulated."""
     made: dict[str, list[Recording | None]] = {}
-    views, apart = [], []
+    rivals, separation = [], []
     for truth, other in pairs:
         if truth.label not in made:
             made[truth.label] = [
@@ -263,17 +268,19 @@ def separations(
             for r in made[truth.label]
             if r is not None
         )
-        view = _View(other, evidence.noise, tracks, settings)
-        if len(tracks) < len(made[truth.label]) or not view.left:
+        rival = _RivalModel(other, evidence.noise, tracks, settings)
+        if len(tracks) < len(made[truth.label]) or not rival.left:
             yield np.zeros(len(evidence.channels))
             return
-        views.append(view)
-        apart.append(view.misfit(view.left))
-        yield min(apart, key=_rms)
-    for k, view in enumerate(views):
-        again = view.readjusted()
-        apart[k] = min(apart[k], view.misfit(again), key=_rms) if again else apart[k]
-        yield min(apart, key=_rms)
+        rivals.append(rival)
+        separation.append(rival.misfit(rival.left))
+        yield min(separation, key=_rms)
+    for k, rival in enumerate(rivals):
+        again = rival.readjusted()
+        separation[k] = (
+            min(separation[k], rival.misfit(again), key=_rms) if again else separation[k]
+        )
+        yield min(separation, key=_rms)
 
 
 def _rms(channels: Array) -> float:
@@ -282,10 +289,10 @@ def _rms(channels: Array) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class _View:
-    """A model before recordings that another one made."""
+class _RivalModel:
+    """A model held against recordings that another model made."""
 
-    model: Contender
+    model: CandidateModel
     noise: Array
     tracks: tuple[Track, ...]
     settings: Settings
@@ -319,7 +326,7 @@ class _View:
         c = self.model
         out: list[Array] = []
         alone = Weights(self.noise, np.ones_like(self.noise))
-        every = initial_starts(self.problem, c.fit.p, alone, self.stepping)
+        every = initial_states(self.problem, c.fit.p, alone, self.stepping)
         for track, starts in zip(self.tracks, every, strict=True):
             runner = Runner(c.assembly, track, self.stepping)
             p = runner.parameters(c.fit.p)
@@ -375,16 +382,16 @@ def _proposal(
     d: Diagnosis,
     bench: Bench,
     e: Experiment,
-    pairs: list[tuple[Contender, Contender]],
-    apart: Array,
+    pairs: list[tuple[CandidateModel, CandidateModel]],
+    separation: Array,
 ) -> Proposal:
     names = tuple(dict.fromkeys(c.attached[0].label for pair in pairs for c in pair))
     columns, settings = e.signals(bench), tuple(s for s in e.settings(bench) if s)
     return Proposal(
         e.name,
-        _why(d, e, settings, apart),
+        _why(d, e, settings, separation),
         names,
-        _rms(apart),
+        _rms(separation),
         e.minutes_on(bench),
         columns,
         sent_with(d.evidence, bench, columns),
@@ -399,27 +406,29 @@ def sent_with(evidence: DataSplit, bench: Bench, columns: dict[str, Array]) -> d
     meta: dict[str, Any] = {
         "recording": {"loop": "closed" if closed else "open", "sampling_period_s": bench.period_s}
     }
-    first = _like(evidence)
+    first = _reference_recording(evidence)
     if first.rig is not None:
         meta["recording"]["rig"] = first.rig
     meta |= {"known": bench.known} if bench.known else {}
     return meta | ({"controller": _controller(evidence)} if closed else {})
 
 
-def _why(d: Diagnosis, e: Experiment, settings: tuple[dict[str, float], ...], apart: Array) -> str:
+def _why(
+    d: Diagnosis, e: Experiment, settings: tuple[dict[str, float], ...], separation: Array
+) -> str:
     """What is sent, what changes between repetitions, and where the models should part."""
-    told = [e.why]
+    parts = [e.why]
     if settings:
-        told.append(
+        parts.append(
             "with "
             + " and then ".join(", ".join(f"{k} = {v:g}" for k, v in s.items()) for s in settings)
         )
-    worst = int(np.argmax(apart))
-    told.append(
+    worst = int(np.argmax(separation))
+    parts.append(
         "simulated on the fitted models, the nearest two differ most in "
         f"{d.evidence.channels[worst]}, by "
-        f"{apart[worst]:.2g} times its noise"
+        f"{separation[worst]:.2g} times its noise"
     )
-    if apart[worst] < d.settings.experiment_visible:
-        told.append("nothing on the menu sets them apart clearly")
-    return "; ".join(told)
+    if separation[worst] < d.settings.experiment_visible:
+        parts.append("nothing on the menu sets them apart clearly")
+    return "; ".join(parts)

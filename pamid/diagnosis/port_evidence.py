@@ -1,8 +1,15 @@
-"""Where something is missing: the evidence for a latent value at each port, and how the ports share
-it.
+"""Where something is missing: the evidence for a latent value at each port, and its Shapley shares.
 
-A port at which a small, slow value explains every channel wins over one that has to follow each
-sensor's error by itself.
+At port g an unknown value d_g(t) is added to the model, an Ornstein-Uhlenbeck process of standard
+deviation s and time constant T. Its log evidence, with the states x and parameters p integrated out
+by Laplace's approximation (`pamid.diagnosis.smoother`), is maximised over a grid of s and T:
+
+    v(g) = max_(s,T) log p(y | d_g ~ OU(s, T)) - log p(y | no latent value)   [nats]
+
+A port at which a small, slow value explains every channel has more evidence than one whose value
+has to follow each sensor's error by itself: the evidence charges for size and speed. Rogers,
+Worden and Cross (2020), Vibration 3:281, and Rogers and Friis (2022), Mech. Syst. Signal Process.
+180:109426, for latent forces; Kass and Raftery (1995), JASA 90:773, for the scale of nats.
 """
 
 from __future__ import annotations
@@ -14,12 +21,12 @@ from math import factorial
 import numpy as np
 
 from pamid.base.errors import PamidError
-from pamid.diagnosis.contender import Contender
+from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.smoother import Smoother
 from pamid.model.rig import Rig
 from pamid.parallel.jobs import Failed, Work, WorkerPool
-from pamid.parallel.store import Plain
+from pamid.parallel.result_store import Plain
 from pamid.simulation.data_split import DataSplit
 
 Ports = tuple[str, ...]
@@ -27,7 +34,7 @@ Found = tuple[float, float, float]  # log evidence, size, time constant
 
 
 @dataclass(frozen=True)
-class Located:
+class PortEvidence:
     """Log evidence gained (nats) by a latent value at each port.
 
     classes: ports about which these recordings say the same, the leading one first, strongest class
@@ -40,8 +47,8 @@ class Located:
     smoothers: dict[str, Smoother] = field(compare=False, repr=False)
 
     def shares(self, rig: Rig, named: str = "") -> dict[str, float]:
-        """Every port group's share of the whole: the groups of a class divide its worth unless one
-        is named."""
+        """Every port group's share of the Shapley values: the groups of a class divide its value
+        equally, or it all goes to the one that is named."""
         out = {rig.group_of(name): 0.0 for name in rig.ports}
         for members in self.classes:
             groups = list(dict.fromkeys(rig.group_of(name) for name in members))
@@ -69,7 +76,7 @@ class _Smoothing(Work[Ports, Found]):
 
     what = "looking for what is missing at"
     evidence: DataSplit
-    base: Contender
+    base: CandidateModel
     moving: bool
     smoothers: dict[Ports, Smoother] = field(default_factory=dict, compare=False, repr=False)
 
@@ -90,12 +97,12 @@ class _Smoothing(Work[Ports, Found]):
 
 def locate(
     evidence: DataSplit,
-    base: Contender,
+    base: CandidateModel,
     pool: WorkerPool,
     ports: list[str] | None = None,
     *,
     settings: Settings = DEFAULT,
-) -> Located:
+) -> PortEvidence:
     """Evidence for a latent value at every port, and Shapley values of the classes of ports.
 
     With `ports` only these are tried, and nothing is shared out. Joint evidence is computed for the
@@ -120,7 +127,7 @@ def locate(
         classes.setdefault(leader, []).append(name)
     found = tuple(tuple(k) for k in classes.values())
     if ports is not None:
-        return Located(gains, found, {}, smoothers)
+        return PortEvidence(gains, found, {}, smoothers)
     players = [leader for leader in classes if gains[leader] > 0.0][: settings.port_players]
     value: dict[frozenset[str], float] = {frozenset(): 0.0} | {
         frozenset((k,)): gains[k] for k in players
@@ -131,7 +138,7 @@ def locate(
             value[frozenset(members)] = max(
                 [joint, *(value[frozenset(members) - {m}] for m in members)]
             )
-    return Located(gains, found, shapley(players, value), smoothers)
+    return PortEvidence(gains, found, shapley(players, value), smoothers)
 
 
 def _found_at(
@@ -158,8 +165,8 @@ def _found_at(
 def _gains(
     work: _Smoothing, items: list[Ports], pool: WorkerPool, known: dict[Ports, Found]
 ) -> list[float]:
-    """Log evidence beyond that without a latent value; 0 where neither path can be followed, or the
-    job failed.
+    """Log evidence beyond that without a latent value; 0 where the model with or without it becomes
+    unstable, or the job failed.
 
     known: what was found without one, if it was.
     """
@@ -179,7 +186,12 @@ def _gains(
 
 
 def shapley(players: list[str], value: dict[frozenset[str], float]) -> dict[str, float]:
-    """Shapley value of every player of a game given by the worth of every coalition."""
+    """Shapley values of a game given by the value v of every coalition of its n players:
+
+        phi_i = sum over S without i of  |S|! (n - |S| - 1)! / n! * [v(S + i) - v(S)]
+
+    They add up to v(everyone). Shapley (1953), A value for n-person games.
+    """
     n = len(players)
     out = {}
     for one in players:

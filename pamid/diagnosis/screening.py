@@ -1,4 +1,9 @@
-"""Screening: a few Gauss-Newton steps per candidate send it on or not. It never decides."""
+"""Screening: a few Gauss-Newton steps per candidate say which are worth a refit.
+
+A candidate's gain is the drop of the fit's cost (negative log posterior, nats) over the part of the
+recordings where the baseline is worst, against the baseline after as many steps. It only chooses
+what is refitted: the refit on held-out windows decides.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import PamidError
-from pamid.diagnosis.contender import Contender, set_within_bounds, transferred
+from pamid.diagnosis.candidate_model import CandidateModel, set_within_bounds, transferred
 from pamid.diagnosis.settings import DEFAULT, Settings
-from pamid.diagnosis.starting_hints import Clues
+from pamid.diagnosis.starting_hints import GapHints
 from pamid.engine.program import Stepping
 from pamid.estimation.fit_model import model_with
 from pamid.estimation.multiple_shooting import fit
@@ -44,9 +49,9 @@ def starting_points(
     """Starting values, each with the steps it is given: typical ones, a trace of them, one
     variation per parameter that declares `tries`, and what the effect makes of the hints.
 
-    A trace leaves the model next to the baseline: from there the way leads down wherever an effect
-    helps. An effect that asks for hints acts beyond a limit or at one frequency only: a start has
-    to settle before it can be judged.
+    A trace leaves the model next to the baseline, where the cost falls along the effect's gradient
+    wherever the effect helps. An effect that asks for hints acts beyond a limit or at one frequency
+    only: it is given more steps before its gain is read.
     """
     own = {b.key: b for b in assembly.parameters if b.owner == attachment.label}
     slight = {
@@ -64,7 +69,7 @@ def starting_points(
 
 
 @dataclass(frozen=True, eq=False)
-class Ground:
+class ScreeningBaseline:
     """What candidates are screened against: the baseline over the part of every fitted recording
     where it is worst.
 
@@ -75,7 +80,7 @@ class Ground:
     makes a step several times as cheap.
     """
 
-    baseline: Contender
+    baseline: CandidateModel
     spans: tuple[tuple[int, int], ...]
     starts: tuple[Array, ...]
     p: Array
@@ -84,7 +89,9 @@ class Ground:
     settings: Settings
 
     @classmethod
-    def of(cls, baseline: Contender, candidates: int = 0, settings: Settings = DEFAULT) -> Ground:
+    def of(
+        cls, baseline: CandidateModel, candidates: int = 0, settings: Settings = DEFAULT
+    ) -> ScreeningBaseline:
         problem, base = baseline.fit.problem, baseline.fit
         seconds = settings.screen_beside_s if baseline.attached else settings.screen_s
         share = seconds / sum(len(t) * t.period_s for t in problem.tracks)
@@ -143,8 +150,8 @@ def _free(assembly: Assembly, places: tuple[int, ...], held: bool) -> tuple[int,
 def _worst_run(
     problem: Problem, track: Track, windows: list[Window], losses: Array, few: int
 ) -> tuple[int, int]:
-    """First and last of the `few` (or somewhat more) windows in a row with the largest loss. A part
-    has to be cut as the whole was; where none is, it is the whole."""
+    """First and last of the `few` (or somewhat more) windows in a row with the largest loss, such
+    that this part alone is cut into the same windows; all windows where there is none."""
     for count in range(min(few, len(windows)), len(windows)):
         for first in np.argsort(-np.convolve(losses, np.ones(count), "valid"), kind="stable"):
             last = int(first) + count - 1
@@ -154,44 +161,48 @@ def _worst_run(
 
 
 def screen(
-    evidence: DataSplit, ground: Ground, attachment: Attachment, sizes: Sizes, clues: Clues
+    evidence: DataSplit,
+    reference: ScreeningBaseline,
+    attachment: Attachment,
+    sizes: Sizes,
+    hints: GapHints,
 ) -> Screened:
     """Gain of one candidate after a few steps from each of its starting points and some more from
     the best of them."""
-    baseline, settings = ground.baseline, ground.settings
+    baseline, settings = reference.baseline, reference.settings
     try:
         assembly = model_with(evidence, (*baseline.attached, attachment), sizes)
-        problem = ground.problem(evidence, assembly)
+        problem = reference.problem(evidence, assembly)
     except PamidError as error:
         return Screened(attachment, None, {}, -np.inf, str(error))
     unstable = Screened(attachment, assembly, {}, -np.inf, "unstable at every starting value")
     best, found = unstable, None
-    hints = clues.at(attachment.ports[0])
-    for first, steps in starting_points(assembly, attachment, hints, settings):
-        p = transferred(assembly, (baseline.assembly, ground.p))
+    here = hints.at(attachment.ports[0])
+    for first, steps in starting_points(assembly, attachment, here, settings):
+        p = transferred(assembly, (baseline.assembly, reference.p))
         set_within_bounds(assembly, p, first)
-        done = _probed(ground, problem, p, ground.starts, steps, baseline.fit.stepping)
+        done = _probed(reference, problem, p, reference.starts, steps, baseline.fit.stepping)
         # the baseline's integration steps are too long for this effect
         if not np.isfinite(done.cost):
-            done = _probed(ground, problem, p, ground.starts, steps, None)
-        if ground.cost - done.cost > best.gain:
-            best, found = Screened(attachment, assembly, first, ground.cost - done.cost), done
+            done = _probed(reference, problem, p, reference.starts, steps, None)
+        if reference.cost - done.cost > best.gain:
+            best, found = Screened(attachment, assembly, first, reference.cost - done.cost), done
     if found is None:
         return unstable
     more = settings.screen_steps
-    done = _probed(ground, problem, found.p, found.starts, more, found.stepping)
-    return replace(best, gain=max(best.gain, ground.cost - done.cost))
+    done = _probed(reference, problem, found.p, found.starts, more, found.stepping)
+    return replace(best, gain=max(best.gain, reference.cost - done.cost))
 
 
 def _probed(
-    ground: Ground,
+    reference: ScreeningBaseline,
     problem: Problem,
     p: Array,
     starts: tuple[Array, ...],
     steps: int,
     stepping: Stepping | None,
 ) -> Fit:
-    base = ground.baseline.fit
+    base = reference.baseline.fit
     return fit(
         problem,
         p=p,
@@ -205,17 +216,17 @@ def _probed(
 
 
 def promising(
-    family_of: dict[str, str], screened: list[Screened], ground: Ground
+    family_of: dict[str, str], screened: list[Screened], reference: ScreeningBaseline
 ) -> list[Screened]:
     """The candidates to refit, by gain. On top of the baseline all of few; else some in any case,
     further ones that gain a share of the largest gain, and the best of every further family. Beside
     effects that are already found only the leading ones."""
-    settings, first_round = ground.settings, not ground.baseline.attached
+    settings, first_round = reference.settings, not reference.baseline.attached
     usable = sorted(
         (s for s in screened if s.assembly is not None and np.isfinite(s.gain)),
         key=lambda s: (-s.gain, s.attachment.label),
     )
-    if not usable or (first_round and len(usable) <= settings.refits_all and not ground.held):
+    if not usable or (first_round and len(usable) <= settings.refits_all and not reference.held):
         return usable
     top = usable[0].gain
     leading = usable[: settings.refits if first_round else settings.refits_beside]

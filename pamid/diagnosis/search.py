@@ -10,11 +10,17 @@ from numpy.typing import NDArray
 
 from pamid.base.progress import Progress
 from pamid.diagnosis.budget import Budget
-from pamid.diagnosis.contender import Contender, bootstrap_losses, refit, replayed, transferred
-from pamid.diagnosis.screening import Ground, Screened, promising, screen
-from pamid.diagnosis.serialise import contender_of, contender_plain
+from pamid.diagnosis.candidate_model import (
+    CandidateModel,
+    bootstrap_losses,
+    refit,
+    replayed,
+    transferred,
+)
+from pamid.diagnosis.screening import Screened, ScreeningBaseline, promising, screen
+from pamid.diagnosis.serialise import candidate_plain, candidate_restored
 from pamid.diagnosis.settings import Settings
-from pamid.diagnosis.starting_hints import Clues
+from pamid.diagnosis.starting_hints import GapHints
 from pamid.estimation.fit_model import COARSE, model_with, rechecked
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit
@@ -22,7 +28,7 @@ from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import Sizes
 from pamid.parallel.jobs import Failed, ObjectWork, WorkerPool
-from pamid.parallel.store import Plain
+from pamid.parallel.result_store import Plain
 from pamid.simulation.data_split import DataSplit
 
 Array = NDArray[np.float64]
@@ -36,7 +42,7 @@ class Search:
     budget: Budget
     chosen: NDArray[np.bool_]
     candidates: list[Attachment]
-    clues: Clues
+    hints: GapHints
     seed: int
     pool: WorkerPool
     progress: Progress
@@ -48,11 +54,11 @@ class Search:
     def family(self, a: Attachment) -> str:
         return a.family(self.evidence.rig)
 
-    def excess(self, c: Contender) -> float:
+    def excess(self, c: CandidateModel) -> float:
         return self.budget.excess(c.absolutes, self.chosen)
 
-    def losses(self, contenders: list[Contender]) -> Array:
-        return bootstrap_losses(contenders, self.chosen, self.seed, self.settings)
+    def losses(self, models: list[CandidateModel]) -> Array:
+        return bootstrap_losses(models, self.chosen, self.seed, self.settings)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,12 +67,12 @@ class _Screening(ObjectWork[Attachment, Screened]):
 
     what = "screening"
     evidence: DataSplit
-    ground: Ground
+    reference: ScreeningBaseline
     sizes: Sizes
-    clues: Clues
+    hints: GapHints
 
     def result(self, item: Attachment) -> Screened:
-        return screen(self.evidence, self.ground, item, self.sizes, self.clues)
+        return screen(self.evidence, self.reference, item, self.sizes, self.hints)
 
     def plain_form(self, item: Attachment, found: Screened) -> Plain:
         return {
@@ -77,7 +83,7 @@ class _Screening(ObjectWork[Attachment, Screened]):
         }
 
     def restored(self, item: Attachment, found: Plain) -> Screened:
-        attached = (*self.ground.baseline.attached, item)
+        attached = (*self.reference.baseline.attached, item)
         return Screened(
             item,
             model_with(self.evidence, attached, self.sizes) if found["fits"] else None,
@@ -91,7 +97,7 @@ class _Screening(ObjectWork[Attachment, Screened]):
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class RefitStart:
     """A model to refit. p: where from (SI; default: the data sheet); first: further starting values
     (SI) by key; assembly: the model put together, where it has been already."""
 
@@ -102,7 +108,7 @@ class Start:
 
 
 @dataclass(frozen=True, eq=False)
-class Refitting(ObjectWork[Start, Contender]):
+class Refitting(ObjectWork[RefitStart, CandidateModel]):
     """A model refitted after a fit of another one, and replayed on what was held out."""
 
     what = "refitting"
@@ -111,46 +117,46 @@ class Refitting(ObjectWork[Start, Contender]):
     sizes: Sizes
     settings: Settings
 
-    def result(self, item: Start) -> Contender:
+    def result(self, item: RefitStart) -> CandidateModel:
         assembly = self._assembly(item)
         done = refit(
             self.evidence, assembly, self.after, p=item.p, first=item.first, settings=self.settings
         )
         return replayed(self.evidence, assembly, done)
 
-    def plain_form(self, item: Start, found: Contender) -> Plain:
-        return contender_plain(found)
+    def plain_form(self, item: RefitStart, found: CandidateModel) -> Plain:
+        return candidate_plain(found)
 
-    def restored(self, item: Start, found: Plain) -> Contender:
-        return contender_of(self.evidence, self._assembly(item), found)
+    def restored(self, item: RefitStart, found: Plain) -> CandidateModel:
+        return candidate_restored(self.evidence, self._assembly(item), found)
 
-    def _assembly(self, item: Start) -> Assembly:
+    def _assembly(self, item: RefitStart) -> Assembly:
         return item.assembly or model_with(self.evidence, item.attached, self.sizes)
 
-    def name(self, item: Start) -> str:
+    def name(self, item: RefitStart) -> str:
         return " + ".join(a.label for a in item.attached)
 
 
 def run_round(
-    search: Search, base: Contender, candidates: list[Attachment]
-) -> tuple[list[Contender], list[tuple[str, str]], str]:
+    search: Search, base: CandidateModel, candidates: list[Attachment]
+) -> tuple[list[CandidateModel], list[tuple[str, str]], str]:
     """Screen all candidates on top of `base`, refit the promising ones, replay them on what was
     held out.
 
     Returns the models, what failed and why, and the family of the screen's own first choice.
     """
     evidence, sizes, run = search.evidence, search.budget.sizes, search.pool.run
-    ground = Ground.of(base, len(search.candidates), search.settings)
-    tried = run(_Screening(evidence, ground, sizes, search.clues), candidates, search.progress)
+    reference = ScreeningBaseline.of(base, len(search.candidates), search.settings)
+    tried = run(_Screening(evidence, reference, sizes, search.hints), candidates, search.progress)
     found = [
         Screened(a, None, {}, -np.inf, s.why) if isinstance(s, Failed) else s
         for a, s in zip(candidates, tried, strict=True)
     ]
-    leading = promising({a.label: search.family(a) for a in candidates}, found, ground)
+    leading = promising({a.label: search.family(a) for a in candidates}, found, reference)
     starts = [_start(s, base) for s in leading]
     work = Refitting(evidence, base.fit, sizes, search.settings)
     refitted = run(work, starts, search.progress)
-    contenders = [c for c in refitted if not isinstance(c, Failed)]
+    models = [c for c in refitted if not isinstance(c, Failed)]
     failed = [
         (s.attachment.label, s.why) for s in found if s.assembly is None or not np.isfinite(s.gain)
     ]
@@ -161,39 +167,40 @@ def run_round(
     ]
     failed += [
         (c.attached[-1].label, "became unstable on held-out recordings")
-        for c in contenders
+        for c in models
         if not c.finite
     ]
     return (
-        [c for c in contenders if c.finite],
+        [c for c in models if c.finite],
         failed,
         search.family(leading[0].attachment) if leading else "",
     )
 
 
-def _start(s: Screened, base: Contender) -> Start:
+def _start(s: Screened, base: CandidateModel) -> RefitStart:
     """Where a screened candidate is refitted from: what the model below it has found, or the data
     sheet."""
     assert s.assembly is not None
     p = transferred(s.assembly, (base.assembly, base.fit.p)) if base.attached else None
-    return Start(s.assembly.attachments, p, s.first, s.assembly)
+    return RefitStart(s.assembly.attachments, p, s.first, s.assembly)
 
 
 def ranked(
-    search: Search, contenders: list[Contender]
-) -> tuple[tuple[Contender, ...], list[float]]:
+    search: Search, models: list[CandidateModel]
+) -> tuple[tuple[CandidateModel, ...], list[float]]:
     """Contenders in order, and the share of resamples that each wins (not yet a probability).
 
-    Order is by mean log loss on the selection windows, but a simpler member of the first one's
-    family stands before it unless the gain is sure and worth it; the wins of the kin it was
-    preferred to count for it.
+    Order is by mean bootstrapped log loss, but a simpler member of the first one's family goes
+    before it where `_simplest` prefers it; what the first has won then counts for the simpler one.
+    Shares of bootstrap wins are bagged model weights: Huggins and Miller (2023), Bayesian Analysis
+    18:79.
     """
-    if not contenders:
+    if not models:
         return (), []
-    losses = search.losses(contenders)
-    order = sorted(range(len(contenders)), key=lambda i: (losses[i].mean(), contenders[i].label))
-    wins = np.bincount(losses.argmin(axis=0), minlength=len(contenders)) / losses.shape[1]
-    ranking, share = [contenders[i] for i in order], [float(wins[i]) for i in order]
+    losses = search.losses(models)
+    order = sorted(range(len(models)), key=lambda i: (losses[i].mean(), models[i].label))
+    wins = np.bincount(losses.argmin(axis=0), minlength=len(models)) / losses.shape[1]
+    ranking, share = [models[i] for i in order], [float(wins[i]) for i in order]
     i = ranking.index(_simplest(search, ranking))
     if i:
         share[i], share[0] = share[i] + share[0], 0.0
@@ -201,17 +208,21 @@ def ranked(
     return tuple(ranking[k] for k in order), [share[k] for k in order]
 
 
-def _simplest(search: Search, ranking: list[Contender]) -> Contender:
-    """The first, unless a simpler member of its family is as good: simpler unless the gain is sure
-    and worth it."""
+def _simplest(search: Search, ranking: list[CandidateModel]) -> CandidateModel:
+    """The first, or a simpler member of its family over which its gain is slight or uncertain (the
+    one-standard-error rule of Breiman et al. 1984, at three)."""
     best = ranking[0]
-    kin = [c for c in ranking if c.family == best.family and _plainness(c) < _plainness(best)]
-    if not kin:
+    same_family = [
+        c for c in ranking if c.family == best.family and _complexity(c) < _complexity(best)
+    ]
+    if not same_family:
         return best
-    losses, s = search.losses([best, *kin]), search.settings
+    losses, s = search.losses([best, *same_family]), search.settings
     gap = search.excess(search.budget.baseline)
-    plain = sorted(enumerate(kin, start=1), key=lambda e: (_plainness(e[1]), losses[e[0]].mean()))
-    for i, c in plain:
+    simpler = sorted(
+        enumerate(same_family, start=1), key=lambda e: (_complexity(e[1]), losses[e[0]].mean())
+    )
+    for i, c in simpler:
         gain = losses[i] - losses[0]
         lost = search.excess(c) - search.excess(best)
         unsure = gain.mean() < s.simpler_errors * gain.std()
@@ -221,17 +232,17 @@ def _simplest(search: Search, ranking: list[Contender]) -> Contender:
     return best
 
 
-def _plainness(c: Contender) -> tuple[int, bool]:
+def _complexity(c: CandidateModel) -> tuple[int, bool]:
     """Fewer parameters first; of equally many, an effect at home at its port before one of the
     general catalogue."""
     return c.free_count, not c.attached[-1].effect.kinds
 
 
-def tied_with_first(
-    search: Search, ranking: tuple[Contender, ...], classes: list[list[str]]
-) -> tuple[Contender, ...]:
-    """The first and those that neither the selection windows nor their predictions tell from it;
-    those that predict alike have to be surely worse to be progress from it."""
+def indistinguishable_from_first(
+    search: Search, ranking: tuple[CandidateModel, ...], classes: list[list[str]]
+) -> tuple[CandidateModel, ...]:
+    """The first and every model that is not significantly worse on the selection windows: by one
+    standard error, or by three where its predictions are like those of the first (`classes`)."""
     if not ranking:
         return ()
     losses, s = search.losses(list(ranking)), search.settings
@@ -247,21 +258,21 @@ def tied_with_first(
     return tuple(out)
 
 
-def settled(search: Search, best: Contender) -> Contender:
-    """The winner with integration steps that doubling no longer changes, refitted where they had to
-    be finer."""
-    return search.pool.one(_Settling(search.evidence, search.settings), best)
+def with_finer_steps(search: Search, best: CandidateModel) -> CandidateModel:
+    """The model with integration steps so fine that halving them changes nothing, refitted where
+    they were not."""
+    return search.pool.one(_StepRefinement(search.evidence, search.settings), best)
 
 
 @dataclass(frozen=True, eq=False)
-class _Settling(ObjectWork[Contender, Contender]):
+class _StepRefinement(ObjectWork[CandidateModel, CandidateModel]):
     """A model with finer steps, where it needs them."""
 
-    what = "settling"
+    what = "refining the integration steps of"
     evidence: DataSplit
     settings: Settings
 
-    def result(self, item: Contender) -> Contender:
+    def result(self, item: CandidateModel) -> CandidateModel:
         best = item
         for _ in range(self.settings.stepping_rounds):
             tracks = self.evidence.tracks(best.assembly, held_out=True)
@@ -281,11 +292,11 @@ class _Settling(ObjectWork[Contender, Contender]):
             best = replayed(self.evidence, best.assembly, finer)
         return best
 
-    def plain_form(self, item: Contender, found: Contender) -> Plain:
-        return {} if found is item else contender_plain(found)
+    def plain_form(self, item: CandidateModel, found: CandidateModel) -> Plain:
+        return {} if found is item else candidate_plain(found)
 
-    def restored(self, item: Contender, found: Plain) -> Contender:
-        return contender_of(self.evidence, item.assembly, found) if found else item
+    def restored(self, item: CandidateModel, found: Plain) -> CandidateModel:
+        return candidate_restored(self.evidence, item.assembly, found) if found else item
 
-    def name(self, item: Contender) -> str:
+    def name(self, item: CandidateModel) -> str:
         return item.label

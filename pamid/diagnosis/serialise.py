@@ -1,5 +1,5 @@
-"""Models as plain data, and back: what is told of them is what a job has found; the rest is made of
-the evidence."""
+"""Models as plain data, and back: what a fit has found is written down; tracks and equations are
+made again from the evidence."""
 
 from __future__ import annotations
 
@@ -8,28 +8,28 @@ from typing import Any
 
 import numpy as np
 
-from pamid.diagnosis.contender import Contender, contender_from
+from pamid.diagnosis.candidate_model import CandidateModel, candidate_from
 from pamid.engine.program import Stepping
 from pamid.estimation.fit_model import GreyBox, model_with
 from pamid.estimation.problem import Fit, Problem, free_parameters
-from pamid.estimation.residual_weights import Weights
+from pamid.estimation.weights import Weights
 from pamid.model.assembly import Assembly
-from pamid.parallel.store import Plain
+from pamid.parallel.result_store import Plain
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay
 from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Window
 
 
-def contender_plain(c: Contender) -> Plain:
+def candidate_plain(c: CandidateModel) -> Plain:
     """A model that was fitted to the evidence, all its parameters jointly, and replayed over what
     was held out."""
     return {"fit": _fit_plain(c.fit), "replays": [_replay_plain(r) for r in c.replays]}
 
 
-def contender_of(evidence: DataSplit, assembly: Assembly, found: Plain) -> Contender:
+def candidate_restored(evidence: DataSplit, assembly: Assembly, found: Plain) -> CandidateModel:
     held = evidence.tracks(assembly, held_out=True)
-    return contender_from(
+    return candidate_from(
         assembly, _fit_of(evidence, assembly, found["fit"]), _replays_of(held, found["replays"])
     )
 
@@ -46,7 +46,7 @@ def grey_box_plain(g: GreyBox) -> Plain:
     }
 
 
-def grey_box_of(evidence: DataSplit, found: Plain) -> GreyBox:
+def grey_box_restored(evidence: DataSplit, found: Plain) -> GreyBox:
     assembly = model_with(
         evidence, (), {(port, signal): size for port, signal, size in found["sizes"]}
     )

@@ -19,7 +19,7 @@ from pamid.base.errors import UsageError, nearest
 
 #: what speaks for a value that has no source of its own
 JOINT = (
-    "engineering judgement, not varied by itself: judged with all others by the blind trial "
+    "engineering judgement, not varied by itself: decision with all others by the blind trial "
     "(README, 'The blind trial')"
 )
 COST = "bounds the cost; what another value would do to verdicts was not measured by itself"
@@ -159,14 +159,14 @@ class Settings:
         "count",
         "resamples of the windows",
         "a share of 0.5 is known to 0.016 (binomial standard error); Efron and Tibshirani (1993), "
-        "An Introduction to the Bootstrap, section 19.3",
+        "An Introduction to the Bootstrap, chapter 19",
     )
     bootstrap_block: int = _setting(
         2,
         "windows",
         "drawn together, for neighbours are alike: the moving-block bootstrap of Kuensch (1989)",
-        "two windows of 2.3 s: about three correlation times of a residual, which a block should "
-        "hold, where these are 2 s and less",
+        "a block should hold about three correlation times of the residual: two windows are up to "
+        "4.6 s",
     )
     worth: float = _setting(
         0.05, "share of the gap", "what an effect has to remove to count in a comparison"

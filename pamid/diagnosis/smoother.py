@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.diagnosis.contender import Contender, transferred
+from pamid.diagnosis.candidate_model import CandidateModel, transferred
 from pamid.diagnosis.smoothed_trajectory import (
     Linearisation,
     Simulation,
@@ -113,7 +113,7 @@ class Smoother:
     replays."""
 
     evidence: DataSplit
-    base: Contender
+    base: CandidateModel
     ports: tuple[str, ...]
 
     @cached_property

@@ -1,5 +1,5 @@
-"""What the gap tells an effect about where to begin: lines of its spectrum, and how far the signals
-at a port go."""
+"""Starting values from the gap: the strongest lines of its spectrum, and how far the signals at a
+port reach."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.diagnosis.contender import Contender
+from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.model.effect import Hints
 from pamid.simulation.data_split import DataSplit
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Clues:
+class GapHints:
     """peaks_hz: strongest first; reach: largest magnitude of every signal at every port (SI)."""
 
     peaks_hz: tuple[float, ...]
@@ -30,12 +30,14 @@ class Clues:
         return Hints(self.peaks_hz, self.reach.get(port, {}))
 
 
-def gather_clues(evidence: DataSplit, base: Contender, settings: Settings = DEFAULT) -> Clues:
+def gather_hints(
+    evidence: DataSplit, base: CandidateModel, settings: Settings = DEFAULT
+) -> GapHints:
     """From the windows of a model's fit and its held-out replays."""
-    return Clues(spectrum_peaks(list(base.replays), evidence.noise, settings), _reach(base))
+    return GapHints(spectrum_peaks(list(base.replays), evidence.noise, settings), _reach(base))
 
 
-def _reach(base: Contender) -> dict[str, dict[str, float]]:
+def _reach(base: CandidateModel) -> dict[str, dict[str, float]]:
     """Largest magnitudes where windows begin: there the states are near those of the recording;
     later on a model that knows no limit runs past it."""
     assembly, fit = base.assembly, base.fit

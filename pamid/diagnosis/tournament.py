@@ -1,4 +1,5 @@
-"""The diagnosis from end to end: budget, screen, refit, choose, add, locate, judge."""
+"""The diagnosis from end to end: gap budget, latent evidence at the ports, screening, refits,
+ranking, forward selection, verdict."""
 
 from __future__ import annotations
 
@@ -10,24 +11,24 @@ from numpy.typing import NDArray
 
 from pamid.base.progress import Progress, silent
 from pamid.diagnosis.budget import Budget, gap_budget
-from pamid.diagnosis.contender import Contender, replayed
+from pamid.diagnosis.candidate_model import CandidateModel, replayed
 from pamid.diagnosis.decision import (
-    Grounds,
-    Judged,
-    at_the_floor,
-    is_backed,
-    judge,
+    Decision,
+    VerdictStatistics,
+    at_noise_floor,
+    decide,
+    is_confirmed,
     probabilities,
-    weigh,
+    verdict_statistics,
 )
-from pamid.diagnosis.forward_selection import Extended, Newcomer, extended
+from pamid.diagnosis.forward_selection import ForwardSelection, ForwardStep, select_forward
 from pamid.diagnosis.look_alikes import look_alike_classes
-from pamid.diagnosis.misfit_beyond_range import doubt
+from pamid.diagnosis.misfit_beyond_range import scale_doubt
 from pamid.diagnosis.naive_forecast import explains_nothing
-from pamid.diagnosis.port_evidence import Located, locate
-from pamid.diagnosis.search import Search, ranked, run_round, tied_with_first
+from pamid.diagnosis.port_evidence import PortEvidence, locate
+from pamid.diagnosis.search import Search, indistinguishable_from_first, ranked, run_round
 from pamid.diagnosis.settings import DEFAULT, Settings
-from pamid.diagnosis.starting_hints import gather_clues
+from pamid.diagnosis.starting_hints import gather_hints
 from pamid.estimation.restart import freed
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.effect import Effect
@@ -37,7 +38,7 @@ from pamid.simulation.data_split import DataSplit, selection_part
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """Everything found. ranking: contenders best first, with probabilities; cause: the chosen
+    """Everything found. ranking: models best first, with probabilities; cause: the chosen
     model, or None.
 
     best: the best model whatever the verdict; located: where something is missing before it.
@@ -47,22 +48,22 @@ class Diagnosis:
     budget: Budget
     chosen: NDArray[np.bool_]  # held-out windows that chose; the others report
     verdict: str
-    ranking: tuple[Contender, ...] = ()
+    ranking: tuple[CandidateModel, ...] = ()
     probability: tuple[float, ...] = ()
     failed: tuple[tuple[str, str], ...] = ()  # candidates that could not be fitted, and why
-    tied: tuple[Contender, ...] = ()
-    best: Contender | None = None
-    located: Located | None = None
-    grounds: Grounds | None = None
-    judged: Judged | None = None
+    tied: tuple[CandidateModel, ...] = ()
+    best: CandidateModel | None = None
+    located: PortEvidence | None = None
+    grounds: VerdictStatistics | None = None
+    decision: Decision | None = None
     classes: tuple[tuple[str, ...], ...] = ()
     screened: str = ""  # family that the screen alone would have named
-    newcomers: tuple[Newcomer, ...] = ()  # further effects that were weighed beside the first
-    empty: bool = False  # the best model makes nothing of what was recorded
+    forward_steps: tuple[ForwardStep, ...] = ()  # effects tried beside the first
+    empty: bool = False  # the best model predicts no better than a guess without a model
     units: dict[str, Any] | None = None  # why units and signs are in doubt
 
     @property
-    def cause(self) -> Contender | None:
+    def cause(self) -> CandidateModel | None:
         return self.best if self.verdict in ("explained", "ambiguous") else None
 
     @property
@@ -74,7 +75,7 @@ class Diagnosis:
         return ~self.chosen
 
     @property
-    def singles(self) -> dict[str, Contender]:
+    def singles(self) -> dict[str, CandidateModel]:
         return {c.attached[-1].label: c for c in self.ranking}
 
 
@@ -95,7 +96,7 @@ def diagnose(
     budget = gap_budget(evidence, seed=seed, pool=pool, progress=progress, settings=settings)
     base = budget.baseline
     chosen = selection_part(list(base.replays))
-    if at_the_floor(budget, seed):
+    if at_noise_floor(budget, seed):
         return Diagnosis(
             evidence,
             budget,
@@ -108,37 +109,37 @@ def diagnose(
         budget,
         chosen,
         attachments(evidence.rig, catalogue.values()),
-        gather_clues(evidence, base, settings),
+        gather_hints(evidence, base, settings),
         seed,
         pool,
         progress,
     )
     progress("looking where something is missing")
     located = locate(evidence, base, pool, settings=settings)
-    candidates = within_reach(search.candidates, located, settings)
-    contenders, failed, screened = run_round(search, base, candidates)
-    ranking, wins = ranked(search, contenders)
+    candidates = candidates_to_screen(search.candidates, located, settings)
+    models, failed, screened = run_round(search, base, candidates)
+    ranking, wins = ranked(search, models)
     classes = look_alike_classes(evidence, base, list(ranking[: settings.compared]), settings)
-    found = extended(search, ranking, located) if ranking else Extended(base, located)
+    found = select_forward(search, ranking, located) if ranking else ForwardSelection(base, located)
     best = _freed(evidence, found.best) if ranking else None
     ranking, wins = _with_best(ranking, wins, best)
-    grounds = weigh(budget, chosen, ranking, best, located, found.after, seed)
-    tied = tied_with_first(search, ranking, classes)
+    grounds = verdict_statistics(budget, chosen, ranking, best, located, found.after, seed)
+    tied = indistinguishable_from_first(search, ranking, classes)
     empty = explains_nothing(budget, best or base, seed)
-    judged = judge(
+    decision = decide(
         grounds,
         ambiguous=best is not None
         and len(best.attached) == 1
         and len({c.family for c in tied}) > 1,
-        backed=best is None or is_backed(budget, best, ~chosen, seed),
+        confirmed=best is None or is_confirmed(budget, best, ~chosen, seed),
         empty=empty,
         settings=settings,
     )
-    units = doubt(evidence, base, best, settings)
+    units = scale_doubt(evidence, base, best, settings)
     verdict = (
         "unknown-effect"
-        if units and judged.verdict in ("explained", "ambiguous")
-        else judged.verdict
+        if units and decision.verdict in ("explained", "ambiguous")
+        else decision.verdict
     )
     return Diagnosis(
         evidence,
@@ -146,23 +147,24 @@ def diagnose(
         chosen,
         verdict,
         ranking,
-        tuple(probabilities(judged, wins)),
+        tuple(probabilities(decision, wins)),
         tuple(failed),
         tied,
         best,
         located,
         grounds,
-        judged,
+        decision,
         tuple(tuple(k) for k in classes),
         screened,
-        found.newcomers,
+        found.forward_steps,
         empty,
         units,
     )
 
 
-def _freed(evidence: DataSplit, best: Contender) -> Contender:
-    """The best model, out of the trap if its fit ended in one."""
+def _freed(evidence: DataSplit, best: CandidateModel) -> CandidateModel:
+    """The best model, refitted from new window starts where its fit had ended in a local
+    minimum."""
     fitted = freed(best.fit, evidence.noise)
     if fitted is best.fit:
         return best
@@ -170,11 +172,11 @@ def _freed(evidence: DataSplit, best: Contender) -> Contender:
     return better if better.finite else best
 
 
-def within_reach(
-    candidates: list[Attachment], located: Located, settings: Settings = DEFAULT
+def candidates_to_screen(
+    candidates: list[Attachment], located: PortEvidence, settings: Settings = DEFAULT
 ) -> list[Attachment]:
-    """The candidates to screen: all of few; on a rig with many like ports those that act where
-    something is missing, and enough of them."""
+    """All candidates of few; of many those that act at ports with latent evidence, at least half as
+    many as are still few."""
     many = settings.held_background_from
     if len(candidates) <= many:
         return candidates
@@ -184,10 +186,11 @@ def within_reach(
 
 
 def _with_best(
-    ranking: tuple[Contender, ...], wins: list[float], best: Contender | None
-) -> tuple[tuple[Contender, ...], list[float]]:
-    """The ranking led by the best model's first effect: a single one as it was settled, also where
-    the backward check brought it up; beside others as it was fitted alone."""
+    ranking: tuple[CandidateModel, ...], wins: list[float], best: CandidateModel | None
+) -> tuple[tuple[CandidateModel, ...], list[float]]:
+    """The ranking led by the best model's first effect: by the best model itself where it has one
+    effect (the backward check may have chosen one that was not first), else by the model with its
+    first effect alone."""
     if best is None:
         return ranking, wins
     if len(best.attached) > 1:

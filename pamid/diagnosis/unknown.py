@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.units import NONE, display_unit, from_si, with_unit
-from pamid.diagnosis.contender import Contender
+from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.smoother import ROUNDS, Smoother, size_at
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.engine.program import Program
 from pamid.parallel.jobs import Failed, Work, WorkerPool
-from pamid.parallel.store import Plain
+from pamid.parallel.result_store import Plain
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.windows import Runner, Window
 from pamid.symbolic.vocabulary import Expr
@@ -56,9 +56,9 @@ def describe_unknown(d: Diagnosis, *, seed: int = 0) -> dict[str, Any] | None:
 
 
 def find_missing(d: Diagnosis, *, seed: int = 0, pool: WorkerPool | None = None) -> Missing | None:
-    """The missing term where the recordings most want it; of ports that they cannot tell apart,
-    where it comes closest to a function of what that port offers. None where nothing is missing, or
-    no function of these signals fits."""
+    """The missing term at the port with the largest latent evidence; of ports that the recordings
+    cannot tell apart, at the one whose own signals describe it best. None where nothing is missing,
+    or no function of these signals fits."""
     if d.located is None or d.located.most <= 0.0:
         return None
     names = list(d.located.classes[0])
@@ -78,7 +78,7 @@ class _Describing(Work[str, Missing | None]):
 
     what = "describing what is missing at"
     evidence: DataSplit
-    base: Contender
+    base: CandidateModel
     seed: int
     settings: Settings
     smoothers: dict[str, Smoother] = field(default_factory=dict, compare=False, repr=False)
@@ -109,17 +109,17 @@ def described(d: Diagnosis, best: Missing | None) -> dict[str, Any] | None:
             "parity": "none",
             "memory": False,
         }
-    kept = [i for i in np.argsort(-np.abs(best.weights)) if best.weights[i] != 0.0]
+    terms = [i for i in np.argsort(-np.abs(best.weights)) if best.weights[i] != 0.0]
     size, unit = best.values.std(), best.units["value"]
-    formula = " ".join(f"{best.weights[i] * size:+.3g} {best.names[i]}" for i in kept)
+    formula = " ".join(f"{best.weights[i] * size:+.3g} {best.names[i]}" for i in terms)
     speed = best.signals.get("velocity")
     return {
         "port": rig.group_of(best.port),
         "formula": f"missing [{unit or '1'}] = {formula.lstrip('+')}",
         "variables": list(
-            dict.fromkeys(w for i in kept for w in best.signals if w in best.names[i])
+            dict.fromkeys(w for i in terms for w in best.signals if w in best.names[i])
         ),
-        "inclusion": float(min(best.inclusion[i] for i in kept)),
+        "inclusion": float(min(best.inclusion[i] for i in terms)),
         "described": best.fit,
         "dissipative": bool(speed is not None and np.mean(best.values * speed) < 0.0),
         "parity": parity(best, d.settings),
@@ -280,9 +280,9 @@ def sparse_formula(
 
     everything = np.arange(len(target))
     blocks = np.array_split(everything, max(4, len(target) // 20))
-    kept = [
+    terms = [
         chosen(np.concatenate([blocks[k] for k in random.integers(0, len(blocks), len(blocks))]))
         != 0.0
         for _ in range(settings.formula_bags)
     ]
-    return chosen(everything), np.mean(kept, axis=0)
+    return chosen(everything), np.mean(terms, axis=0)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from pamid.base.metrics import seen_mean
 from pamid.base.units import as_column
-from pamid.diagnosis.contender import Contender
+from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.decision import forecast_interval
 from pamid.diagnosis.localise import frequency_band, regimes, worst_windows
 from pamid.diagnosis.proposal import Proposal, proposal_result
@@ -82,10 +82,12 @@ def diagnosis_file(
         background=_background(d, final),
         unknown=result.Unknown(**unknown) if unknown else None,
         units=result.UnitsInDoubt(**d.units) if d.units else None,
-        further=tuple(result.Further(**vars(n)) for n in d.newcomers),
+        further=tuple(result.Further(**vars(n)) for n in d.forward_steps),
         grounds=result.Grounds(**vars(d.grounds)) if d.grounds else None,
-        confidence=result.Confidence(gap=d.judged.gap, known=d.judged.known, first=d.judged.first)
-        if d.judged
+        confidence=result.Confidence(
+            gap=d.decision.gap, known=d.decision.known, first=d.decision.first
+        )
+        if d.decision
         else None,
     )
 
@@ -148,7 +150,7 @@ def _cause_shares(d: Diagnosis, labels: list[str]) -> dict[str, float]:
     return {k: v / total if total > 0 else 1.0 / len(labels) for k, v in phi.items()}
 
 
-def _cause(c: Contender, label: str, share: float) -> result.Cause:
+def _cause(c: CandidateModel, label: str, share: float) -> result.Cause:
     attached = next(a for a in c.attached if a.label == label)
     rig = c.assembly.rig
     found = {
@@ -183,7 +185,7 @@ def _unfitted(label: str, why: str) -> result.Candidate:
     )
 
 
-def _ranked(d: Diagnosis, c: Contender, probability: float, seed: int) -> result.Candidate:
+def _ranked(d: Diagnosis, c: CandidateModel, probability: float, seed: int) -> result.Candidate:
     rows = d.reporting if d.reporting.any() else d.chosen
     losses, base = (
         d.budget.channel_losses(c.absolutes),
@@ -248,7 +250,7 @@ def _isolable(d: Diagnosis) -> dict[str, Any]:
     }
 
 
-def _background(d: Diagnosis, final: Contender) -> dict[str, result.Pull]:
+def _background(d: Diagnosis, final: CandidateModel) -> dict[str, result.Pull]:
     """Pull of every background term, and a share of the data sheet's gap in proportion to its
     squared pull."""
     pulls = background_pull(final.fit)

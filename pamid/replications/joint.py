@@ -31,14 +31,14 @@ from pamid.correction.output_network import (
     train_correction,
 )
 from pamid.correction.residual_data import ResidualData, Stretch, derived
-from pamid.diagnosis.contender import Contender
+from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.diagnosis.verdict import diagnosis_json
 from pamid.estimation.fit_model import GreyBox, fit_model, loop_run
 from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
 from pamid.model.registry import catalogue_rig, effects
-from pamid.networks.store import NETWORK_FILE, WEIGHTS_FILE, save_network, trace_csv
+from pamid.networks.trained_network import NETWORK_FILE, WEIGHTS_FILE, save_network, trace_csv
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.replications.joint_twin import (
     AMPLITUDE_DEG,
@@ -269,7 +269,7 @@ def carried(assembly: Assembly, p: Array, before: float, after: float) -> Array:
     return p
 
 
-def named_rows(records: Records, grey: GreyBox, cause: Contender, seconds: float) -> list[Row]:
+def named_rows(records: Records, grey: GreyBox, cause: CandidateModel, seconds: float) -> list[Row]:
     """The model with the named causes in its own loop; once more, where it has a load behind a
     spring, with that spring and not its share and frequency kept for the other inertia."""
     model = replace(grey, assembly=cause.assembly, fit=cause.fit)

@@ -1,7 +1,6 @@
-"""What the calibration cases teach: the logistic functions behind a verdict, and how wide an
-interval has to be.
+"""Calibration: the logistic functions behind a verdict, and how wide an interval has to be.
 
-Nothing but the grounds and the labels of the calibration part is used; the test part stays unseen.
+Only the statistics and labels of the calibration part are used; the test part stays unseen.
 """
 
 from __future__ import annotations
@@ -17,8 +16,8 @@ from scipy.optimize import minimize
 
 from pamid.base.errors import DataError
 from pamid.base.json_file import read_json
-from pamid.diagnosis.decision import Grounds, Line, features
-from pamid.diagnosis.forward_selection import Newcomer
+from pamid.diagnosis.decision import Line, VerdictStatistics, features
+from pamid.diagnosis.forward_selection import ForwardStep
 from pamid.diagnosis.settings import DEFAULT
 from pamid.trial.marking import Marked
 
@@ -66,14 +65,14 @@ def calibrate(
     other part."""
     if any(label["part"] != "calibration" for label in labels):
         raise DataError(
-            "only the calibration part may teach the judgement",
+            "the probabilities of a verdict are fitted to the calibration part alone",
             "give the folder of a trial with --part calibration",
         )
     known = {label["number"]: label for label in labels}
     everything = [Marked(known[r["case"]], r) for r in results if not r["failed"]]
     cases = [m for m in everything if m.found.get("grounds") and (m.visible or not m.truth)]
     silent = sum(not m.truth for m in everything) - sum(not m.truth for m in cases)
-    x = [features(Grounds(**m.found["grounds"])) for m in cases]
+    x = [features(VerdictStatistics(**m.found["grounds"])) for m in cases]
     gap, right, exact = (
         np.array([bool(f(m)) for m in cases]) for f in (lambda m: m.truth, _right, _exact_right)
     )
@@ -103,7 +102,7 @@ def calibrate(
 
 
 def _right(m: Marked) -> bool:
-    """Is the first of the ranking of a planted family, or not to be told from a planted effect?"""
+    """Is the first of the ranking of a planted family, or like a planted effect?"""
     return _exact_right(m) or (
         m.stratum in ("single", "double")
         and m.families[:1] != []
@@ -122,7 +121,7 @@ def _further(cases: list[Marked]) -> Line:
         m.stratum in ("single", "double") and weighing["family"] in {t["family"] for t in m.truth}
         for m, weighing in weighings
     ]
-    x = [Newcomer(**weighing).features() for _, weighing in weighings]
+    x = [ForwardStep(**weighing).features() for _, weighing in weighings]
     line = _line(x, np.array(real, bool), LOOKS_AT["further"])
     return replace(
         line, yes=_most_right(np.array([line.probability(row) for row in x]), np.array(real, bool))
@@ -137,8 +136,14 @@ def _most_right(p: Array, right: NDArray[np.bool_]) -> float:
 
 
 def _line(x: list[dict[str, float]], yes: NDArray[np.bool_], names: tuple[str, ...]) -> Line:
-    """Ridge-penalised logistic regression; weights for the features as they are, `yes` still even
-    odds."""
+    """Logistic regression with a ridge penalty on the weights of the standardised features z, none
+    on the bias b:
+
+        min over b, w:  sum_i log(1 + exp(-y_i (b + w.z_i))) + RIDGE/2 |w|^2,   y_i = 1 or -1
+
+    le Cessie and van Houwelingen (1992), Applied Statistics 41:191. Returned are the weights of the
+    features before standardisation; `yes` is even odds until it is chosen.
+    """
     table = np.array([[row[k] for k in names] for row in x])
     centre, spread = table.mean(axis=0), np.maximum(table.std(axis=0), 1e-6)
     z, y = (table - centre) / spread, np.where(yes, 1.0, -1.0)

@@ -109,7 +109,7 @@ class Marked:
 
     @cached_property
     def port_right(self) -> bool:
-        """Is the gap placed at the fault's port, at one that cannot be told from it, or at an exact
+        """Is the gap placed at the fault's port, at one indistinguishable from it, or at an exact
         equivalent? A fault with a place (fault@place) has none: the same effect elsewhere is wrong.
         """
         where, truth = self.found["where"], self.truth[0]

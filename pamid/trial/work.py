@@ -22,7 +22,7 @@ from pamid.base.errors import PamidError
 from pamid.base.files import make_folder, sweep
 from pamid.base.json_file import read_json, write_json
 from pamid.base.metrics import shrinkage_interval
-from pamid.diagnosis.contender import replayed
+from pamid.diagnosis.candidate_model import replayed
 from pamid.diagnosis.decision import forecast_interval
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.diagnosis.unknown import describe_unknown

@@ -18,8 +18,8 @@ from pamid.api.given import evidence_of
 from pamid.base.errors import DataError, PamidError
 from pamid.base.progress import silent
 from pamid.checks.recording_quality import blocking, examine
-from pamid.diagnosis.contender import contender_from
-from pamid.diagnosis.misfit_beyond_range import doubt
+from pamid.diagnosis.candidate_model import candidate_from
+from pamid.diagnosis.misfit_beyond_range import scale_doubt
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.diagnosis.verdict import sentence
 from pamid.estimation.fit_model import fit_model
@@ -237,8 +237,8 @@ def test_far_off_after_the_refit_explains_nothing(piston: tuple[Recording, str])
     recording, rig = piston
     evidence = split_recordings(rig_named(rig), [recording], [])
     model = fit_model(evidence)
-    base = contender_from(model.assembly, model.fit, model.held_out)
-    found = doubt(evidence, base, None)
+    base = candidate_from(model.assembly, model.fit, model.held_out)
+    found = scale_doubt(evidence, base, None)
     assert found is not None and found["error_over_spread"]["force_n"] > 10.0
     assert {"kind": "parameter", "name": "area_cm2", "factor": 1e-4} in found["slips"]
     chosen = np.ones(len(base.squares), bool)
@@ -249,7 +249,10 @@ def test_far_off_after_the_refit_explains_nothing(piston: tuple[Recording, str])
 def test_a_good_fit_is_in_no_doubt(pushed: Recording) -> None:
     evidence = split_recordings(rig_named(RIG), [pushed], [])
     model = fit_model(evidence)
-    assert doubt(evidence, contender_from(model.assembly, model.fit, model.held_out), None) is None
+    assert (
+        scale_doubt(evidence, candidate_from(model.assembly, model.fit, model.held_out), None)
+        is None
+    )
 
 
 def test_the_verdict_of_a_diagnosis_gives_way(

@@ -15,24 +15,24 @@ from pamid.base.errors import DataError
 from pamid.base.metrics import shrinkage_interval
 from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.decision import (
-    Grounds,
-    Judged,
+    Decision,
     Line,
+    VerdictStatistics,
     calibration,
+    decide,
     features,
     forecast_interval,
-    is_backed,
-    judge,
+    is_confirmed,
     probabilities,
 )
-from pamid.diagnosis.forward_selection import Newcomer
+from pamid.diagnosis.forward_selection import ForwardStep
 from pamid.trial.calibrate import calibrate
 from pamid.trial.cases import PARTS
 
 Array = NDArray[np.float64]
 
 #: a further effect that is real, and one that is not
-ADDED = Newcomer(
+ADDED = ForwardStep(
     "leak",
     "leak",
     removed=0.3,
@@ -47,7 +47,7 @@ NEEDLESS = replace(
     ADDED, removed=0.01, of_left=0.05, gain=0.02, sure=1.5, margin=0.5, at_port=0.6, unexplained=0.2
 )
 #: a clear case: large gap, removed by one effect that wins everywhere
-CLEAR = Grounds(
+CLEAR = VerdictStatistics(
     visible=6.0,
     gap=8.0,
     of_signal=0.05,
@@ -96,21 +96,21 @@ FOREIGN = replace(
 
 
 def test_the_three_plain_cases() -> None:
-    assert judge(CLEAR, ambiguous=False).verdict == "explained"
-    assert judge(CLEAR, ambiguous=True).verdict == "ambiguous"
-    assert judge(FOREIGN, ambiguous=False).verdict == "unknown-effect"
-    assert judge(QUIET, ambiguous=False).verdict == "no-structural-gap"
-    assert judge(CLEAR, ambiguous=False).first > 0.9 > 0.2 > judge(FOREIGN, ambiguous=False).first
+    assert decide(CLEAR, ambiguous=False).verdict == "explained"
+    assert decide(CLEAR, ambiguous=True).verdict == "ambiguous"
+    assert decide(FOREIGN, ambiguous=False).verdict == "unknown-effect"
+    assert decide(QUIET, ambiguous=False).verdict == "no-structural-gap"
+    assert decide(CLEAR, ambiguous=False).first > 0.9 > 0.2 > decide(FOREIGN, ambiguous=False).first
 
 
 def test_a_cause_that_removes_next_to_nothing_is_not_named() -> None:
-    assert judge(replace(CLEAR, shrinkage=0.01), ambiguous=False).verdict == "unknown-effect"
+    assert decide(replace(CLEAR, shrinkage=0.01), ambiguous=False).verdict == "unknown-effect"
 
 
 def test_a_cause_that_the_held_out_windows_do_not_back_is_not_named() -> None:
-    found = judge(CLEAR, ambiguous=False, backed=False)
+    found = decide(CLEAR, ambiguous=False, confirmed=False)
     assert found.verdict == "unknown-effect" and found.first <= found.known <= 0.5
-    assert judge(QUIET, ambiguous=False, backed=False).verdict == "no-structural-gap"
+    assert decide(QUIET, ambiguous=False, confirmed=False).verdict == "no-structural-gap"
 
 
 def test_held_out_windows_back_a_cause_or_do_not() -> None:
@@ -121,7 +121,7 @@ def test_held_out_windows_back_a_cause_or_do_not() -> None:
     def backs(after: Array) -> bool:
         stands = cast(Any, SimpleNamespace)
         budget = Budget(stands(), stands(absolutes=before), before, np.ones((16, 1)), before)
-        return is_backed(budget, stands(absolutes=after), reporting, 0)
+        return is_confirmed(budget, stands(absolutes=after), reporting, 0)
 
     assert backs(0.6 * before) and backs(
         np.where(np.arange(16)[:, None] % 5 == 0, 1.1, 0.6) * before
@@ -136,9 +136,9 @@ def test_held_out_windows_back_a_cause_or_do_not() -> None:
 
 def test_nothing_is_blamed_for_recordings_that_show_nothing_of_the_model() -> None:
     for ambiguous in (False, True):
-        found = judge(CLEAR, ambiguous=ambiguous, empty=True)
+        found = decide(CLEAR, ambiguous=ambiguous, empty=True)
         assert (found.verdict, found.known, found.first) == ("unknown-effect", 0.0, 0.0)
-    assert judge(QUIET, ambiguous=False, empty=True).verdict == "no-structural-gap"
+    assert decide(QUIET, ambiguous=False, empty=True).verdict == "no-structural-gap"
 
 
 def test_features_stay_within_what_the_trial_has_seen() -> None:
@@ -156,11 +156,11 @@ def test_features_stay_within_what_the_trial_has_seen() -> None:
 
 
 def test_probabilities_share_what_is_left() -> None:
-    found = probabilities(Judged("explained", 0.99, 0.9, 0.6), [0.7, 0.2, 0.1])
+    found = probabilities(Decision("explained", 0.99, 0.9, 0.6), [0.7, 0.2, 0.1])
     assert found[0] == 0.6
     assert sum(found) == pytest.approx(0.9)
     assert found[1] / found[2] == pytest.approx(0.201 / 0.101)
-    assert probabilities(Judged("unknown-effect", 0.9, 0.1, 0.05), []) == []
+    assert probabilities(Decision("unknown-effect", 0.9, 0.1, 0.05), []) == []
 
 
 def test_forecasts_are_wider_than_the_windows_alone() -> None:
@@ -178,7 +178,7 @@ def test_forecasts_are_wider_than_the_windows_alone() -> None:
 
 
 def _case(
-    number: int, stratum: str, grounds: Grounds | None, right: bool
+    number: int, stratum: str, grounds: VerdictStatistics | None, right: bool
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     truth = (
         []
@@ -223,7 +223,7 @@ def test_calibration_learns_what_the_labels_say() -> None:
     """Sixty cases drawn around the three plain ones: the lines fitted to them tell them apart."""
     random = np.random.default_rng(1)
 
-    def near(g: Grounds) -> Grounds:
+    def near(g: VerdictStatistics) -> VerdictStatistics:
         return replace(
             g,
             visible=g.visible * random.uniform(0.9, 1.2),
@@ -243,7 +243,7 @@ def test_calibration_learns_what_the_labels_say() -> None:
     found = calibrate([c[0] for c in cases], [c[1] for c in cases], seed=0, digest="abc")
     assert found["cases"] == {"part": "calibration", "seed": 0, "sha256": "abc", "used": 60}
 
-    def says(question: str, g: Grounds) -> float:
+    def says(question: str, g: VerdictStatistics) -> float:
         line, x = found["lines"][question], features(g)
         return float(
             1.0 / (1.0 + np.exp(-line["bias"] - sum(w * x[k] for k, w in line["weights"].items())))

@@ -17,11 +17,11 @@ from test_missing_term import missing
 import pamid.diagnosis
 from pamid.base.errors import UsageError
 from pamid.diagnosis.budget import Budget, _BlackBox
-from pamid.diagnosis.contender import resamples
-from pamid.diagnosis.decision import at_the_floor, is_backed, judge
+from pamid.diagnosis.candidate_model import resamples
+from pamid.diagnosis.decision import at_noise_floor, decide, is_confirmed
 from pamid.diagnosis.naive_forecast import _better
-from pamid.diagnosis.screening import Ground, Screened, promising
-from pamid.diagnosis.search import Refitting, _Screening, _Settling
+from pamid.diagnosis.screening import Screened, ScreeningBaseline, promising
+from pamid.diagnosis.search import Refitting, _Screening, _StepRefinement
 from pamid.diagnosis.settings import DEFAULT, Settings, described, settings_from
 from pamid.diagnosis.starting_hints import spectrum_peaks
 from pamid.diagnosis.unknown import _Describing, missing_csv, parity
@@ -85,14 +85,21 @@ def test_a_value_of_another_kind_is_refused(given: dict[str, Any]) -> None:
     [
         (_BlackBox(nothing, DEFAULT), _BlackBox(nothing, OTHER)),
         (Refitting(nothing, nothing, {}, DEFAULT), Refitting(nothing, nothing, {}, OTHER)),
-        (_Settling(nothing, DEFAULT), _Settling(nothing, OTHER)),
+        (_StepRefinement(nothing, DEFAULT), _StepRefinement(nothing, OTHER)),
         (
             _Describing(nothing, nothing, 0, DEFAULT),
             _Describing(nothing, nothing, 0, OTHER),
         ),
         (
-            _Screening(nothing, Ground(nothing, (), (), nothing, 0.0, False, DEFAULT), {}, nothing),
-            _Screening(nothing, Ground(nothing, (), (), nothing, 0.0, False, OTHER), {}, nothing),
+            _Screening(
+                nothing,
+                ScreeningBaseline(nothing, (), (), nothing, 0.0, False, DEFAULT),
+                {},
+                nothing,
+            ),
+            _Screening(
+                nothing, ScreeningBaseline(nothing, (), (), nothing, 0.0, False, OTHER), {}, nothing
+            ),
         ),
     ],
     ids=lambda work: type(work).__name__,
@@ -114,22 +121,22 @@ def budget(error: float, settings: Settings) -> Budget:
 
 
 def test_the_margin_of_a_gap() -> None:
-    assert not at_the_floor(budget(1.15, DEFAULT), 0)
-    assert at_the_floor(budget(1.15, Settings(gap_margin=0.2)), 0)
+    assert not at_noise_floor(budget(1.15, DEFAULT), 0)
+    assert at_noise_floor(budget(1.15, Settings(gap_margin=0.2)), 0)
 
 
 def test_the_least_that_a_cause_removes() -> None:
     demanding = Settings(least_shrinkage=0.9)
-    assert judge(CLEAR, ambiguous=False, settings=demanding).verdict == "unknown-effect"
+    assert decide(CLEAR, ambiguous=False, settings=demanding).verdict == "unknown-effect"
     model: Any = SimpleNamespace(absolutes=0.5 * np.ones((16, 1)))
     reporting = np.arange(16) % 2 == 0
-    assert is_backed(budget(1.0, DEFAULT), model, reporting, 0)
-    assert not is_backed(budget(1.0, demanding), model, reporting, 0)
+    assert is_confirmed(budget(1.0, DEFAULT), model, reporting, 0)
+    assert not is_confirmed(budget(1.0, demanding), model, reporting, 0)
 
 
 def test_what_is_given_to_a_cause_without_backing() -> None:
     def known(settings: Settings) -> float:
-        return judge(CLEAR, ambiguous=False, backed=False, settings=settings).known
+        return decide(CLEAR, ambiguous=False, confirmed=False, settings=settings).known
 
     assert known(DEFAULT) == 0.5 and known(Settings(unbacked_probability=0.25)) == 0.25
 
@@ -143,7 +150,7 @@ def test_the_margin_over_a_guess() -> None:
 def test_how_many_are_refitted() -> None:
     def refitted(settings: Settings, beside: bool = False) -> int:
         base: Any = SimpleNamespace(attached=("one",) if beside else ())
-        ground = Ground(base, (), (), nothing, 0.0, False, settings)
+        ground = ScreeningBaseline(base, (), (), nothing, 0.0, False, settings)
         tried: Any = [
             Screened(SimpleNamespace(label=str(i)), SimpleNamespace(), {}, 100.0 - i)  # type: ignore[arg-type]
             for i in range(30)

@@ -13,12 +13,12 @@ import pytest
 from counted import calls_of
 from virtual_joint import SPECIMEN, record
 
-from pamid.diagnosis.contender import Contender, contender_from
+from pamid.diagnosis.candidate_model import CandidateModel, candidate_from
 from pamid.diagnosis.localise import (
     _followed,
     _since_reversal,
-    inner_signals,
     measured_signals,
+    port_signals,
     regimes,
 )
 from pamid.diagnosis.settings import DEFAULT
@@ -33,7 +33,7 @@ SENSORS = ("reference_deg", "command", "angle_deg", "pressure_1_kpa", "pressure_
 EXAMPLE_RIGS = Path(__file__).resolve().parents[2] / "data" / "rigs"
 
 
-def replayed(evidence: DataSplit, known: dict[str, float]) -> Contender:
+def replayed(evidence: DataSplit, known: dict[str, float]) -> CandidateModel:
     """The rig's own model at known parameters, without any fit."""
     assembly = Assembly(evidence.rig, background=True, outputs=evidence.channels).for_fitting()
     p, stepping = assembly.values(known), Stepping(2)
@@ -42,11 +42,11 @@ def replayed(evidence: DataSplit, known: dict[str, float]) -> Contender:
         for t in evidence.tracks(assembly, held_out=True)
     )
     fitted: Any = SimpleNamespace(p=p, stepping=stepping)
-    return contender_from(assembly, fitted, runs)
+    return candidate_from(assembly, fitted, runs)
 
 
 @pytest.fixture(scope="module")
-def joint(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, Contender]:
+def joint(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, CandidateModel]:
     """40 s of a joint without any fault, and the model that made it."""
     path = tmp_path_factory.mktemp("joint") / "rec.csv"
     evidence = split_recordings(
@@ -55,14 +55,14 @@ def joint(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, Contende
     return evidence, replayed(evidence, SPECIMEN)
 
 
-def signals(joint: tuple[DataSplit, Contender]) -> dict[str, np.ndarray]:
+def signals(joint: tuple[DataSplit, CandidateModel]) -> dict[str, np.ndarray]:
     evidence, base = joint
     found = measured_signals(evidence, base.replays[0])
-    found |= _followed(base, base.replays[0], inner_signals(base))
+    found |= _followed(base, base.replays[0], port_signals(base), DEFAULT.still)
     return {name: values for name, (values, _) in found.items()}
 
 
-def with_gap(joint: tuple[DataSplit, Contender], inside: np.ndarray) -> Contender:
+def with_gap(joint: tuple[DataSplit, CandidateModel], inside: np.ndarray) -> CandidateModel:
     """The model made to err by 2 deg at these samples of its replay."""
     _, base = joint
     r = base.replays[0]
@@ -71,7 +71,7 @@ def with_gap(joint: tuple[DataSplit, Contender], inside: np.ndarray) -> Contende
     return replace(base, replays=(replace(r, whole=whole),))
 
 
-def test_a_model_without_error_has_no_regime(joint: tuple[DataSplit, Contender]) -> None:
+def test_a_model_without_error_has_no_regime(joint: tuple[DataSplit, CandidateModel]) -> None:
     evidence, base = joint
     r = base.replays[0]
     assert regimes(evidence, replace(base, replays=(replace(r, whole=r.led.y),)), None) == []
@@ -79,7 +79,7 @@ def test_a_model_without_error_has_no_regime(joint: tuple[DataSplit, Contender])
     assert regimes(evidence, everywhere, None) == [], "a gap that is everywhere is in no regime"
 
 
-def test_forwards_and_backwards_end_at_zero(joint: tuple[DataSplit, Contender]) -> None:
+def test_forwards_and_backwards_end_at_zero(joint: tuple[DataSplit, CandidateModel]) -> None:
     speed = signals(joint)["joint_velocity"]
     best = regimes(joint[0], with_gap(joint, speed < 0.0), None)[0]
     assert best.signal in ("velocity", "joint_velocity") and best.unit == "deg/s"
@@ -89,7 +89,7 @@ def test_forwards_and_backwards_end_at_zero(joint: tuple[DataSplit, Contender]) 
     )
 
 
-def test_opening_is_told_from_closing(joint: tuple[DataSplit, Contender]) -> None:
+def test_opening_is_told_from_closing(joint: tuple[DataSplit, CandidateModel]) -> None:
     best = regimes(joint[0], with_gap(joint, signals(joint)["command"] > 0.0), None)[0]
     assert best.signal == "command" and best.low == 0.0 and best.high == pytest.approx(1.0)
 
@@ -103,7 +103,7 @@ def test_opening_is_told_from_closing(joint: tuple[DataSplit, Contender]) -> Non
     ],
 )
 def test_a_gap_inside_the_model_is_told_there(
-    joint: tuple[DataSplit, Contender], signal: str, unit: str, low: float, high: float
+    joint: tuple[DataSplit, CandidateModel], signal: str, unit: str, low: float, high: float
 ) -> None:
     """Reversals and load are not measured; without their sensors, neither are the pressures."""
     if signal == "muscle_pressure_1":
@@ -119,12 +119,12 @@ def test_a_gap_inside_the_model_is_told_there(
     assert shared > 0.5 * (best.high - best.low)
 
 
-def test_filling_is_told_from_venting(joint: tuple[DataSplit, Contender]) -> None:
+def test_filling_is_told_from_venting(joint: tuple[DataSplit, CandidateModel]) -> None:
     best = regimes(joint[0], with_gap(joint, signals(joint)["valve_flow_2"] > 0.0), None)[0]
     assert best.signal in ("valve_flow_2", "valve_ratio_2") and best.share_of_gap > 0.9
 
 
-def test_one_regime_is_told_once(joint: tuple[DataSplit, Contender]) -> None:
+def test_one_regime_is_told_once(joint: tuple[DataSplit, CandidateModel]) -> None:
     """The angle and the contractions of both muscles are the same thing."""
     evidence, base = joint
     found = regimes(evidence, with_gap(joint, signals(joint)["angle"] > 15.0), None)
@@ -136,7 +136,7 @@ def test_one_regime_is_told_once(joint: tuple[DataSplit, Contender]) -> None:
     assert gains[0] == max(gains) and min(gains) > 0.1
 
 
-def test_what_the_cause_explains_is_the_gap(joint: tuple[DataSplit, Contender]) -> None:
+def test_what_the_cause_explains_is_the_gap(joint: tuple[DataSplit, CandidateModel]) -> None:
     """Samples that a cause leaves as they are belong to no regime of it."""
     evidence, base = joint
     angle = signals(joint)["angle"]
@@ -146,7 +146,7 @@ def test_what_the_cause_explains_is_the_gap(joint: tuple[DataSplit, Contender]) 
     assert best.signal == "angle" and best.low > 5.0
 
 
-def test_it_costs_next_to_nothing(joint: tuple[DataSplit, Contender]) -> None:
+def test_it_costs_next_to_nothing(joint: tuple[DataSplit, CandidateModel]) -> None:
     inside = with_gap(joint, signals(joint)["angle"] > 15.0)
     regimes(joint[0], inside, None)  # what is kept from the first time on
     assert calls_of(lambda: regimes(joint[0], inside, None)) < 100_000, (
@@ -157,7 +157,18 @@ def test_it_costs_next_to_nothing(joint: tuple[DataSplit, Contender]) -> None:
 def test_time_since_the_last_reversal() -> None:
     """A crawl at 1 % of the usual speed is no reversal, and what stands keeps its direction."""
     speed = np.array([1.0, 1.0, 0.0, 1.0, -1.0, -1.0, 0.01, -1.0, 1.0, 1.0])
-    assert _since_reversal(speed).tolist() == [0.0, 1.0, 2.0, 3.0, 0.0, 1.0, 2.0, 3.0, 0.0, 1.0]
+    assert _since_reversal(speed, DEFAULT.still).tolist() == [
+        0.0,
+        1.0,
+        2.0,
+        3.0,
+        0.0,
+        1.0,
+        2.0,
+        3.0,
+        0.0,
+        1.0,
+    ]
 
 
 def test_a_rig_of_ones_own(tmp_path: Path) -> None:
@@ -176,6 +187,6 @@ def test_a_rig_of_ones_own(tmp_path: Path) -> None:
     )
     evidence = split_recordings(rig, [read_recording(path)], [])
     base = replayed(evidence, {})
-    assert inner_signals(base).names == ("force_velocity", "force_position")
+    assert port_signals(base).names == ("force_velocity", "force_position")
     for r in regimes(evidence, base, None):
         assert 0.0 <= r.share_of_time <= 1.0 and 0.0 <= r.share_of_gap <= 1.0 and r.low < r.high

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from pamid.base.errors import FileError
-from pamid.diagnosis.port_evidence import Located, _found_at, _Smoothing
+from pamid.diagnosis.port_evidence import PortEvidence, _found_at, _Smoothing
 from pamid.diagnosis.screening import _free
 from pamid.diagnosis.settings import DEFAULT
 from pamid.diagnosis.smoother import Smoothed
-from pamid.diagnosis.tournament import within_reach
+from pamid.diagnosis.tournament import candidates_to_screen
 from pamid.estimation.problem import free_parameters
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attach, attachments
@@ -21,15 +21,15 @@ ARM = rig_named("two-link")
 EVERY = attachments(ARM, effects().values())
 
 
-def located(gains: dict[str, float]) -> Located:
-    return Located({name: gains.get(name, 0.0) for name in ARM.ports}, (), {}, {})
+def located(gains: dict[str, float]) -> PortEvidence:
+    return PortEvidence({name: gains.get(name, 0.0) for name in ARM.ports}, (), {}, {})
 
 
 def test_few_candidates_are_all_screened() -> None:
     joint = rig_named("one-dof")
     few = attachments(joint, effects().values())
-    nothing = Located(dict.fromkeys(joint.ports, 0.0) | {"joint": 9.0}, (), {}, {})
-    assert within_reach(few, nothing) == few
+    nothing = PortEvidence(dict.fromkeys(joint.ports, 0.0) | {"joint": 9.0}, (), {}, {})
+    assert candidates_to_screen(few, nothing) == few
 
 
 def test_of_many_those_where_something_is_missing() -> None:
@@ -43,7 +43,7 @@ def test_of_many_those_where_something_is_missing() -> None:
         "valve_21": 15.0,
         "pressure_sensor_21": 10.0,
     }
-    kept = {a.label for a in within_reach(EVERY, located(gains))}
+    kept = {a.label for a in candidates_to_screen(EVERY, located(gains))}
     assert {
         "coulomb-friction@joint_2",
         "maxwell-slip-hysteresis@muscle_21",
@@ -61,7 +61,7 @@ def test_one_port_far_ahead_leaves_rivals_in_the_race() -> None:
         "pressure_11": 5.0,
         "valve_11": 5.0,
     }
-    kept = {a.label for a in within_reach(EVERY, located(gains))}
+    kept = {a.label for a in candidates_to_screen(EVERY, located(gains))}
     assert {"clock-skew", "chain-stretch@chain_11", "leak@pressure_11"} <= kept
 
 

@@ -15,7 +15,7 @@ import pamid.model.assembly
 import pamid.simulation.data_split
 from pamid.base.progress import silent
 from pamid.diagnosis.budget import _Baseline
-from pamid.diagnosis.search import Refitting, Start
+from pamid.diagnosis.search import RefitStart, Refitting
 from pamid.diagnosis.settings import DEFAULT
 from pamid.diagnosis.tournament import diagnose
 from pamid.diagnosis.verdict import diagnosis_json
@@ -77,7 +77,7 @@ def test_models_are_the_same_objects_to_the_last_bit(evidence: Evidence) -> None
     baseline = _Baseline(evidence, silent)
     model = baseline.result(0)
     assert digest(through_the_plain_form(baseline, 0, model)) == digest(model)
-    start = Start((attach(evidence.rig, "coulomb-friction", effects()),))
+    start = RefitStart((attach(evidence.rig, "coulomb-friction", effects()),))
     work = Refitting(evidence, model.fit, model.assembly.sizes, DEFAULT)
     found = work.result(start)
     assert digest(through_the_plain_form(work, start, found)) == digest(found)

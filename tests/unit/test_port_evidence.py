@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from virtual_joint import record
 
-from pamid.diagnosis.contender import Contender, contender_from
-from pamid.diagnosis.port_evidence import Located, locate, shapley
+from pamid.diagnosis.candidate_model import CandidateModel, candidate_from
+from pamid.diagnosis.port_evidence import PortEvidence, locate, shapley
 from pamid.diagnosis.smoother import Smoother, SmoothingProblem
 from pamid.engine.block_tridiagonal import eliminate
 from pamid.estimation.fit_model import fit_model
@@ -46,7 +46,7 @@ def test_shapley_by_hand() -> None:
     assert shapley(["l", "r", "s"], value) == pytest.approx({"l": 2 / 3, "r": 1 / 6, "s": 1 / 6})
 
 
-def located(folder: Path, effect: str) -> tuple[Contender, Located]:
+def located(folder: Path, effect: str) -> tuple[CandidateModel, PortEvidence]:
     recording = record(
         folder / f"{effect or 'nothing'}.csv",
         15.0,
@@ -57,7 +57,7 @@ def located(folder: Path, effect: str) -> tuple[Contender, Located]:
     )
     evidence = split_recordings(rig_named("one-dof"), [recording], [])
     model = fit_model(evidence)
-    base = contender_from(model.assembly, model.fit, model.held_out)
+    base = candidate_from(model.assembly, model.fit, model.held_out)
     return base, locate(evidence, base, WorkerPool())
 
 
@@ -111,7 +111,7 @@ def test_a_larger_latent_value_costs_more_where_nothing_is_missing(tmp_path: Pat
 
 
 @pytest.fixture(scope="module")
-def bent(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, Contender]:
+def bent(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, CandidateModel]:
     """A joint with friction that its baseline does not know: its parameters have bent to it."""
     path = tmp_path_factory.mktemp("bent") / "rec.csv"
     evidence = split_recordings(
@@ -129,10 +129,10 @@ def bent(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, Contender
         [],
     )
     model = fit_model(evidence)
-    return evidence, contender_from(model.assembly, model.fit, model.held_out)
+    return evidence, candidate_from(model.assembly, model.fit, model.held_out)
 
 
-def test_a_step_goes_where_the_cost_falls(bent: tuple[DataSplit, Contender]) -> None:
+def test_a_step_goes_where_the_cost_falls(bent: tuple[DataSplit, CandidateModel]) -> None:
     """Along the Gauss-Newton step the cost falls by twice the promised gain per unit: the gradient
     over states, latent values, joints and parameters is that of the cost."""
     smoother = Smoother(*bent, ("joint",))
@@ -150,7 +150,7 @@ def test_a_step_goes_where_the_cost_falls(bent: tuple[DataSplit, Contender]) -> 
     assert slope == pytest.approx(-2.0 * step.gain, rel=2e-3)
 
 
-def test_the_right_port_leaves_nothing(bent: tuple[DataSplit, Contender]) -> None:
+def test_the_right_port_leaves_nothing(bent: tuple[DataSplit, CandidateModel]) -> None:
     """With a latent torque the data are explained down to the noise; with a latent flow they are
     not."""
     left = {}

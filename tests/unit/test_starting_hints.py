@@ -1,4 +1,4 @@
-"""Clues: effects that act only beyond a limit begin within the range that the recordings reach."""
+"""Starting hints: effects that act beyond a limit begin within the range that recordings reach."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from virtual_joint import record
 
-from pamid.diagnosis.contender import contender_from
-from pamid.diagnosis.screening import Ground, screen, starting_points
+from pamid.diagnosis.candidate_model import candidate_from
+from pamid.diagnosis.screening import ScreeningBaseline, screen, starting_points
 from pamid.diagnosis.settings import DEFAULT
-from pamid.diagnosis.starting_hints import gather_clues, spectrum_peaks
+from pamid.diagnosis.starting_hints import gather_hints, spectrum_peaks
 from pamid.estimation.fit_model import fit_model, model_with
 from pamid.model.attachment import attach
 from pamid.model.effect import Hints
@@ -30,29 +30,33 @@ def stopped(tmp_path_factory: pytest.TempPathFactory):  # type: ignore[no-untype
         [],
     )
     model = fit_model(evidence)
-    return evidence, contender_from(model.assembly, model.fit, model.held_out), model.assembly.sizes
+    return (
+        evidence,
+        candidate_from(model.assembly, model.fit, model.held_out),
+        model.assembly.sizes,
+    )
 
 
 def test_reach_is_near_that_of_the_recording(stopped) -> None:  # type: ignore[no-untyped-def]
     """The baseline knows of no stop and runs past it, but not where a window has just begun."""
     evidence, base, _ = stopped
-    clues = gather_clues(evidence, base)
+    hints = gather_hints(evidence, base)
     seen = max(float(np.abs(t.y[:, 0]).max()) for t in base.fit.problem.tracks)
-    assert 0.9 * seen < clues.at("joint").reach["position"] < 1.5 * seen
-    assert len(clues.peaks_hz) == 3 and not clues.at("nowhere").reach
+    assert 0.9 * seen < hints.at("joint").reach["position"] < 1.5 * seen
+    assert len(hints.peaks_hz) == 3 and not hints.at("nowhere").reach
 
 
 def test_stops_are_found_although_the_typical_ones_lie_outside(stopped) -> None:  # type: ignore[no-untyped-def]
     evidence, base, sizes = stopped
-    clues, ground = gather_clues(evidence, base), Ground.of(base)
+    hints, ground = gather_hints(evidence, base), ScreeningBaseline.of(base)
     stop = attach(evidence.rig, "end-stop", effects())
-    found = screen(evidence, ground, stop, sizes, clues)
+    found = screen(evidence, ground, stop, sizes, hints)
     rivals = [
-        screen(evidence, ground, attach(evidence.rig, name, effects()), sizes, clues).gain
+        screen(evidence, ground, attach(evidence.rig, name, effects()), sizes, hints).gain
         for name in ("coulomb-friction", "gravity", "leak")
     ]
     assert found.gain > 2.0 * max(rivals)
-    assert found.first["end-stop:limit"] <= clues.at("joint").reach["position"]
+    assert found.first["end-stop:limit"] <= hints.at("joint").reach["position"]
 
 
 def test_starting_points_hold_a_trace_of_the_effect(stopped) -> None:  # type: ignore[no-untyped-def]
@@ -68,7 +72,7 @@ def test_starting_points_hold_a_trace_of_the_effect(stopped) -> None:  # type: i
 
 def test_the_ground_is_where_the_baseline_is_worst(stopped) -> None:  # type: ignore[no-untyped-def]
     _, base, _ = stopped
-    ground, problem = Ground.of(base), base.fit.problem
+    ground, problem = ScreeningBaseline.of(base), base.fit.problem
     track, left = problem.tracks[0], (base.fit.residuals[0] * base.fit.weights.root) ** 2
     windows = problem.windows(track)
     (start, stop), losses = ground.spans[0], [left[w.start : w.stop].sum() for w in windows]

@@ -1,5 +1,5 @@
-"""Models in contest: each fitted on the same windows with the same weights, judged on windows
-nobody fitted."""
+"""Candidate models of the comparison, the baseline among them: all fitted on the same windows with
+the same weights, and compared on windows that no fit has seen."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from pamid.base.metrics import seen_mean
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit, Problem, free_parameters
-from pamid.estimation.residual_weights import residual_weights
+from pamid.estimation.weights import residual_weights
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.simulation.data_split import DataSplit
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Contender:
+class CandidateModel:
     """A model that was fitted and replayed. squares, absolutes: mean loss per held-out window and
     channel (SI), NaN where a channel was not recorded."""
 
@@ -80,18 +80,18 @@ class Contender:
         return len(self.fit.problem.free)
 
 
-def replayed(evidence: DataSplit, assembly: Assembly, fitted: Fit) -> Contender:
+def replayed(evidence: DataSplit, assembly: Assembly, fitted: Fit) -> CandidateModel:
     """Replay a fitted model over everything held out."""
     tracks = evidence.tracks(assembly, held_out=True)
-    return contender_from(
+    return candidate_from(
         assembly,
         fitted,
         tuple(replay(assembly, fitted.p, t, fitted.stepping, evidence.noise) for t in tracks),
     )
 
 
-def contender_from(assembly: Assembly, fitted: Fit, replays: tuple[Replay, ...]) -> Contender:
-    return Contender(
+def candidate_from(assembly: Assembly, fitted: Fit, replays: tuple[Replay, ...]) -> CandidateModel:
+    return CandidateModel(
         assembly,
         fitted,
         replays,
@@ -172,31 +172,36 @@ def resamples(count: int, draws: int, seed: int, block: int) -> NDArray[np.intp]
 
 
 def bootstrap_losses(
-    contenders: list[Contender],
+    models: list[CandidateModel],
     chosen: NDArray[np.bool_],
     seed: int,
     settings: Settings = DEFAULT,
 ) -> Array:
-    """Log losses on resampled windows, contenders x draws (paired: the same windows for all).
+    """Log losses on resampled windows, models x draws (paired: the same windows for all).
 
-    Windows are those that choose among the held-out ones and those of the fit: an effect brings few
-    parameters, and its gain where it was fitted is a witness, too.
+    One draw is L = 1/2 sum_c [log s_c(held out) + log s_c(fitted)], with s_c the mean squared
+    residual of channel c over the resampled windows: up to a constant, the negative log likelihood
+    per sample of Gaussian residuals whose variance is profiled out. Half the held-out windows count
+    and those of the fit, too: an effect adds few parameters to many samples, so its gain where it
+    was fitted is hardly optimistic. Efron and Tibshirani (1993), An Introduction to the Bootstrap;
+    blocks after Kuensch (1989), Ann. Stat. 17.
     """
     draws, block = settings.bootstrap_draws, settings.bootstrap_block
     own = resamples(int(chosen.sum()), draws, seed, block)
-    fitted = resamples(len(contenders[0].fitted_squares), draws, seed + 1, block)
-    out = np.empty((len(contenders), draws))
-    for i, c in enumerate(contenders):
+    fitted = resamples(len(models[0].fitted_squares), draws, seed + 1, block)
+    out = np.empty((len(models), draws))
+    for i, c in enumerate(models):
         held, trained = _drawn_means(c.squares[chosen], own), _drawn_means(c.fitted_squares, fitted)
         out[i] = 0.5 * (np.log(held) + np.log(trained)).sum(axis=1)
     return out
 
 
 def _drawn_means(squares: Array, rows: NDArray[np.intp]) -> Array:
-    """Mean per draw and channel; a channel that no window of a draw has counts as it does on the
-    whole, one that no window has at all not at all."""
+    """Mean per draw and channel; where no window of a draw has recorded a channel, its mean over
+    all windows; 1 (log loss 0) where none has at all."""
     found = seen_mean(squares[rows], axis=1)
     if np.isnan(found).any():
-        whole = seen_mean(squares)
-        found = np.where(np.isnan(found), np.where(np.isnan(whole), 1.0, whole), found)
+        overall = seen_mean(squares)
+        overall = np.where(np.isnan(overall), 1.0, overall)
+        found = np.where(np.isnan(found), overall, found)
     return found
