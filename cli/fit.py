@@ -10,7 +10,7 @@ import click
 from . import frame
 from .job import carried_through, cluster_option, failed_text, kept, pool_of, require_one_of
 from .options import evidence_from, no_check_option, with_sidecar
-from .progress import ProgressBar
+from .progress_bar import ProgressBar
 from .terminal import quoted
 
 EXAMPLE = """

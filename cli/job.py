@@ -31,7 +31,7 @@ def pool_of(jobs: int, cluster: str | None, *, kept: Path | None = None) -> Iter
     """Who does the jobs: processes of this machine, or a cluster; kept: the folder of their
     results."""
     from pamid.parallel.jobs import WorkerPool
-    from pamid.parallel.store import Store
+    from pamid.parallel.result_store import Store
 
     store = Store(kept) if kept else None
     if cluster is None:

@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from . import frame
-from .progress import ProgressBar
+from .progress_bar import ProgressBar
 from .terminal import aside, quoted
 
 if TYPE_CHECKING:
     from pamid.base.run_folder import Run
     from pamid.correction.output_network import TrainingOptions
     from pamid.correction.residual_data import ResidualData
-    from pamid.networks.training import Step
+    from pamid.networks.training import TrainingStep
 
     PortWork = Callable[
         [Run, ResidualData, Callable[[str], None], TrainingOptions], tuple[dict[str, Any], bool]
@@ -142,14 +142,14 @@ def command(
     from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE, Run
     from pamid.correction.output_network import (
         CHECKPOINT_FILE,
+        NetworkChoice,
         TrainingOptions,
-        Wanted,
         train_correction,
         write_correction,
     )
     from pamid.correction.residual_data import read_residual_data
 
-    wanted = Wanted(network, hidden, sets)
+    wanted = NetworkChoice(network, hidden, sets)
     folder = Run.open(run)
     names = tuple(word.strip() for word in (inputs or "").split(",") if word.strip())
     port = _port_of(run, at, rig)
@@ -172,7 +172,7 @@ def command(
         },
     )
 
-    def told(step: Step, start: int) -> None:
+    def told(step: TrainingStep, start: int) -> None:
         which = f"start {start + 1} of {starts}, " if starts > 1 else ""
         progress.update(
             step.iteration, f"{which}MSE {step.mse:.4g}, gamma {step.gamma:.1f}, mu {step.mu:.1g}"

@@ -10,7 +10,7 @@ import click
 
 from . import frame
 from .job import cluster_option, failed_text, pool_of
-from .progress import ProgressBar
+from .progress_bar import ProgressBar
 from .terminal import quoted
 
 if TYPE_CHECKING:
@@ -117,9 +117,9 @@ def command(
     """
     from pamid.base.errors import UsageError
     from pamid.base.json_file import write_json
-    from pamid.trial.calibrate import calibrated_from
-    from pamid.trial.table import trial_text
-    from pamid.trial.work import run_trial
+    from pamid.trial.calibration import calibrated_from
+    from pamid.trial.case_runs import run_trial
+    from pamid.trial.figure_table import trial_text
 
     if calibrate is not None and part != "calibration":
         raise UsageError(
@@ -183,11 +183,11 @@ def _share(
 ) -> frame.Result:
     """Work through every COUNT-th case from the I-th on; labels and score are left to the command
     without --index."""
-    from pamid.trial.work import chosen, failed_jobs, run_cases
+    from pamid.trial.case_runs import cases_of, failed_jobs, run_cases
 
     _joined(output, fixed, options)
     number, count = share
-    every_case = chosen(
+    every_case = cases_of(
         fixed["part"],
         options["cases"],
         fixed["seed"],

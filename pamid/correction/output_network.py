@@ -29,7 +29,7 @@ from pamid.networks.batch import engine_on
 from pamid.networks.elman import Elman
 from pamid.networks.narx import Narx
 from pamid.networks.network import Network
-from pamid.networks.store import (
+from pamid.networks.trained_network import (
     NETWORK_FILE,
     WEIGHTS_FILE,
     TrainedNetwork,
@@ -37,7 +37,7 @@ from pamid.networks.store import (
     trace_csv,
     train_on_signals,
 )
-from pamid.networks.training import Progress, Training
+from pamid.networks.training import StepProgress, Training
 
 Array = NDArray[np.float64]
 
@@ -48,11 +48,15 @@ STARTUP_S = 1.0
 MOST_RULES, MOST_SETS = 64, 5  # of an ANFIS whose --sets are not given
 # between the taps of a NARX network: 10 samples at 3 ms, where this was measured
 TAP_S = 0.03
-SIZES: dict[str, tuple[str, ...]] = {"elman": ("hidden",), "anfis": ("sets",), "narx": ("hidden",)}
+SIZES_BY_KIND: dict[str, tuple[str, ...]] = {
+    "elman": ("hidden",),
+    "anfis": ("sets",),
+    "narx": ("hidden",),
+}
 
 
 @dataclass(frozen=True)
-class Wanted:
+class NetworkChoice:
     """The kind of network that is asked for; sizes that are not (None) follow from its inputs.
 
     UsageError for an unknown kind, or a size of another kind.
@@ -63,14 +67,14 @@ class Wanted:
     sets: int | None = None
 
     def __post_init__(self) -> None:
-        if self.kind not in SIZES:
+        if self.kind not in SIZES_BY_KIND:
             raise UsageError(
                 f"--network {self.kind!r}: there is no such network.",
-                nearest(self.kind, SIZES) or f"Take one of {', '.join(SIZES)}.",
+                nearest(self.kind, SIZES_BY_KIND) or f"Take one of {', '.join(SIZES_BY_KIND)}.",
                 code="unknown-network",
             )
         for name in ("hidden", "sets"):
-            owners = [kind for kind, sizes in SIZES.items() if name in sizes]
+            owners = [kind for kind, sizes in SIZES_BY_KIND.items() if name in sizes]
             if getattr(self, name) is not None and self.kind not in owners:
                 raise UsageError(
                     f"--{name} belongs to --network {' or '.join(owners)}, not to {self.kind}."
@@ -127,7 +131,7 @@ class TrainingOptions(TypedDict, total=False):
     """How a network is trained: which one (default: Elman), where (cpu or a device that torch
     sees), and what goes to `networks.training.train`."""
 
-    wanted: Wanted
+    wanted: NetworkChoice
     device: str
     independent: bool
     iterations: int
@@ -136,7 +140,7 @@ class TrainingOptions(TypedDict, total=False):
     threads: int
     checkpoint: Path | None
     resume: bool
-    progress: Progress | None
+    progress: StepProgress | None
 
 
 def train_correction(residual: ResidualData, **options: Unpack[TrainingOptions]) -> Correction:
@@ -170,7 +174,7 @@ def train_network(
     """
     own = residual.of_part(0)
     scored = sum(s.rows.stop - s.rows.start - residual.washout for s in own)
-    network = options.pop("wanted", Wanted()).network(
+    network = options.pop("wanted", NetworkChoice()).network(
         len(residual.inputs), residual.period_s, scored
     )
     engine = engine_on(options.pop("device", "cpu"), network)

@@ -49,7 +49,7 @@ from pamid.model.attachment import Attachment, attach
 from pamid.model.effect import Effect
 from pamid.model.registry import effects, rig_again
 from pamid.model.rig import Rig
-from pamid.networks.store import TrainedNetwork
+from pamid.networks.trained_network import TrainedNetwork
 from pamid.networks.training import Training
 from pamid.recording.recording import read_recording
 from pamid.simulation.data_split import Evidence, gather

@@ -15,7 +15,7 @@ from pamid.diagnosis.serialise import grey_box_of, grey_box_plain
 from pamid.estimation.fit_model import GreyBox, fit_model
 from pamid.model.bound_parameter import Sizes
 from pamid.parallel.jobs import Work, WorkerPool
-from pamid.parallel.store import Plain
+from pamid.parallel.result_store import Plain
 from pamid.simulation.data_split import Evidence
 from pamid.simulation.replay import Replay, replay
 

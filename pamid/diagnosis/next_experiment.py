@@ -28,7 +28,7 @@ from pamid.estimation.gauss_newton import Problem, fit, initial_starts
 from pamid.estimation.residual_weights import Weights, residual_weights
 from pamid.excitation.experiments import MOST_SAMPLES, PASS_S, Bench, Experiment, menu
 from pamid.parallel.jobs import Work
-from pamid.parallel.store import Plain
+from pamid.parallel.result_store import Plain
 from pamid.recording.recording import Recording
 from pamid.simulation.data_split import Evidence
 from pamid.simulation.simulate import choose_stepping, known_values, virtual_recording

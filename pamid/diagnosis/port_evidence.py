@@ -18,7 +18,7 @@ from pamid.diagnosis.contender import Contender
 from pamid.diagnosis.smoother import Smoother
 from pamid.model.rig import Rig
 from pamid.parallel.jobs import Failed, Work, WorkerPool
-from pamid.parallel.store import Plain
+from pamid.parallel.result_store import Plain
 from pamid.simulation.data_split import Evidence
 
 # ports with this share of another one's evidence: these recordings do not tell them apart

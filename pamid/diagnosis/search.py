@@ -20,7 +20,7 @@ from pamid.estimation.gauss_newton import Fit, fit
 from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import Sizes
 from pamid.parallel.jobs import Failed, Work, WorkerPool
-from pamid.parallel.store import Plain
+from pamid.parallel.result_store import Plain
 from pamid.simulation.data_split import Evidence
 
 Array = NDArray[np.float64]

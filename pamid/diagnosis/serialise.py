@@ -14,7 +14,7 @@ from pamid.estimation.fit_model import GreyBox, model_with
 from pamid.estimation.gauss_newton import Fit, Problem, free_parameters
 from pamid.estimation.residual_weights import Weights
 from pamid.model.assembly import Assembly
-from pamid.parallel.store import Plain
+from pamid.parallel.result_store import Plain
 from pamid.simulation.data_split import Evidence
 from pamid.simulation.replay import Replay
 from pamid.simulation.windows import Track, Window

@@ -20,7 +20,7 @@ from pamid.diagnosis.smoother import ROUNDS, Smoother, size_at
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.engine.program import Program
 from pamid.parallel.jobs import Failed, Work, WorkerPool
-from pamid.parallel.store import Plain
+from pamid.parallel.result_store import Plain
 from pamid.simulation.data_split import Evidence
 from pamid.simulation.windows import Runner, Window
 from pamid.symbolic.vocabulary import Expr

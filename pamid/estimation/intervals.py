@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pamid.estimation.gauss_newton import Fit, Problem, fit
 from pamid.model.bound_parameter import Bound
 from pamid.parallel.jobs import Failed, Work, WorkerPool
-from pamid.parallel.store import Plain
+from pamid.parallel.result_store import Plain
 
 Array = NDArray[np.float64]
 NORMAL_95 = 1.959964

@@ -22,16 +22,38 @@ from numpy.typing import ArrayLike, NDArray
 from pamid.base.errors import DataError
 from pamid.networks.batch_queue import BatchQueue, Engine
 from pamid.networks.bayes import effective_samples, effective_weights
-from pamid.networks.checkpoints import Attempt, Checkpoint, Step, load_checkpoint, save_checkpoint
+from pamid.networks.checkpoints import (
+    Attempt,
+    Checkpoint,
+    TrainingStep,
+    load_checkpoint,
+    save_checkpoint,
+)
 from pamid.networks.levenberg_marquardt import USED_UP, fresh, levenberg_marquardt_steps
 from pamid.networks.network import Network
-from pamid.networks.problem import Damping, Goals, Problem, check_problem, fingerprint, recordings
+from pamid.networks.problem import (
+    Damping,
+    Goals,
+    TrainingProblem,
+    check_problem,
+    fingerprint,
+    recordings,
+)
 from pamid.networks.scaling import Scaling, scaling_of
 
-__all__ = ["Damping", "Goals", "Network", "Scaling", "Step", "Training", "scaling_of", "train"]
+__all__ = [
+    "Damping",
+    "Goals",
+    "Network",
+    "Scaling",
+    "Training",
+    "TrainingStep",
+    "scaling_of",
+    "train",
+]
 
 Array = NDArray[np.float64]
-Progress = Callable[[Step, int], None]
+StepProgress = Callable[[TrainingStep, int], None]
 
 GATES = (10, 20, 40, 80, 160)  # iterations at which the worse half of the starts is left behind
 _DAMPING, _GOALS = Damping(), Goals()
@@ -106,7 +128,7 @@ def train(
     regularise: bool = True,
     goals: Goals = _GOALS,
     damping: Damping = _DAMPING,
-    progress: Progress | None = None,
+    progress: StepProgress | None = None,
     checkpoint: Path | None = None,
     resume: bool = False,
     independent: bool = False,
@@ -131,7 +153,7 @@ def train(
     result; DataError is for data that cannot be fitted, FileError for a checkpoint of another
     training.
     """
-    problem = Problem(
+    problem = TrainingProblem(
         network, recordings(inputs, target), washout, regularise, damping, goals, independent
     )
     check_problem(problem, iterations, starts, seed)
@@ -162,7 +184,7 @@ def train(
 
 
 def _run_side_by_side(
-    problem: Problem,
+    problem: TrainingProblem,
     attempts: dict[int, Attempt],
     running: list[int],
     gate: int,
@@ -170,7 +192,7 @@ def _run_side_by_side(
     threads: int,
     engine: Engine | None,
     clock: "_Clock",
-    progress: Progress | None,
+    progress: StepProgress | None,
 ) -> None:
     """Bring every running start to iteration `gate`, or to its end; `attempts` follows step by
     step."""
@@ -242,10 +264,12 @@ def _better_half(attempts: dict[int, Attempt], running: list[int], gate: int) ->
 
 
 def _conclude(
-    problem: Problem, attempts: Sequence[Attempt], running: list[int], interrupted: bool
+    problem: TrainingProblem, attempts: Sequence[Attempt], running: list[int], interrupted: bool
 ) -> Training:
     best = min((a for a in attempts if a.start in running), key=lambda a: a.mse)
-    columns = np.array(best.steps, dtype=np.float64).reshape(len(best.steps), len(Step._fields)).T
+    columns = (
+        np.array(best.steps, dtype=np.float64).reshape(len(best.steps), len(TrainingStep._fields)).T
+    )
     residual = problem.errors(best.weights).each
     independent = (
         sum(effective_samples(e) for e in residual)
@@ -257,7 +281,7 @@ def _conclude(
     tempered = replace(best.evidence, beta=best.evidence.beta * independent / max(counted, 1.0))
     return Training(
         weights=best.weights,
-        trace=dict(zip(Step._fields, columns, strict=True)),
+        trace=dict(zip(TrainingStep._fields, columns, strict=True)),
         why="interrupted" if interrupted else best.why,
         converged=best.converged and not interrupted,
         samples=problem.samples,

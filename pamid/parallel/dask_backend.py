@@ -28,7 +28,7 @@ from threadpoolctl import threadpool_limits
 
 from pamid.base.errors import FileError, PamidError
 from pamid.parallel.jobs import Failed, Work, result_or_failure
-from pamid.parallel.store import Plain, code_sha256, digest
+from pamid.parallel.result_store import Plain, code_sha256, digest
 
 if TYPE_CHECKING:
     from distributed import Client, Future

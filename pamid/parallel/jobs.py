@@ -26,7 +26,7 @@ from threadpoolctl import threadpool_limits
 
 from pamid.base.errors import PamidError
 from pamid.base.progress import Progress, silent
-from pamid.parallel.store import Plain, Store, code_sha256, digest, plain
+from pamid.parallel.result_store import Plain, Store, code_sha256, digest, plain
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -39,8 +39,8 @@ class Work(Generic[T, R]):
     """One kind of job: a pure function of an item and of its own fields. Derive a frozen dataclass
     from it.
 
-    Calling it returns plain data (see `pamid.parallel.store`); `restored` makes of that what the
-    caller wants. A field that is declared with compare=False must not change the result.
+    Calling it returns plain data (see result_store.py); `restored` makes of that what the caller
+    wants. A field that is declared with compare=False must not change the result.
     """
 
     what: ClassVar[str]

@@ -17,7 +17,7 @@ from PIL import Image, UnidentifiedImageError
 
 from pamid.base.errors import FileError
 from pamid.base.files import PICTURE, read_data
-from pamid.base.run_folder import FIGURES
+from pamid.base.run_folder import FIGURES_FOLDER
 from pamid.report import words
 from pamid.report.reading import REMEDY, Node, read_object
 from pamid.report.style import WIDE_IN, Drawing
@@ -110,7 +110,7 @@ def _drawing(still: Still) -> Drawing:
 def _stills(folder: Path, names: Iterable[str]) -> tuple[Still, ...]:
     found = []
     for name in names:
-        path = folder / FIGURES / f"{name}.png"
+        path = folder / FIGURES_FOLDER / f"{name}.png"
         if not path.exists():
             continue
         try:

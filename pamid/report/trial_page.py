@@ -10,7 +10,7 @@ from pamid.report.style import Picture
 from pamid.report.tables import inputs_table, steps_table, table, versions_words
 from pamid.report.trial import Trial, reached_words
 from pamid.report.words import effect_words
-from pamid.trial.table import HEAD, TITLES, strata, summary
+from pamid.trial.figure_table import TABLE_HEAD, TITLES, strata, summary
 
 _SHOWN_FAILURES = 20
 
@@ -77,7 +77,7 @@ def _figures(trial: Trial) -> Html:
         if one.reached is not None:
             outcome = "reached" if one.reached else tag("strong", "missed")
         body.append([*(text.replace(" .. ", " to ") for text in one.texts), outcome])
-    return table([*HEAD, ""], body, (1, 2, 3, 4))
+    return table([*TABLE_HEAD, ""], body, (1, 2, 3, 4))
 
 
 def _confusion(trial: Trial) -> Html:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pamid.base.errors import FileError
 from pamid.base.files import PAGE, make_folder, read_data, write_together
-from pamid.base.run_folder import FIGURES, Run
+from pamid.base.run_folder import FIGURES_FOLDER, Run
 from pamid.report.budget import ChannelErrors, errors_of, headline, worst_window
 from pamid.report.evidence import pulls_drawing, pulls_of, timeline_drawing, training_drawing
 from pamid.report.figures import (
@@ -98,7 +98,7 @@ def write_report(run_folder: Path, output: Path | None = None, pdf: Path | None 
     pictures = {drawing.name: render(drawing) for drawing in content.drawings}
     html = content.html_of(pictures)  # everything is drawn before anything is written
     paper = pdf_of(html, [*content.drawings, *content.stills]) if pdf is not None else b""
-    own = {f"{FIGURES}/{name}.png": name for name in FIGURE_NAMES}
+    own = {f"{FIGURES_FOLDER}/{name}.png": name for name in FIGURE_NAMES}
     drawn = [file for file, name in own.items() if name in pictures]
     beside = [one for one in (page, pdf) if one is not None]
     for one in beside:

@@ -21,7 +21,7 @@ from pamid_cli.demo import demo_text
 from small_cart import others, record_cart
 
 import pamid.diagnosis.diagnose as whole
-import pamid.trial.work as trial_work
+import pamid.trial.case_runs as trial_work
 from pamid.base.errors import PamidError
 from pamid.diagnosis.next_experiment import bench_of, sent_with
 from pamid.diagnosis.proposal import NEXT_FILES, Proposal, proposal_json

@@ -26,7 +26,7 @@ from pamid.diagnosis.diagnose import diagnose_into
 from pamid.model.registry import effects
 from pamid.parallel.dask_backend import Cluster, Patience, cluster
 from pamid.parallel.jobs import Failed, Work, WorkerPool
-from pamid.parallel.store import Store
+from pamid.parallel.result_store import Store
 
 distributed = pytest.importorskip("distributed", reason="needs pamid[cluster]")
 

@@ -21,7 +21,7 @@ import pytest
 from pamid.base.errors import DataError, PamidError
 from pamid.model.registry import effects, rig_named
 from pamid.parallel.jobs import ATTEMPTS, Failed, Threads, Work, WorkerPool, run_jobs
-from pamid.parallel.store import Store, digest, plain
+from pamid.parallel.result_store import Store, digest, plain
 
 KEY = "ab" * 32
 RESULT = {
@@ -174,8 +174,8 @@ def test_a_digest_sees_every_part() -> None:
 
 def test_a_digest_is_the_same_in_every_process() -> None:
     code = (
-        "from pamid.model.registry import effects, rig_named; from pamid.parallel.store import "
-        "digest; import numpy as np;"
+        "from pamid.model.registry import effects, rig_named; "
+        "from pamid.parallel.result_store import digest; import numpy as np;"
         "print(digest(rig_named('one-dof'), sorted(effects().items()), {'b', 'a', 'c'}, "
         "np.arange(3.0)))"
     )

@@ -31,13 +31,13 @@ from pamid.estimation.fit_model import fit_model
 from pamid.model.effect import Effect
 from pamid.model.registry import catalogue_rig, effects
 from pamid.parallel.jobs import Failed, Work, WorkerPool, fault_text
-from pamid.parallel.store import Plain
+from pamid.parallel.result_store import Plain
 from pamid.recording.recording import TIME, Recording, read_recording, write_recording
 from pamid.simulation.data_split import Evidence, Span, gather
 from pamid.trial.cases import Case, cases_sha256, draw_cases
+from pamid.trial.joint_plant import PERIOD_S
 from pamid.trial.machines import ONE_DOF, Machine, Record, machine_named
-from pamid.trial.plant import PERIOD_S
-from pamid.trial.score import score
+from pamid.trial.scoring import score_cases
 
 Array = NDArray[np.float64]
 # of a diagnosis, against one with a single fault, about
@@ -62,7 +62,7 @@ def run_trial(
 
     A case whose result is in the folder already is not run again.
     """
-    cases = chosen(part, count, seed, rig=rig, only=only)
+    cases = cases_of(part, count, seed, rig=rig, only=only)
     labels = [c.label() for c in cases]
     digest = cases_sha256(cases)
     sweep(folder / "cases")
@@ -79,7 +79,7 @@ def run_trial(
     )
     results = run_cases(cases, folder, pool, done=done)
     found = {
-        **score(labels, results, part=part, seed=seed).as_json(),
+        **score_cases(labels, results, part=part, seed=seed).as_json(),
         "rig": rig,
         "cases_sha256": digest,
         "failures": {str(r["case"]): r["failed"]["message"] for r in results if r["failed"]},
@@ -89,7 +89,7 @@ def run_trial(
     return found
 
 
-def chosen(part: str, count: int, seed: int, *, rig: str = ONE_DOF, only: str = "") -> list[Case]:
+def cases_of(part: str, count: int, seed: int, *, rig: str = ONE_DOF, only: str = "") -> list[Case]:
     """The cases of a trial, or those of them that are of one stratum."""
     return [c for c in draw_cases(part, count, seed, rig) if only in ("", c.stratum)]
 
@@ -108,8 +108,8 @@ def run_cases(
     made = {c.number: r for c in cases if (r := finished(c, folder)) is not None}
     todo = [c for c in cases if c.number not in made]
     if pool.executor is None and pool.jobs > 1 and len(todo) > 1:
-        Bench.of(todo[0]).run({})  # compiles the machine: the processes inherit it
-    for i, result in pool.finished(Examining(), todo):
+        CaseMachine.of(todo[0]).run({})  # compiles the machine: the processes inherit it
+    for i, result in pool.finished(CaseWork(), todo):
         c = todo[i]
         if isinstance(result, Failed):
             result = _result(c, failed=PamidError(result.why, code="killed").as_dict())
@@ -140,7 +140,7 @@ def finished(case: Case, folder: Path) -> dict[str, Any] | None:
 
 
 @dataclass(frozen=True)
-class Examining(Work[Case, dict[str, Any]]):
+class CaseWork(Work[Case, dict[str, Any]]):
     """A case worked through; an error is a result, too."""
 
     what = "case"
@@ -182,7 +182,7 @@ def _path(case: Case, folder: Path) -> Path:
 def examine(case: Case, place: Path) -> dict[str, Any]:
     """diagnosis, CPU seconds it took, visibility (None where nothing is planted) and, of two
     faults, that of the less visible one beside the other, shrinkage predicted and achieved."""
-    bench = Bench.of(case)
+    bench = CaseMachine.of(case)
     recorded = _written(case, bench.run(case.planted), place / "recording.csv")
     catalogue = {k: v for k, v in effects().items() if k not in case.removed}
     begun = time.process_time()
@@ -224,7 +224,7 @@ def diagnosed(
 
 
 @dataclass(frozen=True)
-class Bench:
+class CaseMachine:
     """The machine of one case. seeds: excitation and noise of its recording, and those of the fresh
     one."""
 
@@ -234,7 +234,7 @@ class Bench:
     seeds: tuple[int, ...]
 
     @classmethod
-    def of(cls, case: Case) -> Bench:
+    def of(cls, case: Case) -> CaseMachine:
         random, machine = np.random.default_rng(case.seed), machine_named(case.rig)
         seeds = tuple(int(s) for s in random.integers(2**31, size=4))
         return cls(case, machine, machine.build(random, case.conditions), seeds)

@@ -20,7 +20,7 @@ from pamid.base.metrics import FloatArray
 from pamid.base.units import NONE, Dimension, from_si, quantity_of, suffixes_for, unit
 
 STANDARD_ATMOSPHERE_KPA = 101.325
-PRESSURE = unit("Pa").dimension
+PRESSURE_DIMENSION = unit("Pa").dimension
 _BASES = ("kilogram", "meter", "second", "ampere", "kelvin", "radian")
 
 _DEFINITIONS = """
@@ -157,7 +157,7 @@ def read_unit(text: str) -> SourceUnit:
             marked = _measured(
                 text, match["unit"].strip(), "gauge" if match["gauge"] else "absolute"
             )
-            if marked.dimension == PRESSURE:
+            if marked.dimension == PRESSURE_DIMENSION:
                 return marked
     return _measured(text, bare, "")
 
