@@ -118,7 +118,7 @@ def command(
     from pamid.base.errors import UsageError
     from pamid.base.json_file import write_json
     from pamid.trial.calibration import calibrated_from
-    from pamid.trial.case_runs import run_trial
+    from pamid.trial.case_runs import CaseSelection, run_trial
     from pamid.trial.figure_table import trial_text
 
     if calibrate is not None and part != "calibration":
@@ -144,12 +144,8 @@ def command(
             with ProgressBar("trial") as progress:
                 found = run_trial(
                     output,
-                    part,
-                    cases,
-                    seed,
+                    CaseSelection(part, cases, seed, rig, only or ""),
                     pool,
-                    rig=rig,
-                    only=only or "",
                     done=lambda i, n: progress.update(i, f"{i} of {n} cases"),
                 )
         except BaseException as error:
@@ -183,17 +179,17 @@ def _share(
 ) -> frame.Result:
     """Work through every COUNT-th case from the I-th on; labels and score are left to the command
     without --index."""
-    from pamid.trial.case_runs import cases_of, failed_jobs, run_cases
+    from pamid.trial.case_runs import CaseSelection, failed_jobs, run_cases
 
     _joined(output, fixed, options)
     number, count = share
-    every_case = cases_of(
+    every_case = CaseSelection(
         fixed["part"],
         options["cases"],
         fixed["seed"],
-        rig=fixed.get("rig", "one-dof"),
-        only=options["only"] or "",
-    )
+        fixed.get("rig", "one-dof"),
+        options["only"] or "",
+    ).draw()
     cases = every_case[number - 1 :: count]
     with ProgressBar("trial", len(cases)) as progress:
         results = run_cases(cases, output, pool, done=lambda i, n: progress.update(i, "cases"))

@@ -1,9 +1,23 @@
 """What one channel tells about its own measurement: clipped, frozen, filled in, spiked, coarse,
 noisy, or dead.
 
-Two kinds of channel are told apart. Where white sensor noise shows, an exact repeat is an accident
-whose chance is known. Where it does not (a coarse step, a noise-free simulation), a plateau is
+There are two kinds of channel. Where white sensor noise of deviation sigma shows, an exact repeat
+is an accident: two readings fall on the same step q with probability q/(2 sqrt(pi) sigma), so that
+a run of n repeats by chance becomes rarer than CHANCE from n = 1 + log(CHANCE)/log(that) on
+(`shortest_repeat`). Where no noise shows (a coarse step, a noise-free simulation), a plateau is
 natural, and only a motion that stops or goes on with a jump counts.
+
+    finding   statistic and threshold
+    clipped   run at the extreme value: longer than chance, at least SHORTEST_CLIP samples; without
+              noise, a corner sharper than CORNER_STEPS steps and CORNER_SPAN of the span, twice
+    frozen    run of repeats while others move: twice as long as chance, at least SHORTEST_FREEZE;
+              without noise, one that ends with a step JUMP times the largest one nearby
+    bridged   second differences below 0.02 sigma over SHORTEST_LINE samples
+    spikes    one or two samples beyond both neighbours by SPIKE_NOISE sigma, SPIKE_SPAN of the
+              span and SPIKE_BEND times the 98 % quantile of second differences
+    dead      standard deviation below ONLY_NOISE sigma, or a span of one step
+    coarse    step above COARSE_STEP of the span
+    noisy     sigma above NOISY of the standard deviation and twice what the sensor is known for
 """
 
 from __future__ import annotations

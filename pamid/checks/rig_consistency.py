@@ -1,10 +1,20 @@
 """What a recording claims that its rig contradicts: columns exchanged, signs turned, units
 mistaken, channels late.
 
-The judge is the data sheet's model run on the recorded commands. It is off by a lot, but not in its
-signs: shapes are compared (correlation, block by block without level and trend), never sizes,
-except for units, where a factor of 6 and more is needed. Two like channels are told apart by their
-difference, whose sign an exchange turns.
+The recording is compared with the data sheet's model, run on the recorded commands. That model is
+off by a lot, but not in its signs: shapes are compared (correlation, block by block without level
+and trend), never sizes, except for units, where a factor of 6 and more is needed. Two like channels
+are distinguished by their difference, whose sign an exchange turns.
+
+    finding            statistic and threshold
+    sign, exchanged    a correlation below CONTRARY, and a change that raises the sum of all
+                       correlations by CORRELATION_GAIN
+    unit               least-squares gain sum(y m)/sum(m^2) of a channel beyond WRONG_UNIT and
+                       within NEAR_UNIT of the ratio of two units, correlation above
+                       COMPARABLE_CORRELATION
+    absolute-pressure  median of y - m within ATMOSPHERE_RANGE_PA
+    delay              lag of the largest cross-correlation of the rates, at least LATE_SAMPLES and
+                       LATE_S, that raises the correlation by LAG_GAIN
 """
 
 from __future__ import annotations

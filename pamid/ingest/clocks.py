@@ -33,7 +33,7 @@ _TIME_UNITS = ("ns", "us", "ms", "s", "min")
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class SampledColumn:
     """A channel as a column of the recording: values (n,) in the column's unit at the rows of its
     clock, NaN where the log has none."""
 
@@ -48,7 +48,7 @@ class Group:
     name: str
     stamps: FloatArray
     of_rows: bool
-    courses: list[Course]
+    sampled: list[SampledColumn]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ class Clock:
     rows that stay."""
 
     name: str
-    courses: tuple[Course, ...]  # values at the rows that stay
+    sampled: tuple[SampledColumn, ...]  # values at the rows that stay
     rows: Rows
     found: StampDiagnosis | None  # None: events, whose stamps are taken as they are
     cure: Cure
@@ -123,12 +123,12 @@ def _by_stamps(
                 code="rows",
             )
         _require_sane(channel, log)
-        course = Course(
+        course = SampledColumn(
             signal, _in_column(channel.values, signal, mapping.atmosphere.pressure_kpa * 1e3)
         )
         for group in groups:
             if group.of_rows == of_rows and np.array_equal(group.stamps, stamps, equal_nan=True):
-                group.courses.append(course)
+                group.sampled.append(course)
                 break
         else:
             name = mapping.time.source or "rows" if of_rows else f"stamps of {channel.name}"
@@ -199,17 +199,17 @@ def _clock(
     place, wanted = f"{log.path}: {group.name}", repair or mapping.time.repair
     if (
         not group.of_rows
-        and all(c.signal.hold for c in group.courses)
+        and all(c.signal.hold for c in group.sampled)
         and not _regular(group.stamps)
     ):
         return _events(group, place)
     rows = usable_rows(
-        group.stamps, [c.values for c in group.courses], place, tolerant=wanted == "late-stamps"
+        group.stamps, [c.values for c in group.sampled], place, tolerant=wanted == "late-stamps"
     )
-    kept = tuple(replace(c, values=c.values[rows.keep]) for c in group.courses)
+    staying = tuple(replace(c, values=c.values[rows.keep]) for c in group.sampled)
     try:
         found = diagnose_stamps(
-            rows, {c.signal.column: c.values for c in kept if not c.signal.hold}
+            rows, {c.signal.column: c.values for c in staying if not c.signal.hold}
         )
     except DataError as error:
         raise DataError(f"{place}: {error.message}", error.hint, code=error.code) from None
@@ -226,7 +226,7 @@ def _clock(
     cure, notes = _choose(found, wanted, rows, place)
     return Clock(
         group.name,
-        kept,
+        staying,
         rows,
         found,
         cure,
@@ -251,15 +251,15 @@ def _events(group: Group, place: str) -> Clock:
         raise DataError(f"{place}: no value has a stamp.", code="too-short")
     last = np.append(np.diff(stamps[keep]) > 0.0, True)
     keep = keep[last]
-    kept = tuple(
+    latest = tuple(
         replace(c, values=c.values[keep], signal=replace(c.signal, events=True))
-        for c in group.courses
+        for c in group.sampled
     )
     times = stamps[keep]
     rows = Rows(keep, times, (0,), False, ())
     step = float(np.median(np.diff(times))) if times.size > 1 else math.inf
     return Clock(
-        group.name, kept, rows, None, "none", TimeBase(times, (slice(0, times.size),), step)
+        group.name, latest, rows, None, "none", TimeBase(times, (slice(0, times.size),), step)
     )
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from pamid.base.errors import DataError, FileError
 from pamid.base.metrics import FloatArray
 from pamid.ingest.channels import Log
-from pamid.ingest.clocks import Clock, Course, channel_of, clocks_of
+from pamid.ingest.clocks import Clock, SampledColumn, channel_of, clocks_of
 from pamid.ingest.mapping import Mapping, settle, unknown_to
 from pamid.ingest.resampling import COARSER, hold, smooth
 from pamid.ingest.time_base import GAP_PERIODS
@@ -31,7 +31,7 @@ class ColumnPieces:
     """A column between its gaps: (instants in s, values) of each piece, without the empty cells."""
 
     clock: Clock
-    course: Course
+    course: SampledColumn
     pieces: list[tuple[FloatArray, FloatArray]]
 
     def coarser(self, step: float) -> bool:
@@ -95,7 +95,7 @@ def convert(
             clock, course, _pieces(clock, course, mapping.time.max_gap_s)
         )
         for clock in clocks
-        for course in clock.courses
+        for course in clock.sampled
     }
     tracks = {column: tracks[column] for column in mapping.signals}
     made, short = [], 0
@@ -141,7 +141,7 @@ def _lead(clocks: Sequence[Clock]) -> Clock:
         )
     return max(
         sampled,
-        key=lambda c: (any(one.signal.hold for one in c.courses), len(c.courses), -c.base.period),
+        key=lambda c: (any(one.signal.hold for one in c.sampled), len(c.sampled), -c.base.period),
     )
 
 
@@ -170,7 +170,7 @@ def round_period(measured: float) -> float:
 
 
 def _pieces(
-    clock: Clock, course: Course, max_gap: float | None
+    clock: Clock, course: SampledColumn, max_gap: float | None
 ) -> list[tuple[FloatArray, FloatArray]]:
     made = []
     for piece in clock.base.pieces:

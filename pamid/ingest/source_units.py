@@ -1,8 +1,8 @@
 """Units of raw logs, read by pint and brought to the units of pamid's columns.
 
-The registry is pamid's own: an angle is a dimension, so that rad/s and 1/s are never taken for each
-other; gauge and absolute pressure are told apart by a mark ("barg", "kPa(a)", "psia"); a word that
-means one thing in one laboratory and another in the next is refused with advice.
+The registry is pamid's own. An angle is a dimension, so that rad/s and 1/s are never taken for each
+other; gauge and absolute pressure are distinguished by a mark ("barg", "kPa(a)", "psia"); a word
+that means one thing in one laboratory and another in the next is refused with advice.
 """
 
 from __future__ import annotations

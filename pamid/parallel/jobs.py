@@ -81,17 +81,17 @@ class Executor(Protocol):
 
 @dataclass(eq=False)
 class WorkerPool:
-    """Who does the jobs of a run, and where their results are kept.
+    """Who does the jobs of a run, and where their results are stored.
 
-    jobs: processes on this machine; executor: others who do them instead (a cluster); worked, kept:
-    how many were worked out, and found in the store; failed: those that came to nothing.
+    jobs: processes on this machine; executor: others who do them instead (a cluster); worked:
+    how many were computed; from_store: how many were found there; failed: those without a result.
     """
 
     jobs: int = 1
     store: Store | None = None
     executor: Executor | None = None
     worked: int = 0
-    kept: int = 0
+    from_store: int = 0
     failed: list[Failed] = field(default_factory=list)
 
     @property
@@ -101,8 +101,8 @@ class WorkerPool:
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many jobs were worked out, found in the store, and failed."""
-        return {"worked": self.worked, "kept": self.kept, "failed": len(self.failed)}
+        """How many jobs were computed, found in the store, and failed."""
+        return {"worked": self.worked, "kept": self.from_store, "failed": len(self.failed)}
 
     def run(
         self, work: Work[T, R], items: Iterable[T], progress: Progress = silent
@@ -123,7 +123,7 @@ class WorkerPool:
         return [results[i] for i in range(len(todo))]
 
     def finished(self, work: Work[T, R], items: Sequence[T]) -> Iterator[tuple[int, R | Failed]]:
-        """(number of the item, result) as they come, those that are kept first."""
+        """(number of the item, result) as they come, those from the store first."""
         keys = self._keys(work, items)
         todo = []
         for i in sorted(range(len(items)), key=lambda i: -work.cost(items[i])):
@@ -131,7 +131,7 @@ class WorkerPool:
             if found is None:
                 todo.append(i)
             else:
-                self.kept += 1
+                self.from_store += 1
                 yield i, work.restored(items[i], found)
         for k, done in self._executor()(work, [items[i] for i in todo]) if todo else ():
             i = todo[k]
@@ -139,7 +139,7 @@ class WorkerPool:
                 self.failed.append(done)
                 yield i, done
             else:
-                self._keep(keys, i, work.label(items[i]), done)
+                self._store_result(keys, i, work.label(items[i]), done)
                 yield i, work.restored(items[i], done)
 
     def one(self, work: Work[T, R], item: T) -> R:
@@ -149,18 +149,18 @@ class WorkerPool:
         if found is None:
             with threadpool_limits(limits=1, user_api="blas"):
                 found = plain(work(item))
-            self._keep(keys, 0, work.label(item), found)
+            self._store_result(keys, 0, work.label(item), found)
         else:
-            self.kept += 1
+            self.from_store += 1
         return work.restored(item, found)
 
-    def _keep(self, keys: list[str], i: int, label: str, found: Plain) -> None:
+    def _store_result(self, keys: list[str], i: int, label: str, found: Plain) -> None:
         self.worked += 1
         if self.store:
             self.store.put(keys[i], label, found)
 
     def _keys(self, work: Work[T, R], items: Sequence[T]) -> list[str]:
-        """The items' keys; none where nothing is kept."""
+        """The items' keys; none where nothing is stored."""
         ground = digest(code_sha256(), work) if self.store else ""
         return [digest(ground, item) for item in items] if self.store else []
 
@@ -241,12 +241,12 @@ class Processes:
                     worker = idle.popleft() if idle else _WorkerProcess.begun(work, items, workers)
                     i = todo.popleft()
                     worker.ask(i)
-                    busy[worker.line] = worker, i
-                for line in wait(list(busy)):
-                    assert isinstance(line, Connection)
-                    worker, i = busy.pop(line)
+                    busy[worker.connection] = worker, i
+                for connection in wait(list(busy)):
+                    assert isinstance(connection, Connection)
+                    worker, i = busy.pop(connection)
                     try:
-                        found = line.recv()
+                        found = connection.recv()
                     except (EOFError, OSError):
                         attempts[i] += 1
                         reason = worker.end()
@@ -276,7 +276,7 @@ class Processes:
 class _WorkerProcess:
     """A process that works out the items whose numbers it is sent."""
 
-    line: Connection
+    connection: Connection
     process: Any
 
     @classmethod
@@ -287,7 +287,7 @@ class _WorkerProcess:
         ours, theirs = context.Pipe()
         # it inherits our ends of all lines: were they left open there, none would end if this
         # process died
-        inherited = [ours, *(worker.line for worker in workers)]
+        inherited = [ours, *(worker.connection for worker in workers)]
         process = context.Process(target=_serve, args=(theirs, inherited, work, items), daemon=True)
         # a signal that comes before the child is ready for it would end it with the parent's answer
         # to it
@@ -304,18 +304,18 @@ class _WorkerProcess:
     def ask(self, number: int) -> None:
         # it has died: the line says so when it is listened to
         with contextlib.suppress(OSError):
-            self.line.send(number)
+            self.connection.send(number)
 
     def end(self) -> str:
         """Wait for the end of a process that has died or was asked to end; says how it ended."""
         self.process.join(5.0)
-        self.line.close()
+        self.connection.close()
         code = self.process.exitcode
         return f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
 
 
 def _serve(
-    line: Connection, inherited: list[Connection], work: Work[T, Any], items: Sequence[T]
+    connection: Connection, inherited: list[Connection], work: Work[T, Any], items: Sequence[T]
 ) -> None:
     # Ctrl-C reaches every process of a terminal; the first one decides
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -325,7 +325,7 @@ def _serve(
         other.close()
     with threadpool_limits(limits=1, user_api="blas"), contextlib.suppress(EOFError, OSError):
         while True:
-            line.send(result_or_failure(work, items[line.recv()]))
+            connection.send(result_or_failure(work, items[connection.recv()]))
 
 
 def run_jobs(work: Callable[[T], R], items: Iterable[T], *, jobs: int = 1) -> list[R]:

@@ -46,23 +46,34 @@ Done = Callable[[int, int], None]
 CASE_SCHEMA, LABELS_SCHEMA = "pamid.trial-case/1", "pamid.trial-labels/1"
 
 
+@dataclass(frozen=True)
+class CaseSelection:
+    """Which cases a trial has: so many of a part, drawn from a seed for a rig; of these only those
+    of one stratum, where one is named."""
+
+    part: str
+    count: int
+    seed: int
+    rig: str = ONE_DOF
+    only: str = ""
+
+    def draw(self) -> list[Case]:
+        drawn = draw_cases(self.part, self.count, self.seed, self.rig)
+        return [c for c in drawn if self.only in ("", c.stratum)]
+
+
 def run_trial(
     folder: Path,
-    part: str,
-    count: int,
-    seed: int,
+    selection: CaseSelection,
     pool: WorkerPool,
     *,
-    rig: str = ONE_DOF,
-    only: str = "",
     done: Done = lambda finished, total: None,
 ) -> dict[str, Any]:
-    """Draw, run and score the cases (only: of this stratum); writes labels.json, cases/ and
-    trial.json, returns it.
+    """Draw, run and score the cases; writes labels.json, cases/ and trial.json, returns it.
 
     A case whose result is in the folder already is not run again.
     """
-    cases = cases_of(part, count, seed, rig=rig, only=only)
+    cases = selection.draw()
     labels = [c.label() for c in cases]
     digest = cases_sha256(cases)
     sweep(folder / "cases")
@@ -70,28 +81,23 @@ def run_trial(
         folder / "labels.json",
         {
             "schema": LABELS_SCHEMA,
-            "rig": rig,
-            "part": part,
-            "seed": seed,
+            "rig": selection.rig,
+            "part": selection.part,
+            "seed": selection.seed,
             "cases_sha256": digest,
             "cases": labels,
         },
     )
     results = run_cases(cases, folder, pool, done=done)
     found = {
-        **score_cases(labels, results, part=part, seed=seed).as_json(),
-        "rig": rig,
+        **score_cases(labels, results, part=selection.part, seed=selection.seed).as_json(),
+        "rig": selection.rig,
         "cases_sha256": digest,
         "failures": {str(r["case"]): r["failed"]["message"] for r in results if r["failed"]},
         "failed_jobs": failed_jobs(results),
     }
     write_json(folder / "trial.json", found)
     return found
-
-
-def cases_of(part: str, count: int, seed: int, *, rig: str = ONE_DOF, only: str = "") -> list[Case]:
-    """The cases of a trial, or those of them that are of one stratum."""
-    return [c for c in draw_cases(part, count, seed, rig) if only in ("", c.stratum)]
 
 
 def run_cases(
@@ -135,8 +141,8 @@ def failed_jobs(results: Sequence[dict[str, Any]]) -> list[dict[str, str]]:
 def finished(case: Case, folder: Path) -> dict[str, Any] | None:
     """The result in the folder, if it is of this very case and the case did not fail."""
     path = _path(case, folder)
-    kept = read_json(path) if path.exists() else {}
-    return kept if kept.get("sha256") == case.sha256 and not kept["failed"] else None
+    stored = read_json(path) if path.exists() else {}
+    return stored if stored.get("sha256") == case.sha256 and not stored["failed"] else None
 
 
 @dataclass(frozen=True)

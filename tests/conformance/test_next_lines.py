@@ -462,10 +462,8 @@ def test_after_a_share_of_a_trial(
     """The cases themselves are left out."""
     drawn: list[tuple[Any, ...]] = []
 
-    def scored(
-        output: Path, part: str, cases: int, seed: int, *_: Any, rig: str, only: str, **__: Any
-    ) -> None:
-        drawn.append((part, cases, seed, rig, only))
+    def scored(output: Path, chosen: trial_work.CaseSelection, *_: Any, **__: Any) -> None:
+        drawn.append((chosen.part, chosen.count, chosen.seed, chosen.rig, chosen.only))
         raise PamidError("taken", exit_code=TAKEN)
 
     monkeypatch.setattr(trial_work, "run_cases", lambda *_, **__: [])

@@ -130,7 +130,7 @@ def test_a_worker_killed_in_the_middle_changes_no_bit(
     assert pool.failed == [] and json.loads(alone["diagnosis.json"])["verdict"] == "explained"
     resumed = WorkerPool(2, store=Store(tmp_path / "jobs"))
     assert diagnosed(tmp_path / "again", recording, resumed) == alone
-    assert resumed.worked == 0 and resumed.kept == pool.worked, (
+    assert resumed.worked == 0 and resumed.from_store == pool.worked, (
         "found by the cluster, used by this machine"
     )
 

@@ -501,6 +501,7 @@ def test_all_files_or_none(
 def test_what_a_killed_ingest_left_is_swept_by_the_next(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    prepare()
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
     left, busy, link = (

@@ -132,7 +132,7 @@ class _Loud:
 @dataclass(frozen=True)
 class Thing:
     size: float
-    told: Any = field(default=None, compare=False)
+    watch: Any = field(default=None, compare=False)
 
 
 def test_a_digest_sees_every_part() -> None:
@@ -165,7 +165,7 @@ def test_a_digest_sees_every_part() -> None:
     ]
     digests = [digest(d) for d in different]
     assert len(set(digests)) == len(digests)
-    assert digest(Thing(1.0, told=3)) == digest(Thing(1.0, progress=print)), (
+    assert digest(Thing(1.0, watch=3)) == digest(Thing(1.0, watch=print)), (
         "what does not change the result"
     )
     assert digest(a, a) == digest(a.copy(), a) != digest(a)
@@ -262,7 +262,7 @@ def test_a_job_that_fails_costs_only_itself(jobs: int) -> None:
     assert (
         isinstance(wrong, Failed)
         and "ValueError" in wrong.why
-        and "test_results.py, line" in wrong.why
+        and "test_store_and_jobs.py, line" in wrong.why
     )
     assert short == Failed("root of -2.0", "too short") and sorted(
         f.job for f in pool.failed

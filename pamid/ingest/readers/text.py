@@ -106,9 +106,9 @@ def _whole_rows(
     """The rows that have all their cells, and how many; a row cut short and lines of text at the
     end are dropped and said."""
     if any("\n" + mark in text for mark in COMMENT):
-        kept = [line for line in text.split("\n") if not line.startswith(tuple(COMMENT))]
-        gathering.note(f"{text.count(chr(10)) + 1 - len(kept)} lines of comment are left out")
-        text = "\n".join(kept)
+        lines = [line for line in text.split("\n") if not line.startswith(tuple(COMMENT))]
+        gathering.note(f"{text.count(chr(10)) + 1 - len(lines)} lines of comment are left out")
+        text = "\n".join(lines)
     ended = text.endswith("\n")
     body = (text if ended else text + "\n").encode()
     widths, ends = _widths(body, dialect.delimiter)
