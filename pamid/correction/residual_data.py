@@ -50,11 +50,8 @@ class Segment:
 @dataclass(frozen=True, eq=False)
 class ResidualData:
     """channel: its column; model: a key of MODELS; columns: residual.csv by name; modelled: the
-    model's column.
-
-    inputs: the columns a network is given; washout: rows at the start of every stretch that are not
-    scored.
-    """
+    model's column; inputs: the columns a network is given; washout: rows at the start of every
+    segment that are not scored."""
 
     channel: str
     model: str
@@ -82,10 +79,8 @@ class ResidualData:
 def read_residual_data(
     folder: Path, channel: str | None = None, inputs: Sequence[str] = (), *, replay: bool = False
 ) -> ResidualData:
-    """Lay out `channel` (default angle_deg, else the first one) of a run for a network with these
-    inputs.
-
-    replay: the model on recorded commands, though there be one in its own loop.
+    """`channel` (default angle_deg, else the first one) of a run, for a network with these inputs.
+    replay: the model on recorded commands, also where there is one in its own loop.
 
     FileError where the run holds no residual or a damaged one, UsageError for a channel or input it
     does not have, DataError where a part is missing or nothing varies.
