@@ -43,7 +43,7 @@ def _patient() -> Iterator[None]:
     waits = {"distributed.comm.timeouts.connect": "20s", "distributed.comm.timeouts.tcp": "900s"}
     fewer = {"distributed.worker.daemon": True, "distributed.scheduler.allowed-failures": 1}
     with pytest.MonkeyPatch.context() as patch, dask.config.set({**fewer, **waits}):
-        patch.setattr("pamid.parallel.dask_backend.USUAL", LONG)
+        patch.setattr("pamid.parallel.dask_backend.DEFAULT_PATIENCE", LONG)
         yield
 
 
