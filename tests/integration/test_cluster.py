@@ -103,7 +103,7 @@ def diagnosed(
     """Files of a diagnosis."""
     run = Run.create(folder, command="test", seed=0)
     diagnose_into(
-        run, cart_evidence(recording), {k: effects()[k] for k in FEW}, pool=pool, told=told
+        run, cart_evidence(recording), {k: effects()[k] for k in FEW}, pool=pool, progress=told
     )
     return {
         name: (folder / name).read_bytes()
