@@ -46,9 +46,9 @@ import numpy as np
 from numpy.typing import NDArray
 from peers.environment import CACHE, python_with
 
-from pamid.correction.force_law import check_force_law, force_law
+from pamid.correction.trained_force_law import check_force_law, force_law_of
 from pamid.networks.anfis import Anfis
-from pamid.networks.store import TrainedNetwork, train_on_signals
+from pamid.networks.trained_network import TrainedNetwork, train_on_signals
 from pamid.networks.training import train
 from pamid.symbolic.vocabulary import expression
 
@@ -174,7 +174,7 @@ def pulled(network: TrainedNetwork, table: Array) -> Array:
     slack."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # told by `force_map` below
-        law = force_law(network, strict=False)
+        law = force_law_of(network, strict=False)
     return np.array(
         [max(0.0, float(law(expression(e), expression(1e3 * p)))) for e, p, *_ in table]
     )

@@ -17,9 +17,9 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from pamid.networks.elman import Elman
-from pamid.networks.store import train_on_signals
-from pamid.networks.training import Step, Training
-from pamid.replications.joint import Plan, record_twin, residual_data_of
+from pamid.networks.trained_network import train_on_signals
+from pamid.networks.training import Training, TrainingStep
+from pamid.replications.joint_paper import JointPlan, record_twin, residual_data_of
 from pamid.replications.joint_twin import PERIOD_S, Twin
 
 STARTS = 4
@@ -34,11 +34,11 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder, threadpool_limits(1, "blas"):
-        one = residual_data_of(record_twin(Path(folder), Twin(), Plan(seed=options.seed)))
+        one = residual_data_of(record_twin(Path(folder), Twin(), JointPlan(seed=options.seed)))
         (own,) = one.of_part(0)
         begun = time.perf_counter()
 
-        def watch(step: Step, start: int) -> None:
+        def watch(step: TrainingStep, start: int) -> None:
             if time.perf_counter() - begun > options.seconds:
                 raise KeyboardInterrupt
 

@@ -34,7 +34,7 @@ from synthetic_run import make_run
 from test_report_page import LONG, PERIOD_S, long_residual
 
 from pamid.checks.recording_quality import examine
-from pamid.ingest.reading import read_log
+from pamid.ingest.log_reader import read_log
 from pamid.model.registry import rig_named
 from pamid.recording.recording import read_recording, write_recording
 from pamid.report.writing import write_report

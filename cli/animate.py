@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from . import frame
-from .progress import ProgressBar
+from .progress_bar import ProgressBar
 
 PLACE = 130
 EXAMPLE = """
@@ -66,7 +66,7 @@ def command(
     """
     from pamid.base.errors import FileError
     from pamid.base.files import make_folder, write_atomically
-    from pamid.base.run_folder import FIGURES, Run
+    from pamid.base.run_folder import FIGURES_FOLDER, Run
     from pamid.report.animation import RATE, gif_of, size_px
     from pamid.report.load import load_run
     from pamid.report.motion import motion_of, rig_of_run
@@ -82,7 +82,7 @@ def command(
     with ProgressBar("animate", motion.time.size) as progress:
         gif = gif_of(motion, size, lambda done, of: progress.update(done, "frames"))
     if output is None:
-        target = Run.open(run).path(f"{FIGURES}/motion.gif")
+        target = Run.open(run).path(f"{FIGURES_FOLDER}/motion.gif")
     else:
         target = output
         make_folder(target.parent)

@@ -83,7 +83,7 @@ def _text(
     about_files: list[str],
 ) -> str:
     lines = [
-        f"Settings: {path}" if path else f"There is no {settings.FILE} here or above.",
+        f"Settings: {path}" if path else f"There is no {settings.SETTINGS_FILE} here or above.",
         *about_files,
     ]
     for name, options in shown.items():

@@ -9,7 +9,7 @@ import click
 
 from . import frame
 from .hints import unused
-from .progress import ProgressBar
+from .progress_bar import ProgressBar
 from .terminal import quoted
 
 PLACE = 190

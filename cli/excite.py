@@ -37,7 +37,7 @@ _TAKEN_BY: dict[str, tuple[str, ...]] = {
 
 
 @dataclass(frozen=True)
-class Made:
+class PlannedExcitation:
     """Columns to send, what to note of them, what to say, the tables of the TOML beside them, and
     what to draw: the fields of a `report.excitation_figure.Shown` per column."""
 
@@ -48,7 +48,7 @@ class Made:
     shown: list[dict[str, Any]] = field(default_factory=list)
 
 
-def refuse_strangers(experiment: str, signal: str) -> None:
+def refuse_other_options(experiment: str, signal: str) -> None:
     """UsageError for an option on the command line that this experiment or signal does not take."""
     from pamid.base.errors import UsageError
 
@@ -71,7 +71,7 @@ def refuse_strangers(experiment: str, signal: str) -> None:
             )
 
 
-def make(request: dict[str, Any]) -> Made:
+def make(request: dict[str, Any]) -> PlannedExcitation:
     """What the options ask for."""
     return {"aprbs": _signals, "valve-pulses": _pulses, "gravity-test": _gravity}[
         request["experiment"]
@@ -81,7 +81,7 @@ def make(request: dict[str, Any]) -> Made:
 # ---- signals -----------------------------------------------------------------------------------
 
 
-def _signals(request: dict[str, Any]) -> Made:
+def _signals(request: dict[str, Any]) -> PlannedExcitation:
     from pamid.base.units import split_column
     from pamid.excitation.aprbs import coverage
     from pamid.excitation.waveforms import SETTINGS, draw, plan_for
@@ -139,7 +139,7 @@ def _signals(request: dict[str, Any]) -> Made:
     columns = {column: one.samples for column, one in sent.items()}
     held, meta = _valves_shut(request, columns) if signal == "torque-loops" else ({}, {})
     settings = {name: value for name, value in plan.settings.items() if name != "duration_s"}
-    return Made(
+    return PlannedExcitation(
         {**held, **columns},
         _about_signals(request, settings, each, columns, meta),
         said,
@@ -286,7 +286,7 @@ def _given(texts: tuple[str, ...]) -> dict[str, float]:
 # ---- tests of the muscles and of the links -----------------------------------------------------
 
 
-def _pulses(request: dict[str, Any]) -> Made:
+def _pulses(request: dict[str, Any]) -> PlannedExcitation:
     from pamid.base.errors import UsageError
     from pamid.model.registry import rig_named
     from pamid.rigs.muscle_experiments import PULSES_S, muscle_pulses
@@ -305,7 +305,7 @@ def _pulses(request: dict[str, Any]) -> Made:
         f"  A fit would hold out the last 30 %, with muscle {pulsed[-1]}: record "
         "another order for --held-out.",
     ]
-    return Made(
+    return PlannedExcitation(
         columns,
         _about(request, columns, {"muscles": pulsed, "level": request["level"]}),
         said,
@@ -313,7 +313,7 @@ def _pulses(request: dict[str, Any]) -> Made:
     )
 
 
-def _gravity(request: dict[str, Any]) -> Made:
+def _gravity(request: dict[str, Any]) -> PlannedExcitation:
     from pamid.base.errors import UsageError
     from pamid.excitation.experiments import nothing_sent
     from pamid.model.registry import rig_named
@@ -335,7 +335,9 @@ def _gravity(request: dict[str, Any]) -> Made:
         "  A fit would hold out the last 30 %, the end of the swing: record another release for "
         "--held-out.",
     ]
-    return Made(columns, _about(request, columns, {"known": known}), said, _meta(request, known))
+    return PlannedExcitation(
+        columns, _about(request, columns, {"known": known}), said, _meta(request, known)
+    )
 
 
 def _about(

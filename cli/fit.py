@@ -10,7 +10,7 @@ import click
 from . import frame
 from .job import cluster_option, failed_text, said_of
 from .options import no_check_option
-from .progress import ProgressBar
+from .progress_bar import ProgressBar
 from .terminal import quoted, warning
 
 PLACE = 50

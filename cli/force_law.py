@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from . import frame, names
-from .progress import ProgressBar
+from .progress_bar import ProgressBar
 from .terminal import aside, quoted
 
 PLACE = 70

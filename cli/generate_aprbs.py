@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from . import frame
-from .excite import Made, make, refuse_strangers
+from .excite import PlannedExcitation, make, refuse_other_options
 from .hints import unused, why_not_driven
 from .terminal import quoted
 
@@ -161,7 +161,7 @@ def command(
     from pamid.base.errors import FileError, UsageError
     from pamid.excitation.writers import format_of
 
-    refuse_strangers(request["experiment"], request["signal"])
+    refuse_other_options(request["experiment"], request["signal"])
     note, sidecar = output.with_suffix(".json"), output.with_suffix(".toml")
     if output in (note, sidecar):
         raise FileError(
@@ -186,7 +186,7 @@ def command(
 
 
 def _write(
-    output: Path, form: str, figure: Path | None, made: Made, request: dict[str, Any]
+    output: Path, form: str, figure: Path | None, made: PlannedExcitation, request: dict[str, Any]
 ) -> frame.Result:
     from pamid.excitation.writers import FORMATS, write_excitation
 
@@ -226,7 +226,7 @@ def _write(
     return frame.Result(about, "\n".join([*said, f"Next: {follow}"]))
 
 
-def _simulated(output: Path, made: Made, rig: str) -> str:
+def _simulated(output: Path, made: PlannedExcitation, rig: str) -> str:
     why = why_not_driven(rig, output, made.columns)
     if why:
         return f"send it to your rig; to simulate it, name one with --rig that takes it: {why}."

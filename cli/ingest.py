@@ -10,7 +10,7 @@ import click
 from . import frame
 from .hints import unused
 from .options import parse_known
-from .progress import ProgressBar
+from .progress_bar import ProgressBar
 from .terminal import aside, quoted
 
 if TYPE_CHECKING:
@@ -121,8 +121,8 @@ def _guess(
 ) -> frame.Result:
     from pamid.base.errors import FileError
     from pamid.base.files import write_atomically
-    from pamid.ingest.guess import guess_mapping
-    from pamid.ingest.reading import read_log
+    from pamid.ingest.guessed_mapping import guess_mapping
+    from pamid.ingest.log_reader import read_log
     from pamid.model.registry import rig_named
 
     if output is not None and output.exists() and not overwrite:
@@ -166,8 +166,8 @@ def _ingest(
     from pamid.base.errors import FileError
     from pamid.ingest.account import outputs_for, write_conversions
     from pamid.ingest.conversion import convert
+    from pamid.ingest.log_reader import read_log
     from pamid.ingest.mapping import load_mapping
-    from pamid.ingest.reading import read_log
 
     parsed = load_mapping(mapping, pressures)
     rig = _rig(rig_name or parsed.rig, bool(rig_name), mapping)

@@ -10,7 +10,7 @@ import click
 from click.core import ParameterSource
 
 from . import frame
-from .progress import ProgressBar
+from .progress_bar import ProgressBar
 
 PLACE = 90
 EXAMPLE = """
@@ -140,11 +140,11 @@ def _joint(
     from dataclasses import asdict
 
     from pamid.base.run_folder import Run
-    from pamid.replications.joint import Plan, reproduce
+    from pamid.replications.joint_paper import JointPlan, reproduce
 
-    plan = Plan(
-        seconds or (QUICK_S if quick else Plan.seconds),
-        iterations or (QUICK_ITERATIONS if quick else Plan.iterations),
+    plan = JointPlan(
+        seconds or (QUICK_S if quick else JointPlan.seconds),
+        iterations or (QUICK_ITERATIONS if quick else JointPlan.iterations),
         starts,
         seed,
         jobs,
@@ -268,9 +268,9 @@ def _arm(output: Path, overwrite: bool, seed: int, quick: bool) -> frame.Result:
     from dataclasses import asdict
 
     from pamid.base.run_folder import Run
-    from pamid.replications.arm import Plan, reproduce_arm
+    from pamid.replications.arm_paper import ArmPlan, reproduce_arm
 
-    plan = Plan.quickly(seed) if quick else Plan(seed=seed)
+    plan = ArmPlan.quickly(seed) if quick else ArmPlan(seed=seed)
     run = Run.create(
         output,
         command=frame.command_line(),

@@ -33,8 +33,8 @@ from click.core import ParameterSource
 from .names import OPTIONS, suggest
 from .table import COMMANDS, every_command
 
-FILE = "pamid.toml"
-SHARED = "defaults"
+SETTINGS_FILE = "pamid.toml"
+SHARED_TABLE = "defaults"
 ENVIRONMENT = "PAMID"
 _OURS = ("json", "debug", "help")
 _RISKY = ("cluster", "force", "overwrite")  # with paths of code; see above
@@ -70,7 +70,7 @@ def _found(folder: Path | None) -> Iterator[tuple[Path, str]]:
     except FileNotFoundError:  # somebody removed the working folder
         return
     for place in (here, *here.parents):
-        path = place / FILE
+        path = place / SETTINGS_FILE
         if path.is_file():
             yield path, _why_ignored(path, place == here)
 
@@ -109,14 +109,14 @@ def _read(path: Path, _stamp: int) -> dict[str, dict[str, Any]]:
     except FileError as error:
         raise SettingsError(error.message, error.hint) from error
     for name, table in tables.items():
-        if name not in (SHARED, *COMMANDS):
+        if name not in (SHARED_TABLE, *COMMANDS):
             raise SettingsError(
-                f"{path}: [{name}] is no command.", _nearest(name, (SHARED, *COMMANDS))
+                f"{path}: [{name}] is no command.", _nearest(name, (SHARED_TABLE, *COMMANDS))
             )
         if not isinstance(table, dict):
             raise SettingsError(
                 f"{path}: {name} stands outside a table.",
-                f"Write it below [{SHARED}] or a command.",
+                f"Write it below [{SHARED_TABLE}] or a command.",
             )
     return tables
 
@@ -128,16 +128,16 @@ def defaults_for(command: click.Command) -> dict[str, Any]:
     if path is None:
         return {}
     tables, options = read_settings(path), options_of(command)
-    _require_known(path, tables.get(SHARED, {}))
+    _require_known(path, tables.get(SHARED_TABLE, {}))
     own = tables.get(str(command.name), {})
     chosen: dict[str, Any] = {}
-    for table, entries in ((SHARED, tables.get(SHARED, {})), (command.name, own)):
+    for table, entries in ((SHARED_TABLE, tables.get(SHARED_TABLE, {})), (command.name, own)):
         for key, value in entries.items():
             if key in options:
                 checked = _checked(f"{path}: [{table}] {key}", command, options[key], value)
                 if not (is_risky(options[key], checked) and why_harmless_only(path)):
                     chosen[str(options[key].name)] = checked
-            elif table != SHARED:
+            elif table != SHARED_TABLE:
                 raise SettingsError(
                     f"{path}: [{table}] {key}: no such option.", _nearest(key, options)
                 )
@@ -154,7 +154,7 @@ def not_taken(context: click.Context) -> list[str]:
     tables, options = read_settings(path), options_of(command)
     return [
         f"{path}: [{table}] {key} is not taken, because {why}: say --{key} yourself."
-        for table in (SHARED, str(command.name))
+        for table in (SHARED_TABLE, str(command.name))
         for key, value in tables.get(table, {}).items()
         if key in options
         and is_risky(options[key], value)
@@ -203,7 +203,7 @@ def origin_of(context: click.Context, option: click.Option) -> str:
         path = settings_file()
         own = read_settings(path).get(str(context.command.name), {}) if path else {}
         name = max(option.opts, key=len).lstrip("-")
-        return f"{path} [{context.command.name if name in own else SHARED}]"
+        return f"{path} [{context.command.name if name in own else SHARED_TABLE}]"
     return "required" if option.required else "default"
 
 
@@ -226,7 +226,7 @@ def _require_known(path: Path, shared: Mapping[str, Any]) -> None:
     for key in shared:
         if key not in known:
             raise SettingsError(
-                f"{path}: [{SHARED}] {key}: no command has this option.", _nearest(key, known)
+                f"{path}: [{SHARED_TABLE}] {key}: no command has this option.", _nearest(key, known)
             )
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from . import frame, names
-from .progress import ProgressBar
+from .progress_bar import ProgressBar
 from .terminal import aside, quoted
 
 PLACE = 60
@@ -213,6 +213,6 @@ def errors_table(about: dict[str, Any]) -> list[str]:
 
 def network_words(kind: str, sizes: dict[str, Any]) -> str:
     """Kind and sizes as people write them: elman 5-10-1; anfis 5x5 = 25 rules."""
-    from pamid.networks.store import network_kinds
+    from pamid.networks.trained_network import network_kinds
 
     return network_kinds()[kind](**sizes).words()

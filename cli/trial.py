@@ -10,7 +10,7 @@ import click
 
 from . import frame, names
 from .job import cluster_option, failed_text
-from .progress import ProgressBar
+from .progress_bar import ProgressBar
 from .terminal import quoted
 
 if TYPE_CHECKING:
@@ -119,9 +119,9 @@ def command(
     from pamid.api.workers import worker_pool
     from pamid.base.errors import UsageError
     from pamid.base.json_file import write_json
-    from pamid.trial.calibrate import calibrated_from
-    from pamid.trial.table import trial_text
-    from pamid.trial.work import run_trial
+    from pamid.trial.calibration import calibrated_from
+    from pamid.trial.case_runs import CaseSelection, run_trial
+    from pamid.trial.figure_table import trial_text
 
     if calibrate is not None and part != "calibration":
         raise UsageError(
@@ -146,12 +146,8 @@ def command(
             with ProgressBar("trial") as progress:
                 found = run_trial(
                     output,
-                    part,
-                    cases,
-                    seed,
+                    CaseSelection(part, cases, seed, rig, only or ""),
                     pool,
-                    rig=rig,
-                    only=only or "",
                     done=lambda i, n: progress.update(i, f"{i} of {n} cases"),
                 )
         except BaseException as error:
@@ -185,17 +181,17 @@ def _share(
 ) -> frame.Result:
     """Work through every COUNT-th case from the I-th on; labels and score are left to the command
     without --index."""
-    from pamid.trial.work import chosen, failed_jobs, run_cases
+    from pamid.trial.case_runs import CaseSelection, failed_jobs, run_cases
 
     _joined(output, fixed, options)
     number, count = share
-    every_case = chosen(
+    every_case = CaseSelection(
         fixed["part"],
         options["cases"],
         fixed["seed"],
-        rig=fixed.get("rig", "one-dof"),
-        only=options["only"] or "",
-    )
+        fixed.get("rig", "one-dof"),
+        options["only"] or "",
+    ).draw()
     cases = every_case[number - 1 :: count]
     with ProgressBar("trial", len(cases)) as progress:
         results = run_cases(cases, output, pool, done=lambda i, n: progress.update(i, "cases"))

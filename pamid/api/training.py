@@ -20,8 +20,8 @@ from pamid.base.progress import Progress
 from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE, Run
 from pamid.correction.output_network import (
     CHECKPOINT_FILE,
+    NetworkChoice,
     TrainingOptions,
-    Wanted,
     train_correction,
     write_correction,
 )
@@ -33,8 +33,8 @@ from pamid.correction.port_network import (
 )
 from pamid.correction.residual_data import ResidualData, read_residual_data
 from pamid.model.rig import Rig
-from pamid.networks.store import NETWORK_FILE
-from pamid.networks.training import Step
+from pamid.networks.trained_network import NETWORK_FILE
+from pamid.networks.training import TrainingStep
 from pamid.report.load import RunData, load_run
 
 if TYPE_CHECKING:
@@ -156,7 +156,7 @@ def train_residual(
     """
     if evidence not in EVIDENCE:
         raise UsageError(f"evidence={evidence!r}: take {' or '.join(EVIDENCE)}.")
-    wanted = Wanted(network, sizes)
+    wanted = NetworkChoice(network, sizes)
     home = run._home if isinstance(run, FitResult) else RunHome(Path(run))
     named = rig_given(rig)
     if named is None and at != "output" and isinstance(run, FitResult):
@@ -226,8 +226,8 @@ def _trainer_at(folder: Path, at: str, rig: str | Rig | None) -> Trainer:
     return train
 
 
-def _steps(show: Progress, iterations: int, starts: int) -> Callable[[Step, int], None]:
-    def step_done(step: Step, start: int) -> None:
+def _steps(show: Progress, iterations: int, starts: int) -> Callable[[TrainingStep, int], None]:
+    def step_done(step: TrainingStep, start: int) -> None:
         which = f"start {start + 1} of {starts}, " if starts > 1 else ""
         show(
             f"{step.iteration}/{iterations} {which}MSE {step.mse:.4g}, gamma {step.gamma:.1f}, mu "

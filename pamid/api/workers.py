@@ -11,7 +11,7 @@ from pathlib import Path
 
 from pamid.base.run_folder import JOBS, Run
 from pamid.parallel.jobs import WorkerPool
-from pamid.parallel.store import Store
+from pamid.parallel.result_store import Store
 
 
 class RunHome:

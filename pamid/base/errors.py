@@ -78,12 +78,6 @@ class ConvergenceError(PamidError):
     default_code, default_exit_code = "convergence", 5
 
 
-class PartialError(PamidError):
-    """The result is written, but some of the jobs behind it failed."""
-
-    default_code, default_exit_code = "partial", 6
-
-
 def quoted(word: str | os.PathLike[str]) -> str:
     """A path or a name as it stands in a command that is to be copied into a shell: whatever it
     holds, it is one word, in one line, and no option. What cannot be seen is written out ($'...',

@@ -27,7 +27,7 @@ MIB = 1 << 20
 JSON = 64 * MIB  # run.json, fit.json, diagnosis.json, labels of a trial ...
 TOML = 1 * MIB  # beside a recording, a mapping, pamid.toml
 TABLE = 1024 * MIB  # a recording, residual.csv, a raw log that is text
-LINE = 1 * MIB  # of such a table
+LONGEST_LINE = 1 * MIB  # of such a table
 MAP = 64 * MIB  # a force map, a journal of jobs
 ARRAYS = 1024 * MIB  # npz: results of jobs, checkpoints
 WEIGHTS = 64 * MIB  # of a network
@@ -36,7 +36,7 @@ PAGE = 256 * MIB  # a report that a new one replaces
 LOG = 4096 * MIB  # any raw log; also the most of which a digest is taken
 
 #: what a killed process leaves of `temporary_of`
-LEFTOVER = re.compile(r"\..+\.([0-9]+)\.[0-9a-f]+\.tmp", re.DOTALL)
+TEMPORARY_NAME = re.compile(r"\..+\.([0-9]+)\.[0-9a-f]+\.tmp", re.DOTALL)
 _WORDS = (
     (stat.S_ISDIR, "a folder"),
     (stat.S_ISFIFO, "a pipe"),
@@ -89,11 +89,12 @@ def read_lines(
         open_data(path, most), encoding=encoding, errors=errors, newline=""
     ) as file:
         number = 0
-        while line := file.readline(LINE):
+        while line := file.readline(LONGEST_LINE):
             number += 1
-            if len(line) == LINE:
+            if len(line) == LONGEST_LINE:
                 raise FileError(
-                    f"{path}, line {number} is longer than {_size(LINE)}: this is no table.",
+                    f"{path}, line {number} is longer than {_size(LONGEST_LINE)}: "
+                    "this is no table.",
                     code="too-large",
                 )
             yield line
@@ -286,7 +287,7 @@ def _abandoned(folder: Path) -> list[Path]:
     """What lies in a folder under a temporary name whose process is no longer alive."""
     if folder.is_symlink():
         return []
-    named = [(item, LEFTOVER.fullmatch(item.name)) for item in folder.glob(".*.tmp")]
+    named = [(item, TEMPORARY_NAME.fullmatch(item.name)) for item in folder.glob(".*.tmp")]
     return [
         item
         for item, found in named

@@ -21,7 +21,7 @@ from typing import Any
 
 from pamid.base.errors import FileError
 from pamid.base.files import (
-    LEFTOVER,
+    TEMPORARY_NAME,
     is_inside,
     make_folder,
     refuse_write,
@@ -33,8 +33,8 @@ from pamid.base.json_file import json_text, read_json, write_json
 
 RUN_SCHEMA = "pamid.run/1"
 FIT_FILE, RESIDUAL_FILE = "fit.json", "residual.csv"
-FIGURES = "figures"
-# results of single jobs while a run goes on (pamid.parallel.store)
+FIGURES_FOLDER = "figures"
+# results of single jobs while a run goes on (pamid.parallel.result_store)
 JOBS, JOURNAL = "jobs", "journal.jsonl"
 _BEGINNING = re.compile(r"\.run\.json\.[0-9]+\.[0-9a-f]+\.tmp")
 _JOB = re.compile(r"[0-9a-f]{64}\.npz")
@@ -328,7 +328,7 @@ def remove_jobs(folder: Path) -> None:
     if folder.is_symlink():
         return
     for item in folder.glob("*"):
-        if _JOB.fullmatch(item.name) or LEFTOVER.fullmatch(item.name) or item.name == JOURNAL:
+        if _JOB.fullmatch(item.name) or TEMPORARY_NAME.fullmatch(item.name) or item.name == JOURNAL:
             remove_file(item)
     with contextlib.suppress(OSError):
         folder.rmdir()

@@ -194,21 +194,6 @@ def quantity_of(symbol: str) -> str:
     return unit(symbol).quantity
 
 
-def si_unit(symbol: str) -> str:
-    """The SI unit of the same dimension: "deg" -> "rad", "kPa" -> "Pa"."""
-    kind = unit(symbol)
-    if kind.factor == 1.0 and not kind.offset:
-        return kind.symbol
-    dimension = kind.dimension
-    for known, _ in _QUANTITIES:
-        if unit(known).dimension == dimension:
-            return known
-    above, below = _split_fraction(kind.symbol)
-    return _join_symbol(
-        [_si_atom(*factor) for factor in above], [_si_atom(*factor) for factor in below]
-    )
-
-
 def quotient(symbol: str, *below: str) -> str:
     """The symbol of one unit divided by others: ("N", "m/s") -> "N s/m", ("Pa/s", "Pa") ->
     "1/s"."""
@@ -232,18 +217,6 @@ def suffixes_for(symbol: str) -> tuple[str, ...]:
     """The single-word suffixes a column of the same quantity may carry: "deg" -> ("deg", "mrad",
     "rad")."""
     return tuple(sorted(atom.lower() for atom in _ATOMS if compatible(atom, symbol)))
-
-
-def _si_atom(atom: str, exponent: int) -> tuple[str, int]:
-    """The SI factor that stands for an atom: ("kPa", 1) -> ("Pa", 1), ("l", 1) -> ("m", 3)."""
-    if atom == "l":
-        return "m", 3 * exponent
-    same = (
-        other
-        for other, (factor, _, kind) in _ATOMS.items()
-        if factor == 1.0 and kind == _ATOMS[atom][2]
-    )
-    return next(same, atom), exponent
 
 
 def _quantity(dimension: Dimension, symbol: str) -> str:

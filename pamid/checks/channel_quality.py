@@ -1,9 +1,23 @@
 """What one channel tells about its own measurement: clipped, frozen, filled in, spiked, coarse,
 noisy, or dead.
 
-Two kinds of channel are told apart. Where white sensor noise shows, an exact repeat is an accident
-whose chance is known. Where it does not (a coarse step, a noise-free simulation), a plateau is
+There are two kinds of channel. Where white sensor noise of deviation sigma shows, an exact repeat
+is an accident: two readings fall on the same step q with probability q/(2 sqrt(pi) sigma), so that
+a run of n repeats by chance becomes rarer than CHANCE from n = 1 + log(CHANCE)/log(that) on
+(`shortest_repeat`). Where no noise shows (a coarse step, a noise-free simulation), a plateau is
 natural, and only a motion that stops or goes on with a jump counts.
+
+    finding   statistic and threshold
+    clipped   run at the extreme value: longer than chance, at least SHORTEST_CLIP samples; without
+              noise, a corner sharper than CORNER_STEPS steps and CORNER_SPAN of the span, twice
+    frozen    run of repeats while others move: twice as long as chance, at least SHORTEST_FREEZE;
+              without noise, one that ends with a step JUMP times the largest one nearby
+    bridged   second differences below 0.02 sigma over SHORTEST_LINE samples
+    spikes    one or two samples beyond both neighbours by SPIKE_NOISE sigma, SPIKE_SPAN of the
+              span and SPIKE_BEND times the 98 % quantile of second differences
+    dead      standard deviation below ONLY_NOISE sigma, or a span of one step
+    coarse    step above COARSE_STEP of the span
+    noisy     sigma above NOISY of the standard deviation and twice what the sensor is known for
 """
 
 from __future__ import annotations
@@ -33,12 +47,12 @@ CHANCE = 1e-4  # of a false alarm per channel, for what noise could do
 CORNER_STEPS, CORNER_SPAN = 12.0, 1e-3
 JUMP = 8.0  # over the largest step nearby: how a frozen channel goes on
 SPIKE_NOISE, SPIKE_SPAN, SPIKE_BEND = 12.0, 0.02, 4.0
-COARSE = 0.01  # of the span
+COARSE_STEP = 0.01  # of the span
 NOISY = 0.2  # of the standard deviation
 ONLY_NOISE = 1.5  # times the noise
 PLUGGED = "Is the sensor plugged in, and is it the right channel?"
 # of the runs are equally long: the channel is sampled more slowly and held
-HELD = 0.8
+HELD_SHARE = 0.8
 
 
 @dataclass(frozen=True)
@@ -68,7 +82,7 @@ class Issue:
 
 
 @dataclass(frozen=True, eq=False)
-class Signal:
+class CheckedSignal:
     """One column and what its noise is like; numbers in the column's unit.
 
     sent    commands and references: they may stand still, jump and sit at their limits
@@ -97,10 +111,10 @@ class Signal:
         return np.concatenate([[False], self.values[1:] == self.values[:-1]])
 
 
-def signal_of(name: str, time: FloatArray, values: FloatArray, sent: bool = False) -> Signal:
+def signal_of(name: str, time: FloatArray, values: FloatArray, sent: bool = False) -> CheckedSignal:
     """Measure step and noise of a column, shape (n,); all 0 where `measurable` is not."""
     if not measurable(values):
-        return Signal(name, time, values, sent, 0.0, 0.0, 0.0, False)
+        return CheckedSignal(name, time, values, sent, 0.0, 0.0, 0.0, False)
     span = float(np.ptp(values))
     step = 0.0 if sent else quantisation_step(values)
     noise = float(noise_level(values[:, None])[0]) if span > 0.0 else 0.0
@@ -111,7 +125,7 @@ def signal_of(name: str, time: FloatArray, values: FloatArray, sent: bool = Fals
     )
     noise = noise if noise > SHOWN * float(values.std()) else 0.0
     white = noise > max(step, last_digit) and is_white(values)
-    return Signal(name, time, values, sent, span, step, noise, white)
+    return CheckedSignal(name, time, values, sent, span, step, noise, white)
 
 
 def measurable(values: FloatArray) -> bool:
@@ -164,7 +178,7 @@ def covered(size: int, starts: Places, stops: Places) -> Mask:
 # ---- findings ----------------------------------------------------------------------------------
 
 
-def clipped(s: Signal) -> tuple[list[Issue], Mask]:
+def clipped(s: CheckedSignal) -> tuple[list[Issue], Mask]:
     """Stretches at the very extreme of a measured signal, and where they are."""
     found, where = [], np.zeros(s.values.size, dtype=bool)
     for sign, word in ((1.0, "highest"), (-1.0, "lowest")):
@@ -220,7 +234,7 @@ def _corner(z: FloatArray, start: int, stop: int) -> float:
     return float(max(before, behind) / 3.0 * min(stop - start, 20) / 2.0)
 
 
-def sampled_slowly(s: Signal) -> int:
+def sampled_slowly(s: CheckedSignal) -> int:
     """Every how many samples the channel really changes; 1 where it does so freely."""
     moved = np.flatnonzero(~s.still)
     lengths = np.diff(moved)
@@ -229,21 +243,27 @@ def sampled_slowly(s: Signal) -> int:
     usual = int(np.bincount(lengths).argmax())
     jumps = np.abs(np.diff(s.values[moved]))
     beyond_a_step = float(np.mean(jumps > 1.5 * s.step)) if s.step else 1.0
-    return usual if usual > 1 and np.mean(lengths == usual) >= HELD and beyond_a_step > 0.2 else 1
+    return (
+        usual
+        if usual > 1 and np.mean(lengths == usual) >= HELD_SHARE and beyond_a_step > 0.2
+        else 1
+    )
 
 
-def repeat_chance(s: Signal) -> float:
+def repeat_chance(s: CheckedSignal) -> float:
     """Chance that noise alone repeats a value: white noise of deviation sigma hits the same step
     again."""
     return min(1.0, max(0.2821 * s.step / s.noise, 1e-9)) if s.white else 1.0
 
 
-def shortest_repeat(s: Signal) -> float:
+def shortest_repeat(s: CheckedSignal) -> float:
     """Samples that must be equal before noise cannot have made them so; 1 where no noise shows."""
     return 1.0 + math.log(CHANCE) / math.log(repeat_chance(s)) if s.white else 1.0
 
 
-def frozen(s: Signal, aside: Mask, others: Sequence[Signal]) -> tuple[list[Issue], Mask]:
+def frozen(
+    s: CheckedSignal, aside: Mask, others: Sequence[CheckedSignal]
+) -> tuple[list[Issue], Mask]:
     """Stretches in which the channel stands exactly still while others move; aside: samples
     explained already."""
     starts, stops = runs_of(s.still & ~aside)
@@ -283,7 +303,7 @@ def frozen(s: Signal, aside: Mask, others: Sequence[Signal]) -> tuple[list[Issue
     ], at
 
 
-def _jumps_on(s: Signal, start: int, stop: int) -> bool:
+def _jumps_on(s: CheckedSignal, start: int, stop: int) -> bool:
     """Does the signal go on from a standstill with a step far larger than those around it?"""
     if stop >= s.values.size:
         return False
@@ -293,7 +313,7 @@ def _jumps_on(s: Signal, start: int, stop: int) -> bool:
     return bool(d[at] > JUMP * max(neighbour, 0.5 * s.step) and d[at] > 1e-3 * s.span)
 
 
-def bridged(s: Signal, aside: Mask) -> list[Issue]:
+def bridged(s: CheckedSignal, aside: Mask) -> list[Issue]:
     """Stretches on an exact straight line where noise should be: a gap that was interpolated."""
     if not s.white:
         return []
@@ -322,7 +342,7 @@ def bridged(s: Signal, aside: Mask) -> list[Issue]:
     ]
 
 
-def spikes(s: Signal) -> list[Issue]:
+def spikes(s: CheckedSignal) -> list[Issue]:
     """One or two samples that leap away and come back."""
     y = s.values
     bend = float(np.quantile(np.abs(np.diff(y, n=2)), 0.98))
@@ -361,11 +381,11 @@ def spikes(s: Signal) -> list[Issue]:
     ]
 
 
-def shows_only_noise(s: Signal) -> bool:
+def shows_only_noise(s: CheckedSignal) -> bool:
     return s.span <= 1.01 * s.step or s.white and float(s.values.std()) < ONLY_NOISE * s.noise
 
 
-def level_of(s: Signal, others_move: bool, usual_noise: float = 0.0) -> list[Issue]:
+def level_of(s: CheckedSignal, others_move: bool, usual_noise: float = 0.0) -> list[Issue]:
     """Dead, coarse or noisy throughout; usual_noise: what its sensor is known for, column's
     unit."""
     y, numbers = s.values, {"step": s.step, "noise": s.noise, "span": s.span}
@@ -379,7 +399,7 @@ def level_of(s: Signal, others_move: bool, usual_noise: float = 0.0) -> list[Iss
         return (
             [Issue("dead", (s.name,), "advice", said, PLUGGED, (), numbers)] if others_move else []
         )
-    if s.step > COARSE * float(high - low) > 0.0:
+    if s.step > COARSE_STEP * float(high - low) > 0.0:
         return [
             Issue(
                 "coarse",

@@ -36,9 +36,9 @@ Array = NDArray[np.float64]
 
 SAMPLES = 800
 # of the largest output: an effect at its null (a lag of 0 s leaves 1e-9 of a step)
-EXACT = 1e-8
+NULL_TOLERANCE = 1e-8
 SAME_SLOPE = 1e-3  # of the largest sensitivity of a channel
-VISIBLE = 1e-9  # of the largest output: an effect that changes less does nothing
+LEAST_EFFECT = 1e-9  # of the largest output: an effect that changes less does nothing
 # of the samples compared: differences across a corner of the equations say nothing about slopes
 QUANTILE = 0.97
 
@@ -58,7 +58,7 @@ class Finding:
         return not self.ok and not self.advice
 
 
-class Bench(Rig):
+class EveryPortRig(Rig):
     """A pump fills a vessel that pushes a sprung mass: one port of every kind, with the signals
     usual there."""
 
@@ -116,7 +116,7 @@ class Bench(Rig):
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class ExcitedRig:
     """An excited stretch of a rig, with an effect or without: everything a check needs to run it
     again."""
 
@@ -202,7 +202,7 @@ class Trial:
 def null_error(rig: Rig, attachment: Attachment, draws: int = 3, seed: int = 0) -> float:
     """Largest change of any output, as a share of its size, with the effect at its null, the rest
     of it random."""
-    trial = Trial(rig, attachment)
+    trial = ExcitedRig(rig, attachment)
     random = np.random.default_rng(seed)
     worst = 0.0
     for _ in range(draws):
@@ -220,7 +220,7 @@ def null_error(rig: Rig, attachment: Attachment, draws: int = 3, seed: int = 0) 
 
 def visible_change(rig: Rig, attachment: Attachment) -> float:
     """Largest change of any output, as a share of its size, by the effect at its typical size."""
-    trial = Trial(rig, attachment)
+    trial = ExcitedRig(rig, attachment)
     p = trial.assembly.values()
     step = trial.stepping(p)
     before = free_run(
@@ -233,7 +233,7 @@ def finite_everywhere(
     rig: Rig, attachment: Attachment | None = None, draws: int = 10, seed: int = 0
 ) -> list[str]:
     """Points of the bounds, in words, at which the outputs are not finite (empty: none found)."""
-    trial = Trial(rig, attachment, samples=SAMPLES // 2)
+    trial = ExcitedRig(rig, attachment, samples=SAMPLES // 2)
     random = np.random.default_rng(seed)
     found = []
     for draw in range(draws):
@@ -252,7 +252,7 @@ def finite_everywhere(
 def sensitivity_error(rig: Rig, attachment: Attachment | None = None, seed: int = 0) -> float:
     """Largest disagreement of exact sensitivities with central differences, relative to each
     channel's largest."""
-    trial = Trial(rig, attachment, samples=SAMPLES // 2, seed=seed)
+    trial = ExcitedRig(rig, attachment, samples=SAMPLES // 2, seed=seed)
     p = trial.assembly.values()
     for i, b in trial.own:
         # a little off the typical value: round numbers sit on corners (a delay of whole samples, a
@@ -284,7 +284,7 @@ def sensitivity_error(rig: Rig, attachment: Attachment | None = None, seed: int 
     return worst
 
 
-def _start_slopes(trial: Trial, p: Array) -> Array:
+def _start_slopes(trial: ExcitedRig, p: Array) -> Array:
     """Derivative of the start state by the parameters under test (states x parameters), which may
     set it."""
     slopes = []
@@ -306,7 +306,7 @@ def _scale(outputs: Array) -> Array:
 def rig_findings(rig: Rig, effects: Iterable[type[Effect]] = ()) -> list[Finding]:
     """Everything that can be said about a rig without a recording."""
     try:
-        trial = Trial(rig)
+        trial = ExcitedRig(rig)
         bad = finite_everywhere(rig)
     except PamidError as error:
         return [Finding("equations", False, str(error))]
@@ -356,7 +356,7 @@ def effect_findings(effect: type[Effect], rigs: Iterable[Rig]) -> list[Finding]:
     found = found or [
         Finding("data sheet", True, f"family {effect.family}, {len(effect.parameters)} parameters")
     ]
-    places = [(rig, a) for rig in (*rigs, Bench()) for a in attachments(rig, [effect])]
+    places = [(rig, a) for rig in (*rigs, EveryPortRig()) for a in attachments(rig, [effect])]
     if not places:
         needs = " or ".join((*effect.kinds, *effect.general_kinds)) + "".join(
             f", {s}" for s in effect.signals
@@ -378,9 +378,9 @@ def _behaviour(rig: Rig, attachment: Attachment) -> list[Finding]:
         found = [
             Finding(
                 "null",
-                off <= EXACT,
+                off <= NULL_TOLERANCE,
                 f"at its null it changes the outputs by {off:.2g} of their size "
-                f"(allowed {EXACT:g})",
+                f"(allowed {NULL_TOLERANCE:g})",
             )
         ]
         bad = finite_everywhere(rig, attachment)
@@ -393,7 +393,7 @@ def _behaviour(rig: Rig, attachment: Attachment) -> list[Finding]:
             found.append(
                 Finding(
                     "change",
-                    change > VISIBLE,
+                    change > LEAST_EFFECT,
                     f"at its typical size it changes the outputs by up to "
                     f"{change:.2g} of their size",
                     advice=True,

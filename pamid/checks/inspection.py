@@ -36,8 +36,8 @@ from pamid.recording.recording import (
 )
 from pamid.simulation.data_split import require_lesson
 
-SCHEMA = "pamid.check/1"
-STILL = 0.02  # of a column's range: what moves less is at rest
+CHECK_SCHEMA = "pamid.check/1"
+STILL_SHARE = 0.02  # of a column's range: what moves less is at rest
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ def inspect(
                 code="suffix",
             )
     wrong = [f for f in found if f.wrong]
-    said: dict[str, Any] = {"schema": SCHEMA, "file": str(path), **about, "ok": not wrong}
+    said: dict[str, Any] = {"schema": CHECK_SCHEMA, "file": str(path), **about, "ok": not wrong}
     if wrong:
         said |= {
             "code": "file",
@@ -159,7 +159,7 @@ def _column(recording: Recording, name: str) -> dict[str, Any]:
     size = float(np.abs(values).max()) or 1.0
     scaled = values / size
     low, high = float(scaled.min()), float(scaled.max())
-    moved = np.abs(scaled - scaled[0]) > STILL * (high - low)
+    moved = np.abs(scaled - scaled[0]) > STILL_SHARE * (high - low)
     first = int(np.argmax(moved)) if moved.any() else len(values)
     return {
         "unit": split_column(name)[1],

@@ -22,9 +22,9 @@ from pamid.base.units import quantity_of, split_column, to_si
 from pamid.checks.channel_quality import (
     CHANCE,
     PLUGGED,
+    CheckedSignal,
     Issue,
     Mask,
-    Signal,
     bridged,
     clipped,
     covered,
@@ -114,7 +114,7 @@ def _against(
     from pamid.checks import rig_consistency as quality_rig  # the engine is needed only here
     from pamid.checks import scale_slips as quality_scale  # the engine is needed only here
 
-    evidence = quality_rig.evidence_of(recording, rig)
+    evidence = quality_rig.compared_with_sheet(recording, rig)
     found = quality_scale.clock(recording, rig, evidence)
     if found:
         return found, {}
@@ -136,7 +136,7 @@ def channel_figures(recording: Recording, rig: Rig | None = None) -> dict[str, d
     }
 
 
-def signals_of(recording: Recording, rig: Rig | None = None) -> list[Signal]:
+def signals_of(recording: Recording, rig: Rig | None = None) -> list[CheckedSignal]:
     """Every column with its noise and step."""
     sent = _sent_columns(recording, rig)
     return [
@@ -160,7 +160,7 @@ def _sent_columns(recording: Recording, rig: Rig | None) -> set[str]:
     }
 
 
-def _levels(measured: Sequence[Signal], rig: Rig | None) -> list[Issue]:
+def _levels(measured: Sequence[CheckedSignal], rig: Rig | None) -> list[Issue]:
     """Dead, coarse and noisy channels; where most show nothing, the rig rests and no sensor is to
     blame."""
     moving = 2 * sum(shows_only_noise(s) for s in measured) < len(measured)
@@ -173,12 +173,14 @@ def _levels(measured: Sequence[Signal], rig: Rig | None) -> list[Issue]:
     ]
 
 
-def _moves(signal: Signal, signals: Sequence[Signal]) -> bool:
+def _moves(signal: CheckedSignal, signals: Sequence[CheckedSignal]) -> bool:
     """Does anything else move far above its noise?"""
     return any(s.span > 20.0 * max(s.noise, s.step, 1e-300) for s in signals if s is not signal)
 
 
-def _constant(recording: Recording, signals: Sequence[Signal], rig: Rig | None) -> list[Issue]:
+def _constant(
+    recording: Recording, signals: Sequence[CheckedSignal], rig: Rig | None
+) -> list[Issue]:
     spare = (
         set() if rig is None else {match_column(recording.columns, name) for name in rig.optional}
     )
@@ -203,7 +205,7 @@ def _constant(recording: Recording, signals: Sequence[Signal], rig: Rig | None) 
     return found
 
 
-def _held_and_clipped(measured: Sequence[Signal]) -> list[Issue]:
+def _held_and_clipped(measured: Sequence[CheckedSignal]) -> list[Issue]:
     """What makes samples stand still: a slow sensor, lost rows, a limit, a dead channel; then
     bridges and spikes."""
     found: list[Issue] = []
@@ -239,7 +241,7 @@ def _held_and_clipped(measured: Sequence[Signal]) -> list[Issue]:
     return found
 
 
-def _rows_held(signals: Sequence[Signal]) -> Mask:
+def _rows_held(signals: Sequence[CheckedSignal]) -> Mask:
     """Rows in which every measured channel repeats the row before, although it should not."""
     held = np.logical_and.reduce([s.still for s in signals])
     starts, stops = runs_of(held)
@@ -267,7 +269,7 @@ def _rows_held(signals: Sequence[Signal]) -> Mask:
     return covered(held.size, starts[moving], stops[moving])
 
 
-def _dropped(measured: Sequence[Signal], held: Mask) -> list[Issue]:
+def _dropped(measured: Sequence[CheckedSignal], held: Mask) -> list[Issue]:
     if not held.any():
         return []
     starts, stops = runs_of(held)
@@ -297,7 +299,7 @@ def _dropped(measured: Sequence[Signal], held: Mask) -> list[Issue]:
 # ---- pressures ---------------------------------------------------------------------------------
 
 
-def _pressures(measured: Sequence[Signal]) -> list[Issue]:
+def _pressures(measured: Sequence[CheckedSignal]) -> list[Issue]:
     """Pressures that cannot be what their name says: another unit, absolute instead of gauge, below
     the vacuum."""
     found = []
@@ -337,7 +339,7 @@ def _pressures(measured: Sequence[Signal]) -> list[Issue]:
     return found
 
 
-def _vented(s: Signal, y: FloatArray) -> list[Issue]:
+def _vented(s: CheckedSignal, y: FloatArray) -> list[Issue]:
     """A floor at one atmosphere, on which the pressure rests again and again."""
     floor = float(np.quantile(y, 0.002))
     near = max(2e3, 4.0 * float(to_si(s.noise, split_column(s.name)[1])))

@@ -1,10 +1,20 @@
 """What a recording claims that its rig contradicts: columns exchanged, signs turned, units
 mistaken, channels late.
 
-The judge is the data sheet's model run on the recorded commands. It is off by a lot, but not in its
-signs: shapes are compared (correlation, block by block without level and trend), never sizes,
-except for units, where a factor of 6 and more is needed. Two like channels are told apart by their
-difference, whose sign an exchange turns.
+The recording is compared with the data sheet's model, run on the recorded commands. That model is
+off by a lot, but not in its signs: shapes are compared (correlation, block by block without level
+and trend), never sizes, except for units, where a factor of 6 and more is needed. Two like channels
+are distinguished by their difference, whose sign an exchange turns.
+
+    finding            statistic and threshold
+    sign, exchanged    a correlation below CONTRARY, and a change that raises the sum of all
+                       correlations by CORRELATION_GAIN
+    unit               least-squares gain sum(y m)/sum(m^2) of a channel beyond WRONG_UNIT and
+                       within NEAR_UNIT of the ratio of two units, correlation above
+                       COMPARABLE_CORRELATION
+    absolute-pressure  median of y - m within ATMOSPHERE_RANGE_PA
+    delay              lag of the largest cross-correlation of the rates, at least LATE_SAMPLES and
+                       LATE_S, that raises the correlation by LAG_GAIN
 """
 
 from __future__ import annotations
@@ -35,22 +45,22 @@ from pamid.simulation.tracks import stated_noise
 
 Array = NDArray[np.float64]
 
-MOST_SAMPLES = 20000
-BLOCKS = 20
+MOST_COMPARED_SAMPLES = 20000
+CORRELATION_BLOCKS = 20
 CONTRARY = -0.5  # correlation below which a sign is looked at
-GAIN = 1.0  # by which the sum of all correlations must grow
-TELLING = 0.85  # correlation from which sizes and delays are compared
+CORRELATION_GAIN = 1.0  # by which the sum of all correlations must grow
+COMPARABLE_CORRELATION = 0.85  # correlation from which sizes and delays are compared
 WRONG_UNIT, NEAR_UNIT = 6.0, 1.7  # factors: surely another unit, and that unit
-ATMOSPHERE_PA = (80e3, 125e3)  # by which absolute pressures lie above gauge
+ATMOSPHERE_RANGE_PA = (80e3, 125e3)  # by which absolute pressures lie above gauge
 STIR = 2.0  # times its noise: what stirs less in the model, too, is at rest
 # samples: rates are compared, since they show more sharply when something happens
 RATE_OVER = 8
 LATE_SAMPLES, LATE_S, LONGEST_LAG_S = 3, 0.005, 0.4
-BETTER = 0.005  # by which a delay must raise the correlation
+LAG_GAIN = 0.005  # by which a delay must raise the correlation
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class SheetComparison:
     """A recording beside the data sheet's run on its commands; SI.
 
     names, inputs: the rig's outputs and inputs; y, u: as measured (samples x these); model: outputs
@@ -96,12 +106,12 @@ class Change:
 
     kind: str
     columns: tuple[str, ...]
-    after: Evidence
+    after: SheetComparison
 
 
 def contradictions(
-    recording: Recording, rig: Rig, evidence: Evidence | None
-) -> tuple[list[Issue], dict[str, set[str]], Evidence | None]:
+    recording: Recording, rig: Rig, evidence: SheetComparison | None
+) -> tuple[list[Issue], dict[str, set[str]], SheetComparison | None]:
     """Everything in which the recording contradicts the rig; which kinds of issue need not be
     guessed from the values alone, in which columns, since the rig can tell; and the evidence with
     all of it set right. Little where the rig cannot be run on it."""
@@ -112,11 +122,15 @@ def contradictions(
         change = _best_change(evidence)
         if change is None:
             break
-        found.append(_told(change, evidence, recording, rig))
+        found.append(_issue_of(change, evidence, recording, rig))
         evidence = change.after
     mended, units = _units(evidence, recording, rig)
     columns = recorded_as(mended.names, recording)
-    judged = {c for c, alike in zip(columns, mended.agreement()[0], strict=True) if alike > TELLING}
+    judged = {
+        c
+        for c, alike in zip(columns, mended.agreement()[0], strict=True)
+        if alike > COMPARABLE_CORRELATION
+    }
     noise = np.maximum(noise_level(mended.y), stated_noise(rig, mended.names))
     resting = {
         c
@@ -136,7 +150,7 @@ def contradictions(
     )
 
 
-def evidence_of(recording: Recording, rig: Rig) -> Evidence | None:
+def compared_with_sheet(recording: Recording, rig: Rig) -> SheetComparison | None:
     """The recording beside the data sheet's run; None where the rig cannot be run on it, which is
     said elsewhere."""
     try:
@@ -145,7 +159,7 @@ def evidence_of(recording: Recording, rig: Rig) -> Evidence | None:
         return None
 
 
-def _evidence(recording: Recording, rig: Rig) -> Evidence | None:
+def _evidence(recording: Recording, rig: Rig) -> SheetComparison | None:
     assembly = Assembly(rig)
     names = measured_outputs(assembly, recording)
     assembly = Assembly(rig, outputs=names)
@@ -158,8 +172,8 @@ def _evidence(recording: Recording, rig: Rig) -> Evidence | None:
         },
     )
     u, y = (
-        input_table(assembly, recording)[:MOST_SAMPLES],
-        output_table(names, recording)[:MOST_SAMPLES],
+        input_table(assembly, recording)[:MOST_COMPARED_SAMPLES],
+        output_table(names, recording)[:MOST_COMPARED_SAMPLES],
     )
     order = [assembly.program.outputs.index(n) for n in names]
     period = recording.sampling_period_s
@@ -174,13 +188,13 @@ def _evidence(recording: Recording, rig: Rig) -> Evidence | None:
 
     found = simulate(u)
     model = np.full_like(y, np.nan) if found is None else found
-    return Evidence(names, tuple(assembly.traced.inputs), y, u, model, simulate, assembly, p)
+    return SheetComparison(names, tuple(assembly.traced.inputs), y, u, model, simulate, assembly, p)
 
 
 # ---- signs and exchanges -----------------------------------------------------------------------
 
 
-def _best_change(evidence: Evidence) -> Change | None:
+def _best_change(evidence: SheetComparison) -> Change | None:
     """The one change that makes recording and model agree best, if something runs clearly against
     the model."""
     single, double = evidence.agreement()
@@ -191,10 +205,10 @@ def _best_change(evidence: Evidence) -> Change | None:
         (change.after.score - before, change) for change in _changes(evidence, single, double)
     ]
     gain, best = max(scored, key=lambda pair: pair[0], default=(0.0, None))
-    return best if best is not None and gain > GAIN else None
+    return best if best is not None and gain > CORRELATION_GAIN else None
 
 
-def _changes(e: Evidence, single: Array, double: Array) -> Iterator[Change]:
+def _changes(e: SheetComparison, single: Array, double: Array) -> Iterator[Change]:
     """Every sign turned and every two like columns exchanged that could be the matter; inputs come
     first, since one of them explains what else would take several outputs."""
     for j, name in enumerate(e.inputs):
@@ -219,13 +233,15 @@ def _changes(e: Evidence, single: Array, double: Array) -> Iterator[Change]:
             yield Change("sign", (name,), replace(e, y=turned))
 
 
-def _with_inputs(e: Evidence, kind: str, columns: tuple[str, ...], u: Array) -> Iterator[Change]:
+def _with_inputs(
+    e: SheetComparison, kind: str, columns: tuple[str, ...], u: Array
+) -> Iterator[Change]:
     model = e.simulate(u)
     if model is not None:
         yield Change(kind, columns, replace(e, u=u, model=model))
 
 
-def _told(change: Change, before: Evidence, recording: Recording, rig: Rig) -> Issue:
+def _issue_of(change: Change, before: SheetComparison, recording: Recording, rig: Rig) -> Issue:
     columns = recorded_as(change.columns, recording)
     numbers = {
         "agreement_as_recorded": before.score / _most(before),
@@ -263,14 +279,16 @@ def _told(change: Change, before: Evidence, recording: Recording, rig: Rig) -> I
     )
 
 
-def _most(e: Evidence) -> int:
+def _most(e: SheetComparison) -> int:
     return len(e.names) + len(e.pairs)
 
 
 # ---- units, pressures, delays ------------------------------------------------------------------
 
 
-def _units(e: Evidence, recording: Recording, rig: Rig) -> tuple[Evidence, list[Issue]]:
+def _units(
+    e: SheetComparison, recording: Recording, rig: Rig
+) -> tuple[SheetComparison, list[Issue]]:
     """Outputs whose size fits another unit of the same quantity, and the evidence with these set
     right."""
     y = e.y.copy()
@@ -279,9 +297,9 @@ def _units(e: Evidence, recording: Recording, rig: Rig) -> tuple[Evidence, list[
     for k, (ours, theirs) in enumerate(zip(shapes(e.y), shapes(e.model), strict=True)):
         symbol = split_column(columns[k])[1]
         gain = float((ours * theirs).sum() / max(float((theirs * theirs).sum()), 1e-300))
-        if _correlation(ours, theirs) < TELLING or abs(math.log(max(gain, 1e-12))) < math.log(
-            WRONG_UNIT
-        ):
+        if _correlation(ours, theirs) < COMPARABLE_CORRELATION or abs(
+            math.log(max(gain, 1e-12))
+        ) < math.log(WRONG_UNIT):
             continue
         for other in (split_column(f"signal_{suffix}")[1] for suffix in suffixes_for(symbol)):
             # values in the other unit look this much too large
@@ -331,15 +349,15 @@ def _percent(recording: Recording, rig: Rig) -> list[Issue]:
     return found
 
 
-def _offsets(e: Evidence, recording: Recording, rig: Rig) -> list[Issue]:
+def _offsets(e: SheetComparison, recording: Recording, rig: Rig) -> list[Issue]:
     """Pressures that lie one atmosphere above the data sheet's."""
     lifted: dict[str, float] = {}
     for k, (ours, theirs) in enumerate(zip(shapes(e.y), shapes(e.model), strict=True)):
         above = float(np.median(e.y[:, k] - e.model[:, k]))
         if (
             rig.outputs[e.names[k]] == "Pa"
-            and _correlation(ours, theirs) > TELLING
-            and ATMOSPHERE_PA[0] < above < ATMOSPHERE_PA[1]
+            and _correlation(ours, theirs) > COMPARABLE_CORRELATION
+            and ATMOSPHERE_RANGE_PA[0] < above < ATMOSPHERE_RANGE_PA[1]
         ):
             lifted[recorded_as((e.names[k],), recording)[0]] = above
     if not lifted:
@@ -362,7 +380,7 @@ def _offsets(e: Evidence, recording: Recording, rig: Rig) -> list[Issue]:
     ]
 
 
-def _delays(e: Evidence, recording: Recording, rig: Rig) -> list[Issue]:
+def _delays(e: SheetComparison, recording: Recording, rig: Rig) -> list[Issue]:
     """Channels that answer earlier or later than the data sheet's model."""
     period = recording.sampling_period_s
     late: dict[int, list[str]] = {}
@@ -371,8 +389,8 @@ def _delays(e: Evidence, recording: Recording, rig: Rig) -> list[Issue]:
         if (
             abs(lag) >= LATE_SAMPLES
             and abs(lag) * period >= LATE_S
-            and shifted > TELLING
-            and shifted - at_once > max(BETTER, 0.5 * (1.0 - shifted))
+            and shifted > COMPARABLE_CORRELATION
+            and shifted - at_once > max(LAG_GAIN, 0.5 * (1.0 - shifted))
         ):
             late.setdefault(lag, []).append(name)
     found = []
@@ -407,7 +425,7 @@ def _delays(e: Evidence, recording: Recording, rig: Rig) -> list[Issue]:
 
 def shapes(table: Array) -> Array:
     """Every column block by block, without level and trend: (columns, blocks, samples)."""
-    size = max(50, len(table) // BLOCKS)
+    size = max(50, len(table) // CORRELATION_BLOCKS)
     size = min(size, len(table))
     blocks = table[: len(table) // size * size].T.reshape(table.shape[1], -1, size)
     slope = np.linspace(-1.0, 1.0, size)

@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 
 from pamid.base.units import NONE, from_si, split_column
 from pamid.checks.channel_quality import PLUGGED, Issue
-from pamid.checks.rig_consistency import Evidence, recorded_as, shapes
+from pamid.checks.rig_consistency import SheetComparison, recorded_as, shapes
 from pamid.model.rig import Rig
 from pamid.recording.noise import noise_level
 from pamid.recording.recording import Recording
 
 Array = NDArray[np.float64]
 
-FAR = 20.0  # times the period that a rig states: not its clock
+FAR_CLOCK = 20.0  # times the period that a rig states: not its clock
 CLOCKS = {
     1e-3: "milliseconds: divide them by 1000",
     1e-6: "microseconds: divide them by 1e6",
@@ -34,15 +34,18 @@ CLOCKS = {
     3600.0: "hours: multiply them by 3600",
 }
 # factor to which a clock is recognised by the period alone: prefixes, other units
-NEAR = {True: 20.0, False: 3.0}
+NEAR_CLOCK = {True: 20.0, False: 3.0}
 # error with a slip set right: of that of a run that rests, and of the error before
-MENDED, BETTER = 0.9, 0.3
+MENDED_OF_REST, MENDED_OF_BEFORE = 0.9, 0.3
 LIVELY = 20.0  # times its noise and print: what moves so much in the model is no rest
 POWERS = (1, 2, 3, 4, 5, 6)
-LEAST, MOST = 1e-3, 1e12  # errors, of the signal's motion, that are told apart
-SLIPS = 3  # told at most
+LEAST_ERROR, MOST_ERROR = (
+    1e-3,
+    1e12,
+)  # errors, as shares of the signal's motion, are held within these
+MOST_SLIPS = 3  # named in one finding
 LEAST_MOTION = 2.0  # times its noise: a channel that shows something
-TRIED = 4000  # samples on which they are looked for
+MOST_TRIED_SAMPLES = 4000  # samples on which they are looked for
 
 
 @dataclass(frozen=True)
@@ -66,10 +69,10 @@ def errors(y: Array, model: Array | None) -> Array:
     """Per channel: how far the model is off, over how much the signal moves (both without level and
     trend)."""
     if model is None or not np.isfinite(model).all():
-        return np.full(y.shape[1], MOST)
+        return np.full(y.shape[1], MOST_ERROR)
     ours, theirs = shapes(y), shapes(model)
     size, off = (np.sqrt((z * z).sum(axis=(1, 2))) for z in (ours, ours - theirs))
-    return np.clip(off / np.maximum(size, 1e-300), LEAST, MOST)
+    return np.clip(off / np.maximum(size, 1e-300), LEAST_ERROR, MOST_ERROR)
 
 
 def size_of(error: Array) -> float:
@@ -92,7 +95,7 @@ def stated_period(rig: Rig) -> float | None:
     )
 
 
-def clock(recording: Recording, rig: Rig, evidence: Evidence | None) -> list[Issue]:
+def clock(recording: Recording, rig: Rig, evidence: SheetComparison | None) -> list[Issue]:
     """Stamps that are no seconds: far from the period that the rig states; where it states none,
     those with which the data sheet's run comes far nearer to what was measured once they are
     divided by a thousand and so on."""
@@ -100,11 +103,11 @@ def clock(recording: Recording, rig: Rig, evidence: Evidence | None) -> list[Iss
     counted = period == 1.0 and bool(np.all(recording.time == np.round(recording.time)))
     if usual is not None:
         ratio = period / usual
-        if 1.0 / FAR < ratio < FAR:
+        if 1.0 / FAR_CLOCK < ratio < FAR_CLOCK:
             return []
         said = f"where rig {rig.name!r} is sampled every {usual:g} s"
         near = min(CLOCKS, key=lambda c: abs(np.log(ratio * c)))
-        wide = NEAR[near < 1.0]
+        wide = NEAR_CLOCK[near < 1.0]
         looks = CLOCKS[near] if 1.0 / wide < ratio * near < wide else ""
         if counted and not 0.5 < ratio * near < 2.0:
             looks = "a count of samples: multiply them by the period"
@@ -128,20 +131,20 @@ def clock(recording: Recording, rig: Rig, evidence: Evidence | None) -> list[Iss
     ]
 
 
-def _better_clock(e: Evidence) -> float | None:
+def _better_clock(e: SheetComparison) -> float | None:
     """What the stamps are to be multiplied by; None where they may well be seconds."""
     before = size_of(errors(e.y, e.model))
-    if before < MENDED:
+    if before < MENDED_OF_REST:
         return None
     after = {c: size_of(errors(e.y, e.simulate(e.u, clock=c))) for c in CLOCKS}
     best = min(after, key=lambda c: after[c])
-    return best if after[best] < min(MENDED, BETTER * before) else None
+    return best if after[best] < min(MENDED_OF_REST, MENDED_OF_BEFORE * before) else None
 
 
 # ---- sensors -----------------------------------------------------------------------------------
 
 
-def unplugged(recording: Recording, rig: Rig, e: Evidence) -> list[Issue]:
+def unplugged(recording: Recording, rig: Rig, e: SheetComparison) -> list[Issue]:
     """Sensors that show one number throughout while another one moves, and should move
     themselves."""
     still = np.ptp(e.y, axis=0) == 0.0
@@ -175,7 +178,7 @@ def unplugged(recording: Recording, rig: Rig, e: Evidence) -> list[Issue]:
 # ---- parameters and columns --------------------------------------------------------------------
 
 
-def slips(e: Evidence, recording: Recording) -> list[Slip]:
+def slips(e: SheetComparison, recording: Recording) -> list[Slip]:
     """What, multiplied by a power of ten, of either sign, takes away most of the error where the
     data sheet's run misses by more than the signal moves; the best first, those that are as good
     beside it. Empty where nothing does, or nothing is so far off.
@@ -183,7 +186,12 @@ def slips(e: Evidence, recording: Recording) -> list[Slip]:
     A run that rests would miss by little more than the motion, too: a slip has to be better than
     that.
     """
-    e = replace(e, y=e.y[:TRIED], u=e.u[:TRIED], model=e.model[:TRIED])
+    e = replace(
+        e,
+        y=e.y[:MOST_TRIED_SAMPLES],
+        u=e.u[:MOST_TRIED_SAMPLES],
+        model=e.model[:MOST_TRIED_SAMPLES],
+    )
     bad = _missed(e)
     if not bad.any():
         return []
@@ -192,14 +200,14 @@ def slips(e: Evidence, recording: Recording) -> list[Slip]:
     for kind, name, factor, y, model in _tries(e, recording):
         after = _misses(y, model)[:, bad]
         share = float((after / np.minimum(before, silent)).max(axis=1).min())
-        small = bool((after < BETTER * before).all(axis=1).any())
-        if share < MENDED and small and (name not in found or share < found[name].left):
+        small = bool((after < MENDED_OF_BEFORE * before).all(axis=1).any())
+        if share < MENDED_OF_REST and small and (name not in found or share < found[name].left):
             found[name] = Slip(kind, name, factor, share)
     ranked = sorted(found.values(), key=lambda s: s.left)
-    return [s for s in ranked if s.left < 1.5 * ranked[0].left][:SLIPS]
+    return [s for s in ranked if s.left < 1.5 * ranked[0].left][:MOST_SLIPS]
 
 
-def _missed(e: Evidence) -> NDArray[np.bool_]:
+def _missed(e: SheetComparison) -> NDArray[np.bool_]:
     """Channels that the data sheet's run misses by more than they move, where they move beyond
     their noise."""
     return np.asarray(
@@ -211,13 +219,13 @@ def _misses(y: Array, model: Array | None) -> Array:
     """Errors of every channel (measures x channels), over how much it moves: of the shapes, and of
     the values."""
     if model is None or not np.isfinite(model).all():
-        return np.full((2, y.shape[1]), MOST)
+        return np.full((2, y.shape[1]), MOST_ERROR)
     plain = np.sqrt(((y - model) ** 2).mean(axis=0)) / np.maximum(y.std(axis=0), 1e-300)
-    return np.stack([errors(y, model), np.clip(plain, LEAST, MOST)])
+    return np.stack([errors(y, model), np.clip(plain, LEAST_ERROR, MOST_ERROR)])
 
 
 def _tries(
-    e: Evidence, recording: Recording
+    e: SheetComparison, recording: Recording
 ) -> Iterator[tuple[str, str, float, Array, Array | None]]:
     powers = [10.0**k for p in POWERS for k in (-p, p)]
     either = [-1.0, *powers, *(-f for f in powers)]
@@ -238,7 +246,7 @@ def _tries(
             yield "column", column, factor, changed, e.model
 
 
-def far_off(recording: Recording, rig: Rig, e: Evidence) -> list[Issue]:
+def far_off(recording: Recording, rig: Rig, e: SheetComparison) -> list[Issue]:
     """Where the data sheet's run misses by more than the signal moves, and what may be the slip."""
     error = errors(e.y, e.model)
     columns = recorded_as(e.names, recording)
@@ -247,7 +255,9 @@ def far_off(recording: Recording, rig: Rig, e: Evidence) -> list[Issue]:
     if not bad:
         return []
     most = float(error[bad[0]])
-    miss = "runs away" if most == MOST else f"misses by {most:.2g} times what the signal moves"
+    miss = (
+        "runs away" if most == MOST_ERROR else f"misses by {most:.2g} times what the signal moves"
+    )
     return [
         Issue(
             "far-off",

@@ -11,25 +11,25 @@ from pamid.base.files import write_together
 from pamid.base.json_file import json_bytes
 from pamid.base.metrics import rms
 from pamid.base.run_folder import Run
-from pamid.correction.force_law import ForceLaw
-from pamid.correction.force_map import COLUMNS, ForceMap, Judged, pulls
+from pamid.correction.force_map import COLUMNS, ForceMap, ValidatedMap, pulls
+from pamid.correction.trained_force_law import ForceLaw
 from pamid.model.registry import rigs
-from pamid.networks.store import NETWORK_FILE, WEIGHTS_FILE, network_files
+from pamid.networks.trained_network import NETWORK_FILE, WEIGHTS_FILE, network_files
 from pamid.report.force_map_figure import Side, force_map_picture
 from pamid.rigs.muscle import LAWS
 
-SCHEMA = "pamid.force-law/1"
+FORCE_LAW_SCHEMA = "pamid.force-law/1"
 LAW_FILE, RIG_FILE, FIGURE_FILE = "force-law.json", "rig.py", "figures/force-map.png"
 LEVELS, STEPS = 6, 61  # pressures and contractions of the curves in the picture
 
 
-def law_json(found: Judged, rig: str, strict: bool) -> dict[str, Any]:
+def law_json(found: ValidatedMap, rig: str, strict: bool) -> dict[str, Any]:
     """force-law.json: all forces in N, errors on points held out unless the key says otherwise."""
     points, network = found.map, found.trained.network
     off = found.by_point.anfis - points.force_n
     ranges = zip(COLUMNS, (points.contraction, points.pressure_kpa, points.force_n), strict=True)
     return {
-        "schema": SCHEMA,
+        "schema": FORCE_LAW_SCHEMA,
         "finding": found.finding,
         "advice": found.advice,
         "map": {
@@ -74,7 +74,7 @@ def law_json(found: Judged, rig: str, strict: bool) -> dict[str, Any]:
     }
 
 
-def write_law(run: Run, found: Judged, rig: str, strict: bool) -> dict[str, Any]:
+def write_law(run: Run, found: ValidatedMap, rig: str, strict: bool) -> dict[str, Any]:
     """Network, figures, picture and rig file into the run folder; returns what force-law.json
     holds."""
     about = law_json(found, rig, strict)
@@ -99,7 +99,7 @@ def rig_text(rig: str, strict: bool) -> str:
 
 from pathlib import Path
 
-from pamid.correction.force_law import force_law
+from pamid.correction.trained_force_law import force_law_of
 from {base.__module__} import {base.__name__}
 
 
@@ -110,11 +110,11 @@ class {base.__name__}Measured({base.__name__}):
 
     def __init__(self) -> None:
         super().__init__()
-        self.static_force = force_law(Path(__file__).parent, strict={strict})
+        self.static_force = force_law_of(Path(__file__).parent, strict={strict})
 '''  # noqa: E501
 
 
-def _picture(found: Judged) -> bytes:
+def _picture(found: ValidatedMap) -> bytes:
     points, best, scale = found.map, found.best, found.scale[found.best]
     pressures = np.unique(points.pressure_kpa)
     # at the lowest there is little to see

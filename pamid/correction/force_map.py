@@ -31,9 +31,9 @@ from pamid.base.files import MAP, read_lines
 from pamid.base.metrics import rms
 from pamid.base.progress import Progress, silent
 from pamid.base.units import compatible, from_si, split_column, to_si
-from pamid.correction.force_law import TOLERANCE, ForceLaw, check_force_law
+from pamid.correction.trained_force_law import TOLERANCE, ForceLaw, check_force_law
 from pamid.networks.anfis import Anfis
-from pamid.networks.store import TrainedNetwork, train_on_signals
+from pamid.networks.trained_network import TrainedNetwork, train_on_signals
 from pamid.recording.file_checks import check_range, explain_cells, read_header
 from pamid.recording.recording import match_column
 from pamid.rigs.muscle import LAWS, Law
@@ -44,7 +44,7 @@ Array = NDArray[np.float64]
 
 CONTRACTION, PRESSURE, FORCE = COLUMNS = ("contraction", "pressure_kpa", "force_n")
 SLACK = TOLERANCE  # of the largest force: readings up to it are those of a slack muscle
-ITERATIONS = 200
+MAP_ITERATIONS = 200
 # spacings of the contractions that are held out one at a time, of the map's range
 BANDS = 10
 _HEADER = f"The first line names the columns, separated by commas: {','.join(COLUMNS)}."
@@ -87,7 +87,7 @@ class HeldOut:
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class ValidatedMap:
     """The ANFIS trained on all points, what was predicted of points held out, and what the law's
     guard finds.
 
@@ -270,7 +270,7 @@ def judge(
     every: int = 3,
     seed: int = 0,
     progress: Progress = silent,
-) -> Judged:
+) -> ValidatedMap:
     """Train and judge on what is held out, then train on all points.
 
     DataError where the points are too few for the sets, or are not several contractions and
@@ -302,7 +302,7 @@ def judge(
     trained = _train(points, said, sets, seed)
     wrong_way, complaint = _guarded(trained)
     order = sorted(LAWS, key=lambda law: rms(points.force_n, by_point.scaled[law]))
-    return Judged(
+    return ValidatedMap(
         points,
         every,
         trained,
@@ -359,7 +359,7 @@ def _train(points: ForceMap, said: dict[str, Array], sets: int, seed: int) -> Tr
         taught,
         output_name=FORCE,
         period_s=1.0,
-        iterations=ITERATIONS,
+        iterations=MAP_ITERATIONS,
         seed=seed,
     )[0]
 

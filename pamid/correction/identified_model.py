@@ -28,7 +28,7 @@ from pamid.base.json_file import read_json
 from pamid.base.run_folder import FIT_FILE, Run
 from pamid.base.units import from_si, split_column, to_si
 from pamid.correction.port_network import ADDED, Entry, entered, entry_of
-from pamid.correction.residual_data import derived
+from pamid.correction.residual_data import REFIT_REMEDY, derived
 from pamid.engine.program import Program, Stepping, build_program
 from pamid.estimation.fit_model import loop_motion, loop_names
 from pamid.model.assembly import Assembly
@@ -37,7 +37,7 @@ from pamid.model.effect import Effect
 from pamid.model.registry import effects_again, name_of, rig_again
 from pamid.model.rig import Rig
 from pamid.model.trace import Traced, beside, fed, signals_of
-from pamid.networks.store import NETWORK_FILE, TrainedNetwork, load_network
+from pamid.networks.trained_network import NETWORK_FILE, TrainedNetwork, load_network
 from pamid.recording.recording import Recording
 from pamid.simulation.simulate import input_table, noisy_inputs, sensor_noise
 from pamid.simulation.virtual_rig import VirtualRecording, in_its_loop
@@ -48,11 +48,10 @@ from pamid.symbolic.vocabulary import Expr
 Array = NDArray[np.float64]
 
 WHICH = ("best", "cause", "network", "refitted")
-REMEDY = "Run `pamid fit` or `pamid diagnose` again."
 BESIDE = "uncorrected."
 GIVEN, MEMORY, VALUE = "network.given_", "network.memory", "network"
 PERIODS_AGREE = 0.01  # share by which an excitation's period may differ from the model's
-MOST_SUBSTEPS = 4096  # of a sample, in a file that is to be believed
+MOST_STORED_SUBSTEPS = 4096  # of a sample, in a file that is to be believed
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,9 +320,11 @@ def load_identified(
     record, path = Run.open(run_folder).record, run_folder / FIT_FILE
     fit = read_json(path)
     if not isinstance(fit, dict) or fit.get("schema") != "pamid.fit/1":
-        raise FileError(f"{path} is not a fit's.", REMEDY)
+        raise FileError(f"{path} is not a fit's.", REFIT_REMEDY)
     if "model" not in fit:
-        raise FileError(f"{path} does not hold its model.", f"An older version wrote it. {REMEDY}")
+        raise FileError(
+            f"{path} does not hold its model.", f"An older version wrote it. {REFIT_REMEDY}"
+        )
     has = {
         "cause": "cause" in fit,
         "network": (run_folder / NETWORK_FILE).exists(),
@@ -375,7 +376,9 @@ def _model(
     controllers = [one["controller"] for one in fit["recordings"] if one["loop"] == "closed"]
     controller = {str(k): float(v) for k, v in controllers[0].items()} if controllers else {}
     given = [*p, *periods, *controller.values()]
-    if not (np.isfinite(given).all() and periods[0] > 0.0 and 1 <= step.substeps <= MOST_SUBSTEPS):
+    if not (
+        np.isfinite(given).all() and periods[0] > 0.0 and 1 <= step.substeps <= MOST_STORED_SUBSTEPS
+    ):
         _refuse(path, "a number is out of range")
     return Identified(rig.name, assembly, p, periods[0], step, controller=controller)
 
@@ -439,4 +442,4 @@ def _sound(path: Path) -> Iterator[None]:
 
 
 def _refuse(path: Path, what: str) -> NoReturn:
-    raise FileError(f"{path} cannot be used: {what}.", REMEDY, code="damaged")
+    raise FileError(f"{path} cannot be used: {what}.", REFIT_REMEDY, code="damaged")

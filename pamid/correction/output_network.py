@@ -26,7 +26,7 @@ from pamid.base.run_folder import Run
 from pamid.correction.residual_data import MODELS, RESIDUAL_FILE, ResidualData, derived, split_table
 from pamid.networks.batch import engine_on
 from pamid.networks.network import Network
-from pamid.networks.store import (
+from pamid.networks.trained_network import (
     NETWORK_FILE,
     WEIGHTS_FILE,
     TrainedNetwork,
@@ -35,7 +35,7 @@ from pamid.networks.store import (
     trace_csv,
     train_on_signals,
 )
-from pamid.networks.training import Progress, Training
+from pamid.networks.training import StepProgress, Training
 
 Array = NDArray[np.float64]
 
@@ -45,7 +45,7 @@ STARTUP_S = 1.0
 
 
 @dataclass(frozen=True)
-class Wanted:
+class NetworkChoice:
     """The kind of network that is asked for; sizes that are not (or None) follow from its inputs.
 
     UsageError for an unknown kind, or a size of another kind.
@@ -103,7 +103,7 @@ class TrainingOptions(TypedDict, total=False):
     """How a network is trained: which one (default: Elman), where (cpu or a device that torch
     sees), and what goes to `networks.training.train`."""
 
-    wanted: Wanted
+    wanted: NetworkChoice
     device: str
     independent: bool
     iterations: int
@@ -112,7 +112,7 @@ class TrainingOptions(TypedDict, total=False):
     threads: int
     checkpoint: Path | None
     resume: bool
-    progress: Progress | None
+    progress: StepProgress | None
 
 
 def train_correction(residual: ResidualData, **options: Unpack[TrainingOptions]) -> Correction:
@@ -146,7 +146,7 @@ def train_network(
     """
     own = residual.of_part(0)
     scored = sum(s.rows.stop - s.rows.start - residual.washout for s in own)
-    network = options.pop("wanted", Wanted()).network(
+    network = options.pop("wanted", NetworkChoice()).network(
         len(residual.inputs), residual.period_s, scored
     )
     engine = engine_on(options.pop("device", "cpu"), network)

@@ -113,14 +113,14 @@ class PortCorrection:
     residual: ResidualData
     trained: TrainedNetwork
     training: Training
-    beside: Correction | None
+    at_output: Correction | None
     outputs: dict[str, Array]
     mae: dict[str, dict[str, float]]
     notes: tuple[str, ...]
 
     @property
     def interrupted(self) -> bool:
-        return self.training.why == "interrupted" or self.beside is None
+        return self.training.why == "interrupted" or self.at_output is None
 
 
 # ---- the model of a run ------------------------------------------------------------------------
@@ -328,9 +328,9 @@ def train_at_port(
     trained, training, values = train_network(
         residual, with_unit("missing", unit), target, **options
     )
-    beside = None
+    at_output = None
     if training.why != "interrupted":
-        beside = _at_output(residual, **options)
+        at_output = _at_output(residual, **options)
     stage("simulating with the network")
     runs = Corrected(model, entry, p).replayed(to_si(values, unit))
     outputs = {
@@ -351,9 +351,9 @@ def train_at_port(
         residual,
         trained,
         training,
-        beside,
+        at_output,
         outputs,
-        _compared(residual, outputs, beside),
+        _compared(residual, outputs, at_output),
         (*residual.notes, *notes),
     )
 
@@ -376,7 +376,7 @@ def _at_output(residual: ResidualData, **options: Unpack[TrainingOptions]) -> Co
 
 
 def _compared(
-    residual: ResidualData, outputs: dict[str, Array], beside: Correction | None
+    residual: ResidualData, outputs: dict[str, Array], at_output: Correction | None
 ) -> dict[str, dict[str, float]]:
     """Held-out MAE of every channel by the model and the corrected ones."""
     found = {}
@@ -385,8 +385,8 @@ def _compared(
             "refitted": residual.columns[derived(channel, "refitted")],
             "with_network": corrected,
         }
-        if beside is not None and channel == residual.channel:
-            models["with_output_network"] = residual.columns[residual.modelled] + beside.values
+        if at_output is not None and channel == residual.channel:
+            models["with_output_network"] = residual.columns[residual.modelled] + at_output.values
         found[channel] = held_out_mae(residual, channel, **models)
     return found
 

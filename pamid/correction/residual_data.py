@@ -28,18 +28,18 @@ from pamid.recording.file_checks import HUGE
 
 Array = NDArray[np.float64]
 
-KEYS = ("time_s", "recording", "part", "window")
+RESIDUAL_KEYS = ("time_s", "recording", "part", "window")
 MODELS = {
     "loop": "the refitted model in its own control loop",
     "replay": "the refitted model on recorded commands",
 }
 _BLANK = re.compile(r"(?<=,)(?=,)")
-_REMEDY = "Run `pamid fit` or `pamid diagnose` again."
+REFIT_REMEDY = "Run `pamid fit` or `pamid diagnose` again."
 _PERIODS_AGREE = 0.01  # share by which the sampling periods of the recordings may differ
 
 
 @dataclass(frozen=True)
-class Stretch:
+class Segment:
     """Successive rows of residual.csv that a network runs over from a zero state; part 0 is fitted,
     part 1 held out."""
 
@@ -50,18 +50,15 @@ class Stretch:
 @dataclass(frozen=True, eq=False)
 class ResidualData:
     """channel: its column; model: a key of MODELS; columns: residual.csv by name; modelled: the
-    model's column.
-
-    inputs: the columns a network is given; washout: rows at the start of every stretch that are not
-    scored.
-    """
+    model's column; inputs: the columns a network is given; washout: rows at the start of every
+    segment that are not scored."""
 
     channel: str
     model: str
     columns: dict[str, Array]
     modelled: str
     inputs: tuple[str, ...]
-    stretches: tuple[Stretch, ...]
+    stretches: tuple[Segment, ...]
     washout: int
     period_s: float
     notes: tuple[str, ...]
@@ -71,21 +68,19 @@ class ResidualData:
         """measured - model, in the channel's unit."""
         return self.columns[self.channel] - self.columns[self.modelled]
 
-    def signals(self, stretch: Stretch) -> dict[str, Array]:
+    def signals(self, stretch: Segment) -> dict[str, Array]:
         """The inputs over a stretch by name, in the order of `inputs`."""
         return {name: self.columns[name][stretch.rows] for name in self.inputs}
 
-    def of_part(self, part: int) -> list[Stretch]:
+    def of_part(self, part: int) -> list[Segment]:
         return [s for s in self.stretches if s.part == part]
 
 
 def read_residual_data(
     folder: Path, channel: str | None = None, inputs: Sequence[str] = (), *, replay: bool = False
 ) -> ResidualData:
-    """Lay out `channel` (default angle_deg, else the first one) of a run for a network with these
-    inputs.
-
-    replay: the model on recorded commands, though there be one in its own loop.
+    """`channel` (default angle_deg, else the first one) of a run, for a network with these inputs.
+    replay: the model on recorded commands, also where there is one in its own loop.
 
     FileError where the run holds no residual or a damaged one, UsageError for a channel or input it
     does not have, DataError where a part is missing or nothing varies.
@@ -103,7 +98,7 @@ def read_residual_data(
     for name in (channel, derived(channel, "refitted")):
         if name not in columns:
             raise FileError(
-                f"{folder / RESIDUAL_FILE} lacks the column {name!r}.", _REMEDY, code="damaged"
+                f"{folder / RESIDUAL_FILE} lacks the column {name!r}.", REFIT_REMEDY, code="damaged"
             )
     spans = _spans(columns)
     model, usual, notes = _model_of(columns, channel, channels, spans, replay)
@@ -115,7 +110,7 @@ def read_residual_data(
     stretches = [s for s in stretches if not np.isnan(columns[channel][s.rows]).all()]
     for part, word in ((0, "to train on (part 0)"), (1, "held out to judge by (part 1)")):
         if not any(s.part == part for s in stretches):
-            raise DataError(f"{folder / RESIDUAL_FILE}: nothing is {word}.", _REMEDY)
+            raise DataError(f"{folder / RESIDUAL_FILE}: nothing is {word}.", REFIT_REMEDY)
     chosen, dropped = _inputs(columns, channels, tuple(inputs) or usual, stretches)
     return ResidualData(
         channel,
@@ -144,21 +139,24 @@ def read_columns(path: Path) -> dict[str, Array]:
             body = [_BLANK.sub("nan", line) for line in body]
         table = np.loadtxt(body, delimiter=",", ndmin=2, comments=None)
     except ValueError as error:
-        raise FileError(f"{path}, below the header: {error}.", _REMEDY, code="damaged") from None
+        raise FileError(
+            f"{path}, below the header: {error}.", REFIT_REMEDY, code="damaged"
+        ) from None
     if (
         table.shape[1:] != (len(names),)
         or len(set(names)) != len(names)
-        or names[: len(KEYS)] != list(KEYS)
+        or names[: len(RESIDUAL_KEYS)] != list(RESIDUAL_KEYS)
     ):
         raise FileError(
-            f"{path}: its header does not fit a residual table that begins with {', '.join(KEYS)}.",
-            _REMEDY,
+            f"{path}: its header does not fit a residual table that begins with "
+            f"{', '.join(RESIDUAL_KEYS)}.",
+            REFIT_REMEDY,
             code="damaged",
         )
     if (np.abs(table) > HUGE).any():
         raise FileError(
             f"{path} holds a number beyond {HUGE:g}, which no sensor and no model shows.",
-            _REMEDY,
+            REFIT_REMEDY,
             code="damaged",
         )
     return {name: np.ascontiguousarray(column) for name, column in zip(names, table.T, strict=True)}
@@ -169,14 +167,14 @@ def split_table(path: Path) -> tuple[list[str], list[str]]:
     try:
         lines = read_data(path, TABLE).decode("utf-8").split("\n")
     except FileNotFoundError:
-        raise FileError(f"{path} does not exist.", _REMEDY, code="missing") from None
+        raise FileError(f"{path} does not exist.", REFIT_REMEDY, code="missing") from None
     except (OSError, UnicodeDecodeError) as error:
         raise FileError(
-            f"{path} cannot be read as text: {error}.", _REMEDY, code="damaged"
+            f"{path} cannot be read as text: {error}.", REFIT_REMEDY, code="damaged"
         ) from None
     body = [line for line in lines[1:] if line]
     if not body:
-        raise FileError(f"{path} has no rows.", _REMEDY, code="damaged")
+        raise FileError(f"{path} has no rows.", REFIT_REMEDY, code="damaged")
     return lines[0].split(","), body
 
 
@@ -187,7 +185,7 @@ def _read_fit(path: Path) -> dict[str, Any]:
         or fit.get("schema") != "pamid.fit/1"
         or not _texts(fit.get("channels"))
     ):
-        raise FileError(f"{path} is no pamid.fit/1 with channels.", _REMEDY, code="damaged")
+        raise FileError(f"{path} is no pamid.fit/1 with channels.", REFIT_REMEDY, code="damaged")
     return fit
 
 
@@ -203,7 +201,9 @@ def _period(fit: dict[str, Any], columns: dict[str, Array]) -> float:
         used = sorted({known[int(i)] for i in np.unique(columns["recording"])})
     except (KeyError, IndexError, TypeError, ValueError):
         raise FileError(
-            f"{FIT_FILE} does not give the period_s of every recording.", _REMEDY, code="damaged"
+            f"{FIT_FILE} does not give the period_s of every recording.",
+            REFIT_REMEDY,
+            code="damaged",
         ) from None
     if not one_period(used):
         raise DataError(
@@ -220,7 +220,7 @@ def one_period(periods: Iterable[float]) -> bool:
     return every[-1] <= (1.0 + _PERIODS_AGREE) * every[0]
 
 
-def _spans(columns: dict[str, Array]) -> list[Stretch]:
+def _spans(columns: dict[str, Array]) -> list[Segment]:
     """Rows of one recording and part in succession."""
     change = (
         (np.diff(columns["recording"]) != 0)
@@ -229,12 +229,12 @@ def _spans(columns: dict[str, Array]) -> list[Stretch]:
     )
     edges = [0, *(np.flatnonzero(change) + 1).tolist(), len(columns["part"])]
     return [
-        Stretch(slice(a, b), int(columns["part"][a]))
+        Segment(slice(a, b), int(columns["part"][a]))
         for a, b in zip(edges[:-1], edges[1:], strict=True)
     ]
 
 
-def _windows(columns: dict[str, Array], spans: list[Stretch]) -> tuple[list[Stretch], int]:
+def _windows(columns: dict[str, Array], spans: list[Segment]) -> tuple[list[Segment], int]:
     """The scored rows of every window, behind as many unscored ones as every window has; that
     number.
 
@@ -251,14 +251,14 @@ def _windows(columns: dict[str, Array], spans: list[Stretch]) -> tuple[list[Stre
                 found.append((first - free, first, last, span.part))
                 free = last
     washout = min((before for before, *_ in found), default=0)
-    return [Stretch(slice(first - washout, last), part) for _, first, last, part in found], washout
+    return [Segment(slice(first - washout, last), part) for _, first, last, part in found], washout
 
 
 # ---- model and inputs --------------------------------------------------------------------------
 
 
 def _model_of(
-    columns: dict[str, Array], channel: str, channels: list[str], spans: list[Stretch], replay: bool
+    columns: dict[str, Array], channel: str, channels: list[str], spans: list[Segment], replay: bool
 ) -> tuple[str, tuple[str, ...], tuple[str, ...]]:
     """Which model is to be corrected, its usual inputs, and what is to be said about that."""
     loops = _loop_blocks(list(columns))
@@ -300,7 +300,7 @@ def _rig_inputs(
     """Recorded inputs of the rig, then the refitted outputs."""
     kinds = ("data_sheet", "refitted", "cause", "network")
     other = {
-        *KEYS,
+        *RESIDUAL_KEYS,
         *channels,
         *(derived(c, k) for c in channels for k in kinds),
         *(n for b in loops for n in b),
@@ -315,11 +315,11 @@ def _inputs(
     columns: dict[str, Array],
     channels: list[str],
     wanted: tuple[str, ...],
-    stretches: list[Stretch],
+    stretches: list[Segment],
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """The inputs that vary where the network is trained, and a note on each that does not."""
     measured = {*channels, *(derived(c, "network") for c in channels)}
-    offered = [name for name in columns if name not in measured and name not in KEYS]
+    offered = [name for name in columns if name not in measured and name not in RESIDUAL_KEYS]
     for name in wanted:
         if name in measured:
             raise UsageError(

@@ -16,7 +16,7 @@ from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.estimation.fit_model import GreyBox, fit_model
 from pamid.model.bound_parameter import Sizes
 from pamid.parallel.jobs import ObjectWork, Work, WorkerPool
-from pamid.parallel.store import Plain
+from pamid.parallel.result_store import Plain
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, replay
 

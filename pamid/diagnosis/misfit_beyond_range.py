@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pamid.base.metrics import seen_mean
-from pamid.checks.rig_consistency import evidence_of
+from pamid.checks.rig_consistency import compared_with_sheet
 from pamid.checks.scale_slips import advice, slips
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
@@ -43,7 +43,9 @@ def scale_doubt(
     if not refitted:
         return None
     left = far(best or base)
-    beside = [e for r in evidence.recordings if (e := evidence_of(r, evidence.rig)) is not None]
+    beside = [
+        e for r in evidence.recordings if (e := compared_with_sheet(r, evidence.rig)) is not None
+    ]
     found = slips(beside[0], evidence.recordings[0]) if beside else []
     if not left and not found:
         return None

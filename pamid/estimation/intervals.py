@@ -12,7 +12,7 @@ from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit, Problem
 from pamid.model.bound_parameter import Bound
 from pamid.parallel.jobs import Failed, Work, WorkerPool
-from pamid.parallel.store import Plain
+from pamid.parallel.result_store import Plain
 
 Array = NDArray[np.float64]
 NORMAL_95 = 1.959964

@@ -27,7 +27,7 @@ from pamid.export.onnx_graph import Graph, graph_of, model_bytes
 from pamid.export.onnx_network import memory_size, network_nodes
 from pamid.export.onnx_step import Sampled
 from pamid.export.step import step_of
-from pamid.networks.store import TrainedNetwork
+from pamid.networks.trained_network import TrainedNetwork
 
 Array = NDArray[np.float64]
 #: a graph, its inputs (nu,) and state (n,) -> outputs (ny,) and next state (n,)

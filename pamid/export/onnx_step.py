@@ -13,7 +13,7 @@ from pamid.export.onnx_graph import Graph, Symbol, Values
 from pamid.export.onnx_network import memory_size, network_nodes
 from pamid.export.onnx_newton import Implicit
 from pamid.export.step import Step, Update
-from pamid.networks.store import TrainedNetwork
+from pamid.networks.trained_network import TrainedNetwork
 from pamid.symbolic.expression import Expr, symbols, walk
 from pamid.symbolic.operators import OPERATORS
 

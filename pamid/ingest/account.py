@@ -23,12 +23,14 @@ from pamid.base.files import (
 from pamid.base.json_file import write_json
 from pamid.base.metrics import FloatArray, runs_of
 from pamid.ingest.clocks import Clock
-from pamid.ingest.conversion import Conversion, Made, Track
+from pamid.ingest.conversion import ColumnPieces, Conversion, MadeRecording
 from pamid.ingest.mapping import Mapping
 from pamid.recording.recording import write_recording
 
-SCHEMA = "pamid.ingest/1"
-STAGE = "ingest"  # the folder in which files are made before they take their places together
+INGEST_SCHEMA = "pamid.ingest/1"
+STAGE = (
+    "ingest-unfinished"  # the folder in which files are made before they take their places together
+)
 # samples in a row at the highest or lowest value of a channel: it may be clipped there
 AT_LIMIT = 3
 
@@ -135,7 +137,7 @@ def _tables(conversion: Conversion) -> dict[str, Any]:
 def _of_log(conversion: Conversion, mapping_file: Path) -> dict[str, Any]:
     log, lead = conversion.log, conversion.lead
     return {
-        "schema": SCHEMA,
+        "schema": INGEST_SCHEMA,
         "source": {
             "path": str(log.path),
             "sha256": sha256_of(log.path),
@@ -191,7 +193,7 @@ def _of_clock(clock: Clock) -> dict[str, Any]:
     }
 
 
-def _of_track(track: Track, conversion: Conversion) -> dict[str, Any]:
+def _of_track(track: ColumnPieces, conversion: Conversion) -> dict[str, Any]:
     signal, values = track.course.signal, track.course.values
     empty = ~np.isfinite(values)
     there = values[~empty]
@@ -211,7 +213,7 @@ def _of_track(track: Track, conversion: Conversion) -> dict[str, Any]:
     return about
 
 
-def _of_recording(made: Made, path: Path, conversion: Conversion) -> dict[str, Any]:
+def _of_recording(made: MadeRecording, path: Path, conversion: Conversion) -> dict[str, Any]:
     return {
         "path": str(path),
         "samples": int(made.time.size),

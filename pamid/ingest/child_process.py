@@ -28,7 +28,7 @@ PATIENCE_PER_MB = 3.0
 
 
 def read_in_child(path: Path, kind: str) -> Log:
-    """`pamid.ingest.kinds.read_here` in another process. FileError as there, and if the process
+    """`pamid.ingest.log_kinds.read_here` in another process. FileError as there, and if the process
     dies or hangs."""
     search = os.pathsep.join(entry or os.getcwd() for entry in sys.path)
     command = [sys.executable, "-P", "-c", "from pamid.ingest.child_process import serve; serve()"]
@@ -54,7 +54,7 @@ def read_in_child(path: Path, kind: str) -> Log:
 
 def serve() -> None:
     """What the other process does: one request from stdin, its answer into the folder."""
-    from pamid.ingest.kinds import read_here
+    from pamid.ingest.log_kinds import read_here
 
     request = json.load(sys.stdin)
     folder = Path(request["folder"])

@@ -13,25 +13,31 @@ from pamid.base.errors import DataError, FileError, nearest
 from pamid.base.metrics import FloatArray
 from pamid.base.units import unit
 from pamid.ingest.channels import Channel, Log
-from pamid.ingest.mapping import OPEN, Mapping, Signal
-from pamid.ingest.quantities import in_unit, read_unit
+from pamid.ingest.mapping import UNANSWERED, MappedSignal, Mapping
+from pamid.ingest.source_units import in_unit, read_unit
 from pamid.ingest.stamps import Rows, usable_rows
-from pamid.ingest.time_base import Cure, Diagnosis, TimeBase, diagnose, time_base
+from pamid.ingest.time_base import (
+    Cure,
+    StampDiagnosis,
+    TimeBase,
+    diagnose_stamps,
+    reconstructed_time_base,
+)
 from pamid.model.rig import Rig
 from pamid.recording.file_checks import HUGE, UNIFORM_TO
 from pamid.recording.recording import MIN_SAMPLES
 
-FAR = 100.0  # times the usual period: then the unit of the stamps is in doubt
-NEAR = 30.0  # times the usual period: what another unit of the stamps would have to give
+FAR_FROM_USUAL = 100.0  # times the usual period: then the unit of the stamps is in doubt
+NEAR_USUAL = 30.0  # times the usual period: what another unit of the stamps would have to give
 _TIME_UNITS = ("ns", "us", "ms", "s", "min")
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class SampledColumn:
     """A channel as a column of the recording: values (n,) in the column's unit at the rows of its
     clock, NaN where the log has none."""
 
-    signal: Signal
+    signal: MappedSignal
     values: FloatArray
 
 
@@ -42,7 +48,7 @@ class Group:
     name: str
     stamps: FloatArray
     of_rows: bool
-    courses: list[Course]
+    sampled: list[SampledColumn]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,16 +57,21 @@ class Clock:
     rows that stay."""
 
     name: str
-    courses: tuple[Course, ...]  # values at the rows that stay
+    sampled: tuple[SampledColumn, ...]  # values at the rows that stay
     rows: Rows
-    found: Diagnosis | None  # None: events, whose stamps are taken as they are
+    found: StampDiagnosis | None  # None: events, whose stamps are taken as they are
     cure: Cure
     base: TimeBase
     notes: tuple[str, ...] = ()
 
 
 def clocks_of(
-    log: Log, mapping: Mapping, signals: Sequence[Signal], rig: Rig | None, where: str, repair: str
+    log: Log,
+    mapping: Mapping,
+    signals: Sequence[MappedSignal],
+    rig: Rig | None,
+    where: str,
+    repair: str,
 ) -> tuple[Clock, ...]:
     """The clocks of the mapped channels, diagnosed and cured. `where` names the mapping in errors;
     `repair` overrules its [time] repair. FileError for what is wrong, DataError where the data do
@@ -91,7 +102,9 @@ def channel_of(log: Log, name: str, place: str) -> Channel:
     )
 
 
-def _by_stamps(log: Log, mapping: Mapping, signals: Sequence[Signal], where: str) -> list[Group]:
+def _by_stamps(
+    log: Log, mapping: Mapping, signals: Sequence[MappedSignal], where: str
+) -> list[Group]:
     groups: list[Group] = []
     rows: FloatArray | None = None
     for signal in signals:
@@ -110,12 +123,12 @@ def _by_stamps(log: Log, mapping: Mapping, signals: Sequence[Signal], where: str
                 code="rows",
             )
         _require_sane(channel, log)
-        course = Course(
+        course = SampledColumn(
             signal, _in_column(channel.values, signal, mapping.atmosphere.pressure_kpa * 1e3)
         )
         for group in groups:
             if group.of_rows == of_rows and np.array_equal(group.stamps, stamps, equal_nan=True):
-                group.courses.append(course)
+                group.sampled.append(course)
                 break
         else:
             name = mapping.time.source or "rows" if of_rows else f"stamps of {channel.name}"
@@ -138,7 +151,7 @@ def _row_stamps(log: Log, mapping: Mapping, count: int, where: str) -> FloatArra
         return np.arange(count, dtype=np.float64) * settings.period_s
     channel = channel_of(log, settings.source, f"{where}: time.source")
     text = settings.unit if settings.unit is not None else channel.unit or "s"
-    if text == OPEN:
+    if text == UNANSWERED:
         raise FileError(
             f'{where}: time.unit is "?": say in which unit {settings.source!r} counts.',
             'For example "s", "ms".',
@@ -169,7 +182,7 @@ def _require_sane(channel: Channel, log: Log) -> None:
         )
 
 
-def _in_column(values: FloatArray, signal: Signal, atmosphere: float) -> FloatArray:
+def _in_column(values: FloatArray, signal: MappedSignal, atmosphere: float) -> FloatArray:
     pressure = atmosphere if signal.absolute else 0.0
     if signal.unit is not None:
         made = in_unit(values, signal.unit, signal.symbol, pressure)
@@ -186,16 +199,18 @@ def _clock(
     place, wanted = f"{log.path}: {group.name}", repair or mapping.time.repair
     if (
         not group.of_rows
-        and all(c.signal.hold for c in group.courses)
+        and all(c.signal.hold for c in group.sampled)
         and not _regular(group.stamps)
     ):
         return _events(group, place)
     rows = usable_rows(
-        group.stamps, [c.values for c in group.courses], place, tolerant=wanted == "late-stamps"
+        group.stamps, [c.values for c in group.sampled], place, tolerant=wanted == "late-stamps"
     )
-    kept = tuple(replace(c, values=c.values[rows.keep]) for c in group.courses)
+    staying = tuple(replace(c, values=c.values[rows.keep]) for c in group.sampled)
     try:
-        found = diagnose(rows, {c.signal.column: c.values for c in kept if not c.signal.hold})
+        found = diagnose_stamps(
+            rows, {c.signal.column: c.values for c in staying if not c.signal.hold}
+        )
     except DataError as error:
         raise DataError(f"{place}: {error.message}", error.hint, code=error.code) from None
     if group.of_rows and mapping.time.source is not None:
@@ -211,11 +226,11 @@ def _clock(
     cure, notes = _choose(found, wanted, rows, place)
     return Clock(
         group.name,
-        kept,
+        staying,
         rows,
         found,
         cure,
-        time_base(rows, found, cure, mapping.time.max_gap_s),
+        reconstructed_time_base(rows, found, cure, mapping.time.max_gap_s),
         notes,
     )
 
@@ -236,19 +251,21 @@ def _events(group: Group, place: str) -> Clock:
         raise DataError(f"{place}: no value has a stamp.", code="too-short")
     last = np.append(np.diff(stamps[keep]) > 0.0, True)
     keep = keep[last]
-    kept = tuple(
+    latest = tuple(
         replace(c, values=c.values[keep], signal=replace(c.signal, events=True))
-        for c in group.courses
+        for c in group.sampled
     )
     times = stamps[keep]
     rows = Rows(keep, times, (0,), False, ())
     step = float(np.median(np.diff(times))) if times.size > 1 else math.inf
     return Clock(
-        group.name, kept, rows, None, "none", TimeBase(times, (slice(0, times.size),), step)
+        group.name, latest, rows, None, "none", TimeBase(times, (slice(0, times.size),), step)
     )
 
 
-def _choose(found: Diagnosis, wanted: str, rows: Rows, place: str) -> tuple[Cure, tuple[str, ...]]:
+def _choose(
+    found: StampDiagnosis, wanted: str, rows: Rows, place: str
+) -> tuple[Cure, tuple[str, ...]]:
     """The cure of a time base, and what to say about it; DataError where only the user can tell."""
     if found.state == "even":
         return "none", ()
@@ -289,13 +306,13 @@ def _choose(found: Diagnosis, wanted: str, rows: Rows, place: str) -> tuple[Cure
 def _require_plausible(period: float, mapping: Mapping, rig: Rig | None, where: str) -> None:
     """FileError where the stamps' unit gives a sampling period far from the usual one."""
     usual = mapping.time.period_s or (rig.period_s if rig else None)
-    if usual is None or 1.0 / FAR < period / usual < FAR:
+    if usual is None or 1.0 / FAR_FROM_USUAL < period / usual < FAR_FROM_USUAL:
         return
     factor = read_unit(mapping.time.unit or "s").factor
     said = f'time.unit is "{mapping.time.unit}"' if mapping.time.unit else "time.unit is not given"
     for name in _TIME_UNITS:
         other = period / factor * read_unit(name).factor
-        if 1.0 / NEAR < other / usual < NEAR:
+        if 1.0 / NEAR_USUAL < other / usual < NEAR_USUAL:
             raise FileError(
                 f'{where}: {said}: samples would be {period:.4g} s apart; in "{name}" they would '
                 "be "

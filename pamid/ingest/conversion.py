@@ -13,7 +13,7 @@ import numpy as np
 from pamid.base.errors import DataError, FileError
 from pamid.base.metrics import FloatArray
 from pamid.ingest.channels import Log
-from pamid.ingest.clocks import Clock, Course, channel_of, clocks_of
+from pamid.ingest.clocks import Clock, SampledColumn, channel_of, clocks_of
 from pamid.ingest.mapping import Mapping, settle, unknown_to
 from pamid.ingest.resampling import COARSER, hold, smooth
 from pamid.ingest.time_base import GAP_PERIODS
@@ -27,11 +27,11 @@ Stretch = tuple[float, float]  # from, to: s by the log's clock
 
 
 @dataclass(frozen=True, eq=False)
-class Track:
+class ColumnPieces:
     """A column between its gaps: (instants in s, values) of each piece, without the empty cells."""
 
     clock: Clock
-    course: Course
+    course: SampledColumn
     pieces: list[tuple[FloatArray, FloatArray]]
 
     def coarser(self, step: float) -> bool:
@@ -46,7 +46,7 @@ class Track:
 
 
 @dataclass(frozen=True, eq=False)
-class Made:
+class MadeRecording:
     """One recording: time (n,) s from 0, columns by full name, and where in the log it begins: s by
     the log's clock, and the row of the leading clock."""
 
@@ -64,12 +64,12 @@ class Conversion:
 
     log: Log
     mapping: Mapping
-    recordings: tuple[Made, ...]
+    recordings: tuple[MadeRecording, ...]
     period: float
     stretch: float
     lead: Clock
     clocks: tuple[Clock, ...]
-    tracks: dict[str, Track]
+    tracks: dict[str, ColumnPieces]
     notes: tuple[str, ...]
 
 
@@ -91,9 +91,11 @@ def convert(
     lead = _lead(clocks)
     period, stretch = _period(mapping.time.period_s, lead)
     tracks = {
-        course.signal.column: Track(clock, course, _pieces(clock, course, mapping.time.max_gap_s))
+        course.signal.column: ColumnPieces(
+            clock, course, _pieces(clock, course, mapping.time.max_gap_s)
+        )
         for clock in clocks
-        for course in clock.courses
+        for course in clock.sampled
     }
     tracks = {column: tracks[column] for column in mapping.signals}
     made, short = [], 0
@@ -139,7 +141,7 @@ def _lead(clocks: Sequence[Clock]) -> Clock:
         )
     return max(
         sampled,
-        key=lambda c: (any(one.signal.hold for one in c.courses), len(c.courses), -c.base.period),
+        key=lambda c: (any(one.signal.hold for one in c.sampled), len(c.sampled), -c.base.period),
     )
 
 
@@ -168,7 +170,7 @@ def round_period(measured: float) -> float:
 
 
 def _pieces(
-    clock: Clock, course: Course, max_gap: float | None
+    clock: Clock, course: SampledColumn, max_gap: float | None
 ) -> list[tuple[FloatArray, FloatArray]]:
     made = []
     for piece in clock.base.pieces:
@@ -191,7 +193,7 @@ def _pieces(
     return made
 
 
-def _common(tracks: dict[str, Track], step: float) -> list[Stretch]:
+def _common(tracks: dict[str, ColumnPieces], step: float) -> list[Stretch]:
     """The stretches in which every column is there."""
     common = [(-math.inf, math.inf)]
     for track in tracks.values():
@@ -219,8 +221,13 @@ def _overlap(one: list[Stretch], other: list[Stretch]) -> list[Stretch]:
 
 
 def _recording(
-    tracks: dict[str, Track], lead: Clock, start: float, end: float, period: float, stretch: float
-) -> Made:
+    tracks: dict[str, ColumnPieces],
+    lead: Clock,
+    start: float,
+    end: float,
+    period: float,
+    stretch: float,
+) -> MadeRecording:
     """All columns between start and end (s, by the log's clock), on the samples of the leading
     clock."""
     step, instants = period * stretch, lead.base.instants
@@ -229,12 +236,12 @@ def _recording(
     count = max(int(math.floor((end - begin) / step + 1e-6)) + 1, 0)
     base: FloatArray = begin + np.arange(count, dtype=np.float64) * step
     columns = {column: _on(base, step, track) for column, track in tracks.items()}
-    return Made(
+    return MadeRecording(
         np.arange(count, dtype=np.float64) * period, columns, begin, int(lead.rows.keep[first])
     )
 
 
-def _on(base: FloatArray, step: float, track: Track) -> FloatArray:
+def _on(base: FloatArray, step: float, track: ColumnPieces) -> FloatArray:
     """A column at the samples `base`, from the piece of it that covers them."""
     if not base.size:
         return base

@@ -36,7 +36,7 @@ _BRACKETED = re.compile(r"\s*[\[(<{]\s*(?P<unit>[^\[\](){}<>]*?)\s*[\])>}]$")
 
 
 @dataclass(frozen=True)
-class Dialect:
+class TextDialect:
     """names, units: one a column. first: index of the first line of numbers. notes: what was
     decided, in words."""
 
@@ -75,7 +75,7 @@ class _Guess:
         return self.above is not None and _fits(self.rows[self.above], self.width)
 
 
-def find_dialect(path: Path, lines: Sequence[str]) -> Dialect:
+def find_dialect(path: Path, lines: Sequence[str]) -> TextDialect:
     """The dialect in which most of the first lines are rows of numbers. FileError if none is, if
     they can be read in two ways, or if the names do not fit the numbers."""
     guesses = [
@@ -102,7 +102,7 @@ def find_dialect(path: Path, lines: Sequence[str]) -> Dialect:
     names, units, notes = _names(path, best)
     word = DELIMITERS[best.delimiter] if best.width > 1 else "none, one column"
     decided = f"delimiter: {word}; decimal {'comma' if decimal == ',' else 'point'}"
-    return Dialect(
+    return TextDialect(
         best.delimiter, decimal, tuple(names), tuple(units), best.first, (decided, *notes)
     )
 

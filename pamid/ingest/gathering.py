@@ -16,7 +16,7 @@ from pamid.base.metrics import FloatArray
 from pamid.ingest.channels import Channel, Log
 
 #: whole numbers above it have no exact float64
-EXACT = 2**53
+EXACT_INTEGERS = 2**53
 #: an array with more columns than this is no group of signals (an image, a Jacobian)
 MAX_COLUMNS = 64
 #: a file of a few bytes can declare more values than a machine can hold
@@ -114,7 +114,9 @@ def as_numbers(array: NDArray[Any]) -> tuple[FloatArray, bool, str] | None:
         return np.where(np.isnat(spans), np.nan, spans.astype(np.int64) / 1e9), True, ""
     if array.dtype.kind not in "biuf":
         return None
-    if array.dtype.kind in "iu" and (int(array.max()) > EXACT or int(array.min()) < -EXACT):
+    if array.dtype.kind in "iu" and (
+        int(array.max()) > EXACT_INTEGERS or int(array.min()) < -EXACT_INTEGERS
+    ):
         first = int(array[0])
         numbers = np.array([int(value) - first for value in array.tolist()], dtype=np.float64)
         return numbers, False, f"whole numbers beyond float64, counted from the first, {first}"

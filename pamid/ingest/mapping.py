@@ -18,8 +18,8 @@ from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationErro
 from pamid.base.errors import FileError, PamidError, nearest
 from pamid.base.toml_file import read_toml
 from pamid.base.units import NONE, is_unit, split_column, unit
-from pamid.ingest.quantities import (
-    PRESSURE,
+from pamid.ingest.source_units import (
+    PRESSURE_DIMENSION,
     STANDARD_ATMOSPHERE_KPA,
     SourceUnit,
     is_readable,
@@ -29,7 +29,7 @@ from pamid.ingest.quantities import (
 from pamid.model.rig import Rig
 from pamid.recording.recording import TIME, match_column
 
-OPEN = "?"  # what a guessed mapping writes where only the user can answer
+UNANSWERED = "?"  # what a guessed mapping writes where only the user can answer
 Interpolation = Literal["hold", "smooth"]
 Repair = Literal["ask", "late-stamps", "jittered-sampling", "none"]
 _COLUMN = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
@@ -82,7 +82,7 @@ class Mapping(_Table):
 
 
 @dataclass(frozen=True)
-class Signal:
+class MappedSignal:
     """One column to make, settled: which channel, its unit (None: `scale` says the size), gauge or
     absolute.
 
@@ -124,17 +124,20 @@ def load_mapping(path: Path, pressures: str | None = None) -> Mapping:
 def _answer(signals: Any, pressures: str, where: str) -> None:
     """Enter the answer for every pressure that is still open."""
     for column, table in signals.items() if isinstance(signals, dict) else ():
-        if not isinstance(table, dict) or unit(split_column(column)[1]).dimension != PRESSURE:
+        if (
+            not isinstance(table, dict)
+            or unit(split_column(column)[1]).dimension != PRESSURE_DIMENSION
+        ):
             continue
-        said = table.get("pressure", OPEN)
-        if said not in (OPEN, pressures):
+        said = table.get("pressure", UNANSWERED)
+        if said not in (UNANSWERED, pressures):
             raise FileError(
                 f"{where}: signals.{column}.pressure is {_shown(said)}, but --pressures says "
                 f'"{pressures}".',
                 "Leave one of the two out.",
                 code="mapping",
             )
-        if said == OPEN and not _says_itself(table.get("unit")):
+        if said == UNANSWERED and not _says_itself(table.get("unit")):
             table["pressure"] = pressures
 
 
@@ -163,7 +166,7 @@ def mapping_of(tables: dict[str, Any], where: str) -> Mapping:
 
 def settle(
     mapping: Mapping, rig: Rig | None, units: dict[str, str], where: str
-) -> tuple[Signal, ...]:
+) -> tuple[MappedSignal, ...]:
     """What each signal becomes, once the channels' own units (channel -> unit, "" where the log
     says none) are known.
 
@@ -196,9 +199,9 @@ def unknown_to(rig: Rig, columns: Iterable[str]) -> list[str]:
     ]
 
 
-def _settle_one(column: str, one: SignalMap, hold: bool, logged: str, where: str) -> Signal:
+def _settle_one(column: str, one: SignalMap, hold: bool, logged: str, where: str) -> MappedSignal:
     place, symbol = f"{where}: signals.{column}", split_column(column)[1]
-    pressure = unit(symbol).dimension == PRESSURE
+    pressure = unit(symbol).dimension == PRESSURE_DIMENSION
     source = None
     if one.scale is None:
         text = one.unit if one.unit is not None else logged
@@ -229,7 +232,7 @@ def _settle_one(column: str, one: SignalMap, hold: bool, logged: str, where: str
         raise FileError(
             f'{place}.pressure is missing; allowed: "gauge", "absolute".', _GAUGE, code="pressure"
         )
-    return Signal(
+    return MappedSignal(
         column,
         one.source,
         symbol,
@@ -258,7 +261,7 @@ _EXAMPLES = {
 
 
 def _read(text: str, symbol: str, place: str) -> SourceUnit:
-    if text == OPEN:
+    if text == UNANSWERED:
         hint = "For example " + _EXAMPLES.get(unit(symbol).quantity, '"1", "percent"') + "."
         raise FileError(
             f'{place}.unit is "?": say in which unit the log holds it.', hint, code="unit"

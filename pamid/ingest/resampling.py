@@ -9,8 +9,8 @@ from pamid.base.metrics import FloatArray
 
 COARSER = 1.01  # a new period longer than this many old ones needs the filter
 HALF_TAPS = 30  # taps of the filter to either side, per old period in a new one
-WINDOW = ("kaiser", 8.0)  # passes what it passes to 1e-4
-SAME = 1e-6  # of a period: an instant so close to a sample is that sample
+FILTER_WINDOW = ("kaiser", 8.0)  # passes what it passes to 1e-4
+SAME_INSTANT = 1e-6  # of a period: an instant so close to a sample is that sample
 
 
 def hold(instants: FloatArray, values: FloatArray, base: FloatArray, step: float) -> FloatArray:
@@ -42,7 +42,7 @@ def smooth(instants: FloatArray, values: FloatArray, base: FloatArray, step: flo
         PchipInterpolator(instants, values)(np.clip(base, instants[0], instants[-1]))
     )
     nearest = np.clip(np.searchsorted(instants, base - 0.5 * period), 0, instants.size - 1)
-    same = np.abs(instants[nearest] - base) <= SAME * period
+    same = np.abs(instants[nearest] - base) <= SAME_INSTANT * period
     found[same] = values[nearest[same]]
     return found
 
@@ -57,10 +57,10 @@ def _filtered(
 
     count = int(round((instants[-1] - instants[0]) / period)) + 1
     even = np.linspace(instants[0], instants[-1], count)
-    if count != instants.size or np.abs(even - instants).max() > SAME * period:
+    if count != instants.size or np.abs(even - instants).max() > SAME_INSTANT * period:
         values = np.asarray(PchipInterpolator(instants, values)(even))
     reach = min(int(HALF_TAPS * step / period), count - 1)
-    taps = firwin(2 * reach + 1, min(period / step, 0.99), window=WINDOW)
+    taps = firwin(2 * reach + 1, min(period / step, 0.99), window=FILTER_WINDOW)
     # mirrored about its ends, so that a slope goes on there
     before, after = (
         2.0 * values[0] - values[reach:0:-1],

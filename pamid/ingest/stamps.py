@@ -21,11 +21,11 @@ FASTEST = 1e-8  # s: no two samples of a rig are so close
 OUT_OF_ORDER = 5
 MANY_STEPS = 20  # steps back in one log: then the channel is no clock
 # share of differing rows with one stamp above which stamps are blocks or ticks, not errors
-BLOCKS = 0.02
-WINDOW = 100  # rows ahead that are looked at to tell a dropped sample from a late stamp
+BLOCK_SHARE = 0.02
+LATE_WINDOW = 100  # rows ahead that are looked at to tell a dropped sample from a late stamp
 FOLLOW = 0.02  # share of a deviation by which the even clock follows it, per row
-LAST = 5  # rows at the end in which a late stamp cannot be told from a missing sample
-NEAR = 20  # rows before and behind a step back that tell whether the clock was set back
+LAST = 5  # rows at the end in which a late stamp cannot be distinguished from a missing one
+ROWS_AROUND_STEP = 20  # rows before and behind a step back that tell whether the clock was set back
 LACKING = 0.7  # of a period: they lie so much earlier behind it then
 DROPPED = 0.7  # of a period: the level of the stamps rises by this where a sample is missing
 
@@ -120,7 +120,7 @@ def usable_rows(
         before, after = values[keep[twice]], values[keep[twice + 1]]
         same &= (before == after) | (np.isnan(before) & np.isnan(after))
     differing = int(twice.size - same.sum())
-    if differing > BLOCKS * keep.size:
+    if differing > BLOCK_SHARE * keep.size:
         return Rows(keep, stamps[keep], tuple(starts), True, tuple(repairs))
     if differing and tolerant:
         repairs.append(
@@ -204,7 +204,7 @@ def count_samples(stamps: FloatArray, period: float) -> IntArray:
 
     n = stamps.size
     runs = np.diff(np.flatnonzero(np.diff(stamps) > 0.0), prepend=-1)
-    window = min(max(WINDOW, 4 * int(np.median(runs)) if runs.size else 1), n)
+    window = min(max(LATE_WINDOW, 4 * int(np.median(runs)) if runs.size else 1), n)
     residual = stamps / period - np.arange(n)
     lowest_ahead = minimum_filter1d(residual, window, mode="nearest", origin=-(window // 2))
     # the last rows have nothing behind them that could catch up: where stamps are late at times,
@@ -324,8 +324,10 @@ def _is_step(times: FloatArray, first: int, last: int, usual: float) -> bool:
     usual period (s), than all before."""
     if last - first > OUT_OF_ORDER:
         return True
-    begin = max(first - NEAR, 0)
-    level = times[begin : first + NEAR] - usual * np.arange(begin, min(first + NEAR, times.size))
+    begin = max(first - ROWS_AROUND_STEP, 0)
+    level = times[begin : first + ROWS_AROUND_STEP] - usual * np.arange(
+        begin, min(first + ROWS_AROUND_STEP, times.size)
+    )
     before, after = (
         float(np.quantile(part, 0.2)) for part in (level[: first - begin], level[first - begin :])
     )

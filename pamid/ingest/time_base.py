@@ -1,16 +1,19 @@
-"""The time base of a log: diagnosed before it is repaired, because two illnesses look alike and
-need opposite cures.
+"""The time base of a log. It is diagnosed before it is repaired, because two faults look alike and
+need opposite repairs.
 
-*Late stamps*: sampling is even, and a host writes each stamp when it gets round to it. Cure: the
+*Late stamps*: sampling is even, and a host writes each stamp when it gets round to it. Repair: the
 even clock, through the earliest of the stamps. *Jittered sampling*: the samples themselves are
-taken unevenly and the stamps are true. Cure: resample by the stamps. The wrong cure is about a
+taken unevenly and the stamps are true. Repair: resample by the stamps. The wrong repair is about a
 hundred times worse than the right one.
 
-What tells them apart is a moving signal. Let d be how far a stamp strays from an even clock, and y'
-the slope of a signal. If sampling jitters, a sample differs from its neighbours' course by y' d; if
-only the stamp is late, by nothing. So the local course is taken off y and off y' d, and what is
-left of the one is regressed on what is left of the other: the coefficient is 1 for jittered
-sampling, 0 for late stamps.
+A moving signal distinguishes them. Let d be the deviation of a stamp from an even clock and y' the
+slope of a signal. If sampling jitters, a sample deviates from the local course of its neighbours by
+y' d; if only the stamp is late, by nothing. With R y = y minus its local polynomial (Savitzky and
+Golay 1964, Analytical Chemistry 36(8)), the roughness of the signal, the regression
+    R y = c R(y' d) + noise,   c = sum(R y R(y' d)) / sum(R(y' d)^2)
+gives c = 1 for jittered sampling and c = 0 for late stamps. Its standard error is that of a
+delete-one-part jackknife (Tukey 1958) over JACKKNIFE_PARTS parts of the log, since the errors of
+neighbouring samples are not independent.
 """
 
 from __future__ import annotations
@@ -30,15 +33,17 @@ Cure = Literal["none", "late-stamps", "jittered-sampling"]
 State = Literal["even", "rounded", "blocks", "late-stamps", "jittered-sampling", "undecided"]
 
 LOW = 0.01  # quantile of the latency that stands for none
-# slopes are those of parabolas, the course that of quartics, through 2 * HALF + 1 samples
+# slopes are those of parabolas, the local course that of quartics, through 2 * HALF + 1 samples
 HALF = 5
-ROUGH = 0.816  # share of white noise that is left when such a course is taken off
+# standard deviation that white noise of 1 keeps in R y: sqrt(1 - 143/429), where 143/429 is the
+# middle coefficient of the quartic smoother over 11 samples (Savitzky and Golay)
+ROUGH = 0.816
 MOVING = 4.0  # slopes count that exceed their noise by this factor
-CLEAR = 0.3  # the coefficient is this close to 0 or 1 ...
-# ... with a standard error of at most this: decided; the other is four of them away
-SURE = 0.17
-FEW = 200  # samples of a moving signal, at least
-PARTS = 20  # parts of the log over which the standard error is taken
+# decided: the coefficient is this close to 0 or 1, and its standard error so small that the other
+# value is at least four of them away: (1 - 0.3) / 0.17
+CLEAR, COEFFICIENT_ERROR = 0.3, 0.17
+LEAST_MOVING_SAMPLES = 200  # samples of a moving signal, at least
+JACKKNIFE_PARTS = 20  # parts of the log over which the standard error is taken
 # a gap splits the recording if it is longer than this many periods, unless the mapping says
 GAP_PERIODS = 10
 
@@ -56,7 +61,7 @@ class Witness:
 
 
 @dataclass(frozen=True)
-class Diagnosis:
+class StampDiagnosis:
     """What the stamps of one clock look like. cure is None where the data do not decide; why is a
     sentence with the numbers; numbers the same for scripts (s, ppm, dimensionless)."""
 
@@ -79,7 +84,7 @@ class TimeBase:
     repairs: tuple[Repair, ...] = ()
 
 
-def diagnose(rows: Rows, signals: Mapping[str, FloatArray]) -> Diagnosis:
+def diagnose_stamps(rows: Rows, signals: Mapping[str, FloatArray]) -> StampDiagnosis:
     """What the stamps look like and which cure they need. signals: measured ones at the rows that
     stay, (n,) each, NaN where the log has none."""
     samples, pieces, period, late = _even_clock(rows, None)
@@ -94,7 +99,9 @@ def diagnose(rows: Rows, signals: Mapping[str, FloatArray]) -> Diagnosis:
         "skewness": _skewness(late),
     }
     if np.abs(steps - counts * period).max(initial=0.0) <= UNIFORM_TO * period + rounding:
-        return Diagnosis("even", "none", "the stamps are even to 1 % of a period", period, numbers)
+        return StampDiagnosis(
+            "even", "none", "the stamps are even to 1 % of a period", period, numbers
+        )
     if rows.blocks:
         share = float(np.mean(steps == 0.0))
         why = (
@@ -102,18 +109,22 @@ def diagnose(rows: Rows, signals: Mapping[str, FloatArray]) -> Diagnosis:
             "stamps are those of "
             "blocks or of a slow clock, the samples lie between them"
         )
-        return Diagnosis("blocks", "late-stamps", why, period, {**numbers, "shared_stamps": share})
+        return StampDiagnosis(
+            "blocks", "late-stamps", why, period, {**numbers, "shared_stamps": share}
+        )
     tick = _tick(rows.stamps, steps, rounding)
     if tick and np.ptp(late) <= 1.05 * tick + rounding:
         why = (
             f"the stamps are whole multiples of {_time(tick)} and stray from an even clock by "
             "no more than that"
         )
-        return Diagnosis("rounded", "late-stamps", why, period, {**numbers, "tick_s": tick})
+        return StampDiagnosis("rounded", "late-stamps", why, period, {**numbers, "tick_s": tick})
     return _by_signals(rows, signals, period, late, numbers)
 
 
-def time_base(rows: Rows, found: Diagnosis, cure: Cure, max_gap: float | None) -> TimeBase:
+def reconstructed_time_base(
+    rows: Rows, found: StampDiagnosis, cure: Cure, max_gap: float | None
+) -> TimeBase:
     """The instants at which rows were sampled, under a cure; gaps longer than max_gap (s, default
     ten periods) split.
 
@@ -133,13 +144,13 @@ def time_base(rows: Rows, found: Diagnosis, cure: Cure, max_gap: float | None) -
             int(np.maximum(np.round(np.diff(rows.stamps[p]) / period) - 1.0, 0.0).sum())
             for p in pieces
         )
-        said = _said(rows.stamps, pieces, rows.starts, min(lost, steps))
+        said = _repairs(rows.stamps, pieces, rows.starts, min(lost, steps))
         return TimeBase(rows.stamps, tuple(pieces), found.period, said)
     begins = [float(np.quantile(late[p], LOW)) if cure == "late-stamps" else 0.0 for p in pieces]
     instants = rows.stamps - late
     for piece, begin in zip(pieces, begins, strict=True):
         instants[piece] += begin
-    return TimeBase(instants, tuple(pieces), period, _said(instants, pieces, rows.starts, lost))
+    return TimeBase(instants, tuple(pieces), period, _repairs(instants, pieces, rows.starts, lost))
 
 
 def _even_clock(
@@ -166,7 +177,7 @@ def _by_signals(
     period: float,
     late: FloatArray,
     numbers: dict[str, float],
-) -> Diagnosis:
+) -> StampDiagnosis:
     """The verdict of the moving signals; where none moves, none is given."""
     heard = [
         w
@@ -183,7 +194,7 @@ def _by_signals(
     )
     if not heard:
         why = f"{shape}; no signal moves enough to tell late stamps from jittered sampling"
-        return Diagnosis("undecided", None, why, period, numbers)
+        return StampDiagnosis("undecided", None, why, period, numbers)
     weights = np.array([1.0 / max(w.error, 0.02) ** 2 for w in heard])
     coefficient = float(weights @ [w.coefficient for w in heard] / weights.sum())
     error = float(max(1.0 / math.sqrt(weights.sum()), min(w.error for w in heard)))
@@ -199,31 +210,30 @@ def _by_signals(
         f"signal{'s' if len(heard) > 1 else ''}"
     )
     scale = "(0: late stamps on even sampling, 1: jittered sampling)"
-    if error <= SURE and abs(coefficient) <= CLEAR:
+    if error <= COEFFICIENT_ERROR and abs(coefficient) <= CLEAR:
         why = (
             f"{shape}, and the signals do not follow that: {correlations} {scale}; read by the "
             f"stamps, {best.signal} is {1.0 / best.ratio:.1f} times rougher than read evenly"
         )
-        return Diagnosis("late-stamps", "late-stamps", why, period, numbers, tuple(heard))
-    if error <= SURE and abs(coefficient - 1.0) <= CLEAR:
+        return StampDiagnosis("late-stamps", "late-stamps", why, period, numbers, tuple(heard))
+    if error <= COEFFICIENT_ERROR and abs(coefficient - 1.0) <= CLEAR:
         why = (
             f"{shape}, and the signals follow that: {correlations} {scale}; read evenly, "
             f"{best.signal} is {best.ratio:.1f} times rougher than read by the stamps"
         )
-        return Diagnosis(
+        return StampDiagnosis(
             "jittered-sampling", "jittered-sampling", why, period, numbers, tuple(heard)
         )
     why = f"{shape}; the signals do not decide: {correlations} {scale}"
-    return Diagnosis("undecided", None, why, period, numbers, tuple(heard))
+    return StampDiagnosis("undecided", None, why, period, numbers, tuple(heard))
 
 
 def _witness(name: str, rows: Rows, values: FloatArray, period: float) -> Witness | None:
-    """Regress the roughness of a signal on that of slope times straying of the stamps; None if it
-    hardly moves.
+    """The regression of the module's head for one signal; None if it hardly moves.
 
-    Straying and slope are local (against a parabola through 2 * HALF + 1 rows), so that a drifting
-    clock or a sampling whose errors add up are judged alike. Windows with a missing sample or a
-    stamp late by a period are left out.
+    Deviation and slope are local (against a parabola through 2 * HALF + 1 rows), so that it does
+    not matter whether a clock drifts or the errors of a sampling add up. Windows with a missing
+    sample or a stamp late by a period are left out.
     """
     from scipy.signal import savgol_filter
 
@@ -249,21 +259,25 @@ def _witness(name: str, rows: Rows, values: FloatArray, period: float) -> Witnes
         return None
     rough, due, slope, clean = np.concatenate(parts, axis=1)
     use = clean > 0.0
-    if use.sum() < FEW:
+    if use.sum() < LEAST_MOVING_SAMPLES:
         return None
     noise = float(np.median(np.abs(rough[use]))) / 0.6745 / ROUGH
     noise = max(noise, 8.0 * float(np.spacing(np.abs(values[np.abs(values) <= HUGE]).max())))
     # of a parabola's slope through evenly spaced samples
     noise /= period * math.sqrt(HALF * (HALF + 1) * width / 3.0)
     use &= np.abs(slope) > MOVING * noise
-    if use.sum() < FEW or not np.ptp(due[use]) > 0.0:
+    if use.sum() < LEAST_MOVING_SAMPLES or not np.ptp(due[use]) > 0.0:
         return None
     rough, due = rough[use], due[use]
     top, bottom = (
         np.array(
             [
                 float(a @ b)
-                for a, b in zip(np.array_split(x, PARTS), np.array_split(due, PARTS), strict=True)
+                for a, b in zip(
+                    np.array_split(x, JACKKNIFE_PARTS),
+                    np.array_split(due, JACKKNIFE_PARTS),
+                    strict=True,
+                )
             ]
         )
         for x in (rough, due)
@@ -272,7 +286,9 @@ def _witness(name: str, rows: Rows, values: FloatArray, period: float) -> Witnes
         return None
     coefficient = top.sum() / bottom.sum()
     without = (top.sum() - top) / (bottom.sum() - bottom)
-    error = math.sqrt((PARTS - 1) / PARTS * float(((without - without.mean()) ** 2).sum()))
+    error = math.sqrt(
+        (JACKKNIFE_PARTS - 1) / JACKKNIFE_PARTS * float(((without - without.mean()) ** 2).sum())
+    )
     even, stamped = (max(float(np.std(x)), 1e-9 * float(np.std(due))) for x in (rough, rough - due))
     return Witness(name, float(coefficient), error, even / stamped)
 
@@ -292,7 +308,7 @@ def _tick(stamps: FloatArray, steps: FloatArray, rounding: float) -> float:
     return 0.0
 
 
-def _said(
+def _repairs(
     instants: FloatArray, pieces: list[slice], starts: tuple[int, ...], lost: int
 ) -> tuple[Repair, ...]:
     sentences = []

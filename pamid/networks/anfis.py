@@ -3,10 +3,12 @@ its consequents.
 
 Equations (Jang 1993, IEEE Trans. Systems, Man, and Cybernetics 23(3)), for inputs x_k scaled into
 [-1, 1]
-    membership   gaussian exp(-t^2/2), bell 1/(1 + |t|^(2 b)) with t = (x_k - centre)/width, per
-    input k and set i firing       product of one membership per input, for every combination of
-    sets; normalised to sum 1 output       y = sum over rules of firing (bias + sum_k slope_k (x_k -
-    grid_k)/spacing)
+    layer 1  membership, per input k and set i: gaussian exp(-t^2/2), bell 1/(1 + |t|^(2 b)), with
+             t = (x_k - centre)/width
+    layer 2  firing: product of one membership per input, for every combination of sets
+    layer 3  firing normalised: all rules sum to 1
+    layer 4  rule: firing (bias + sum_k slope_k (x_k - grid_k)/spacing)
+    layer 5  output y: sum over rules
 A product over a full grid normalises input by input: the share of a rule is the product of its
 sets' shares, each a softmax of log memberships, which never comes to 0/0. Inputs beyond [-1, 1]
 count as its edge.
@@ -37,8 +39,8 @@ from scipy.special import expit, log_expit
 from pamid.base.errors import DataError, UsageError, nearest
 from pamid.networks.bayes import Evidence
 from pamid.networks.network import Network, Records
-from pamid.networks.normal_equations import Rows
-from pamid.networks.problem import Damping, Goals, Problem
+from pamid.networks.normal_equations import CHUNK, Rows
+from pamid.networks.problem import Damping, Goals, TrainingProblem
 from pamid.symbolic.memory_cells import Cell
 from pamid.symbolic.vocabulary import ZERO, Expr, clip, exp
 
@@ -49,14 +51,13 @@ LIMITS = (0.45, 1.5, math.log(2.0))  # of centre (spacings), log width, log slop
 # Spacings. The customary 0.42 and 0.5, neighbours crossing at half height, start 3 to 14 (bell 2 to
 # 6) times further off: error of the first least squares on four smooth functions of two inputs, 5 x
 # 5 rules.
-WIDTH = {"gaussian": 0.6, "bell": 0.7}
+WIDTH_IN_SPACINGS = {"gaussian": 0.6, "bell": 0.7}
 # exponent b of the untouched grid; from 1 to 4 with its limit, so the peak is always smooth
 BELL_SLOPE = 2.0
 MOST_CONSEQUENTS = 5000
 MOST_RULES, MOST_SETS = 64, 5  # where no number of sets is asked for
 START = 0.05  # standard deviation of a random start's premises
-RIDGE = 1e-6  # of a start's least squares, per sample
-CHUNK = 1024  # samples whose Jacobian rows are held at once: 0.8 MB at 95 weights
+CONSEQUENT_RIDGE = 1e-6  # of a start's least squares, per sample
 
 
 class Sets(NamedTuple):
@@ -166,8 +167,10 @@ class Anfis(Network):
     def start(self, records: Records, washout: int, seed: int) -> Array:
         """The same premises with least-squares consequents: the first guess of alpha needs weights
         to go by."""
-        problem = Problem(self, tuple(records), washout, False, Damping(), Goals())
-        return problem.projected(self.initial(seed), Evidence(0.0, RIDGE * problem.samples, 1.0))[0]
+        problem = TrainingProblem(self, tuple(records), washout, False, Damping(), Goals())
+        return problem.projected(
+            self.initial(seed), Evidence(0.0, CONSEQUENT_RIDGE * problem.samples, 1.0)
+        )[0]
 
     def membership(self, weights: ArrayLike) -> Sets:
         """The membership sets that the weights stand for; DataError when there are not `n_weights`
@@ -180,7 +183,7 @@ class Anfis(Network):
         moved = limits * bent
         return Sets(
             centre=self._grid + self.spacing * moved[..., 0],
-            width=self.spacing * WIDTH[self.shape] * np.exp(moved[..., 1]),
+            width=self.spacing * WIDTH_IN_SPACINGS[self.shape] * np.exp(moved[..., 1]),
             slope=BELL_SLOPE * np.exp(moved[..., 2])
             if self.shape == "bell"
             else np.ones(moved.shape[:2]),

@@ -1,5 +1,6 @@
 """Evidence for the weights: Bayesian regularisation after Foresee and Hagan (1997, ICNN, pp.
-1930-1935).
+1930-1935), who put MacKay's evidence framework (1992, Neural Computation 4(3)) into
+Levenberg-Marquardt.
 
 The objective is F = beta E_D + alpha E_W with E_D the sum of squared errors and E_W the sum of
 squared weights. At its minimum, with the Gauss-Newton Hessian H = 2 beta J'J + 2 alpha I,

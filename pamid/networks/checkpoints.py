@@ -17,7 +17,7 @@ from pamid.networks.bayes import Evidence
 Array = NDArray[np.float64]
 
 
-class Step(NamedTuple):
+class TrainingStep(NamedTuple):
     """One row of the trace, after an accepted step (row 0: the start).
 
     `mse` is the mean squared error over the samples used; `gradient` the norm of dF/dw; `mu` the
@@ -45,7 +45,7 @@ class Attempt:
     weights: Array
     mu: float
     evidence: Evidence
-    steps: tuple[Step, ...]
+    steps: tuple[TrainingStep, ...]
     why: str = ""
     converged: bool = False
 
@@ -76,7 +76,7 @@ def save_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
             [a.start, a.mu, e.gamma, e.alpha, e.beta, a.converged], dtype=np.float64
         )
         arrays[f"steps_{k}"] = np.array(a.steps, dtype=np.float64).reshape(
-            len(a.steps), len(Step._fields)
+            len(a.steps), len(TrainingStep._fields)
         )
         arrays[f"why_{k}"] = np.array(a.why)
     buffer = io.BytesIO()
@@ -104,11 +104,11 @@ def load_checkpoint(path: Path, problem: str, n_weights: int) -> Checkpoint:
         if (
             weights.shape != (n_weights,)
             or numbers.shape != (6,)
-            or steps.shape[1:] != (len(Step._fields),)
+            or steps.shape[1:] != (len(TrainingStep._fields),)
         ):
             raise FileError(f"{path}: attempt {k} has arrays of the wrong shape.", "Train afresh.")
         start, mu, gamma, alpha, beta, converged = numbers.tolist()
-        rows = tuple(Step._make((int(r[0]), *r[1:-1], int(r[-1]))) for r in steps.tolist())
+        rows = tuple(TrainingStep._make((int(r[0]), *r[1:-1], int(r[-1]))) for r in steps.tolist())
         attempts.append(
             Attempt(
                 int(start),

@@ -1,17 +1,24 @@
 """Elman network: one hidden tanh layer that feeds its own state back, one linear output.
 
 Equations (Hosovsky, Mizakova, Pitel: improved modeling of pneumatic muscle actuator, eq. 9-10)
-    x(k+1) = tanh(Cw x(k) + Iw u(k) + b1),   x(0) = 0 y(k)   = Lw x(k+1) + b2                  (eq.
-    10: the output sees the state that has already taken u(k) in)
+    x(k+1) = tanh(Cw x(k) + Iw u(k) + b1),   x(0) = 0                                (eq. 9)
+    y(k)   = Lw x(k+1) + b2                                                          (eq. 10)
+where the output sees the state that u(k) has entered already.
 
 Weights are one flat vector, unit by unit:
     for hidden unit i = 0 .. h-1:  Cw[i, 0..h-1], Iw[i, 0..m-1], b1[i]
-    then Lw[0..h-1], then b2
+    then Lw[0..h-1], then b2;
 so 5 inputs and 10 hidden units make 10 (10 + 5 + 1) + 10 + 1 = 171.
 
-Derivatives are exact: sensitivities of the state are carried through time (Williams and Zipser
-1989, Neural Computation 1(2)). A static derivative, which takes x(k) as a given input, points
-elsewhere and trains to a larger error.
+The Jacobian is exact, by forward sensitivities S(k) = dx(k)/dw (real-time recurrent learning;
+Williams and Zipser 1989, Neural Computation 1(2)), with D(k) = diag(1 - x(k+1)^2):
+    S(k+1) = D(k) (Cw S(k) + d(Cw x + Iw u + b1)/dw at fixed x),   S(0) = 0
+    dy(k)/dw = Lw S(k+1) + d(Lw x + b2)/dw at fixed x
+A static derivative, which takes x(k) as a given input (S(k) = 0 on the right), points elsewhere and
+trains to a larger error. Products J'v with a sequence v(k) need no J: the adjoint runs back in
+time (backpropagation through time; Werbos 1990, Proc. IEEE 78(10)),
+    a(k) = D(k) (Lw' v(k) + Cw' a(k+1)),   J'v = sum over k of a(k) [x(k), u(k), 1]'
+and serves `curvature` at a sixth of the cost of a pass.
 """
 
 from collections.abc import Iterator, Sequence
@@ -31,20 +38,18 @@ from pamid.engine.recurrence_kernels import (
 )
 from pamid.networks.modal_start import find_modes
 from pamid.networks.network import Network, Records, decided_by, weighted
-from pamid.networks.normal_equations import Rows, aligned
+from pamid.networks.normal_equations import CHUNK, Rows, aligned
 from pamid.symbolic.expression import symbol
 from pamid.symbolic.memory_cells import Cell
 from pamid.symbolic.vocabulary import Expr, tanh
 
 Array = NDArray[np.float64]
 
-MEMORY = (2.0, 100.0)  # samples: shortest and longest time constant of a random start
+TIME_CONSTANTS = (2.0, 100.0)  # samples: shortest and longest time constant of a random start
 BEND = 0.3  # largest state of a start from a linear model
-# samples whose Jacobian rows are held at once: 1.4 MB at 171 weights, inside the second-level cache
-CHUNK = 1024
 
 
-class Layers(NamedTuple):
+class ElmanLayers(NamedTuple):
     """The weight vector taken apart: units (h, h + m + 1) = [context, input, bias], output (h,),
     output_bias."""
 
@@ -100,14 +105,14 @@ class Elman(Network):
     def n_weights(self) -> int:
         return self.hidden * (self.hidden + self.inputs + 1) + self.hidden + 1
 
-    def layers(self, weights: ArrayLike) -> Layers:
+    def layers(self, weights: ArrayLike) -> ElmanLayers:
         """Take the weight vector apart; DataError when it has not `n_weights` entries."""
         flat = self.flat(weights)
         h = self.hidden
         units = flat[: -h - 1].reshape(h, h + self.inputs + 1).copy()
-        return Layers(units, flat[-h - 1 : -1].copy(), float(flat[-1]))
+        return ElmanLayers(units, flat[-h - 1 : -1].copy(), float(flat[-1]))
 
-    def flatten(self, layers: Layers) -> Array:
+    def flatten(self, layers: ElmanLayers) -> Array:
         """The inverse of `layers`."""
         return np.concatenate([layers.units.ravel(), layers.output, [layers.output_bias]])
 
@@ -122,7 +127,7 @@ class Elman(Network):
         h, m = self.hidden, self.inputs
         context, loss = np.zeros((h, h)), np.empty(h)
         for first in range(0, h, 2):
-            memory = np.exp(draw.uniform(*np.log(MEMORY)))
+            memory = np.exp(draw.uniform(*np.log(TIME_CONSTANTS)))
             decay, turn = np.exp(-1.0 / memory), draw.uniform(0.0, 3.0) / memory
             pair = slice(first, min(first + 2, h))
             if first + 1 < h:
@@ -136,11 +141,11 @@ class Elman(Network):
         entering = 0.5 * np.sqrt(3.0 / m) * draw.uniform(-1.0, 1.0, (h, m)) * loss[:, None]
         bias = 0.5 * draw.uniform(-1.0, 1.0, h) * loss
         output = 0.01 * draw.uniform(-1.0, 1.0, h) / np.sqrt(h)
-        return self.flatten(Layers(np.column_stack([context, entering, bias]), output, 0.0))
+        return self.flatten(ElmanLayers(np.column_stack([context, entering, bias]), output, 0.0))
 
     def start(self, records: Records, washout: int, seed: int) -> Array:
-        """A linear model of the data: a pair of units for each of its modes (modes.py), scaled so
-        that tanh bends them little (an odd last unit as in `initial`). Every fourth seed, and a
+        """A linear model of the data: a pair of units for each of its modes (modal_start), scaled
+        so that tanh bends them little (an odd last unit as in `initial`). Every fourth seed, and a
         single unit, begins at `initial` instead.
 
         Why both: where the gap rings for seconds (the first paper's task on a twin; 15000 samples,

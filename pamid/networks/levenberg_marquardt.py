@@ -1,9 +1,9 @@
 """One start of a training: Levenberg-Marquardt steps, alpha and beta re-estimated at each.
 
-With e the errors and w the weights the objective is
-    F = beta sum(e^2) + alpha sum(w^2)
-and a step v solves (beta J'J + (alpha + mu) I) v = beta J'e - alpha w. Three things are added to
-the textbook's:
+With e = target - y the errors, J = dy/dw and w the weights the objective is
+    F = beta sum(e^2) + alpha sum(w^2)                 (MacKay 1992; Foresee and Hagan 1997)
+and a step v solves (beta J'J + (alpha + mu) I) v = beta J'e - alpha w, the Gauss-Newton Hessian of
+F/2 damped by mu (Levenberg, Marquardt). Three things are added to the textbook's:
   * geodesic acceleration: half of a, which solves the same system for - beta J'(d2y along v), bends
     the step where the model of the errors is not linear, as long as it is short beside v;
   * variable projection: after the step the weights in which the output is linear take their best
@@ -13,7 +13,8 @@ Trial steps cost simulations, accepted ones a pass with derivatives. The iterati
 engine/damped_gauss_newton.py, which minimises one fixed cost: here F itself changes with alpha and
 beta after every step, the trial steps of one point are computed side by side, and an attempt has to
 be resumable after each of them. References: Marquardt (1963),
-SIAM J. 11(2); Hagan and Menhaj (1994), IEEE TNN 5(6); Foresee and Hagan (1997), ICNN; Golub and
+SIAM J. 11(2); Hagan and Menhaj (1994), IEEE TNN 5(6); MacKay (1992), Neural Computation 4(3);
+Foresee and Hagan (1997), ICNN; Golub and Pereyra (1973), SIAM J. Numer. Anal. 10(2);
 Pereyra (1973), SIAM J. Numer. Anal. 10(2); Transtrum and Sethna (2012), arXiv:1201.5885.
 """
 
@@ -24,9 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.networks.bayes import Evidence, first_guess, promised_decrease, reestimate, solve_damped
-from pamid.networks.checkpoints import Attempt, Step
+from pamid.networks.checkpoints import Attempt, TrainingStep
 from pamid.networks.normal_equations import side_by_side
-from pamid.networks.problem import Errors, Problem
+from pamid.networks.problem import Errors, TrainingProblem
 
 Array = NDArray[np.float64]
 
@@ -75,7 +76,7 @@ def objective(evidence: Evidence, sse: float, weights: Array) -> float:
     return evidence.beta * sse + evidence.alpha * float(weights @ weights)
 
 
-def fresh(problem: Problem, seed: int, start: int) -> Attempt:
+def fresh(problem: TrainingProblem, seed: int, start: int) -> Attempt:
     """The attempt before its first pass."""
     weights = np.array(
         problem.network.start(problem.records, problem.washout, seed + start), dtype=np.float64
@@ -88,14 +89,14 @@ def fresh(problem: Problem, seed: int, start: int) -> Attempt:
     return Attempt(start, weights, problem.damping.start, _first(problem, weights, errors), ())
 
 
-def _first(problem: Problem, weights: Array, errors: Errors) -> Evidence:
+def _first(problem: TrainingProblem, weights: Array, errors: Errors) -> Evidence:
     with np.errstate(over="ignore"):
         counted = problem.counted_samples(errors) if np.isfinite(errors.sse) else problem.samples
         return first_guess(len(weights), counted, errors.sse, float(weights @ weights))
 
 
 def levenberg_marquardt_steps(
-    problem: Problem, attempt: Attempt, iterations: int
+    problem: TrainingProblem, attempt: Attempt, iterations: int
 ) -> Iterator[Attempt]:
     """Yield the attempt after every accepted step; the last one yielded says why it ended."""
     point = _evaluate(
@@ -118,7 +119,7 @@ def levenberg_marquardt_steps(
         yield point.attempt
 
 
-def _evaluate(problem: Problem, attempt: Attempt, errors: Errors) -> Point | None:
+def _evaluate(problem: TrainingProblem, attempt: Attempt, errors: Errors) -> Point | None:
     """Normal equations at the attempt's weights.
 
     `errors` are those of a plain simulation: the pass with derivatives adds up in another order,
@@ -128,7 +129,7 @@ def _evaluate(problem: Problem, attempt: Attempt, errors: Errors) -> Point | Non
     return None if found is None else Point(attempt, errors, found[1], found[2])
 
 
-def _stop_reason(problem: Problem, point: Point, iterations: int) -> tuple[str, bool]:
+def _stop_reason(problem: TrainingProblem, point: Point, iterations: int) -> tuple[str, bool]:
     steps, goals = point.attempt.steps, problem.goals
     last = steps[-1]
     if last.mse <= goals.mse:
@@ -155,7 +156,7 @@ class _Trial:
     gain: float
 
 
-def _step(problem: Problem, point: Point) -> tuple[Point, str, bool]:
+def _step(problem: TrainingProblem, point: Point) -> tuple[Point, str, bool]:
     """Raise mu until a step lowers F, take it, change mu by its gain, re-estimate alpha and beta;
     or say that mu ran out."""
     old, damping = point.attempt, problem.damping
@@ -176,7 +177,7 @@ def _step(problem: Problem, point: Point) -> tuple[Point, str, bool]:
     return replace(point, attempt=replace(old, mu=trial.mu * damping.increase)), why, converged
 
 
-def _trials(problem: Problem, point: Point) -> Iterator[_Trial]:
+def _trials(problem: TrainingProblem, point: Point) -> Iterator[_Trial]:
     """Trials with rising mu; with more than one thread some are computed ahead, whether they are
     wanted or not."""
     matrix, right = point.half_hessian, point.descent
@@ -190,7 +191,9 @@ def _trials(problem: Problem, point: Point) -> Iterator[_Trial]:
         )
 
 
-def _trial(problem: Problem, point: Point, matrix: Array, right: Array, mu: float) -> _Trial:
+def _trial(
+    problem: TrainingProblem, point: Point, matrix: Array, right: Array, mu: float
+) -> _Trial:
     step = solve_damped(matrix, mu, right)
     promised = float(step @ (mu * step + right))
     old = point.attempt
@@ -201,7 +204,9 @@ def _trial(problem: Problem, point: Point, matrix: Array, right: Array, mu: floa
     return _Trial(mu, weights, errors, lowered, lowered / promised if promised > 0.0 else 0.0)
 
 
-def _accelerated(problem: Problem, point: Point, matrix: Array, mu: float, step: Array) -> Array:
+def _accelerated(
+    problem: TrainingProblem, point: Point, matrix: Array, mu: float, step: Array
+) -> Array:
     """The step with its acceleration, where that is short beside it."""
     pulled = problem.curvature(point.attempt.weights, step)
     if pulled is None:
@@ -210,7 +215,7 @@ def _accelerated(problem: Problem, point: Point, matrix: Array, mu: float, step:
     return step + bend if 2.0 * np.linalg.norm(bend) <= SHORT * np.linalg.norm(step) else step
 
 
-def _with_row(problem: Problem, point: Point, trials: int) -> Point:
+def _with_row(problem: TrainingProblem, point: Point, trials: int) -> Point:
     """Re-estimate the evidence at a new point (not at the start's) and append the point to the
     trace."""
     old = point.attempt
@@ -221,7 +226,7 @@ def _with_row(problem: Problem, point: Point, trials: int) -> Point:
             evidence, point.jtj, counted, point.sse, float(old.weights @ old.weights)
         )
     point = replace(point, attempt=replace(old, evidence=evidence))
-    step = Step(
+    step = TrainingStep(
         iteration=len(old.steps),
         mse=point.sse / problem.samples,
         gradient=2.0 * float(np.linalg.norm(point.descent)),

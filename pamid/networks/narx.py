@@ -14,8 +14,9 @@ Weights are one flat vector, unit by unit:
     ..., y(k-ls), b1[i] then Lw[0..h-1], then b2
 so 5 inputs, 10 hidden units and two lags of each make 10 (15 + 2 + 1) + 10 + 1 = 191.
 
-Derivatives are exact: they go through the fed-back outputs back to the record's first sample
-(Narendra and Parthasarathy 1991, IEEE TNN 2(2)).
+Derivatives are exact forward sensitivities through the outputs that are fed back, to the record's
+first sample (Narendra and Parthasarathy 1991, IEEE TNN 2(2)):
+    dy(k)/dw = direct(k) + sum over j of dy(k)/dy(k-js) dy(k-js)/dw,   0 before the record
 """
 
 from collections.abc import Iterator, Sequence
@@ -28,19 +29,18 @@ from numpy.typing import ArrayLike, NDArray
 from pamid.base.errors import DataError
 from pamid.engine.feedback_kernels import run_output_sensitivities, run_outputs
 from pamid.networks.network import Network, decided_by, weighted
-from pamid.networks.normal_equations import Rows
+from pamid.networks.normal_equations import CHUNK, Rows
 from pamid.symbolic.expression import symbol
 from pamid.symbolic.memory_cells import Cell
 from pamid.symbolic.vocabulary import ZERO, Expr, tanh
 
 Array = NDArray[np.float64]
 
-MEMORY = 100.0  # samples: longest time constant of a random start
+LONGEST_TIME_CONSTANT = 100.0  # samples: longest time constant of a random start
 TAP_S = 0.03  # between the taps: 10 samples at 3 ms, where this was measured
-CHUNK = 1024  # samples whose Jacobian rows are held at once: 1.6 MB at 191 weights
 
 
-class Layers(NamedTuple):
+class NarxLayers(NamedTuple):
     """The weight vector taken apart: taps (h, (n + 1) m), feedback (h, l), bias (h,), output (h,),
     output_bias."""
 
@@ -112,17 +112,17 @@ class Narx(Network):
         """Samples back to the oldest fed-back output."""
         return self.output_lags * self.stride
 
-    def layers(self, weights: ArrayLike) -> Layers:
+    def layers(self, weights: ArrayLike) -> NarxLayers:
         """Take the weight vector apart; DataError when it has not `n_weights` entries."""
         flat = self.flat(weights)
         h, q = self.hidden, self._taps
         units = flat[: -h - 1].reshape(h, q + self.output_lags + 1)
         feedback = np.ascontiguousarray(units[:, q:-1])
-        return Layers(
+        return NarxLayers(
             units[:, :q], feedback, units[:, -1], flat[-h - 1 : -1].copy(), float(flat[-1])
         )
 
-    def flatten(self, layers: Layers) -> Array:
+    def flatten(self, layers: NarxLayers) -> Array:
         """The inverse of `layers`."""
         units = np.column_stack([layers.taps, layers.feedback, layers.bias])
         return np.concatenate([units.ravel(), layers.output, [layers.output_bias]])
@@ -148,10 +148,10 @@ class Narx(Network):
         feedback = scale * layers.feedback
         # of the linear recursion at tanh's middle
         poles = np.roots(np.concatenate([[1.0], -(output @ feedback)]))
-        shrink = min(1.0, np.exp(-self.stride / MEMORY) / np.abs(poles).max())
+        shrink = min(1.0, np.exp(-self.stride / LONGEST_TIME_CONSTANT) / np.abs(poles).max())
         # moves every pole by the factor `shrink`
         feedback *= shrink ** np.arange(1, self.output_lags + 1)
-        return self.flatten(Layers(scale * layers.taps, feedback, layers.bias, output, 0.0))
+        return self.flatten(NarxLayers(scale * layers.taps, feedback, layers.bias, output, 0.0))
 
     def simulate(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
         """Output y (N,) for inputs (N, m), nothing having come before."""

@@ -65,7 +65,7 @@ class Goals:
 
 
 @dataclass(frozen=True)
-class Problem:
+class TrainingProblem:
     """Recordings are (inputs (N, m), target (N,)) pairs, each simulated from a zero state.
 
     independent: alpha and beta count the independent samples that the errors are worth, not every
@@ -184,7 +184,7 @@ def recordings(inputs: object, target: object) -> tuple[tuple[Array, Array], ...
     return tuple(pairs)
 
 
-def check_problem(problem: Problem, iterations: int, starts: int, seed: int) -> None:
+def check_problem(problem: TrainingProblem, iterations: int, starts: int, seed: int) -> None:
     """DataError where there is nothing to fit, or less data than weights."""
     least = {
         "iterations": (iterations, 0),
@@ -209,7 +209,7 @@ def check_problem(problem: Problem, iterations: int, starts: int, seed: int) -> 
         )
 
 
-def fingerprint(problem: Problem, seed: int, starts: int) -> str:
+def fingerprint(problem: TrainingProblem, seed: int, starts: int) -> str:
     """Identifies what a checkpoint belongs to; how long to train, and on how many cores, is not
     part of it."""
     digest = hashlib.sha256()

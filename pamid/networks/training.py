@@ -22,16 +22,38 @@ from numpy.typing import ArrayLike, NDArray
 from pamid.base.errors import DataError
 from pamid.networks.batch_queue import BatchQueue, Engine
 from pamid.networks.bayes import effective_samples, effective_weights
-from pamid.networks.checkpoints import Attempt, Checkpoint, Step, load_checkpoint, save_checkpoint
+from pamid.networks.checkpoints import (
+    Attempt,
+    Checkpoint,
+    TrainingStep,
+    load_checkpoint,
+    save_checkpoint,
+)
 from pamid.networks.levenberg_marquardt import USED_UP, fresh, levenberg_marquardt_steps
 from pamid.networks.network import Network
-from pamid.networks.problem import Damping, Goals, Problem, check_problem, fingerprint, recordings
+from pamid.networks.problem import (
+    Damping,
+    Goals,
+    TrainingProblem,
+    check_problem,
+    fingerprint,
+    recordings,
+)
 from pamid.networks.scaling import Scaling, scaling_of
 
-__all__ = ["Damping", "Goals", "Network", "Scaling", "Step", "Training", "scaling_of", "train"]
+__all__ = [
+    "Damping",
+    "Goals",
+    "Network",
+    "Scaling",
+    "Training",
+    "TrainingStep",
+    "scaling_of",
+    "train",
+]
 
 Array = NDArray[np.float64]
-Progress = Callable[[Step, int], None]
+StepProgress = Callable[[TrainingStep, int], None]
 
 GATES = (10, 20, 40, 80, 160)  # iterations at which the worse half of the starts is left behind
 _DAMPING, _GOALS = Damping(), Goals()
@@ -106,7 +128,7 @@ def train(
     regularise: bool = True,
     goals: Goals = _GOALS,
     damping: Damping = _DAMPING,
-    progress: Progress | None = None,
+    progress: StepProgress | None = None,
     checkpoint: Path | None = None,
     resume: bool = False,
     independent: bool = False,
@@ -127,11 +149,11 @@ def train(
 
     `checkpoint` is a file rewritten every few seconds and at the end. With `resume` the training
     goes on from it (from the beginning where there is none yet) and ends with the very numbers of
-    an undisturbed one; more `iterations` than before are allowed. Not converging is told in the
-    result; DataError is for data that cannot be fitted, FileError for a checkpoint of another
-    training.
+    an undisturbed one; more `iterations` than before are allowed. A failure to converge is
+    reported in the result; DataError is for data that cannot be fitted, FileError for a checkpoint
+    of another training.
     """
-    problem = Problem(
+    problem = TrainingProblem(
         network, recordings(inputs, target), washout, regularise, damping, goals, independent
     )
     check_problem(problem, iterations, starts, seed)
@@ -144,78 +166,80 @@ def train(
             a.start: a for a in load_checkpoint(checkpoint, key, network.n_weights).attempts
         }
     clock = _Clock(checkpoint, key)
+    race = _Race(problem, seed, max(threads, 1), engine, clock, progress)
     interrupted, running = False, list(range(starts))
     try:
         for gate in (g for g in GATES if g < iterations):
-            _run_side_by_side(
-                problem, attempts, running, gate, seed, max(threads, 1), engine, clock, progress
-            )
+            race.run_until(gate, attempts, running)
             running = _better_half(attempts, running, gate)
-        _run_side_by_side(
-            problem, attempts, running, iterations, seed, max(threads, 1), engine, clock, progress
-        )
+        race.run_until(iterations, attempts, running)
     except KeyboardInterrupt:
         interrupted = True
         attempts = attempts or {0: fresh(problem, seed, 0)}
     clock.keep(attempts, always=True)
-    return _conclude(problem, [attempts[k] for k in sorted(attempts)], running, interrupted)
+    return _training_of(problem, [attempts[k] for k in sorted(attempts)], running, interrupted)
 
 
-def _run_side_by_side(
-    problem: Problem,
-    attempts: dict[int, Attempt],
-    running: list[int],
-    gate: int,
-    seed: int,
-    threads: int,
-    engine: Engine | None,
-    clock: "_Clock",
-    progress: Progress | None,
-) -> None:
-    """Bring every running start to iteration `gate`, or to its end; `attempts` follows step by
-    step."""
-    messages: queue.SimpleQueue[Attempt | None] = queue.SimpleQueue()
-    stop = Event()
-    open_starts = [s for s in running if s not in attempts or not _ended(attempts[s], gate)]
-    if not open_starts:
-        return
-    batch_queue = (
-        BatchQueue(engine, problem.records, problem.washout, len(open_starts)) if engine else None
-    )
-    threads = len(open_starts) if batch_queue else threads
-    problem = replace(problem, threads=max(1, threads // len(open_starts)), batch_queue=batch_queue)
+@dataclass(frozen=True)
+class _Race:
+    """What all starts of a training share while they run in parallel."""
 
-    def go(start: int) -> None:
-        try:
-            begun = attempts[start] if start in attempts else fresh(problem, seed, start)
-            for attempt in levenberg_marquardt_steps(problem, begun, gate):
-                messages.put(attempt)
-                if stop.is_set():
-                    return
-        finally:
-            if batch_queue:
-                batch_queue.leave()
-            messages.put(None)
+    problem: TrainingProblem
+    seed: int
+    threads: int
+    engine: Engine | None
+    clock: "_Clock"
+    progress: StepProgress | None
 
-    with ThreadPoolExecutor(threads) as pool:
-        jobs = [pool.submit(go, s) for s in open_starts]
-        try:
-            left = len(jobs)
-            while left:
-                attempt = messages.get()
-                if attempt is None:
-                    left -= 1
-                    continue
-                attempts[attempt.start] = attempt
-                clock.keep(attempts)
-                if progress and not attempt.why:
-                    progress(attempt.steps[-1], attempt.start)
-        finally:
-            stop.set()
-            for job in jobs:
-                job.cancel()
-    for job in jobs:
-        job.result()
+    def run_until(self, gate: int, attempts: dict[int, Attempt], running: list[int]) -> None:
+        """Bring every running start to iteration `gate`, or to its end; `attempts` follows step by
+        step."""
+        messages: queue.SimpleQueue[Attempt | None] = queue.SimpleQueue()
+        stop = Event()
+        open_starts = [s for s in running if s not in attempts or not _ended(attempts[s], gate)]
+        if not open_starts:
+            return
+        problem, threads = self._shared_out(len(open_starts))
+
+        def go(start: int) -> None:
+            try:
+                begun = attempts[start] if start in attempts else fresh(problem, self.seed, start)
+                for attempt in levenberg_marquardt_steps(problem, begun, gate):
+                    messages.put(attempt)
+                    if stop.is_set():
+                        return
+            finally:
+                if problem.batch_queue:
+                    problem.batch_queue.leave()
+                messages.put(None)
+
+        with ThreadPoolExecutor(threads) as pool:
+            jobs = [pool.submit(go, s) for s in open_starts]
+            try:
+                left = len(jobs)
+                while left:
+                    attempt = messages.get()
+                    if attempt is None:
+                        left -= 1
+                        continue
+                    attempts[attempt.start] = attempt
+                    self.clock.keep(attempts)
+                    if self.progress and not attempt.why:
+                        self.progress(attempt.steps[-1], attempt.start)
+            finally:
+                stop.set()
+                for job in jobs:
+                    job.cancel()
+        for job in jobs:
+            job.result()
+
+    def _shared_out(self, starts: int) -> tuple[TrainingProblem, int]:
+        """The problem with the threads of each start, and how many starts run at a time."""
+        problem, threads = self.problem, self.threads
+        if self.engine:  # one batch serves all: every start has to be there to ask for its pass
+            queue_of_all = BatchQueue(self.engine, problem.records, problem.washout, starts)
+            problem, threads = replace(problem, batch_queue=queue_of_all), starts
+        return replace(problem, threads=max(1, threads // starts)), threads
 
 
 def _ended(attempt: Attempt, gate: int) -> bool:
@@ -224,8 +248,8 @@ def _ended(attempt: Attempt, gate: int) -> bool:
 
 
 def _better_half(attempts: dict[int, Attempt], running: list[int], gate: int) -> list[int]:
-    """The better half at this gate, judged by where each stood there; the others are told why they
-    end."""
+    """The better half at this gate, judged by the error that each had there; the others end with a
+    reason."""
 
     def standing(start: int) -> float:
         steps = attempts[start].steps
@@ -241,11 +265,13 @@ def _better_half(attempts: dict[int, Attempt], running: list[int], gate: int) ->
     return sorted(staying)
 
 
-def _conclude(
-    problem: Problem, attempts: Sequence[Attempt], running: list[int], interrupted: bool
+def _training_of(
+    problem: TrainingProblem, attempts: Sequence[Attempt], running: list[int], interrupted: bool
 ) -> Training:
     best = min((a for a in attempts if a.start in running), key=lambda a: a.mse)
-    columns = np.array(best.steps, dtype=np.float64).reshape(len(best.steps), len(Step._fields)).T
+    columns = (
+        np.array(best.steps, dtype=np.float64).reshape(len(best.steps), len(TrainingStep._fields)).T
+    )
     residual = problem.errors(best.weights).each
     independent = (
         sum(effective_samples(e) for e in residual)
@@ -257,7 +283,7 @@ def _conclude(
     tempered = replace(best.evidence, beta=best.evidence.beta * independent / max(counted, 1.0))
     return Training(
         weights=best.weights,
-        trace=dict(zip(Step._fields, columns, strict=True)),
+        trace=dict(zip(TrainingStep._fields, columns, strict=True)),
         why="interrupted" if interrupted else best.why,
         converged=best.converged and not interrupted,
         samples=problem.samples,

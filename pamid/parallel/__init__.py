@@ -1,1 +1,1 @@
-"""Independent jobs: done here or on a cluster, their results kept under digests."""
+"""Independent jobs: done here or on a cluster; results are stored under digests."""

@@ -3,7 +3,7 @@
 What a job needs, recordings and fitted models, goes to the scheduler once and from there to every
 worker that asks for it; a worker that dies is replaced by another one, and only the jobs it held
 are done again. A job that ends its workers `distributed.scheduler.allowed-failures` + 1 times
-(four, unless the scheduler is told otherwise) is given up.
+(four, unless the scheduler is configured otherwise) is given up.
 
 Scheduler and workers have to be trusted, and so does everybody who can reach them: jobs and results
 are pickles, which run code where they are unpacked, on the workers and here. At a tls:// address
@@ -28,7 +28,7 @@ from threadpoolctl import threadpool_limits
 
 from pamid.base.errors import FileError, PamidError
 from pamid.parallel.jobs import Failed, Work, result_or_failure
-from pamid.parallel.store import Plain, code_sha256, digest
+from pamid.parallel.result_store import Plain, code_sha256, digest
 
 if TYPE_CHECKING:
     from distributed import Client, Future

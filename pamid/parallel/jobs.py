@@ -28,7 +28,7 @@ from threadpoolctl import threadpool_limits
 
 from pamid.base.errors import PamidError
 from pamid.base.progress import Progress, silent
-from pamid.parallel.store import Plain, Store, code_sha256, digest, plain
+from pamid.parallel.result_store import Plain, Store, code_sha256, digest, plain
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -41,8 +41,8 @@ class Work(Generic[T, R]):
     """One kind of job: a pure function of an item and of its own fields. Derive a frozen dataclass
     from it.
 
-    Calling it returns plain data (see `pamid.parallel.store`); `restored` makes of that what the
-    caller wants. A field that is declared with compare=False must not change the result.
+    Calling it returns plain data (see result_store.py); `restored` makes of that what the caller
+    wants. A field that is declared with compare=False must not change the result.
     """
 
     what: ClassVar[str]
@@ -69,7 +69,7 @@ class ObjectWork(Work[T, R]):
     """Jobs whose results are objects, made plain only to be sent or kept.
 
     `restored(item, plain(plain_form(item, found)))` equals `found` to the last bit, the memory
-    layout of its arrays included: they have one digest (`pamid.parallel.store.digest`).
+    layout of its arrays included: they have one digest (`pamid.parallel.result_store.digest`).
     """
 
     def result(self, item: T) -> R:
@@ -100,17 +100,17 @@ class Executor(Protocol):
 
 @dataclass(eq=False)
 class WorkerPool:
-    """Who does the jobs of a run, and where their results are kept.
+    """Who does the jobs of a run, and where their results are stored.
 
-    jobs: processes on this machine; executor: others who do them instead (a cluster); worked, kept:
-    how many were worked out, and found in the store; failed: those that came to nothing.
+    jobs: processes on this machine; executor: others who do them instead (a cluster); worked:
+    how many were computed; from_store: how many were found there; failed: those without a result.
     """
 
     jobs: int = 1
     store: Store | None = None
     executor: Executor | None = None
     worked: int = 0
-    kept: int = 0
+    from_store: int = 0
     failed: list[Failed] = field(default_factory=list)
 
     @property
@@ -120,8 +120,8 @@ class WorkerPool:
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many jobs were worked out, found in the store, and failed."""
-        return {"worked": self.worked, "kept": self.kept, "failed": len(self.failed)}
+        """How many jobs were computed, found in the store, and failed."""
+        return {"worked": self.worked, "kept": self.from_store, "failed": len(self.failed)}
 
     def run(
         self, work: Work[T, R], items: Iterable[T], progress: Progress = silent
@@ -142,7 +142,7 @@ class WorkerPool:
         return [results[i] for i in range(len(todo))]
 
     def finished(self, work: Work[T, R], items: Sequence[T]) -> Iterator[tuple[int, R | Failed]]:
-        """(number of the item, result) as they come, those that are kept first."""
+        """(number of the item, result) as they come, those from the store first."""
         keys = self._keys(work, items)
         todo = []
         for i in sorted(range(len(items)), key=lambda i: -work.cost(items[i])):
@@ -150,7 +150,7 @@ class WorkerPool:
             if found is None:
                 todo.append(i)
             else:
-                self.kept += 1
+                self.from_store += 1
                 yield i, work.restored(items[i], found)
         if self.executor is None and self.jobs <= 1:
             for i in todo:
@@ -164,7 +164,7 @@ class WorkerPool:
                 self.failed.append(done)
                 yield i, done
             else:
-                self._keep(keys[i:], work.label(items[i]), done)
+                self._store_result(keys[i:], work.label(items[i]), done)
                 yield i, work.restored(items[i], done)
 
     def one(self, work: Work[T, R], item: T) -> R:
@@ -173,7 +173,7 @@ class WorkerPool:
         found = self.store.get(keys[0]) if self.store else None
         if found is None:
             return self._here(work, item, keys)
-        self.kept += 1
+        self.from_store += 1
         return work.restored(item, found)
 
     def _here(self, work: Work[T, R], item: T, keys: list[str]) -> R:
@@ -182,19 +182,19 @@ class WorkerPool:
             if isinstance(work, ObjectWork):
                 made: R = work.result(item)
                 kept = work.plain_form(item, made) if self.store else {}
-                self._keep(keys, work.label(item), kept)
+                self._store_result(keys, work.label(item), kept)
                 return made
             found = plain(work(item))
-        self._keep(keys, work.label(item), found)
+        self._store_result(keys, work.label(item), found)
         return work.restored(item, found)
 
-    def _keep(self, keys: list[str], label: str, found: Plain) -> None:
+    def _store_result(self, keys: list[str], label: str, found: Plain) -> None:
         self.worked += 1
         if self.store:
             self.store.put(keys[0], label, plain(found))
 
     def _keys(self, work: Work[T, R], items: Sequence[T]) -> list[str]:
-        """The items' keys; none where nothing is kept."""
+        """The items' keys; none where nothing is stored."""
         ground = digest(code_sha256(), work) if self.store else ""
         return [digest(ground, item) for item in items] if self.store else []
 
@@ -270,12 +270,12 @@ class Processes:
                     worker = idle.popleft() if idle else _WorkerProcess.begun(work, items, workers)
                     i = todo.popleft()
                     worker.ask(i)
-                    busy[worker.line] = worker, i
-                for line in wait(list(busy)):
-                    assert isinstance(line, Connection)
-                    worker, i = busy.pop(line)
+                    busy[worker.connection] = worker, i
+                for connection in wait(list(busy)):
+                    assert isinstance(connection, Connection)
+                    worker, i = busy.pop(connection)
                     try:
-                        found = line.recv()
+                        found = connection.recv()
                     except (EOFError, OSError):
                         attempts[i] += 1
                         reason = worker.end()
@@ -305,7 +305,7 @@ class Processes:
 class _WorkerProcess:
     """A process that works out the items whose numbers it is sent."""
 
-    line: Connection
+    connection: Connection
     process: Any
 
     @classmethod
@@ -316,7 +316,7 @@ class _WorkerProcess:
         ours, theirs = context.Pipe()
         # it inherits our ends of all lines: were they left open there, none would end if this
         # process died
-        inherited = [ours, *(worker.line for worker in workers)]
+        inherited = [ours, *(worker.connection for worker in workers)]
         process = context.Process(target=_serve, args=(theirs, inherited, work, items), daemon=True)
         # a signal that comes before the child is ready for it would end it with the parent's answer
         # to it
@@ -333,18 +333,18 @@ class _WorkerProcess:
     def ask(self, number: int) -> None:
         # it has died: the line says so when it is listened to
         with contextlib.suppress(OSError):
-            self.line.send(number)
+            self.connection.send(number)
 
     def end(self) -> str:
         """Wait for the end of a process that has died or was asked to end; says how it ended."""
         self.process.join(5.0)
-        self.line.close()
+        self.connection.close()
         code = self.process.exitcode
         return f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
 
 
 def _serve(
-    line: Connection, inherited: list[Connection], work: Work[T, Any], items: Sequence[T]
+    connection: Connection, inherited: list[Connection], work: Work[T, Any], items: Sequence[T]
 ) -> None:
     # Ctrl-C reaches every process of a terminal; the first one decides
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -354,7 +354,7 @@ def _serve(
         other.close()
     with threadpool_limits(limits=1, user_api="blas"), contextlib.suppress(EOFError, OSError):
         while True:
-            line.send(result_or_failure(work, items[line.recv()]))
+            connection.send(result_or_failure(work, items[connection.recv()]))
 
 
 def run_jobs(work: Callable[[T], R], items: Iterable[T], *, jobs: int = 1) -> list[R]:

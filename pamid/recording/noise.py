@@ -1,7 +1,11 @@
 """What a channel's own samples tell of its measurement: the step it is quantised in, and its noise.
 
-Both are multiples of the channel's unit: the same samples in another unit give the same answer,
-scaled.
+Noise is estimated from differences (Gasser, Sroka and Jennen-Steinmetz 1986, Biometrika 73(3)):
+fourth differences take away what a cubic follows, and of white noise of deviation sigma they have
+variance (1 + 16 + 36 + 16 + 1) sigma^2 = 70 sigma^2. Their median absolute value over 0.6745 is the
+robust estimate of their deviation (Hampel 1974, JASA 69). Rounding to steps adds the deviation of a
+uniform variable, step/sqrt(12). Both results are in the channel's unit: the same samples in another
+unit give the same answer, scaled.
 """
 
 from __future__ import annotations
@@ -14,14 +18,14 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 DIGITS = 1e-9  # of the largest value: levels closer than this differ by digits of the file
-ALIKE = 0.2  # of the smallest gap between levels: gaps this close to it are one step
-MOST = 20000  # levels looked at, those in the middle
+ALIKE_GAPS = 0.2  # of the smallest gap between levels: gaps this close to it are one step
+MOST_LEVELS = 20000  # levels looked at, those in the middle
 # steps from one level to the next: over wider gaps an error of the step adds up
-NEAR = 20.0
+NEAR_STEPS = 20.0
 LAGS = (1, 2, 4, 8, 16, 32)  # levels that gaps reach over; beyond, a converter's own bend shows
 # steps by which gaps miss a whole number, on average; 0.25 where there is no step
 OFF = 0.1
-FEW, OFF_OF_FEW = 10, 0.02  # of so few gaps each has to be whole to this
+FEW_GAPS, OFF_OF_FEW_GAPS = 10, 0.02  # of so few gaps each has to be whole to this
 # with so many gaps, parts of the smallest are tried: no two neighbouring levels may be met
 MANY, FINEST = 30, 16
 STRAIGHT = 0.8  # of all moves: more of them like the one before are a line, not steps
@@ -30,7 +34,7 @@ TINY = 1e-6  # of the standard deviation: less noise than this is not believed
 SHOWN = 1.5 * TINY  # more than this may be noise
 UNIFORM = 1.0 / np.sqrt(12.0)  # standard deviation of what rounding to steps adds, in steps
 FOURTH = np.sqrt(70.0)  # standard deviation of fourth differences of white noise of 1
-MEDIAN = 0.6745  # median absolute value of a normal variable of deviation 1
+MEDIAN = 0.6745  # median absolute value of a normal variable of deviation 1: its upper quartile
 
 
 def quantisation_step(values: Array) -> float:
@@ -38,14 +42,14 @@ def quantisation_step(values: Array) -> float:
     0 where there is none. Levels may be off by a third of a step (counts printed with few
     decimals), and most may never be met."""
     levels = np.unique(values)
-    levels = levels[max(0, levels.size - MOST) // 2 :][:MOST]
+    levels = levels[max(0, levels.size - MOST_LEVELS) // 2 :][:MOST_LEVELS]
     gaps = np.diff(levels)
     own = gaps > DIGITS * float(np.abs(levels).max(initial=0.0))
     levels, gaps = levels[np.concatenate([[True], own])], gaps[own]
     if gaps.size < 2:
         return float(gaps.sum())
     smallest = float(np.quantile(gaps, 0.02, method="lower"))
-    usual = float(gaps[np.abs(gaps - smallest) < ALIKE * smallest].mean())
+    usual = float(gaps[np.abs(gaps - smallest) < ALIKE_GAPS * smallest].mean())
     for finer in range(1, FINEST + 1 if gaps.size >= MANY else 2):
         if step := _lattice(levels, usual / finer):
             return 0.0 if _goes_straight(values, step) else step
@@ -69,13 +73,13 @@ def _lattice(levels: Array, step: float) -> float:
         if lag > 1 and levels.size < 4 * lag:
             break
         gaps = levels[lag:] - levels[:-lag]
-        for most in (NEAR / 4.0, NEAR):
+        for most in (NEAR_STEPS / 4.0, NEAR_STEPS):
             near = gaps[gaps < most * lag * step]
             counts = np.maximum(np.round(near / step), 1.0)
             step = float(near @ counts / (counts @ counts)) if near.size else step
         off = np.abs(near / step - np.maximum(np.round(near / step), 1.0))
         if near.size <= 0.5 * gaps.size or (
-            off.mean() > OFF if off.size > FEW else off.max() > OFF_OF_FEW
+            off.mean() > OFF if off.size > FEW_GAPS else off.max() > OFF_OF_FEW_GAPS
         ):
             return 0.0
     return step
@@ -125,7 +129,8 @@ def is_white(values: Array) -> bool:
     if not 0.0 < 0.3 * usual < float(np.quantile(sizes, 0.25)):
         return False
     bounded = np.clip(d, -6.0 * usual, 6.0 * usual)
-    return float(bounded[1:] @ bounded[:-1]) < -0.6 * float(bounded @ bounded)  # white noise: -0.8
+    # the autocorrelation of fourth differences of white noise at lag 1 is -56/70 = -0.8
+    return float(bounded[1:] @ bounded[:-1]) < -0.6 * float(bounded @ bounded)
 
 
 def _noise_and_steps(y: Array) -> tuple[Array, Array]:

@@ -1,11 +1,13 @@
 """Samples that stand in two recordings: a copy, whatever its name, the order and unit of its
 columns or the digits it was printed with, or a stretch that two files share.
 
-Found by content alone. Every measured signal is read as a sequence of (level, dwell); words of a
-few of these are looked up in all recordings at once, and each pair of places that share words is
-then compared sample by sample. What rests says nothing and does not count; noise never repeats
-itself, so that the same experiment made twice on a real rig is no copy. The same experiment
-simulated twice without noise is one.
+Found by content alone, as copies of text are (Manber 1994, USENIX Winter Conference; Schleimer,
+Wilkerson and Aiken 2003, SIGMOD). Every measured signal is read as a sequence of (level, dwell).
+Words of 2^DOUBLINGS successive ones are hashed, those with hash = 0 mod KEPT are looked up in all
+recordings at once, so that the same words are chosen wherever a copy begins; each pair of places
+that share SHARED_WORDS words is then compared sample by sample. Samples at rest do not count. Noise
+never repeats itself, so that the same experiment made twice on a real rig is no copy; simulated
+twice without noise it is one.
 """
 
 from __future__ import annotations
@@ -25,18 +27,18 @@ Array = NDArray[np.float64]
 Places = NDArray[np.int64]
 
 # steps of print to a level; odd, so that no number of the coarser print lies between two levels
-CELLS = (63, 15, 3, 1)
-LEVELS = 100  # that a signal should visit at least, for its words to tell places apart
+STEPS_PER_LEVEL = (63, 15, 3, 1)
+LEVELS = 100  # that a signal should visit at least, for its words to distinguish places
 DOUBLINGS = 3  # a word is 8 dwells
-KEPT = 8  # of so many words one is looked up; which one is up to the words themselves
-SHARED = 3  # words that two places must share to be compared
+KEPT = 8  # of so many words one is looked up, chosen by its hash
+SHARED_WORDS = 3  # words that two places must share to be compared
 SHIFTS = 4  # ways to lay one recording upon another that are compared
 # samples at which something moves, alike in both, that two experiments do not share ...
-TELLING = 100
+TELLING_SAMPLES = 100
 # times as many, where the files differ before or after although both go on: a coarse converter
 BROKEN = 10
 PRINTED = 300  # values whose digits are looked at
-EXACT = 1e-12  # of a value: conversion between units
+CONVERSION_TOLERANCE = 1e-12  # of a value: conversion between units
 MIX = np.uint64(0x9E3779B97F4A7C15)
 
 
@@ -136,7 +138,7 @@ def _printed_step(values: Array) -> float:
         mantissa, _, exponent = text.partition("e")
         decimals = mantissa.partition(".")[2]
         last = min(last, int(exponent or 0) - (0 if decimals == "0" else len(decimals)))
-    return float(max(10.0**last, EXACT * size.max()))
+    return float(max(10.0**last, CONVERSION_TOLERANCE * size.max()))
 
 
 def _candidates(
@@ -150,12 +152,12 @@ def _candidates(
         if len(having) > 1:
             step = max(s.step for s in having.values())
             narrow = min(float(np.ptp(s.values)) for s in having.values())
-            cell = step * next((m for m in CELLS if narrow >= LEVELS * m * step), 1)
+            cell = step * next((m for m in STEPS_PER_LEVEL if narrow >= LEVELS * m * step), 1)
             votes.append(_matches({i: _words(s.values, cell) for i, s in having.items()}))
     if not votes:
         return
     pairs, counts = np.unique(np.concatenate(votes), axis=0, return_counts=True)
-    often = np.flatnonzero(counts >= SHARED)
+    often = np.flatnonzero(counts >= SHARED_WORDS)
     for row in often[np.argsort(-counts[often], kind="stable")]:
         i, j, shift = pairs[row].tolist()
         yield i, j, shift
@@ -204,7 +206,7 @@ def _shared(
     same, moves = np.ones(size - start, bool), np.zeros(size - start, bool)
     for n in names:
         a, b = one[n].values[start:size], other[n].values[start - shift : size - shift]
-        near = 0.5 * (one[n].step + other[n].step) + EXACT * float(np.abs(a).max())
+        near = 0.5 * (one[n].step + other[n].step) + CONVERSION_TOLERANCE * float(np.abs(a).max())
         same &= np.abs(a - b) <= 1.000001 * near
         moves[1:] |= np.abs(np.diff(a)) > 2.0 * near
     starts, stops = runs_of(same)
@@ -212,6 +214,6 @@ def _shared(
     count = levels_before[stops] - levels_before[starts]
     best = int(np.argmax(count)) if count.size else -1
     covers_all = best >= 0 and stops[best] - starts[best] == same.size
-    if best < 0 or count[best] < (TELLING if covers_all else BROKEN * TELLING):
+    if best < 0 or count[best] < (TELLING_SAMPLES if covers_all else BROKEN * TELLING_SAMPLES):
         return None
     return start + int(starts[best]), int(stops[best] - starts[best])

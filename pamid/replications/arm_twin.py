@@ -32,9 +32,9 @@ Array = NDArray[np.float64]
 # recordings and what a model leaves of them, samples x VARIABLES (SI)
 Pieces = Iterable[tuple[Recording, Array]]
 
-RIG = "two-link"
+ARM_RIG = "two-link"
 #: what the paper compares: angles, contractions, pressures
-VARIABLES = tuple(name for name in catalogue_rig(RIG).outputs if not name.startswith("force_"))
+VARIABLES = tuple(name for name in catalogue_rig(ARM_RIG).outputs if not name.startswith("force_"))
 GRAVITY, PULSES = "gravity", "pulses"
 WITH_PAYLOAD, PAYLOAD_KG = "gravity-payload", 0.5
 LEVEL, HELD_OUT_LEVEL = 1.0, 0.6
@@ -76,19 +76,25 @@ class ArmTwin:
         shares = asdict(self)
         return {
             p.outside_name: p.value * shares[p.outside_name]
-            for p in catalogue_rig(RIG).parameters
+            for p in catalogue_rig(ARM_RIG).parameters
             if p.outside_name in shares
         }
 
     def record(self, session: Session, *, noise: float = 1.0, seed: int = 0) -> dict[str, Any]:
         """columns (samples,) in their own units and the meta of a recording; no load cells."""
         made = virtual_rig(
-            f"{RIG}:{self.law}", session.excitation, (), session.known, self.hidden(), noise, seed
+            f"{ARM_RIG}:{self.law}",
+            session.excitation,
+            (),
+            session.known,
+            self.hidden(),
+            noise,
+            seed,
         )
         columns = {k: v for k, v in made.columns.items() if k in VARIABLES or k in session.columns}
         return {
             "columns": columns,
-            "meta": {**made.meta, "recording": {**made.meta["recording"], "rig": RIG}},
+            "meta": {**made.meta, "recording": {**made.meta["recording"], "rig": ARM_RIG}},
         }
 
     def force_map(self, path: Path, seed: int | list[int]) -> None:
@@ -133,7 +139,7 @@ def sessions(swing_s: float, muscles: tuple[str, ...], period_s: float) -> list[
     Both links free from two releases, link 1 clamped, a known payload on the tip; held out:
     releases from elsewhere, and pulses of another level in the opposite order.
     """
-    rig = catalogue_rig(RIG)
+    rig = catalogue_rig(ARM_RIG)
     idle = nothing_sent(rig, round(swing_s / period_s))
 
     def swing(
@@ -206,7 +212,7 @@ class Taken:
 
 
 @dataclass(frozen=True, eq=False)
-class Records:
+class ArmRecords:
     """All recordings of the twin."""
 
     taken: tuple[Taken, ...]
@@ -236,7 +242,7 @@ class Records:
         )
 
 
-def record_arm(folder: Path, twin: ArmTwin, planned: list[Session], seed: int) -> Records:
+def record_arm(folder: Path, twin: ArmTwin, planned: list[Session], seed: int) -> ArmRecords:
     """Make all recordings, with the default sensor noise, as files a user could have."""
     taken = []
     for k, session in enumerate(planned):
@@ -247,4 +253,4 @@ def record_arm(folder: Path, twin: ArmTwin, planned: list[Session], seed: int) -
         recording, quiet = read_recording(path), twin.record(session, noise=0.0)["columns"]
         clean = np.stack([to_si(quiet[v], split_column(v)[1]) for v in VARIABLES], axis=1)
         taken.append(Taken(session, recording, output_table(VARIABLES, recording) - clean))
-    return Records(tuple(taken))
+    return ArmRecords(tuple(taken))

@@ -35,7 +35,7 @@ STEPS_DEG, FIRST_STEP_S, STEP_S, STEP_SAMPLES = (
 )
 NOMINAL_KG_M2 = 0.014
 TRAINED, UNSEEN = "6.4 Jn", "Jn"
-INERTIAS = {TRAINED: 6.4 * NOMINAL_KG_M2, UNSEEN: NOMINAL_KG_M2}  # kg m2
+TWIN_INERTIAS = {TRAINED: 6.4 * NOMINAL_KG_M2, UNSEEN: NOMINAL_KG_M2}  # kg m2
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ def calibration(twin: Twin) -> dict[str, float]:
     """MAE (deg) of the analytic model against the twin without noise, by inertia: what the twin was
     made to meet."""
     found = {}
-    for case, inertia in INERTIAS.items():
+    for case, inertia in TWIN_INERTIAS.items():
         truth = twin.record(step_reference(), inertia, noise=0.0)["columns"]
         known = replace(excitation(truth[REFERENCE]), known={"inertia_kg_m2": inertia})
         found[case] = mae(truth[ANGLE], analytic_loop(known)[derived(ANGLE, "loop")])

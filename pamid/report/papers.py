@@ -16,7 +16,7 @@ from PIL import Image, UnidentifiedImageError
 
 from pamid.base.errors import FileError
 from pamid.base.files import PICTURE, read_data
-from pamid.base.run_folder import FIGURES
+from pamid.base.run_folder import FIGURES_FOLDER
 from pamid.report import formatting
 from pamid.report.formatting import (
     channel_label,
@@ -98,7 +98,7 @@ def read_paper(folder: Path) -> Paper | None:
 def _stills(folder: Path, names: Iterable[str]) -> tuple[Still, ...]:
     found = []
     for name in names:
-        path = folder / FIGURES / f"{name}.png"
+        path = folder / FIGURES_FOLDER / f"{name}.png"
         if not path.exists():
             continue
         try:

@@ -23,7 +23,7 @@ from pamid.report.load import Step
 from pamid.report.style import Picture
 from pamid.report.tables import provenance
 from pamid.report.trial_results import Trial, reached_text
-from pamid.trial.table import HEAD, TITLES, strata, summary
+from pamid.trial.figure_table import TABLE_HEAD, TITLES, strata, summary
 
 _SHOWN_FAILURES = 20
 
@@ -89,7 +89,7 @@ def _targets(trial: Trial) -> tuple[Block, ...]:
         if one.reached is not None:
             outcome = "reached" if one.reached else Cell("missed", "strong")
         body.append([*(text.replace(" .. ", " to ") for text in one.texts), outcome])
-    return (table([*HEAD, ""], body, (1, 2, 3, 4)),)
+    return (table([*TABLE_HEAD, ""], body, (1, 2, 3, 4)),)
 
 
 def _confusion(trial: Trial) -> tuple[Block, ...]:

@@ -10,8 +10,8 @@ from typing import Any
 from pamid.report import formatting
 from pamid.report.formatting import effect_label, percent
 from pamid.report.reading import Node, read_object
+from pamid.trial.figure_table import ROWS_OF, TITLES, FigureRow, cells, rows_of
 from pamid.trial.machines import ONE_DOF
-from pamid.trial.table import ROWS_OF, TITLES, Row, cells, rows_of
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Scored:
     """A row of the table with its figure and interval in the row's unit, None where there were no
     cases; texts: its cells as the terminal shows them."""
 
-    row: Row
+    row: FigureRow
     texts: tuple[str, ...]
     value: float | None
     low: float | None
@@ -109,7 +109,7 @@ def read_trial(path: Path) -> Trial | None:
     )
 
 
-def _scored(row: Row, node: Node, content: dict[str, Any]) -> Scored:
+def _scored(row: FigureRow, node: Node, content: dict[str, Any]) -> Scored:
     keys = ("value" if row.section == "figures" else "share", "low", "high")
     for key in keys:
         if key not in node.content:

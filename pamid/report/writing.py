@@ -10,7 +10,7 @@ from pathlib import Path
 
 from pamid.base.errors import FileError
 from pamid.base.files import PAGE, make_folder, read_data, write_together
-from pamid.base.run_folder import FIGURES, Run
+from pamid.base.run_folder import FIGURES_FOLDER, Run
 from pamid.report.channel_errors import ChannelErrors, errors_of, headline, worst_window
 from pamid.report.document import Document
 from pamid.report.evidence_figures import (
@@ -104,7 +104,7 @@ def write_report(run_folder: Path, output: Path | None = None, pdf: Path | None 
     document = content.document_of(pictures)  # everything is made before anything is written
     html = html_of(document)
     paper = pdf_of(document) if pdf is not None else b""
-    own = {f"{FIGURES}/{name}.png": name for name in FIGURE_NAMES}
+    own = {f"{FIGURES_FOLDER}/{name}.png": name for name in FIGURE_NAMES}
     drawn = [file for file, name in own.items() if name in pictures]
     beside = [one for one in (page, pdf) if one is not None]
     for one in beside:

@@ -27,8 +27,8 @@ from pamid.engine.numba_cache import njit
 from pamid.trial.kernel import (
     ANGLE,
     ATMOSPHERE,
-    ELEMENTS,
     HANGING,
+    HYSTERESIS_ELEMENTS,
     JOINT_STATES,
     LOAD_ANGLE,
     LOAD_SPEED,
@@ -181,7 +181,7 @@ def run(
     x, s, z = (
         np.zeros((2, JOINT_STATES)),
         np.zeros((2, 2, MUSCLE_STATES)),
-        np.zeros((2, 2, 2, ELEMENTS)),
+        np.zeros((2, 2, 2, HYSTERESIS_ELEMENTS)),
     )
     y, memory, torque, drive = np.zeros((READINGS, 2)), np.zeros((2, 2)), np.zeros(2), np.zeros(2)
     for j in range(2):

@@ -23,7 +23,7 @@ from pamid.trial.conditions import Conditions
 from pamid.trial.faults import Fault
 from pamid.trial.machines import ONE_DOF, Machine, machine_named
 
-PARTS = ("calibration", "test")
+TRIAL_PARTS = ("calibration", "test")
 STRATA = {"single": 0.45, "double": 0.12, "no-gap": 0.23, "withheld": 0.12, "nameless": 0.08}
 NAMELESS = "nameless:"
 GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0  # steps of this share spread evenly, wherever they stop
@@ -62,10 +62,10 @@ class Case:
 def draw_cases(part: str, count: int, seed: int, rig: str = ONE_DOF) -> tuple[Case, ...]:
     """The first `count` cases of a part. UsageError for an unknown part or rig."""
     machine = machine_named(rig)
-    if part not in PARTS:
-        raise UsageError(f"unknown part {part!r}", f"parts: {', '.join(PARTS)}")
+    if part not in TRIAL_PARTS:
+        raise UsageError(f"unknown part {part!r}", f"parts: {', '.join(TRIAL_PARTS)}")
     cases = tuple(_draw(machine, part, number, seed) for number in range(count))
-    for other in PARTS:
+    for other in TRIAL_PARTS:
         if other != part:
             assert not {c.seed for c in cases} & {_seed(other, n, seed) for n in range(count)}, (
                 "parts share a seed"
@@ -80,7 +80,7 @@ def cases_sha256(cases: Sequence[Case]) -> str:
 
 
 def _stream(part: str, number: int, seed: int) -> np.random.SeedSequence:
-    return np.random.SeedSequence(seed, spawn_key=(PARTS.index(part), number))
+    return np.random.SeedSequence(seed, spawn_key=(TRIAL_PARTS.index(part), number))
 
 
 def _seed(part: str, number: int, seed: int) -> int:
@@ -111,7 +111,7 @@ def _rounded(drawn: dict[str, Any]) -> dict[str, Any]:
 def _stratum(part: str, number: int, seed: int) -> tuple[str, float]:
     """Stratum of a case and its place in it, both spread evenly over the numbers however many are
     drawn."""
-    first = np.random.default_rng([seed, PARTS.index(part)]).random()
+    first = np.random.default_rng([seed, TRIAL_PARTS.index(part)]).random()
     at = (first + number * GOLDEN) % 1.0
     for stratum, share in STRATA.items():
         if at < share:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pamid.trial.faults import HIGH_INERTIA, LONG_HOLDS, PRESSURES, WIDE_RANGE, Fault
 
-INERTIAS = (0.014, 0.0896)  # kg m2: the arm of the first paper, and 6.4 times it
+JOINT_INERTIAS = (0.014, 0.0896)  # kg m2: the arm of the first paper, and 6.4 times it
 PAYLOADS = (0.0, 0.5)  # kg at the tip of the arm
 HOLDS, SLOW_HOLD = ((0.4, 1.6), (0.8, 3.0)), (3.0, 12.0)  # s
 BACKGROUND = (0.005, 0.04)  # log-uniform
@@ -59,7 +59,7 @@ def draw_joint_conditions(
     needs, u = _needs(faults), random.random(7)
     angle_only = u[2] < 0.2 and PRESSURES not in needs
     return JointConditions(
-        inertia_kg_m2=INERTIAS[1] if HIGH_INERTIA in needs else INERTIAS[int(u[0] * 2)],
+        inertia_kg_m2=JOINT_INERTIAS[1] if HIGH_INERTIA in needs else JOINT_INERTIAS[int(u[0] * 2)],
         loop=_loop(u[1]),
         channels=ANGLE if angle_only else NO_FORCES if u[2] < 0.6 else ALL,
         noise=_noise(u[3]),

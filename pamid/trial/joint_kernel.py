@@ -16,8 +16,8 @@ from pamid.engine.numba_cache import njit
 from pamid.trial.kernel import (
     ANGLE,
     ATMOSPHERE,
-    ELEMENTS,
     HANGING,
+    HYSTERESIS_ELEMENTS,
     JOINT_STATES,
     LOAD_ANGLE,
     LOAD_SPEED,
@@ -104,7 +104,7 @@ def run(
     x, s, z, y = (
         np.zeros(JOINT_STATES),
         np.zeros((2, MUSCLE_STATES)),
-        np.zeros((2, 2, ELEMENTS)),
+        np.zeros((2, 2, HYSTERESIS_ELEMENTS)),
         np.zeros((5, 2)),
     )
     x[SUPPLY] = m.supply_pressure

@@ -25,8 +25,8 @@ R_AIR, CV_AIR = 287.05, 717.6  # J/(kg K)
 TANK = 2.0e-4  # m3, between regulator and valves
 TUBE_VOLUME = 6.0e-5  # m3, of a tube that lags by 15 ms: a wide one, that throttles little
 BLEND = 10e3  # Pa, over which filling hands over to venting
-ELEMENTS = 12  # of each hysteresis
-LAMINAR = 0.99  # pressure ratio from which flow is linear
+HYSTERESIS_ELEMENTS = 12  # of each hysteresis
+LAMINAR_RATIO = 0.99  # pressure ratio from which flow is linear
 # samples at held pressures before a recording: the arm comes to hang where its muscles balance
 HANGING = 333
 
@@ -92,9 +92,9 @@ def through(up: float, down: float, conductance: float, ratio: float) -> float:
     if down >= up:
         return 0.0
     r = down / up
-    if r > LAMINAR:
-        edge = (LAMINAR - ratio) / (1.0 - ratio)
-        shape = np.sqrt(1.0 - edge * edge) * (1.0 - r) / (1.0 - LAMINAR)
+    if r > LAMINAR_RATIO:
+        edge = (LAMINAR_RATIO - ratio) / (1.0 - ratio)
+        shape = np.sqrt(1.0 - edge * edge) * (1.0 - r) / (1.0 - LAMINAR_RATIO)
     elif r > ratio:
         shape = np.sqrt(1.0 - ((r - ratio) / (1.0 - ratio)) ** 2)
     else:
@@ -221,8 +221,8 @@ def held_back(
     force = 0.0
     if f.slip_n > 0.0:  # widths over a factor 50, ever weaker
         total = weights = 0.0
-        for j in range(ELEMENTS):
-            width = f.slip_reach * 10.0 ** (-1.2 + 1.7 * j / (ELEMENTS - 1))
+        for j in range(HYSTERESIS_ELEMENTS):
+            width = f.slip_reach * 10.0 ** (-1.2 + 1.7 * j / (HYSTERESIS_ELEMENTS - 1))
             weight = np.exp(-width / f.slip_reach)
             z[i, 0, j] = min(max(z[i, 0, j] + step, -width), width)
             total += weight * z[i, 0, j] / width
@@ -230,12 +230,12 @@ def held_back(
         force += f.slip_n * (0.12 + 0.88 * pressed**0.8) * total / weights
     if f.play_n > 0.0:  # even widths along a bent scale of contraction: the two branches differ
         total = 0.0
-        for j in range(ELEMENTS):
-            width = f.play_reach * (j + 0.5) / ELEMENTS
+        for j in range(HYSTERESIS_ELEMENTS):
+            width = f.play_reach * (j + 0.5) / HYSTERESIS_ELEMENTS
             z[i, 1, j] = min(
                 max(z[i, 1, j] + step * (1.0 + f.play_bend * (chi - 0.1)), -width), width
             )
-            total += z[i, 1, j] / width / ELEMENTS
+            total += z[i, 1, j] / width / HYSTERESIS_ELEMENTS
         force += f.play_n * (0.12 + 0.88 * pressed**0.8) * total
     if f.loop_n > 0.0:
         old = s[i, LOOP]

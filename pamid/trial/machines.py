@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import UsageError, nearest
 from pamid.excitation.aprbs import aprbs
-from pamid.trial import arm, plant
+from pamid.trial import arm_plant, joint_plant
 from pamid.trial.arm_faults import ARM_FAULTS, JOINTS, draw_site, draw_sizes, truth_of
 from pamid.trial.conditions import (
     ALL,
@@ -25,7 +25,7 @@ from pamid.trial.conditions import (
     draw_joint_conditions,
 )
 from pamid.trial.faults import FAULTS, Fault
-from pamid.trial.plant import PERIOD_S, Excitation
+from pamid.trial.joint_plant import PERIOD_S, Excitation
 
 Array = NDArray[np.float64]
 #: planted sizes by fault (or fault@place), excitation, seed of the noise -> columns of a recording
@@ -35,12 +35,12 @@ ONE_DOF, TWO_LINK = "one-dof", "two-link"
 PRESSURES_KPA = {"supply_pressure_kpa": 600.0, "initial_pressure_kpa": 550.0}
 
 
-class OneDof:
-    """The joint of `plant`."""
+class OneDofMachine:
+    """The joint of `joint_plant`."""
 
     name: ClassVar[str] = ONE_DOF
     faults: ClassVar[Mapping[str, Fault]] = FAULTS
-    controller: ClassVar[Mapping[str, float]] = plant.CONTROLLER
+    controller: ClassVar[Mapping[str, float]] = joint_plant.JOINT_CONTROLLER
     #: channels of a case -> how the columns begin that its recordings do not have
     withheld_columns: ClassVar[Mapping[str, tuple[str, ...]]] = {
         ALL: (),
@@ -87,18 +87,18 @@ class OneDof:
     def build(self, random: np.random.Generator, c: Conditions) -> Record:
         """A drawn machine, recorded under these conditions."""
         assert isinstance(c, JointConditions)
-        specimen = plant.draw_specimen(random, c.background)
-        return lambda faults, signal, seed: plant.record(
+        specimen = joint_plant.draw_specimen(random, c.background)
+        return lambda faults, signal, seed: joint_plant.record(
             specimen, faults, signal, inertia_kg_m2=c.inertia_kg_m2, noise=c.noise, seed=seed
         )
 
 
-class TwoLink:
+class TwoLinkMachine:
     """The arm of `arm`. Its methods are those of `OneDof`."""
 
     name: ClassVar[str] = TWO_LINK
     faults: ClassVar[Mapping[str, Fault]] = ARM_FAULTS
-    controller: ClassVar[Mapping[str, float]] = arm.CONTROLLER
+    controller: ClassVar[Mapping[str, float]] = arm_plant.ARM_CONTROLLER
     withheld_columns: ClassVar[Mapping[str, tuple[str, ...]]] = {
         ALL: (),
         NO_FORCES: ("force_",),
@@ -141,14 +141,14 @@ class TwoLink:
 
     def build(self, random: np.random.Generator, c: Conditions) -> Record:
         assert isinstance(c, ArmConditions)
-        specimen = arm.draw_arm(random, c.background)
-        return lambda faults, signal, seed: arm.record_arm(
+        specimen = arm_plant.draw_arm(random, c.background)
+        return lambda faults, signal, seed: arm_plant.record_arm(
             specimen, faults, signal, payload_kg=c.payload_kg, noise=c.noise, seed=seed
         )
 
 
-Machine = OneDof | TwoLink
-MACHINES: dict[str, Machine] = {ONE_DOF: OneDof(), TWO_LINK: TwoLink()}
+Machine = OneDofMachine | TwoLinkMachine
+MACHINES: dict[str, Machine] = {ONE_DOF: OneDofMachine(), TWO_LINK: TwoLinkMachine()}
 
 
 def machine_named(rig: str) -> Machine:

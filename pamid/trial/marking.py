@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-VISIBLE = 1.1  # visibility from which a fault has to be named
+LEAST_VISIBILITY = 1.1  # visibility from which a fault has to be named
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,12 +44,12 @@ class Marked:
 
     @property
     def visible(self) -> bool:
-        return self.visibility >= VISIBLE
+        return self.visibility >= LEAST_VISIBILITY
 
     @property
     def each_visible(self) -> bool:
         """Does every planted fault show beside the others?"""
-        return float(self.result["visibility_each"] or 0.0) >= VISIBLE
+        return float(self.result["visibility_each"] or 0.0) >= LEAST_VISIBILITY
 
     @property
     def found(self) -> dict[str, Any]:

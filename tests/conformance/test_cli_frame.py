@@ -15,10 +15,10 @@ from typing import Any
 import click
 import pytest
 from pamid_cli import frame
-from pamid_cli.progress import ProgressBar
+from pamid_cli.progress_bar import ProgressBar
 from pamid_cli.table import COMMANDS
 
-from pamid.base.errors import ConvergenceError, DataError, FileError, PartialError, UsageError
+from pamid.base.errors import ConvergenceError, DataError, FileError, UsageError
 from pamid.base.files import sha256_of
 from pamid.recording.recording import read_recording
 
@@ -133,7 +133,7 @@ def test_wrong_usage_as_json(arguments: list[str], capsys: pytest.CaptureFixture
     assert captured.err == ""
 
 
-ERRORS = [(UsageError, 2), (FileError, 3), (DataError, 4), (ConvergenceError, 5), (PartialError, 6)]
+ERRORS = [(UsageError, 2), (FileError, 3), (DataError, 4), (ConvergenceError, 5)]
 
 
 @pytest.mark.parametrize(("kind", "code"), ERRORS)

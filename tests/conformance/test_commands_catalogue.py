@@ -12,8 +12,8 @@ import pytest
 from pamid_cli.frame import run
 
 from pamid.checks.conformance import (
-    Bench,
-    Trial,
+    EveryPortRig,
+    ExcitedRig,
     finite_everywhere,
     null_error,
     rig_findings,
@@ -125,7 +125,7 @@ def test_list_of_effects_for_one_rig_leaves_out_what_does_not_fit(
 
 
 def test_every_effect_tells_its_story(capsys: pytest.CaptureFixture[str]) -> None:
-    rigs = [library.rig_named("one-dof"), library.rig_named(str(RIGS / "emps.py")), Bench()]
+    rigs = [library.rig_named("one-dof"), library.rig_named(str(RIGS / "emps.py")), EveryPortRig()]
     known = library.effects()
     for name, effect in known.items():
         said = catalogue.effect_story(effect, rigs, known.values())
@@ -373,24 +373,24 @@ def test_check_of_a_missing_file_offers_the_nearest(
 def test_the_bench_is_sound_and_offers_a_port_of_every_kind() -> None:
     from pamid.model.effect import KINDS
 
-    assert {port.kind for port in Bench.ports.values()} == set(KINDS)
-    assert [f for f in rig_findings(Bench(), library.effects().values()) if f.wrong] == []
+    assert {port.kind for port in EveryPortRig.ports.values()} == set(KINDS)
+    assert [f for f in rig_findings(EveryPortRig(), library.effects().values()) if f.wrong] == []
 
 
 @pytest.mark.parametrize(
     "name", ["first-order-lag@ruler", "clock-skew", "dahl-friction", "overflow"]
 )
 def test_general_effects_vanish_at_their_null_and_act_otherwise(name: str) -> None:
-    attachment = attach(Bench(), name, library.effects())
-    assert null_error(Bench(), attachment) < 1e-10
-    assert visible_change(Bench(), attachment) > 1e-3
-    assert finite_everywhere(Bench(), attachment) == []
-    assert sensitivity_error(Bench(), attachment) < 1e-5
+    attachment = attach(EveryPortRig(), name, library.effects())
+    assert null_error(EveryPortRig(), attachment) < 1e-10
+    assert visible_change(EveryPortRig(), attachment) > 1e-3
+    assert finite_everywhere(EveryPortRig(), attachment) == []
+    assert sensitivity_error(EveryPortRig(), attachment) < 1e-5
 
 
 def test_clock_skew_shifts_every_reading_by_the_same_time() -> None:
-    rig = Bench()
-    trial = Trial(rig, attach(rig, "clock-skew", library.effects()))
+    rig = EveryPortRig()
+    trial = ExcitedRig(rig, attach(rig, "clock-skew", library.effects()))
     assert set(trial.attachment.ports if trial.attachment else ()) == {
         "ruler",
         "dial",
@@ -398,15 +398,15 @@ def test_clock_skew_shifts_every_reading_by_the_same_time() -> None:
         "cell",
     }
     p = trial.assembly.values({"clock-skew:start_s": 3 * rig.period_s, "clock-skew:skew_ppm": 0.0})
-    plain = Trial(rig).run(Assembly(rig).values(), trial.stepping(p))
+    plain = ExcitedRig(rig).run(Assembly(rig).values(), trial.stepping(p))
     late = trial.run(p, trial.stepping(p))
     np.testing.assert_allclose(late[3:], plain[:-3], rtol=1e-9, atol=1e-12)
 
 
 def test_clock_skew_leads_an_early_reading_by_its_slope() -> None:
-    rig = Bench()
-    trial = Trial(rig, attach(rig, "clock-skew", library.effects()))
+    rig = EveryPortRig()
+    trial = ExcitedRig(rig, attach(rig, "clock-skew", library.effects()))
     p = trial.assembly.values({"clock-skew:start_s": -rig.period_s, "clock-skew:skew_ppm": 0.0})
-    plain = Trial(rig).run(Assembly(rig).values(), trial.stepping(p))[:, 0]
+    plain = ExcitedRig(rig).run(Assembly(rig).values(), trial.stepping(p))[:, 0]
     early = trial.run(p, trial.stepping(p))[:, 0]
     assert np.abs(early[:-1] - plain[1:]).max() < 0.05 * np.abs(plain[1:] - plain[:-1]).max()

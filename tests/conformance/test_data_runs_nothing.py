@@ -107,8 +107,8 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
         "pamid.correction.port_network.fit_model",
         "pamid.diagnosis.diagnose.diagnose_into",
         "pamid.correction.output_network.train_correction",
-        "pamid.trial.work.examine",
-        "pamid.replications.joint.reproduce",
+        "pamid.trial.case_runs.examine",
+        "pamid.replications.joint_paper.reproduce",
         "pamid.replications.demo.run_demo",
         "pamid.correction.force_map.judge",
     ):

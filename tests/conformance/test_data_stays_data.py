@@ -20,8 +20,8 @@ from virtual_joint import record
 
 from pamid.base.errors import FileError
 from pamid.excitation.writers import FORMATS, Signals
-from pamid.ingest.guess import guess_mapping
-from pamid.ingest.reading import read_log
+from pamid.ingest.guessed_mapping import guess_mapping
+from pamid.ingest.log_reader import read_log
 from pamid.model.registry import catalogue_rig
 from pamid.networks.elman import Elman
 from pamid.recording.recording import toml_text
@@ -57,7 +57,7 @@ DANGEROUS = {
 MEANT = {
     ("pamid/model/registry.py", "exec"),
     ("pamid/parallel/dask_backend.py", "cloudpickle"),
-    ("pamid/parallel/store.py", "marshal"),
+    ("pamid/parallel/result_store.py", "marshal"),
 }
 HARMLESS = {"re.compile", "platform.system"}
 
@@ -307,7 +307,7 @@ def test_no_text_of_a_run_becomes_source(
 
 def test_what_is_kept_of_jobs_is_data(tmp_path: Path) -> None:
     """Under the right name, with the right entries, and yet an object: not unpacked."""
-    from pamid.parallel.store import Store
+    from pamid.parallel.result_store import Store
 
     class Loud:
         def __reduce__(self) -> tuple[Any, ...]:

@@ -11,8 +11,8 @@ from pamid.networks.anfis import Anfis
 from pamid.networks.elman import Elman
 from pamid.networks.narx import Narx
 from pamid.networks.network import Network
-from pamid.networks.problem import Damping, Goals, Problem, recordings
-from pamid.networks.store import load_network, save_network, train_on_signals
+from pamid.networks.problem import Damping, Goals, TrainingProblem, recordings
+from pamid.networks.trained_network import load_network, save_network, train_on_signals
 from pamid.networks.training import train
 
 KINDS = [
@@ -116,7 +116,7 @@ def test_wild_weights_overflow_quietly(network):
     for w in (np.full(network.n_weights, 1e300), np.full(network.n_weights, np.nan)):
         assert network.simulate(w, u).shape == (len(u),)
         network.normal_equations(w, u, t)
-        problem = Problem(network, recordings(u, t), 0, True, Damping(), Goals())
+        problem = TrainingProblem(network, recordings(u, t), 0, True, Damping(), Goals())
         assert (
             not np.isfinite(problem.errors(w).sse)
             or problem.evaluate(np.full_like(w, np.nan)) is None

@@ -15,13 +15,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pamid.trial.case_runs as trial_work
 import pytest
 from pamid_cli import frame
 from pamid_cli.demo import demo_text
 from small_cart import others, record_cart
 
 import pamid.diagnosis.diagnose as whole
+import pamid.trial.case_runs as trial_work
 from pamid.base.errors import PamidError
 from pamid.diagnosis.next_experiment import bench_of, sent_with
 from pamid.diagnosis.proposal import NEXT_FILES, Proposal, proposal_result
@@ -464,10 +464,8 @@ def test_after_a_share_of_a_trial(
     """The cases themselves are left out."""
     drawn: list[tuple[Any, ...]] = []
 
-    def scored(
-        output: Path, part: str, cases: int, seed: int, *_: Any, rig: str, only: str, **__: Any
-    ) -> None:
-        drawn.append((part, cases, seed, rig, only))
+    def scored(output: Path, chosen: trial_work.CaseSelection, *_: Any, **__: Any) -> None:
+        drawn.append((chosen.part, chosen.count, chosen.seed, chosen.rig, chosen.only))
         raise PamidError("taken", exit_code=TAKEN)
 
     monkeypatch.setattr(trial_work, "run_cases", lambda *_, **__: [])

@@ -14,14 +14,25 @@ from scripts import load_script
 
 import pamid.networks.anfis as anfis_module
 from pamid.base.errors import DataError
-from pamid.correction.force_law import ForceLaw, _on_grid, _steps, check_force_law, force_law
+from pamid.correction.trained_force_law import (
+    ForceLaw,
+    _on_grid,
+    _steps,
+    check_force_law,
+    force_law_of,
+)
 from pamid.engine.program import Stepping
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.networks.anfis import Anfis
 from pamid.networks.elman import Elman
 from pamid.networks.scaling import Scaling
-from pamid.networks.store import TrainedNetwork, load_network, save_network, train_on_signals
+from pamid.networks.trained_network import (
+    TrainedNetwork,
+    load_network,
+    save_network,
+    train_on_signals,
+)
 from pamid.networks.training import train
 from pamid.rigs.muscle import exponential
 from pamid.simulation.simulate import free_run
@@ -255,7 +266,7 @@ def evaluated(law: ForceLaw, contraction: float, pressure_kpa: float) -> float:
 
 def test_force_law_is_the_networks_prediction_in_si(muscle, tmp_path):
     save_network(tmp_path, muscle)
-    law, draw = force_law(tmp_path), np.random.default_rng(3)
+    law, draw = force_law_of(tmp_path), np.random.default_rng(3)
     np.testing.assert_array_equal(load_network(tmp_path).weights, muscle.weights)
     assert load_network(tmp_path).network == muscle.network
     for e, p in zip(draw.uniform(-0.02, 0.24, 20), draw.uniform(10.0, 640.0, 20), strict=True):
@@ -265,7 +276,7 @@ def test_force_law_is_the_networks_prediction_in_si(muscle, tmp_path):
 
 
 def test_force_law_goes_on_in_straight_lines_without_a_kink(muscle):
-    law = force_law(muscle)
+    law = force_law_of(muscle)
     first, second, third = (evaluated(law, e, 300.0) for e in (0.26, 0.27, 0.28))
     assert third - second == pytest.approx(second - first, rel=1e-9)
     low, high = muscle.input_scaling.low[1], muscle.input_scaling.high[1]
@@ -280,7 +291,7 @@ def test_force_law_goes_on_in_straight_lines_without_a_kink(muscle):
 
 def test_the_guard_looks_at_the_law_itself(muscle):
     """Its grid, beyond the trained range too, holds the forces that the equations give."""
-    grid, law = _on_grid(muscle), force_law(muscle)
+    grid, law = _on_grid(muscle), force_law_of(muscle)
     # pressure in bar, contraction
     steps = muscle.input_scaling.backward(np.stack([_steps(), _steps()], axis=1))
     force = muscle.output_scaling.backward(grid.ravel()).reshape(grid.shape) * 1e3
@@ -294,14 +305,14 @@ def test_the_guard_looks_at_the_law_itself(muscle):
 RIG_FILE = """
 from pathlib import Path
 
-from pamid.correction.force_law import force_law
+from pamid.correction.trained_force_law import force_law_of
 from pamid.rigs.one_dof import OneDof
 
 
 class TrainedJoint(OneDof):
     def __init__(self) -> None:
         super().__init__()
-        self.static_force = force_law(Path(__file__).parent)
+        self.static_force = force_law_of(Path(__file__).parent)
 """
 
 
@@ -321,7 +332,7 @@ def test_rig_file_with_the_trained_law_moves_as_the_rig_with_its_own(muscle, tmp
 
 def test_compiled_derivative_of_the_law(muscle):
     """A weight on a muscle, starting beyond the trained range and pulled into it."""
-    law, chi, rate, stepping = force_law(muscle), state("chi"), state("rate"), Stepping(2)
+    law, chi, rate, stepping = force_law_of(muscle), state("chi"), state("rate"), Stepping(2)
     pull = law(chi, 3e5 + 0.0 * rate)
     made = program(
         {"chi": rate, "rate": 2e-2 * pull - 8.0 * rate - 2.0}, {"chi": chi, "force": pull}
@@ -366,7 +377,7 @@ def test_guard_lets_a_monotone_law_pass(muscle):
 def test_guard_says_where_a_law_moves_the_wrong_way(along, words):
     law = wavy(along, 150.0)
     with pytest.raises(DataError, match=words) as refused:
-        force_law(law)
+        force_law_of(law)
     assert ("between contraction" in str(refused.value)) == (along == 0)
     with pytest.warns(UserWarning, match=words):
         found = check_force_law(law, strict=False)
@@ -402,7 +413,7 @@ def test_what_is_no_force_law_is_refused(network, names, output, words):
         1.0,
     )
     with pytest.raises(DataError, match=words):
-        force_law(made)
+        force_law_of(made)
 
 
 @pytest.mark.skipif(

@@ -21,7 +21,7 @@ from pamid.base.metrics import mae
 from pamid.correction.force_map import read_map
 from pamid.model.registry import rig_named
 from pamid.recording.recording import read_recording
-from pamid.replications.arm import AT_THE_FLOOR, FITTED, MAP_FILE, target_json
+from pamid.replications.arm_paper import AT_THE_FLOOR, FITTED, MAP_FILE, target_json
 from pamid.replications.arm_twin import (
     GRAVITY,
     PULSES,

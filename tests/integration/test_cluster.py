@@ -26,7 +26,7 @@ from pamid.diagnosis.diagnose import diagnose_into
 from pamid.model.registry import effects
 from pamid.parallel.dask_backend import Cluster, Patience, cluster
 from pamid.parallel.jobs import Failed, Work, WorkerPool
-from pamid.parallel.store import Store
+from pamid.parallel.result_store import Store
 
 distributed = pytest.importorskip("distributed", reason="needs pamid[cluster]")
 
@@ -43,7 +43,7 @@ def _patient() -> Iterator[None]:
     waits = {"distributed.comm.timeouts.connect": "20s", "distributed.comm.timeouts.tcp": "900s"}
     fewer = {"distributed.worker.daemon": True, "distributed.scheduler.allowed-failures": 1}
     with pytest.MonkeyPatch.context() as patch, dask.config.set({**fewer, **waits}):
-        patch.setattr("pamid.parallel.dask_backend.USUAL", LONG)
+        patch.setattr("pamid.parallel.dask_backend.DEFAULT_PATIENCE", LONG)
         yield
 
 
@@ -130,7 +130,7 @@ def test_a_worker_killed_in_the_middle_changes_no_bit(
     assert pool.failed == [] and json.loads(alone["diagnosis.json"])["verdict"] == "explained"
     resumed = WorkerPool(2, store=Store(tmp_path / "jobs"))
     assert diagnosed(tmp_path / "again", recording, resumed) == alone
-    assert resumed.worked == 0 and resumed.kept == pool.worked, (
+    assert resumed.worked == 0 and resumed.from_store == pool.worked, (
         "found by the cluster, used by this machine"
     )
 

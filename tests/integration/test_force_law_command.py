@@ -21,7 +21,7 @@ from pamid.base.errors import DataError, FileError
 from pamid.base.metrics import rms
 from pamid.correction.force_map import ForceMap, forces, judge, pulls, read_map
 from pamid.model.registry import rig_named
-from pamid.networks.store import load_network
+from pamid.networks.trained_network import load_network
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.rigs.muscle import LAWS
 

@@ -22,7 +22,7 @@ from small_cart import RIG, record_cart
 from pamid.base.errors import FileError
 from pamid.base.files import JSON, TABLE, TOML, read_data, read_lines, sha256_of
 from pamid.base.npz import load_arrays
-from pamid.parallel.store import Store
+from pamid.parallel.result_store import Store
 
 
 @pytest.fixture(autouse=True)

@@ -487,7 +487,7 @@ def test_all_files_or_none(
             "replace",
             lambda a, b: (
                 fails_late(a, b)
-                if ".ingest." in str(a) and ".ingest." not in str(b)
+                if ".ingest-" in str(a) and ".ingest-" not in str(b)
                 else replace(a, b)
             ),
         )
@@ -501,10 +501,11 @@ def test_all_files_or_none(
 def test_what_a_killed_ingest_left_is_swept_by_the_next(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    prepare()
     ended = subprocess.Popen([sys.executable, "-c", ""])
     ended.wait()
     left, busy, link = (
-        here / f".ingest.{process}.0{number}.tmp"
+        here / f".ingest-unfinished.{process}.0{number}.tmp"
         for number, process in enumerate((ended.pid, os.getppid(), ended.pid))
     )
     (here / "other").mkdir()

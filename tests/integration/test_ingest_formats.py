@@ -16,8 +16,8 @@ import pytest
 
 from pamid.base.errors import FileError
 from pamid.ingest.channels import Log
-from pamid.ingest.kinds import kinds, read_here
-from pamid.ingest.reading import read_log
+from pamid.ingest.log_kinds import known_kinds, read_here
+from pamid.ingest.log_reader import read_log
 
 N = 400
 TIME = np.arange(N) * 0.003
@@ -405,15 +405,15 @@ def test_mdf_values_marked_invalid_are_empty(tmp_path: Path) -> None:
 
 
 def joint_message(store: Any, index: int, *, one: bool) -> Any:
-    kinds = store.types
+    known_kinds = store.types
     nanoseconds = 1_700_000_000_000_000_000 + index * 3_000_000
-    stamp = kinds["builtin_interfaces/msg/Time"](nanoseconds // 10**9, nanoseconds % 10**9)
+    stamp = known_kinds["builtin_interfaces/msg/Time"](nanoseconds // 10**9, nanoseconds % 10**9)
     header = (index, stamp, "base") if one else (stamp, "base")
     names, values = ["elbow", "wrist"], [ANGLE[index], PRESSURE[index]]
     if index % 2:  # the order of the joints is the sender's business
         names, values = names[::-1], values[::-1]
-    return kinds["sensor_msgs/msg/JointState"](
-        kinds["std_msgs/msg/Header"](*header),
+    return known_kinds["sensor_msgs/msg/JointState"](
+        known_kinds["std_msgs/msg/Header"](*header),
         names,
         np.array(values),
         np.array([]),
@@ -490,7 +490,7 @@ def stub(folder: Path, monkeypatch: pytest.MonkeyPatch, package: str, code: str)
 
 
 @pytest.mark.parametrize(
-    "kind", [kind for kind in kinds().values() if kind.extra], ids=lambda kind: kind.name
+    "kind", [kind for kind in known_kinds().values() if kind.extra], ids=lambda kind: kind.name
 )
 def test_a_missing_package_is_named_with_its_extra(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: Any
@@ -598,8 +598,8 @@ DAMAGE = """
 import json, sys, numpy
 from pathlib import Path
 from pamid.base.errors import FileError
-from pamid.ingest.kinds import kinds, read_here
-from pamid.ingest.reading import read_log
+from pamid.ingest.log_kinds import kinds, read_here
+from pamid.ingest.log_reader import read_log
 name, whole, *paths = sys.argv[1:]
 true = {channel.name: channel.values for channel in read_here(Path(whole), name).channels}
 for path in paths:

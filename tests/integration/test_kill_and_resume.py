@@ -20,9 +20,9 @@ from pamid_cli import frame
 from small_cart import RIG, others, record_cart
 
 import pamid.base.run_folder
-import pamid.trial.work as work
+import pamid.trial.case_runs as work
 from pamid.base.json_file import read_json
-from pamid.parallel.store import Store
+from pamid.parallel.result_store import Store
 
 FILES = (
     "diagnosis.json",

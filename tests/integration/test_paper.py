@@ -20,13 +20,13 @@ from pamid.model.assembly import Assembly
 from pamid.model.registry import effects, rig_named
 from pamid.networks.elman import Elman
 from pamid.recording.recording import read_recording
-from pamid.replications import joint as paper
+from pamid.replications import joint_paper as paper
 from pamid.replications.joint_twin import (
     AMPLITUDE_DEG,
     HOLD_S,
-    INERTIAS,
     PERIOD_S,
     RIG,
+    TWIN_INERTIAS,
     Twin,
     analytic_loop,
     calibration,
@@ -80,7 +80,7 @@ def test_the_analytic_model_misses_the_twin_by_the_published_errors() -> None:
 
 def test_the_twin_settles_under_random_steps() -> None:
     reference = aprbs(30.0, PERIOD_S, AMPLITUDE_DEG, HOLD_S, seed=1)
-    inertia = INERTIAS["6.4 Jn"]
+    inertia = TWIN_INERTIAS["6.4 Jn"]
     known = replace(excitation(reference), known={"inertia_kg_m2": inertia})
     model = analytic_loop(known)["angle_loop_deg"]
 
@@ -98,7 +98,7 @@ def test_the_steps_are_those_of_the_paper() -> None:
     assert changes * PERIOD_S == pytest.approx(0.252 + 1.626 * np.arange(6))
     assert steps[changes].tolist() == [20.0, -20.0, 30.0, -30.0, 40.0, -40.0]
     assert len(aprbs(200.0, PERIOD_S, 40.0)) == 66667
-    assert INERTIAS["6.4 Jn"] == pytest.approx(0.0896)
+    assert TWIN_INERTIAS["6.4 Jn"] == pytest.approx(0.0896)
 
 
 def test_the_paper_s_arithmetic() -> None:
@@ -110,7 +110,7 @@ def test_the_paper_s_arithmetic() -> None:
 def test_another_load_leaves_spring_and_inboard_inertia() -> None:
     rig, twin = rig_named(RIG), Twin()
     values = {}
-    for case, inertia in INERTIAS.items():
+    for case, inertia in TWIN_INERTIAS.items():
         attached = attach_specs(rig, twin.effects(inertia))
         assembly = Assembly(rig, tuple(a for a, _ in attached))
         values[case] = assembly.values(
@@ -118,7 +118,7 @@ def test_another_load_leaves_spring_and_inboard_inertia() -> None:
         )
     heavy, light = values["6.4 Jn"], values["Jn"]
     assert not np.allclose(heavy, light)
-    moved = paper.carried(assembly, heavy, INERTIAS["6.4 Jn"], INERTIAS["Jn"])
+    moved = paper.carried(assembly, heavy, TWIN_INERTIAS["6.4 Jn"], TWIN_INERTIAS["Jn"])
     assert moved == pytest.approx(light)
     bare = Assembly(rig)
     assert paper.carried(bare, bare.values(), 0.0896, 0.014) == pytest.approx(bare.values())
@@ -142,7 +142,7 @@ def test_a_quick_run(few_effects: None, tmp_path: Path, capsys: pytest.CaptureFi
             )
     for case, name in (("6.4 Jn", "steps-6.4-jn.csv"), ("Jn", "steps-jn.csv")):
         recording = read_recording(folder / name)
-        assert recording.known["inertia_kg_m2"] == pytest.approx(INERTIAS[case])
+        assert recording.known["inertia_kg_m2"] == pytest.approx(TWIN_INERTIAS[case])
         model = analytic_loop(recording)["angle_loop_deg"]
         assert rows["analytic model"]["mae"][case] == pytest.approx(
             mae(recording.signal("angle_deg"), model)

@@ -30,7 +30,7 @@ from pamid.correction.port_network import (
 from pamid.correction.residual_data import read_columns, read_residual_data
 from pamid.estimation.fit_model import GreyBox, fit_json, fit_model, residual_csv
 from pamid.model.registry import rig_named
-from pamid.networks.store import load_network
+from pamid.networks.trained_network import load_network
 from pamid.recording.recording import read_recording
 from pamid.replications.demo import Withheld, write_demo_recording
 from pamid.simulation.data_split import split_recordings

@@ -27,7 +27,7 @@ from pamid.report.trial_figures import (
 from pamid.report.trial_results import Trial, read_trial
 from pamid.report.web_page import page_script
 from pamid.report.writing import write_report
-from pamid.trial.table import ROWS
+from pamid.trial.figure_table import JOINT_ROWS
 
 NAMES = ["targets", "reliability", "confusion", "strata"]
 
@@ -71,7 +71,7 @@ def test_one_page_with_four_figures(folder: Path) -> None:
 
 
 def test_every_row_of_the_table_is_judged_by_its_own_direction(trial: Trial) -> None:
-    assert [one.row for one in trial.scored] == list(ROWS)
+    assert [one.row for one in trial.scored] == list(JOINT_ROWS)
     by_key = {one.row.key: one for one in trial.scored}
     assert by_key["family_first"].reached is False and by_key["family_first_two"].reached is True
     assert by_key["wrong_abstention"].reached is True and by_key["false_alarm"].reached is False, (
@@ -93,18 +93,18 @@ def test_targets_that_are_all_reached_say_so(tmp_path: Path) -> None:
         **trial_json()["rates"],
         **{
             row.key: share_json(100 if row.upward else 0, 100)
-            for row in ROWS
+            for row in JOINT_ROWS
             if row.section == "rates"
         },
     }
     figures = {
         row.key: {"value": 0.01, "low": 0.0, "high": 0.02, "of": 50}
-        for row in ROWS
+        for row in JOINT_ROWS
         if row.section == "figures"
     }
     found = read_trial(make_trial(tmp_path / "TRIAL", rates=rates, figures=figures) / "trial.json")
     assert found is not None
-    aimed = sum(row.target is not None for row in ROWS)
+    aimed = sum(row.target is not None for row in JOINT_ROWS)
     drawing = targets_drawing(found)
     assert drawing is not None and drawing.title == f"{aimed} of {aimed} targets are reached"
 
@@ -161,10 +161,10 @@ def test_every_axis_names_its_unit(trial: Trial) -> None:
 
 
 def test_a_trial_without_cases_makes_a_page(tmp_path: Path) -> None:
-    empty = {row.key: share_json(0, 0) for row in ROWS if row.section == "rates"}
+    empty = {row.key: share_json(0, 0) for row in JOINT_ROWS if row.section == "rates"}
     figures = {
         row.key: {"value": None, "low": None, "high": None, "of": 0}
-        for row in ROWS
+        for row in JOINT_ROWS
         if row.section == "figures"
     }
     folder = make_trial(

@@ -5,7 +5,7 @@ import pytest
 
 import pamid.networks.training as training_module
 from pamid.base.errors import DataError, FileError
-from pamid.networks.checkpoints import Step
+from pamid.networks.checkpoints import TrainingStep
 from pamid.networks.elman import Elman
 from pamid.networks.training import Training, train
 
@@ -20,7 +20,7 @@ def teacher_data() -> tuple[np.ndarray, np.ndarray]:
 
 
 def stop_at(iteration, start=0, error=KeyboardInterrupt):
-    def progress(step: Step, number: int) -> None:
+    def progress(step: TrainingStep, number: int) -> None:
         if (step.iteration, number) == (iteration, start):
             raise error
 

@@ -132,7 +132,7 @@ class _Loud:
 @dataclass(frozen=True)
 class Thing:
     size: float
-    progress: Any = field(default=None, compare=False)
+    watch: Any = field(default=None, compare=False)
 
 
 def test_a_digest_sees_every_part() -> None:
@@ -165,7 +165,7 @@ def test_a_digest_sees_every_part() -> None:
     ]
     digests = [digest(d) for d in different]
     assert len(set(digests)) == len(digests)
-    assert digest(Thing(1.0, progress=3)) == digest(Thing(1.0, progress=print)), (
+    assert digest(Thing(1.0, watch=3)) == digest(Thing(1.0, watch=print)), (
         "what does not change the result"
     )
     assert digest(a, a) == digest(a.copy(), a) != digest(a)
@@ -174,8 +174,8 @@ def test_a_digest_sees_every_part() -> None:
 
 def test_a_digest_is_the_same_in_every_process() -> None:
     code = (
-        "from pamid.model.registry import effects, rig_named; from pamid.parallel.result_store import "
-        "digest; import numpy as np;"
+        "from pamid.model.registry import effects, rig_named; "
+        "from pamid.parallel.result_store import digest; import numpy as np;"
         "print(digest(rig_named('one-dof'), sorted(effects().items()), {'b', 'a', 'c'}, "
         "np.arange(3.0)))"
     )

@@ -24,12 +24,12 @@ from pamid.base.files import write_atomically
 from pamid.base.json_file import read_json, write_json
 from pamid.base.npz import load_arrays
 from pamid.base.run_folder import Run
-from pamid.correction.output_network import Wanted, with_columns
+from pamid.correction.output_network import NetworkChoice, with_columns
 from pamid.correction.residual_data import read_columns, read_residual_data
 from pamid.estimation.fit_model import fit_json, fit_model, residual_csv
 from pamid.model.registry import rig_named
 from pamid.networks.anfis import Anfis
-from pamid.networks.store import load_network
+from pamid.networks.trained_network import load_network
 from pamid.recording.recording import read_recording
 from pamid.replications.demo import Withheld, write_demo_recording
 from pamid.simulation.data_split import split_recordings
@@ -188,11 +188,11 @@ def test_every_network_is_trained(
 
 @pytest.mark.parametrize(("inputs", "sets"), [(1, 5), (2, 5), (3, 4), (4, 2), (5, 2), (6, 2)])
 def test_usual_sets_of_an_anfis(inputs: int, sets: int) -> None:
-    network = Wanted("anfis").network(inputs, 0.003)
+    network = NetworkChoice("anfis").network(inputs, 0.003)
     assert network == Anfis(inputs, sets) and network.rules <= 64
-    assert Wanted("anfis", {"sets": 2}).network(7, 0.003).n_weights == Anfis(7, 2).n_weights
+    assert NetworkChoice("anfis", {"sets": 2}).network(7, 0.003).n_weights == Anfis(7, 2).n_weights
     with pytest.raises(UsageError, match="128 rules"):
-        Wanted("anfis").network(7, 0.003)
+        NetworkChoice("anfis").network(7, 0.003)
 
 
 def test_starts_race_on_any_number_of_cores(run: Copy, capsys: pytest.CaptureFixture[str]) -> None:
@@ -426,7 +426,7 @@ _HELD = """
 import os, signal, sys, time
 signal.signal(signal.SIGINT, signal.default_int_handler)
 from pamid_cli.frame import main
-from pamid_cli.progress import ProgressBar
+from pamid_cli.progress_bar import ProgressBar
 said, left, update = int(sys.argv.pop(1)), [int(sys.argv.pop(1))], ProgressBar.update
 def held(*words):
     left[0] -= 1

@@ -19,12 +19,12 @@ from pamid.model.effect import Effect
 from pamid.model.registry import effects
 from pamid.parallel.jobs import WorkerPool
 from pamid.simulation.data_split import DataSplit
-from pamid.trial import work
+from pamid.trial import case_runs
+from pamid.trial.case_runs import CaseWork
 from pamid.trial.cases import NAMELESS, STRATA, Case, cases_sha256, draw_cases
 from pamid.trial.faults import FAULTS
-from pamid.trial.score import Score, score
-from pamid.trial.table import trial_text
-from pamid.trial.work import Examining
+from pamid.trial.figure_table import trial_text
+from pamid.trial.scoring import Score, score_cases
 
 CONDITIONS = {
     "inertia_kg_m2": 0.014,
@@ -74,7 +74,7 @@ def answer(
     shrinkage: tuple[float, float, float, float] | None = None,
     seconds: float = 10.0,
 ) -> dict[str, Any]:
-    """A result as work.Examining gives it. shrinkage: predicted, low, high, achieved."""
+    """A result as work.CaseWork gives it. shrinkage: predicted, low, high, achieved."""
 
     def row(effect: str, probability: float) -> dict[str, Any]:
         family, at = KNOWN[effect]
@@ -149,7 +149,7 @@ def test_naming() -> None:
         answer(4, "no-structural-gap"),
         answer(5, "no-structural-gap", visibility=1.05),
     ]
-    found = score(labels, results)
+    found = score_cases(labels, results)
     assert both(found, "family_first") == (2, 5)
     assert both(found, "family_first_two") == (2, 5), (
         "third family of the third case, abstention of the fourth"
@@ -169,7 +169,7 @@ def test_naming() -> None:
 
 
 def test_two_families_are_two_however_many_members_stand_between() -> None:
-    found = score(
+    found = score_cases(
         [label(0, "single", LEAK)],
         [answer(0, "explained", "coulomb-friction", "stribeck-friction", "leak")],
     )
@@ -178,7 +178,7 @@ def test_two_families_are_two_however_many_members_stand_between() -> None:
 
 def test_exact_needs_the_effect_itself_or_what_was_measured_to_be_alike() -> None:
     labels = [label(i, "single", FRICTION) for i in range(3)]
-    found = score(
+    found = score_cases(
         labels,
         [
             answer(0, "explained", "stribeck-friction"),
@@ -192,7 +192,7 @@ def test_exact_needs_the_effect_itself_or_what_was_measured_to_be_alike() -> Non
 
 def test_ports_that_cannot_be_told_apart_count_as_one() -> None:
     labels = [label(i, "single", FRICTION) for i in range(3)]
-    found = score(
+    found = score_cases(
         labels,
         [
             answer(0, "ambiguous", "leak", port="pressure", tied=("pressure", "joint")),
@@ -219,7 +219,7 @@ def test_refusing_to_name() -> None:
         answer(7, "unknown-effect", port="muscle", visibility=1.9),
         answer(8, "explained", "leak", visibility=1),
     ]
-    found = score([*quiet, *unknown], results)
+    found = score_cases([*quiet, *unknown], results)
     assert [both(found, f"false_alarm{k}") for k in ("", "_clean", "_background")] == [
         (1, 5),
         (0, 2),
@@ -243,7 +243,7 @@ def test_refusing_to_name() -> None:
 
 def test_two_at_once() -> None:
     labels = [label(i, "double", FRICTION, LEAK) for i in range(3)]
-    found = score(
+    found = score_cases(
         labels,
         [
             answer(0, "explained", "leak", causes=("leak", "stribeck-friction")),
@@ -263,7 +263,7 @@ def test_calibration_by_hand() -> None:
     ECE is (1.85 + 0.84)/5; an abstention says nothing and does not count.
     """
     labels = [*(label(i, "single", FRICTION) for i in range(5)), label(5, "no-gap")]
-    found = score(
+    found = score_cases(
         labels,
         [
             answer(0, "explained", "coulomb-friction", p=0.95),
@@ -294,7 +294,7 @@ def test_shrinkage_forecast_by_hand() -> None:
         answer(2, "explained", "leak", shrinkage=(0.5, 0.4, 0.6, 0.60), seconds=90.0),
         answer(3, "ambiguous", "leak", shrinkage=(0.5, 0.4, 0.6, 0.0)),
     ]
-    found = score(labels, results)
+    found = score_cases(labels, results)
     assert found.figures["shrinkage_error"].value == pytest.approx(0.10)
     assert found.figures["shrinkage_bias"].value == pytest.approx(0.05)
     assert both(found, "shrinkage_covered") == (2, 3)
@@ -304,7 +304,7 @@ def test_shrinkage_forecast_by_hand() -> None:
 def test_shuffled_labels_fall_to_chance() -> None:
     truths = [FRICTION if i % 2 else LEAK for i in range(60)]
     results = [answer(i, "explained", str(t["fault"])) for i, t in enumerate(truths)]
-    found = score([label(i, "single", t) for i, t in enumerate(truths)], results, seed=1)
+    found = score_cases([label(i, "single", t) for i, t in enumerate(truths)], results, seed=1)
     assert found.rates["family_first"].share == 1.0
     low, high = wilson_interval(found.baselines["shuffled_labels"].hits, 60)
     assert low < 0.5 < high
@@ -313,7 +313,7 @@ def test_shuffled_labels_fall_to_chance() -> None:
 
 def test_failed_cases_are_counted_and_shown() -> None:
     failed = {"case": 1, "failed": {"message": "too short"}}
-    found = score(
+    found = score_cases(
         [label(0, "single", FRICTION), label(1, "single", LEAK)],
         [answer(0, "explained", "coulomb-friction"), failed],
     )
@@ -329,7 +329,7 @@ def test_failed_cases_are_counted_and_shown() -> None:
 
 
 def test_nothing_to_score_is_no_error() -> None:
-    told = {**score([], []).as_json(), "failures": {}}
+    told = {**score_cases([], []).as_json(), "failures": {}}
     assert "family named first" in trial_text(json.loads(json.dumps(told, allow_nan=False)))
 
 
@@ -438,10 +438,10 @@ def test_the_label_is_in_nothing_the_tool_is_given(
         shown.append((told, list(catalogue)))
         raise DataError("seen enough")
 
-    monkeypatch.setattr(work, "diagnosed", diagnosed)
+    monkeypatch.setattr(case_runs, "diagnosed", diagnosed)
     case = example(stratum, loop=loop, channels=channels)
-    assert Examining()(case)["failed"]["message"] == "seen enough"
-    Examining()(replace(case, planted={}, removed=(), stratum="no-gap", number=0))
+    assert CaseWork()(case)["failed"]["message"] == "seen enough"
+    CaseWork()(replace(case, planted={}, removed=(), stratum="no-gap", number=0))
     (told, catalogue), (without, whole) = shown
     assert told == without, "but for what was measured, nothing depends on the label"
     assert catalogue == [name for name in whole if name not in case.removed] and whole == list(
@@ -490,7 +490,7 @@ def examined(monkeypatch: pytest.MonkeyPatch) -> list[int]:
             )
         }
 
-    monkeypatch.setattr(work, "examine", examine)
+    monkeypatch.setattr(case_runs, "examine", examine)
     return numbers
 
 
@@ -542,19 +542,19 @@ def test_a_failed_case_costs_only_itself(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    fine = work.examine
+    fine = case_runs.examine
 
     def examine(case: Case, place: Path) -> dict[str, Any]:
         if case.number == 1:
             raise error
         return fine(case, place)
 
-    monkeypatch.setattr(work, "examine", examine)
+    monkeypatch.setattr(case_runs, "examine", examine)
     assert trial(tmp_path / "run", 3) == 6
     assert f"{error}" in capsys.readouterr().out and sorted(examined) == [0, 2]
     told = read_json(tmp_path / "run" / "trial.json")["failed_jobs"]
     assert [f["job"] for f in told] == ["case 1"] and f"{error}" in told[0]["why"]
-    monkeypatch.setattr(work, "examine", fine)
+    monkeypatch.setattr(case_runs, "examine", fine)
     assert trial(tmp_path / "run", 3, "--resume") == 0
     assert examined[2:] == [1], "what failed is tried again"
 
@@ -562,20 +562,20 @@ def test_a_failed_case_costs_only_itself(
 def test_what_was_finished_before_an_interrupt_is_kept(
     tmp_path: Path, examined: list[int], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    fine = work.examine
+    fine = case_runs.examine
 
     def examine(case: Case, place: Path) -> dict[str, Any]:
         if len(examined) == 2:
             raise KeyboardInterrupt
         return fine(case, place)
 
-    monkeypatch.setattr(work, "examine", examine)
+    monkeypatch.setattr(case_runs, "examine", examine)
     assert trial(tmp_path / "run", 4) == 130
     assert sorted(p.name for p in (tmp_path / "run" / "cases").iterdir()) == sorted(
         f"{n:04d}.json" for n in examined
     )
     assert read_json(tmp_path / "run" / "run.json")["outcome"] == "interrupted"
-    monkeypatch.setattr(work, "examine", fine)
+    monkeypatch.setattr(case_runs, "examine", fine)
     assert trial(tmp_path / "run", 4, "--resume") == 0
     assert len(examined) == 4 and sorted(examined) == [0, 1, 2, 3]
 
@@ -623,11 +623,11 @@ def test_a_case_from_end_to_end(tmp_path: Path) -> None:
         planted={"dead-time": {"delay_s": 0.03}},
         removed=tuple(n for n in effects() if n not in few),
     )
-    (found,) = work.run_cases([case], tmp_path, WorkerPool())
-    assert found["failed"] is None and found == work.finished(case, tmp_path)
-    assert work.finished(replace(case, seed=1), tmp_path) is None
+    (found,) = case_runs.run_cases([case], tmp_path, WorkerPool())
+    assert found["failed"] is None and found == case_runs.finished(case, tmp_path)
+    assert case_runs.finished(replace(case, seed=1), tmp_path) is None
     assert found["visibility"] > 1.5 and found["seconds"] > 0.0
-    marked = score([case.label()], [found])
+    marked = score_cases([case.label()], [found])
     assert both(marked, "exact_first") == both(marked, "port") == (1, 1)
     held = found["shrinkage"]
     assert held["channels"].keys() == {"angle_deg", "pressure_1_kpa", "pressure_2_kpa"}

@@ -23,18 +23,7 @@ from pamid.model.effect import Effect
 from pamid.model.registry import effects, rig_named
 from pamid.parallel.jobs import WorkerPool
 from pamid.simulation.data_split import DataSplit
-from pamid.trial import arm, arm_faults, arm_kernel, work
-from pamid.trial.arm import (
-    CHANNELS,
-    NOISE,
-    RADII,
-    SHEET,
-    TO_COLUMN,
-    ArmBody,
-    ArmSpecimen,
-    draw_arm,
-    record_arm,
-)
+from pamid.trial import arm_faults, arm_kernel, arm_plant, case_runs
 from pamid.trial.arm_faults import (
     ARM_FAULTS,
     JOINTS,
@@ -46,12 +35,23 @@ from pamid.trial.arm_faults import (
     split,
 )
 from pamid.trial.arm_kernel import advance_arm
+from pamid.trial.arm_plant import (
+    ARM_CHANNELS,
+    ARM_NOISE,
+    ARM_TO_COLUMN,
+    RADII,
+    SHEET,
+    ArmBody,
+    ArmSpecimen,
+    draw_arm,
+    record_arm,
+)
 from pamid.trial.cases import STRATA, Case, cases_sha256, draw_cases
 from pamid.trial.faults import FAULTS, LONG_HOLDS, Planted
+from pamid.trial.figure_table import trial_text
+from pamid.trial.joint_plant import PERIOD_S, Excitation, packed
 from pamid.trial.kernel import ANGLE, JOINT_STATES, LOAD_ANGLE, LOAD_SPEED
-from pamid.trial.plant import PERIOD_S, Excitation, packed
-from pamid.trial.score import score
-from pamid.trial.table import trial_text
+from pamid.trial.scoring import score_cases
 
 STEP = 1e-4  # s
 SHORT = 3.3  # s, the least that has room for the holds
@@ -119,8 +119,8 @@ def resting(planted: dict[str, dict[str, float]]) -> dict[str, Any]:
 def change(one: dict[str, Any], other: dict[str, Any]) -> dict[str, float]:
     """RMS difference per channel, in standard deviations of its noise."""
     return {
-        c: float(np.sqrt(np.mean((one[c] - other[c]) ** 2)) / (NOISE * TO_COLUMN)[i])
-        for i, c in enumerate(CHANNELS)
+        c: float(np.sqrt(np.mean((one[c] - other[c]) ** 2)) / (ARM_NOISE * ARM_TO_COLUMN)[i])
+        for i, c in enumerate(ARM_CHANNELS)
     }
 
 
@@ -293,7 +293,7 @@ def test_a_flexible_joint_rings_at_its_own_frequency_when_held() -> None:
 
 
 def test_the_arm_shares_nothing_with_the_tool() -> None:
-    for module in (arm, arm_faults, arm_kernel):
+    for module in (arm_plant, arm_faults, arm_kernel):
         tree = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))
         names = [
             a.name for node in ast.walk(tree) if isinstance(node, ast.Import) for a in node.names
@@ -327,7 +327,7 @@ def test_the_healthy_arm_follows_its_references() -> None:
         "reference_2_deg",
         "command_1",
         "command_2",
-        *CHANNELS,
+        *ARM_CHANNELS,
     ]
     for k, j in enumerate(JOINTS):
         late = reference(20.0)[:, k]
@@ -345,7 +345,7 @@ def test_at_rest_muscles_carry_the_links() -> None:
     found = record_arm(
         machine(), {}, Excitation(reference_deg=asked), payload_kg=0.5, noise=0.0, seed=0
     )
-    last = {c: found[c][-200:].mean() for c in CHANNELS}
+    last = {c: found[c][-200:].mean() for c in ARM_CHANNELS}
     q1, q2 = np.radians([last["angle_1_deg"], last["angle_2_deg"]])
     body = machine().body(0.5)
     outer = body.weight_2 * np.sin(q1 + q2)
@@ -376,7 +376,7 @@ def test_an_open_loop_repeats_the_closed_one_and_a_seed_its_bytes() -> None:
     )
     first, second, other = (replayed({}, noise=1.0, seed=s) for s in (5, 5, 6))
     assert all(first[c].tobytes() == second[c].tobytes() for c in first)
-    for c, expected in zip(CHANNELS, NOISE * TO_COLUMN, strict=True):
+    for c, expected in zip(ARM_CHANNELS, ARM_NOISE * ARM_TO_COLUMN, strict=True):
         assert np.std(first[c] - other[c]) == pytest.approx(expected * 2**0.5, rel=0.1), c
 
 
@@ -606,11 +606,11 @@ def test_the_tool_sees_a_recording_and_a_catalogue(
         shown.append(evidence)
         raise DataError("seen enough")
 
-    monkeypatch.setattr(work, "diagnosed", diagnosed)
+    monkeypatch.setattr(case_runs, "diagnosed", diagnosed)
     case = example({"leak@pressure_21": {"leak": 0.01}}, channels=channels, loop=loop)
-    assert work.Examining()(case)["failed"]["message"] == "seen enough"
+    assert case_runs.CaseWork()(case)["failed"]["message"] == "seen enough"
     (recording,) = shown[0].recordings
-    expected = [c for c in CHANNELS if c.startswith(("angle_", *there))]
+    expected = [c for c in ARM_CHANNELS if c.startswith(("angle_", *there))]
     asked = ["reference_1_deg", "reference_2_deg"] if loop == "closed" else []
     assert list(recording.columns) == [*asked, "command_1", "command_2", *expected]
     assert shown[0].rig.name == "two-link" and recording.known["payload_kg"] == 0.0
@@ -665,7 +665,7 @@ def test_the_number_of_joint_or_muscle_counts() -> None:
         answer(2, "pressure"),
         answer(3, "pressure_21", "no-structural-gap"),
     ]
-    found = score(labels, results)
+    found = score_cases(labels, results)
     assert (found.rates["port_exact"].hits, found.rates["port_exact"].of) == (1, 4)
     assert found.rates["port"].hits == 2
     assert "payload_kg" in found.strata and "inertia_kg_m2" not in found.strata
@@ -686,7 +686,7 @@ def test_the_command(
     def examine(case: Case, place: Path) -> dict[str, Any]:
         raise DataError(f"a case of {case.rig}")
 
-    monkeypatch.setattr(work, "examine", examine)
+    monkeypatch.setattr(case_runs, "examine", examine)
 
     def trial(*more: str) -> int:
         return frame.run(
@@ -723,7 +723,7 @@ def test_a_case_of_the_arm_from_end_to_end(tmp_path: Path) -> None:
         example({"dead-time@command_2": {"delay_s": 0.03}}),
         removed=tuple(n for n in effects() if n not in few),
     )
-    (found,) = work.run_cases([case], tmp_path, WorkerPool())
+    (found,) = case_runs.run_cases([case], tmp_path, WorkerPool())
     assert found["failed"] is None and found["visibility"] > 1.5
-    marked = score([case.label()], [found])
+    marked = score_cases([case.label()], [found])
     assert marked.rates["exact_first"].share == marked.rates["port_exact"].share == 1.0

@@ -50,13 +50,13 @@ EVERY_STEP = "import pamid.networks.training as training; training._CHECKPOINT_S
 #: between them
 QUICK_CASES = f"""
 sys.path.insert(0, {str(Path(__file__).parent)!r})
-import disturbed, pamid.trial.work as work
+import disturbed, pamid.trial.case_runs as work
 work.examine = disturbed.quick_examine
 """
 
 
 def quick_examine(case: Any, place: Path) -> dict[str, Any]:
-    """What `pamid.trial.work.examine` returns, with nothing in it."""
+    """What `pamid.trial.case_runs.examine` returns, with nothing in it."""
     return {
         "diagnosis": {
             "verdict": "no-structural-gap",

@@ -22,7 +22,7 @@ from pamid.model.registry import effects, rig_named
 from pamid.model.rig import Port, Rig
 from pamid.networks.elman import Elman
 from pamid.networks.scaling import Scaling
-from pamid.networks.store import TrainedNetwork
+from pamid.networks.trained_network import TrainedNetwork
 
 Array = NDArray[np.float64]
 PERIOD_S = 0.003

@@ -283,7 +283,7 @@ def resumed(site: Site) -> list[Words]:
 def results(site: Site) -> list[Words]:
     """Results of single jobs and the journal: read by the library, which trusts nothing that does
     not vouch for itself; what is damaged is worked out again."""
-    from pamid.parallel.store import Store
+    from pamid.parallel.result_store import Store
 
     folder = site.copy("jobs")
     path = site.random.choice(sorted(folder.iterdir()))

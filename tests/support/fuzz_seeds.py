@@ -63,12 +63,12 @@ def make_seeds(place: Path) -> Path:
 
 def _checkpoint(place: Path) -> None:
     """Where a training of the run stood after its first step."""
-    from pamid.correction.output_network import Wanted, train_correction
+    from pamid.correction.output_network import NetworkChoice, train_correction
     from pamid.correction.residual_data import read_residual_data
 
     train_correction(
         read_residual_data(place / "explained"),
-        wanted=Wanted("elman", {"hidden": 2}),
+        wanted=NetworkChoice("elman", {"hidden": 2}),
         iterations=1,
         seed=0,
         threads=1,
@@ -97,7 +97,7 @@ def _excitation(place: Path) -> None:
 
 
 def _results(place: Path) -> None:
-    from pamid.parallel.store import Store
+    from pamid.parallel.result_store import Store
 
     store = Store(place / "jobs")
     store.put(

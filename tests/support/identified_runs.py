@@ -16,7 +16,7 @@ from pamid.estimation.fit_model import GreyBox, fit_json, fit_model
 from pamid.model.registry import rig_named
 from pamid.networks.network import Network
 from pamid.networks.scaling import Scaling
-from pamid.networks.store import TrainedNetwork, save_network
+from pamid.networks.trained_network import TrainedNetwork, save_network
 from pamid.recording.recording import Recording, read_recording
 from pamid.simulation.data_split import split_recordings
 from pamid.simulation.virtual_rig import attach_specs

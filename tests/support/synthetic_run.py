@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pamid.base.metrics import wilson_interval
-from pamid.trial.table import ROWS
+from pamid.trial.figure_table import JOINT_ROWS
 
 PERIOD_S = 0.01
 WINDOW_ROWS = 200
@@ -374,7 +374,7 @@ def trial_json() -> dict[str, Any]:
         "figures": {},
         "baselines": {},
     }
-    for k, row in enumerate(ROWS):
+    for k, row in enumerate(JOINT_ROWS):
         if row.section == "figures":
             parts["figures"][row.key] = {
                 "value": 0.04 + 0.01 * k,

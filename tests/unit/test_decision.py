@@ -26,8 +26,8 @@ from pamid.diagnosis.decision import (
     probabilities,
 )
 from pamid.diagnosis.forward_selection import ForwardStep
-from pamid.trial.calibrate import calibrate
-from pamid.trial.cases import PARTS
+from pamid.trial.calibration import calibration_json
+from pamid.trial.cases import TRIAL_PARTS
 
 Array = NDArray[np.float64]
 
@@ -240,7 +240,7 @@ def test_calibration_learns_what_the_labels_say() -> None:
         )
     ]
     cases.append(_case(60, "no-gap", None, False))
-    found = calibrate([c[0] for c in cases], [c[1] for c in cases], seed=0, digest="abc")
+    found = calibration_json([c[0] for c in cases], [c[1] for c in cases], seed=0, digest="abc")
     assert found["cases"] == {"part": "calibration", "seed": 0, "sha256": "abc", "used": 60}
 
     def says(question: str, g: VerdictStatistics) -> float:
@@ -261,10 +261,14 @@ def test_calibration_learns_what_the_labels_say() -> None:
 def test_the_test_part_teaches_nothing() -> None:
     label, result = _case(0, "single", CLEAR, True)
     with pytest.raises(DataError, match="calibration part"):
-        calibrate([{**label, "part": "test"}], [result], seed=0, digest="")
+        calibration_json([{**label, "part": "test"}], [result], seed=0, digest="")
 
 
 def test_the_shipped_calibration_names_its_cases() -> None:
     c = calibration()
-    assert c.cases["part"] == PARTS[0] and c.cases["used"] >= 100 and len(c.cases["sha256"]) == 64
+    assert (
+        c.cases["part"] == TRIAL_PARTS[0]
+        and c.cases["used"] >= 100
+        and len(c.cases["sha256"]) == 64
+    )
     assert all(0.0 < line.yes < 1.0 for line in c.lines.values())

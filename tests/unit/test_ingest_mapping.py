@@ -11,11 +11,11 @@ import pytest
 
 from pamid.base.errors import FileError
 from pamid.base.units import unit
+from pamid.ingest.channel_words import meanings, number
 from pamid.ingest.channels import Channel, Log
-from pamid.ingest.guess import guess_mapping
+from pamid.ingest.guessed_mapping import guess_mapping
 from pamid.ingest.mapping import Mapping, load_mapping, mapping_of, settle, unknown_to
-from pamid.ingest.quantities import in_unit, read_unit
-from pamid.ingest.words import meanings, number
+from pamid.ingest.source_units import in_unit, read_unit
 from pamid.model.registry import rig_named
 
 ONE_DOF = rig_named("one-dof")

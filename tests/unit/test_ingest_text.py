@@ -11,7 +11,7 @@ import pytest
 
 from pamid.base.errors import FileError
 from pamid.ingest.channels import Log
-from pamid.ingest.reading import read_log
+from pamid.ingest.log_reader import read_log
 
 N = 60
 TIME = np.arange(N) * 0.003

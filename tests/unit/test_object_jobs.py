@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pamid.parallel.result_store import Store, digest, plain
 from small_cart import FEW, cart_evidence, record_cart
 
 import pamid.model.assembly
@@ -22,12 +23,11 @@ from pamid.diagnosis.verdict import diagnosis_json
 from pamid.model.attachment import attach
 from pamid.model.registry import effects
 from pamid.parallel.jobs import ObjectWork, Work, WorkerPool
-from pamid.parallel.store import Store, digest, plain
-from pamid.simulation.data_split import Evidence
+from pamid.simulation.data_split import DataSplit
 
 
 @pytest.fixture(scope="module")
-def evidence(tmp_path_factory: pytest.TempPathFactory) -> Evidence:
+def evidence(tmp_path_factory: pytest.TempPathFactory) -> DataSplit:
     return cart_evidence(record_cart(tmp_path_factory.mktemp("cart")))
 
 
@@ -72,7 +72,7 @@ def through_the_plain_form(work: Work[Any, Any], item: Any, found: Any) -> Any:
     return work.restored(item, plain(work.plain_form(item, found)))
 
 
-def test_models_are_the_same_objects_to_the_last_bit(evidence: Evidence) -> None:
+def test_models_are_the_same_objects_to_the_last_bit(evidence: DataSplit) -> None:
     """Values, kinds and memory layout: one digest."""
     baseline = _Baseline(evidence, silent)
     model = baseline.result(0)
@@ -84,7 +84,7 @@ def test_models_are_the_same_objects_to_the_last_bit(evidence: Evidence) -> None
 
 
 def test_a_diagnosis_converts_recordings_once_per_model(
-    evidence: Evidence, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    evidence: DataSplit, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The same answer from one process, from two with a store, and read back; in one process every
     model meets a recording twice, once to fit and once held out, and is put together once."""

@@ -11,7 +11,12 @@ import pytest
 from pamid.base.errors import DataError, FileError
 from pamid.networks.elman import Elman
 from pamid.networks.scaling import Scaling, scaling_of
-from pamid.networks.store import TrainedNetwork, load_network, save_network, train_on_signals
+from pamid.networks.trained_network import (
+    TrainedNetwork,
+    load_network,
+    save_network,
+    train_on_signals,
+)
 from pamid.networks.training import train
 
 

@@ -12,7 +12,7 @@ from pamid.base.errors import DataError, FileError
 from pamid.base.metrics import FloatArray
 from pamid.ingest.resampling import hold, smooth
 from pamid.ingest.stamps import Rows, count_samples, usable_rows
-from pamid.ingest.time_base import Cure, Diagnosis, diagnose, time_base
+from pamid.ingest.time_base import Cure, StampDiagnosis, diagnose_stamps, reconstructed_time_base
 
 T, N = 0.003, 12000
 K = np.arange(N)
@@ -33,10 +33,10 @@ def jittering(seed: int = 0, spread: float = 0.8e-3) -> FloatArray:
     return np.sort(K * T + np.random.default_rng(seed).normal(0.0, spread, N))
 
 
-def judge(true: FloatArray, stamps: FloatArray, noise: float = 0.05) -> tuple[Rows, Diagnosis]:
+def judge(true: FloatArray, stamps: FloatArray, noise: float = 0.05) -> tuple[Rows, StampDiagnosis]:
     y = motion(true) + noise * np.random.default_rng(9).standard_normal(true.size)
     rows = usable_rows(stamps, [y], "log.csv: t")
-    return rows, diagnose(rows, {"angle_deg": y[rows.keep]})
+    return rows, diagnose_stamps(rows, {"angle_deg": y[rows.keep]})
 
 
 def sleeping() -> FloatArray:
@@ -92,7 +92,7 @@ def test_without_motion_nothing_is_claimed() -> None:
     rest = np.random.default_rng(1).standard_normal(N)
     for stamps in (arriving(K * T), jittering()):
         rows = usable_rows(stamps, [rest], "x")
-        found = diagnose(rows, {"angle_deg": rest})
+        found = diagnose_stamps(rows, {"angle_deg": rest})
         assert found.cure is None and "no signal moves enough" in found.why
 
 
@@ -101,7 +101,7 @@ def test_noise_does_not_pass_for_late_stamps() -> None:
     stamps = jittering()
     y = 0.2 * motion(stamps) + 2.0 * np.random.default_rng(2).standard_normal(N)
     rows = usable_rows(stamps, [y], "x")
-    assert diagnose(rows, {"y": y}).cure is None
+    assert diagnose_stamps(rows, {"y": y}).cure is None
 
 
 @pytest.mark.parametrize(
@@ -117,12 +117,12 @@ def test_the_wrong_cure_is_thirty_times_worse(
     true, stamps = CASES[truth][0]()
     y = motion(true)
     rows = usable_rows(stamps, [y], "x")
-    found = diagnose(rows, {"y": y})
+    found = diagnose_stamps(rows, {"y": y})
     assert found.cure == right
     grid = K[100:-100] * T
 
     def error(cure: Cure) -> float:
-        base = time_base(rows, found, cure, None)
+        base = reconstructed_time_base(rows, found, cure, None)
         return float(np.sqrt(np.mean((smooth(base.instants, y, grid, T) - motion(grid)) ** 2)))
 
     assert error(right) < reached
@@ -133,12 +133,12 @@ def test_gaps_split_and_are_not_bridged_while_a_pause_of_the_host_does_not_split
     true = K * T + (K > 4000) * 2.34567 + (K > 8000) * 0.5
     for stamps in (true, arriving(true)):
         rows, found = judge(true, stamps)
-        base = time_base(rows, found, found.cure or "none", 0.05)
+        base = reconstructed_time_base(rows, found, found.cure or "none", 0.05)
         assert [piece.start for piece in base.pieces] == [0, 4001, 8001]
         assert base.instants - true == pytest.approx(0.0, abs=5e-5)
         assert next(r.count for r in base.repairs if r.what == "gaps") == 2
     rows, found = judge(K * T, _paused())
-    base = time_base(rows, found, "late-stamps", 0.05)
+    base = reconstructed_time_base(rows, found, "late-stamps", 0.05)
     assert len(base.pieces) == 1 and not base.repairs
 
 
@@ -148,7 +148,7 @@ def test_missing_samples_are_counted_and_their_place_found(late: bool) -> None:
     there[[0, -1]] = True
     true = (K * T)[there]
     rows, found = judge(true, arriving(K * T)[there] if late else true)
-    base = time_base(rows, found, found.cure or "none", None)
+    base = reconstructed_time_base(rows, found, found.cure or "none", None)
     lost = next(r.count for r in base.repairs if r.what == "samples-missing")
     assert lost == pytest.approx(N - there.sum(), abs=2 if late else 0)
     wrong = np.abs(base.instants - true) > 0.5 * T
@@ -182,7 +182,7 @@ def test_rows_out_of_order_are_put_back_and_a_clock_set_back_splits() -> None:
     for back in (5.1, 0.0074):
         rows = usable_rows(K * T - (K >= 6000) * back, [y], "x")
         assert rows.starts == (0, 6000) and rows.repairs[0].what == "clock-set-back"
-        base = time_base(rows, diagnose(rows, {"y": y}), "none", None)
+        base = reconstructed_time_base(rows, diagnose_stamps(rows, {"y": y}), "none", None)
         assert [(p.start, p.stop) for p in base.pieces] == [(0, 6000), (6000, N)]
         assert (np.diff(base.instants) > 0.0).all()
 
@@ -195,9 +195,9 @@ def test_stamps_so_late_that_they_overtake_each_other_leave_the_rows_in_their_or
     rows = usable_rows(stamps, [y], "x")
     assert rows.starts == (0,) and (rows.keep == K).all() and (np.diff(rows.stamps) > 0.0).all()
     assert [r.what for r in rows.repairs] == ["stamps-out-of-order"]
-    found = diagnose(rows, {"y": y})
+    found = diagnose_stamps(rows, {"y": y})
     assert found.cure == "late-stamps"
-    base = time_base(rows, found, "late-stamps", None)
+    base = reconstructed_time_base(rows, found, "late-stamps", None)
     assert np.abs(base.instants - base.instants[0] - K * T).max() < 0.02 * T
 
 
@@ -206,7 +206,7 @@ def test_a_channel_that_is_no_clock_is_refused() -> None:
     with pytest.raises(FileError, match="to and fro"):
         usable_rows(y, [y], "log.csv: angle")
     with pytest.raises(DataError, match="no sampling period: most rows are 0 s apart"):
-        diagnose(usable_rows(np.zeros(N), [y], "x"), {"y": y})
+        diagnose_stamps(usable_rows(np.zeros(N), [y], "x"), {"y": y})
     with pytest.raises(DataError, match="0 rows have a stamp"):
         usable_rows(np.full(N, np.nan), [y], "x")
 

@@ -17,8 +17,8 @@ from pamid.networks.bayes import (
 )
 from pamid.networks.elman import Elman
 from pamid.networks.network import Network
-from pamid.networks.problem import Damping, Goals, Problem, recordings
-from pamid.networks.store import trace_csv
+from pamid.networks.problem import Damping, Goals, TrainingProblem, recordings
+from pamid.networks.trained_network import trace_csv
 from pamid.networks.training import GATES, train
 
 
@@ -248,7 +248,7 @@ def test_linear_weights_are_at_their_best():
 def test_acceleration_is_half_the_second_derivative_along_the_step():
     u, target = teacher_data()
     network = Elman(2, 3)
-    problem = Problem(network, recordings(u, target), 100, True, Damping(), Goals())
+    problem = TrainingProblem(network, recordings(u, target), 100, True, Damping(), Goals())
     weights, step = (
         network.initial(3),
         1e-3 * np.random.default_rng(0).normal(size=network.n_weights),

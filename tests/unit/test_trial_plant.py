@@ -17,20 +17,20 @@ from pamid.excitation.aprbs import aprbs
 from pamid.model.attachment import attach
 from pamid.model.registry import effects, rig_named
 from pamid.rigs.muscle import exponential
-from pamid.trial import faults, joint_kernel, kernel, plant
+from pamid.trial import faults, joint_kernel, joint_plant, kernel
 from pamid.trial.faults import FAULTS, HIGH_INERTIA, LONG_HOLDS, Fault, Planted, planted
-from pamid.trial.kernel import static_pull
-from pamid.trial.plant import (
-    CHANNELS,
-    NOISE,
+from pamid.trial.joint_plant import (
+    JOINT_CHANNELS,
+    JOINT_NOISE,
+    JOINT_TO_COLUMN,
     PERIOD_S,
     STEPS,
-    TO_COLUMN,
     Excitation,
     Specimen,
     draw_specimen,
     record,
 )
+from pamid.trial.kernel import static_pull
 
 HEAVY, LIGHT = 0.0896, 0.014  # kg m2
 ONE_DOF = [
@@ -125,15 +125,15 @@ def replayed(
 
 def change(one: dict[str, Any], other: dict[str, Any]) -> np.ndarray:
     """RMS difference per channel, in standard deviations of its noise."""
-    return np.array([np.sqrt(np.mean((one[c] - other[c]) ** 2)) for c in CHANNELS]) / (
-        NOISE * TO_COLUMN
+    return np.array([np.sqrt(np.mean((one[c] - other[c]) ** 2)) for c in JOINT_CHANNELS]) / (
+        JOINT_NOISE * JOINT_TO_COLUMN
     )
 
 
 def force_map(specimen: Specimen, muscle: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Contraction, gauge pressure and static force over the working range."""
     chi, pressure = np.meshgrid(np.linspace(0.0, 0.2, 41), np.linspace(1e5, 6e5, 26))
-    m, f = plant.machine_record(specimen, HEAVY), plant.packed(**asdict(Planted()))
+    m, f = joint_plant.machine_record(specimen, HEAVY), joint_plant.packed(**asdict(Planted()))
     force = [
         static_pull(muscle, c, p, m, f, specimen.waves, 0.0)
         for c, p in zip(chi.flat, pressure.flat, strict=True)
@@ -142,7 +142,7 @@ def force_map(specimen: Specimen, muscle: int) -> tuple[np.ndarray, np.ndarray, 
 
 
 def test_the_plant_shares_nothing_with_the_tool() -> None:
-    for module in (plant, faults, kernel, joint_kernel):
+    for module in (joint_plant, faults, kernel, joint_kernel):
         tree = ast.parse(Path(str(module.__file__)).read_text(encoding="utf-8"))
         names = [
             a.name for node in ast.walk(tree) if isinstance(node, ast.Import) for a in node.names
@@ -196,7 +196,7 @@ def test_background_is_as_large_as_asked(seed: int) -> None:
 @pytest.mark.parametrize("inertia", [LIGHT, HEAVY])
 def test_healthy_machine_follows_its_reference(inertia: float) -> None:
     found = healthy(inertia)
-    assert list(found) == ["time_s", "reference_deg", "command", *CHANNELS]
+    assert list(found) == ["time_s", "reference_deg", "command", *JOINT_CHANNELS]
     late = reference()[:-150]  # the loop needs 0.45 s
     settled = np.flatnonzero(
         np.array([np.ptp(late[max(0, i - 150) : i + 1]) == 0.0 for i in range(late.size)])
@@ -295,7 +295,7 @@ def test_a_dead_time_shifts_everything_and_a_clock_the_readings() -> None:
 
 def test_mirrored_lengths_and_a_moved_zero_are_one_thing() -> None:
     """1 % of length is worth L0/2r of it in angle, here at a contraction of a tenth."""
-    moved = -0.5 * 0.01 * 0.9 * plant.KNOWN["length"] / plant.KNOWN["radius"]
+    moved = -0.5 * 0.01 * 0.9 * joint_plant.KNOWN["length"] / joint_plant.KNOWN["radius"]
     longer = replayed({"length-asymmetry": {"length_difference": 0.01}})
     shifted = replayed({"angle-sensor-offset": {"zero_rad": moved}})
     assert change(longer, shifted).max() < 0.2 * change(longer, healthy(HEAVY)).max()

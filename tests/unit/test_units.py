@@ -16,7 +16,6 @@ from pamid.base.units import (
     from_si,
     is_unit,
     quantity_of,
-    si_unit,
     split_column,
     suffix_of,
     suffixes_for,
@@ -102,13 +101,6 @@ SYMBOLS = [
 @pytest.mark.parametrize("symbol", SYMBOLS)
 def test_every_symbol_survives_the_way_through_a_name(symbol: str) -> None:
     assert split_column(with_unit("thing", symbol)) == ("thing", symbol)
-
-
-@pytest.mark.parametrize("symbol", SYMBOLS)
-def test_si_unit_has_factor_one_and_the_same_dimension(symbol: str) -> None:
-    base = unit(si_unit(symbol))
-    assert compatible(symbol, base.symbol)
-    assert (base.factor, base.offset) == (1.0, 0.0)
 
 
 @given(st.sampled_from(SYMBOLS), st.floats(-1e6, 1e6))

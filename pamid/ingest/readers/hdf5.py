@@ -13,7 +13,7 @@ import numpy as np
 
 from pamid.ingest.channels import Log
 from pamid.ingest.gathering import Gathering
-from pamid.ingest.kinds import Kind
+from pamid.ingest.log_kinds import Kind
 
 UNIT_NAMES = ("unit", "units", "Unit", "Units", "UNIT", "UNITS", "unit_string")
 

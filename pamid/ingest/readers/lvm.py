@@ -13,9 +13,9 @@ import numpy as np
 from pamid.base.errors import FileError
 from pamid.base.metrics import FloatArray
 from pamid.ingest.channels import Channel, Log
-from pamid.ingest.dialect import Dialect
+from pamid.ingest.dialect import TextDialect
 from pamid.ingest.gathering import Gathering
-from pamid.ingest.kinds import Kind
+from pamid.ingest.log_kinds import Kind
 from pamid.ingest.readers.text import add_table, decode
 
 FIRST_TAG = "LabVIEW Measurement"
@@ -106,7 +106,7 @@ def _segment(
     names = (names + [f"column_{column + 1}" for column in range(len(names), width)])[:width]
     table = Gathering()
     ended = lines[-1] == ""  # else the file was cut
-    dialect = Dialect(way.delimiter, way.decimal, tuple(names), ("",) * width, first, ())
+    dialect = TextDialect(way.delimiter, way.decimal, tuple(names), ("",) * width, first, ())
     add_table(table, "\n".join(rows) + ("\n" if ended else ""), dialect, way.path)
     for note in table.notes:
         gathering.note(prefix + note)

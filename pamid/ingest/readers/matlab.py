@@ -16,7 +16,7 @@ import numpy as np
 from pamid.base.metrics import FloatArray
 from pamid.ingest.channels import Log
 from pamid.ingest.gathering import Gathering
-from pamid.ingest.kinds import Kind
+from pamid.ingest.log_kinds import Kind
 from pamid.ingest.readers.octave import read_octave_text
 
 OPAQUE = (

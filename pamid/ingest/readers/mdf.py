@@ -11,7 +11,7 @@ import numpy as np
 
 from pamid.ingest.channels import Log
 from pamid.ingest.gathering import Gathering
-from pamid.ingest.kinds import Kind
+from pamid.ingest.log_kinds import Kind
 
 #: conversion_type of formulas (not evaluated: a log shall not bring code) and of texts (raw numbers
 #: are read instead)

@@ -1,4 +1,4 @@
-"""The text that Octave's `save` writes unless it is told a format."""
+"""The text that Octave's `save` writes unless a format is given."""
 
 from __future__ import annotations
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from pamid.ingest.channels import Log
 from pamid.ingest.gathering import Gathering
-from pamid.ingest.kinds import Kind
+from pamid.ingest.log_kinds import Kind
 from pamid.ingest.readers.hdf5 import UNIT_NAMES
 
 
@@ -33,7 +33,7 @@ def _columns(gathering: Gathering, file: Any) -> list[str]:
     """Names of the columns that can be channels."""
     import pyarrow.types as types
 
-    kept = []
+    readable = []
     for field in file.schema_arrow:
         kind = field.type
         if (
@@ -44,10 +44,10 @@ def _columns(gathering: Gathering, file: Any) -> list[str]:
             or (types.is_timestamp(kind) or types.is_duration(kind) or types.is_date(kind))
         ):
             if gathering.fits(field.name, file.metadata.num_rows):
-                kept.append(field.name)
+                readable.append(field.name)
         else:
             gathering.leave_out(field.name, f"of type {kind}")
-    return kept
+    return readable
 
 
 def _values(pyarrow: Any, column: Any) -> Any:

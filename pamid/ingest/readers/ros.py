@@ -16,7 +16,7 @@ import numpy as np
 from pamid.base.metrics import FloatArray
 from pamid.ingest.channels import Log
 from pamid.ingest.gathering import MAX_COLUMNS, Gathering
-from pamid.ingest.kinds import Kind
+from pamid.ingest.log_kinds import Kind
 
 #: header and recorder further apart than this, in s, do not tell the same time
 CLOCKS_APART = 60.0

@@ -10,7 +10,7 @@ import numpy as np
 
 from pamid.ingest.channels import Log
 from pamid.ingest.gathering import Gathering
-from pamid.ingest.kinds import Kind
+from pamid.ingest.log_kinds import Kind
 
 
 def read_tdms(path: Path) -> Log:

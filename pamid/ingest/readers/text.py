@@ -17,9 +17,9 @@ from pamid.base.errors import FileError
 from pamid.base.files import TABLE, read_data
 from pamid.ingest.cells import MISSING, add_column
 from pamid.ingest.channels import Log
-from pamid.ingest.dialect import COMMENT, DELIMITERS, RUN, SAMPLE, Dialect, find_dialect
+from pamid.ingest.dialect import COMMENT, DELIMITERS, RUN, SAMPLE, TextDialect, find_dialect
 from pamid.ingest.gathering import Gathering
-from pamid.ingest.kinds import Kind
+from pamid.ingest.log_kinds import Kind
 
 #: what a log is read as that is no UTF-8; they differ in letters, not in digits
 OLD_ENCODINGS = ("cp1250", "cp1252", "latin-1")
@@ -67,7 +67,7 @@ def decode(path: Path) -> tuple[str, str]:
 
 
 def add_table(
-    gathering: Gathering, text: str, dialect: Dialect, path: Path, *, stamps: Any = None
+    gathering: Gathering, text: str, dialect: TextDialect, path: Path, *, stamps: Any = None
 ) -> None:
     """Enter the columns of rows of cells. Cells that are missing at the end of a row are an error,
     unless the log was cut there."""
@@ -100,13 +100,15 @@ def add_table(
         add_column(gathering, name, series, unit, dialect.decimal, str(path))
 
 
-def _whole_rows(gathering: Gathering, text: str, dialect: Dialect, path: Path) -> tuple[bytes, int]:
+def _whole_rows(
+    gathering: Gathering, text: str, dialect: TextDialect, path: Path
+) -> tuple[bytes, int]:
     """The rows that have all their cells, and how many; a row cut short and lines of text at the
     end are dropped and said."""
     if any("\n" + mark in text for mark in COMMENT):
-        kept = [line for line in text.split("\n") if not line.startswith(tuple(COMMENT))]
-        gathering.note(f"{text.count(chr(10)) + 1 - len(kept)} lines of comment are left out")
-        text = "\n".join(kept)
+        lines = [line for line in text.split("\n") if not line.startswith(tuple(COMMENT))]
+        gathering.note(f"{text.count(chr(10)) + 1 - len(lines)} lines of comment are left out")
+        text = "\n".join(lines)
     ended = text.endswith("\n")
     body = (text if ended else text + "\n").encode()
     widths, ends = _widths(body, dialect.delimiter)

@@ -3,7 +3,7 @@
     class TrainedJoint(OneDof):
         def __init__(self) -> None:
             super().__init__()
-            self.static_force = force_law(Path(__file__).parent / "muscle_20mm")
+            self.static_force = force_law_of(Path(__file__).parent / "muscle_20mm")
 
 The network is written out as an equation, so it is compiled with the rig and its derivatives are
 exact. Its inputs are one pressure (gauge) and one dimensionless contraction, its output a force, in
@@ -25,16 +25,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from pamid.base.errors import DataError
 from pamid.base.units import compatible, split_column, to_si, unit
-from pamid.networks.store import TrainedNetwork, load_network
+from pamid.networks.trained_network import TrainedNetwork, load_network
 from pamid.symbolic.derivative import gradients
 from pamid.symbolic.expression import substitute, symbol
 from pamid.symbolic.vocabulary import ZERO, Expr, clip
 
 Array = NDArray[np.float64]
 
-POINTS = 121  # per input, of the grid on which a law is checked
+CHECKED_POINTS = 121  # per input, of the grid on which a law is checked
 # how far that grid goes past each end of the scaled range [-1, 1]: a tenth of the range
-BEYOND = 0.2
+CHECKED_BEYOND = 0.2
 TOLERANCE = 5e-3  # of the trained range of forces: what a law may move the wrong way
 # scaled; along it, towards the inside, the check takes the tangent plane by a difference
 NUDGE = 1e-4
@@ -74,7 +74,7 @@ class ForceLaw:
         return a + (total + 1.0) * (0.5 * (b - a))
 
 
-def force_law(source: TrainedNetwork | Path | str, *, strict: bool = True) -> ForceLaw:
+def force_law_of(source: TrainedNetwork | Path | str, *, strict: bool = True) -> ForceLaw:
     """The force law of a trained network, or of the folder it was saved in, after
     `check_force_law`.
 
@@ -155,11 +155,11 @@ def _on_grid(trained: TrainedNetwork) -> Array:
     held = np.clip(table, -1.0, 1.0)
     nudge = NUDGE * (table - held)
     edge, before = (trained.network.simulate(trained.weights, held - by) for by in (0.0, nudge))
-    return (edge + (edge - before) / NUDGE).reshape(POINTS, POINTS)
+    return (edge + (edge - before) / NUDGE).reshape(CHECKED_POINTS, CHECKED_POINTS)
 
 
 def _steps() -> Array:
-    return np.linspace(-1.0 - BEYOND, 1.0 + BEYOND, POINTS)
+    return np.linspace(-1.0 - CHECKED_BEYOND, 1.0 + CHECKED_BEYOND, CHECKED_POINTS)
 
 
 def _order(trained: TrainedNetwork) -> list[str]:

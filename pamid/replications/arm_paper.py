@@ -21,9 +21,9 @@ from pamid.base.files import write_atomically
 from pamid.base.json_file import write_json
 from pamid.base.progress import Progress, silent
 from pamid.base.run_folder import FIT_FILE, Run
-from pamid.correction.force_law import force_law
 from pamid.correction.force_law_run import write_law
 from pamid.correction.force_map import judge, read_map
+from pamid.correction.trained_force_law import force_law_of
 from pamid.estimation.fit_model import GreyBox, fit_json, fit_model
 from pamid.estimation.posterior import Posterior, read_posterior
 from pamid.estimation.quantities import declared
@@ -31,13 +31,13 @@ from pamid.model.assembly import Assembly
 from pamid.model.registry import catalogue_rig
 from pamid.recording.recording import Recording
 from pamid.replications.arm_twin import (
+    ARM_RIG,
     GRAVITY,
     PULSES,
-    RIG,
     VARIABLES,
     WITH_PAYLOAD,
+    ArmRecords,
     ArmTwin,
-    Records,
     record_arm,
     sessions,
     shown,
@@ -55,8 +55,8 @@ from pamid.simulation.windows import Runner
 
 Array = NDArray[np.float64]
 
-SCHEMA, TABLE_FILE, MAP_FILE = "pamid.paper-arm/1", "arm-paper.json", "muscle-map.csv"
-FIGURES = {GRAVITY: "figures/gravity.png", PULSES: "figures/pulses.png"}
+ARM_PAPER_SCHEMA, TABLE_FILE, MAP_FILE = "pamid.paper-arm/1", "arm-paper.json", "muscle-map.csv"
+ARM_FIGURES = {GRAVITY: "figures/gravity.png", PULSES: "figures/pulses.png"}
 UNLOADED = "without_payload"
 SHEET, FLOOR = "data_sheet", "noise_floor"
 ANALYTIC_ALONE, ANFIS_ALONE, ANALYTIC, ANFIS = (
@@ -72,7 +72,7 @@ SETS = 2
 AT_THE_FLOOR = 0.05
 QUICK_S, QUICK_MUSCLES, QUICK_PERIOD_S = 4.0, ("12", "21"), 0.006
 
-NOTES = (
+ARM_NOTES = (
     "A virtual arm, not the authors' arm: their recordings and parameters are not published, so "
     "their figures are not "
     "set beside these. What the twin hides was chosen; its equations are the model's but for the "
@@ -95,7 +95,7 @@ NOTES = (
 
 
 @dataclass(frozen=True)
-class Plan:
+class ArmPlan:
     """swing_s: length of each gravity test; muscles: those that are pulsed; quick: too little to be
     believed."""
 
@@ -106,7 +106,7 @@ class Plan:
     quick: bool = False
 
     @classmethod
-    def quickly(cls, seed: int) -> Plan:
+    def quickly(cls, seed: int) -> ArmPlan:
         """Short swings and two muscles, coarsely sampled, to see it work."""
         return cls(QUICK_S, QUICK_MUSCLES, QUICK_PERIOD_S, seed, True)
 
@@ -114,12 +114,12 @@ class Plan:
 class LawAlone(TwoLink):
     """The arm without room for tolerances: its muscles pull as the law says, up to `scale`."""
 
-    name = RIG
+    name = ARM_RIG
     background = {}
 
 
 @dataclass(frozen=True, eq=False)
-class Stage:
+class FitStage:
     """A fit and its fit.json."""
 
     grey: GreyBox
@@ -156,25 +156,25 @@ class Model:
 
 
 def fit_stages(
-    run: Run, records: Records, plan: Plan, progress: Progress
-) -> tuple[dict[str, Stage], dict[str, Any]]:
+    run: Run, records: ArmRecords, plan: ArmPlan, progress: Progress
+) -> tuple[dict[str, FitStage], dict[str, Any]]:
     """All fits, each in a run folder of its own as `pamid fit --from` would leave it;
     force-law.json of the map."""
 
-    def stage(name: str, evidence: DataSplit, earlier: Posterior | None = None) -> Stage:
+    def stage(name: str, evidence: DataSplit, earlier: Posterior | None = None) -> FitStage:
         grey = fit_model(
             evidence,
             seed=plan.seed,
             progress=lambda text: progress(f"{name}: {text}"),
             earlier=earlier,
         )
-        found = Stage(grey, fit_json(grey, plan.seed))
+        found = FitStage(grey, fit_json(grey, plan.seed))
         own = part(run, name, plan, [r.path for r in evidence.recordings])
         write_json(own.path(FIT_FILE), found.found)
         own.finish()
         return found
 
-    def pulsed(name: str, rig: TwoLink, law: Law | None = None) -> Stage:
+    def pulsed(name: str, rig: TwoLink, law: Law | None = None) -> FitStage:
         rig.static_force = law or rig.static_force
         return stage(name, records.evidence(rig, PULSES), known)
 
@@ -188,9 +188,9 @@ def fit_stages(
     progress("force map of a muscle")
     judged = judge(read_map(run.path(MAP_FILE)), sets=SETS, seed=plan.seed)
     own = part(run, "law", plan, [run.path(MAP_FILE)])
-    about = write_law(own, judged, RIG, True)
+    about = write_law(own, judged, ARM_RIG, True)
     own.finish()
-    measured = force_law(judged.trained)
+    measured = force_law_of(judged.trained)
     return {
         **stages,
         ANALYTIC_ALONE: pulsed("pulses-analytic-alone", LawAlone()),
@@ -200,7 +200,7 @@ def fit_stages(
     }, about
 
 
-def part(run: Run, name: str, plan: Plan, inputs: list[Any]) -> Run:
+def part(run: Run, name: str, plan: ArmPlan, inputs: list[Any]) -> Run:
     """A run folder within this run."""
     return Run.create(
         run.path(name), command=run.record["command"], seed=plan.seed, inputs=inputs, overwrite=True
@@ -210,7 +210,7 @@ def part(run: Run, name: str, plan: Plan, inputs: list[Any]) -> Run:
 # ---- the tables --------------------------------------------------------------------------------
 
 
-def models_of(stages: dict[str, Stage]) -> dict[str, Model]:
+def models_of(stages: dict[str, FitStage]) -> dict[str, Model]:
     """By column of the table. The data sheet goes with the analytic law."""
     greys = {name: stages[name].grey for name in FITTED}
     return {
@@ -219,7 +219,7 @@ def models_of(stages: dict[str, Stage]) -> dict[str, Model]:
     }
 
 
-def free_json(stages: dict[str, Stage], records: Records) -> dict[str, Any]:
+def free_json(stages: dict[str, FitStage], records: ArmRecords) -> dict[str, Any]:
     """By kind of test and variable: the errors of all models in free runs, and the noise floor."""
     models, found = models_of(stages), {}
     for kind in (GRAVITY, PULSES):
@@ -230,7 +230,7 @@ def free_json(stages: dict[str, Stage], records: Records) -> dict[str, Any]:
     return found
 
 
-def windowed_json(stages: dict[str, Stage]) -> dict[str, Any]:
+def windowed_json(stages: dict[str, FitStage]) -> dict[str, Any]:
     """The same as the fits themselves judge, in short windows whose states are set anew. The
     gravity tests were fitted with the analytic law alone of the two."""
     found = {}
@@ -285,10 +285,10 @@ def _interval(one: dict[str, Any], truth: float | None) -> dict[str, Any]:
     }
 
 
-def combinations_json(stages: dict[str, Stage], twin: ArmTwin) -> dict[str, Any]:
+def combinations_json(stages: dict[str, FitStage], twin: ArmTwin) -> dict[str, Any]:
     """What the rig declares of its inertial data, by stage; holds: does the interval hold the
     truth?"""
-    plain = Assembly(catalogue_rig(RIG))
+    plain = Assembly(catalogue_rig(ARM_RIG))
     truth, found = (
         plain.values(twin.hidden()),
         {name: s.found["combinations"] for name, s in stages.items()},
@@ -304,7 +304,7 @@ def combinations_json(stages: dict[str, Stage], twin: ArmTwin) -> dict[str, Any]
     }
 
 
-def parameters_json(stages: dict[str, Stage], twin: ArmTwin) -> dict[str, Any]:
+def parameters_json(stages: dict[str, FitStage], twin: ArmTwin) -> dict[str, Any]:
     """Every fitted parameter by stage; holds: does the interval hold the truth? (none of a scale of
     another law)"""
     hidden, found = twin.hidden(), {}
@@ -333,7 +333,7 @@ def tied_json(found: dict[str, Any]) -> list[dict[str, Any]]:
 # ---- everything --------------------------------------------------------------------------------
 
 
-def reproduce_arm(run: Run, plan: Plan, *, progress: Progress = silent) -> dict[str, Any]:
+def reproduce_arm(run: Run, plan: ArmPlan, *, progress: Progress = silent) -> dict[str, Any]:
     """Everything into a run folder; returns pamid.paper-arm/1, which is in arm-paper.json, too."""
     twin = ArmTwin()
     run.path(TABLE_FILE).unlink(missing_ok=True)  # of an earlier run
@@ -346,10 +346,10 @@ def reproduce_arm(run: Run, plan: Plan, *, progress: Progress = silent) -> dict[
     progress("free runs")
     mae = free_json(stages, records)
     found = {
-        "schema": SCHEMA,
+        "schema": ARM_PAPER_SCHEMA,
         "quick": plan.quick,
         "plan": asdict(plan),
-        "notes": list(NOTES),
+        "notes": list(ARM_NOTES),
         "twin": {"law": twin.law, "hidden": twin.hidden()},
         "recordings": [
             {
@@ -374,12 +374,14 @@ def reproduce_arm(run: Run, plan: Plan, *, progress: Progress = silent) -> dict[
         },
     }
     write_json(run.path(TABLE_FILE), found)
-    for kind, file in FIGURES.items():
+    for kind, file in ARM_FIGURES.items():
         write_atomically(run.path(file), picture_of(stages, records, kind, mae[kind]))
     return found
 
 
-def picture_of(stages: dict[str, Stage], records: Records, kind: str, mae: dict[str, Any]) -> bytes:
+def picture_of(
+    stages: dict[str, FitStage], records: ArmRecords, kind: str, mae: dict[str, Any]
+) -> bytes:
     """PNG of the first held-out recording of a kind: measured, data sheet, fitted with the
     ANFIS."""
     r, models = records.of(kind, held_out=True)[0], models_of(stages)

@@ -1,8 +1,8 @@
 """Units of raw logs, read by pint and brought to the units of pamid's columns.
 
-The registry is pamid's own: an angle is a dimension, so that rad/s and 1/s are never taken for each
-other; gauge and absolute pressure are told apart by a mark ("barg", "kPa(a)", "psia"); a word that
-means one thing in one laboratory and another in the next is refused with advice.
+The registry is pamid's own. An angle is a dimension, so that rad/s and 1/s are never taken for each
+other; gauge and absolute pressure are distinguished by a mark ("barg", "kPa(a)", "psia"); a word
+that means one thing in one laboratory and another in the next is refused with advice.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from pamid.base.metrics import FloatArray
 from pamid.base.units import NONE, Dimension, from_si, quantity_of, suffixes_for, unit
 
 STANDARD_ATMOSPHERE_KPA = 101.325
-PRESSURE = unit("Pa").dimension
+PRESSURE_DIMENSION = unit("Pa").dimension
 _BASES = ("kilogram", "meter", "second", "ampere", "kelvin", "radian")
 
 _DEFINITIONS = """
@@ -157,7 +157,7 @@ def read_unit(text: str) -> SourceUnit:
             marked = _measured(
                 text, match["unit"].strip(), "gauge" if match["gauge"] else "absolute"
             )
-            if marked.dimension == PRESSURE:
+            if marked.dimension == PRESSURE_DIMENSION:
                 return marked
     return _measured(text, bare, "")
 

@@ -29,7 +29,7 @@ class Kind:
 
 
 @lru_cache
-def kinds() -> dict[str, Kind]:
+def known_kinds() -> dict[str, Kind]:
     """Every kind by its name: the `KIND` of each file in `pamid.ingest.readers`."""
     from pamid.ingest import readers
 
@@ -43,7 +43,7 @@ def kinds() -> dict[str, Kind]:
 def read_here(path: Path, kind: str) -> Log:
     """The signals of a log of this kind, read in this process. FileError whatever is wrong with
     it."""
-    found = kinds()[kind]
+    found = known_kinds()[kind]
     try:
         return found.read(path)
     except PamidError:

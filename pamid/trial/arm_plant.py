@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pamid.base.errors import UsageError
 from pamid.trial.arm_faults import JOINTS, MUSCLES, placed
 from pamid.trial.faults import Planted
-from pamid.trial.plant import (
+from pamid.trial.joint_plant import (
     AHEAD,
     KNOWN,
     PERIOD_S,
@@ -35,7 +35,7 @@ from pamid.trial.plant import (
 Array = NDArray[np.float64]
 
 # gentler than the joint's: with that one the arm, ten times as heavy, never comes to rest
-CONTROLLER = {
+ARM_CONTROLLER = {
     "kp_per_deg": 0.03,
     "kd_s_per_deg": 0.003,
     "derivative_filter_s": 0.006,
@@ -55,14 +55,14 @@ SHEET = {
 # estimate: weighed and drawn without all that is on it
 OFF_SHEET = {"mass": 0.15, "centre": 0.10, "inertia": 0.25}
 VISCOUS = (0.10, 0.05)  # N m s, on the sheet
-CHANNELS = (
+ARM_CHANNELS = (
     *(f"angle_{j}_deg" for j in JOINTS),
     *(f"contraction_{i}" for i in MUSCLES),
     *(f"pressure_{i}_kpa" for i in MUSCLES),
     *(f"force_{i}_n" for i in MUSCLES),
 )
-NOISE = np.repeat([np.radians(0.05), 2e-4, 1e3, 3.0], (2, 4, 4, 4))  # SI, at factor 1
-TO_COLUMN = np.repeat([180.0 / np.pi, 1.0, 1e-3, 1.0], (2, 4, 4, 4))
+ARM_NOISE = np.repeat([np.radians(0.05), 2e-4, 1e3, 3.0], (2, 4, 4, 4))  # SI, at factor 1
+ARM_TO_COLUMN = np.repeat([180.0 / np.pi, 1.0, 1e-3, 1.0], (2, 4, 4, 4))
 CONTRACTION_STEP = 5e-5
 # joints against each other; friction against its sheet, a factor
 SCALE_APART, VISCOUS_APART = 0.02, 2.0
@@ -167,8 +167,12 @@ def record_arm(
     asked = np.asarray(excitation.reference_deg if closed else excitation.command, dtype=np.float64)
     n = len(asked)
     extended = np.concatenate([asked, np.repeat(asked[-1:], AHEAD, axis=0)]).T.copy()
-    jitter = noise * NOISE * np.random.default_rng(seed).standard_normal((n + AHEAD, len(CHANNELS)))
-    readings, commands = np.zeros((n + AHEAD, len(CHANNELS))), np.zeros((2, n + AHEAD))
+    jitter = (
+        noise
+        * ARM_NOISE
+        * np.random.default_rng(seed).standard_normal((n + AHEAD, len(ARM_CHANNELS)))
+    )
+    readings, commands = np.zeros((n + AHEAD, len(ARM_CHANNELS))), np.zeros((2, n + AHEAD))
     run(
         packed(**asdict(arm.body(payload_kg))),
         joint_records(arm),
@@ -176,7 +180,7 @@ def record_arm(
         joint_waves(arm),
         extended,
         closed,
-        np.array(list(CONTROLLER.values())),
+        np.array(list(ARM_CONTROLLER.values())),
         np.degrees(jitter[:, :2]).T.copy(),
         PERIOD_S,
         steps,
@@ -194,7 +198,7 @@ def record_arm(
         "time_s": time,
         **asked_for,
         **{f"command_{j}": commands[k, :n] for k, j in enumerate(JOINTS)},
-        **{name: logged[:, i] for i, name in enumerate(CHANNELS)},
+        **{name: logged[:, i] for i, name in enumerate(ARM_CHANNELS)},
     }
 
 
@@ -229,4 +233,4 @@ def _logged(
         [np.radians(lot.angle_step), CONTRACTION_STEP, lot.pressure_step, lot.force_step],
         (2, 4, 4, 4),
     )
-    return np.asarray(np.floor((shown + jitter) / steps + 0.5) * steps * TO_COLUMN)
+    return np.asarray(np.floor((shown + jitter) / steps + 0.5) * steps * ARM_TO_COLUMN)

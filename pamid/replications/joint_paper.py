@@ -30,7 +30,7 @@ from pamid.correction.output_network import (
     Correction,
     train_correction,
 )
-from pamid.correction.residual_data import ResidualData, Stretch, derived
+from pamid.correction.residual_data import ResidualData, Segment, derived
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.diagnosis.verdict import diagnosis_json
@@ -44,10 +44,10 @@ from pamid.replications.joint_twin import (
     AMPLITUDE_DEG,
     ANGLE,
     HOLD_S,
-    INERTIAS,
     PERIOD_S,
     RIG,
     TRAINED,
+    TWIN_INERTIAS,
     UNSEEN,
     Twin,
     analytic_loop,
@@ -62,7 +62,7 @@ Array = NDArray[np.float64]
 
 FILES = {"training": "training.csv", TRAINED: "steps-6.4-jn.csv", UNSEEN: "steps-jn.csv"}
 TABLE_FILE, FIGURE_FILE = "paper.json", "figures/steps.png"
-SCHEMA = "pamid.paper/1"
+PAPER_SCHEMA = "pamid.paper/1"
 
 ANALYTIC, REFITTED, ELMAN, NAMED = (
     "analytic model",
@@ -81,7 +81,7 @@ PUBLISHED_TRAINING: dict[str, Any] = {
     "gamma": 156,
     "n_weights": 171,
 }
-NOTES = (
+JOINT_NOTES = (
     "A calibrated twin, not the authors' rig: their recordings and parameters are not published. "
     "The effects hidden "
     "in it were sized so that the analytic model's error is the published one; other twins would "
@@ -93,7 +93,7 @@ NOTES = (
 
 
 @dataclass(frozen=True)
-class Plan:
+class JointPlan:
     """seconds of the training record; iterations and starts of the network; quick: too small to be
     believed."""
 
@@ -106,7 +106,7 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class Row:
+class ModelRow:
     """One model. mae, after_1_s: deg by inertia, on all of the steps and without the start-up;
     None: unstable."""
 
@@ -116,7 +116,7 @@ class Row:
     seconds: float | None = None
     angles: dict[str, Array | None] = field(default_factory=dict, repr=False)
 
-    def improvement(self, against: Row) -> dict[str, float | None]:
+    def improvement(self, against: ModelRow) -> dict[str, float | None]:
         """1 - error / the error of another row, by inertia."""
         return {
             case: None
@@ -127,7 +127,7 @@ class Row:
 
 
 @dataclass(frozen=True, eq=False)
-class Records:
+class JointRecords:
     """The recordings of the twin: one to train on, one of the steps for each inertia."""
 
     training: Recording
@@ -141,7 +141,9 @@ class Records:
             name: analytic_loop(r) for name, r in {"training": self.training, **self.steps}.items()
         }
 
-    def row(self, model: str, angles: dict[str, Array | None], seconds: float | None = None) -> Row:
+    def row(
+        self, model: str, angles: dict[str, Array | None], seconds: float | None = None
+    ) -> ModelRow:
         """Score angles (deg, by inertia) on the steps."""
         skip = math.ceil(STARTUP_S / PERIOD_S)
 
@@ -153,9 +155,9 @@ class Records:
                 for case, angle in angles.items()
             }
 
-        return Row(model, errors(0), errors(skip), seconds, angles)
+        return ModelRow(model, errors(0), errors(skip), seconds, angles)
 
-    def row_of(self, model: str, grey: GreyBox, p: Array, seconds: float | None = None) -> Row:
+    def row_of(self, model: str, grey: GreyBox, p: Array, seconds: float | None = None) -> ModelRow:
         """Score a fitted model in its own loop."""
         runs = {case: loop_run(grey, r, p) for case, r in self.steps.items()}
         return self.row(
@@ -168,15 +170,15 @@ class Records:
 # ---- recordings --------------------------------------------------------------------------------
 
 
-def record_twin(folder: Path, twin: Twin, plan: Plan) -> Records:
+def record_twin(folder: Path, twin: Twin, plan: JointPlan) -> JointRecords:
     """Make the three recordings, with the default sensor noise, as files a user could have."""
     steps = step_reference()
     wanted = {
         "training": (
             aprbs(plan.seconds, PERIOD_S, AMPLITUDE_DEG, HOLD_S, seed=plan.seed),
-            INERTIAS[TRAINED],
+            TWIN_INERTIAS[TRAINED],
         ),
-        **{case: (steps, inertia) for case, inertia in INERTIAS.items()},
+        **{case: (steps, inertia) for case, inertia in TWIN_INERTIAS.items()},
     }
     read = {}
     for k, (name, (reference, inertia)) in enumerate(wanted.items()):
@@ -187,13 +189,13 @@ def record_twin(folder: Path, twin: Twin, plan: Plan) -> Records:
             **twin.record(reference, inertia, seed=len(wanted) * plan.seed + k),
         )
         read[name] = read_recording(path)
-    return Records(read.pop("training"), read)
+    return JointRecords(read.pop("training"), read)
 
 
 # ---- the models --------------------------------------------------------------------------------
 
 
-def residual_data_of(records: Records) -> ResidualData:
+def residual_data_of(records: JointRecords) -> ResidualData:
     """What the analytic model leaves of the angle, to train on (part 0) and to test by (part 1)."""
     recordings = [records.training, *records.steps.values()]
     loops = list(records.analytic.values())
@@ -205,7 +207,7 @@ def residual_data_of(records: Records) -> ResidualData:
         columns,
         derived(ANGLE, "loop"),
         tuple(loops[0]),
-        tuple(Stretch(rows, int(k > 0)) for k, rows in enumerate(_rows(recordings))),
+        tuple(Segment(rows, int(k > 0)) for k, rows in enumerate(_rows(recordings))),
         0,
         PERIOD_S,
         (),
@@ -218,8 +220,8 @@ def _rows(recordings: Sequence[Recording]) -> list[slice]:
 
 
 def train_elman(
-    run: Run, records: Records, plan: Plan, *, resume: bool, progress: Progress
-) -> tuple[Row, Correction]:
+    run: Run, records: JointRecords, plan: JointPlan, *, resume: bool, progress: Progress
+) -> tuple[ModelRow, Correction]:
     """The paper's network: 5-10-1 on the analytic model, its correction added to the angle. Writes
     network.json, network.npz and trace.csv; KeyboardInterrupt after that where it was interrupted.
     """
@@ -269,18 +271,20 @@ def carried(assembly: Assembly, p: Array, before: float, after: float) -> Array:
     return p
 
 
-def named_rows(records: Records, grey: GreyBox, cause: CandidateModel, seconds: float) -> list[Row]:
+def named_rows(
+    records: JointRecords, grey: GreyBox, cause: CandidateModel, seconds: float
+) -> list[ModelRow]:
     """The model with the named causes in its own loop; once more, where it has a load behind a
     spring, with that spring and not its share and frequency kept for the other inertia."""
     model = replace(grey, assembly=cause.assembly, fit=cause.fit)
     row = records.row_of(NAMED, model, cause.fit.p, seconds)
-    moved = carried(cause.assembly, cause.fit.p, INERTIAS[TRAINED], INERTIAS[UNSEEN])
+    moved = carried(cause.assembly, cause.fit.p, TWIN_INERTIAS[TRAINED], TWIN_INERTIAS[UNSEEN])
     if np.array_equal(moved, cause.fit.p):
         return [row]
     again = records.row_of(SPRING_KEPT, model, moved)
     return [
         row,
-        Row(
+        ModelRow(
             SPRING_KEPT,
             {**row.mae, UNSEEN: again.mae[UNSEEN]},
             {**row.after_1_s, UNSEEN: again.after_1_s[UNSEEN]},
@@ -291,8 +295,8 @@ def named_rows(records: Records, grey: GreyBox, cause: CandidateModel, seconds: 
 
 
 def explain(
-    run: Run, records: Records, plan: Plan, progress: Progress
-) -> tuple[list[Row], Diagnosis]:
+    run: Run, records: JointRecords, plan: JointPlan, progress: Progress
+) -> tuple[list[ModelRow], Diagnosis]:
     """The refitted model and the named causes, from the training record alone; writes
     diagnosis.json."""
     begun = time.perf_counter()
@@ -311,7 +315,7 @@ def explain(
 
 
 def reproduce(
-    run: Run, plan: Plan, *, resume: bool = False, progress: Progress = silent
+    run: Run, plan: JointPlan, *, resume: bool = False, progress: Progress = silent
 ) -> dict[str, Any]:
     """Everything into a run folder; returns pamid.paper/1. paper.json is the same without times of
     the clock."""
@@ -330,10 +334,10 @@ def reproduce(
     rows = [analytic, refitted, elman, *named]
     table = [row_json(row, analytic) for row in rows]
     found: dict[str, Any] = {
-        "schema": SCHEMA,
+        "schema": PAPER_SCHEMA,
         "quick": plan.quick,
         "plan": asdict(plan),
-        "notes": list(NOTES),
+        "notes": list(JOINT_NOTES),
         "twin": {**asdict(twin), "analytic_mae_without_noise": calibration(twin)},
         "published": {
             "mae": PUBLISHED,
@@ -356,7 +360,7 @@ def reproduce(
     }
 
 
-def picture_of(records: Records, rows: Sequence[Row]) -> bytes:
+def picture_of(records: JointRecords, rows: Sequence[ModelRow]) -> bytes:
     """PNG of the errors of these models on the steps, those that are stable at both inertias."""
     errors = {
         case: {
@@ -369,7 +373,7 @@ def picture_of(records: Records, rows: Sequence[Row]) -> bytes:
     return steps_picture(clock(step_reference()), errors, ("trained at", "never seen")).png
 
 
-def row_json(row: Row, analytic: Row) -> dict[str, Any]:
+def row_json(row: ModelRow, analytic: ModelRow) -> dict[str, Any]:
     """A row with the published errors beside it, in deg; improvement as a share of the analytic
     model's error."""
     return {

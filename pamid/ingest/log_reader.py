@@ -14,13 +14,13 @@ from pamid.base.errors import FileError, nearest
 from pamid.base.files import LOG, open_data
 from pamid.ingest.channels import Log
 from pamid.ingest.child_process import read_in_child
-from pamid.ingest.kinds import Kind, kinds, read_here
+from pamid.ingest.log_kinds import Kind, known_kinds, read_here
 
-HEAD = 4096
+HEAD_BYTES = 4096
 
 
 #: what is often mistaken for a log, and what to do
-_STRANGERS = (
+_OTHER_FORMATS = (
     (b"PK\x03\x04", "a packed archive (a workbook, an npz)", "Save it as CSV, Parquet or MAT."),
     (b"\x1f\x8b", "packed with gzip", "Unpack it first."),
     (b"\xd0\xcf\x11\xe0", "a workbook", "Save it as CSV."),
@@ -36,8 +36,8 @@ def read_log(path: Path, kind: str | None = None) -> Log:
     FileError if the file is missing, of no known kind, damaged, or if a package that reads it is
     not installed."""
     path = Path(path)
-    if kind is not None and kind not in kinds():
-        hint = nearest(kind, kinds()) or "Valid kinds are: " + ", ".join(kinds()) + "."
+    if kind is not None and kind not in known_kinds():
+        hint = nearest(kind, known_kinds()) or "Valid kinds are: " + ", ".join(known_kinds()) + "."
         raise FileError(f"There is no kind of log called {kind!r}.", hint, code="kind")
     if not path.exists():
         near = (
@@ -62,18 +62,18 @@ def _kind_of(path: Path, wanted: str | None) -> tuple[Kind, str]:
         for part in sorted(path.rglob("*")):
             if not part.is_dir():
                 _head(part)
-        return kinds()["ros"], ""
+        return known_kinds()["ros"], ""
     head = _head(path)
     by_content = _by_content(head)
     by_name = next(
-        (kind for kind in kinds().values() if path.suffix.lower() in kind.suffixes), None
+        (kind for kind in known_kinds().values() if path.suffix.lower() in kind.suffixes), None
     )
     if wanted is not None:
         if by_content and by_content.name != wanted:
             raise FileError(
                 f"{path} is no {wanted} file: it begins as {by_content.name}.", code="kind"
             )
-        return kinds()[wanted], ""
+        return known_kinds()[wanted], ""
     if by_content:
         odd = by_name is not None and by_name is not by_content and by_name.name != "csv"
         return (
@@ -81,7 +81,9 @@ def _kind_of(path: Path, wanted: str | None) -> tuple[Kind, str]:
             f"named {path.suffix}, but its content is {by_content.name}" if odd else "",
         )
     if by_name is None:
-        known = ", ".join(f"{kind.name} ({' '.join(kind.suffixes)})" for kind in kinds().values())
+        known = ", ".join(
+            f"{kind.name} ({' '.join(kind.suffixes)})" for kind in known_kinds().values()
+        )
         raise FileError(
             f"{path}: neither its suffix nor its content tells what kind of log it is.",
             f"Valid kinds are: {known}.",
@@ -99,12 +101,12 @@ def _kind_of(path: Path, wanted: str | None) -> tuple[Kind, str]:
 def _head(path: Path) -> bytes:
     try:
         with open_data(path, LOG) as file:
-            head = file.read(HEAD)
+            head = file.read(HEAD_BYTES)
     except OSError as error:
         raise FileError(f"{path} cannot be read: {error.strerror}.") from error
     if not head.strip(b"\0 \r\n\t"):
         raise FileError(f"{path} is empty.")
-    for mark, what, hint in _STRANGERS:
+    for mark, what, hint in _OTHER_FORMATS:
         if head.startswith(mark):
             raise FileError(f"{path} is {what}, no log that can be read.", hint, code="kind")
     return head
@@ -114,6 +116,10 @@ def _by_content(head: bytes) -> Kind | None:
     if head.startswith(b"\xef\xbb\xbf"):
         head = head[3:]
     return next(
-        (kind for kind in kinds().values() if head.startswith(kind.marks or (b"\xff" * HEAD,))),
+        (
+            kind
+            for kind in known_kinds().values()
+            if head.startswith(kind.marks or (b"\xff" * HEAD_BYTES,))
+        ),
         None,
     )

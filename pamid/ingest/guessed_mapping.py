@@ -15,19 +15,19 @@ import numpy as np
 from pamid.base.errors import FileError, PamidError
 from pamid.base.metrics import FloatArray
 from pamid.base.units import NONE, quantity_of, split_column, unit
+from pamid.ingest.channel_words import meanings, number
 from pamid.ingest.channels import Channel, Log
 from pamid.ingest.conversion import round_period
-from pamid.ingest.mapping import OPEN
-from pamid.ingest.quantities import PRESSURE, is_readable, read_unit
+from pamid.ingest.mapping import UNANSWERED
+from pamid.ingest.source_units import PRESSURE_DIMENSION, is_readable, read_unit
 from pamid.ingest.stamps import Rows, usable_rows
-from pamid.ingest.time_base import GAP_PERIODS, Diagnosis, diagnose
-from pamid.ingest.words import meanings, number
+from pamid.ingest.time_base import GAP_PERIODS, StampDiagnosis, diagnose_stamps
 from pamid.model.rig import Rig
 from pamid.recording.recording import toml_string
 
 ONE = 1.05  # what is sent stays within -1 to 1, or is in per cent
-USUAL = 30.0  # times the rig's period: a unit of the stamps within that is believed
-_TIME_UNITS = ("s", "ms", "us", "ns", "min")
+BELIEVED_WITHIN = 30.0  # times the rig's period: a unit of the stamps within that is believed
+_LIKELY_TIME_UNITS = ("s", "ms", "us", "ns", "min")
 _RAW = (unit("V").dimension, unit("A").dimension)  # a sensor's signal that nobody has scaled
 _RISING = 0.98  # share of steps up: then a channel may be the time
 
@@ -52,7 +52,7 @@ class TimeGuess:
     unit: str
     stamps: FloatArray | None
     reason: str = ""
-    found: Diagnosis | None = None
+    found: StampDiagnosis | None = None
     trouble: str = ""
 
 
@@ -72,7 +72,7 @@ def guess_mapping(
     lines, left = _head(log, rig_name, rig, chosen), list[str]()
     period = _period(time, rig)
     lines += _time_lines(time, period)
-    if time.unit == OPEN:
+    if time.unit == UNANSWERED:
         left.append("time.unit")
     for column, channel in chosen.items():
         lines += _signal_lines(column, channel, rig, pressures, left, time)
@@ -149,13 +149,17 @@ def _time(log: Log, rig: Rig) -> TimeGuess:
         symbol = source.unit
     else:
         step = float(np.median(np.diff(source.values[np.isfinite(source.values)])))
-        ratios = {name: step * read_unit(name).factor / rig.period_s for name in _TIME_UNITS}
-        likely = [name for name, ratio in ratios.items() if 1.0 / USUAL < ratio < USUAL]
+        ratios = {name: step * read_unit(name).factor / rig.period_s for name in _LIKELY_TIME_UNITS}
+        likely = [
+            name
+            for name, ratio in ratios.items()
+            if 1.0 / BELIEVED_WITHIN < ratio < BELIEVED_WITHIN
+        ]
         suffix = split_column(source.name)[1]
         named = unit(suffix).dimension == unit("s").dimension
-        symbol = suffix if named else (likely[0] if likely else OPEN)
+        symbol = suffix if named else (likely[0] if likely else UNANSWERED)
         reason = "by the channel's name" if named else "by the spacing"
-    factor = read_unit(symbol).factor if symbol != OPEN else 1.0
+    factor = read_unit(symbol).factor if symbol != UNANSWERED else 1.0
     return TimeGuess(source, symbol, (source.values - source.values[0]) * factor, reason)
 
 
@@ -188,24 +192,24 @@ def _diagnosed(time: TimeGuess, log: Log, measured: Sequence[Channel]) -> TimeGu
     )
 
 
-def _judged(stamps: FloatArray, moving: Sequence[Channel]) -> tuple[Rows, Diagnosis]:
+def _judged(stamps: FloatArray, moving: Sequence[Channel]) -> tuple[Rows, StampDiagnosis]:
     """The usable rows and what their stamps look like. Several samples at one stamp are let pass
     where the signals prove the stamps late."""
     signals = [c.values for c in moving]
     try:
         rows = usable_rows(stamps, signals, "the stamps")
-        return rows, diagnose(rows, {c.name: c.values[rows.keep] for c in moving})
+        return rows, diagnose_stamps(rows, {c.name: c.values[rows.keep] for c in moving})
     except FileError as error:
         if error.code == "stamps-repeated":
             rows = usable_rows(stamps, signals, "the stamps", tolerant=True)
-            found = diagnose(rows, {c.name: c.values[rows.keep] for c in moving})
+            found = diagnose_stamps(rows, {c.name: c.values[rows.keep] for c in moving})
             if found.cure == "late-stamps":
                 return rows, found
         raise
 
 
 def _period(time: TimeGuess, rig: Rig) -> float | None:
-    if time.found is None or time.unit == OPEN:
+    if time.found is None or time.unit == UNANSWERED:
         return rig.period_s if time.stamps is None else None
     near = abs(time.found.period / rig.period_s - 1.0) < 1e-3
     return rig.period_s if near else round_period(time.found.period)
@@ -232,7 +236,7 @@ def _head(log: Log, rig_name: str, rig: Rig, chosen: dict[str, Channel]) -> list
 def _time_lines(time: TimeGuess, period: float | None) -> list[str]:
     lines = ["[time]"]
     if time.source is not None:
-        said = "" if time.unit in (time.source.unit, OPEN) else f"  # {time.reason}"
+        said = "" if time.unit in (time.source.unit, UNANSWERED) else f"  # {time.reason}"
         lines += [
             f"source = {toml_string(time.source.name)}",
             f"unit = {toml_string(time.unit)}{said}",
@@ -276,16 +280,18 @@ def _signal_lines(
         f"[signals.{column}]  # {_about(channel, time)}",
         f"source = {toml_string(channel.name)}",
     ]
-    if guessed == OPEN:
+    if guessed == UNANSWERED:
         left.append(f"signals.{column}.unit")
     lines.append(f"unit = {toml_string(guessed)}" + (f"  # {remark}" if remark else ""))
-    if unit(symbol).dimension == PRESSURE and not (guessed != OPEN and read_unit(guessed).pressure):
+    if unit(symbol).dimension == PRESSURE_DIMENSION and not (
+        guessed != UNANSWERED and read_unit(guessed).pressure
+    ):
         lines.append(
             f"# gauge (0 is the air around) or absolute? {_pressure_hint(channel, guessed)}"
         )
         if pressures is None:
             left.append(f"signals.{column}.pressure")
-        lines.append(f'pressure = "{pressures or OPEN}"')
+        lines.append(f'pressure = "{pressures or UNANSWERED}"')
     return [*lines, ""]
 
 
@@ -295,7 +301,7 @@ def _unit(column: str, channel: Channel) -> tuple[str, str]:
     if logged and is_readable(logged) and read_unit(logged).dimension == unit(symbol).dimension:
         return logged, ""
     if logged:
-        return OPEN, (
+        return UNANSWERED, (
             f"the log says {toml_string(logged)}, the column is a {quantity_of(symbol)}; or scale "
             "= "
             f"{symbol} per {toml_string(logged)}"
@@ -307,8 +313,8 @@ def _unit(column: str, channel: Channel) -> tuple[str, str]:
         values = channel.values[np.isfinite(channel.values)]
         if values.size and np.abs(values).max() <= ONE:
             return NONE, "within -1 to 1"
-        return OPEN, '"1", or "percent"?'
-    return OPEN, f"the log does not say it; a {quantity_of(symbol)}"
+        return UNANSWERED, '"1", or "percent"?'
+    return UNANSWERED, f"the log does not say it; a {quantity_of(symbol)}"
 
 
 def _about(channel: Channel, time: TimeGuess) -> str:
@@ -324,7 +330,7 @@ def _about(channel: Channel, time: TimeGuess) -> str:
     stamps = (
         channel.stamps
         if channel.stamps is not None
-        else (time.stamps if time.unit != OPEN else None)
+        else (time.stamps if time.unit != UNANSWERED else None)
     )
     if stamps is not None and stamps.size > 1 and stamps[-1] > stamps[0]:
         said += f", {(values.size - 1) / (stamps[-1] - stamps[0]):.4g} Hz"
@@ -334,7 +340,7 @@ def _about(channel: Channel, time: TimeGuess) -> str:
 def _pressure_hint(channel: Channel, guessed: str) -> str:
     """What the values suggest; it is said, never used."""
     values = channel.values[np.isfinite(channel.values)]
-    if guessed == OPEN or not values.size:
+    if guessed == UNANSWERED or not values.size:
         return "A gauge sensor reads 0 with the air off, an absolute one about 101 kPa."
     low = float(values.min()) * read_unit(guessed).factor / 1e3
     seen = f"The lowest value is {low:.0f} kPa: "
@@ -358,7 +364,7 @@ def _tail(
     if left:
         lines.append("# channels that are not mapped:")
         lines += [
-            f"#   {toml_string(channel.name)}: {_about(channel, TimeGuess(None, OPEN, None))}"
+            f"#   {toml_string(channel.name)}: {_about(channel, TimeGuess(None, UNANSWERED, None))}"
             for channel in left
         ]
     lines += [

@@ -99,7 +99,7 @@ class Store:
         return [one for one in found if isinstance(one, dict)]
 
     def clear(self) -> None:
-        """Remove what is kept."""
+        """Remove the stored results."""
         remove_jobs(self.folder)
 
 

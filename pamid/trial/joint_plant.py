@@ -23,7 +23,7 @@ from pamid.trial.faults import Planted, planted
 Array = NDArray[np.float64]
 
 PERIOD_S = 0.003
-CONTROLLER = {
+JOINT_CONTROLLER = {
     "kp_per_deg": 0.10,
     "kd_s_per_deg": 0.003,
     "derivative_filter_s": 0.006,
@@ -31,9 +31,9 @@ CONTROLLER = {
 }
 # m, absolute Pa
 KNOWN = {"radius": 0.030, "length": 0.250, "supply_pressure": 701325.0, "hold_pressure": 651325.0}
-CHANNELS = ("angle_deg", "pressure_1_kpa", "pressure_2_kpa", "force_1_n", "force_2_n")
-NOISE = np.array([np.radians(0.05), 1e3, 1e3, 3.0, 3.0])  # SI, at factor 1
-TO_COLUMN = np.array([180.0 / np.pi, 1e-3, 1e-3, 1.0, 1.0])
+JOINT_CHANNELS = ("angle_deg", "pressure_1_kpa", "pressure_2_kpa", "force_1_n", "force_2_n")
+JOINT_NOISE = np.array([np.radians(0.05), 1e3, 1e3, 3.0, 3.0])  # SI, at factor 1
+JOINT_TO_COLUMN = np.array([180.0 / np.pi, 1e-3, 1e-3, 1.0, 1.0])
 STEPS = 30  # per sample
 AHEAD = 32  # samples run on after the end, for readings stamped early
 STROKE, LOW_PA, HIGH_PA = 0.20, 1e5, 6e5  # over which the error of the force map has its size
@@ -179,15 +179,19 @@ def record(
     asked = np.asarray(excitation.reference_deg if closed else excitation.command, dtype=np.float64)
     n = len(asked)
     extended = np.concatenate([asked, np.full(AHEAD, asked[-1])])
-    jitter = noise * NOISE * np.random.default_rng(seed).standard_normal((n + AHEAD, len(CHANNELS)))
-    readings, commands = np.zeros((n + AHEAD, len(CHANNELS))), np.zeros(n + AHEAD)
+    jitter = (
+        noise
+        * JOINT_NOISE
+        * np.random.default_rng(seed).standard_normal((n + AHEAD, len(JOINT_CHANNELS)))
+    )
+    readings, commands = np.zeros((n + AHEAD, len(JOINT_CHANNELS))), np.zeros(n + AHEAD)
     run(
         machine_record(specimen, inertia_kg_m2),
         packed(**asdict(f)),
         specimen.waves,
         extended,
         closed,
-        np.array(list(CONTROLLER.values())),
+        np.array(list(JOINT_CONTROLLER.values())),
         np.degrees(jitter[:, 0]),
         PERIOD_S,
         steps,
@@ -205,7 +209,7 @@ def record(
         "time_s": time,
         **asked_for,
         "command": commands[:n],
-        **{name: logged[:, i] for i, name in enumerate(CHANNELS)},
+        **{name: logged[:, i] for i, name in enumerate(JOINT_CHANNELS)},
     }
 
 
@@ -231,4 +235,4 @@ def _logged(specimen: Specimen, f: Planted, readings: Array, jitter: Array, time
             *2 * (specimen.force_step,),
         ]
     )
-    return np.asarray(np.floor((shown + jitter) / steps + 0.5) * steps * TO_COLUMN)
+    return np.asarray(np.floor((shown + jitter) / steps + 0.5) * steps * JOINT_TO_COLUMN)

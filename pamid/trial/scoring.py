@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.metrics import wilson_interval
-from pamid.trial.marking import VISIBLE, Marked
+from pamid.trial.marking import LEAST_VISIBILITY, Marked
 
-SCHEMA = "pamid.trial/1"
-PLAIN = 2.0  # visibility from which a fault is plain to see
-BINS = 10
+TRIAL_SCHEMA = "pamid.trial/1"
+PLAIN_VISIBILITY = 2.0  # visibility from which a fault is plain to see
+RELIABILITY_BINS = 10
 DRAWS = 1000
 Array = NDArray[np.float64]
 
@@ -52,7 +52,7 @@ class Figure:
 
 
 @dataclass(frozen=True)
-class Bin:
+class ReliabilityBin:
     """Answers given with a probability between low and high: mean probability said, share that was
     right."""
 
@@ -72,7 +72,7 @@ class Score:
     cases: int
     rates: dict[str, Rate]
     figures: dict[str, Figure]
-    reliability: tuple[Bin, ...]
+    reliability: tuple[ReliabilityBin, ...]
     strata: dict[str, dict[str, dict[str, Rate]]]
     confusion: dict[str, dict[str, int]]
     baselines: dict[str, Rate]
@@ -80,7 +80,7 @@ class Score:
     def as_json(self) -> dict[str, Any]:
         """trial.json, but for the digest of the cases."""
         return {
-            "schema": SCHEMA,
+            "schema": TRIAL_SCHEMA,
             "part": self.part,
             "seed": self.seed,
             "cases": self.cases,
@@ -99,7 +99,7 @@ class Score:
         }
 
 
-def score(
+def score_cases(
     labels: Sequence[dict[str, Any]],
     results: Sequence[dict[str, Any]],
     *,
@@ -172,7 +172,7 @@ def _refusing(marked: list[Marked]) -> dict[str, Rate]:
         "false_alarm_background": _rate(rough, lambda m: m.alarms),
         "abstains": _rate(unknown, lambda m: m.abstains),
         "abstains_plain": _rate(
-            (m for m in unknown if m.visibility >= PLAIN), lambda m: m.abstains
+            (m for m in unknown if m.visibility >= PLAIN_VISIBILITY), lambda m: m.abstains
         ),
         "abstains_withheld": _rate(
             (m for m in unknown if m.stratum == "withheld"), lambda m: m.abstains
@@ -230,7 +230,9 @@ def _figure(rows: Array, figure: Callable[[Array], Any], seed: int) -> Figure:
     return Figure(float(figure(rows)), float(low), float(high), n)
 
 
-def _calibration(answers: list[Marked], seed: int) -> tuple[dict[str, Figure], tuple[Bin, ...]]:
+def _calibration(
+    answers: list[Marked], seed: int
+) -> tuple[dict[str, Figure], tuple[ReliabilityBin, ...]]:
     """The first candidate's probability against being right, wherever a cause was named, rightly or
     not: expected calibration error, Brier score, its skill against always saying the share that is
     right, area under the curve of risk over coverage, and the reliability bins (empty ones left
@@ -244,13 +246,13 @@ def _calibration(answers: list[Marked], seed: int) -> tuple[dict[str, Figure], t
     ).reshape(-1, 2)
     bins = []
     place = _bin(rows[:, 0])
-    for k in range(BINS):
+    for k in range(RELIABILITY_BINS):
         inside = rows[place == k]
         if len(inside):
             bins.append(
-                Bin(
-                    k / BINS,
-                    (k + 1) / BINS,
+                ReliabilityBin(
+                    k / RELIABILITY_BINS,
+                    (k + 1) / RELIABILITY_BINS,
                     float(inside[:, 0].mean()),
                     Rate(int(inside[:, 1].sum()), len(inside)),
                 )
@@ -267,13 +269,13 @@ def _calibration(answers: list[Marked], seed: int) -> tuple[dict[str, Figure], t
 
 
 def _bin(probability: Array) -> NDArray[np.intp]:
-    return np.minimum((probability * BINS).astype(np.intp), BINS - 1)
+    return np.minimum((probability * RELIABILITY_BINS).astype(np.intp), RELIABILITY_BINS - 1)
 
 
 def _ece(rows: Array) -> float:
     """Sum over bins of share of cases x |mean probability - share right|; rows of (probability,
     right)."""
-    gaps = np.bincount(_bin(rows[:, 0]), rows[:, 0] - rows[:, 1], BINS)
+    gaps = np.bincount(_bin(rows[:, 0]), rows[:, 0] - rows[:, 1], RELIABILITY_BINS)
     return float(np.abs(gaps).sum() / len(rows))
 
 
@@ -296,7 +298,7 @@ def _risk(rows: Array) -> float:
 #: condition -> its value in a case (None where its rig has no such condition), and the edges
 #: between which cases are put together
 DIMENSIONS: dict[str, tuple[Callable[[Marked], Any], tuple[float, ...]]] = {
-    "visibility": (lambda m: m.visibility, (VISIBLE, 1.3, PLAIN)),
+    "visibility": (lambda m: m.visibility, (LEAST_VISIBILITY, 1.3, PLAIN_VISIBILITY)),
     "background": (lambda m: m.conditions["background"], (0.005, 0.01, 0.02)),
     "channels": (lambda m: m.conditions["channels"], ()),
     "loop": (lambda m: m.conditions["loop"], ()),

@@ -1,5 +1,11 @@
 """Calibration: the logistic functions behind a verdict, and how wide an interval has to be.
 
+The probabilities are those of Platt's calibration (1999, Advances in Large Margin Classifiers),
+with several features in the place of one score: of cases with features z (in standard deviations)
+and answers y = -1 or 1, the weights minimise
+    sum log(1 + exp(-y (w0 + w z))) + PRIOR_PRECISION |w|^2 / 2
+The penalty keeps them finite where the cases can be separated without error. From which
+probability on an answer is given (`yes`) follows from the rates of error that are allowed below.
 Only the statistics and labels of the calibration part are used; the test part stays unseen.
 """
 
@@ -23,8 +29,8 @@ from pamid.trial.marking import Marked
 
 Array = NDArray[np.float64]
 
-SCHEMA = "pamid.calibration/1"
-RIDGE = 1.0  # prior precision of every weight, features in their standard deviations
+CALIBRATION_SCHEMA = "pamid.calibration/1"
+PRIOR_PRECISION = 1.0  # prior precision of every weight, features in their standard deviations
 #: question -> features it may look at
 LOOKS_AT = {
     "gap": ("visible", "missing", "of_signal", "sure"),
@@ -41,8 +47,10 @@ LOOKS_AT = {
     "first": ("left", "sure", "margin", "margin_sure", "wins", "at_port", "unexplained"),
     "further": ("of_left", "sure"),
 }
+# rates of error that the thresholds aim at: the targets in figure_table.py, of false alarms less
+# than the 3 % there, since the test cases are others
 FALSE_ALARMS, WRONG_ABSTENTIONS, MISSED_UNKNOWNS = 0.02, 0.10, 0.15
-COVERAGE = 0.95
+COVERAGE = 0.95  # of the intervals of the shrinkage
 
 
 def calibrated_from(folder: Path) -> dict[str, Any]:
@@ -50,7 +58,7 @@ def calibrated_from(folder: Path) -> dict[str, Any]:
     labels = read_json(folder / "labels.json")
     results = [read_json(path) for path in sorted((folder / "cases").glob("*.json"))]
     drawn = {label["number"] for label in labels["cases"]}
-    return calibrate(
+    return calibration_json(
         labels["cases"],
         [r for r in results if r["case"] in drawn],
         seed=int(labels["seed"]),
@@ -58,7 +66,7 @@ def calibrated_from(folder: Path) -> dict[str, Any]:
     )
 
 
-def calibrate(
+def calibration_json(
     labels: Sequence[dict[str, Any]], results: Sequence[dict[str, Any]], *, seed: int, digest: str
 ) -> dict[str, Any]:
     """calibration.json from the labels and results of a trial's calibration part. DataError for any
@@ -94,7 +102,7 @@ def calibrate(
         "further": _further(everything)
     }
     return {
-        "schema": SCHEMA,
+        "schema": CALIBRATION_SCHEMA,
         "cases": {"part": "calibration", "seed": seed, "sha256": digest, "used": len(cases)},
         "lines": {q: asdict(line) for q, line in lines.items()},
         "spread": _spread(cases),
@@ -150,7 +158,8 @@ def _line(x: list[dict[str, float]], yes: NDArray[np.bool_], names: tuple[str, .
 
     def loss(w: Array) -> float:
         return float(
-            np.logaddexp(0.0, -y * (w[0] + z @ w[1:])).sum() + 0.5 * RIDGE * (w[1:] ** 2).sum()
+            np.logaddexp(0.0, -y * (w[0] + z @ w[1:])).sum()
+            + 0.5 * PRIOR_PRECISION * (w[1:] ** 2).sum()
         )
 
     w = minimize(loss, np.zeros(1 + len(names)), method="BFGS").x

@@ -10,7 +10,7 @@ from pamid.trial.machines import ONE_DOF, TWO_LINK
 
 
 @dataclass(frozen=True)
-class Row:
+class FigureRow:
     """A figure of trial.json. target: what is aimed for, in the unit shown; upward: more is
     better."""
 
@@ -27,32 +27,34 @@ class Row:
         return 100.0 if self.unit in ("%", "pp") else 1.0
 
 
-ROWS = (
-    Row("rates", "family_first", "family named first", 92.0),
-    Row("rates", "family_first_two", "family among the first two", 97.0),
-    Row("rates", "exact_first", "effect, or one measured to look alike, named first", 80.0),
-    Row("rates", "family_first_of_ranking", "family first in the ranking, whatever the verdict"),
-    Row("rates", "port", "port of the gap right", 97.0),
-    Row("rates", "ambiguous_holds", '"cannot tell A from B": the truth is among them'),
-    Row("rates", "wrong_abstention", "known effect called unknown", 10.0, upward=False),
-    Row("rates", "missed", "visible effect called no gap"),
-    Row("rates", "extra_causes", "one effect explained by two and more"),
-    Row("rates", "both_of_two", "both of two effects found, their common gap visible", 65.0),
-    Row("rates", "both_seen", "... each of them visible beside the other"),
-    Row("rates", "one_of_two", "at least one of two effects found", 95.0),
-    Row("rates", "false_alarm", "alarm where nothing is planted", 3.0, upward=False),
-    Row("rates", "false_alarm_clean", "... without background"),
-    Row("rates", "false_alarm_background", "... with background"),
-    Row("rates", "abstains", "effect outside the catalogue called unknown", 85.0),
-    Row("rates", "abstains_plain", "... where its gap is twice the rest"),
-    Row("rates", "abstains_withheld", "... withheld from the catalogue"),
-    Row("rates", "abstains_nameless", "... never in any catalogue"),
-    Row("rates", "unknown_port", "port of an effect outside the catalogue right", 85.0),
-    Row("figures", "ece", "expected calibration error, 10 bins", 0.05, upward=False, unit=""),
-    Row("figures", "brier", "Brier score", unit=""),
-    Row("figures", "brier_skill", "Brier skill", unit=""),
-    Row("figures", "aurc", "risk over coverage, area", upward=False, unit=""),
-    Row(
+JOINT_ROWS = (
+    FigureRow("rates", "family_first", "family named first", 92.0),
+    FigureRow("rates", "family_first_two", "family among the first two", 97.0),
+    FigureRow("rates", "exact_first", "effect, or one measured to look alike, named first", 80.0),
+    FigureRow(
+        "rates", "family_first_of_ranking", "family first in the ranking, whatever the verdict"
+    ),
+    FigureRow("rates", "port", "port of the gap right", 97.0),
+    FigureRow("rates", "ambiguous_holds", '"cannot tell A from B": the truth is among them'),
+    FigureRow("rates", "wrong_abstention", "known effect called unknown", 10.0, upward=False),
+    FigureRow("rates", "missed", "visible effect called no gap"),
+    FigureRow("rates", "extra_causes", "one effect explained by two and more"),
+    FigureRow("rates", "both_of_two", "both of two effects found, their common gap visible", 65.0),
+    FigureRow("rates", "both_seen", "... each of them visible beside the other"),
+    FigureRow("rates", "one_of_two", "at least one of two effects found", 95.0),
+    FigureRow("rates", "false_alarm", "alarm where nothing is planted", 3.0, upward=False),
+    FigureRow("rates", "false_alarm_clean", "... without background"),
+    FigureRow("rates", "false_alarm_background", "... with background"),
+    FigureRow("rates", "abstains", "effect outside the catalogue called unknown", 85.0),
+    FigureRow("rates", "abstains_plain", "... where its gap is twice the rest"),
+    FigureRow("rates", "abstains_withheld", "... withheld from the catalogue"),
+    FigureRow("rates", "abstains_nameless", "... never in any catalogue"),
+    FigureRow("rates", "unknown_port", "port of an effect outside the catalogue right", 85.0),
+    FigureRow("figures", "ece", "expected calibration error, 10 bins", 0.05, upward=False, unit=""),
+    FigureRow("figures", "brier", "Brier score", unit=""),
+    FigureRow("figures", "brier_skill", "Brier skill", unit=""),
+    FigureRow("figures", "aurc", "risk over coverage, area", upward=False, unit=""),
+    FigureRow(
         "figures",
         "shrinkage_error",
         "predicted shrinkage off by (median)",
@@ -60,27 +62,27 @@ ROWS = (
         upward=False,
         unit="pp",
     ),
-    Row("figures", "shrinkage_bias", "... too high by (median)", unit="pp"),
-    Row("rates", "shrinkage_covered", "achieved shrinkage inside the 95 % interval", 90.0),
-    Row("figures", "seconds", "CPU seconds of a diagnosis (median)", unit="s"),
-    Row("figures", "seconds_worst", "... of the slowest", unit="s"),
-    Row("baselines", "most_common_family", "always the most common family"),
-    Row("baselines", "screening", "first choice of the screen alone"),
-    Row("baselines", "shuffled_labels", "labels dealt out at random"),
+    FigureRow("figures", "shrinkage_bias", "... too high by (median)", unit="pp"),
+    FigureRow("rates", "shrinkage_covered", "achieved shrinkage inside the 95 % interval", 90.0),
+    FigureRow("figures", "seconds", "CPU seconds of a diagnosis (median)", unit="s"),
+    FigureRow("figures", "seconds_worst", "... of the slowest", unit="s"),
+    FigureRow("baselines", "most_common_family", "always the most common family"),
+    FigureRow("baselines", "screening", "first choice of the screen alone"),
+    FigureRow("baselines", "shuffled_labels", "labels dealt out at random"),
 )
 _ARM_TARGETS = {"family_first": 80.0, "port_exact": 85.0}
-_ARM_ROWS = [replace(row, target=_ARM_TARGETS.get(row.key)) for row in ROWS]
+_ARM_ROWS = [replace(row, target=_ARM_TARGETS.get(row.key)) for row in JOINT_ROWS]
 _ARM_ROWS.insert(
     5,
-    Row(
+    FigureRow(
         "rates",
         "port_exact",
         "... by the first of the ranking, number of joint or muscle and all",
         _ARM_TARGETS["port_exact"],
     ),
 )
-ROWS_OF = {ONE_DOF: ROWS, TWO_LINK: tuple(_ARM_ROWS)}
-HEAD = ("", "measured", "95 %", "of", "target")
+ROWS_OF = {ONE_DOF: JOINT_ROWS, TWO_LINK: tuple(_ARM_ROWS)}
+TABLE_HEAD = ("", "measured", "95 %", "of", "target")
 TITLES = {
     "family_first": "family first",
     "exact_first": "exact first",
@@ -89,7 +91,7 @@ TITLES = {
 }
 
 
-def rows_of(found: Mapping[str, Any]) -> tuple[Row, ...]:
+def rows_of(found: Mapping[str, Any]) -> tuple[FigureRow, ...]:
     """The rows of the trial of this rig; a trial.json without one is of the joint."""
     return ROWS_OF[found.get("rig", ONE_DOF)]
 
@@ -97,7 +99,7 @@ def rows_of(found: Mapping[str, Any]) -> tuple[Row, ...]:
 def trial_text(found: dict[str, Any]) -> str:
     """Everything in trial.json for a terminal."""
     lines = [summary(found), ""]
-    rows = [HEAD, *(cells(found, row) for row in rows_of(found))]
+    rows = [TABLE_HEAD, *(cells(found, row) for row in rows_of(found))]
     width = max(len(row[0]) for row in rows)
     lines += [f"{r[0]:{width}s} {r[1]:>9s} {r[2]:>17s} {r[3]:>4s} {r[4]:>11s}" for r in rows]
     for dimension, table in strata(found).items():
@@ -122,7 +124,7 @@ def trial_text(found: dict[str, Any]) -> str:
 def summary(found: dict[str, Any]) -> str:
     """How many cases there are, and how many of them count."""
     failed, unseen = found["rates"]["failed"]["hits"], found["rates"]["unseen"]
-    rig = "" if rows_of(found) is ROWS else f" of rig {found['rig']}"
+    rig = "" if rows_of(found) is JOINT_ROWS else f" of rig {found['rig']}"
     return (
         f"Blind trial{rig}, part {found['part']}, seed {found['seed']}: {found['cases']} cases, "
         f"{failed} failed; "
@@ -131,7 +133,7 @@ def summary(found: dict[str, Any]) -> str:
     )
 
 
-def cells(found: dict[str, Any], row: Row) -> tuple[str, ...]:
+def cells(found: dict[str, Any], row: FigureRow) -> tuple[str, ...]:
     """title, measured, interval, number of cases, target."""
     at = found[row.section][row.key]
     value = at["value"] if row.section == "figures" else at["share"]

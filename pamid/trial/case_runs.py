@@ -31,13 +31,13 @@ from pamid.estimation.fit_model import fit_model
 from pamid.model.effect import Effect
 from pamid.model.registry import catalogue_rig, effects
 from pamid.parallel.jobs import Failed, Work, WorkerPool, fault_text
-from pamid.parallel.store import Plain
+from pamid.parallel.result_store import Plain
 from pamid.recording.recording import TIME, Recording, read_recording, write_recording
 from pamid.simulation.data_split import DataSplit, Span, split_recordings
 from pamid.trial.cases import Case, cases_sha256, draw_cases
+from pamid.trial.joint_plant import PERIOD_S
 from pamid.trial.machines import ONE_DOF, Machine, Record, machine_named
-from pamid.trial.plant import PERIOD_S
-from pamid.trial.score import score
+from pamid.trial.scoring import score_cases
 
 Array = NDArray[np.float64]
 # of a diagnosis, against one with a single fault, about
@@ -46,23 +46,34 @@ Done = Callable[[int, int], None]
 CASE_SCHEMA, LABELS_SCHEMA = "pamid.trial-case/1", "pamid.trial-labels/1"
 
 
+@dataclass(frozen=True)
+class CaseSelection:
+    """Which cases a trial has: so many of a part, drawn from a seed for a rig; of these only those
+    of one stratum, where one is named."""
+
+    part: str
+    count: int
+    seed: int
+    rig: str = ONE_DOF
+    only: str = ""
+
+    def draw(self) -> list[Case]:
+        drawn = draw_cases(self.part, self.count, self.seed, self.rig)
+        return [c for c in drawn if self.only in ("", c.stratum)]
+
+
 def run_trial(
     folder: Path,
-    part: str,
-    count: int,
-    seed: int,
+    selection: CaseSelection,
     pool: WorkerPool,
     *,
-    rig: str = ONE_DOF,
-    only: str = "",
     done: Done = lambda finished, total: None,
 ) -> dict[str, Any]:
-    """Draw, run and score the cases (only: of this stratum); writes labels.json, cases/ and
-    trial.json, returns it.
+    """Draw, run and score the cases; writes labels.json, cases/ and trial.json, returns it.
 
     A case whose result is in the folder already is not run again.
     """
-    cases = chosen(part, count, seed, rig=rig, only=only)
+    cases = selection.draw()
     labels = [c.label() for c in cases]
     digest = cases_sha256(cases)
     sweep(folder / "cases")
@@ -70,28 +81,23 @@ def run_trial(
         folder / "labels.json",
         {
             "schema": LABELS_SCHEMA,
-            "rig": rig,
-            "part": part,
-            "seed": seed,
+            "rig": selection.rig,
+            "part": selection.part,
+            "seed": selection.seed,
             "cases_sha256": digest,
             "cases": labels,
         },
     )
     results = run_cases(cases, folder, pool, done=done)
     found = {
-        **score(labels, results, part=part, seed=seed).as_json(),
-        "rig": rig,
+        **score_cases(labels, results, part=selection.part, seed=selection.seed).as_json(),
+        "rig": selection.rig,
         "cases_sha256": digest,
         "failures": {str(r["case"]): r["failed"]["message"] for r in results if r["failed"]},
         "failed_jobs": failed_jobs(results),
     }
     write_json(folder / "trial.json", found)
     return found
-
-
-def chosen(part: str, count: int, seed: int, *, rig: str = ONE_DOF, only: str = "") -> list[Case]:
-    """The cases of a trial, or those of them that are of one stratum."""
-    return [c for c in draw_cases(part, count, seed, rig) if only in ("", c.stratum)]
 
 
 def run_cases(
@@ -108,8 +114,8 @@ def run_cases(
     made = {c.number: r for c in cases if (r := finished(c, folder)) is not None}
     todo = [c for c in cases if c.number not in made]
     if pool.executor is None and pool.jobs > 1 and len(todo) > 1:
-        Bench.of(todo[0]).run({})  # compiles the machine: the processes inherit it
-    for i, result in pool.finished(Examining(), todo):
+        CaseMachine.of(todo[0]).run({})  # compiles the machine: the processes inherit it
+    for i, result in pool.finished(CaseWork(), todo):
         c = todo[i]
         if isinstance(result, Failed):
             result = _result(c, failed=PamidError(result.why, code="killed").as_dict())
@@ -135,12 +141,12 @@ def failed_jobs(results: Sequence[dict[str, Any]]) -> list[dict[str, str]]:
 def finished(case: Case, folder: Path) -> dict[str, Any] | None:
     """The result in the folder, if it is of this very case and the case did not fail."""
     path = _path(case, folder)
-    kept = read_json(path) if path.exists() else {}
-    return kept if kept.get("sha256") == case.sha256 and not kept["failed"] else None
+    stored = read_json(path) if path.exists() else {}
+    return stored if stored.get("sha256") == case.sha256 and not stored["failed"] else None
 
 
 @dataclass(frozen=True)
-class Examining(Work[Case, dict[str, Any]]):
+class CaseWork(Work[Case, dict[str, Any]]):
     """A case worked through; an error is a result, too."""
 
     what = "case"
@@ -182,7 +188,7 @@ def _path(case: Case, folder: Path) -> Path:
 def examine(case: Case, place: Path) -> dict[str, Any]:
     """diagnosis, CPU seconds it took, visibility (None where nothing is planted) and, of two
     faults, that of the less visible one beside the other, shrinkage predicted and achieved."""
-    bench = Bench.of(case)
+    bench = CaseMachine.of(case)
     recorded = _written(case, bench.run(case.planted), place / "recording.csv")
     catalogue = {k: v for k, v in effects().items() if k not in case.removed}
     begun = time.process_time()
@@ -224,7 +230,7 @@ def diagnosed(
 
 
 @dataclass(frozen=True)
-class Bench:
+class CaseMachine:
     """The machine of one case. seeds: excitation and noise of its recording, and those of the fresh
     one."""
 
@@ -234,7 +240,7 @@ class Bench:
     seeds: tuple[int, ...]
 
     @classmethod
-    def of(cls, case: Case) -> Bench:
+    def of(cls, case: Case) -> CaseMachine:
         random, machine = np.random.default_rng(case.seed), machine_named(case.rig)
         seeds = tuple(int(s) for s in random.integers(2**31, size=4))
         return cls(case, machine, machine.build(random, case.conditions), seeds)
