@@ -110,7 +110,7 @@ def command(
     from pamid.base.files import make_folder
     from pamid.model.registry import rig_of
     from pamid.recording.recording import SIGNIFICANT_DIGITS, read_recording, write_recording
-    from pamid.simulation.virtual_rig import virtual_rig
+    from pamid.simulation.virtual_rig import simulate_virtual_rig
 
     if output.exists() and not overwrite:
         raise FileError(
@@ -123,7 +123,9 @@ def command(
     if model is None:
         if which != "best":
             raise UsageError("--which belongs to --model RUN.")
-        made = virtual_rig(rig or rig_of([source]), source, effects, stated, unstated, factor, seed)
+        made = simulate_virtual_rig(
+            rig or rig_of([source]), source, effects, stated, unstated, factor, seed
+        )
     else:
         made = _modelled(model, which, rig, effects, source, stated, unstated, factor, seed)
     rig = made.meta["recording"]["rig"]

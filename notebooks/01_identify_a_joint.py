@@ -27,7 +27,7 @@ from pamid.excitation.aprbs import aprbs, coverage
 from pamid.model.registry import rig_named
 from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
-from pamid.simulation.virtual_rig import virtual_rig
+from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 temporary = tempfile.TemporaryDirectory()
 folder = Path(temporary.name)
@@ -63,7 +63,7 @@ SPECIMEN = {
     "contraction_0": 0.103,
 }
 write_recording(folder / "excitation.csv", time_s, {"reference_deg": reference_deg})
-made = virtual_rig(
+made = simulate_virtual_rig(
     "one-dof", read_recording(folder / "excitation.csv"), (), KNOWN, SPECIMEN, 1.0, seed=2
 )
 write_recording(folder / "joint.csv", time_s, made.columns, made.meta)

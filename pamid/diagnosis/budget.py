@@ -17,7 +17,7 @@ from pamid.model.bound_parameter import Sizes
 from pamid.parallel.jobs import Work, WorkerPool
 from pamid.parallel.store import Plain
 from pamid.simulation.data_split import DataSplit
-from pamid.simulation.replay import Replay, replay
+from pamid.simulation.replay import Replay, replay_track
 
 Array = NDArray[np.float64]
 
@@ -98,7 +98,7 @@ class _BlackBox(Work[int, Array]):
     def __call__(self, item: int) -> Plain:
         m = self.model
         training = [
-            replay(m.assembly, m.fit.p, t, m.fit.stepping, m.evidence.noise)
+            replay_track(m.assembly, m.fit.p, t, m.fit.stepping, m.evidence.noise)
             for t in m.evidence.tracks(m.assembly)
         ]
         return {"left": black_box(training, list(m.held_out), item, seen_mean(_losses(m.floor)))}

@@ -16,7 +16,7 @@ from pamid.estimation.residual_weights import residual_weights
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.simulation.data_split import DataSplit
-from pamid.simulation.replay import Replay, replay
+from pamid.simulation.replay import Replay, replay_track
 
 Array = NDArray[np.float64]
 
@@ -85,7 +85,7 @@ def replayed(evidence: DataSplit, assembly: Assembly, fitted: Fit) -> Contender:
     return contender_from(
         assembly,
         fitted,
-        tuple(replay(assembly, fitted.p, t, fitted.stepping, evidence.noise) for t in tracks),
+        tuple(replay_track(assembly, fitted.p, t, fitted.stepping, evidence.noise) for t in tracks),
     )
 
 

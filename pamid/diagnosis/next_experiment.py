@@ -24,7 +24,7 @@ from pamid.diagnosis.contender import Contender
 from pamid.diagnosis.proposal import FILE, Proposal
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.engine.program import Stepping
-from pamid.estimation.multiple_shooting import fit, initial_starts
+from pamid.estimation.multiple_shooting import fit, initial_states
 from pamid.estimation.problem import Problem
 from pamid.estimation.residual_weights import Weights, residual_weights
 from pamid.excitation.experiments import MOST_SAMPLES, PASS_S, Bench, Experiment, menu
@@ -314,7 +314,7 @@ class _View:
         c = self.model
         out: list[Array] = []
         alone = Weights(self.noise, np.ones_like(self.noise))
-        every = initial_starts(self.problem, c.fit.p, alone, self.stepping)
+        every = initial_states(self.problem, c.fit.p, alone, self.stepping)
         for track, starts in zip(self.tracks, every, strict=True):
             runner = Runner(c.assembly, track, self.stepping)
             p = runner.parameters(c.fit.p)

@@ -174,7 +174,7 @@ class Smoother:
         return tuple(self._sliced(r) for r in self.base.replays)
 
     def _sliced(self, r: Replay) -> SlicedTrack:
-        runner = Runner(self.assembly, r.track, self.base.fit.stepping, self.free, whole=True)
+        runner = Runner(self.assembly, r.track, self.base.fit.stepping, self.free, all_states=True)
         slices, opens = slices_of(r)
         start = start_trajectory(runner, self.parameters(self.fitted), r, slices, opens)
         return SlicedTrack(runner, slices, opens, start)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pamid.diagnosis.contender import Contender
 from pamid.model.effect import Hints
 from pamid.simulation.data_split import DataSplit
-from pamid.simulation.replay import Replay, followed
+from pamid.simulation.replay import Replay, run_windows
 from pamid.simulation.windows import Window
 from pamid.symbolic.vocabulary import Expr
 
@@ -52,7 +52,7 @@ def _reach(base: Contender) -> dict[str, dict[str, float]]:
     ]
     places += [(r.track, list(r.windows), r.entered) for r in base.replays]
     seen = [
-        followed(
+        run_windows(
             program,
             assembly,
             fit.p,

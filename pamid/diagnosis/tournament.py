@@ -28,7 +28,7 @@ from pamid.diagnosis.port_evidence import Located, locate
 from pamid.diagnosis.screening import CROWDED, MOST
 from pamid.diagnosis.search import Search, ranked, run_round, tied_with_first
 from pamid.diagnosis.starting_hints import gather_clues
-from pamid.estimation.restart import freed
+from pamid.estimation.restart import escape_local_minimum
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.effect import Effect
 from pamid.parallel.jobs import WorkerPool
@@ -160,7 +160,7 @@ def diagnose(
 
 def _freed(evidence: DataSplit, best: Contender) -> Contender:
     """The best model, out of the trap if its fit ended in one."""
-    fitted = freed(best.fit, evidence.noise)
+    fitted = escape_local_minimum(best.fit, evidence.noise)
     if fitted is best.fit:
         return best
     better = replayed(evidence, best.assembly, fitted)

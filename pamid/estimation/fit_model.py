@@ -17,7 +17,7 @@ from pamid.estimation.multiple_shooting import fit_robustly
 from pamid.estimation.posterior import Posterior, from_json, posterior_json
 from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.estimation.quantities import agreed
-from pamid.estimation.restart import freed
+from pamid.estimation.restart import escape_local_minimum
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import Sizes
@@ -25,7 +25,7 @@ from pamid.model.rig import Loop
 from pamid.parallel.jobs import WorkerPool
 from pamid.recording.recording import Recording
 from pamid.simulation.data_split import DataSplit, Span
-from pamid.simulation.replay import Replay, channel_mae, noise_floor, replay
+from pamid.simulation.replay import Replay, channel_mae, noise_floor, replay_track
 from pamid.simulation.simulate import choose_stepping, input_table, port_sizes
 from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Runner
@@ -94,7 +94,7 @@ def fit_model(
     if earlier is not None:
         problem = replace(problem, prior=earlier.prior(problem))
     progress("fitting")
-    fitted = freed(
+    fitted = escape_local_minimum(
         fit_robustly(
             problem, progress=lambda i, cost: progress(f"fitting, step {i}, cost {cost:.5g}")
         ),
@@ -105,7 +105,9 @@ def fit_model(
         if change <= COARSE:
             break
         progress("refining the integration step")
-        fitted = freed(fit_robustly(problem, stepping=fitted.stepping.doubled()), evidence.noise)
+        fitted = escape_local_minimum(
+            fit_robustly(problem, stepping=fitted.stepping.doubled()), evidence.noise
+        )
         replays, change = rechecked(assembly, fitted, held, evidence.noise)
     progress("noise floor")
     floor = tuple(
@@ -113,7 +115,7 @@ def fit_model(
         for i, r in enumerate(replays)
     )
     sheet = tuple(
-        replay(assembly, assembly.values(), t, fitted.stepping, evidence.noise) for t in held
+        replay_track(assembly, assembly.values(), t, fitted.stepping, evidence.noise) for t in held
     )
     return GreyBox(
         evidence,
@@ -134,8 +136,8 @@ def rechecked(
     """Held-out replays, and by how much doubled sub-steps change them: worst channel, in noise
     standard deviations or in quarters of what the model leaves, whichever is larger (a step finer
     than the model is wrong buys nothing)."""
-    once = tuple(replay(assembly, fitted.p, t, fitted.stepping, noise) for t in held)
-    twice = [replay(assembly, fitted.p, t, fitted.stepping.doubled(), noise) for t in held]
+    once = tuple(replay_track(assembly, fitted.p, t, fitted.stepping, noise) for t in held)
+    twice = [replay_track(assembly, fitted.p, t, fitted.stepping.doubled(), noise) for t in held]
     change = []
     # a model that runs away: the change is no number, not small
     with np.errstate(over="ignore", invalid="ignore"):
@@ -316,9 +318,11 @@ def residual_table(g: GreyBox, cause: tuple[Replay, ...] = ()) -> tuple[list[str
     everything."""
     e, header, rows = g.evidence, ["time_s", "recording", "part", "window"], []
     spans = [(0, s) for s in e.fit] + [(1, s) for s in e.held_out]
-    fitted = [replay(g.assembly, g.fit.p, t, g.fit.stepping, e.noise) for t in e.tracks(g.assembly)]
+    fitted = [
+        replay_track(g.assembly, g.fit.p, t, g.fit.stepping, e.noise) for t in e.tracks(g.assembly)
+    ]
     sheet = [
-        replay(g.assembly, g.assembly.values(), t, g.fit.stepping, e.noise)
+        replay_track(g.assembly, g.assembly.values(), t, g.fit.stepping, e.noise)
         for t in e.tracks(g.assembly)
     ]
     fitted += g.held_out

@@ -24,7 +24,7 @@ from pamid.engine.program import Stepping
 from pamid.estimation.prior import terms_of_sheet
 from pamid.estimation.problem import Fit, Problem, Scale
 from pamid.estimation.residual_weights import Weights, residual_weights
-from pamid.simulation.initial_state import PULL, estimate_start
+from pamid.simulation.initial_state import CARRIED_INFORMATION, estimate_initial_state
 from pamid.simulation.simulate import choose_stepping
 from pamid.simulation.windows import Runner
 
@@ -35,7 +35,7 @@ ITERATIONS, TOLERANCE = 40, 1e-4
 CALM = 0.02  # squared step of the parameters in their posterior: two in a row below it end a fit
 
 
-def initial_starts(
+def initial_states(
     problem: Problem, p: Array, weights: Weights, stepping: Stepping
 ) -> tuple[Array, ...]:
     """State at the start of every window, one window after the other (moving-horizon
@@ -47,8 +47,8 @@ def initial_starts(
         memory = runner.memory(values)
         rows: list[Array] = []
         for window in problem.windows(track):
-            carried = memory.x[: runner.rig_states].copy()
-            x, usable = estimate_start(
+            carried = memory.x[: runner.start_states].copy()
+            x, usable = estimate_initial_state(
                 runner,
                 memory,
                 window,
@@ -62,7 +62,7 @@ def initial_starts(
             runner.run(memory, window, values, False)
             if not np.isfinite(memory.x).all():
                 memory.x[:] = 0.0
-                memory.x[: runner.rig_states] = x
+                memory.x[: runner.start_states] = x
             rows.append(x)
         out.append(np.array(rows))
     return tuple(out)
@@ -103,7 +103,7 @@ def _evaluate(
     for i, track in enumerate(problem.tracks):
         runner = Runner(problem.assembly, track, stepping, problem.free)
         own = runner.parameters(values)
-        windows, n = problem.windows(track), runner.rig_states
+        windows, n = problem.windows(track), runner.start_states
         memory = runner.memory(own)
         D, off = np.zeros((len(windows), n, n)), np.zeros((max(len(windows) - 1, 0), n, n))
         B, gx = np.zeros((len(windows), n, k)), np.zeros((len(windows), n))
@@ -332,7 +332,7 @@ def begin(
     weights = weights or Weights(problem.noise, np.ones_like(problem.noise))
     scale = problem.scale
     s = np.clip(scale.inside(p[list(problem.free)]), scale.low, scale.high)
-    starts = starts if starts is not None else initial_starts(problem, p, weights, stepping)
+    starts = starts if starts is not None else initial_states(problem, p, weights, stepping)
     none = tuple(np.zeros(len(problem.assembly.rig.states)) for _ in problem.tracks)
     shooting = MultipleShooting(problem, p, weights, pulls or none, stepping, tolerance, probe)
     point = shooting.at(s, starts)
@@ -341,7 +341,10 @@ def begin(
         # may depart
         off = float(np.exp(-np.log(problem.noise * weights.root).mean()))
         pulls = tuple(
-            np.maximum(PULL * np.einsum("wii->wi", b[0]).mean(axis=0), 1.0 / (off * t.jump) ** 2)
+            np.maximum(
+                CARRIED_INFORMATION * np.einsum("wii->wi", b[0]).mean(axis=0),
+                1.0 / (off * t.jump) ** 2,
+            )
             for b, t in zip(point.normal.blocks, problem.tracks, strict=True)
         )
         shooting = replace(shooting, pulls=pulls)

@@ -20,11 +20,11 @@ Array = NDArray[np.float64]
 
 # of the cost: what a fit from new starts must come below for the old one to have been a trap
 TRAPPED = 0.5
-LOOK = 3  # iterations that tell
+PROBE_STEPS = 3  # iterations that tell
 ROUNDS = 2  # of weights that follow the residuals
 
 
-def freed(fitted: Fit, noise: Array) -> Fit:
+def escape_local_minimum(fitted: Fit, noise: Array) -> Fit:
     """The fit; where it sat in a trap, the one that it comes to from starts estimated anew. noise:
     of the sensors, per channel (SI)."""
     problem = fitted.problem
@@ -40,7 +40,7 @@ def freed(fitted: Fit, noise: Array) -> Fit:
     )
     if not begun.point.normal.fine:
         return fitted
-    probe = iterate(shooting, begun, LOOK)
+    probe = iterate(shooting, begun, PROBE_STEPS)
     if not probe.point.cost < TRAPPED * fitted.cost:
         return fitted
     tried = shooting.resumed(probe)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pamid.base.metrics import seen_mean
 from pamid.engine.program import Program, Stepping
 from pamid.model.assembly import Assembly
-from pamid.simulation.initial_state import estimate_start
+from pamid.simulation.initial_state import estimate_initial_state
 from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Runner, Window, cut
 
@@ -106,7 +106,7 @@ def warm_up(window: Window) -> int:
     return max(10, round(WARM_UP * (window.stop - window.start)))
 
 
-def replay(
+def replay_track(
     assembly: Assembly,
     p: Array,
     track: Track,
@@ -129,13 +129,13 @@ def replay(
         *(cut(lead, windows[0].stop) if lead else []),
         *(Window(w.start + lead, w.stop + lead) for w in windows),
     )
-    carried, starts = np.empty((2, len(cuts), runner.rig_states))
+    carried, starts = np.empty((2, len(cuts), runner.start_states))
     for k, window in enumerate(cuts):
         ahead = window.start < lead
         seen = window if ahead else Window(window.start, window.start + warm_up(window))
-        carried[k] = memory.x[: runner.rig_states]
+        carried[k] = memory.x[: runner.start_states]
         guess = carried[k] if jumps is None else carried[k] + jumps[k]
-        x, usable = estimate_start(
+        x, usable = estimate_initial_state(
             runner, memory, seen, values, 1.0 / noise, guess, track.jump if k else None
         )
         starts[k] = x if usable else carried[k]
@@ -149,7 +149,7 @@ def replay(
     return Replay(track, whole, cuts, carried, starts, finite)
 
 
-def followed(
+def run_windows(
     program: Program,
     assembly: Assembly,
     p: Array,
@@ -186,7 +186,9 @@ def noise_floor(
     random = np.random.default_rng(seed)
     y = done.whole + noise * random.standard_normal(done.whole.shape)
     y[:, ~done.seen] = np.nan
-    return replay(assembly, p, replace(done.led, y=y), stepping, noise, done.starts - done.carried)
+    return replay_track(
+        assembly, p, replace(done.led, y=y), stepping, noise, done.starts - done.carried
+    )
 
 
 def channel_mae(replays: list[Replay]) -> Array:

@@ -79,7 +79,7 @@ def in_its_loop(rig: Rig, excitation: Recording) -> bool:
     )
 
 
-def virtual_rig(
+def simulate_virtual_rig(
     rig_name: str,
     excitation: Recording,
     specs: tuple[str, ...],

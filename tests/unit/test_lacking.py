@@ -18,7 +18,7 @@ from pamid.estimation.intervals import estimates
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
-from pamid.simulation.virtual_rig import virtual_rig
+from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 SPRUNG = '''"""A mass on a spring behind a load cell."""
 from pamid import Parameter, Port, Rig, State
@@ -62,7 +62,9 @@ def recorded(
     time = 0.01 * np.arange(push.size)
     write_recording(folder / "push.csv", time, {"push_n": push})
     true = {"gain": 1.3, "mass_kg": 1.2}
-    made = virtual_rig(str(rig), read_recording(folder / "push.csv"), planted, {}, true, 1.0, seed)
+    made = simulate_virtual_rig(
+        str(rig), read_recording(folder / "push.csv"), planted, {}, true, 1.0, seed
+    )
     write_recording(
         folder / f"{name}.csv",
         time,

@@ -27,7 +27,7 @@ from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.recording.recording import read_recording
 from pamid.simulation.data_split import DataSplit, split_recordings
-from pamid.simulation.replay import replay
+from pamid.simulation.replay import replay_track
 
 SENSORS = ("reference_deg", "command", "angle_deg", "pressure_1_kpa", "pressure_2_kpa")
 EXAMPLE_RIGS = Path(__file__).resolve().parents[2] / "data" / "rigs"
@@ -38,7 +38,7 @@ def replayed(evidence: DataSplit, known: dict[str, float]) -> Contender:
     assembly = Assembly(evidence.rig, background=True, outputs=evidence.channels).for_fitting()
     p, stepping = assembly.values(known), Stepping(2)
     runs = tuple(
-        replay(assembly, p, t, stepping, evidence.noise)
+        replay_track(assembly, p, t, stepping, evidence.noise)
         for t in evidence.tracks(assembly, held_out=True)
     )
     fitted: Any = SimpleNamespace(p=p, stepping=stepping)
