@@ -2,8 +2,12 @@
 
 A rig may declare combinations by name (`Rig.combinations`), such as an inertia about a joint.
 Beside that, parameters that are loose by themselves and tight once the others are given are found
-from the fit's covariance against the data sheet's prior, and the simplest product, quotient or sum
-of them that is known is named.
+from the fit's covariance C, in units of the data sheet's prior: sqrt(C_kk) is the deviation of one
+by itself, 1 / sqrt((C^-1)_kk) with the others given, and the eigenvectors of a group's C with small
+eigenvalues are what the recordings determine of it. In logarithms these are products of powers, of
+which the simplest that is determined is named. Practical identifiability: Raue et al. (2009),
+Bioinformatics 25(15), 1923-1929; directions of the Hessian: Gutenkunst et al. (2007), PLoS Comput.
+Biol. 3(10), e189.
 """
 
 from __future__ import annotations

@@ -1,11 +1,22 @@
 """Grey-box fit on recorded commands: multiple shooting, weighted least squares with priors, exact
 Jacobians.
 
-Unknowns are the free parameters and the rig's state at the start of every window. Windows are
-joined softly (a weak pull to where the window before ended), so a slow drift of an integrating
-state does not drown everything else. Residuals are weighted by their own size and correlation time,
-not by the sensor noise alone: where a model is wrong its residuals are large and alike for a long
-time, and counting each sample as a witness would overrule every prior.
+Unknowns are the free parameters s, in prior spreads around the data sheet, and the rig's state x_w
+at the start of every window w. With y_w(s, x_w) the model's outputs over the window and f_w(s, x_w)
+its state at the end, a fit minimises
+
+    |s|^2 + sum_w |W (y_w(s, x_w) - measured)|^2 + sum_w |L (x_(w+1) - f_w(s, x_w))|^2
+
+which is -2 log of the posterior density up to a constant. In Bock's multiple shooting continuity is
+a constraint (L infinite); here L is finite, the inverse of what a state may depart per window, so
+that a slow drift of an integrating state does not drown everything else. The normal equations in
+x_w are block-tridiagonal and bordered by s; eliminating x_w (Bock's condensing) leaves as many
+equations as there are parameters. Bock (1983), in Numerical Treatment of Inverse Problems in
+Differential and Integral Equations, Birkhaeuser, 95-121.
+
+W follows the residuals' own size and correlation time, not the sensor noise alone (see
+`residual_weights`): where a model is wrong its residuals are large and alike for a long time, and
+each sample counted as independent would overrule every prior.
 """
 
 from __future__ import annotations
@@ -13,7 +24,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,18 +93,12 @@ class _Normal:
 
 
 def _evaluate(
-    problem: Problem,
-    scale: Scale,
-    s: Array,
-    p: Array,
-    starts: tuple[Array, ...],
-    weights: Weights,
-    pulls: tuple[Array, ...],
-    stepping: Stepping,
-    derivatives: bool,
+    fitted: MultipleShooting, s: Array, starts: tuple[Array, ...], derivatives: bool
 ) -> _Normal:
+    """Cost at scaled parameters and window starts, and with derivatives the normal equations."""
+    problem, scale, weights, pulls = fitted.problem, fitted.scale, fitted.weights, fitted.pulls
     k = len(problem.free)
-    values = p.copy()
+    values = fitted.p.copy()
     values[list(problem.free)] = scale.outside(s)
     slope, root = scale.slope(values[list(problem.free)]), weights.root
     cost, H, g = (problem.prior.terms if problem.prior else terms_of_sheet)(s, problem.sheet)
@@ -101,7 +106,7 @@ def _evaluate(
     residuals: list[Array] = []
     fine, at = True, 0
     for i, track in enumerate(problem.tracks):
-        runner = Runner(problem.assembly, track, stepping, problem.free)
+        runner = Runner(problem.assembly, track, fitted.stepping, problem.free)
         own = runner.parameters(values)
         windows, n = problem.windows(track), runner.start_states
         memory = runner.memory(own)
@@ -154,8 +159,8 @@ def _add_joint(
     g: Array,
     block: tuple[Array, Array, Array, Array],
 ) -> None:
-    """Normal equations of the soft joint between window w and the next; end: d end of w / d
-    (parameters, start)."""
+    """Normal equations of |L (x_(w+1) - f_w(s, x_w))|^2; end: df_w / d(s, x_w); jump: x_(w+1) -
+    f_w; pull: the diagonal of L'L."""
     D, off, B, gx = block
     k = len(g)
     P = pull[:, None]
@@ -184,16 +189,15 @@ def _eliminated(
 
 def _reduced(
     normal: _Normal, s: Array, scale: Scale, damping: float
-) -> tuple[Array, Array, Array, list[Any]]:
-    """Hessian and gradient of the scaled parameters alone, which of them a bound holds, and the
-    starts' parts."""
+) -> tuple[Array, Array, NDArray[np.bool_], list[tuple[Array, Array, Array, Array]]]:
+    """Hessian H - B' T^-1 B and gradient g - B' T^-1 gx of the scaled parameters alone (Schur
+    complement: window starts at their best), which of them a bound holds, and the starts' parts."""
     H, g = normal.H.copy(), normal.g.copy()
     parts = [_eliminated(block, damping) for block in normal.blocks]
     for _, _, inner, right in parts:
         H -= inner
         g -= right
-    held = ((s <= scale.low + 1e-12) & (g > 0)) | ((s >= scale.high - 1e-12) & (g < 0))
-    return H, g, held, parts
+    return H, g, scale.held(s, g), parts
 
 
 class _Point(NamedTuple):
@@ -237,18 +241,7 @@ class MultipleShooting(LeastSquares[_Point, _Step]):
         return self.problem.scale
 
     def at(self, s: Array, starts: tuple[Array, ...], derivatives: bool = True) -> _Point:
-        found = _evaluate(
-            self.problem,
-            self.scale,
-            s,
-            self.p,
-            starts,
-            self.weights,
-            self.pulls,
-            self.stepping,
-            derivatives,
-        )
-        return _Point(s, starts, found, derivatives)
+        return _Point(s, starts, _evaluate(self, s, starts, derivatives), derivatives)
 
     def step(self, at: _Point, damping: float) -> _Step:
         """Eliminating the window starts block by block leaves the reduced system of the parameters

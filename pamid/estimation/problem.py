@@ -112,7 +112,16 @@ class Scale:
         raw = self.centre + s * self.spread
         return np.where(self.log, np.exp(np.where(self.log, raw, 0.0)), raw)
 
+    def held(self, s: Array, g: Array) -> NDArray[np.bool_]:
+        """Which parameters are at a bound that a step against the gradient g would push them
+        through: the active set of a projected step (Nocedal and Wright (2006), ch. 16.7)."""
+        found: NDArray[np.bool_] = ((s <= self.low + 1e-12) & (g > 0)) | (
+            (s >= self.high - 1e-12) & (g < 0)
+        )
+        return found
+
     def slope(self, p: Array) -> Array:
+        """Derivatives of the parameters (SI) by the scaled ones."""
         return self.spread * np.where(self.log, p, 1.0)
 
 
