@@ -140,7 +140,7 @@ def refit(
         p=p,
         starts=base.starts,
         weights=base.weights,
-        pulls=base.pulls,
+        continuity=base.continuity,
         iterations=iterations,
         tolerance=2e-2,
     )

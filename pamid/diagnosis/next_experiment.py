@@ -356,7 +356,7 @@ class _View:
                 problem,
                 p=done.p,
                 starts=done.starts,
-                pulls=done.pulls,
+                continuity=done.continuity,
                 stepping=self.stepping,
                 weights=residual_weights(left, self.noise, problem.window),
                 iterations=STEPS,

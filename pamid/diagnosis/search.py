@@ -254,7 +254,7 @@ class _Settling(Work[Contender, Contender]):
                 p=f.p,
                 starts=f.starts,
                 weights=f.weights,
-                pulls=f.pulls,
+                continuity=f.continuity,
                 stepping=f.stepping.doubled(),
                 iterations=15,
                 tolerance=2e-2,

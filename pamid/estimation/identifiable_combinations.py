@@ -68,23 +68,23 @@ def combinations_of(fitted: Fit, draws: Array | None = None) -> tuple[list[Combi
     in combination."""
     space = Space(fitted.problem, agreed(fitted), fitted.covariance)
     own = own_of(space, fitted.problem.assembly)
-    told = {q.name: _combination(space, q, draws, True) for q in own}
+    combinations = {q.name: _combination(space, q, draws, True) for q in own}
     ties = []
     for group in _groups(space):
         known = _known(space, group)
         found = _named(space, group, known, own)
         for q in found:
-            told.setdefault(q.name, _combination(space, q, draws, False))
+            combinations.setdefault(q.name, _combination(space, q, draws, False))
         ties.append(
             Tie(tuple(space.names[k] for k in group), known.shape[1], tuple(q.name for q in found))
         )
-    return list(told.values()), ties
+    return list(combinations.values()), ties
 
 
 def combinations_json(fitted: Fit, draws: Array | None = None) -> dict[str, Any]:
     """The keys `combinations` and `tied` of fit.json."""
-    told, ties = combinations_of(fitted, draws)
-    content = {c.name: {k: v for k, v in asdict(c).items() if k != "name"} for c in told}
+    combinations, ties = combinations_of(fitted, draws)
+    content = {c.name: {k: v for k, v in asdict(c).items() if k != "name"} for c in combinations}
     return {"combinations": content, "tied": [asdict(t) for t in ties]}
 
 

@@ -96,7 +96,12 @@ def _evaluate(
     fitted: MultipleShooting, s: Array, starts: tuple[Array, ...], derivatives: bool
 ) -> _Normal:
     """Cost at scaled parameters and window starts, and with derivatives the normal equations."""
-    problem, scale, weights, pulls = fitted.problem, fitted.scale, fitted.weights, fitted.pulls
+    problem, scale, weights, continuity = (
+        fitted.problem,
+        fitted.scale,
+        fitted.weights,
+        fitted.continuity,
+    )
     k = len(problem.free)
     values = fitted.p.copy()
     values[list(problem.free)] = scale.outside(s)
@@ -124,7 +129,7 @@ def _evaluate(
             cost += important * float(r @ r)
             joint = w + 1 < len(windows)
             jump = starts[i][w + 1] - memory.x[:n] if joint else np.zeros(n)
-            cost += float((jump**2 * pulls[i]).sum())
+            cost += float((jump**2 * continuity[i]).sum())
             if not derivatives:
                 continue
             N, v = important * (A.T @ A)[: k + n, : k + n], important * (A.T @ r)[: k + n]
@@ -139,7 +144,7 @@ def _evaluate(
             if joint:
                 end = memory.S[:n, : k + n].copy()  # d end / d (parameters, start)
                 end[:, :k] *= slope
-                _add_joint(w, end, jump, pulls[i], H, g, (D, off, B, gx))
+                _add_joint(w, end, jump, continuity[i], H, g, (D, off, B, gx))
         at += len(windows)
         blocks.append((D, off, B, gx))
         residuals.append(left)
@@ -154,25 +159,25 @@ def _add_joint(
     w: int,
     end: Array,
     jump: Array,
-    pull: Array,
+    weight: Array,
     H: Array,
     g: Array,
     block: tuple[Array, Array, Array, Array],
 ) -> None:
     """Normal equations of |L (x_(w+1) - f_w(s, x_w))|^2; end: df_w / d(s, x_w); jump: x_(w+1) -
-    f_w; pull: the diagonal of L'L."""
+    f_w; weight: the diagonal of L'L."""
     D, off, B, gx = block
     k = len(g)
-    P = pull[:, None]
+    P = weight[:, None]
     H += end[:, :k].T @ (P * end[:, :k])
-    g -= end[:, :k].T @ (pull * jump)
+    g -= end[:, :k].T @ (weight * jump)
     D[w] += end[:, k:].T @ (P * end[:, k:])
     B[w] += end[:, k:].T @ (P * end[:, :k])
-    gx[w] -= end[:, k:].T @ (pull * jump)
-    D[w + 1] += np.diag(pull)
+    gx[w] -= end[:, k:].T @ (weight * jump)
+    D[w + 1] += np.diag(weight)
     off[w] -= P * end[:, k:]
     B[w + 1] -= P * end[:, :k]
-    gx[w + 1] += pull * jump
+    gx[w + 1] += weight * jump
 
 
 def _eliminated(
@@ -230,7 +235,7 @@ class MultipleShooting(LeastSquares[_Point, _Step]):
     problem: Problem
     p: Array
     weights: Weights
-    pulls: tuple[Array, ...]
+    continuity: tuple[Array, ...]
     stepping: Stepping
     tolerance: float
     probe: bool
@@ -294,7 +299,7 @@ class MultipleShooting(LeastSquares[_Point, _Step]):
             ended.settled,
             "" if ended.settled else "iterations used up",
             self.stepping,
-            self.pulls,
+            self.continuity,
         )
         if self.probe:
             return found
@@ -316,7 +321,7 @@ def begin(
     weights: Weights | None = None,
     tolerance: float = TOLERANCE,
     stepping: Stepping | None = None,
-    pulls: tuple[Array, ...] = (),
+    continuity: tuple[Array, ...] = (),
     probe: bool = False,
 ) -> tuple[MultipleShooting, Iteration[_Point]]:
     """The least squares of a fit and the point where it begins; arguments as of `fit`."""
@@ -327,20 +332,20 @@ def begin(
     s = np.clip(scale.inside(p[list(problem.free)]), scale.low, scale.high)
     starts = starts if starts is not None else initial_states(problem, p, weights, stepping)
     none = tuple(np.zeros(len(problem.assembly.rig.states)) for _ in problem.tracks)
-    shooting = MultipleShooting(problem, p, weights, pulls or none, stepping, tolerance, probe)
+    shooting = MultipleShooting(problem, p, weights, continuity or none, stepping, tolerance, probe)
     point = shooting.at(s, starts)
-    if point.normal.fine and not pulls:
+    if point.normal.fine and not continuity:
         # by how much less a residual counts than sensor noise: by as much a wrong model's states
         # may depart
         off = float(np.exp(-np.log(problem.noise * weights.root).mean()))
-        pulls = tuple(
+        continuity = tuple(
             np.maximum(
                 CARRIED_INFORMATION * np.einsum("wii->wi", b[0]).mean(axis=0),
                 1.0 / (off * t.jump) ** 2,
             )
             for b, t in zip(point.normal.blocks, problem.tracks, strict=True)
         )
-        shooting = replace(shooting, pulls=pulls)
+        shooting = replace(shooting, continuity=continuity)
         point = shooting.at(s, starts)
     return shooting, Iteration(point, shooting.rule.start)
 
@@ -354,7 +359,7 @@ def fit(
     iterations: int = ITERATIONS,
     tolerance: float = TOLERANCE,
     stepping: Stepping | None = None,
-    pulls: tuple[Array, ...] = (),
+    continuity: tuple[Array, ...] = (),
     progress: Progress | None = None,
     probe: bool = False,
 ) -> Fit:
@@ -372,7 +377,7 @@ def fit(
         weights=weights,
         tolerance=tolerance,
         stepping=stepping,
-        pulls=pulls,
+        continuity=continuity,
         probe=probe,
     )
     if not begun.point.normal.fine:

@@ -24,8 +24,8 @@ WINDOW_S = 1.5
 @dataclass(frozen=True, eq=False)
 class Problem:
     """What is fitted to what. free: places of the fitted parameters; importance: a factor per
-    window, sheet: another draw of the data sheet in prior spreads (bootstrap); prior: what an
-    earlier fit has told of them beside it."""
+    window, sheet: another draw of the data sheet in prior spreads (bootstrap); prior: an earlier
+    fit's, beside it."""
 
     assembly: Assembly
     tracks: tuple[Track, ...]
@@ -42,7 +42,7 @@ class Problem:
         return Scale([a.parameters[i] for i in free], a.values()[free])
 
     def start(self) -> Array:
-        """Where a fit begins (SI): at the data sheet, or at what an earlier fit knew."""
+        """Where a fit begins (SI): at the data sheet, or at an earlier fit's posterior."""
         p = self.assembly.values()
         if self.prior is not None:
             p[list(self.free)] = self.scale.outside(self.prior.at)
@@ -78,8 +78,8 @@ class Fit:
     converged: bool
     why: str
     stepping: Stepping
-    # per track: information of the joints between windows, per rig state
-    pulls: tuple[Array, ...] = ()
+    # per track: information of the continuity from window to window, per rig state
+    continuity: tuple[Array, ...] = ()
     # per track: samples x channels, model - measured
     residuals: tuple[Array, ...] = field(repr=False, default=())
     held: Array = field(repr=False, default_factory=lambda: np.zeros(0))

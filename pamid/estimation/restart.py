@@ -1,9 +1,11 @@
-"""A way out of a trap: a fit whose window starts were found before its parameters were.
+"""A restart for fits that ended in a local minimum: initial states estimated anew.
 
-The states in which windows begin are estimated once, with the parameters at hand, and then fitted
-along. Where something sticks (friction, play) such a start may hold no derivative by which it could
-move on: the fit ends short of the optimum, and an interval drawn there misses the truth. Estimated
-anew with the parameters found, starts are right or nearly so, and the fit goes on to the end.
+The states in which windows begin are estimated once, with the first parameters, and then fitted
+with them. Where something sticks (friction, play) the outputs do not depend on such a state within
+some range, so no derivative leads out of it: the fit ends short of the optimum, and an interval
+drawn there misses the truth. Estimated anew with the parameters found, the states are right or
+nearly so, and the fit goes on to the optimum. Three steps show whether the cost falls; a fit that
+is in no local minimum is returned as it is.
 """
 
 from __future__ import annotations
@@ -20,13 +22,13 @@ Array = NDArray[np.float64]
 
 # of the cost: what a fit from new starts must come below for the old one to have been a trap
 TRAPPED = 0.5
-PROBE_STEPS = 3  # iterations that tell
+PROBE_STEPS = 3  # that show whether the cost falls
 ROUNDS = 2  # of weights that follow the residuals
 
 
 def escape_local_minimum(fitted: Fit, noise: Array) -> Fit:
-    """The fit; where it sat in a trap, the one that it comes to from starts estimated anew. noise:
-    of the sensors, per channel (SI)."""
+    """The fit; where it ended in a local minimum, the one reached from initial states estimated
+    anew. noise: of the sensors, per channel (SI)."""
     problem = fitted.problem
     if not fitted.residuals:
         return fitted
@@ -35,7 +37,7 @@ def escape_local_minimum(fitted: Fit, noise: Array) -> Fit:
         p=fitted.p,
         weights=fitted.weights,
         stepping=fitted.stepping,
-        pulls=fitted.pulls,
+        continuity=fitted.continuity,
         probe=True,
     )
     if not begun.point.normal.fine:

@@ -121,11 +121,11 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
     channels = tuple(c for c in channels if c in moving)
     if held_out:
         fit = [Span(r, 0, len(r)) for r in recordings]
-        kept = [Span(r, 0, len(r)) for r in held_out]
+        held = [Span(r, 0, len(r)) for r in held_out]
     else:
         edges = [round((1.0 - HELD_OUT_SHARE) * len(r)) for r in recordings]
         fit = [Span(r, 0, e) for r, e in zip(recordings, edges, strict=True)]
-        kept = [Span(r, e, len(r)) for r, e in zip(recordings, edges, strict=True)]
+        held = [Span(r, e, len(r)) for r, e in zip(recordings, edges, strict=True)]
     # names and order must not matter
     order = sorted(range(len(fit)), key=lambda i: fit[i].recording.sha256)
     # a sum depends on its order in the last digit
@@ -139,7 +139,7 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
     return DataSplit(
         rig,
         tuple(fit[i] for i in order),
-        tuple(sorted(kept, key=lambda s: (s.recording.sha256, s.start))),
+        tuple(sorted(held, key=lambda s: (s.recording.sha256, s.start))),
         channels,
         noise,
         STATE_JUMP * _rms_spread([state_spread(plain, r) for r in by_content]),
@@ -202,10 +202,12 @@ def _rms_spread(spreads: list[Array]) -> Array:
     """Root mean square of every state's spread over the recordings that say something of it;
     infinite where none does."""
     table = np.stack(spreads)
-    said = np.isfinite(table)
-    count = said.sum(axis=0)
+    known = np.isfinite(table)
+    count = known.sum(axis=0)
     return np.where(
-        count, np.sqrt((np.where(said, table, 0.0) ** 2).sum(axis=0) / np.maximum(count, 1)), np.inf
+        count,
+        np.sqrt((np.where(known, table, 0.0) ** 2).sum(axis=0) / np.maximum(count, 1)),
+        np.inf,
     )
 
 

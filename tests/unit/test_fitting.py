@@ -125,7 +125,7 @@ def dense(fitted: Fit) -> Array:
     problem, (track,) = fitted.problem, fitted.problem.tracks
     free, scale, root = list(problem.free), fitted.problem.scale, fitted.weights.root
     windows: list[Window] = problem.windows(track)
-    (starts,), (pulls,) = fitted.starts, fitted.pulls
+    (starts,), (continuity,) = fitted.starts, fitted.continuity
     k, (w, n) = len(free), starts.shape
     size = np.abs(starts).max(axis=0)
     runner = Runner(problem.assembly, track, fitted.stepping)
@@ -141,7 +141,7 @@ def dense(fitted: Fit) -> Array:
             Y = runner.run(memory, window, own, False)[0]
             parts.append(((Y - track.y[window.start : window.stop]) * root).ravel())
             if i + 1 < w:
-                parts.append((x0[i + 1] - memory.x[:n]) * np.sqrt(pulls))
+                parts.append((x0[i + 1] - memory.x[:n]) * np.sqrt(continuity))
         return np.concatenate(parts)
 
     z = np.concatenate([scale.inside(fitted.p[free]), np.zeros(w * n)])

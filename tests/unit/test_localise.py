@@ -66,15 +66,18 @@ def with_gap(joint: tuple[DataSplit, Contender], inside: np.ndarray) -> Contende
     """The model made to err by 2 deg at these samples of its replay."""
     _, base = joint
     r = base.replays[0]
-    whole = r.whole.copy()
-    whole[r.led.lead :][inside, 0] += np.deg2rad(2.0)
-    return replace(base, replays=(replace(r, whole=whole),))
+    whole = r.full_outputs.copy()
+    whole[r.full_track.lead :][inside, 0] += np.deg2rad(2.0)
+    return replace(base, replays=(replace(r, full_outputs=whole),))
 
 
 def test_a_model_without_error_has_no_regime(joint: tuple[DataSplit, Contender]) -> None:
     evidence, base = joint
     r = base.replays[0]
-    assert regimes(evidence, replace(base, replays=(replace(r, whole=r.led.y),)), None) == []
+    assert (
+        regimes(evidence, replace(base, replays=(replace(r, full_outputs=r.full_track.y),)), None)
+        == []
+    )
     everywhere = with_gap(joint, np.ones(len(r.track), bool))
     assert regimes(evidence, everywhere, None) == [], "a gap that is everywhere is in no regime"
 

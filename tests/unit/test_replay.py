@@ -77,7 +77,9 @@ def test_the_windows_cover_what_is_scored_and_the_lead_in_is_not(
     angle_only: tuple[DataSplit, Assembly, np.ndarray],
 ) -> None:
     r = run(angle_only)
-    assert r.led.lead > 0 and len(r.track) == len(r.led) - r.led.lead == len(r.model)
+    assert r.full_track.lead > 0 and len(r.track) == len(r.full_track) - r.full_track.lead == len(
+        r.model
+    )
     assert r.windows[0].start == 0 and r.windows[-1].stop == len(r.track)
     assert all(a.stop == b.start for a, b in zip(r.windows[:-1], r.windows[1:], strict=True))
     assert len(r.entered) == len(r.windows) < len(r.starts)
