@@ -22,7 +22,8 @@ from pathlib import Path
 import numpy as np
 
 from pamid import Recording
-from pamid.estimation.fit_model import GreyBox, fit_json, fit_model
+from pamid.estimation.fit_files import fit_json
+from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.excitation.aprbs import aprbs, coverage
 from pamid.model.registry import rig_named
 from pamid.recording.recording import read_recording, write_recording

@@ -22,7 +22,8 @@ import numpy as np
 
 from pamid.base.run_folder import Run
 from pamid.diagnosis.diagnose import diagnose_into
-from pamid.estimation.fit_model import fit_json, fit_model
+from pamid.estimation.fit_files import fit_json
+from pamid.estimation.grey_box import fit_model
 from pamid.excitation.aprbs import aprbs
 from pamid.model.attachment import attach
 from pamid.model.registry import effects, rig_named

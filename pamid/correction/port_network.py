@@ -42,7 +42,7 @@ from pamid.correction.output_network import (
 from pamid.correction.residual_data import MODELS, Leftover, derived
 from pamid.diagnosis.contender import contender_from, transferred
 from pamid.diagnosis.smoother import ROUNDS, Latent, Smoother, size_at
-from pamid.estimation.fit_model import GreyBox, fit_model
+from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.estimation.posterior import read_posterior
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attach

@@ -12,7 +12,7 @@ from pamid.base.metrics import seen_mean
 from pamid.base.progress import Progress
 from pamid.diagnosis.contender import Contender, contender_from
 from pamid.diagnosis.serialise import grey_box_of, grey_box_plain
-from pamid.estimation.fit_model import GreyBox, fit_model
+from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.model.bound_parameter import Sizes
 from pamid.parallel.jobs import Work, WorkerPool
 from pamid.parallel.store import Plain

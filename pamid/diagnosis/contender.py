@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pamid.base.metrics import seen_mean
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit, Problem, free_parameters
-from pamid.estimation.residual_weights import residual_weights
+from pamid.estimation.weights import residual_weights
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.simulation.data_split import DataSplit

@@ -11,7 +11,7 @@ from pamid.diagnosis.contender import Contender, transferred
 from pamid.diagnosis.decision import WORTH, calibration, decades, in_errors, within
 from pamid.diagnosis.port_evidence import Located, locate
 from pamid.diagnosis.search import Refitting, Search, Start, run_round, settled
-from pamid.estimation.fit_model import model_with
+from pamid.estimation.grey_box import model_with
 from pamid.model.attachment import Attachment
 
 MOST_CAUSES = 3

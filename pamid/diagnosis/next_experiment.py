@@ -26,7 +26,7 @@ from pamid.diagnosis.tournament import Diagnosis
 from pamid.engine.program import Stepping
 from pamid.estimation.multiple_shooting import fit, initial_states
 from pamid.estimation.problem import Problem
-from pamid.estimation.residual_weights import Weights, residual_weights
+from pamid.estimation.weights import Weights, residual_weights
 from pamid.excitation.experiments import MOST_SAMPLES, PASS_S, Bench, Experiment, menu
 from pamid.parallel.jobs import Work
 from pamid.parallel.store import Plain

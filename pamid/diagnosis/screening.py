@@ -11,7 +11,7 @@ from pamid.base.errors import PamidError
 from pamid.diagnosis.contender import Contender, set_within_bounds, transferred
 from pamid.diagnosis.starting_hints import Clues
 from pamid.engine.program import Stepping
-from pamid.estimation.fit_model import model_with
+from pamid.estimation.grey_box import model_with
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.model.assembly import Assembly

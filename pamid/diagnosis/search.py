@@ -15,7 +15,7 @@ from pamid.diagnosis.decision import WORTH
 from pamid.diagnosis.screening import Ground, Screened, screen, sent_on
 from pamid.diagnosis.serialise import contender_of, contender_plain
 from pamid.diagnosis.starting_hints import Clues
-from pamid.estimation.fit_model import COARSE, model_with, rechecked
+from pamid.estimation.grey_box import COARSE, model_with, rechecked
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit
 from pamid.model.attachment import Attachment

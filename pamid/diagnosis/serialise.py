@@ -10,9 +10,9 @@ import numpy as np
 
 from pamid.diagnosis.contender import Contender, contender_from
 from pamid.engine.program import Stepping
-from pamid.estimation.fit_model import GreyBox, model_with
+from pamid.estimation.grey_box import GreyBox, model_with
 from pamid.estimation.problem import Fit, Problem, free_parameters
-from pamid.estimation.residual_weights import Weights
+from pamid.estimation.weights import Weights
 from pamid.model.assembly import Assembly
 from pamid.parallel.store import Plain
 from pamid.simulation.data_split import DataSplit

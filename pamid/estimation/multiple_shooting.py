@@ -34,7 +34,7 @@ from pamid.engine.damped_gauss_newton import DampingRule, Iteration, LeastSquare
 from pamid.engine.program import Stepping
 from pamid.estimation.prior import terms_of_sheet
 from pamid.estimation.problem import Fit, Problem, Scale
-from pamid.estimation.residual_weights import Weights, residual_weights
+from pamid.estimation.weights import Weights, residual_weights
 from pamid.simulation.initial_state import CARRIED_INFORMATION, estimate_initial_state
 from pamid.simulation.simulate import choose_stepping
 from pamid.simulation.windows import Runner

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pamid.engine.program import Stepping
 from pamid.estimation.prior import Prior
-from pamid.estimation.residual_weights import Weights
+from pamid.estimation.weights import Weights
 from pamid.model.assembly import Assembly
 from pamid.model.bound_parameter import Bound
 from pamid.simulation.tracks import Track, noise_of, stated_noise

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pamid.engine.damped_gauss_newton import iterate
 from pamid.estimation.multiple_shooting import begin, fit
 from pamid.estimation.problem import Fit
-from pamid.estimation.residual_weights import residual_weights
+from pamid.estimation.weights import residual_weights
 
 Array = NDArray[np.float64]
 

@@ -28,7 +28,8 @@ from pamid.correction.port_network import (
     origin_of,
 )
 from pamid.correction.residual_data import read_columns, read_leftover
-from pamid.estimation.fit_model import GreyBox, fit_json, fit_model, residual_csv
+from pamid.estimation.fit_files import fit_json, residual_csv
+from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.model.registry import rig_named
 from pamid.networks.store import load_network
 from pamid.recording.recording import read_recording

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from small_cart import RIG, cart_evidence, record_cart
 
-from pamid.estimation.fit_model import GreyBox, fit_model
+from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.estimation.intervals import estimates
 from pamid.estimation.multiple_shooting import fit_robustly
 from pamid.estimation.problem import Problem, free_parameters

@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 from virtual_joint import KNOWN, SPECIMEN, record
 
 from pamid.engine.program import Stepping
-from pamid.estimation.fit_model import COARSE, GreyBox, fit_json, fit_model
+from pamid.estimation.fit_files import fit_json
+from pamid.estimation.grey_box import COARSE, GreyBox, fit_model
 from pamid.estimation.intervals import Estimate, bootstrap, estimates
 from pamid.estimation.multiple_shooting import fit, fit_robustly
 from pamid.estimation.problem import Fit, Problem, free_parameters
-from pamid.estimation.residual_weights import Weights
+from pamid.estimation.weights import Weights
 from pamid.model.assembly import Assembly
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter

@@ -13,7 +13,8 @@ from cli.frame import run
 from cli.options import evidence_from
 from pamid.base.errors import FileError
 from pamid.correction.residual_data import read_leftover
-from pamid.estimation.fit_model import GreyBox, fit_json, fit_model, residual_table
+from pamid.estimation.fit_files import fit_json, residual_table
+from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.estimation.intervals import estimates
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, read_recording, write_recording

@@ -24,7 +24,7 @@ from pamid.diagnosis.next_experiment import (
 )
 from pamid.diagnosis.proposal import FILE, Proposal, proposal_json
 from pamid.diagnosis.tournament import Diagnosis, diagnose
-from pamid.estimation.fit_model import fit_model
+from pamid.estimation.grey_box import fit_model
 from pamid.excitation.aprbs import aprbs
 from pamid.excitation.experiments import (
     MENU,

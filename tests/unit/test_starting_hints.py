@@ -12,7 +12,7 @@ from virtual_joint import record
 from pamid.diagnosis.contender import contender_from
 from pamid.diagnosis.screening import FIRST_STEPS, Ground, screen, starting_points
 from pamid.diagnosis.starting_hints import gather_clues, spectrum_peaks
-from pamid.estimation.fit_model import fit_model, model_with
+from pamid.estimation.grey_box import fit_model, model_with
 from pamid.model.attachment import attach
 from pamid.model.effect import Hints
 from pamid.model.registry import effects, rig_named
