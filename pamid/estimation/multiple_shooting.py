@@ -133,9 +133,7 @@ def _evaluate(
             if not derivatives:
                 continue
             N, v = important * (A.T @ A)[: k + n, : k + n], important * (A.T @ r)[: k + n]
-            N[:k] *= slope[:, None]
-            N[:, :k] *= slope
-            v[:k] *= slope
+            _scale(N, v, slope)
             H += N[:k, :k]
             g += v[:k]
             D[w] += N[k:, k:]
@@ -153,6 +151,14 @@ def _evaluate(
         ):
             return _Normal(np.inf, H, g, blocks, residuals, False)
     return _Normal(cost, H, g, blocks, residuals, fine)
+
+
+def _scale(N: Array, v: Array, slope: Array) -> None:
+    """Normal equations by parameters in SI become those by scaled ones, in place."""
+    k = len(slope)
+    N[:k] *= slope[:, None]
+    N[:, :k] *= slope
+    v[:k] *= slope
 
 
 def _add_joint(
