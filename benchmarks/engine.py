@@ -44,7 +44,7 @@ from pamid.recording.noise import noise_level
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.simulate import choose_stepping, input_table
 from pamid.simulation.tracks import track_of
-from pamid.simulation.virtual_rig import virtual_rig
+from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 Array = NDArray[np.float64]
 PERIOD_S = 0.003
@@ -97,7 +97,7 @@ def recorded(folder: Path, samples: int) -> Recording:
     reference = aprbs(samples * PERIOD_S, PERIOD_S, 35.0, seed=1)[:samples]
     stamps = np.arange(len(reference)) * PERIOD_S
     write_recording(folder / "reference.csv", stamps, {"reference_deg": reference})
-    made = virtual_rig(
+    made = simulate_virtual_rig(
         "one-dof",
         read_recording(folder / "reference.csv"),
         (),

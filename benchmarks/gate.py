@@ -25,7 +25,7 @@ from pamid.excitation.aprbs import aprbs
 from pamid.model.registry import rig_named
 from pamid.recording.overlap import overlaps
 from pamid.recording.recording import Recording, read_recording, write_recording
-from pamid.simulation.virtual_rig import virtual_rig
+from pamid.simulation.virtual_rig import simulate_virtual_rig
 from pamid.trial.case_runs import CaseMachine, _written
 from pamid.trial.cases import draw_cases
 
@@ -47,7 +47,7 @@ def joint(folder: Path, samples: int) -> Recording:
     reference = aprbs(samples * PERIOD_S, PERIOD_S, 35.0, seed=1)[:samples]
     stamps = PERIOD_S * np.arange(samples)
     write_recording(folder / "sent.csv", stamps, {"reference_deg": reference})
-    made = virtual_rig("one-dof", read_recording(folder / "sent.csv"), (), {}, {}, 1.0, 1)
+    made = simulate_virtual_rig("one-dof", read_recording(folder / "sent.csv"), (), {}, {}, 1.0, 1)
     write_recording(folder / "rec.csv", stamps, made.columns, made.meta)
     return read_recording(folder / "rec.csv")
 

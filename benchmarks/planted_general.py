@@ -31,7 +31,7 @@ from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
-from pamid.simulation.virtual_rig import virtual_rig
+from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 RIGS = Path(__file__).resolve().parent / "rigs"
 # rig -> (samples, centre and amplitude of the command, hold in samples, parameters of the specimen)
@@ -70,7 +70,7 @@ def main() -> int:
                 source = Path(folder) / "excitation.csv"
                 write_recording(source, period * np.arange(len(signal)), {"command": signal})
                 spec = f"{label}:{SIZES[label]}" if SIZES.get(label) else label
-                made = virtual_rig(
+                made = simulate_virtual_rig(
                     rig_path, read_recording(source), (spec,) if label else (), {}, specimen, 1.0, 5
                 )
                 target = Path(folder) / "rec.csv"

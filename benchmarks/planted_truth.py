@@ -23,7 +23,7 @@ from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
-from pamid.simulation.virtual_rig import virtual_rig
+from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 MISTUNED = {
     "scale": 1.10,
@@ -62,7 +62,9 @@ def plant(label: str, seed: int, folder: Path, seconds: float) -> Path:
     time_s = [0.003 * i for i in range(len(signal))]
     write_recording(source, time_s, {"reference_deg": signal})
     specs = (f"{label}:{spec}" if spec else label,) if label else ()
-    made = virtual_rig("one-dof", read_recording(source), specs, dict(known), MISTUNED, 1.0, seed)  # type: ignore[call-overload]
+    made = simulate_virtual_rig(  # type: ignore[call-overload]
+        "one-dof", read_recording(source), specs, dict(known), MISTUNED, 1.0, seed
+    )
     target = folder / f"{name}.csv"
     write_recording(target, time_s, made.columns, made.meta)
     return target

@@ -29,7 +29,7 @@ import numpy as np
 
 from pamid.excitation.aprbs import aprbs
 from pamid.recording.recording import read_recording, write_recording
-from pamid.simulation.virtual_rig import virtual_rig
+from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 CART = Path(__file__).resolve().parents[1] / "data" / "rigs" / "cart.py"
 PERIOD_S = {"one-dof": 0.003, str(CART): 0.01}
@@ -87,7 +87,7 @@ def record(folder: Path, rig: str, name: str, samples: int, seed: int) -> Path:
     write_recording(
         path, period * np.arange(len(sent)), {"reference_deg" if closed else "force_n": sent}
     )
-    made = virtual_rig(
+    made = simulate_virtual_rig(
         rig,
         read_recording(path),
         (EFFECT[rig],),

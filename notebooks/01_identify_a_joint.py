@@ -22,12 +22,13 @@ from pathlib import Path
 import numpy as np
 
 from pamid import Recording
-from pamid.estimation.fit_model import GreyBox, fit_json, fit_model
+from pamid.estimation.fit_files import fit_json
+from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.excitation.aprbs import aprbs, coverage
 from pamid.model.registry import rig_named
 from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
-from pamid.simulation.virtual_rig import virtual_rig
+from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 temporary = tempfile.TemporaryDirectory()
 folder = Path(temporary.name)
@@ -63,7 +64,7 @@ SPECIMEN = {
     "contraction_0": 0.103,
 }
 write_recording(folder / "excitation.csv", time_s, {"reference_deg": reference_deg})
-made = virtual_rig(
+made = simulate_virtual_rig(
     "one-dof", read_recording(folder / "excitation.csv"), (), KNOWN, SPECIMEN, 1.0, seed=2
 )
 write_recording(folder / "joint.csv", time_s, made.columns, made.meta)

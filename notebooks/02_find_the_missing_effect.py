@@ -22,14 +22,15 @@ import numpy as np
 
 from pamid.base.run_folder import Run
 from pamid.diagnosis.diagnose import diagnose_into
-from pamid.estimation.fit_model import fit_json, fit_model
+from pamid.estimation.fit_files import fit_json
+from pamid.estimation.grey_box import fit_model
 from pamid.excitation.aprbs import aprbs
 from pamid.model.attachment import attach
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording, write_recording
 from pamid.report.writing import write_report
 from pamid.simulation.data_split import split_recordings
-from pamid.simulation.virtual_rig import virtual_rig
+from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 temporary = tempfile.TemporaryDirectory()
 folder = Path(temporary.name)
@@ -46,7 +47,7 @@ SPECIMEN = {"damping_m2_s": 7e-4, "scale": 1.10}
 reference_deg = aprbs(20.0, PERIOD_S, amplitude=40.0, hold_s=(0.4, 1.6), seed=1)
 time_s = PERIOD_S * np.arange(reference_deg.size)
 write_recording(folder / "excitation.csv", time_s, {"reference_deg": reference_deg})
-made = virtual_rig(
+made = simulate_virtual_rig(
     "one-dof",
     read_recording(folder / "excitation.csv"),
     (f"coulomb-friction:torque_n_m={TORQUE_N_M}",),

@@ -23,7 +23,8 @@ from pamid.base.errors import UsageError
 from pamid.base.files import write_atomically
 from pamid.base.json_file import write_json
 from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE
-from pamid.estimation.fit_model import fit_json, fit_model, residual_csv
+from pamid.estimation.fit_files import fit_json, residual_csv
+from pamid.estimation.grey_box import fit_model
 from pamid.estimation.posterior import read_posterior
 from pamid.simulation.virtual_rig import attach_specs
 

@@ -19,7 +19,7 @@ from pamid.api.results import FitResult
 from pamid.base.errors import FileError, UsageError
 from pamid.model.registry import rig_of
 from pamid.recording.recording import SIGNIFICANT_DIGITS, Recording
-from pamid.simulation.virtual_rig import virtual_rig
+from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 
 def simulate(
@@ -70,7 +70,7 @@ def simulate(
         if which != "best":
             raise UsageError("--which belongs to --model RUN.")
         virtual = rig_given(rig) or rig_of([source])
-        made = virtual_rig(virtual, source, named, stated, hidden, noise, seed)
+        made = simulate_virtual_rig(virtual, source, named, stated, hidden, noise, seed)
         return recorded(source, made, SIGNIFICANT_DIGITS, target)
     for effect in named:
         if isinstance(effect, str) and not effect.endswith(".py"):

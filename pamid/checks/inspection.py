@@ -34,7 +34,7 @@ from pamid.recording.recording import (
     match_column,
     read_recording,
 )
-from pamid.simulation.data_split import require_lesson
+from pamid.simulation.data_split import require_informative
 
 CHECK_SCHEMA = "pamid.check/1"
 STILL_SHARE = 0.02  # of a column's range: what moves less is at rest
@@ -240,7 +240,7 @@ def _against_rig(
     ]
     if not missing and seen:
         try:
-            require_lesson(rig, recording)
+            require_informative(rig, recording)
         except DataError as error:
             found.append(Finding("excitation", False, f"nothing can be learnt: {error}"))
     return rig, found or [Finding("rig", True, f"every column of rig {rig.name!r} is there")]

@@ -30,7 +30,7 @@ from pamid.base.units import from_si, split_column, to_si
 from pamid.correction.port_network import ADDED, Entry, entered, entry_of
 from pamid.correction.residual_data import REFIT_REMEDY, derived
 from pamid.engine.program import Program, Stepping, build_program
-from pamid.estimation.fit_model import loop_motion, loop_names
+from pamid.estimation.closed_loop import loop_motion, loop_names
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attach
 from pamid.model.effect import Effect

@@ -42,7 +42,7 @@ from pamid.correction.output_network import (
 from pamid.correction.residual_data import MODELS, ResidualData, derived
 from pamid.diagnosis.candidate_model import candidate_from, transferred
 from pamid.diagnosis.smoother import ROUNDS, Latent, Smoother, size_at
-from pamid.estimation.fit_model import GreyBox, fit_model
+from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.estimation.posterior import read_posterior
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attach
@@ -53,7 +53,7 @@ from pamid.networks.trained_network import TrainedNetwork
 from pamid.networks.training import Training
 from pamid.recording.recording import read_recording
 from pamid.simulation.data_split import DataSplit, split_recordings
-from pamid.simulation.replay import Replay, channel_mae, replay
+from pamid.simulation.replay import Replay, channel_mae, replay_track
 from pamid.symbolic.expression import symbol
 from pamid.symbolic.vocabulary import Expr, Number
 
@@ -295,7 +295,7 @@ class Corrected:
         for t in (*m.evidence.tracks(a), *m.evidence.tracks(a, held_out=True)):
             u, last = t.u.copy(), first + len(t) - t.lead
             u[t.lead :, column] = values[first:last]
-            found.append(replay(a, p, replace(t, u=u), m.fit.stepping, m.evidence.noise))
+            found.append(replay_track(a, p, replace(t, u=u), m.fit.stepping, m.evidence.noise))
             first = last
         return found
 
@@ -315,7 +315,7 @@ def train_at_port(
     stage(f"looking for what is missing at {entry.name}")
     with threadpool_limits(limits=1, user_api="blas"):
         fitted = tuple(
-            replay(model.assembly, model.fit.p, t, model.fit.stepping, e.noise)
+            replay_track(model.assembly, model.fit.p, t, model.fit.stepping, e.noise)
             for t in e.tracks(model.assembly)
         )
         missing, p = missing_at(model, fitted, entry)

@@ -13,12 +13,12 @@ from pamid.base.progress import Progress
 from pamid.diagnosis.candidate_model import CandidateModel, candidate_from
 from pamid.diagnosis.serialise import grey_box_plain, grey_box_restored
 from pamid.diagnosis.settings import DEFAULT, Settings
-from pamid.estimation.fit_model import GreyBox, fit_model
+from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.model.bound_parameter import Sizes
 from pamid.parallel.jobs import ObjectWork, Work, WorkerPool
 from pamid.parallel.result_store import Plain
 from pamid.simulation.data_split import DataSplit
-from pamid.simulation.replay import Replay, replay
+from pamid.simulation.replay import Replay, replay_track
 
 Array = NDArray[np.float64]
 
@@ -101,7 +101,7 @@ class _BlackBox(Work[int, Array]):
     def __call__(self, item: int) -> Plain:
         m = self.model
         training = [
-            replay(m.assembly, m.fit.p, t, m.fit.stepping, m.evidence.noise)
+            replay_track(m.assembly, m.fit.p, t, m.fit.stepping, m.evidence.noise)
             for t in m.fit.problem.tracks
         ]
         floor = seen_mean(_losses(m.floor))

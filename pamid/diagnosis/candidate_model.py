@@ -17,7 +17,7 @@ from pamid.estimation.weights import residual_weights
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.simulation.data_split import DataSplit
-from pamid.simulation.replay import Replay, replay
+from pamid.simulation.replay import Replay, replay_track
 
 Array = NDArray[np.float64]
 
@@ -86,7 +86,7 @@ def replayed(evidence: DataSplit, assembly: Assembly, fitted: Fit) -> CandidateM
     return candidate_from(
         assembly,
         fitted,
-        tuple(replay(assembly, fitted.p, t, fitted.stepping, evidence.noise) for t in tracks),
+        tuple(replay_track(assembly, fitted.p, t, fitted.stepping, evidence.noise) for t in tracks),
     )
 
 
@@ -141,7 +141,7 @@ def refit(
         p=p,
         starts=base.starts,
         weights=base.weights,
-        pulls=base.pulls,
+        continuity=base.continuity,
         iterations=settings.refit_iterations,
         tolerance=settings.refit_tolerance,
     )

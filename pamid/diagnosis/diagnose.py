@@ -14,7 +14,7 @@ from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.diagnosis.unknown import described, find_missing, missing_csv
 from pamid.diagnosis.verdict import diagnosis_json
-from pamid.estimation.fit_model import fit_json, model_json, residual_csv
+from pamid.estimation.fit_files import fit_json, model_json, residual_csv
 from pamid.model.effect import Effect
 from pamid.parallel.jobs import WorkerPool
 from pamid.simulation.data_split import DataSplit

@@ -23,7 +23,7 @@ from pamid.diagnosis.candidate_model import CandidateModel, transferred
 from pamid.diagnosis.decision import calibration, decades, in_errors, within
 from pamid.diagnosis.port_evidence import PortEvidence, locate
 from pamid.diagnosis.search import RefitStart, Refitting, Search, run_round, with_finer_steps
-from pamid.estimation.fit_model import model_with
+from pamid.estimation.grey_box import model_with
 from pamid.model.attachment import Attachment
 
 

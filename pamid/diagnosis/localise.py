@@ -15,7 +15,7 @@ from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.engine.program import Program
 from pamid.model.rig import Port
 from pamid.simulation.data_split import DataSplit
-from pamid.simulation.replay import Replay, followed
+from pamid.simulation.replay import Replay, run_windows
 from pamid.symbolic.expression import symbols
 from pamid.symbolic.vocabulary import Expr
 
@@ -209,7 +209,7 @@ def _followed(
     base: CandidateModel, r: Replay, inner: _PortSignals, still: float
 ) -> dict[str, tuple[Array, str]]:
     """The signals at the ports along a replay, and the time since the last reversal."""
-    found = followed(
+    found = run_windows(
         inner.program, base.assembly, base.fit.p, r.track, r.windows, r.entered, base.fit.stepping
     )
     table = found[:, found.shape[1] - len(inner.names) :]

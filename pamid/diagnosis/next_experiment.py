@@ -369,7 +369,7 @@ class _RivalModel:
                 problem,
                 p=done.p,
                 starts=done.starts,
-                pulls=done.pulls,
+                continuity=done.continuity,
                 stepping=self.stepping,
                 weights=residual_weights(left, self.noise, problem.window),
                 iterations=settings.experiment_steps,

@@ -17,7 +17,7 @@ from pamid.diagnosis.candidate_model import CandidateModel, set_within_bounds, t
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.starting_hints import GapHints
 from pamid.engine.program import Stepping
-from pamid.estimation.fit_model import model_with
+from pamid.estimation.grey_box import model_with
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.model.assembly import Assembly
@@ -123,7 +123,7 @@ class ScreeningBaseline:
                 p=p,
                 starts=tuple(starts),
                 weights=base.weights,
-                pulls=base.pulls,
+                continuity=base.continuity,
                 stepping=base.stepping,
                 iterations=settings.probe_steps + settings.screen_steps,
                 probe=True,
@@ -208,7 +208,7 @@ def _probed(
         p=p,
         starts=starts,
         weights=base.weights,
-        pulls=base.pulls,
+        continuity=base.continuity,
         iterations=steps,
         probe=True,
         stepping=stepping,

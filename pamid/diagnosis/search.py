@@ -21,7 +21,7 @@ from pamid.diagnosis.screening import Screened, ScreeningBaseline, promising, sc
 from pamid.diagnosis.serialise import candidate_plain, candidate_restored
 from pamid.diagnosis.settings import Settings
 from pamid.diagnosis.starting_hints import GapHints
-from pamid.estimation.fit_model import COARSE, model_with, rechecked
+from pamid.estimation.grey_box import COARSE, model_with, rechecked
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit
 from pamid.model.assembly import Assembly
@@ -284,7 +284,7 @@ class _StepRefinement(ObjectWork[CandidateModel, CandidateModel]):
                 p=f.p,
                 starts=f.starts,
                 weights=f.weights,
-                pulls=f.pulls,
+                continuity=f.continuity,
                 stepping=f.stepping.doubled(),
                 iterations=self.settings.refit_iterations,
                 tolerance=self.settings.refit_tolerance,

@@ -10,7 +10,7 @@ import numpy as np
 
 from pamid.diagnosis.candidate_model import CandidateModel, candidate_from
 from pamid.engine.program import Stepping
-from pamid.estimation.fit_model import GreyBox, model_with
+from pamid.estimation.grey_box import GreyBox, model_with
 from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.estimation.weights import Weights
 from pamid.model.assembly import Assembly
@@ -41,7 +41,7 @@ def grey_box_plain(g: GreyBox) -> Plain:
         "recheck": g.recheck,
         "held_out": [_replay_plain(r) for r in g.held_out],
         "data_sheet": [_replay_plain(r) for r in g.data_sheet],
-        "floor": [{**_replay_plain(r), "measured": r.led.y} for r in g.floor],
+        "floor": [{**_replay_plain(r), "measured": r.full_track.y} for r in g.floor],
         "sizes": [[port, signal, size] for (port, signal), size in g.assembly.sizes.items()],
     }
 
@@ -78,7 +78,7 @@ def _fit_plain(f: Fit) -> Plain:
         "why": f.why,
         "substeps": f.stepping.substeps,
         "implicit": f.stepping.implicit,
-        "pulls": f.pulls,
+        "pulls": f.continuity,
         "residuals": f.residuals,
         "held": f.held,
     }
@@ -106,8 +106,8 @@ def _fit_of(evidence: DataSplit, assembly: Assembly, found: dict[str, Any]) -> F
 
 def _replay_plain(r: Replay) -> Plain:
     return {
-        "whole": r.whole,
-        "cuts": np.array([(w.start, w.stop) for w in r.cuts]),
+        "whole": r.full_outputs,
+        "cuts": np.array([(w.start, w.stop) for w in r.full_windows]),
         "carried": r.carried,
         "starts": r.starts,
         "finite": r.finite,

@@ -174,7 +174,7 @@ class Smoother:
         return tuple(self._sliced(r) for r in self.base.replays)
 
     def _sliced(self, r: Replay) -> SlicedTrack:
-        runner = Runner(self.assembly, r.track, self.base.fit.stepping, self.free, whole=True)
+        runner = Runner(self.assembly, r.track, self.base.fit.stepping, self.free, all_states=True)
         slices, opens = slices_of(r)
         start = start_trajectory(runner, self.parameters(self.fitted), r, slices, opens)
         return SlicedTrack(runner, slices, opens, start)
@@ -295,9 +295,7 @@ class SmoothingProblem(LeastSquares[_Point, _Step]):
             more, right, gx, X, dx, det = track.eliminated(x, one, prior, damping)
             H, g, log_det = H + more, g + right, log_det + det
             parts.append((gx, X, dx))
-        free = self.moving & ~(
-            ((s <= scale.low + 1e-12) & (g > 0)) | ((s >= scale.high - 1e-12) & (g < 0))
-        )
+        free = self.moving & ~scale.held(s, g)
         ds = np.zeros(k)
         A = H[np.ix_(free, free)]
         if free.any():

@@ -12,7 +12,7 @@ from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.model.effect import Hints
 from pamid.simulation.data_split import DataSplit
-from pamid.simulation.replay import Replay, followed
+from pamid.simulation.replay import Replay, run_windows
 from pamid.simulation.windows import Window
 from pamid.symbolic.vocabulary import Expr
 
@@ -53,7 +53,7 @@ def _reach(base: CandidateModel) -> dict[str, dict[str, float]]:
     ]
     places += [(r.track, list(r.windows), r.entered) for r in base.replays]
     seen = [
-        followed(
+        run_windows(
             program,
             assembly,
             fit.p,

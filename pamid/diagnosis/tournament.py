@@ -29,7 +29,7 @@ from pamid.diagnosis.port_evidence import PortEvidence, locate
 from pamid.diagnosis.search import Search, indistinguishable_from_first, ranked, run_round
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.starting_hints import gather_hints
-from pamid.estimation.restart import freed
+from pamid.estimation.restart import escape_local_minimum
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.effect import Effect
 from pamid.parallel.jobs import WorkerPool
@@ -165,7 +165,7 @@ def diagnose(
 def _freed(evidence: DataSplit, best: CandidateModel) -> CandidateModel:
     """The best model, refitted from new window starts where its fit had ended in a local
     minimum."""
-    fitted = freed(best.fit, evidence.noise)
+    fitted = escape_local_minimum(best.fit, evidence.noise)
     if fitted is best.fit:
         return best
     better = replayed(evidence, best.assembly, fitted)

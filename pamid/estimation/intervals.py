@@ -87,10 +87,14 @@ def estimates(fitted: Fit, draws: Array | None = None) -> list[Estimate]:
 def bootstrap(
     fitted: Fit, count: int, *, seed: int = 0, jobs: int = 1, pool: WorkerPool | None = None
 ) -> Array:
-    """Refits with windows drawn with replacement, and with what was known before drawn anew: the
-    data sheet and what an earlier fit told (a parameter of which the recordings say nothing keeps
-    the width of its prior). Draws x free parameters in prior spreads; one that fails is missing.
-    pool: who does the refits (default: `jobs` processes)."""
+    """Refits with windows drawn with replacement (a block bootstrap: residuals are correlated
+    within a window), and with the priors drawn anew: the data sheet and an earlier fit's. Without
+    the second a parameter of which the recordings say nothing would not vary at all; with it, it
+    keeps the width of its prior. Draws x free parameters in prior spreads; one that fails is
+    missing. pool: who does the refits (default: `jobs` processes).
+
+    Kuensch (1989), Ann. Statist. 17(3), 1217-1241; randomised priors: Bardsley, Solonen, Haario and
+    Laine (2014), SIAM J. Sci. Comput. 36(4), A1895-A1910."""
     found = (pool or WorkerPool(jobs)).run(_Drawing(fitted, seed), range(count))
     return np.array([draw for draw in found if not isinstance(draw, Failed)])
 

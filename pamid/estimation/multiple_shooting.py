@@ -1,11 +1,22 @@
 """Grey-box fit on recorded commands: multiple shooting, weighted least squares with priors, exact
 Jacobians.
 
-Unknowns are the free parameters and the rig's state at the start of every window. Windows are
-joined softly (a weak pull to where the window before ended), so a slow drift of an integrating
-state does not drown everything else. Residuals are weighted by their own size and correlation time,
-not by the sensor noise alone: where a model is wrong its residuals are large and alike for a long
-time, and counting each sample as a witness would overrule every prior.
+Unknowns are the free parameters s, in prior spreads around the data sheet, and the rig's state x_w
+at the start of every window w. With y_w(s, x_w) the model's outputs over the window and f_w(s, x_w)
+its state at the end, a fit minimises
+
+    |s|^2 + sum_w |W (y_w(s, x_w) - measured)|^2 + sum_w |L (x_(w+1) - f_w(s, x_w))|^2
+
+which is -2 log of the posterior density up to a constant. In Bock's multiple shooting continuity is
+a constraint (L infinite); here L is finite, the inverse of what a state may depart per window, so
+that a slow drift of an integrating state does not drown everything else. The normal equations in
+x_w are block-tridiagonal and bordered by s; eliminating x_w (Bock's condensing) leaves as many
+equations as there are parameters. Bock (1983), in Numerical Treatment of Inverse Problems in
+Differential and Integral Equations, Birkhaeuser, 95-121.
+
+W follows the residuals' own size and correlation time, not the sensor noise alone (see
+`residual_weights`): where a model is wrong its residuals are large and alike for a long time, and
+each sample counted as independent would overrule every prior.
 """
 
 from __future__ import annotations
@@ -13,7 +24,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +34,8 @@ from pamid.engine.damped_gauss_newton import DampingRule, Iteration, LeastSquare
 from pamid.engine.program import Stepping
 from pamid.estimation.prior import terms_of_sheet
 from pamid.estimation.problem import Fit, Problem, Scale
-from pamid.estimation.residual_weights import Weights, residual_weights
-from pamid.simulation.initial_state import PULL, estimate_start
+from pamid.estimation.weights import Weights, residual_weights
+from pamid.simulation.initial_state import CARRIED_INFORMATION, estimate_initial_state
 from pamid.simulation.simulate import choose_stepping
 from pamid.simulation.windows import Runner
 
@@ -35,7 +46,7 @@ ITERATIONS, TOLERANCE = 40, 1e-4
 CALM = 0.02  # squared step of the parameters in their posterior: two in a row below it end a fit
 
 
-def initial_starts(
+def initial_states(
     problem: Problem, p: Array, weights: Weights, stepping: Stepping
 ) -> tuple[Array, ...]:
     """State at the start of every window, one window after the other (moving-horizon
@@ -47,8 +58,8 @@ def initial_starts(
         memory = runner.memory(values)
         rows: list[Array] = []
         for window in problem.windows(track):
-            carried = memory.x[: runner.rig_states].copy()
-            x, usable = estimate_start(
+            carried = memory.x[: runner.start_states].copy()
+            x, usable = estimate_initial_state(
                 runner,
                 memory,
                 window,
@@ -62,7 +73,7 @@ def initial_starts(
             runner.run(memory, window, values, False)
             if not np.isfinite(memory.x).all():
                 memory.x[:] = 0.0
-                memory.x[: runner.rig_states] = x
+                memory.x[: runner.start_states] = x
             rows.append(x)
         out.append(np.array(rows))
     return tuple(out)
@@ -82,18 +93,17 @@ class _Normal:
 
 
 def _evaluate(
-    problem: Problem,
-    scale: Scale,
-    s: Array,
-    p: Array,
-    starts: tuple[Array, ...],
-    weights: Weights,
-    pulls: tuple[Array, ...],
-    stepping: Stepping,
-    derivatives: bool,
+    fitted: MultipleShooting, s: Array, starts: tuple[Array, ...], derivatives: bool
 ) -> _Normal:
+    """Cost at scaled parameters and window starts, and with derivatives the normal equations."""
+    problem, scale, weights, continuity = (
+        fitted.problem,
+        fitted.scale,
+        fitted.weights,
+        fitted.continuity,
+    )
     k = len(problem.free)
-    values = p.copy()
+    values = fitted.p.copy()
     values[list(problem.free)] = scale.outside(s)
     slope, root = scale.slope(values[list(problem.free)]), weights.root
     cost, H, g = (problem.prior.terms if problem.prior else terms_of_sheet)(s, problem.sheet)
@@ -101,9 +111,9 @@ def _evaluate(
     residuals: list[Array] = []
     fine, at = True, 0
     for i, track in enumerate(problem.tracks):
-        runner = Runner(problem.assembly, track, stepping, problem.free)
+        runner = Runner(problem.assembly, track, fitted.stepping, problem.free)
         own = runner.parameters(values)
-        windows, n = problem.windows(track), runner.rig_states
+        windows, n = problem.windows(track), runner.start_states
         memory = runner.memory(own)
         D, off = np.zeros((len(windows), n, n)), np.zeros((max(len(windows) - 1, 0), n, n))
         B, gx = np.zeros((len(windows), n, k)), np.zeros((len(windows), n))
@@ -119,13 +129,11 @@ def _evaluate(
             cost += important * float(r @ r)
             joint = w + 1 < len(windows)
             jump = starts[i][w + 1] - memory.x[:n] if joint else np.zeros(n)
-            cost += float((jump**2 * pulls[i]).sum())
+            cost += float((jump**2 * continuity[i]).sum())
             if not derivatives:
                 continue
             N, v = important * (A.T @ A)[: k + n, : k + n], important * (A.T @ r)[: k + n]
-            N[:k] *= slope[:, None]
-            N[:, :k] *= slope
-            v[:k] *= slope
+            _scale(N, v, slope)
             H += N[:k, :k]
             g += v[:k]
             D[w] += N[k:, k:]
@@ -134,7 +142,7 @@ def _evaluate(
             if joint:
                 end = memory.S[:n, : k + n].copy()  # d end / d (parameters, start)
                 end[:, :k] *= slope
-                _add_joint(w, end, jump, pulls[i], H, g, (D, off, B, gx))
+                _add_joint(w, end, jump, continuity[i], H, g, (D, off, B, gx))
         at += len(windows)
         blocks.append((D, off, B, gx))
         residuals.append(left)
@@ -145,29 +153,37 @@ def _evaluate(
     return _Normal(cost, H, g, blocks, residuals, fine)
 
 
+def _scale(N: Array, v: Array, slope: Array) -> None:
+    """Normal equations by parameters in SI become those by scaled ones, in place."""
+    k = len(slope)
+    N[:k] *= slope[:, None]
+    N[:, :k] *= slope
+    v[:k] *= slope
+
+
 def _add_joint(
     w: int,
     end: Array,
     jump: Array,
-    pull: Array,
+    weight: Array,
     H: Array,
     g: Array,
     block: tuple[Array, Array, Array, Array],
 ) -> None:
-    """Normal equations of the soft joint between window w and the next; end: d end of w / d
-    (parameters, start)."""
+    """Normal equations of |L (x_(w+1) - f_w(s, x_w))|^2; end: df_w / d(s, x_w); jump: x_(w+1) -
+    f_w; weight: the diagonal of L'L."""
     D, off, B, gx = block
     k = len(g)
-    P = pull[:, None]
+    P = weight[:, None]
     H += end[:, :k].T @ (P * end[:, :k])
-    g -= end[:, :k].T @ (pull * jump)
+    g -= end[:, :k].T @ (weight * jump)
     D[w] += end[:, k:].T @ (P * end[:, k:])
     B[w] += end[:, k:].T @ (P * end[:, :k])
-    gx[w] -= end[:, k:].T @ (pull * jump)
-    D[w + 1] += np.diag(pull)
+    gx[w] -= end[:, k:].T @ (weight * jump)
+    D[w + 1] += np.diag(weight)
     off[w] -= P * end[:, k:]
     B[w + 1] -= P * end[:, :k]
-    gx[w + 1] += pull * jump
+    gx[w + 1] += weight * jump
 
 
 def _eliminated(
@@ -184,16 +200,15 @@ def _eliminated(
 
 def _reduced(
     normal: _Normal, s: Array, scale: Scale, damping: float
-) -> tuple[Array, Array, Array, list[Any]]:
-    """Hessian and gradient of the scaled parameters alone, which of them a bound holds, and the
-    starts' parts."""
+) -> tuple[Array, Array, NDArray[np.bool_], list[tuple[Array, Array, Array, Array]]]:
+    """Hessian H - B' T^-1 B and gradient g - B' T^-1 gx of the scaled parameters alone (Schur
+    complement: window starts at their best), which of them a bound holds, and the starts' parts."""
     H, g = normal.H.copy(), normal.g.copy()
     parts = [_eliminated(block, damping) for block in normal.blocks]
     for _, _, inner, right in parts:
         H -= inner
         g -= right
-    held = ((s <= scale.low + 1e-12) & (g > 0)) | ((s >= scale.high - 1e-12) & (g < 0))
-    return H, g, held, parts
+    return H, g, scale.held(s, g), parts
 
 
 class _Point(NamedTuple):
@@ -226,7 +241,7 @@ class MultipleShooting(LeastSquares[_Point, _Step]):
     problem: Problem
     p: Array
     weights: Weights
-    pulls: tuple[Array, ...]
+    continuity: tuple[Array, ...]
     stepping: Stepping
     tolerance: float
     probe: bool
@@ -237,18 +252,7 @@ class MultipleShooting(LeastSquares[_Point, _Step]):
         return self.problem.scale
 
     def at(self, s: Array, starts: tuple[Array, ...], derivatives: bool = True) -> _Point:
-        found = _evaluate(
-            self.problem,
-            self.scale,
-            s,
-            self.p,
-            starts,
-            self.weights,
-            self.pulls,
-            self.stepping,
-            derivatives,
-        )
-        return _Point(s, starts, found, derivatives)
+        return _Point(s, starts, _evaluate(self, s, starts, derivatives), derivatives)
 
     def step(self, at: _Point, damping: float) -> _Step:
         """Eliminating the window starts block by block leaves the reduced system of the parameters
@@ -301,7 +305,7 @@ class MultipleShooting(LeastSquares[_Point, _Step]):
             ended.settled,
             "" if ended.settled else "iterations used up",
             self.stepping,
-            self.pulls,
+            self.continuity,
         )
         if self.probe:
             return found
@@ -323,7 +327,7 @@ def begin(
     weights: Weights | None = None,
     tolerance: float = TOLERANCE,
     stepping: Stepping | None = None,
-    pulls: tuple[Array, ...] = (),
+    continuity: tuple[Array, ...] = (),
     probe: bool = False,
 ) -> tuple[MultipleShooting, Iteration[_Point]]:
     """The least squares of a fit and the point where it begins; arguments as of `fit`."""
@@ -332,19 +336,22 @@ def begin(
     weights = weights or Weights(problem.noise, np.ones_like(problem.noise))
     scale = problem.scale
     s = np.clip(scale.inside(p[list(problem.free)]), scale.low, scale.high)
-    starts = starts if starts is not None else initial_starts(problem, p, weights, stepping)
+    starts = starts if starts is not None else initial_states(problem, p, weights, stepping)
     none = tuple(np.zeros(len(problem.assembly.rig.states)) for _ in problem.tracks)
-    shooting = MultipleShooting(problem, p, weights, pulls or none, stepping, tolerance, probe)
+    shooting = MultipleShooting(problem, p, weights, continuity or none, stepping, tolerance, probe)
     point = shooting.at(s, starts)
-    if point.normal.fine and not pulls:
+    if point.normal.fine and not continuity:
         # by how much less a residual counts than sensor noise: by as much a wrong model's states
         # may depart
         off = float(np.exp(-np.log(problem.noise * weights.root).mean()))
-        pulls = tuple(
-            np.maximum(PULL * np.einsum("wii->wi", b[0]).mean(axis=0), 1.0 / (off * t.jump) ** 2)
+        continuity = tuple(
+            np.maximum(
+                CARRIED_INFORMATION * np.einsum("wii->wi", b[0]).mean(axis=0),
+                1.0 / (off * t.jump) ** 2,
+            )
             for b, t in zip(point.normal.blocks, problem.tracks, strict=True)
         )
-        shooting = replace(shooting, pulls=pulls)
+        shooting = replace(shooting, continuity=continuity)
         point = shooting.at(s, starts)
     return shooting, Iteration(point, shooting.rule.start)
 
@@ -358,7 +365,7 @@ def fit(
     iterations: int = ITERATIONS,
     tolerance: float = TOLERANCE,
     stepping: Stepping | None = None,
-    pulls: tuple[Array, ...] = (),
+    continuity: tuple[Array, ...] = (),
     progress: Progress | None = None,
     probe: bool = False,
 ) -> Fit:
@@ -376,7 +383,7 @@ def fit(
         weights=weights,
         tolerance=tolerance,
         stepping=stepping,
-        pulls=pulls,
+        continuity=continuity,
         probe=probe,
     )
     if not begun.point.normal.fine:

@@ -1,9 +1,14 @@
-"""What a fit leaves known, kept in its fit.json, and taken up by a later fit of the same rig as its
+"""The posterior of a fit, written to its fit.json, and read by a later fit of the same rig as its
 prior.
+
+The cost is -2 log posterior, so near its minimum the scaled parameters are normal with covariance
+C = H^-1, H its reduced half Hessian (Laplace's approximation: Gelman et al. (2013), Bayesian Data
+Analysis, 3rd ed., ch. 4.1). The data sheet's prior is N(0, I) in these units; the recordings alone
+therefore hold the information C^-1 - I, which is what a later fit adds to its own data sheet's.
 
 All free parameters are carried with their full covariance: after a gravity test only combinations
 are known. Numbers stand in prior spreads around each parameter's centre (logarithms where the prior
-is); centre and spread are kept beside them, because those of an effect follow the recordings.
+is); centre and spread are stored beside them, because those of an effect follow the recordings.
 """
 
 from __future__ import annotations
@@ -61,14 +66,16 @@ class Posterior:
         stretch = self.spread[there] / scale.spread[here]
         size = len(problem.free)
         at, gradient, information = np.zeros(size), np.zeros(size), np.zeros((size, size))
-        whole = np.linalg.inv(self.covariance[np.ix_(there, there)])
+        precision = np.linalg.inv(self.covariance[np.ix_(there, there)])
         # of the carried ones, the others marginalised
-        slope = whole @ (self.covariance @ self.held)[there]
+        slope = precision @ (self.covariance @ self.held)[there]
         at[here] = (self.centre[there] - scale.centre[here]) / scale.spread[here] + self.value[
             there
         ] * stretch
         gradient[here] = (slope - self.value[there]) / stretch
-        information[np.ix_(here, here)] = (whole - np.eye(len(here))) / np.outer(stretch, stretch)
+        information[np.ix_(here, here)] = (precision - np.eye(len(here))) / np.outer(
+            stretch, stretch
+        )
         covariance: Array = np.linalg.inv(np.eye(size) + information).astype(np.float64, copy=False)
         return Prior.about(
             at, information, gradient, straight(problem, self._values(problem, at), covariance)
@@ -101,33 +108,33 @@ class Posterior:
         """What a reader must know of the way from that fit to this one, a sentence each."""
         bounds = problem.assembly.parameters
         carried = {self.keys[i] for _, i in self._places(problem)}
-        told = [
+        notes = [
             f"{key} was held at its {'low' if slope > 0.0 else 'high'} bound in "
             f"{self.path.parent}: what it would "
             "be beyond is guessed."
             for key, slope in zip(self.keys, self.held, strict=True)
             if slope
         ]
-        told += [
+        notes += [
             f"{', '.join(group)} were known only in combination, and the rig declares none of it: "
             "intervals may "
             "come out too narrow."
             for group in self.ridges
         ]
         lost = [key for key in self.keys if key not in carried and not key.endswith(OWN_TIME)]
-        told += (
+        notes += (
             [f"Not carried over, for this fit does not have them free: {', '.join(lost)}."]
             if lost
             else []
         )
         if any(key.endswith(OWN_TIME) for key in self.keys):
-            told.append("Drifts belong to a recording's own time and begin anew.")
+            notes.append("Drifts belong to a recording's own time and begin anew.")
         fresh = [
             bounds[i].key
             for i in problem.free
             if bounds[i].key not in carried and not bounds[i].key.endswith(OWN_TIME)
         ]
-        return told + (
+        return notes + (
             [f"New in this fit, with the data sheet's prior: {', '.join(fresh)}."] if fresh else []
         )
 
@@ -193,17 +200,17 @@ def read_posterior(folder: Path) -> Posterior:
         )
     if "posterior" not in content:
         raise FileError(f"{path} holds no posterior.", f"An older version wrote it. {REMEDY}")
-    told = content["posterior"]
+    entries = content["posterior"]
     try:
         keys, log, rows = (
-            tuple(map(str, told["keys"])),
-            tuple(map(bool, told["log"])),
-            told["covariance"],
+            tuple(map(str, entries["keys"])),
+            tuple(map(bool, entries["log"])),
+            entries["covariance"],
         )
         centre, spread, value, held = (
-            np.array(told[name], np.float64) for name in ("centre", "spread", "value", "held")
+            np.array(entries[name], np.float64) for name in ("centre", "spread", "value", "held")
         )
-        others = {str(key): float(number) for key, number in told["others"].items()}
+        others = {str(key): float(number) for key, number in entries["others"].items()}
         lower = np.zeros((len(keys), len(keys)))
         for k, row in enumerate(rows):
             lower[k, : k + 1] = np.array(row, np.float64)

@@ -1,5 +1,10 @@
 """What is known of the parameters before a fit, in prior spreads of the data sheet
-(`fitting.Scale`): the data sheet itself and, where there was one, an earlier fit."""
+(`problem.Scale`): the data sheet itself and, where there was one, an earlier fit.
+
+The data sheet costs |s|^2. An earlier fit adds its recordings' Laplace approximation, |R (x(s) -
+x(at)) + a|^2 with R'R their information and R'a half their gradient, in coordinates x in which a
+ridge of theirs is straight: in s itself the quadratic would hold along a curved ridge only
+nearby."""
 
 from __future__ import annotations
 
@@ -25,7 +30,7 @@ def terms_of_sheet(s: Array, drawn: Array | None = None) -> tuple[float, Array, 
 
 @dataclass(frozen=True, eq=False)
 class Prior:
-    """What the recordings of an earlier fit have told, beside the data sheet: |root (x - x at) +
+    """The recordings of an earlier fit, beside the data sheet: |root (x - x at) +
     away|^2 for the k free parameters in coordinates x in which it is straight."""
 
     at: Array
@@ -41,8 +46,8 @@ class Prior:
         scaled parameters `at`."""
         turn = np.linalg.inv(coordinates(at)[1])
         values, vectors = np.linalg.eigh(turn.T @ information @ turn)
-        told = values > 1e-9 * max(float(values[-1]), 1e-9)
-        roots, vectors = np.sqrt(values[told]), vectors[:, told]
+        informed = values > 1e-9 * max(float(values[-1]), 1e-9)
+        roots, vectors = np.sqrt(values[informed]), vectors[:, informed]
         return cls(
             at, coordinates, roots[:, None] * vectors.T, vectors.T @ (turn.T @ gradient) / roots
         )

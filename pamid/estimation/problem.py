@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pamid.engine.program import Stepping
 from pamid.estimation.prior import Prior
-from pamid.estimation.residual_weights import Weights
+from pamid.estimation.weights import Weights
 from pamid.model.assembly import Assembly
 from pamid.model.bound_parameter import Bound
 from pamid.simulation.tracks import Track, noise_of, stated_noise
@@ -24,8 +24,8 @@ WINDOW_S = 1.5
 @dataclass(frozen=True, eq=False)
 class Problem:
     """What is fitted to what. free: places of the fitted parameters; importance: a factor per
-    window, sheet: another draw of the data sheet in prior spreads (bootstrap); prior: what an
-    earlier fit has told of them beside it."""
+    window, sheet: another draw of the data sheet in prior spreads (bootstrap); prior: an earlier
+    fit's, beside it."""
 
     assembly: Assembly
     tracks: tuple[Track, ...]
@@ -42,7 +42,7 @@ class Problem:
         return Scale([a.parameters[i] for i in free], a.values()[free])
 
     def start(self) -> Array:
-        """Where a fit begins (SI): at the data sheet, or at what an earlier fit knew."""
+        """Where a fit begins (SI): at the data sheet, or at an earlier fit's posterior."""
         p = self.assembly.values()
         if self.prior is not None:
             p[list(self.free)] = self.scale.outside(self.prior.at)
@@ -78,8 +78,8 @@ class Fit:
     converged: bool
     why: str
     stepping: Stepping
-    # per track: information of the joints between windows, per rig state
-    pulls: tuple[Array, ...] = ()
+    # per track: information of the continuity from window to window, per rig state
+    continuity: tuple[Array, ...] = ()
     # per track: samples x channels, model - measured
     residuals: tuple[Array, ...] = field(repr=False, default=())
     held: Array = field(repr=False, default_factory=lambda: np.zeros(0))
@@ -112,7 +112,16 @@ class Scale:
         raw = self.centre + s * self.spread
         return np.where(self.log, np.exp(np.where(self.log, raw, 0.0)), raw)
 
+    def held(self, s: Array, g: Array) -> NDArray[np.bool_]:
+        """Which parameters are at a bound that a step against the gradient g would push them
+        through: the active set of a projected step (Nocedal and Wright (2006), ch. 16.7)."""
+        found: NDArray[np.bool_] = ((s <= self.low + 1e-12) & (g > 0)) | (
+            (s >= self.high - 1e-12) & (g < 0)
+        )
+        return found
+
     def slope(self, p: Array) -> Array:
+        """Derivatives of the parameters (SI) by the scaled ones."""
         return self.spread * np.where(self.log, p, 1.0)
 
 

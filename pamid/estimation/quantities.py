@@ -127,8 +127,8 @@ class Space:
 
     def share(self, slope: Array, slope_prior: Array) -> float:
         """Posterior over prior standard deviation of what has these derivatives."""
-        whole = float(np.linalg.norm(slope_prior))
-        return self.spread(slope) / whole if whole else 1.0
+        prior = float(np.linalg.norm(slope_prior))
+        return self.spread(slope) / prior if prior else 1.0
 
     def spread(self, slope: Array) -> float:
         """Posterior standard deviation of what has these derivatives."""
@@ -205,8 +205,8 @@ def straight(problem: Problem, p: Array, covariance: Array) -> Coordinates:
 
 def own_of(space: Space, assembly: Assembly) -> list[Quantity]:
     """The rig's combinations that hold a free parameter."""
-    told = [(name, split_column(name)[1], of) for name, of in declared(assembly).items()]
-    found = [space.quantity(name, "" if unit == NONE else unit, of) for name, unit, of in told]
+    measures = [(name, split_column(name)[1], of) for name, of in declared(assembly).items()]
+    found = [space.quantity(name, "" if unit == NONE else unit, of) for name, unit, of in measures]
     return [q for q in found if q.slope.any()]
 
 

@@ -12,10 +12,11 @@ F/2 damped by mu (Levenberg, Marquardt). Three things are added to the textbook'
 Trial steps cost simulations, accepted ones a pass with derivatives. The iteration is not that of
 engine/damped_gauss_newton.py, which minimises one fixed cost: here F itself changes with alpha and
 beta after every step, the trial steps of one point are computed side by side, and an attempt has to
-be resumable after each of them. References: Marquardt (1963),
-SIAM J. 11(2); Hagan and Menhaj (1994), IEEE TNN 5(6); MacKay (1992), Neural Computation 4(3);
-Foresee and Hagan (1997), ICNN; Golub and Pereyra (1973), SIAM J. Numer. Anal. 10(2);
-Pereyra (1973), SIAM J. Numer. Anal. 10(2); Transtrum and Sethna (2012), arXiv:1201.5885.
+be resumable after each of them.
+
+References: Marquardt (1963), SIAM J. 11(2); Hagan and Menhaj (1994), IEEE TNN 5(6); MacKay (1992),
+Neural Computation 4(3); Foresee and Hagan (1997), ICNN; Golub and Pereyra (1973), SIAM J. Numer.
+Anal. 10(2); Transtrum and Sethna (2012), arXiv:1201.5885.
 """
 
 from collections.abc import Iterator

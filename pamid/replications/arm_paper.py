@@ -24,7 +24,8 @@ from pamid.base.run_folder import FIT_FILE, Run
 from pamid.correction.force_law_run import write_law
 from pamid.correction.force_map import judge, read_map
 from pamid.correction.trained_force_law import force_law_of
-from pamid.estimation.fit_model import GreyBox, fit_json, fit_model
+from pamid.estimation.fit_files import fit_json
+from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.estimation.posterior import Posterior, read_posterior
 from pamid.estimation.quantities import declared
 from pamid.model.assembly import Assembly

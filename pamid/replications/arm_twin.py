@@ -26,7 +26,7 @@ from pamid.rigs.muscle import LAWS
 from pamid.rigs.muscle_experiments import gravity_test, muscle_pulses
 from pamid.simulation.data_split import DataSplit, split_recordings
 from pamid.simulation.simulate import output_table
-from pamid.simulation.virtual_rig import virtual_rig
+from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 Array = NDArray[np.float64]
 # recordings and what a model leaves of them, samples x VARIABLES (SI)
@@ -82,7 +82,7 @@ class ArmTwin:
 
     def record(self, session: Session, *, noise: float = 1.0, seed: int = 0) -> dict[str, Any]:
         """columns (samples,) in their own units and the meta of a recording; no load cells."""
-        made = virtual_rig(
+        made = simulate_virtual_rig(
             f"{ARM_RIG}:{self.law}",
             session.excitation,
             (),

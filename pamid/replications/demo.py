@@ -24,7 +24,7 @@ from pamid.model.registry import catalogue_rig, effects
 from pamid.recording.recording import read_recording, write_recording
 from pamid.report.writing import write_report
 from pamid.simulation.data_split import split_recordings
-from pamid.simulation.virtual_rig import split_spec, virtual_rig
+from pamid.simulation.virtual_rig import simulate_virtual_rig, split_spec
 
 RIG = "one-dof"
 PERIOD_S, AMPLITUDE_DEG, HOLD_S = 0.003, 40.0, (0.4, 1.6)
@@ -81,7 +81,9 @@ def write_demo_recording(folder: Path, withheld: Withheld, *, seed: int, duratio
     write_recording(excitation, time, {"reference_deg": reference})
     sheet = {p.outside_name: p.value for p in catalogue_rig(RIG).parameters}
     hidden = {key: sheet[key] * factor for key, factor in withheld.factors.items()}
-    made = virtual_rig(RIG, read_recording(excitation), (withheld.spec,), {}, hidden, 1.0, seed)
+    made = simulate_virtual_rig(
+        RIG, read_recording(excitation), (withheld.spec,), {}, hidden, 1.0, seed
+    )
     truth: dict[str, Any] = {
         "schema": "pamid.withheld/1",
         "seed": seed,

@@ -34,7 +34,8 @@ from pamid.correction.residual_data import ResidualData, Segment, derived
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.diagnosis.verdict import diagnosis_json
-from pamid.estimation.fit_model import GreyBox, fit_model, loop_run
+from pamid.estimation.closed_loop import loop_run
+from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
 from pamid.model.registry import catalogue_rig, effects

@@ -20,7 +20,7 @@ from pamid.base.units import split_column, with_unit
 from pamid.correction.residual_data import derived
 from pamid.model.registry import catalogue_rig
 from pamid.recording.recording import Recording
-from pamid.simulation.virtual_rig import virtual_rig
+from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 Array = NDArray[np.float64]
 
@@ -88,7 +88,7 @@ class Twin:
     ) -> dict[str, Any]:
         """columns (samples,) in their own units and the meta of a recording on this reference
         (deg)."""
-        made = virtual_rig(
+        made = simulate_virtual_rig(
             RIG,
             excitation(reference),
             self.effects(inertia),
@@ -124,7 +124,7 @@ def analytic_loop(recording: Recording) -> dict[str, Array]:
     """Reference, command, angle, velocity and acceleration (deg, s) of the data-sheet model in its
     own loop."""
     reference = recording.signal(REFERENCE)
-    made = virtual_rig(RIG, excitation(reference), (), recording.known, {}, 0.0, 0).columns
+    made = simulate_virtual_rig(RIG, excitation(reference), (), recording.known, {}, 0.0, 0).columns
     velocity = np.gradient(made[ANGLE], PERIOD_S)
     unit = split_column(ANGLE)[1]
     return {

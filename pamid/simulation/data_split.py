@@ -30,11 +30,11 @@ Array = NDArray[np.float64]
 FEWEST = 400  # samples of a recording
 HELD_OUT_SHARE = 0.3
 LEAD_S = 6.0  # before a held-out part, to find the state it begins in
-SHOWS = 3.0  # times its noise: a signal that moves
+VISIBLE = 3.0  # times its noise: a signal that moves
 # of the first half's motion: what is left in the second half of a motion that dies away
-FADED = 0.5
+DECAYED = 0.5
 # of a state's spread: what a model may be off by in a state that nothing measures, per window
-DEPARTS = 0.01
+STATE_JUMP = 0.01
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
                 )
     moving: set[str] = set()
     for r in everything:
-        moving |= require_lesson(rig, r)
+        moving |= require_informative(rig, r)
         seconds = len(r) * r.sampling_period_s
         if len(r) < FEWEST:
             raise DataError(
@@ -121,11 +121,11 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
     channels = tuple(c for c in channels if c in moving)
     if held_out:
         fit = [Span(r, 0, len(r)) for r in recordings]
-        kept = [Span(r, 0, len(r)) for r in held_out]
+        held = [Span(r, 0, len(r)) for r in held_out]
     else:
         edges = [round((1.0 - HELD_OUT_SHARE) * len(r)) for r in recordings]
         fit = [Span(r, 0, e) for r, e in zip(recordings, edges, strict=True)]
-        kept = [Span(r, e, len(r)) for r, e in zip(recordings, edges, strict=True)]
+        held = [Span(r, e, len(r)) for r, e in zip(recordings, edges, strict=True)]
     # names and order must not matter
     order = sorted(range(len(fit)), key=lambda i: fit[i].recording.sha256)
     # a sum depends on its order in the last digit
@@ -139,14 +139,14 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
     return DataSplit(
         rig,
         tuple(fit[i] for i in order),
-        tuple(sorted(kept, key=lambda s: (s.recording.sha256, s.start))),
+        tuple(sorted(held, key=lambda s: (s.recording.sha256, s.start))),
         channels,
         noise,
-        DEPARTS * _usual([state_spread(plain, r) for r in by_content]),
+        STATE_JUMP * _rms_spread([state_spread(plain, r) for r in by_content]),
     )
 
 
-def require_lesson(rig: Rig, recording: Recording) -> set[str]:
+def require_informative(rig: Rig, recording: Recording) -> set[str]:
     """The outputs that change in this recording. DataError where nothing in it can teach: no output
     changes; or no input does while the outputs go on moving, which neither they nor the data
     sheet's run explain."""
@@ -156,7 +156,12 @@ def require_lesson(rig: Rig, recording: Recording) -> set[str]:
         raise still
     sent, resting = _moving(recording, inputs)
     needed = [name for name in inputs if name not in rig.optional]
-    if needed and not sent and resting is not None and not _let_go(rig, recording, sorted(found)):
+    if (
+        needed
+        and not sent
+        and resting is not None
+        and not _shows_free_response(rig, recording, sorted(found))
+    ):
         raise resting
     return found
 
@@ -174,7 +179,7 @@ def _moving(recording: Recording, names: list[str]) -> tuple[set[str], DataError
     return found, still
 
 
-def _let_go(rig: Rig, recording: Recording, channels: list[str]) -> bool:
+def _shows_free_response(rig: Rig, recording: Recording, channels: list[str]) -> bool:
     """Nothing being sent, does what moves come to rest, or does the data sheet's run move as
     well?"""
     assembly = Assembly(rig)
@@ -182,25 +187,27 @@ def _let_go(rig: Rig, recording: Recording, channels: list[str]) -> bool:
     y = output_table(tuple(channels), recording)
     noise = noise_level(y)
     early, late = y[:half].std(axis=0), y[half:].std(axis=0)
-    if not (early > SHOWS * noise).any():
+    if not (early > VISIBLE * noise).any():
         return False
-    if (late < np.maximum(FADED * early, SHOWS * noise)).all():
+    if (late < np.maximum(DECAYED * early, VISIBLE * noise)).all():
         return True
     p, _ = known_values(assembly, recording.known)
     run = free_run(assembly, input_table(assembly, recording), p, recording.sampling_period_s)
     places = [assembly.program.outputs.index(c) for c in channels]
     moves = run.outputs[half:, places].std(axis=0)
-    return run.blown_up < 0 and bool((moves > SHOWS * noise).any())
+    return run.blown_up < 0 and bool((moves > VISIBLE * noise).any())
 
 
-def _usual(spreads: list[Array]) -> Array:
+def _rms_spread(spreads: list[Array]) -> Array:
     """Root mean square of every state's spread over the recordings that say something of it;
     infinite where none does."""
     table = np.stack(spreads)
-    said = np.isfinite(table)
-    count = said.sum(axis=0)
+    known = np.isfinite(table)
+    count = known.sum(axis=0)
     return np.where(
-        count, np.sqrt((np.where(said, table, 0.0) ** 2).sum(axis=0) / np.maximum(count, 1)), np.inf
+        count,
+        np.sqrt((np.where(known, table, 0.0) ** 2).sum(axis=0) / np.maximum(count, 1)),
+        np.inf,
     )
 
 

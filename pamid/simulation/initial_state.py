@@ -21,7 +21,7 @@ from pamid.simulation.windows import Runner, Window
 
 Array = NDArray[np.float64]
 
-PULL = 1e-5  # information of a carried state against what a window says by itself
+CARRIED_INFORMATION = 1e-5  # information of a carried state against what a window says by itself
 
 
 class _At(NamedTuple):
@@ -50,7 +50,7 @@ class _InitialState(LeastSquares[_At, Array]):
     rule = DampingRule(1e-4, falls=0.1, least=1e-9, rises=30.0, most=1e8)
 
     def at(self, x: Array) -> _At:
-        run, n, away = self.runner, self.runner.rig_states, x - self.carried
+        run, n, away = self.runner, self.runner.start_states, x - self.carried
         m = run.widened(self.memory)
         run.enter(m, x)
         Y, A, fine = run.run(m, self.window, self.p, True, self.weight)
@@ -59,7 +59,7 @@ class _InitialState(LeastSquares[_At, Array]):
         r = ((Y - self.y) * self.weight).ravel()
         cost = float(r @ r) + float((away**2 * self.known).sum())
         H, g = (A.T @ A)[:n, :n], (A.T @ r)[:n]
-        holds = np.maximum(PULL * H.diagonal(), self.known)
+        holds = np.maximum(CARRIED_INFORMATION * H.diagonal(), self.known)
         return _At(x, cost, H + np.diag(holds), g + holds * away)
 
     def step(self, at: _At, damping: float) -> Array | None:
@@ -76,7 +76,7 @@ class _InitialState(LeastSquares[_At, Array]):
         return gain < 1e-4 * after.cost + 1e-9
 
 
-def estimate_start(
+def estimate_initial_state(
     runner: Runner,
     memory: Memory,
     window: Window,
@@ -93,11 +93,11 @@ def estimate_start(
     the carried value (standard deviation; None or infinite where nothing is known of it: a weak
     pull remains). Returns the state, and whether it is usable.
     """
-    own = Runner(runner.assembly, runner.track, runner.stepping, whole=runner.whole)
+    own = Runner(runner.assembly, runner.track, runner.stepping, all_states=runner.all_states)
     y, seen = runner.track.y[window.start : window.stop], runner.track.seen
     if not seen.all():
         weight, y = np.where(seen, weight, 0.0), np.where(seen, y, 0.0)
-    known = np.zeros(own.rig_states) if jump is None else 1.0 / jump**2
+    known = np.zeros(own.start_states) if jump is None else 1.0 / jump**2
     problem = _InitialState(own, memory, window, p, y, weight, carried, known)
     begun = problem.at(carried.copy())
     if not np.isfinite(begun.cost):

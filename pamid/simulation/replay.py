@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pamid.base.metrics import seen_mean
 from pamid.engine.program import Program, Stepping
 from pamid.model.assembly import Assembly
-from pamid.simulation.initial_state import estimate_start
+from pamid.simulation.initial_state import estimate_initial_state
 from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Runner, Window, cut
 
@@ -40,14 +40,14 @@ def replay_windows(track: Track) -> list[Window]:
 class Replay:
     """A model run over a track window by window, its lead-in included.
 
-    led: the track; whole: the model's outputs over it (samples x channels, SI); cuts: its windows;
+    full_track, full_outputs (samples x channels, SI), full_windows: lead-in included;
     carried, starts: the rig's states to which the window before has led and at which the window was
     entered (windows x states); finite: nothing of what is scored became unstable.
     """
 
-    led: Track
-    whole: Array = field(repr=False)
-    cuts: tuple[Window, ...] = field(repr=False)
+    full_track: Track
+    full_outputs: Array = field(repr=False)
+    full_windows: tuple[Window, ...] = field(repr=False)
     carried: Array = field(repr=False)
     starts: Array = field(repr=False)
     finite: bool
@@ -55,22 +55,24 @@ class Replay:
     @cached_property
     def track(self) -> Track:
         """What is scored: without the lead-in."""
-        return self.led.part(self.led.lead, len(self.led))
+        return self.full_track.part(self.full_track.lead, len(self.full_track))
 
     @cached_property
     def windows(self) -> tuple[Window, ...]:
-        lead = self.led.lead
-        return tuple(Window(w.start - lead, w.stop - lead) for w in self.cuts if w.start >= lead)
+        lead = self.full_track.lead
+        return tuple(
+            Window(w.start - lead, w.stop - lead) for w in self.full_windows if w.start >= lead
+        )
 
     @property
     def entered(self) -> Array:
         """The rig's states at the start of every scored window."""
-        return self.starts[len(self.cuts) - len(self.windows) :]
+        return self.starts[len(self.full_windows) - len(self.windows) :]
 
     @property
     def model(self) -> Array:
         """Outputs, samples x channels (SI)."""
-        return self.whole[self.led.lead :]
+        return self.full_outputs[self.full_track.lead :]
 
     @cached_property
     def scored(self) -> NDArray[np.bool_]:
@@ -89,7 +91,7 @@ class Replay:
     @property
     def seen(self) -> NDArray[np.bool_]:
         """Which channels were recorded."""
-        return self.led.seen
+        return self.full_track.seen
 
     def losses(self, power: int = 1) -> Array:
         """Mean |residual|^power per window and channel over the scored part (windows x channels);
@@ -106,7 +108,7 @@ def warm_up(window: Window) -> int:
     return max(10, round(WARM_UP * (window.stop - window.start)))
 
 
-def replay(
+def replay_track(
     assembly: Assembly,
     p: Array,
     track: Track,
@@ -123,19 +125,19 @@ def replay(
     runner = Runner(assembly, track, stepping)
     values = runner.parameters(p)
     memory = runner.memory(values)
-    whole, lead, finite = np.empty_like(track.y), track.lead, True
+    full_outputs, lead, finite = np.empty_like(track.y), track.lead, True
     windows = replay_windows(track.part(lead, len(track)))
-    cuts = (
+    full_windows = (
         *(cut(lead, windows[0].stop) if lead else []),
         *(Window(w.start + lead, w.stop + lead) for w in windows),
     )
-    carried, starts = np.empty((2, len(cuts), runner.rig_states))
-    for k, window in enumerate(cuts):
+    carried, starts = np.empty((2, len(full_windows), runner.start_states))
+    for k, window in enumerate(full_windows):
         ahead = window.start < lead
         seen = window if ahead else Window(window.start, window.start + warm_up(window))
-        carried[k] = memory.x[: runner.rig_states]
+        carried[k] = memory.x[: runner.start_states]
         guess = carried[k] if jumps is None else carried[k] + jumps[k]
-        x, usable = estimate_start(
+        x, usable = estimate_initial_state(
             runner, memory, seen, values, 1.0 / noise, guess, track.jump if k else None
         )
         starts[k] = x if usable else carried[k]
@@ -145,11 +147,11 @@ def replay(
             finite = finite and ahead
             Y = np.where(np.isfinite(Y), Y, 0.0)
             memory = runner.memory(values)
-        whole[window.start : window.stop] = Y
-    return Replay(track, whole, cuts, carried, starts, finite)
+        full_outputs[window.start : window.stop] = Y
+    return Replay(track, full_outputs, full_windows, carried, starts, finite)
 
 
-def followed(
+def run_windows(
     program: Program,
     assembly: Assembly,
     p: Array,
@@ -184,9 +186,11 @@ def noise_floor(
     """The same comparison where the model is the truth: its own outputs plus white noise, replayed.
     Where its states departed from what was carried over, so did the truth's."""
     random = np.random.default_rng(seed)
-    y = done.whole + noise * random.standard_normal(done.whole.shape)
+    y = done.full_outputs + noise * random.standard_normal(done.full_outputs.shape)
     y[:, ~done.seen] = np.nan
-    return replay(assembly, p, replace(done.led, y=y), stepping, noise, done.starts - done.carried)
+    return replay_track(
+        assembly, p, replace(done.full_track, y=y), stepping, noise, done.starts - done.carried
+    )
 
 
 def channel_mae(replays: list[Replay]) -> Array:

@@ -82,7 +82,7 @@ def in_its_loop(rig: Rig, excitation: Recording) -> bool:
     )
 
 
-def virtual_rig(
+def simulate_virtual_rig(
     rig_name: str | Rig,
     excitation: Recording,
     specs: tuple[str | type[Effect], ...],
@@ -108,7 +108,7 @@ def virtual_rig(
         rig, tuple(a for a, _ in chosen), controller=tuple(sorted(settings.items())), sizes=sizes
     )
     p = assembly.values({**known, **hidden})
-    told = []
+    labels = []
     for a, values in chosen:
         own = {b.name: b for b in assembly.parameters if b.owner == a.label}
         for name, value in values.items():
@@ -119,7 +119,7 @@ def virtual_rig(
                 )
             p[assembly.index_of(f"{a.label}:{name}")] = value * own[name].factor
         given = ",".join(f"{b.name}={p[assembly.keys[b.key]] / b.factor:.6g}" for b in own.values())
-        told.append(f"{a.label}:{given}")
+        labels.append(f"{a.label}:{given}")
     columns = virtual_recording(assembly, excitation, p, noise=noise, seed=seed)
     meta: dict[str, Any] = {
         "recording": {
@@ -132,4 +132,4 @@ def virtual_rig(
         meta["known"] = known
     if closed:
         meta["controller"] = settings
-    return VirtualRecording(columns, meta, told)
+    return VirtualRecording(columns, meta, labels)

@@ -45,11 +45,11 @@ class Runner:
     track: Track
     stepping: Stepping
     free: tuple[int, ...] = ()
-    whole: bool = False  # set anew the effects' states, too
+    all_states: bool = False  # set anew the effects' states, too
 
     @cached_property
-    def rig_states(self) -> int:
-        return len(self.assembly.program.states if self.whole else self.assembly.rig.states)
+    def start_states(self) -> int:
+        return len(self.assembly.program.states if self.all_states else self.assembly.rig.states)
 
     @cached_property
     def columns(self) -> NDArray[np.int64]:
@@ -68,7 +68,7 @@ class Runner:
     def memory(self, p: Array) -> Memory:
         return self.assembly.program.memory(
             self.assembly.start(p),
-            len(self.free) + self.rig_states,
+            len(self.free) + self.start_states,
             stepping=self.stepping,
             period_s=self.track.period_s,
         )
@@ -77,7 +77,7 @@ class Runner:
         """A copy of another run's memory with this runner's (empty) sensitivities."""
         fresh = self.assembly.program.memory(
             memory.x,
-            len(self.free) + self.rig_states,
+            len(self.free) + self.start_states,
             stepping=self.stepping,
             period_s=self.track.period_s,
         )
@@ -86,7 +86,7 @@ class Runner:
     def enter(self, memory: Memory, x: Array) -> None:
         """Start a window at rig state x: sensitivities to x begin here, those to parameters live on
         in memories."""
-        n, k = self.rig_states, len(self.free)
+        n, k = self.start_states, len(self.free)
         memory.x[:n] = x
         memory.join = True
         memory.S[:n] = 0.0

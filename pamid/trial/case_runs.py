@@ -27,7 +27,7 @@ from pamid.diagnosis.decision import forecast_interval
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.diagnosis.unknown import describe_unknown
 from pamid.diagnosis.verdict import diagnosis_json
-from pamid.estimation.fit_model import fit_model
+from pamid.estimation.grey_box import fit_model
 from pamid.model.effect import Effect
 from pamid.model.registry import catalogue_rig, effects
 from pamid.parallel.jobs import Failed, Work, WorkerPool, fault_text

@@ -103,7 +103,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
         return Picture(drawing.name, drawing.title, "", "", "", b"")
 
     for place in (
-        "pamid.estimation.fit_model.fit_model",
+        "pamid.estimation.grey_box.fit_model",
         "pamid.correction.port_network.fit_model",
         "pamid.diagnosis.diagnose.diagnose_into",
         "pamid.correction.output_network.train_correction",

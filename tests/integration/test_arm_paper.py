@@ -32,7 +32,7 @@ from pamid.replications.arm_twin import (
     shown_mae,
 )
 from pamid.rigs.two_link import MUSCLES
-from pamid.simulation.virtual_rig import virtual_rig
+from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 INERTIAL = {f"link_{j}_{what}" for j in "12" for what in ("mass_kg", "centre_m", "inertia_kg_m2")}
 FREE, CLAMPED = "gravity-free-held-out", "gravity-clamped-held-out"
@@ -74,7 +74,7 @@ def test_what_is_hidden_is_of_the_size_that_was_said() -> None:
 @pytest.mark.parametrize("session", sessions(4.0, MUSCLES, 0.003)[:6], ids=lambda s: s.name)
 def test_a_swing_is_one_without_actuation(session: Any) -> None:
     twin = ArmTwin()
-    made = virtual_rig(
+    made = simulate_virtual_rig(
         f"two-link:{twin.law}", session.excitation, (), session.known, twin.hidden(), 0.0, 0
     ).columns
     assert max(np.abs(made[f"force_{i}_n"]).max() for i in MUSCLES) == 0.0
@@ -181,7 +181,7 @@ def test_the_figures_are_those_of_runs_by_hand(quick: tuple[Path, dict[str, Any]
 
     def error(name: str, variable: str, hidden: dict[str, float]) -> float:
         r = read_recording(folder / f"{name}.csv")
-        made = virtual_rig("two-link", r, (), {}, hidden, 0.0, 0).columns
+        made = simulate_virtual_rig("two-link", r, (), {}, hidden, 0.0, 0).columns
         return mae(r.signal(variable), made[variable])
 
     for variable in ("angle_2_deg", "pressure_22_kpa"):

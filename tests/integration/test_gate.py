@@ -22,7 +22,7 @@ from pamid.diagnosis.candidate_model import candidate_from
 from pamid.diagnosis.misfit_beyond_range import scale_doubt
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.diagnosis.verdict import sentence
-from pamid.estimation.fit_model import fit_model
+from pamid.estimation.grey_box import fit_model
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.data_split import split_recordings

@@ -28,7 +28,8 @@ from pamid.correction.identified_model import (
 )
 from pamid.correction.port_network import Corrected, entry_of
 from pamid.diagnosis.diagnose import models_json
-from pamid.estimation.fit_model import GreyBox, loop_motion
+from pamid.estimation.closed_loop import loop_motion
+from pamid.estimation.grey_box import GreyBox
 from pamid.estimation.quantities import agreed
 from pamid.model.registry import rig_named
 from pamid.networks.anfis import Anfis

@@ -17,7 +17,7 @@ from pamid.excitation.aprbs import aprbs
 from pamid.model.registry import rig_named
 from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import FEWEST, DataSplit
-from pamid.simulation.virtual_rig import virtual_rig
+from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 
 def recorded(folder: Path, count: int) -> list[str]:
@@ -28,7 +28,7 @@ def recorded(folder: Path, count: int) -> list[str]:
         write_recording(
             path, time, {"force_n": aprbs(FEWEST * PERIOD_S, PERIOD_S, 4.0, (0.1, 0.4), seed=k)}
         )
-        made = virtual_rig(
+        made = simulate_virtual_rig(
             RIG, read_recording(path), ("coulomb-friction",), {}, {"mass_kg": 1.2}, 1.0, k
         )
         write_recording(path, time, made.columns, made.meta)

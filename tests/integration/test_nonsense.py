@@ -20,7 +20,7 @@ from pamid.excitation.aprbs import aprbs
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
-from pamid.simulation.virtual_rig import virtual_rig
+from pamid.simulation.virtual_rig import simulate_virtual_rig
 from pamid.simulation.windows import cut
 
 Array = NDArray[np.float64]
@@ -50,7 +50,7 @@ def rubbing(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Array, Arra
     folder = tmp_path_factory.mktemp("cart")
     force = aprbs(SAMPLES * PERIOD_S, PERIOD_S, 3.0, (0.2, 0.8), seed=1)
     write_recording(folder / "sent.csv", np.arange(SAMPLES) * PERIOD_S, {"force_n": force})
-    made = virtual_rig(
+    made = simulate_virtual_rig(
         CART,
         read_recording(folder / "sent.csv"),
         ("coulomb-friction:force_n=0.8",),

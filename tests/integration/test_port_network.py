@@ -28,13 +28,14 @@ from pamid.correction.port_network import (
     origin_of,
 )
 from pamid.correction.residual_data import read_columns, read_residual_data
-from pamid.estimation.fit_model import GreyBox, fit_json, fit_model, residual_csv
+from pamid.estimation.fit_files import fit_json, residual_csv
+from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.model.registry import rig_named
 from pamid.networks.trained_network import load_network
 from pamid.recording.recording import read_recording
 from pamid.replications.demo import Withheld, write_demo_recording
 from pamid.simulation.data_split import split_recordings
-from pamid.simulation.replay import channel_mae, replay
+from pamid.simulation.replay import channel_mae, replay_track
 from pamid.symbolic.expression import symbols
 
 RESULTS = ("network.json", "network.npz", "trace.csv", "residual.csv")
@@ -71,7 +72,7 @@ def test_what_is_missing_there_brings_the_model_to_its_data(place: tuple[Path, G
     way."""
     model, entry = place[1], Entry("command", "")
     fitted = tuple(
-        replay(model.assembly, model.fit.p, t, model.fit.stepping, model.evidence.noise)
+        replay_track(model.assembly, model.fit.p, t, model.fit.stepping, model.evidence.noise)
         for t in model.evidence.tracks(model.assembly)
     )
     missing, p = missing_at(model, fitted, entry)

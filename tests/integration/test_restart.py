@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from small_cart import RIG, cart_evidence, record_cart
 
-from pamid.estimation.fit_model import GreyBox, fit_model
+from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.estimation.intervals import estimates
 from pamid.estimation.multiple_shooting import fit_robustly
 from pamid.estimation.problem import Problem, free_parameters
-from pamid.estimation.restart import TRAPPED, freed
+from pamid.estimation.restart import TRAPPED, escape_local_minimum
 from pamid.excitation.aprbs import aprbs
 from pamid.model.registry import rig_named
 from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import DataSplit, split_recordings
-from pamid.simulation.virtual_rig import attach_specs, virtual_rig
+from pamid.simulation.virtual_rig import attach_specs, simulate_virtual_rig
 
 TRUE = {"mass_kg": 1.2, "coulomb-friction:force_n": 0.8}
 
@@ -29,7 +29,7 @@ def sticking(tmp_path_factory: pytest.TempPathFactory) -> DataSplit:
     folder = tmp_path_factory.mktemp("sticking")
     push = aprbs(30.0, 0.003, 3.0, (0.2, 0.8), seed=1)
     write_recording(folder / "push.csv", 0.003 * np.arange(push.size), {"force_n": push})
-    made = virtual_rig(
+    made = simulate_virtual_rig(
         RIG,
         read_recording(folder / "push.csv"),
         ("coulomb-friction:force_n=0.8",),
@@ -64,7 +64,7 @@ def test_the_cost_falls_by_far(sticking: DataSplit, model: GreyBox) -> None:
     assembly = model.assembly
     tracks = sticking.tracks(assembly)
     trapped = fit_robustly(Problem(assembly, tracks, free_parameters(assembly, tracks)))
-    free = freed(trapped, sticking.noise)
+    free = escape_local_minimum(trapped, sticking.noise)
     assert free is not trapped and free.converged
     rms = [float(np.sqrt((f.residuals[0] ** 2).mean())) for f in (trapped, free)]
     assert rms[1] < 0.1 * TRAPPED * rms[0]
@@ -74,4 +74,4 @@ def test_a_fit_that_is_in_no_trap_stays(tmp_path: Path) -> None:
     evidence = cart_evidence(record_cart(tmp_path))
     for effects in ((), ("coulomb-friction",)):
         model = fit_model(evidence, tuple(a for a, _ in attach_specs(evidence.rig, effects)))
-        assert freed(model.fit, evidence.noise) is model.fit
+        assert escape_local_minimum(model.fit, evidence.noise) is model.fit

@@ -26,7 +26,8 @@ from pamid.base.npz import load_arrays
 from pamid.base.run_folder import Run
 from pamid.correction.output_network import NetworkChoice, with_columns
 from pamid.correction.residual_data import read_columns, read_residual_data
-from pamid.estimation.fit_model import fit_json, fit_model, residual_csv
+from pamid.estimation.fit_files import fit_json, residual_csv
+from pamid.estimation.grey_box import fit_model
 from pamid.model.registry import rig_named
 from pamid.networks.anfis import Anfis
 from pamid.networks.trained_network import load_network

@@ -12,7 +12,8 @@ from virtual_joint import record
 
 from pamid.base.json_file import read_json, write_json
 from pamid.base.run_folder import Run
-from pamid.estimation.fit_model import GreyBox, fit_json, fit_model
+from pamid.estimation.fit_files import fit_json
+from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.model.registry import rig_named
 from pamid.networks.network import Network
 from pamid.networks.scaling import Scaling

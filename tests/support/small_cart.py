@@ -10,7 +10,7 @@ import numpy as np
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording, write_recording
 from pamid.simulation.data_split import DataSplit, split_recordings
-from pamid.simulation.virtual_rig import virtual_rig
+from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 RIG = str(Path(__file__).parents[2] / "data" / "rigs" / "cart.py")
 FEW = ("coulomb-friction", "viscous-friction", "quadratic-drag", "dead-time", "linear-stiffness")
@@ -23,7 +23,7 @@ def record_cart(folder: Path, effect: str = "coulomb-friction", seconds: float =
     push = np.repeat(random.choice([-1.0, 1.0], count) * random.uniform(2.0, 6.0, count), 30)
     time = PERIOD_S * np.arange(len(push))
     write_recording(folder / "push.csv", time, {"force_n": push})
-    made = virtual_rig(
+    made = simulate_virtual_rig(
         RIG, read_recording(folder / "push.csv"), (effect,), {}, {"mass_kg": 1.2}, 1.0, 1
     )
     write_recording(folder / "rec.csv", time, made.columns, made.meta)

@@ -8,7 +8,7 @@ import numpy as np
 
 from pamid.excitation.aprbs import aprbs
 from pamid.recording.recording import Recording, read_recording, write_recording
-from pamid.simulation.virtual_rig import virtual_rig
+from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 PERIOD_S = 0.003
 KNOWN = {"inertia_kg_m2": 0.0896}
@@ -47,7 +47,7 @@ def record(
     """A recording at `path`; columns: only these; stated: what its TOML says is known (default:
     what is)."""
     source = read_recording(excitation(path.with_name(f"{path.stem}-reference.csv"), seconds, seed))
-    made = virtual_rig(
+    made = simulate_virtual_rig(
         "one-dof",
         source,
         effects,

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from pendulum import TRUTH, Declared, Pendulum, swing
 
-from pamid.estimation.fit_model import GreyBox, fit_json, fit_model
+from pamid.estimation.fit_files import fit_json
+from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.estimation.identifiable_combinations import combinations_of, tied_text
 from pamid.model.registry import rig_named
 from pamid.model.rig import Rig

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pamid.parallel.result_store import digest
 from test_decision import CLEAR
 from test_missing_term import missing
 
@@ -27,6 +26,7 @@ from pamid.diagnosis.settings import DEFAULT, Settings, described, settings_from
 from pamid.diagnosis.starting_hints import spectrum_peaks
 from pamid.diagnosis.unknown import _Describing, missing_csv, parity
 from pamid.parallel.jobs import Work
+from pamid.parallel.result_store import digest
 
 ROOM = Path(pamid.diagnosis.__file__).parent
 SOURCES = {p.name: ast.parse(p.read_text(encoding="utf-8")) for p in sorted(ROOM.glob("*.py"))}

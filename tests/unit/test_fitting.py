@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 from virtual_joint import KNOWN, SPECIMEN, record
 
 from pamid.engine.program import Stepping
-from pamid.estimation.fit_model import COARSE, GreyBox, fit_json, fit_model
+from pamid.estimation.fit_files import fit_json
+from pamid.estimation.grey_box import COARSE, GreyBox, fit_model
 from pamid.estimation.intervals import Estimate, bootstrap, estimates
 from pamid.estimation.multiple_shooting import fit, fit_robustly
 from pamid.estimation.problem import Fit, Problem, free_parameters
-from pamid.estimation.residual_weights import Weights
+from pamid.estimation.weights import Weights
 from pamid.model.assembly import Assembly
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
@@ -125,7 +126,7 @@ def dense(fitted: Fit) -> Array:
     problem, (track,) = fitted.problem, fitted.problem.tracks
     free, scale, root = list(problem.free), fitted.problem.scale, fitted.weights.root
     windows: list[Window] = problem.windows(track)
-    (starts,), (pulls,) = fitted.starts, fitted.pulls
+    (starts,), (continuity,) = fitted.starts, fitted.continuity
     k, (w, n) = len(free), starts.shape
     size = np.abs(starts).max(axis=0)
     runner = Runner(problem.assembly, track, fitted.stepping)
@@ -141,7 +142,7 @@ def dense(fitted: Fit) -> Array:
             Y = runner.run(memory, window, own, False)[0]
             parts.append(((Y - track.y[window.start : window.stop]) * root).ravel())
             if i + 1 < w:
-                parts.append((x0[i + 1] - memory.x[:n]) * np.sqrt(pulls))
+                parts.append((x0[i + 1] - memory.x[:n]) * np.sqrt(continuity))
         return np.concatenate(parts)
 
     z = np.concatenate([scale.inside(fitted.p[free]), np.zeros(w * n)])

@@ -13,12 +13,13 @@ from cli.frame import run
 from pamid.api.given import evidence_of
 from pamid.base.errors import FileError
 from pamid.correction.residual_data import read_residual_data
-from pamid.estimation.fit_model import GreyBox, fit_json, fit_model, residual_table
+from pamid.estimation.fit_files import fit_json, residual_table
+from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.estimation.intervals import estimates
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
-from pamid.simulation.virtual_rig import virtual_rig
+from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 SPRUNG = '''"""A mass on a spring behind a load cell."""
 from pamid import Parameter, Port, Rig, State
@@ -62,7 +63,9 @@ def recorded(
     time = 0.01 * np.arange(push.size)
     write_recording(folder / "push.csv", time, {"push_n": push})
     true = {"gain": 1.3, "mass_kg": 1.2}
-    made = virtual_rig(str(rig), read_recording(folder / "push.csv"), planted, {}, true, 1.0, seed)
+    made = simulate_virtual_rig(
+        str(rig), read_recording(folder / "push.csv"), planted, {}, true, 1.0, seed
+    )
     write_recording(
         folder / f"{name}.csv",
         time,

@@ -27,7 +27,7 @@ from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.recording.recording import read_recording
 from pamid.simulation.data_split import DataSplit, split_recordings
-from pamid.simulation.replay import replay
+from pamid.simulation.replay import replay_track
 
 SENSORS = ("reference_deg", "command", "angle_deg", "pressure_1_kpa", "pressure_2_kpa")
 EXAMPLE_RIGS = Path(__file__).resolve().parents[2] / "data" / "rigs"
@@ -38,7 +38,7 @@ def replayed(evidence: DataSplit, known: dict[str, float]) -> CandidateModel:
     assembly = Assembly(evidence.rig, background=True, outputs=evidence.channels).for_fitting()
     p, stepping = assembly.values(known), Stepping(2)
     runs = tuple(
-        replay(assembly, p, t, stepping, evidence.noise)
+        replay_track(assembly, p, t, stepping, evidence.noise)
         for t in evidence.tracks(assembly, held_out=True)
     )
     fitted: Any = SimpleNamespace(p=p, stepping=stepping)
@@ -66,15 +66,18 @@ def with_gap(joint: tuple[DataSplit, CandidateModel], inside: np.ndarray) -> Can
     """The model made to err by 2 deg at these samples of its replay."""
     _, base = joint
     r = base.replays[0]
-    whole = r.whole.copy()
-    whole[r.led.lead :][inside, 0] += np.deg2rad(2.0)
-    return replace(base, replays=(replace(r, whole=whole),))
+    whole = r.full_outputs.copy()
+    whole[r.full_track.lead :][inside, 0] += np.deg2rad(2.0)
+    return replace(base, replays=(replace(r, full_outputs=whole),))
 
 
 def test_a_model_without_error_has_no_regime(joint: tuple[DataSplit, CandidateModel]) -> None:
     evidence, base = joint
     r = base.replays[0]
-    assert regimes(evidence, replace(base, replays=(replace(r, whole=r.led.y),)), None) == []
+    assert (
+        regimes(evidence, replace(base, replays=(replace(r, full_outputs=r.full_track.y),)), None)
+        == []
+    )
     everywhere = with_gap(joint, np.ones(len(r.track), bool))
     assert regimes(evidence, everywhere, None) == [], "a gap that is everywhere is in no regime"
 

@@ -23,7 +23,7 @@ from pamid.diagnosis.next_experiment import (
 )
 from pamid.diagnosis.proposal import FILE, Proposal, proposal_result
 from pamid.diagnosis.tournament import Diagnosis, diagnose
-from pamid.estimation.fit_model import fit_model
+from pamid.estimation.grey_box import fit_model
 from pamid.excitation.aprbs import aprbs
 from pamid.excitation.experiments import (
     MENU,
@@ -39,7 +39,7 @@ from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.rigs.muscle_experiments import EXPERIMENTS
 from pamid.simulation.data_split import Span, split_recordings
-from pamid.simulation.virtual_rig import virtual_rig
+from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 Array = NDArray[np.float64]
 
@@ -57,7 +57,7 @@ def drawn(folder: Path, name: str, columns: dict[str, Array], rig: Path, seed: i
     """The cart with friction, recorded on these columns."""
     time = PERIOD_S * np.arange(len(next(iter(columns.values()))))
     write_recording(folder / f"{name}-sent.csv", time, columns)
-    made = virtual_rig(
+    made = simulate_virtual_rig(
         str(rig),
         read_recording(folder / f"{name}-sent.csv"),
         TRUTH,

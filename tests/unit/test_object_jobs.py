@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from pamid.parallel.result_store import Store, digest, plain
 from small_cart import FEW, cart_evidence, record_cart
 
 import pamid.model.assembly
@@ -23,6 +22,7 @@ from pamid.diagnosis.verdict import diagnosis_json
 from pamid.model.attachment import attach
 from pamid.model.registry import effects
 from pamid.parallel.jobs import ObjectWork, Work, WorkerPool
+from pamid.parallel.result_store import Store, digest, plain
 from pamid.simulation.data_split import DataSplit
 
 

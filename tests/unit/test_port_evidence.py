@@ -12,7 +12,7 @@ from pamid.diagnosis.candidate_model import CandidateModel, candidate_from
 from pamid.diagnosis.port_evidence import PortEvidence, locate, shapley
 from pamid.diagnosis.smoother import Smoother, SmoothingProblem
 from pamid.engine.block_tridiagonal import eliminate
-from pamid.estimation.fit_model import fit_model
+from pamid.estimation.grey_box import fit_model
 from pamid.model.registry import rig_named
 from pamid.parallel.jobs import WorkerPool
 from pamid.simulation.data_split import DataSplit, split_recordings

@@ -18,7 +18,7 @@ from pamid.checks.recording_quality import Issue, channel_figures, examine
 from pamid.excitation.aprbs import aprbs
 from pamid.model import registry as library
 from pamid.recording.recording import Recording, read_recording, write_recording
-from pamid.simulation.virtual_rig import virtual_rig
+from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 Array = NDArray[np.float64]
 Columns = dict[str, Array]
@@ -48,7 +48,7 @@ def make(tmp_path_factory: pytest.TempPathFactory) -> Make:
         if not path.exists():
             count = len(next(iter(sent.values())))
             write_recording(folder / "excitation.csv", PERIOD * np.arange(count), sent)
-            done = virtual_rig(
+            done = simulate_virtual_rig(
                 rig, read_recording(folder / "excitation.csv"), effects, known or {}, {}, noise, 1
             )
             write_recording(path, PERIOD * np.arange(count), done.columns, done.meta)

@@ -13,8 +13,8 @@ from virtual_joint import SPECIMEN, record
 from pamid.engine.program import Stepping
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
-from pamid.simulation.data_split import DEPARTS, DataSplit, split_recordings
-from pamid.simulation.replay import Replay, followed, noise_floor, replay
+from pamid.simulation.data_split import STATE_JUMP, DataSplit, split_recordings
+from pamid.simulation.replay import Replay, noise_floor, replay_track, run_windows
 from pamid.simulation.simulate import state_spread
 
 ANGLE = ("reference_deg", "command", "angle_deg")
@@ -36,7 +36,7 @@ def angle_only(tmp_path_factory: pytest.TempPathFactory) -> tuple[DataSplit, Ass
 def run(given: tuple[DataSplit, Assembly, np.ndarray], jump: np.ndarray | None = None) -> Replay:
     evidence, assembly, p = given
     track = evidence.tracks(assembly, held_out=True)[0]
-    return replay(
+    return replay_track(
         assembly,
         p,
         track if jump is None else replace(track, jump=jump),
@@ -77,7 +77,9 @@ def test_the_windows_cover_what_is_scored_and_the_lead_in_is_not(
     angle_only: tuple[DataSplit, Assembly, np.ndarray],
 ) -> None:
     r = run(angle_only)
-    assert r.led.lead > 0 and len(r.track) == len(r.led) - r.led.lead == len(r.model)
+    assert r.full_track.lead > 0 and len(r.track) == len(r.full_track) - r.full_track.lead == len(
+        r.model
+    )
     assert r.windows[0].start == 0 and r.windows[-1].stop == len(r.track)
     assert all(a.stop == b.start for a, b in zip(r.windows[:-1], r.windows[1:], strict=True))
     assert len(r.entered) == len(r.windows) < len(r.starts)
@@ -89,7 +91,7 @@ def test_following_a_replay_gives_its_outputs(
 ) -> None:
     _, assembly, p = angle_only
     r = run(angle_only)
-    again = followed(assembly.program, assembly, p, r.track, r.windows, r.entered, Stepping(2))
+    again = run_windows(assembly.program, assembly, p, r.track, r.windows, r.entered, Stepping(2))
     assert again == pytest.approx(r.model, abs=1e-9)
 
 
@@ -106,4 +108,4 @@ def test_spread_of_the_states(tmp_path: Path) -> None:
         },
     )
     assert np.isinf(state_spread(Assembly(rig_named("one-dof")), still)).any()
-    assert DEPARTS < 0.1
+    assert STATE_JUMP < 0.1

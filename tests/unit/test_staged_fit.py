@@ -17,7 +17,8 @@ from cli.frame import run as pamid
 from pamid.base.errors import ConvergenceError, DataError, FileError
 from pamid.base.json_file import write_json
 from pamid.base.run_folder import Run
-from pamid.estimation.fit_model import GreyBox, fit_json, fit_model
+from pamid.estimation.fit_files import fit_json
+from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.estimation.intervals import bootstrap
 from pamid.estimation.posterior import read_posterior
 from pamid.estimation.prior import Prior, terms_of_sheet

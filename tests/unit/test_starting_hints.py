@@ -13,7 +13,7 @@ from pamid.diagnosis.candidate_model import candidate_from
 from pamid.diagnosis.screening import ScreeningBaseline, screen, starting_points
 from pamid.diagnosis.settings import DEFAULT
 from pamid.diagnosis.starting_hints import gather_hints, spectrum_peaks
-from pamid.estimation.fit_model import fit_model, model_with
+from pamid.estimation.grey_box import fit_model, model_with
 from pamid.model.attachment import attach
 from pamid.model.effect import Hints
 from pamid.model.registry import effects, rig_named

@@ -1,4 +1,9 @@
-"""How much a residual counts: by its own size and by how many samples say the same thing."""
+"""How much a residual counts: by its own size and by how many samples say the same thing.
+
+n correlated samples hold as much as n / tau independent ones, tau = 1 + 2 sum_k rho_k the
+integrated autocorrelation time; so each counts with 1 / (sigma^2 tau). Priestley (1981), Spectral
+Analysis and Time Series, ch. 5.3.2.
+"""
 
 from __future__ import annotations
 

@@ -1,0 +1,173 @@
+"""What `pamid fit` writes: fit.json and residual.csv."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.base.units import as_column, from_si, split_column, with_unit
+from pamid.estimation.closed_loop import closed_loop_figures, loop_columns, loop_names
+from pamid.estimation.grey_box import GreyBox
+from pamid.estimation.identifiable_combinations import combinations_json
+from pamid.estimation.intervals import background_pull, estimates
+from pamid.estimation.posterior import from_json, posterior_json
+from pamid.estimation.problem import Fit
+from pamid.estimation.quantities import agreed
+from pamid.model.assembly import Assembly
+from pamid.recording.recording import Recording
+from pamid.simulation.data_split import DataSplit
+from pamid.simulation.replay import Replay, channel_mae, replay_track
+
+Array = NDArray[np.float64]
+
+
+def fit_json(g: GreyBox, seed: int) -> dict[str, Any]:
+    """fit.json: parameters with intervals and words, errors per channel on what was held out."""
+    e = g.evidence
+    figures = {
+        "data_sheet": channel_mae(list(g.data_sheet)),
+        "refitted": channel_mae(list(g.held_out)),
+        "noise_floor": channel_mae(list(g.floor)),
+    }
+    return {
+        "schema": "pamid.fit/1",
+        "rig": e.rig.name,
+        "effects": [a.label for a in g.assembly.attachments],
+        "seed": seed,
+        "recordings": [
+            {
+                "name": r.name,
+                "path": str(r.path),
+                "sha256": r.sha256,
+                "role": _role(e, r),
+                "samples": len(r),
+                "period_s": r.sampling_period_s,
+                "loop": r.loop,
+                "controller": r.controller,
+                "lacks": e.lacking(r),
+            }
+            for r in e.recordings
+        ],
+        "channels": list(e.channels),
+        "converged": g.fit.converged,
+        "why": g.fit.why,
+        "iterations": g.fit.iterations,
+        "stepping": {
+            "substeps": g.fit.stepping.substeps,
+            "implicit": g.fit.stepping.implicit,
+            "recheck": g.recheck,
+        },
+        "noise": {c: as_column(c, e.noise[i]) for i, c in enumerate(e.channels)},
+        "parameters": {
+            x.name: {
+                "value": x.value,
+                "low": x.low,
+                "high": x.high,
+                "prior": x.prior,
+                "unit": x.bound.unit,
+                "word": x.word,
+                "at_bound": x.at_bound,
+                "strain": x.strain,
+                "source": x.bound.source,
+            }
+            for x in estimates(g.fit, g.draws)
+            if not x.bound.nuisance
+        },
+        "intervals": "block bootstrap" if g.draws is not None else "Jacobian",
+        "background": {k: {"pull": v} for k, v in background_pull(g.fit).items()},
+        "mae": {
+            c: {k: as_column(c, v[i]) for k, v in figures.items()} for i, c in enumerate(e.channels)
+        },
+        "closed_loop": closed_loop_figures(g),
+        **combinations_json(g.fit, g.draws),
+        "posterior": posterior_json(g.fit),
+        "model": model_json(g.assembly, g.fit),
+        **(
+            {}
+            if g.earlier is None
+            else {"from": from_json(g.earlier, g.earlier.remarks(g.fit.problem))}
+        ),
+    }
+
+
+def model_json(a: Assembly, fitted: Fit) -> dict[str, Any]:
+    """What rebuilds a fitted model to the last bit: its effects, every parameter (SI) by key, and
+    its steps."""
+    return {
+        "effects": [one.label for one in a.attachments],
+        "stepping": {"substeps": fitted.stepping.substeps, "implicit": fitted.stepping.implicit},
+        "values": {b.key: float(v) for b, v in zip(a.parameters, agreed(fitted), strict=True)},
+    }
+
+
+def _role(e: DataSplit, recording: Recording) -> str:
+    fit = any(s.recording is recording for s in e.fit)
+    held = any(s.recording is recording for s in e.held_out)
+    return "both" if fit and held else "fit" if fit else "held-out"
+
+
+def residual_table(g: GreyBox, cause: tuple[Replay, ...] = ()) -> tuple[list[str], Array]:
+    """Header and rows of residual.csv: measured, data sheet, refitted (and with the cause) over
+    everything."""
+    e, header, rows = g.evidence, ["time_s", "recording", "part", "window"], []
+    spans = [(0, s) for s in e.fit] + [(1, s) for s in e.held_out]
+    fitted = [
+        replay_track(g.assembly, g.fit.p, t, g.fit.stepping, e.noise) for t in e.tracks(g.assembly)
+    ]
+    sheet = [
+        replay_track(g.assembly, g.assembly.values(), t, g.fit.stepping, e.noise)
+        for t in e.tracks(g.assembly)
+    ]
+    fitted += g.held_out
+    sheet += g.data_sheet
+    for c in e.channels:
+        stem, unit = split_column(c)
+        header += [c, with_unit(f"{stem}_data_sheet", unit), with_unit(f"{stem}_refitted", unit)]
+        header += [with_unit(f"{stem}_cause", unit)] if cause else []
+    inputs = [n for n in e.rig.inputs if all(r.has(n) for r in e.recordings)]
+    loops = [
+        q
+        for q in e.rig.loops
+        if all(r.loop == "closed" and r.has(q.reference) for r in e.recordings)
+    ]
+    header += inputs + [q.reference for q in loops]
+    for q in loops:
+        header += loop_names(q, len(loops) > 1)
+    for i, (part, s) in enumerate(spans):
+        r = s.recording
+        n = s.stop - s.start
+        own = [i for i, k in enumerate(e.recordings) if k is r][0]
+        window = np.full(n, -1.0)
+        for w, cutout in enumerate(fitted[i].windows):
+            inside = np.arange(cutout.start, cutout.stop)
+            window[inside[fitted[i].scored[inside]]] = w
+        table: list[Array] = [
+            r.time[s.start : s.stop],
+            np.full(n, float(own)),
+            np.full(n, float(part)),
+            window,
+        ]
+        for k, c in enumerate(e.channels):
+            table += [
+                from_si(y, split_column(c)[1])
+                for y in (fitted[i].track.y[:, k], sheet[i].model[:, k], fitted[i].model[:, k])
+            ]
+            if cause:
+                after = cause[i - len(e.fit)].model[:, k] if part else fitted[i].model[:, k]
+                table.append(from_si(after, split_column(c)[1]))
+        table += [r.signal(n_)[s.start : s.stop] for n_ in inputs + [q.reference for q in loops]]
+        table += loop_columns(g, s, loops)
+        rows.append(np.stack(table, axis=1))
+    return header, np.concatenate(rows)
+
+
+def residual_csv(g: GreyBox, cause: tuple[Replay, ...] = ()) -> bytes:
+    """residual.csv as bytes, 9 significant digits."""
+    header, rows = residual_table(g, cause)
+    line = ",".join(["%.12g"] + ["%.9g"] * (len(header) - 1)) + "\n"
+    body = (line * len(rows)) % tuple(rows.ravel().tolist())
+    if np.isnan(rows).any():
+        body = body.replace("nan", "")  # a channel that this recording lacks
+    return (",".join(header) + "\n" + body).encode()

@@ -1,0 +1,140 @@
+"""From recordings to a fitted model with its replays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.base.progress import Progress, silent
+from pamid.engine.program import Stepping
+from pamid.estimation.intervals import bootstrap
+from pamid.estimation.multiple_shooting import fit_robustly
+from pamid.estimation.posterior import Posterior
+from pamid.estimation.problem import Fit, Problem, free_parameters
+from pamid.estimation.restart import escape_local_minimum
+from pamid.model.assembly import Assembly
+from pamid.model.attachment import Attachment
+from pamid.model.bound_parameter import Sizes
+from pamid.parallel.jobs import WorkerPool
+from pamid.simulation.data_split import DataSplit
+from pamid.simulation.replay import Replay, noise_floor, replay_track
+from pamid.simulation.simulate import port_sizes
+from pamid.simulation.tracks import Track
+from pamid.simulation.windows import Runner
+
+Array = NDArray[np.float64]
+
+COARSE = 0.2  # noise standard deviations by which doubled sub-steps may change an output
+
+
+@dataclass(frozen=True, eq=False)
+class GreyBox:
+    """A fitted model with its replays. recheck: change of the outputs by doubled sub-steps, in
+    noise sd."""
+
+    evidence: DataSplit
+    assembly: Assembly
+    fit: Fit
+    recheck: float
+    held_out: tuple[Replay, ...]
+    data_sheet: tuple[Replay, ...]
+    floor: tuple[Replay, ...]
+    draws: Array | None = None
+    earlier: Posterior | None = None
+
+
+def model_with(evidence: DataSplit, attached: tuple[Attachment, ...], sizes: Sizes) -> Assembly:
+    """The model that is fitted and compared: rig, background, these effects, the measured
+    channels."""
+    return Assembly(
+        evidence.rig, attached, background=True, sizes=sizes, outputs=evidence.channels
+    ).for_fitting()
+
+
+def fit_model(
+    evidence: DataSplit,
+    attached: tuple[Attachment, ...] = (),
+    *,
+    seed: int = 0,
+    draws: int = 0,
+    jobs: int = 1,
+    progress: Progress = silent,
+    earlier: Posterior | None = None,
+    pool: WorkerPool | None = None,
+) -> GreyBox:
+    """Fit the rig (with effects) to the evidence; integration refined until doubled sub-steps
+    change nothing.
+
+    earlier: what another fit has left known of the same rig; it takes the place of the data sheet's
+    prior. draws: of the bootstrap; pool: who does them (default: `jobs` processes of this machine).
+    """
+    if earlier is not None:
+        earlier.require_new(evidence)
+    plain = Assembly(evidence.rig)
+    sizes = port_sizes(
+        plain,
+        [
+            (t.u, Runner(plain, t, Stepping()).parameters(plain.values()), t.period_s)
+            for t in evidence.tracks(plain)
+        ],
+    )
+    assembly = model_with(evidence, attached, sizes)
+    tracks, held = evidence.tracks(assembly), evidence.tracks(assembly, held_out=True)
+    problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
+    if earlier is not None:
+        problem = replace(problem, prior=earlier.prior(problem))
+    progress("fitting")
+    fitted = escape_local_minimum(
+        fit_robustly(
+            problem, progress=lambda i, cost: progress(f"fitting, step {i}, cost {cost:.5g}")
+        ),
+        evidence.noise,
+    )
+    replays, change = rechecked(assembly, fitted, held, evidence.noise)
+    for _ in range(3):
+        if change <= COARSE:
+            break
+        progress("refining the integration step")
+        fitted = escape_local_minimum(
+            fit_robustly(problem, stepping=fitted.stepping.doubled()), evidence.noise
+        )
+        replays, change = rechecked(assembly, fitted, held, evidence.noise)
+    progress("noise floor")
+    floor = tuple(
+        noise_floor(assembly, fitted.p, r, fitted.stepping, evidence.noise, seed + i)
+        for i, r in enumerate(replays)
+    )
+    sheet = tuple(
+        replay_track(assembly, assembly.values(), t, fitted.stepping, evidence.noise) for t in held
+    )
+    return GreyBox(
+        evidence,
+        assembly,
+        fitted,
+        change,
+        replays,
+        sheet,
+        floor,
+        bootstrap(fitted, draws, seed=seed, jobs=jobs, pool=pool) if draws else None,
+        earlier,
+    )
+
+
+def rechecked(
+    assembly: Assembly, fitted: Fit, held: tuple[Track, ...], noise: Array
+) -> tuple[tuple[Replay, ...], float]:
+    """Held-out replays, and by how much doubled sub-steps change them: worst channel, in noise
+    standard deviations or in quarters of what the model leaves, whichever is larger (a step finer
+    than the model is wrong buys nothing)."""
+    once = tuple(replay_track(assembly, fitted.p, t, fitted.stepping, noise) for t in held)
+    twice = [replay_track(assembly, fitted.p, t, fitted.stepping.doubled(), noise) for t in held]
+    change = []
+    # a model that runs away: the change is no number, not small
+    with np.errstate(over="ignore", invalid="ignore"):
+        for a, b in zip(once, twice, strict=True):
+            left = np.sqrt((a.residual[a.scored] ** 2).mean(axis=0))
+            moved = np.sqrt(((a.model - b.model)[a.scored] ** 2).mean(axis=0))
+            change.append((moved / np.maximum(noise, 0.25 * left)).max())
+    return once, float(max(change))
