@@ -251,8 +251,7 @@ def write_network(
     weights, network, trace, residual = run.claim(
         WEIGHTS_FILE, NETWORK_FILE, TRACE_FILE, RESIDUAL_FILE
     )
-    content, described = network_files(trained)
-    whole = described | about
+    content, whole = network_files(trained, **about)
     write_together(
         {
             weights: content,

@@ -130,11 +130,11 @@ def model_equations_html(run: RunData) -> Html:
     found = []
     for label in run.fit.effects:
         own = {
-            one.name.removeprefix(f"{label}:"): CauseParameter(
+            name.removeprefix(f"{label}:"): CauseParameter(
                 value=one.value, low=one.low, high=one.high, unit="", word=""
             )
-            for one in run.fit.parameters
-            if one.name.startswith(f"{label}:")
+            for name, one in run.fit.parameters.items()
+            if name.startswith(f"{label}:")
         }
         found.append(
             _cause_html(

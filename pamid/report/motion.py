@@ -238,7 +238,9 @@ class _Outputs(Mapping[str, FloatArray]):
 
 def _parameters(run: RunData, rig: Rig) -> Names:
     """The rig's parameters by name (SI): fitted where they were, else from the data sheet."""
-    fitted = {one.name: one.value for one in run.fit.parameters} if run.fit is not None else {}
+    fitted = (
+        {name: one.value for name, one in run.fit.parameters.items()} if run.fit is not None else {}
+    )
     return Names(
         {p.name: fitted.get(p.outside_name, p.value) * p.factor for p in rig.parameters},
         "parameter",

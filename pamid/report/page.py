@@ -13,7 +13,7 @@ from pamid.report import words
 from pamid.report.answers import Answer, how_far_answer, next_answer, where_answer, which_answer
 from pamid.report.budget import ChannelErrors, disagreements
 from pamid.report.equation import equations_html, model_equations_html
-from pamid.report.load import Fit, RunData
+from pamid.report.load import RunData
 from pamid.report.markup import Html, Part, joined, paragraphs, prose, tag
 from pamid.report.player import player_html, player_script
 from pamid.report.sentences import verdict_sentence
@@ -34,6 +34,7 @@ from pamid.report.tables import (
     versions_words,
 )
 from pamid.report.traces import Traces, traces_of, traces_scripts, traces_style
+from pamid.schemas.fit import FitFile
 
 MARK = "<!doctype html>\n<!-- pamid.report/1 -->\n"
 #: drawings carry their styles themselves, hence the attributes; style elements and scripts are
@@ -165,9 +166,9 @@ def _warnings(run: RunData) -> Html:
     told = []
     if run.fit is not None and not run.fit.converged:
         told.append(f"The fit did not converge: {words.clean(run.fit.why) or 'no reason given'}.")
-    if run.network is not None and not run.network.converged:
+    if run.network is not None and not run.network.summary.converged:
         told.append(
-            f"The training of the network did not converge: {words.clean(run.network.why)}."
+            f"The training of the network did not converge: {words.clean(run.network.summary.why)}."
         )
     told += [
         f"This command did not end: {' '.join(step.command)}."
@@ -359,7 +360,6 @@ def _parameters(run: RunData) -> Html:
         "fix it; weak: "
         "partly the prior; silent: the data say nothing about it."
     )
-    together = run.fit.together if run.fit is not None else ()
     return joined(
         [
             tag("h3", "Parameters"),
@@ -367,8 +367,8 @@ def _parameters(run: RunData) -> Html:
             paragraphs([note], "note"),
             model_equations_html(run),
             *(
-                [tag("h4", "Known only in combination"), together_table(together)]
-                if together
+                [tag("h4", "Known only in combination"), together_table(run.fit)]
+                if run.fit is not None and run.fit.tied
                 else []
             ),
             paragraphs([_stepping(run.fit)] if run.fit is not None else [], "note"),
@@ -376,17 +376,18 @@ def _parameters(run: RunData) -> Html:
     )
 
 
-def _stepping(fit: Fit) -> str:
-    if fit.substeps is None:
+def _stepping(fit: FitFile) -> str:
+    steps = fit.stepping
+    if steps is None or steps.substeps is None:
         return ""
-    kind = "implicit" if fit.implicit else "explicit"
+    kind = "implicit" if steps.implicit else "explicit"
     text = (
-        f"Simulated with {words.count(fit.substeps)} {kind} "
-        f"step{'' if fit.substeps == 1 else 's'} per sample"
+        f"Simulated with {words.count(steps.substeps)} {kind} "
+        f"step{'' if steps.substeps == 1 else 's'} per sample"
     )
-    if fit.recheck is not None:
+    if steps.recheck is not None:
         text += (
-            f"; doubled steps change no output by more than {words.number(fit.recheck, 2)} "
+            f"; doubled steps change no output by more than {words.number(steps.recheck, 2)} "
             "noise standard "
         )
         text += "deviations"
@@ -429,10 +430,10 @@ def _network(run: RunData, pictures: dict[str, Picture]) -> Html:
         )
     one = run.network
     size = f" with {words.count(one.n_weights)} parameters" if one.n_weights is not None else ""
-    ended = words.clean(one.why) or "no word of it"
+    ended = words.clean(one.summary.why) or "no word of it"
     told = [
         words.sentence(f"{words.clean(one.kind)} network{size}; how training ended: {ended}"),
-        words.sentence(words.clean(one.remark)),
+        words.sentence(words.clean(one.summary.remark)),
     ]
     if one.in_loop:
         told += [
@@ -440,7 +441,7 @@ def _network(run: RunData, pictures: dict[str, Picture]) -> Html:
             f"{words.clean(name)} goes from "
             f"{mae['refitted']:.3g} to {mae['with_network']:.3g}; the replay above is another "
             "comparison."
-            for name, mae in one.mae.items()
+            for name, mae in one.errors.items()
             if {"refitted", "with_network"} <= set(mae)
         ]
     shown = [

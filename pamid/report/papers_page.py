@@ -6,12 +6,13 @@ import base64
 
 from pamid.report import words
 from pamid.report.budget import ChannelErrors
-from pamid.report.load import RunData, Step
+from pamid.report.load import RunData
 from pamid.report.markup import Html, Part, paragraphs, prose, tag
 from pamid.report.page import answers_html, document
 from pamid.report.papers import Paper, Section, Still
 from pamid.report.style import Picture
 from pamid.report.tables import inputs_table, steps_table, table, versions_words
+from pamid.schemas.run import Step
 
 
 def paper_html(

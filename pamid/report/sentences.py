@@ -8,7 +8,7 @@ import numpy as np
 
 from pamid.report import words
 from pamid.report.budget import MODELS, ChannelErrors, Window, headline
-from pamid.report.load import Network, RunData
+from pamid.report.load import RunData
 from pamid.report.reading import FloatArray
 from pamid.report.words import (
     channel_unit,
@@ -19,6 +19,7 @@ from pamid.report.words import (
     with_unit_text,
 )
 from pamid.schemas.diagnosis import Candidate, DiagnosisFile, Regime, Sensor, Where
+from pamid.schemas.network import NetworkFile
 
 
 def causes_words(diagnosis: DiagnosisFile) -> str:
@@ -274,7 +275,7 @@ def pulls_title(pulls: dict[str, float]) -> str:
     return f"The background stays within twice its tolerance; the largest pull is {told}"
 
 
-def training_title(trace: dict[str, FloatArray], network: Network | None) -> str:
+def training_title(trace: dict[str, FloatArray], network: NetworkFile | None) -> str:
     """Where the training ended, and how many parameters it uses."""
     text = (
         f"Training ends at iteration {words.count(float(trace['iteration'][-1]))} with an MSE of "

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
+from pamid.base.units import split_column
 from pamid.report import words
 from pamid.report.budget import MODELS, ChannelErrors
-from pamid.report.load import Fit, LoopError, Parameter, RunData, Step, Together
+from pamid.report.load import RunData
 from pamid.report.markup import Html, Part, tag
 from pamid.report.sentences import sensor_words, split_words
 from pamid.report.words import (
@@ -19,6 +20,8 @@ from pamid.report.words import (
     percent_span,
 )
 from pamid.schemas.diagnosis import DiagnosisFile, Estimate, Transfer, Where
+from pamid.schemas.fit import Combination, FitFile, FitParameter, LoopError
+from pamid.schemas.run import Step
 
 STRAINED = 3.0
 #: figures of `grounds` in diagnosis.json -> what each one is; all on the held-out windows that
@@ -117,25 +120,27 @@ def mae_text(rows: tuple[ChannelErrors, ...]) -> str:
     )
 
 
-def loop_table(errors: tuple[LoopError, ...]) -> Html:
+def loop_table(errors: Mapping[str, LoopError]) -> Html:
     """MAE of the model in its own loop, with the band that small parameter changes cause."""
     heads = ["channel", "unit", "data sheet", "refitted", "band (0.1 % of conductances)"]
     body = [
         [
-            channel_words(one.channel),
-            channel_unit(one.channel) or "-",
+            channel_words(channel),
+            channel_unit(channel) or "-",
             number(one.data_sheet),
             number(one.refitted),
             "" if one.band is None else f"± {number(one.band)}",
         ]
-        for one in errors
+        for channel, one in errors.items()
     ]
     return table(heads, body, (2, 3, 4))
 
 
-def parameter_table(parameters: tuple[Parameter, ...], with_cause: dict[str, Estimate]) -> Html:
+def parameter_table(
+    parameters: Mapping[str, FitParameter], with_cause: Mapping[str, Estimate]
+) -> Html:
     """Value, interval, prior, unit, how well it is known, strain, and what to think of it."""
-    beside = any(one.name in with_cause for one in parameters)
+    beside = any(name in with_cause for name in parameters)
     heads = [
         "parameter",
         "unit",
@@ -147,20 +152,20 @@ def parameter_table(parameters: tuple[Parameter, ...], with_cause: dict[str, Est
         "known",
     ]
     body: list[list[Part]] = []
-    for one in parameters:
-        name: Part = [
-            tag("code", words.clean(one.name)),
+    for name, one in parameters.items():
+        named: Part = [
+            tag("code", words.clean(name)),
             tag("small", words.clean(one.source)) if one.source else "",
         ]
         row: list[Part] = [
-            name,
-            words.unit_words(one.unit) or "-",
+            named,
+            words.unit_words(_unit(name, one)) or "-",
             number(one.value),
             words.span(one.low, one.high),
             number(one.prior),
         ]
         if beside:
-            other = with_cause.get(one.name)
+            other = with_cause.get(name)
             row.append(number(other.value) if other is not None else words.DASH)
         strained = one.strain is not None and abs(one.strain) > STRAINED
         told = words.DASH if one.strain is None else f"{one.strain:.1f}".replace("-", words.MINUS)
@@ -169,15 +174,21 @@ def parameter_table(parameters: tuple[Parameter, ...], with_cause: dict[str, Est
     return table(heads, body, range(2, 6 + beside))
 
 
-def together_table(groups: tuple[Together, ...]) -> Html:
+def _unit(name: str, one: FitParameter | Combination) -> str:
+    return split_column(name)[1] if one.unit is None else one.unit
+
+
+def together_table(fit: FitFile) -> Html:
     """Combinations that are known where their parameters are not."""
     body: list[list[Part]] = []
-    for group in groups:
-        for one in group.known:
+    for group in fit.tied:
+        for name in group.known:
+            if (one := fit.combinations.get(name)) is None:
+                continue
             body.append(
                 [
-                    tag("code", words.clean(one.name)),
-                    words.unit_words(one.unit) or words.DASH,
+                    tag("code", words.clean(name)),
+                    words.unit_words(_unit(name, one)) or words.DASH,
                     number(one.value, 5),
                     f"{number(one.low, 5)} to {number(one.high, 5)}",
                     number(one.prior),
@@ -191,7 +202,7 @@ def together_table(groups: tuple[Together, ...]) -> Html:
     )
 
 
-def parameters_of(run: RunData) -> tuple[tuple[Parameter, ...], dict[str, Estimate]]:
+def parameters_of(run: RunData) -> tuple[dict[str, FitParameter], dict[str, Estimate]]:
     """The fitted parameters, and those of the diagnosis beside them; the latter alone where there
     is no fit."""
     found = run.diagnosis.parameters if run.diagnosis is not None else {}
@@ -200,25 +211,24 @@ def parameters_of(run: RunData) -> tuple[tuple[Parameter, ...], dict[str, Estima
             run.fit.parameters,
             found if run.diagnosis is not None and run.diagnosis.causes else {},
         )
-    alone = tuple(
-        Parameter(
-            name,
-            one.value,
-            one.low,
-            one.high,
-            one.prior,
-            words.channel_unit(name),
-            "",
-            "",
-            one.strain,
-            "",
+    alone = {
+        name: FitParameter(
+            value=one.value,
+            low=one.low,
+            high=one.high,
+            prior=one.prior,
+            unit=words.channel_unit(name),
+            word="",
+            at_bound=None,
+            strain=one.strain,
+            source="",
         )
         for name, one in found.items()
-    )
+    }
     return alone, {}
 
 
-def _remark(one: Parameter, strained: bool) -> str:
+def _remark(one: FitParameter, strained: bool) -> str:
     told = [words.clean(one.word)] if one.word else []
     told += ["may be absorbing structure"] if strained else []
     told += (
@@ -260,7 +270,7 @@ def ranking_table(diagnosis: DiagnosisFile) -> Html:
     return table(heads, body, range(3, 6 + len(channels)))
 
 
-def recordings_table(fit: Fit) -> Html:
+def recordings_table(fit: FitFile) -> Html:
     """What was recorded and which part it played."""
     heads = ["recording", "role", "samples", "period [ms]", "loop"]
     body = [
@@ -269,7 +279,7 @@ def recordings_table(fit: Fit) -> Html:
             words.clean(one.role),
             count(one.samples),
             words.DASH if one.period_s is None else number(1e3 * one.period_s),
-            words.clean(one.loop) or words.DASH,
+            words.clean(one.loop or "") or words.DASH,
         ]
         for one in fit.recordings
     ]
@@ -284,7 +294,7 @@ def steps_table(steps: tuple[Step, ...]) -> Html:
             tag("code", words.clean(" ".join(one.command))),
             count(one.seed),
             _moment(one.begun) or words.DASH,
-            _moment(one.ended) or "did not end",
+            _moment(one.ended or "") or "did not end",
             one.outcome or words.DASH,
         ]
         for one in steps
@@ -294,7 +304,7 @@ def steps_table(steps: tuple[Step, ...]) -> Html:
 
 def versions_words(steps: tuple[Step, ...]) -> str:
     """What the commands ran on; of several versions the latest."""
-    versions = dict(pair for step in steps for pair in step.versions)
+    versions = dict(pair for step in steps for pair in step.versions.items())
     listed = ", ".join(
         f"{words.clean(name)} {words.clean(version)}" for name, version in versions.items()
     )
@@ -311,14 +321,14 @@ def _moment(stamp: str) -> str:
 
 def inputs_table(steps: tuple[Step, ...]) -> Html:
     """Every input file with the sha256 it had."""
-    inputs = dict.fromkeys(pair for step in steps for pair in step.inputs)
+    inputs = dict.fromkeys((one.path, one.sha256) for step in steps for one in step.inputs)
     return table(
         ["input", "sha256"],
         [[words.clean(path), tag("code", words.clean(sha))] for path, sha in inputs],
     )
 
 
-def transfer_table(told: tuple[Transfer, ...], fit: Fit | None) -> Html:
+def transfer_table(told: tuple[Transfer, ...], fit: FitFile | None) -> Html:
     """MAE on held-out recordings made under other conditions, refitted and with the cause."""
     channels = list(dict.fromkeys(name for one in told for name in one.channels))
     heads = ["recording", "differs in"]

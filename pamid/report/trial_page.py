@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from pamid.report import words
-from pamid.report.load import Step
 from pamid.report.markup import Html, Part, joined, paragraphs, prose, tag
 from pamid.report.page import document, figure_html
 from pamid.report.style import Picture
 from pamid.report.tables import inputs_table, steps_table, table, versions_words
 from pamid.report.trial import Trial, reached_words
 from pamid.report.words import effect_words
+from pamid.schemas.run import Step
 from pamid.trial.table import HEAD, TITLES, strata, summary
 
 _SHOWN_FAILURES = 20

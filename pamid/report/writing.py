@@ -21,7 +21,7 @@ from pamid.report.figures import (
     regimes_drawing,
     window_drawing,
 )
-from pamid.report.load import RunData, Step, load_run, read_steps
+from pamid.report.load import RunData, load_run, read_steps
 from pamid.report.page import MARK, page_html
 from pamid.report.papers import Paper, paper_drawings, read_paper
 from pamid.report.papers_page import paper_html
@@ -31,6 +31,7 @@ from pamid.report.style import Drawing, Picture, render
 from pamid.report.trial import read_trial
 from pamid.report.trial_figures import trial_drawings
 from pamid.report.trial_page import trial_html
+from pamid.schemas.run import Step
 
 #: every figure this version can write; older ones of these names are removed when a run no longer
 #: has them

@@ -11,6 +11,10 @@ from typing import Any
 #: name without `pamid.` and its number -> module of this package and its model
 MODELS = {
     "diagnosis": ("diagnosis", "DiagnosisFile"),
+    "fit": ("fit", "FitFile"),
+    "network": ("network", "NetworkFile"),
+    "run": ("run", "RunFile"),
+    "trial": ("trial", "TrialFile"),
 }
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo, WithJsonSchema
 
@@ -14,6 +14,7 @@ from pamid.schemas.estimates import (
     SHRINKAGE,
     UNIT,
     WHY_ENDED,
+    WORD,
     Estimate,
     FailedJob,
     Interval,
@@ -42,7 +43,7 @@ class CauseParameter(Interval):
     """A parameter of an effect that the verdict adds."""
 
     unit: Text = Field("", description=UNIT)
-    word: Text = Field("", description="settled by the data, weak, or silent")
+    word: Text = Field("", description=WORD)
 
 
 class Cause(Model):
@@ -330,6 +331,8 @@ class DiagnosisFile(Model):
         title="diagnosis.json and pamid diagnose: where the gap lies, which effect causes it, "
         "how far it shrinks"
     )
+
+    not_read: ClassVar = ("sentence", "units", "further", "failed_jobs")
 
     schema_: Literal["pamid.diagnosis/1"] = Field(default="pamid.diagnosis/1", alias="schema")
     verdict: Verdict
