@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import DataError, FileError, nearest
+from pamid.base.result_file import REMEDY
 from pamid.base.units import split_column, to_si
 from pamid.model.registry import catalogue_rig, rig_named, rigs
 from pamid.model.rig import Rig
@@ -21,7 +22,7 @@ from pamid.model.trace import Names
 from pamid.report import words
 from pamid.report.budget import MODELS, Window, worst_window
 from pamid.report.load import Residual, RunData
-from pamid.report.reading import REMEDY, FloatArray
+from pamid.report.reading import FloatArray
 from pamid.report.sentences import causes_words
 
 LONGEST_S = 12.0  # shown where no times are asked for

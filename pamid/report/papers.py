@@ -17,9 +17,10 @@ from PIL import Image, UnidentifiedImageError
 
 from pamid.base.errors import FileError
 from pamid.base.files import PICTURE, read_data
+from pamid.base.result_file import REMEDY
 from pamid.base.run_folder import FIGURES
 from pamid.report import words
-from pamid.report.reading import REMEDY, Node, read_object
+from pamid.report.reading import Node, read_object
 from pamid.report.style import WIDE_IN, Drawing
 from pamid.report.words import channel_unit, channel_words, effect_words, number, percent, sentence
 
