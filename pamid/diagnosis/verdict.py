@@ -18,6 +18,7 @@ from pamid.diagnosis.transfer import transfer
 from pamid.estimation.intervals import background_pull, estimates
 from pamid.model.isolability import isolability
 from pamid.schemas import diagnosis as result
+from pamid.schemas.grounds import Confidence, Further, Grounds
 
 Array = NDArray[np.float64]
 
@@ -78,9 +79,9 @@ def diagnosis_file(
         background=_background(d, final),
         unknown=result.Unknown(**unknown) if unknown else None,
         units=result.UnitsInDoubt(**d.units) if d.units else None,
-        further=tuple(result.Further(**vars(n)) for n in d.newcomers),
-        grounds=result.Grounds(**vars(d.grounds)) if d.grounds else None,
-        confidence=result.Confidence(gap=d.judged.gap, known=d.judged.known, first=d.judged.first)
+        further=tuple(Further(**vars(n)) for n in d.newcomers),
+        grounds=Grounds(**vars(d.grounds)) if d.grounds else None,
+        confidence=Confidence(gap=d.judged.gap, known=d.judged.known, first=d.judged.first)
         if d.judged
         else None,
     )
