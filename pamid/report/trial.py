@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pamid.base.json_file import read_json
 from pamid.base.result_file import damaged, read_result
 from pamid.report import words
 from pamid.report.words import effect_words, percent
@@ -67,7 +68,7 @@ def read_trial(path: Path) -> Trial | None:
                 if name not in rates:
                     place = f"strata.{dimension}.{key}.{name}"
                     raise damaged(path, place, "an object", "missing")
-    content = found.as_json()
+    content = read_json(path)  # as it stands: what was null is null
     scored = tuple(
         _scored(row, one, cells(content, row))
         for row in rows_of(content)
