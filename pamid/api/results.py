@@ -16,14 +16,16 @@ from pamid.api.workers import RunHome
 from pamid.base.card import Cells, card, html_table, interval, number, paragraph, text_table
 from pamid.base.errors import FileError, nearest
 from pamid.base.json_file import read_json
+from pamid.base.result_file import read_result
 from pamid.base.units import split_column
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
 from pamid.report.channel_errors import ChannelErrors, errors_of
-from pamid.report.load import Recorded, RunData, load_run, read_diagnosis
+from pamid.report.load import RunData, load_run, read_diagnosis
 from pamid.report.reading import Node, read_object
 from pamid.schemas.diagnosis import Candidate, NextExperiment, Regime, Unknown
+from pamid.schemas.fit import FitFile, RecordingUsed
 
 if TYPE_CHECKING:
     from pamid.recording.plot import NotebookFigure
@@ -143,7 +145,7 @@ class FitResult:
     folder: Path
     rig: str
     effects: tuple[str, ...]
-    recordings: tuple[Recorded, ...]
+    recordings: tuple[RecordingUsed, ...]
     channels: tuple[str, ...]
     converged: bool
     why: str
@@ -339,7 +341,8 @@ def read_result(
     folder = home.folder
     fit = read_object(folder / "fit.json", FIT_SCHEMA)
     diagnosis = read_object(folder / "diagnosis.json", DIAGNOSIS_SCHEMA)
-    if fit is None:
+    described = read_result(folder / "fit.json", FitFile)
+    if fit is None or described is None:
         load_run(folder)  # says what is wrong with it
         raise FileError(
             f"{folder} holds a diagnosis without its fit.json.",
@@ -350,18 +353,7 @@ def read_result(
         "folder": folder,
         "rig": fit.text("rig"),
         "effects": fit.texts("effects"),
-        "recordings": tuple(
-            Recorded(
-                one.text("name"),
-                one.text("path", ""),
-                one.text("sha256", ""),
-                one.text("role", ""),
-                one.maybe("samples"),
-                one.maybe("period_s"),
-                one.text("loop", ""),
-            )
-            for one in fit.listed("recordings")
-        ),
+        "recordings": tuple(described.recordings),
         "channels": fit.texts("channels"),
         "converged": fit.flag("converged", True),
         "why": fit.text("why", ""),

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path, PurePath
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pamid.base.errors import FileError
 from pamid.base.files import (
@@ -30,6 +30,9 @@ from pamid.base.files import (
     sweep,
 )
 from pamid.base.json_file import json_text, read_json, write_json
+
+if TYPE_CHECKING:
+    from pamid.schemas.run import InputFile
 
 RUN_SCHEMA = "pamid.run/1"
 FIT_FILE, RESIDUAL_FILE = "fit.json", "residual.csv"
@@ -83,20 +86,22 @@ class Run:
         _require_free(path, overwrite, resumable=resume is not None)
         _require_inside(path, JOBS)
         old = _written(path)
-        record = {
-            "schema": RUN_SCHEMA,
-            "command": _command_line(command),
-            "seed": seed,
-            "options": dict(options or {}),
-            "inputs": _hashes(inputs),
-            "versions": _versions(),
-            "platform": platform.platform(),
-            "begun": _now(),
-            "ended": None,
-            "outcome": None,
-            "steps": [],
-            "files": [],
-        }
+        from pamid.schemas.run import RunFile  # not to be loaded by what only opens a run
+
+        begun = RunFile(
+            command=tuple(_command_line(command)),
+            seed=seed,
+            options=dict(options or {}),
+            inputs=_inputs(inputs),
+            versions=_versions(),
+            platform=platform.platform(),
+            begun=_now(),
+            ended=None,
+            outcome=None,
+            steps=(),
+            files=(),
+        )
+        record = begun.as_json()
         try:
             path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -247,17 +252,20 @@ class Run:
         """Note a later command that works on this run (`train-residual`, `report`); `finish` closes
         it."""
         record = self.record
-        step = {
-            "command": _command_line(command),
-            "seed": seed,
-            "options": dict(options or {}),
-            "inputs": _hashes(inputs),
-            "versions": _versions(),
-            "begun": _now(),
-            "ended": None,
-            "outcome": None,
-        }
-        write_json(self.folder / "run.json", {**record, "steps": [*record.get("steps", []), step]})
+        from pamid.schemas.run import Step
+
+        step = Step(
+            command=tuple(_command_line(command)),
+            seed=seed,
+            options=dict(options or {}),
+            inputs=_inputs(inputs),
+            versions=_versions(),
+            begun=_now(),
+            ended=None,
+            outcome=None,
+        )
+        steps = [*record.get("steps", []), step.as_json()]
+        write_json(self.folder / "run.json", {**record, "steps": steps})
         sweep(self.folder)
 
     def finish(self, outcome: str = "done", **more: Any) -> None:
@@ -350,6 +358,12 @@ def _command_line(command: str | Sequence[str]) -> list[str]:
 
 def _hashes(inputs: Sequence[str | Path]) -> list[dict[str, str]]:
     return [{"path": str(path), "sha256": sha256_of(path)} for path in inputs]
+
+
+def _inputs(inputs: Sequence[str | Path]) -> tuple[InputFile, ...]:
+    from pamid.schemas.run import InputFile
+
+    return tuple(InputFile(**one) for one in _hashes(inputs))
 
 
 def _versions() -> dict[str, str]:

@@ -34,9 +34,9 @@ from pamid.recording.recording import (
     match_column,
     read_recording,
 )
+from pamid.schemas import check as result
 from pamid.simulation.data_split import require_informative
 
-CHECK_SCHEMA = "pamid.check/1"
 STILL_SHARE = 0.02  # of a column's range: what moves less is at rest
 
 
@@ -86,15 +86,17 @@ def inspect(
                 code="suffix",
             )
     wrong = [f for f in found if f.wrong]
-    said: dict[str, Any] = {"schema": CHECK_SCHEMA, "file": str(path), **about, "ok": not wrong}
+    said: dict[str, Any] = {"file": str(path), **about, "ok": not wrong}
     if wrong:
         said |= {
             "code": "file",
             "message": f"{path}: {wrong[0].detail}",
             "hint": "Every problem is in `findings`.",
         }
-    listed = [{"check": f.check, "ok": f.ok, "advice": f.advice, "detail": f.detail} for f in found]
-    return Inspection({**said, "findings": listed}, recording, issues)
+    listed = tuple(
+        result.Finding(check=f.check, ok=f.ok, advice=f.advice, detail=f.detail) for f in found
+    )
+    return Inspection(result.CheckFile(**said, findings=listed).as_json(), recording, issues)
 
 
 def require_sound(recording: Recording, rig: Rig) -> None:

@@ -229,8 +229,7 @@ def write_network(
     weights, network, trace, residual = run.claim(
         WEIGHTS_FILE, NETWORK_FILE, TRACE_FILE, RESIDUAL_FILE
     )
-    weights_data, described = network_files(trained)
-    content = described | about
+    weights_data, content = network_files(trained, **about)
     write_together(
         {
             weights: weights_data,

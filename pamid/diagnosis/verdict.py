@@ -18,6 +18,7 @@ from pamid.diagnosis.transfer import transfer
 from pamid.estimation.intervals import background_pull, estimates
 from pamid.model.isolability import isolability
 from pamid.schemas import diagnosis as result
+from pamid.schemas.grounds import Confidence, Further, Grounds
 
 Array = NDArray[np.float64]
 
@@ -82,11 +83,9 @@ def diagnosis_file(
         background=_background(d, final),
         unknown=result.Unknown(**unknown) if unknown else None,
         units=result.UnitsInDoubt(**d.units) if d.units else None,
-        further=tuple(result.Further(**vars(n)) for n in d.forward_steps),
-        grounds=result.Grounds(**vars(d.grounds)) if d.grounds else None,
-        confidence=result.Confidence(
-            gap=d.decision.gap, known=d.decision.known, first=d.decision.first
-        )
+        further=tuple(Further(**vars(n)) for n in d.forward_steps),
+        grounds=Grounds(**vars(d.grounds)) if d.grounds else None,
+        confidence=Confidence(gap=d.decision.gap, known=d.decision.known, first=d.decision.first)
         if d.decision
         else None,
     )

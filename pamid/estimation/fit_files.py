@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 from pamid.base.units import as_column, from_si, split_column, with_unit
 from pamid.estimation.closed_loop import closed_loop_figures, loop_columns, loop_names
 from pamid.estimation.grey_box import GreyBox
-from pamid.estimation.identifiable_combinations import combinations_json
+from pamid.estimation.identifiable_combinations import Combination, combinations_of
 from pamid.estimation.intervals import background_pull, estimates
-from pamid.estimation.posterior import from_json, posterior_json
+from pamid.estimation.posterior import posterior_of, started_from
 from pamid.estimation.problem import Fit
 from pamid.estimation.quantities import agreed
 from pamid.model.assembly import Assembly
 from pamid.recording.recording import Recording
+from pamid.schemas import fit as result
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, channel_mae, replay_track
 
@@ -31,75 +32,96 @@ def fit_json(g: GreyBox, seed: int) -> dict[str, Any]:
         "refitted": channel_mae(list(g.held_out)),
         "noise_floor": channel_mae(list(g.floor)),
     }
-    return {
-        "schema": "pamid.fit/1",
-        "rig": e.rig.name,
-        "effects": [a.label for a in g.assembly.attachments],
-        "seed": seed,
-        "recordings": [
-            {
-                "name": r.name,
-                "path": str(r.path),
-                "sha256": r.sha256,
-                "role": _role(e, r),
-                "samples": len(r),
-                "period_s": r.sampling_period_s,
-                "loop": r.loop,
-                "controller": r.controller,
-                "lacks": e.lacking(r),
-            }
+    combinations, ties = combinations_of(g.fit, g.draws)
+    found = result.FitFile(
+        rig=e.rig.name,
+        effects=tuple(a.label for a in g.assembly.attachments),
+        seed=seed,
+        recordings=tuple(
+            result.RecordingUsed(
+                name=r.name,
+                path=str(r.path),
+                sha256=r.sha256,
+                role=_role(e, r),
+                samples=len(r),
+                period_s=r.sampling_period_s,
+                loop=r.loop,
+                controller=r.controller,
+                lacks=tuple(e.lacking(r)),
+            )
             for r in e.recordings
-        ],
-        "channels": list(e.channels),
-        "converged": g.fit.converged,
-        "why": g.fit.why,
-        "iterations": g.fit.iterations,
-        "stepping": {
-            "substeps": g.fit.stepping.substeps,
-            "implicit": g.fit.stepping.implicit,
-            "recheck": g.recheck,
-        },
-        "noise": {c: as_column(c, e.noise[i]) for i, c in enumerate(e.channels)},
-        "parameters": {
-            x.name: {
-                "value": x.value,
-                "low": x.low,
-                "high": x.high,
-                "prior": x.prior,
-                "unit": x.bound.unit,
-                "word": x.word,
-                "at_bound": x.at_bound,
-                "strain": x.strain,
-                "source": x.bound.source,
-            }
+        ),
+        channels=tuple(e.channels),
+        converged=g.fit.converged,
+        why=g.fit.why,
+        iterations=g.fit.iterations,
+        stepping=result.CheckedSteps(
+            substeps=g.fit.stepping.substeps,
+            implicit=g.fit.stepping.implicit,
+            recheck=g.recheck,
+        ),
+        noise={c: as_column(c, e.noise[i]) for i, c in enumerate(e.channels)},
+        parameters={
+            x.name: result.FitParameter(
+                value=x.value,
+                low=x.low,
+                high=x.high,
+                prior=x.prior,
+                unit=x.bound.unit,
+                word=x.word,
+                at_bound=x.at_bound,
+                strain=x.strain,
+                source=x.bound.source,
+            )
             for x in estimates(g.fit, g.draws)
             if not x.bound.nuisance
         },
-        "intervals": "block bootstrap" if g.draws is not None else "Jacobian",
-        "background": {k: {"pull": v} for k, v in background_pull(g.fit).items()},
-        "mae": {
+        intervals="block bootstrap" if g.draws is not None else "Jacobian",
+        background={k: result.BackgroundPull(pull=v) for k, v in background_pull(g.fit).items()},
+        mae={
             c: {k: as_column(c, v[i]) for k, v in figures.items()} for i, c in enumerate(e.channels)
         },
-        "closed_loop": closed_loop_figures(g),
-        **combinations_json(g.fit, g.draws),
-        "posterior": posterior_json(g.fit),
-        "model": model_json(g.assembly, g.fit),
-        **(
-            {}
-            if g.earlier is None
-            else {"from": from_json(g.earlier, g.earlier.remarks(g.fit.problem))}
+        closed_loop=closed_loop_figures(g),
+        combinations={c.name: _combination(c) for c in combinations},
+        tied=tuple(
+            result.Tie(parameters=t.parameters, directions=t.directions, known=t.known)
+            for t in ties
         ),
-    }
+        posterior=posterior_of(g.fit),
+        model=fitted_model(g.assembly, g.fit),
+    )
+    if g.earlier is not None:
+        began = started_from(g.earlier, g.earlier.remarks(g.fit.problem))
+        found = found.model_copy(update={"from_": began})
+    return found.as_json()
+
+
+def _combination(c: Combination) -> result.Combination:
+    return result.Combination(
+        value=c.value,
+        low=c.low,
+        high=c.high,
+        prior=c.prior,
+        unit=c.unit,
+        word=c.word,
+        members=c.members,
+        declared=c.declared,
+    )
 
 
 def model_json(a: Assembly, fitted: Fit) -> dict[str, Any]:
+    """The same as `fitted_model`, as JSON."""
+    return fitted_model(a, fitted).as_json()
+
+
+def fitted_model(a: Assembly, fitted: Fit) -> result.FittedModel:
     """What rebuilds a fitted model to the last bit: its effects, every parameter (SI) by key, and
     its steps."""
-    return {
-        "effects": [one.label for one in a.attachments],
-        "stepping": {"substeps": fitted.stepping.substeps, "implicit": fitted.stepping.implicit},
-        "values": {b.key: float(v) for b, v in zip(a.parameters, agreed(fitted), strict=True)},
-    }
+    return result.FittedModel(
+        effects=tuple(one.label for one in a.attachments),
+        stepping=result.Steps(substeps=fitted.stepping.substeps, implicit=fitted.stepping.implicit),
+        values={b.key: float(v) for b, v in zip(a.parameters, agreed(fitted), strict=True)},
+    )
 
 
 def _role(e: DataSplit, recording: Recording) -> str:

@@ -13,7 +13,7 @@ Biol. 3(10), e189.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from itertools import combinations as subsets
 from itertools import islice
 from typing import Any
@@ -79,13 +79,6 @@ def combinations_of(fitted: Fit, draws: Array | None = None) -> tuple[list[Combi
             Tie(tuple(space.names[k] for k in group), known.shape[1], tuple(q.name for q in found))
         )
     return list(combinations.values()), ties
-
-
-def combinations_json(fitted: Fit, draws: Array | None = None) -> dict[str, Any]:
-    """The keys `combinations` and `tied` of fit.json."""
-    combinations, ties = combinations_of(fitted, draws)
-    content = {c.name: {k: v for k, v in asdict(c).items() if k != "name"} for c in combinations}
-    return {"combinations": content, "tied": [asdict(t) for t in ties]}
 
 
 def tied_text(found: dict[str, Any]) -> list[str]:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,7 @@ from pamid.base.run_folder import FIT_FILE, Run
 from pamid.estimation.prior import Prior
 from pamid.estimation.problem import Fit, Problem
 from pamid.estimation.quantities import agreed, straight
+from pamid.schemas import fit as result
 from pamid.simulation.data_split import DataSplit
 
 Array = NDArray[np.float64]
@@ -160,7 +161,7 @@ class Posterior:
                     )
 
 
-def posterior_json(fitted: Fit) -> dict[str, Any]:
+def posterior_of(fitted: Fit) -> result.Posterior:
     """The part of fit.json that a later fit reads. covariance: lower triangle, row by row."""
     scale, bounds, free = (
         fitted.problem.scale,
@@ -172,16 +173,16 @@ def posterior_json(fitted: Fit) -> dict[str, Any]:
         for i, (b, v) in enumerate(zip(bounds, agreed(fitted), strict=True))
         if i not in free and not b.owner
     }
-    return {
-        "keys": [bounds[i].key for i in free],
-        "log": scale.log.tolist(),
-        "centre": scale.centre.tolist(),
-        "spread": scale.spread.tolist(),
-        "value": scale.inside(fitted.p[free]).tolist(),
-        "held": fitted.held.tolist(),
-        "others": others,
-        "covariance": [row[: k + 1].tolist() for k, row in enumerate(fitted.covariance)],
-    }
+    return result.Posterior(
+        keys=tuple(bounds[i].key for i in free),
+        log=tuple(scale.log.tolist()),
+        centre=tuple(scale.centre.tolist()),
+        spread=tuple(scale.spread.tolist()),
+        value=tuple(scale.inside(fitted.p[free]).tolist()),
+        held=tuple(fitted.held.tolist()),
+        others=others,
+        covariance=tuple(tuple(row[: k + 1].tolist()) for k, row in enumerate(fitted.covariance)),
+    )
 
 
 def read_posterior(folder: Path) -> Posterior:
@@ -253,11 +254,11 @@ def _refuse(path: Path, what: str) -> NoReturn:
     raise FileError(f"{path}: its posterior cannot be used: {what}.", REMEDY, code="damaged")
 
 
-def from_json(posterior: Posterior, remarks: list[str]) -> dict[str, Any]:
+def started_from(posterior: Posterior, remarks: list[str]) -> result.StartedFrom:
     """The part of fit.json that says what the fit began from."""
-    return {
-        "path": str(posterior.path.parent),
-        "sha256": posterior.sha256,
-        "recordings": sorted(posterior.fitted),
-        "remarks": remarks,
-    }
+    return result.StartedFrom(
+        path=str(posterior.path.parent),
+        sha256=posterior.sha256,
+        recordings=tuple(sorted(posterior.fitted)),
+        remarks=tuple(remarks),
+    )

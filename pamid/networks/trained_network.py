@@ -30,6 +30,7 @@ from pamid.base.npz import load_arrays
 from pamid.networks.network import Network
 from pamid.networks.scaling import Scaling, check_finite, scaling_of
 from pamid.networks.training import Training, train
+from pamid.schemas.network import NetworkFile, ScaledSignal, TrainingSummary, WeightsFile
 
 Array = NDArray[np.float64]
 Signals = Mapping[str, ArrayLike]
@@ -166,30 +167,31 @@ def save_network(folder: Path | str, trained: TrainedNetwork) -> None:
     )
 
 
-def network_files(trained: TrainedNetwork) -> tuple[bytes, dict[str, Any]]:
-    """What stands in `network.npz` and in `network.json`."""
+def network_files(trained: TrainedNetwork, **about: Any) -> tuple[bytes, dict[str, Any]]:
+    """What stands in `network.npz` and in `network.json`; about: its fields on what it corrects."""
     buffer = io.BytesIO()
     np.savez(buffer, weights=np.ascontiguousarray(trained.weights, dtype=np.float64))
     content = buffer.getvalue()
     scalings = zip(trained.input_scaling.low, trained.input_scaling.high, strict=True)
-    return content, {
-        "schema": NETWORK_SCHEMA,
-        "kind": trained.network.kind,
-        "sizes": asdict(trained.network),  # type: ignore[call-overload]
-        "n_weights": trained.network.n_weights,
-        "inputs": [
-            {"name": name, "low": low, "high": high}
+    described = NetworkFile(
+        kind=trained.network.kind,
+        sizes=asdict(trained.network),  # type: ignore[call-overload]
+        n_weights=trained.network.n_weights,
+        inputs=tuple(
+            ScaledSignal(name=name, low=low, high=high)
             for name, (low, high) in zip(trained.input_names, scalings, strict=True)
-        ],
-        "output": {
-            "name": trained.output_name,
-            "low": trained.output_scaling.low[0],
-            "high": trained.output_scaling.high[0],
-        },
-        "period_s": trained.period_s,
-        "training": dict(trained.summary),
-        "weights": {"file": WEIGHTS_FILE, "sha256": hashlib.sha256(content).hexdigest()},
-    }
+        ),
+        output=ScaledSignal(
+            name=trained.output_name,
+            low=trained.output_scaling.low[0],
+            high=trained.output_scaling.high[0],
+        ),
+        period_s=trained.period_s,
+        training=TrainingSummary(**trained.summary),
+        weights=WeightsFile(file=WEIGHTS_FILE, sha256=hashlib.sha256(content).hexdigest()),
+        **about,
+    )
+    return content, described.as_json()
 
 
 def load_network(folder: Path | str) -> TrainedNetwork:

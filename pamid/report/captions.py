@@ -16,9 +16,10 @@ from pamid.report.formatting import (
     percent_span,
     with_unit_text,
 )
-from pamid.report.load import Network, RunData
+from pamid.report.load import RunData
 from pamid.report.reading import FloatArray
 from pamid.schemas.diagnosis import Candidate, DiagnosisFile, Regime, Sensor, Where
+from pamid.schemas.network import NetworkFile
 
 
 def causes_label(diagnosis: DiagnosisFile) -> str:
@@ -281,7 +282,7 @@ def pulls_title(pulls: dict[str, float]) -> str:
     return f"The background stays within twice its tolerance; the largest pull is {worst}"
 
 
-def training_title(trace: dict[str, FloatArray], network: Network | None) -> str:
+def training_title(trace: dict[str, FloatArray], network: NetworkFile | None) -> str:
     """Where the training ended, and how many parameters it uses."""
     iteration = formatting.count(float(trace["iteration"][-1]))
     text = f"Training ends at iteration {iteration} with an MSE of "

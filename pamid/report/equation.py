@@ -132,11 +132,11 @@ def model_equations(run: RunData) -> tuple[Equation, ...]:
     found = []
     for label in run.fit.effects:
         own = {
-            one.name.removeprefix(f"{label}:"): CauseParameter(
+            name.removeprefix(f"{label}:"): CauseParameter(
                 value=one.value, low=one.low, high=one.high, unit="", word=""
             )
-            for one in run.fit.parameters
-            if one.name.startswith(f"{label}:")
+            for name, one in run.fit.parameters.items()
+            if name.startswith(f"{label}:")
         }
         found.append(
             _cause_equation(

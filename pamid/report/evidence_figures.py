@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from pamid.report import formatting
 from pamid.report.captions import pulls_title, timeline_title, training_title
-from pamid.report.load import Network, Residual, RunData
+from pamid.report.load import Residual, RunData
 from pamid.report.reading import FloatArray
 from pamid.report.style import Drawing, bare, colour, grid, label, legend_above
 from pamid.schemas.diagnosis import DiagnosisFile
+from pamid.schemas.network import NetworkFile
 
 _BINS = 160
 _PANELS = {"mse": ("MSE [-]", True), "gamma": ("gamma [-]", False), "mu": ("mu [-]", True)}
@@ -70,7 +71,7 @@ def pulls_drawing(pulls: dict[str, float]) -> Drawing | None:
     return Drawing("background", pulls_title(pulls), draw, height, height)
 
 
-def training_drawing(trace: dict[str, FloatArray], network: Network | None) -> Drawing | None:
+def training_drawing(trace: dict[str, FloatArray], network: NetworkFile | None) -> Drawing | None:
     """MSE of the scaled output, effective number of parameters and damping over the iteration."""
     panels = [name for name in _PANELS if name in trace and np.isfinite(trace[name]).any()]
     if not panels:
@@ -199,4 +200,4 @@ def pulls_of(run: RunData) -> dict[str, float]:
     diagnosis: DiagnosisFile | None = run.diagnosis
     if diagnosis is not None and diagnosis.background:
         return {name: one.pull for name, one in diagnosis.background.items()}
-    return dict(run.fit.background) if run.fit is not None else {}
+    return {k: one.pull for k, one in run.fit.background.items()} if run.fit is not None else {}

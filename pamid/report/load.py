@@ -10,117 +10,13 @@ from pamid.base.errors import FileError
 from pamid.base.result_file import REMEDY, damaged, read_result
 from pamid.base.run_folder import Run
 from pamid.base.units import split_column
-from pamid.report.reading import FloatArray, Node, read_columns, read_object
+from pamid.report.reading import FloatArray, read_columns
 from pamid.schemas.diagnosis import DiagnosisFile
+from pamid.schemas.fit import FitFile
+from pamid.schemas.network import NetworkFile
+from pamid.schemas.run import RunFile, Step
 
 KEYS = ("time_s", "recording", "part", "window")  # columns of residual.csv that are no signal
-
-
-@dataclass(frozen=True)
-class Step:
-    """One command that worked on this run, as run.json notes it; times are ISO text or "" if it
-    never ended."""
-
-    command: tuple[str, ...]
-    seed: float | None
-    begun: str
-    ended: str
-    outcome: str
-    versions: tuple[tuple[str, str], ...]
-    platform: str
-    inputs: tuple[tuple[str, str], ...]  # path, sha256
-    rig: str  # as it was named, by name or by file; "" where none was
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """A fitted parameter, in `unit`; strain is its distance from the prior in prior standard
-    deviations."""
-
-    name: str
-    value: float
-    low: float | None
-    high: float | None
-    prior: float | None
-    unit: str
-    word: str
-    at_bound: str
-    strain: float | None
-    source: str
-
-
-@dataclass(frozen=True)
-class Together:
-    """Parameters that are known only in combination, and the combinations that are: as fitted ones,
-    without source."""
-
-    parameters: tuple[str, ...]
-    known: tuple[Parameter, ...]
-
-
-@dataclass(frozen=True)
-class LoopError:
-    """MAE of the model in its own control loop; `band`: its change by 0.1 % of the conductances.
-    Channel's unit."""
-
-    channel: str
-    data_sheet: float | None
-    refitted: float | None
-    band: float | None
-
-
-@dataclass(frozen=True)
-class Recorded:
-    """A recording that the fit used."""
-
-    name: str
-    path: str
-    sha256: str
-    role: str
-    samples: float | None
-    period_s: float | None
-    loop: str
-
-
-@dataclass(frozen=True)
-class Fit:
-    """fit.json. `mae`: channel -> data_sheet, refitted, noise_floor, in the channel's unit."""
-
-    rig: str
-    effects: tuple[str, ...]
-    recordings: tuple[Recorded, ...]
-    channels: tuple[str, ...]
-    converged: bool
-    why: str
-    iterations: float | None
-    substeps: float | None
-    implicit: bool
-    recheck: float | None
-    parameters: tuple[Parameter, ...]
-    together: tuple[Together, ...]
-    background: tuple[tuple[str, float], ...]
-    mae: dict[str, dict[str, float]]
-    closed_loop: tuple[LoopError, ...]
-
-
-@dataclass(frozen=True)
-class Network:
-    """network.json: what was trained, how it ended, and its MAE. `mae`: channel -> refitted,
-    with_network.
-
-    in_loop: it corrects the model in its own loop, so its errors do not compare with those of the
-    replay.
-    """
-
-    kind: str
-    n_weights: float | None
-    why: str
-    converged: bool
-    remark: str
-    iterations: float | None
-    output: str
-    mae: dict[str, dict[str, float]]
-    in_loop: bool
 
 
 @dataclass(frozen=True)
@@ -141,9 +37,9 @@ class RunData:
     """All that was found; None for what is not there."""
 
     steps: tuple[Step, ...]
-    fit: Fit | None
+    fit: FitFile | None
     diagnosis: DiagnosisFile | None
-    network: Network | None
+    network: NetworkFile | None
     residual: Residual | None
     trace: dict[str, FloatArray] | None
     missing: dict[str, FloatArray] | None
@@ -180,10 +76,8 @@ def load_run(folder: Path) -> RunData:
     """Read a run folder; FileError if it is none, holds no result, or one of its files is
     damaged."""
     Run.open(folder)
-    fit, diagnosis = (
-        read_object(folder / "fit.json", "pamid.fit/1"),
-        read_diagnosis(folder / "diagnosis.json"),
-    )
+    fit = read_result(folder / "fit.json", FitFile)
+    diagnosis = read_diagnosis(folder / "diagnosis.json")
     if fit is None and diagnosis is None:
         hint = "`pamid fit` or `pamid diagnose` with --output writes one."
         raise FileError(
@@ -191,7 +85,8 @@ def load_run(folder: Path) -> RunData:
             hint,
             code="no-result",
         )
-    network, residual = read_object(folder / "network.json"), read_columns(folder / "residual.csv")
+    network = read_result(folder / "network.json", NetworkFile, any_schema=True)
+    residual = read_columns(folder / "residual.csv")
     if residual is not None:
         _require(folder / "residual.csv", residual, KEYS)
     trace = read_columns(folder / "trace.csv")
@@ -204,17 +99,16 @@ def load_run(folder: Path) -> RunData:
             {split_column(name)[0]: x for name, x in missing.items()},
             ("missing",),
         )
-    trained = None if network is None else _read_network(network)
     # its trace belongs to another comparison
-    if residual is not None and trained is not None and trained.in_loop:
+    if residual is not None and network is not None and network.in_loop:
         residual = {
             name.replace("_network", "_loop_network"): values for name, values in residual.items()
         }
     return RunData(
         steps=read_steps(folder / "run.json"),
-        fit=None if fit is None else _read_fit(fit),
+        fit=fit,
         diagnosis=diagnosis,
-        network=trained,
+        network=network,
         residual=None if residual is None else Residual(residual),
         trace=trace,
         missing=missing,
@@ -232,106 +126,9 @@ def read_diagnosis(path: Path) -> DiagnosisFile | None:
 
 def read_steps(path: Path) -> tuple[Step, ...]:
     """The commands that run.json notes."""
-    record = read_object(path)
+    record = read_result(path, RunFile, any_schema=True)
     assert record is not None
-    return tuple(_read_step(node) for node in (record, *record.listed("steps")))
-
-
-def _read_step(node: Node) -> Step:
-    versions, options = node.child("versions"), node.child("options")
-    return Step(
-        command=node.texts("command"),
-        seed=node.maybe("seed"),
-        begun=node.text("begun", ""),
-        ended=node.text("ended", ""),
-        outcome=node.text("outcome", ""),
-        versions=()
-        if versions is None
-        else tuple((name, versions.text(name)) for name in versions.content),
-        platform=node.text("platform", ""),
-        inputs=tuple((one.text("path"), one.text("sha256")) for one in node.listed("inputs")),
-        rig="" if options is None else options.text("rig", ""),
-    )
-
-
-def _read_fit(node: Node) -> Fit:
-    stepping = node.child("stepping") or Node(node.file, "stepping", {})
-    combinations = {
-        name: _read_parameter(name, one) for name, one in node.children("combinations").items()
-    }
-    return Fit(
-        rig=node.text("rig"),
-        effects=node.texts("effects"),
-        recordings=tuple(_read_recorded(one) for one in node.listed("recordings")),
-        channels=node.texts("channels"),
-        converged=node.flag("converged", True),
-        why=node.text("why", ""),
-        iterations=node.maybe("iterations"),
-        substeps=stepping.maybe("substeps"),
-        implicit=stepping.flag("implicit", False),
-        recheck=stepping.maybe("recheck"),
-        parameters=tuple(
-            _read_parameter(name, one) for name, one in node.children("parameters").items()
-        ),
-        together=tuple(
-            Together(
-                one.texts("parameters"),
-                tuple(combinations[name] for name in one.texts("known") if name in combinations),
-            )
-            for one in node.listed("tied")
-        ),
-        background=tuple(
-            (name, one.number("pull")) for name, one in node.children("background").items()
-        ),
-        mae={name: one.numbers() for name, one in node.children("mae").items()},
-        closed_loop=tuple(
-            LoopError(name, one.maybe("data_sheet"), one.maybe("refitted"), one.maybe("band"))
-            for name, one in node.children("closed_loop").items()
-        ),
-    )
-
-
-def _read_recorded(node: Node) -> Recorded:
-    return Recorded(
-        node.text("name"),
-        node.text("path", ""),
-        node.text("sha256", ""),
-        node.text("role", ""),
-        node.maybe("samples"),
-        node.maybe("period_s"),
-        node.text("loop", ""),
-    )
-
-
-def _read_parameter(name: str, node: Node) -> Parameter:
-    return Parameter(
-        name=name,
-        value=node.number("value"),
-        low=node.maybe("low"),
-        high=node.maybe("high"),
-        prior=node.maybe("prior"),
-        unit=node.text("unit", split_column(name)[1]),
-        word=node.text("word", ""),
-        at_bound=node.text("at_bound", ""),
-        strain=node.maybe("strain"),
-        source=node.text("source", ""),
-    )
-
-
-def _read_network(node: Node) -> Network:
-    training = node.child("training") or Node(node.file, "training", {})
-    output = node.child("output") or Node(node.file, "output", {})
-    return Network(
-        kind=node.text("kind", "network"),
-        n_weights=node.maybe("n_weights"),
-        why=training.text("why", ""),
-        converged=training.flag("converged", True),
-        remark=training.text("remark", ""),
-        iterations=training.maybe("iterations"),
-        output=output.text("name", ""),
-        mae={name: one.numbers() for name, one in node.children("mae").items()},
-        in_loop=node.text("model", "replay") == "loop",
-    )
+    return (record, *record.steps)
 
 
 def _require(path: Path, columns: dict[str, FloatArray], needed: tuple[str, ...]) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import DataError, FileError, nearest
+from pamid.base.result_file import REMEDY
 from pamid.base.units import split_column, to_si
 from pamid.model.registry import catalogue_rig, rig_named, rigs
 from pamid.model.rig import Rig
@@ -22,7 +23,7 @@ from pamid.report import formatting
 from pamid.report.captions import causes_label
 from pamid.report.channel_errors import MODELS, Window, worst_window
 from pamid.report.load import Residual, RunData
-from pamid.report.reading import REMEDY, FloatArray
+from pamid.report.reading import FloatArray
 
 LONGEST_S = 12.0  # shown where no times are asked for
 MEASURED = "measured"
@@ -238,7 +239,9 @@ class _Outputs(Mapping[str, FloatArray]):
 
 def _parameters(run: RunData, rig: Rig) -> Names:
     """The rig's parameters by name (SI): fitted where they were, else from the data sheet."""
-    fitted = {one.name: one.value for one in run.fit.parameters} if run.fit is not None else {}
+    fitted = (
+        {name: one.value for name, one in run.fit.parameters.items()} if run.fit is not None else {}
+    )
     return Names(
         {p.name: fitted.get(p.outside_name, p.value) * p.factor for p in rig.parameters},
         "parameter",

@@ -16,11 +16,12 @@ from pamid.report.document import (
     notes,
     table,
 )
-from pamid.report.load import RunData, Step
+from pamid.report.load import RunData
 from pamid.report.papers import Paper, Still, Topic
 from pamid.report.run_page import answer_sections
 from pamid.report.style import Picture
 from pamid.report.tables import provenance
+from pamid.schemas.run import Step
 
 
 def paper_document(

@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 from pamid.base.errors import FileError
 from pamid.base.files import TABLE, read_data
 from pamid.base.json_file import read_json
+from pamid.base.result_file import REMEDY
 
 FloatArray = NDArray[np.float64]
 SQUARED = 1e150  # what is larger cannot be squared
-REMEDY = "Run the command that wrote it again."
 _BLANK_CELL = re.compile(r"(?<=,)(?=[,\n])")
 
 
@@ -84,15 +84,6 @@ class Node:
         """True or false; None where the key is missing or null."""
         return None if self.content.get(key) is None else self.flag(key, False)
 
-    def numbers(self) -> dict[str, float]:
-        """The numbers of this object by key; texts and nulls are passed over."""
-        found = {
-            key: self.maybe(key)
-            for key, value in self.content.items()
-            if not isinstance(value, str)
-        }
-        return {key: value for key, value in found.items() if value is not None}
-
     def texts(self, key: str) -> tuple[str, ...]:
         """A list of texts; () where it is missing."""
         values = self._list(key)
@@ -100,22 +91,9 @@ class Node:
             self.refuse(key, "a list of texts")
         return tuple(values)
 
-    def groups(self, key: str) -> tuple[tuple[str, ...], ...]:
-        """A list of lists of texts; () where it is missing."""
-        values = self._list(key)
-        if not all(
-            isinstance(one, list) and all(isinstance(name, str) for name in one) for one in values
-        ):
-            self.refuse(key, "a list of lists of texts")
-        return tuple(tuple(one) for one in values)
-
     def span(self, key: str) -> tuple[float, float] | None:
         """Two numbers; None where they are missing."""
         return None if self.content.get(key) is None else self._pair(key, self.content[key])
-
-    def spans(self, key: str) -> tuple[tuple[float, float], ...]:
-        """A list of pairs of numbers; () where it is missing."""
-        return tuple(self._pair(key, one) for one in self._list(key))
 
     def child(self, key: str) -> Node | None:
         """The object at `key`; None where it is missing or null."""

@@ -21,7 +21,7 @@ from pamid.report.document import (
     notes,
 )
 from pamid.report.equation import cause_equations, model_equations
-from pamid.report.load import Fit, RunData
+from pamid.report.load import RunData
 from pamid.report.player import player_html, player_script
 from pamid.report.style import Picture
 from pamid.report.tables import (
@@ -37,6 +37,7 @@ from pamid.report.tables import (
     transfer_table,
 )
 from pamid.report.traces import traces_of, traces_scripts, traces_style
+from pamid.schemas.fit import FitFile
 
 
 def run_document(
@@ -127,9 +128,10 @@ def _warnings(run: RunData) -> Paragraphs:
         texts.append(
             f"The fit did not converge: {formatting.clean(run.fit.why) or 'no reason given'}."
         )
-    if run.network is not None and not run.network.converged:
+    if run.network is not None and not run.network.summary.converged:
         texts.append(
-            f"The training of the network did not converge: {formatting.clean(run.network.why)}."
+            "The training of the network did not converge: "
+            f"{formatting.clean(run.network.summary.why)}."
         )
     texts += [
         f"This command did not end: {' '.join(step.command)}."
@@ -258,24 +260,25 @@ def _parameters(run: RunData) -> Iterator[Block]:
         "fix it; weak: partly the prior; silent: the data say nothing about it."
     )
     yield from model_equations(run)
-    if run.fit is not None and run.fit.together:
+    if run.fit is not None and run.fit.tied:
         yield Heading("Known only in combination", 4)
-        yield combinations_table(run.fit.together)
+        yield combinations_table(run.fit)
     if run.fit is not None:
         yield notes(_stepping(run.fit))
 
 
-def _stepping(fit: Fit) -> str:
-    if fit.substeps is None:
+def _stepping(fit: FitFile) -> str:
+    steps = fit.stepping
+    if steps is None or steps.substeps is None:
         return ""
-    kind = "implicit" if fit.implicit else "explicit"
+    kind = "implicit" if steps.implicit else "explicit"
     text = (
-        f"Simulated with {formatting.count(fit.substeps)} {kind} "
-        f"step{'' if fit.substeps == 1 else 's'} per sample"
+        f"Simulated with {formatting.count(steps.substeps)} {kind} "
+        f"step{'' if steps.substeps == 1 else 's'} per sample"
     )
-    if fit.recheck is not None:
+    if steps.recheck is not None:
         text += (
-            f"; doubled steps change no output by more than {formatting.number(fit.recheck, 2)} "
+            f"; doubled steps change no output by more than {formatting.number(steps.recheck, 2)} "
             "noise standard deviations"
         )
     return f"{text}."
@@ -306,19 +309,19 @@ def _network(run: RunData, pictures: dict[str, Picture]) -> Iterator[Block]:
     size = (
         f" with {formatting.count(one.n_weights)} parameters" if one.n_weights is not None else ""
     )
-    ended = formatting.clean(one.why) or "no word of it"
+    ended = formatting.clean(one.summary.why) or "no word of it"
     texts = [
         formatting.sentence(
             f"{formatting.clean(one.kind)} network{size}; how training ended: {ended}"
         ),
-        formatting.sentence(formatting.clean(one.remark)),
+        formatting.sentence(formatting.clean(one.summary.remark)),
     ]
     if one.in_loop:
         texts += [
             "It corrects the model in its own loop: there the held-out error of "
             f"{formatting.clean(name)} goes from {mae['refitted']:.3g} to "
             f"{mae['with_network']:.3g}; the replay above is another comparison."
-            for name, mae in one.mae.items()
+            for name, mae in one.errors.items()
             if {"refitted", "with_network"} <= set(mae)
         ]
     yield Paragraphs(tuple(texts))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from pamid.base.units import split_column
 from pamid.report import formatting
 from pamid.report.captions import sensor_label, split_labels
 from pamid.report.channel_errors import MODELS, ChannelErrors
@@ -17,8 +18,10 @@ from pamid.report.formatting import (
     percent,
     percent_span,
 )
-from pamid.report.load import Fit, LoopError, Parameter, RunData, Step, Together
+from pamid.report.load import RunData
 from pamid.schemas.diagnosis import DiagnosisFile, Estimate, Transfer, Where
+from pamid.schemas.fit import Combination, FitFile, FitParameter, LoopError
+from pamid.schemas.run import Step
 
 STRAINED = 3.0
 #: figures of `grounds` in diagnosis.json -> what each one is; all on the held-out windows that
@@ -100,25 +103,27 @@ def mae_text(rows: tuple[ChannelErrors, ...]) -> str:
     )
 
 
-def loop_table(errors: tuple[LoopError, ...]) -> Table:
+def loop_table(errors: Mapping[str, LoopError]) -> Table:
     """MAE of the model in its own loop, with the band that small parameter changes cause."""
     heads = ["channel", "unit", "data sheet", "refitted", "band (0.1 % of conductances)"]
     body = [
         [
-            channel_label(one.channel),
-            channel_unit(one.channel) or "-",
+            channel_label(channel),
+            channel_unit(channel) or "-",
             number(one.data_sheet),
             number(one.refitted),
             "" if one.band is None else f"± {number(one.band)}",
         ]
-        for one in errors
+        for channel, one in errors.items()
     ]
     return table(heads, body, (2, 3, 4))
 
 
-def parameter_table(parameters: tuple[Parameter, ...], with_cause: dict[str, Estimate]) -> Table:
+def parameter_table(
+    parameters: Mapping[str, FitParameter], with_cause: Mapping[str, Estimate]
+) -> Table:
     """Value, interval, prior, unit, how well it is known, strain, and what to think of it."""
-    beside = any(one.name in with_cause for one in parameters)
+    beside = any(name in with_cause for name in parameters)
     heads = [
         "parameter",
         "unit",
@@ -130,17 +135,16 @@ def parameter_table(parameters: tuple[Parameter, ...], with_cause: dict[str, Est
         "known",
     ]
     body: list[list[str | Cell]] = []
-    for one in parameters:
-        name = Cell(formatting.clean(one.name), "code", formatting.clean(one.source))
+    for name, one in parameters.items():
         row: list[str | Cell] = [
-            name,
-            formatting.unit_label(one.unit) or "-",
+            Cell(formatting.clean(name), "code", formatting.clean(one.source)),
+            formatting.unit_label(_unit(name, one)) or "-",
             number(one.value),
             formatting.span(one.low, one.high),
             number(one.prior),
         ]
         if beside:
-            other = with_cause.get(one.name)
+            other = with_cause.get(name)
             row.append(number(other.value) if other is not None else formatting.DASH)
         strained = one.strain is not None and abs(one.strain) > STRAINED
         shown = (
@@ -153,15 +157,21 @@ def parameter_table(parameters: tuple[Parameter, ...], with_cause: dict[str, Est
     return table(heads, body, range(2, 6 + beside))
 
 
-def combinations_table(groups: tuple[Together, ...]) -> Table:
+def _unit(name: str, one: FitParameter | Combination) -> str:
+    return split_column(name)[1] if one.unit is None else one.unit
+
+
+def combinations_table(fit: FitFile) -> Table:
     """Combinations that are known where their parameters are not."""
     body: list[list[str | Cell]] = []
-    for group in groups:
-        for one in group.known:
+    for group in fit.tied:
+        for name in group.known:
+            if (one := fit.combinations.get(name)) is None:
+                continue
             body.append(
                 [
-                    Cell(formatting.clean(one.name), "code"),
-                    formatting.unit_label(one.unit) or formatting.DASH,
+                    Cell(formatting.clean(name), "code"),
+                    formatting.unit_label(_unit(name, one)) or formatting.DASH,
                     number(one.value, 5),
                     f"{number(one.low, 5)} to {number(one.high, 5)}",
                     number(one.prior),
@@ -175,7 +185,7 @@ def combinations_table(groups: tuple[Together, ...]) -> Table:
     )
 
 
-def parameters_of(run: RunData) -> tuple[tuple[Parameter, ...], dict[str, Estimate]]:
+def parameters_of(run: RunData) -> tuple[dict[str, FitParameter], dict[str, Estimate]]:
     """The fitted parameters, and those of the diagnosis beside them; the latter alone where there
     is no fit."""
     found = run.diagnosis.parameters if run.diagnosis is not None else {}
@@ -184,25 +194,24 @@ def parameters_of(run: RunData) -> tuple[tuple[Parameter, ...], dict[str, Estima
             run.fit.parameters,
             found if run.diagnosis is not None and run.diagnosis.causes else {},
         )
-    alone = tuple(
-        Parameter(
-            name,
-            one.value,
-            one.low,
-            one.high,
-            one.prior,
-            formatting.channel_unit(name),
-            "",
-            "",
-            one.strain,
-            "",
+    alone = {
+        name: FitParameter(
+            value=one.value,
+            low=one.low,
+            high=one.high,
+            prior=one.prior,
+            unit=formatting.channel_unit(name),
+            word="",
+            at_bound=None,
+            strain=one.strain,
+            source="",
         )
         for name, one in found.items()
-    )
+    }
     return alone, {}
 
 
-def _remark(one: Parameter, strained: bool) -> str:
+def _remark(one: FitParameter, strained: bool) -> str:
     remarks = [formatting.clean(one.word)] if one.word else []
     remarks += ["may be absorbing structure"] if strained else []
     remarks += (
@@ -244,7 +253,7 @@ def ranking_table(diagnosis: DiagnosisFile) -> Table:
     return table(heads, body, range(3, 6 + len(channels)))
 
 
-def recordings_table(fit: Fit) -> Table:
+def recordings_table(fit: FitFile) -> Table:
     """What was recorded and which part it played."""
     heads = ["recording", "role", "samples", "period [ms]", "loop"]
     body = [
@@ -253,7 +262,7 @@ def recordings_table(fit: Fit) -> Table:
             formatting.clean(one.role),
             count(one.samples),
             formatting.DASH if one.period_s is None else number(1e3 * one.period_s),
-            formatting.clean(one.loop) or formatting.DASH,
+            formatting.clean(one.loop or "") or formatting.DASH,
         ]
         for one in fit.recordings
     ]
@@ -262,7 +271,7 @@ def recordings_table(fit: Fit) -> Table:
 
 def provenance(
     steps: tuple[Step, ...],
-    fit: Fit | None = None,
+    fit: FitFile | None = None,
     *,
     level: int = 2,
     notes_before: tuple[str, ...] = (),
@@ -287,7 +296,7 @@ def _steps_table(steps: tuple[Step, ...]) -> Table:
             Cell(formatting.clean(" ".join(one.command)), "code"),
             count(one.seed),
             _moment(one.begun) or formatting.DASH,
-            _moment(one.ended) or "did not end",
+            _moment(one.ended or "") or "did not end",
             one.outcome or formatting.DASH,
         ]
         for one in steps
@@ -297,7 +306,7 @@ def _steps_table(steps: tuple[Step, ...]) -> Table:
 
 def _versions(steps: tuple[Step, ...]) -> str:
     """What the commands ran on; of several versions the latest."""
-    versions = dict(pair for step in steps for pair in step.versions)
+    versions = dict(pair for step in steps for pair in step.versions.items())
     listed = ", ".join(
         f"{formatting.clean(name)} {formatting.clean(version)}"
         for name, version in versions.items()
@@ -315,14 +324,14 @@ def _moment(stamp: str) -> str:
 
 def _inputs_table(steps: tuple[Step, ...]) -> Table:
     """Every input file with the sha256 it had."""
-    inputs = dict.fromkeys(pair for step in steps for pair in step.inputs)
+    inputs = dict.fromkeys((one.path, one.sha256) for step in steps for one in step.inputs)
     return table(
         ["input", "sha256"],
         [[formatting.clean(path), Cell(formatting.clean(sha), "code")] for path, sha in inputs],
     )
 
 
-def transfer_table(transfers: tuple[Transfer, ...], fit: Fit | None) -> Table:
+def transfer_table(transfers: tuple[Transfer, ...], fit: FitFile | None) -> Table:
     """MAE on held-out recordings made under other conditions, refitted and with the cause."""
     channels = list(dict.fromkeys(name for one in transfers for name in one.channels))
     heads = ["recording", "differs in"]

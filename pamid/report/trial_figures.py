@@ -12,7 +12,6 @@ from pamid.report.formatting import effect_label
 from pamid.report.style import Drawing, bare, colour, grid, label, legend_above
 from pamid.report.trial_results import (
     Scored,
-    Share,
     Trial,
     confusion_title,
     reliability_title,
@@ -20,6 +19,7 @@ from pamid.report.trial_results import (
     stratum_label,
     targets_title,
 )
+from pamid.schemas.trial import Rate
 from pamid.trial.figure_table import TITLES
 
 SERIES = {"family_first": ("refitted", -0.16, "o"), "false_alarm": ("with_cause", 0.16, "s")}
@@ -252,7 +252,7 @@ def strata_drawing(trial: Trial) -> Drawing | None:
     return Drawing("strata", strata_title(trial), draw, height, height)
 
 
-def _point(axes: Axes, place: float, share: Share, role: str, marker: str) -> None:
+def _point(axes: Axes, place: float, share: Rate, role: str, marker: str) -> None:
     if share.share is None:
         return
     axes.plot(

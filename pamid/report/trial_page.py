@@ -19,10 +19,10 @@ from pamid.report.document import (
     table,
 )
 from pamid.report.formatting import effect_label
-from pamid.report.load import Step
 from pamid.report.style import Picture
 from pamid.report.tables import provenance
 from pamid.report.trial_results import Trial, reached_text
+from pamid.schemas.run import Step
 from pamid.trial.figure_table import TABLE_HEAD, TITLES, strata, summary
 
 _SHOWN_FAILURES = 20

@@ -7,22 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pamid.base.json_file import read_json
+from pamid.base.result_file import damaged, read_result
 from pamid.report import formatting
 from pamid.report.formatting import effect_label, percent
-from pamid.report.reading import Node, read_object
+from pamid.schemas.trial import Bin, Figure, Rate, TrialFile
 from pamid.trial.figure_table import ROWS_OF, TITLES, FigureRow, cells, rows_of
-from pamid.trial.machines import ONE_DOF
-
-
-@dataclass(frozen=True)
-class Share:
-    """A share of cases (0 to 1; None of no cases) with its 95 % interval."""
-
-    share: float | None
-    low: float
-    high: float
-    hits: float
-    of: float
 
 
 @dataclass(frozen=True)
@@ -45,14 +35,6 @@ class Scored:
 
 
 @dataclass(frozen=True)
-class Bin:
-    """Answers given with probabilities in one bin: their mean, and the share that was right."""
-
-    said: float
-    right: Share
-
-
-@dataclass(frozen=True)
 class Trial:
     """trial.json. strata: dimension -> bin -> rate -> share; confusion: planted family -> answer ->
     cases; content: the file as it stands, every part of it checked."""
@@ -60,8 +42,8 @@ class Trial:
     content: Mapping[str, Any]
     scored: tuple[Scored, ...]
     reliability: tuple[Bin, ...]
-    strata: dict[str, dict[str, dict[str, Share]]]
-    confusion: dict[str, dict[str, float]]
+    strata: dict[str, dict[str, dict[str, Rate]]]
+    confusion: dict[str, dict[str, int]]
     failures: dict[str, str]
     digest: str
 
@@ -72,70 +54,41 @@ class Trial:
 
 def read_trial(path: Path) -> Trial | None:
     """The trial in a file; None if there is no such file, FileError where it is damaged."""
-    node = read_object(path, "pamid.trial/1")
-    if node is None:
+    found = read_result(path, TrialFile)
+    if found is None:
         return None
-    node.text("part")
-    node.number("seed")
-    node.number("cases")
-    if node.content.get("rig", ONE_DOF) not in tuple(ROWS_OF):
-        node.refuse("rig", " or ".join(map(repr, ROWS_OF)))
-    parts = {name: node.children(name) for name in ("rates", "figures", "baselines")}
-    for key in ("failed", "unseen"):
-        if key not in parts["rates"]:
-            Node(path, "rates", {}).refuse(key, "a rate")
-        _share(parts["rates"][key])
+    if found.rig not in ROWS_OF:
+        raise damaged(path, "rig", " or ".join(map(repr, ROWS_OF)), f"{found.rig!r:.60}")
+    for name in ("failed", "unseen"):
+        if name not in found.rates:
+            raise damaged(path, f"rates.{name}", "a rate", "missing")
+    for dimension, bins in found.strata.items():
+        for key, rates in bins.items():
+            for name in TITLES:
+                if name not in rates:
+                    place = f"strata.{dimension}.{key}.{name}"
+                    raise damaged(path, place, "an object", "missing")
+    content = read_json(path)  # as it stands: what was null is null
     scored = tuple(
-        _scored(row, parts[row.section][row.key], dict(node.content))
-        for row in rows_of(node.content)
-        if row.key in parts[row.section]
+        _scored(row, one, cells(content, row))
+        for row in rows_of(content)
+        if (one := getattr(found, row.section).get(row.key)) is not None
     )
-    strata = {
-        name: {key: _rates(bin_) for key, bin_ in one.nested().items()}
-        for name, one in node.children("strata").items()
-    }
-    failures = node.child("failures")
     return Trial(
-        content=node.content,
+        content=content,
         scored=scored,
-        reliability=tuple(
-            Bin(one.number("said"), _share(one.needed("right")))
-            for one in node.listed("reliability")
-        ),
-        strata=strata,
-        confusion={name: one.numbers() for name, one in node.children("confusion").items()},
-        failures={} if failures is None else {key: failures.text(key) for key in failures.content},
-        digest=node.text("cases_sha256", ""),
+        reliability=found.reliability,
+        strata=found.strata,
+        confusion=found.confusion,
+        failures=found.failures,
+        digest=found.cases_sha256,
     )
 
 
-def _scored(row: FigureRow, node: Node, content: dict[str, Any]) -> Scored:
-    keys = ("value" if row.section == "figures" else "share", "low", "high")
-    for key in keys:
-        if key not in node.content:
-            node.refuse(key, "a number or null")
-    found = [node.maybe(key) for key in keys]
-    if found[0] is not None and found[1] is not None:
-        node.number("high")
-    value, low, high = (None if one is None else row.factor * one for one in found)
-    node.number("of")
-    return Scored(row, cells(content, row), value, low, high)
-
-
-def _rates(node: Node) -> dict[str, Share]:
-    return {key: _share(node.needed(key)) for key in TITLES}
-
-
-def _share(node: Node) -> Share:
-    if node.number("of") > 0:
-        node.number("share")
-    return Share(
-        node.maybe("share"),
-        node.number("low"),
-        node.number("high"),
-        node.number("hits"),
-        node.number("of"),
-    )
+def _scored(row: FigureRow, one: Rate | Figure, texts: tuple[str, ...]) -> Scored:
+    figures = (one.value if isinstance(one, Figure) else one.share, one.low, one.high)
+    value, low, high = (None if x is None else row.factor * x for x in figures)
+    return Scored(row, texts, value, low, high)
 
 
 # ---- sentences ---------------------------------------------------------------------------------
@@ -226,5 +179,5 @@ def stratum_label(dimension: str, key: str) -> str:
     return f"{formatting.channel_label(dimension)} {formatting.clean(key)} {formatting.channel_unit(dimension)}".strip()  # noqa: E501
 
 
-def _total(row: dict[str, float]) -> float:
+def _total(row: Mapping[str, float]) -> float:
     return sum(row.values())

@@ -27,7 +27,7 @@ from pamid.report.figures import (
     regimes_drawing,
     window_drawing,
 )
-from pamid.report.load import RunData, Step, load_run, read_steps
+from pamid.report.load import RunData, load_run, read_steps
 from pamid.report.paper_page import paper_document
 from pamid.report.papers import Paper, read_paper
 from pamid.report.pdf import CREATOR, pdf_of
@@ -37,6 +37,7 @@ from pamid.report.trial_figures import trial_drawings
 from pamid.report.trial_page import trial_document
 from pamid.report.trial_results import read_trial
 from pamid.report.web_page import MARK, html_of
+from pamid.schemas.run import Step
 
 #: every figure this version can write; older ones of these names are removed when a run no longer
 #: has them

@@ -10,7 +10,13 @@ from typing import Any
 
 #: name without `pamid.` and its number -> module of this package and its model
 MODELS = {
+    "check": ("check", "CheckFile"),
     "diagnosis": ("diagnosis", "DiagnosisFile"),
+    "error": ("error", "ErrorFile"),
+    "fit": ("fit", "FitFile"),
+    "network": ("network", "NetworkFile"),
+    "run": ("run", "RunFile"),
+    "trial": ("trial", "TrialFile"),
 }
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo, WithJsonSchema
 
@@ -14,10 +14,12 @@ from pamid.schemas.estimates import (
     SHRINKAGE,
     UNIT,
     WHY_ENDED,
+    WORD,
     Estimate,
     FailedJob,
     Interval,
 )
+from pamid.schemas.grounds import Confidence, Further, Grounds
 from pamid.schemas.model import (
     Count,
     Figures,
@@ -26,7 +28,6 @@ from pamid.schemas.model import (
     MapOf,
     Model,
     Number,
-    NumbersByKey,
     Pair,
     Sometimes,
     Text,
@@ -42,7 +43,7 @@ class CauseParameter(Interval):
     """A parameter of an effect that the verdict adds."""
 
     unit: Text = Field("", description=UNIT)
-    word: Text = Field("", description="settled by the data, weak, or silent")
+    word: Text = Field("", description=WORD)
 
 
 class Cause(Model):
@@ -245,84 +246,6 @@ class UnitsInDoubt(Model):
     slips: ListOf[Slip]
 
 
-class Further(Model):
-    """An effect that was weighed beside those already found."""
-
-    effect: Text
-    family: Text
-    removed: Number = Field(description="share of the gap that it removes")
-    of_left: Number = Field(description="share that it removes of what the others leave")
-    gain: Number = Field(description="log squared error per channel that it gains")
-    sure: Number = Field(description="the gain in its standard errors")
-    margin: Number = Field(
-        description="standard errors by which it beats the next of another family"
-    )
-    at_port: Number = Field(description="evidence at its port over the largest at any")
-    unexplained: Number = Field(description="the largest evidence, nats per sample")
-    probability: Number = Field(description="of being real, 0 to 1")
-    taken: Flag = Field(description="whether it is part of the answer")
-
-
-class Grounds(NumbersByKey):
-    """What the verdict rests on, all on the held-out windows that choose."""
-
-    visible: Written[Number] = Field(
-        None, description="refitted error over the noise floor, in the worst channel"
-    )
-    gap: Written[Number] = Field(
-        None, description="refitted error above the floor, in floors, summed over channels"
-    )
-    of_signal: Written[Number] = Field(
-        None, description="refitted error over the signal's standard deviation, worst channel"
-    )
-    left: Written[Number] = Field(None, description="share of the gap left by the best model")
-    ceiling: Written[Number] = Field(None, description="share of the gap left by the black box")
-    shrinkage: Written[Number] = Field(None, description="of the error, by the best model")
-    gain: Written[Number] = Field(
-        None, description="log squared error per channel that the best model gains"
-    )
-    sure: Written[Number] = Field(None, description="the gain in its standard errors")
-    helps: Written[Number] = Field(
-        None, description="share of resamples in which the first candidate helps at all"
-    )
-    margin: Written[Number] = Field(
-        None, description="share of the gap by which the best of another family is worse"
-    )
-    margin_gain: Written[Number] = Field(
-        None, description="the margin in log squared error per channel"
-    )
-    margin_sure: Written[Number] = Field(None, description="the margin in its standard errors")
-    wins: Written[Number] = Field(
-        None, description="share of resamples won by the family of the first candidate"
-    )
-    missing: Written[Number] = Field(
-        None, description="evidence that something is missing, nats per sample"
-    )
-    unexplained: Written[Number] = Field(
-        None, description="the same beside the best model, nats per sample"
-    )
-    at_port: Written[Number] = Field(
-        None, description="evidence at the port of the first candidate over the largest at any"
-    )
-    strain: Written[Number] = Field(
-        None, description="largest of a parameter in the best model, in prior standard deviations"
-    )
-    pull: Written[Number] = Field(
-        None, description="largest of the background in the best model, in tolerances"
-    )
-    channels: Written[Count] = Field(None, description="that are measured")
-
-
-class Confidence(NumbersByKey):
-    """The calibrated probabilities behind the verdict, 0 to 1."""
-
-    gap: Written[Number] = Field(None, description="that there is a structural gap")
-    known: Written[Number] = Field(None, description="that the catalogue knows its cause")
-    first: Written[Number] = Field(
-        None, description="that the first of the ranking, or one that looks like it, is it"
-    )
-
-
 class DiagnosisFile(Model):
     """Where the gap lies, which effect causes it, how far it shrinks."""
 
@@ -330,6 +253,8 @@ class DiagnosisFile(Model):
         title="diagnosis.json and pamid diagnose: where the gap lies, which effect causes it, "
         "how far it shrinks"
     )
+
+    not_read: ClassVar = ("sentence", "units", "further", "failed_jobs")
 
     schema_: Literal["pamid.diagnosis/1"] = Field(default="pamid.diagnosis/1", alias="schema")
     verdict: Verdict

@@ -16,6 +16,7 @@ SHRINKAGE = "1 - error with the cause / error of the refitted model, on held-out
 WHY_ENDED = "why the optimiser stopped, in words"
 CONVERGED = "whether the optimiser came to its end"
 EFFECTS = "labels, effect@port where the place is not unique"
+WORD = "how well the data know it: settled, weak, or silent (all from the prior)"
 STRAIN = "distance from the prior in its standard deviations"
 AT_BOUND = "low or high: the bound that it lies at; null between them"
 
@@ -34,7 +35,7 @@ class Estimate(Interval):
     prior: Written[Number] = Field(None, description="from the data sheet, or an earlier fit")
     strain: Written[Number] = Field(None, description=STRAIN)
     unit: Written[Text] = Field(None, description=UNIT)
-    word: Text = Field("", description="settled by the data, weak, or silent: all from the prior")
+    word: Text = Field("", description=WORD)
     at_bound: Text | None = Field(None, description=AT_BOUND)
 
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from numbers import Integral, Real
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
 from pydantic import (
     BaseModel,
@@ -63,7 +63,7 @@ class _Missing:
     """Stands where a needed key is missing, so that its field says what it expects."""
 
 
-_MISSING = _Missing()
+MISSING = _Missing()
 
 
 # ---- scalars -----------------------------------------------------------------------------------
@@ -74,7 +74,7 @@ def expected(what: str) -> PydanticCustomError:
     return PydanticCustomError("expected", "{what}", {"what": what})
 
 
-def _number(value: Any, info: ValidationInfo) -> float:
+def number(value: Any, info: ValidationInfo) -> float:
     if isinstance(value, bool) or not isinstance(value, Real):
         raise expected("a number")
     if info.context is None and isinstance(value, int):
@@ -105,7 +105,7 @@ def _flag(value: Any) -> bool:
     return plain
 
 
-Number = Annotated[float, PlainValidator(_number), WithJsonSchema({"type": "number"})]
+Number = Annotated[float, PlainValidator(number), WithJsonSchema({"type": "number"})]
 Count = Annotated[int, PlainValidator(_count), WithJsonSchema({"type": "integer"})]
 Text = Annotated[str, PlainValidator(_text), WithJsonSchema({"type": "string"})]
 Flag = Annotated[bool, PlainValidator(_flag), WithJsonSchema({"type": "boolean"})]
@@ -143,8 +143,9 @@ class _FailFast(FailFast):
 ListOf = Annotated[tuple[T, ...], _FailFast()]
 MapOf = Annotated[dict[Text, T], WrapValidator(_one_by_one)]
 Pair = Annotated[tuple[Number, Number], BeforeValidator(_two)]
-#: numbers by key; of a file, texts and nulls among them are passed over
-Figures = Annotated[MapOf[Number], BeforeValidator(_numbers_only)]
+#: of a file, texts and nulls among numbers are passed over
+NumbersOnly = BeforeValidator(_numbers_only)
+Figures = Annotated[MapOf[Number], NumbersOnly]
 
 
 class _NeverNull:
@@ -159,14 +160,18 @@ class _NeverNull:
         return made
 
 
-class _Absent(_NeverNull):
+class _MayLack:
     pass
+
+
+#: in the annotation of a field that is not always written
+MAY_LACK = _MayLack()
 
 
 #: pamid always writes it; None where an older or partial file lacks it
 Written = Annotated[T | None, _NeverNull()]
 #: written only where there is something to say; None where it is missing
-Sometimes = Annotated[T | None, _Absent()]
+Sometimes = Annotated[T | None, _NeverNull(), MAY_LACK]
 
 
 # ---- objects -----------------------------------------------------------------------------------
@@ -178,6 +183,9 @@ class Model(BaseModel):
     model_config = ConfigDict(
         frozen=True, extra="ignore", populate_by_name=True, protected_namespaces=()
     )
+
+    #: keys that the readers of this model leave alone, whatever an older version wrote there
+    not_read: ClassVar[tuple[str, ...]] = ()
 
     def as_json(self) -> dict[str, Any]:
         """What is written: plain dicts and lists, the fields that were set, in their order."""
@@ -200,8 +208,12 @@ class Model(BaseModel):
                 raise expected(f"written without {', '.join(sorted(strange))}")
             return data
         needed = {f.alias or name for name, f in cls.model_fields.items() if f.is_required()}
-        given = {key: value for key, value in data.items() if value is not None or key in needed}
-        return dict.fromkeys(needed, _MISSING) | given
+        given = {
+            key: value
+            for key, value in data.items()
+            if key not in cls.not_read and (value is not None or key in needed)
+        }
+        return dict.fromkeys(needed, MISSING) | given
 
     @classmethod
     def __get_pydantic_json_schema__(
@@ -211,7 +223,7 @@ class Model(BaseModel):
         made["required"] = [
             field.alias or name
             for name, field in cls.model_fields.items()
-            if not any(isinstance(one, _Absent) for one in field.metadata)
+            if not any(one is MAY_LACK for one in field.metadata)
         ]
         for one in made.get("properties", {}).values():
             one.pop("default", None)
@@ -263,7 +275,7 @@ def read(kind: type[M], content: Mapping[str, Any]) -> M:
         choices = tuple(word.strip("'") for word in what.replace(" or ", ", ").split(", "))
     else:
         what = context.get("what") or _EXPECTED.get(first["type"], first["msg"])
-    missing = value is _MISSING
+    missing = value is MISSING
     raise Misfit(_place(first["loc"]), what, value, missing, choices) from None
 
 

@@ -33,6 +33,8 @@ from pamid.model.registry import catalogue_rig, effects
 from pamid.parallel.jobs import Failed, Work, WorkerPool, fault_text
 from pamid.parallel.result_store import Plain
 from pamid.recording.recording import TIME, Recording, read_recording, write_recording
+from pamid.schemas.estimates import FailedJob
+from pamid.schemas.trial import TrialFile
 from pamid.simulation.data_split import DataSplit, Span, split_recordings
 from pamid.trial.cases import Case, cases_sha256, draw_cases
 from pamid.trial.joint_plant import PERIOD_S
@@ -89,13 +91,14 @@ def run_trial(
         },
     )
     results = run_cases(cases, folder, pool, done=done)
-    found = {
+    scored = TrialFile(
         **score_cases(labels, results, part=selection.part, seed=selection.seed).as_json(),
-        "rig": selection.rig,
-        "cases_sha256": digest,
-        "failures": {str(r["case"]): r["failed"]["message"] for r in results if r["failed"]},
-        "failed_jobs": failed_jobs(results),
-    }
+        rig=selection.rig,
+        cases_sha256=digest,
+        failures={str(r["case"]): r["failed"]["message"] for r in results if r["failed"]},
+        failed_jobs=tuple(FailedJob(**one) for one in failed_jobs(results)),
+    )
+    found = scored.as_json()
     write_json(folder / "trial.json", found)
     return found
 

@@ -396,7 +396,8 @@ def test_recordings_of_different_periods_are_refused(
 ) -> None:
     folder = run()
     fit = read_json(folder / "fit.json")
-    write_json(folder / "fit.json", fit | {"recordings": [*fit["recordings"], {"period_s": 0.005}]})
+    other = fit["recordings"][0] | {"period_s": 0.005}
+    write_json(folder / "fit.json", fit | {"recordings": [*fit["recordings"], other]})
     names, *lines = (folder / "residual.csv").read_text().splitlines()
     cells = lines[0].split(",")
     more = [",".join([str(0.005 * k), "1", "0", "9", *cells[4:]]) for k in range(50)]

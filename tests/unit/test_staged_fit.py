@@ -241,6 +241,7 @@ def damaged(**changes: Any) -> list[dict[str, Any]]:
     return [{key: value} for key, value in changes.items()]
 
 
+@pytest.mark.usefixtures("unchecked")
 @pytest.mark.parametrize(
     "change",
     damaged(
@@ -264,6 +265,7 @@ def test_a_damaged_posterior_is_refused(
         read_posterior(folder)
 
 
+@pytest.mark.usefixtures("unchecked")
 def test_an_older_run_is_told(first: tuple[Path, GreyBox], tmp_path: Path) -> None:
     folder = kept(tmp_path / "run", first[1])
     content = json.loads((folder / "fit.json").read_text())

@@ -1,0 +1,103 @@
+"""What `pamid check` finds in a recording, a rig file or an effect file."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import ConfigDict, Field
+
+from pamid.schemas.estimates import UNIT
+from pamid.schemas.model import (
+    MAY_LACK,
+    Count,
+    Flag,
+    ListOf,
+    MapOf,
+    Model,
+    Number,
+    Pair,
+    Sometimes,
+    Text,
+)
+
+
+class Finding(Model):
+    """A check with its outcome."""
+
+    check: Text
+    ok: Flag
+    advice: Flag = Field(description="worth knowing, no error")
+    detail: Text
+
+
+class Column(Model):
+    """What a column of the recording holds, in its unit."""
+
+    unit: Text = Field(description=UNIT)
+    low: Number
+    high: Number
+    mean: Number
+    rest_value: Number = Field(description="level of the rest at the start")
+    rest_s: Number = Field(description="length of that rest, s")
+    distinct_values: Count
+    constant: Flag
+
+
+class Quality(Model):
+    """Span, step and noise of a signal, in its unit."""
+
+    span: Number | None
+    step: Number | None = Field(description="of its quantisation; 0 where none shows")
+    noise: Number | None = Field(description="standard deviation")
+
+
+class Issue(Model):
+    """Something that the signals themselves show."""
+
+    kind: Text = Field(description="a stable word for scripts")
+    columns: ListOf[Text]
+    severity: Literal["wrong", "advice"] = Field(description="wrong: any fit on it is nonsense")
+    message: Text = Field(description="what")
+    hint: Text = Field(description="how to mend it; empty where nothing can be said")
+    windows_s: ListOf[Pair] = Field(description="[begin, end] in s; empty for all of it")
+    figures: dict[Text, Number] = Field(description="the numbers behind it, by name with unit")
+
+
+class SignalQuality(Model):
+    """What the signals themselves show."""
+
+    channels: MapOf[Quality]
+    issues: ListOf[Issue]
+
+
+class CheckFile(Model):
+    """What is wrong with a recording, a rig file or an effect file."""
+
+    model_config = ConfigDict(
+        title="pamid check: what is wrong with a recording, a rig file or an effect file"
+    )
+
+    schema_: Literal["pamid.check/1"] = Field(default="pamid.check/1", alias="schema")
+    file: Text = Field(description="its path")
+    kind: Text = Field(description="recording, rig, effect, or python: neither of these")
+    rigs: Sometimes[ListOf[Text]] = Field(default=None, description="names of the rigs in it")
+    effects: Sometimes[ListOf[Text]] = Field(default=None, description="names of the effects in it")
+    samples: Sometimes[Count] = None
+    duration_s: Sometimes[Number] = None
+    sampling_period_s: Sometimes[Number] = None
+    loop: Annotated[Text | None, MAY_LACK] = Field(
+        default=None, description="closed or open: did a controller produce the command?"
+    )
+    rig: Annotated[Text | None, MAY_LACK] = Field(
+        default=None, description="that it was held against"
+    )
+    known: Sometimes[dict[Text, Number]] = Field(default=None, description="by name with unit")
+    controller: Sometimes[dict[Text, Number]] = Field(default=None, description="its settings")
+    columns: Sometimes[MapOf[Column]] = Field(default=None, description="by name")
+    quality: Sometimes[SignalQuality] = None
+    ok: Flag = Field(description="whether every check passed, advice aside")
+    code: Sometimes[Text] = Field(default=None, description="of the error, where there is one")
+    message: Sometimes[Text] = Field(default=None, description="the first thing that is wrong")
+    hint: Sometimes[Text] = None
+    findings: ListOf[Finding] = Field(description="every check with its outcome")
+    figure: Sometimes[Text] = Field(default=None, description="file of the picture")

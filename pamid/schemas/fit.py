@@ -1,0 +1,204 @@
+"""fit.json: parameters with intervals, errors per channel, and what a later command starts from."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+from pydantic import ConfigDict, Field
+
+from pamid.schemas.estimates import (
+    AT_BOUND,
+    CONVERGED,
+    EFFECTS,
+    SEED,
+    SHA256,
+    STRAIN,
+    UNIT,
+    WHY_ENDED,
+    WORD,
+    FailedJob,
+    Interval,
+)
+from pamid.schemas.model import (
+    Count,
+    Figures,
+    Flag,
+    ListOf,
+    MapOf,
+    Model,
+    Number,
+    Sometimes,
+    Text,
+    Written,
+)
+
+PRIOR = "from the data sheet, or an earlier fit"
+
+
+class RecordingUsed(Model):
+    """A recording and the part it played."""
+
+    not_read: ClassVar = ("controller", "lacks")
+
+    name: Text
+    path: Text = Field("", description="as it was given")
+    sha256: Text = Field("", description=SHA256)
+    role: Text = Field("", description="fit, held-out, or both: it was split in time")
+    samples: Written[Count] = Field(None, description="number of samples")
+    period_s: Number | None = Field(None, description="sampling period, s")
+    loop: Text | None = Field(
+        None, description="closed or open: did a controller produce the command?"
+    )
+    controller: dict[Text, Number] = Field({}, description="settings of the controller, by name")
+    lacks: ListOf[Text] = Field(
+        (), description="channels that other recordings of the run have and this one has not"
+    )
+
+
+class Steps(Model):
+    """How the model is integrated over one sample."""
+
+    substeps: Written[Count] = Field(None, description="steps per sample")
+    implicit: Flag = Field(False, description="whether by an implicit rule")
+
+
+class CheckedSteps(Steps):
+    """How the model was integrated over one sample, and whether that was fine enough."""
+
+    recheck: Written[Number] = Field(
+        None,
+        description="largest change of an output by doubled steps, in noise standard deviations",
+    )
+
+
+class FitParameter(Interval):
+    """A fitted parameter."""
+
+    prior: Written[Number] = Field(None, description=PRIOR)
+    unit: Written[Text] = Field(None, description=UNIT)
+    word: Text = Field("", description=WORD)
+    at_bound: Text | None = Field(None, description=AT_BOUND)
+    strain: Written[Number] = Field(None, description=STRAIN)
+    source: Text = Field("", description="where the data-sheet value comes from")
+
+
+class BackgroundPull(Model):
+    """A tolerance-sized correction that stands in every model."""
+
+    pull: Number = Field(description="fitted value over tolerance")
+
+
+class LoopError(Model):
+    """Mean absolute error of the model in its own control loop, in the unit of the channel."""
+
+    data_sheet: Number | None = Field(None, description="data-sheet parameters")
+    refitted: Number | None = Field(None, description="refitted parameters")
+    band: Number | None = Field(
+        None, description="by how much the error moves when the conductances change by 0.1 %"
+    )
+
+
+class Combination(Interval):
+    """A function of several parameters that the data settle."""
+
+    prior: Written[Number] = Field(None, description=PRIOR)
+    unit: Written[Text] = Field(None, description=UNIT)
+    word: Text = Field("", description=WORD)
+    members: ListOf[Text] = Field((), description="the fitted parameters in it")
+    declared: Flag = Field(False, description="whether the rig declares it")
+
+
+class Tie(Model):
+    """Parameters that are known only in combination."""
+
+    parameters: ListOf[Text] = Field((), description="by name with unit")
+    directions: Written[Count] = Field(None, description="how many combinations are known")
+    known: ListOf[Text] = Field((), description="keys of `combinations`")
+
+
+class Posterior(Model):
+    """What `pamid fit --from` starts from; numbers in prior spreads around each centre."""
+
+    keys: ListOf[Text] = Field(description="free parameters, in the order of the lists below")
+    log: ListOf[Flag] = Field(description="whether the prior is one of the logarithm")
+    centre: ListOf[Number] = Field(description="centre of the prior, SI or its logarithm")
+    spread: ListOf[Number] = Field(description="standard deviation of the prior, likewise")
+    value: ListOf[Number] = Field(description="fitted, in spreads from the centre")
+    held: ListOf[Number] = Field(description="gradient at a bound; 0 between bounds")
+    others: dict[Text, Number] = Field(description="the rig's other parameters, SI, by key")
+    covariance: ListOf[ListOf[Number]] = Field(description="lower triangle, row by row")
+
+
+class FittedModel(Model):
+    """What rebuilds a fitted model to the last bit."""
+
+    effects: ListOf[Text] = Field(description=EFFECTS)
+    stepping: Steps
+    values: dict[Text, Number] = Field(description="every parameter, SI, by key")
+
+
+class StartedFrom(Model):
+    """The earlier fit whose posterior was this one's prior."""
+
+    path: Text = Field(description="folder of its run")
+    sha256: Text = Field(description=SHA256)
+    recordings: ListOf[Text] = Field(description="sha256 of all that it rests on")
+    remarks: ListOf[Text] = Field(description="what a reader must know, a sentence each")
+
+
+class FitFile(Model):
+    """The refitted model: parameters with intervals, and errors per channel on held-out data."""
+
+    model_config = ConfigDict(
+        title="fit.json and pamid fit: parameters with intervals, errors per channel"
+    )
+    not_read: ClassVar = (
+        "seed",
+        "noise",
+        "intervals",
+        "posterior",
+        "model",
+        "from",
+        "cause",
+        "failed_jobs",
+    )
+
+    schema_: Literal["pamid.fit/1"] = Field(default="pamid.fit/1", alias="schema")
+    rig: Text = Field(description="name of the rig")
+    effects: ListOf[Text] = Field((), description=EFFECTS)
+    seed: Count | None = Field(None, description=SEED)
+    recordings: ListOf[RecordingUsed] = Field(
+        (), description="in the order in which they were given"
+    )
+    channels: ListOf[Text] = Field((), description="measured outputs that were fitted")
+    converged: Flag = Field(True, description=CONVERGED)
+    why: Text = Field("", description=WHY_ENDED)
+    iterations: Written[Count] = Field(None, description="of the optimiser")
+    stepping: Written[CheckedSteps] = Field(None, description="how the model was integrated")
+    noise: dict[Text, Number] = Field(
+        {}, description="standard deviation of the sensors, in the unit of the channel"
+    )
+    parameters: MapOf[FitParameter] = Field({}, description="by name with unit")
+    intervals: Text = Field("", description="block bootstrap or Jacobian: where they come from")
+    background: MapOf[BackgroundPull] = Field({}, description="by name")
+    mae: MapOf[Figures] = Field(
+        {},
+        description="mean absolute error on held-out data, in the unit of the channel: channel -> "
+        "data_sheet, refitted, noise_floor",
+    )
+    closed_loop: MapOf[LoopError] | None = Field(
+        None, description="by channel; null where no recording was made in a closed loop"
+    )
+    combinations: MapOf[Combination] = Field(
+        {}, description="combinations of parameters that the data settle, by name with unit"
+    )
+    tied: ListOf[Tie] = Field((), description="parameters known only in combination")
+    posterior: Written[Posterior] = Field(None, description="what a later fit starts from")
+    model: Written[FittedModel] = Field(None, description="the refitted model")
+    from_: Sometimes[StartedFrom] = Field(
+        default=None, alias="from", description="the fit before this one"
+    )
+    cause: Sometimes[FittedModel] = Field(
+        default=None, description="of a diagnosis: the model with the cause"
+    )
+    failed_jobs: Sometimes[ListOf[FailedJob]] = Field(default=None, description="and why")

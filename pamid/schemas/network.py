@@ -1,0 +1,153 @@
+"""network.json: a trained network with all that is needed to use it, but for its weights."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import ConfigDict, Field, PlainValidator, ValidationInfo, WithJsonSchema
+
+from pamid.schemas.estimates import CONVERGED, SHA256, WHY_ENDED
+from pamid.schemas.model import (
+    MAY_LACK,
+    Count,
+    Flag,
+    ListOf,
+    MapOf,
+    Model,
+    Number,
+    NumbersOnly,
+    Sometimes,
+    Text,
+    Written,
+    number,
+)
+
+
+class ScaledSignal(Model):
+    """A signal that the network takes or gives, and the range that is scaled to -1 .. 1."""
+
+    not_read: ClassVar = ("low", "high")
+
+    name: Text = Field("", description="with unit")
+    low: Written[Number] = Field(None, description="smallest value in training")
+    high: Written[Number] = Field(None, description="largest value in training")
+
+
+#: in the end; null where it is not finite
+Last = Annotated[Number | None, MAY_LACK]
+
+
+class TrainingSummary(Model):
+    """How the training went."""
+
+    model_config = ConfigDict(extra="allow")
+    not_read: ClassVar = (
+        "mse",
+        "gradient",
+        "mu",
+        "gamma",
+        "alpha",
+        "beta",
+        "n_weights",
+        "supported_weights",
+        "samples",
+        "effective_samples",
+        "start",
+        "starts_mse",
+    )
+
+    why: Annotated[Text, MAY_LACK] = Field(default="", description=WHY_ENDED)
+    converged: Annotated[Flag, MAY_LACK] = Field(default=True, description=CONVERGED)
+    remark: Annotated[Text, MAY_LACK] = Field(default="", description="what to mind; else empty")
+    iterations: Sometimes[Count] = None
+    mse: Last = Field(default=None, description="mean squared error, of the scaled output")
+    gradient: Last = Field(default=None, description="norm of the gradient of the objective")
+    mu: Last = Field(default=None, description="damping of Levenberg and Marquardt")
+    gamma: Last = Field(default=None, description="weights that the data support")
+    alpha: Last = Field(default=None, description="precision of the weights' prior")
+    beta: Last = Field(default=None, description="precision of the noise")
+    n_weights: Sometimes[Count] = None
+    supported_weights: Last = Field(default=None, description="gamma, of all starts' best")
+    samples: Sometimes[Count] = None
+    effective_samples: Last = Field(default=None, description="less for correlated errors")
+    start: Sometimes[Count] = Field(default=None, description="number of the best start")
+    starts_mse: Annotated[ListOf[Number | None], MAY_LACK] = Field(
+        default=(), description="of every start; null where it is not finite"
+    )
+
+
+def _figure(value: Any, info: ValidationInfo) -> Any:
+    return value if info.context is None else number(value, info)
+
+
+Figure = Annotated[
+    float, PlainValidator(_figure), WithJsonSchema({"type": ["number", "string", "null"]})
+]
+ANY_SIZE = {"type": ["integer", "string"]}
+
+
+class WeightsFile(Model):
+    """The file that holds the weights."""
+
+    file: Text
+    sha256: Text = Field(description=SHA256)
+
+
+class NetworkFile(Model):
+    """A trained network: sizes, signals and scaling, and how the training went."""
+
+    model_config = ConfigDict(title="network.json and pamid train-residual")
+    not_read: ClassVar = (
+        "sizes",
+        "inputs",
+        "period_s",
+        "weights",
+        "enters",
+        "target",
+        "parameters",
+        "notes",
+    )
+
+    schema_: Literal["pamid.network/1"] = Field(default="pamid.network/1", alias="schema")
+    kind: Text = Field("network", description="elman, narx, anfis")
+    sizes: dict[Text, Annotated[Any, WithJsonSchema(ANY_SIZE)]] = Field(
+        {}, description="what this kind is made with, by name"
+    )
+    n_weights: Written[Count] = None
+    inputs: ListOf[ScaledSignal] = Field((), description="in the network's order")
+    output: Written[ScaledSignal] = None
+    period_s: Written[Number] = Field(None, description="sampling period that it is good for, s")
+    training: Written[TrainingSummary] = None
+    weights: Written[WeightsFile] = None
+    enters: Sometimes[Annotated[Any, WithJsonSchema({"type": ["string", "object"]})]] = Field(
+        default=None, description='"output", or {"port": where its value enters the equations}'
+    )
+    model: Sometimes[Text] = Field(
+        default=None,
+        description="what it corrects: the replayed model (replay), or the one in its own loop "
+        "(loop)",
+    )
+    target: Sometimes[Text] = Field(default=None, description="what it was trained on, in words")
+    parameters: Sometimes[dict[Text, Number]] = Field(
+        default=None, description="fitted ones of the model that it corrects from within, by name"
+    )
+    mae: Sometimes[MapOf[Annotated[dict[Text, Figure], NumbersOnly]]] = Field(
+        default=None,
+        description="mean absolute error in the unit of the channel: channel -> refitted, "
+        "with_network ..., and `part` in words",
+    )
+    notes: Sometimes[ListOf[Text]] = Field(default=None, description="a sentence each")
+
+    @property
+    def in_loop(self) -> bool:
+        """It corrects the model in its own loop, so its errors do not compare with those of the
+        replay."""
+        return self.model == "loop"
+
+    @property
+    def summary(self) -> TrainingSummary:
+        return self.training or TrainingSummary()
+
+    @property
+    def errors(self) -> dict[str, dict[str, float]]:
+        return self.mae or {}

@@ -1,0 +1,71 @@
+"""run.json: which command made the files of a folder, of what, with which versions, and when."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo
+
+from pamid.schemas.estimates import SEED, SHA256
+from pamid.schemas.model import Count, ListOf, Model, Sometimes, Text, expected
+
+UTC = "UTC, ISO 8601"
+
+
+class InputFile(Model):
+    """A file that a command read."""
+
+    path: Text
+    sha256: Text = Field(description=SHA256)
+
+
+def _with_named_rig(value: Any, info: ValidationInfo) -> Any:
+    rig = value.get("rig") if info.context is not None and isinstance(value, dict) else None
+    if rig is not None and not isinstance(rig, str):
+        raise expected("an object whose rig is a text")
+    return value
+
+
+class Step(Model):
+    """A command that worked on the run."""
+
+    command: ListOf[Text] = Field((), description="the words of the command line")
+    seed: Count | None = Field(None, description=SEED)
+    options: Annotated[dict[Text, Any], BeforeValidator(_with_named_rig)] = Field(
+        {}, description="what decides the result, by name"
+    )
+    inputs: ListOf[InputFile] = Field((), description="files that it read")
+    versions: dict[Text, Text] = Field({}, description="of Python and of the packages")
+    platform: Sometimes[Text] = Field(default=None, description="of the run itself")
+    begun: Text = Field("", description=UTC)
+    ended: Text | None = Field(None, description=f"{UTC}; null while it goes on")
+    outcome: Text | None = Field(None, description="how it ended; null while it goes on")
+
+    @property
+    def rig(self) -> str:
+        """The rig as it was named, by name or by file; "" where none was."""
+        return self.options.get("rig") or ""
+
+
+class Resumption(Model):
+    """A command that went on with a run that was cut short."""
+
+    command: ListOf[Text]
+    versions: dict[Text, Text]
+    begun: Text = Field(description=UTC)
+
+
+class RunFile(Step):
+    """Where the files of a run come from. A run that was killed has `ended` null."""
+
+    model_config = ConfigDict(title="run.json: where the files of a run come from")
+    not_read: ClassVar = ("files", "resumed")
+
+    schema_: Literal["pamid.run/1"] = Field(default="pamid.run/1", alias="schema")
+    steps: ListOf[Step] = Field((), description="later commands on the same run")
+    files: Sometimes[ListOf[Text]] = Field(
+        default=None,
+        description="what pamid wrote here, relative to the folder: all that --overwrite takes "
+        "away",
+    )
+    resumed: Sometimes[ListOf[Resumption]] = Field(default=None, description="in their order")

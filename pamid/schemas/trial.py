@@ -1,0 +1,72 @@
+"""trial.json: how often the blind trial's answers were right."""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar, Literal
+
+from pydantic import ConfigDict, Field, ValidationInfo, model_validator
+
+from pamid.schemas.estimates import HIGH, LOW, SEED, FailedJob
+from pamid.schemas.model import MISSING, Count, ListOf, MapOf, Model, Number, Text
+
+
+class Rate(Model):
+    """A share of cases with its 95 % Wilson interval."""
+
+    share: Number | None = Field(None, description="0 to 1; null of no cases")
+    low: Number = Field(description=LOW)
+    high: Number = Field(description=HIGH)
+    hits: Count = Field(description="cases that count")
+    of: Count = Field(description="cases in all")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _only_of_no_cases_there_is_none(cls, data: Any, info: ValidationInfo) -> Any:
+        cases = data.get("of") if info.context is not None and isinstance(data, dict) else None
+        if isinstance(cases, int | float) and cases > 0 and data.get("share") is None:
+            return {**data, "share": MISSING}
+        return data
+
+
+class Figure(Model):
+    """A figure with its 95 % bootstrap interval over cases; null of no cases."""
+
+    value: Number | None = Field(description="in the unit of the table's row")
+    low: Number | None = Field(description=LOW)
+    high: Number | None = Field(description=HIGH)
+    of: Count = Field(description="cases in all")
+
+
+class Bin(Model):
+    """Answers that were given with a probability between low and high."""
+
+    low: Number = Field(0.0, description="lower edge of the bin")
+    high: Number = Field(1.0, description="upper edge of the bin")
+    said: Number = Field(description="mean probability that was said")
+    right: Rate = Field(description="how many of them were right")
+
+
+class TrialFile(Model):
+    """The scored trial."""
+
+    model_config = ConfigDict(title="trial.json: the scored trial")
+    not_read: ClassVar = ("failed_jobs",)
+
+    schema_: Literal["pamid.trial/1"] = Field(default="pamid.trial/1", alias="schema")
+    part: Text = Field(description="calibration or test")
+    seed: Count = Field(description=SEED)
+    cases: Count = Field(description="how many were drawn")
+    rates: MapOf[Rate] = Field({}, description="by name")
+    figures: MapOf[Figure] = Field({}, description="by name")
+    reliability: ListOf[Bin] = Field((), description="stated probabilities against what was right")
+    strata: MapOf[MapOf[MapOf[Rate]]] = Field(
+        {}, description="what the cases differ in -> bin -> name of a rate -> rate"
+    )
+    confusion: MapOf[MapOf[Count]] = Field(
+        {}, description="planted family -> answer -> number of visible single faults"
+    )
+    baselines: MapOf[Rate] = Field({}, description="rates of answers that look at nothing")
+    rig: Text = Field(default="one-dof", description="name of the rig")
+    cases_sha256: Text = Field("", description="digest of all cases and their labels")
+    failures: dict[Text, Text] = Field({}, description="number of a case -> why it failed")
+    failed_jobs: ListOf[FailedJob] = Field((), description="cases, or jobs of their diagnosis")
