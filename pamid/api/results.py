@@ -406,7 +406,7 @@ def _parameters(nodes: Mapping[str, Node]) -> ParameterTable:
                 node.maybe("low"),
                 node.maybe("high"),
                 node.maybe("prior"),
-                node.text("unit", "") or split_column(name)[1],
+                node.text("unit", "") or ("-" if "/" in name else split_column(name)[1]),
                 node.text("word", ""),
                 node.maybe("strain"),
                 node.text("at_bound", ""),
