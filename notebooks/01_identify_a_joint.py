@@ -16,22 +16,11 @@
 # can be trusted.
 
 # %%
-import tempfile
-from pathlib import Path
-
 import numpy as np
+import pandas
 
-from pamid import Recording
-from pamid.estimation.fit_files import fit_json
-from pamid.estimation.grey_box import GreyBox, fit_model
-from pamid.excitation.aprbs import aprbs, coverage
-from pamid.model.registry import rig_named
-from pamid.recording.recording import read_recording, write_recording
-from pamid.simulation.data_split import split_recordings
-from pamid.simulation.virtual_rig import simulate_virtual_rig
+import pamid
 
-temporary = tempfile.TemporaryDirectory()
-folder = Path(temporary.name)
 PERIOD_S = 0.003
 
 # %% [markdown]
@@ -42,9 +31,10 @@ PERIOD_S = 0.003
 # bench.
 
 # %%
-reference_deg = aprbs(20.0, PERIOD_S, amplitude=40.0, hold_s=(0.4, 1.6), seed=1)
+reference_deg = pamid.aprbs(20.0, PERIOD_S, amplitude=40.0, hold_s=(0.4, 1.6), seed=1)
 time_s = PERIOD_S * np.arange(reference_deg.size)
-for sentence in coverage(reference_deg, PERIOD_S, span=(-40.0, 40.0)).sentences():
+excitation = pandas.DataFrame({"time_s": time_s, "reference_deg": reference_deg})
+for sentence in pamid.coverage(reference_deg, PERIOD_S, span=(-40.0, 40.0)).sentences():
     print(" ", sentence)
 
 # %% [markdown]
@@ -63,13 +53,11 @@ SPECIMEN = {
     "viscous_n_m_s": 0.08,
     "contraction_0": 0.103,
 }
-write_recording(folder / "excitation.csv", time_s, {"reference_deg": reference_deg})
-made = simulate_virtual_rig(
-    "one-dof", read_recording(folder / "excitation.csv"), (), KNOWN, SPECIMEN, 1.0, seed=2
+recording = pamid.simulate(
+    excitation, rig="one-dof", known=KNOWN, parameters=SPECIMEN, noise=1.0, seed=2
 )
-write_recording(folder / "joint.csv", time_s, made.columns, made.meta)
-recording = read_recording(folder / "joint.csv")
-print(f"{len(recording)} samples of {', '.join(recording.columns)}; known: {recording.known}")
+print(recording, recording.known)
+recording.plot(["reference_deg", "angle_deg", "pressure_1_kpa", "force_1_n"])
 
 # %% [markdown]
 # ## 3. Fit
@@ -83,36 +71,22 @@ print(f"{len(recording)} samples of {', '.join(recording.columns)}; known: {reco
 # - **silent**: more than 90 %: the recording says nothing, the number is the data sheet's.
 
 # %%
-rig = rig_named("one-dof")
-sheet = {p.outside_name: p.value for p in rig.parameters}
+complete = pamid.fit(recording, rig="one-dof", progress=False)
 
 
-def identify(measured: Recording) -> tuple[GreyBox, dict[str, str]]:
-    """Fit, print parameters beside the truth, return the model and the word of every parameter."""
-    model = fit_model(split_recordings(rig, [measured], []))
-    found = fit_json(model, seed=0)
+def held_against_the_truth(fit: pamid.FitResult) -> None:
+    """Every parameter beside the truth; how many intervals hold it."""
     inside = 0
-    print(
-        f"{'parameter':28s} {'data sheet':>11s} {'truth':>11s} {'fitted':>11s} {'95 %':>25s}  word"
-    )
-    for name, p in found["parameters"].items():
-        truth = SPECIMEN.get(name, sheet[name])
-        inside += p["low"] <= truth <= p["high"]
-        print(
-            f"{name:28s} {p['prior']:11.4g} {truth:11.4g} {p['value']:11.4g} "
-            f"{p['low']:11.4g} .. {p['high']:10.4g}  {p['word']}"
-        )
-    print(f"{inside} of {len(found['parameters'])} intervals hold the truth")
-    for channel, mae in found["mae"].items():
-        print(
-            f"  held-out MAE {channel:15s} data sheet {mae['data_sheet']:8.3g}   refitted "
-            f"{mae['refitted']:8.3g}   "
-            f"noise floor {mae['noise_floor']:8.3g}"
-        )
-    return model, {name: p["word"] for name, p in found["parameters"].items()}
+    for name, p in fit.parameters.items():
+        truth = SPECIMEN.get(name, p.prior)
+        inside += p.low <= truth <= p.high
+        print(f"{name:28s} truth {truth:11.4g}   {p.value:11.4g} ({p.low:.4g} .. {p.high:.4g})")
+    print(f"{inside} of {len(fit.parameters)} intervals hold the truth")
 
 
-complete, words = identify(recording)
+held_against_the_truth(complete)
+print(complete)
+complete
 
 # %% [markdown]
 # The refitted error stands at the noise floor: for this joint the equations are right, and
@@ -127,11 +101,23 @@ complete, words = identify(recording)
 # is missing (next story) they are narrow around wrong numbers.
 
 # %%
-kept = {name: made.columns[name] for name in ("command", "reference_deg", "angle_deg")}
-write_recording(folder / "angle_only.csv", time_s, kept, made.meta)
-poor, poor_words = identify(read_recording(folder / "angle_only.csv"))
-lost = [name for name in words if words[name] == "settled" and poor_words[name] != "settled"]
+angle_only = recording.to_pandas()[["time_s", "command", "reference_deg", "angle_deg"]]
+poor = pamid.fit(
+    pamid.Recording.from_pandas(
+        angle_only,
+        "angle-only",
+        loop="closed",
+        known=KNOWN,
+        controller=recording.controller,
+    ),
+    rig="one-dof",
+    progress=False,
+)
+held_against_the_truth(poor)
+lost = [
+    name
+    for name, p in complete.parameters.items()
+    if p.word == "settled" and poor.parameters[name].word != "settled"
+]
 print(f"settled with all sensors, no longer with the angle alone: {', '.join(lost) or 'none'}")
-
-# %%
-temporary.cleanup()
+poor

@@ -11,40 +11,24 @@
 # %% [markdown]
 # # Bring your own rig
 #  A rig is one Python file. The smallest whole one, a cart on a rail pushed by a measured force, is
-# `data/rigs/cart.py`; copy it and change it. This story uses it from the command line only, as
-# somebody would who never reads pamid's own code: look at the file, check it, record, diagnose.
+# `data/rigs/cart.py`; copy it and change it. In a notebook the class can stand in a cell as well:
+# wherever a rig is asked for, a name, a path (the file is run) or a `pamid.Rig` will do. This story
+# looks at the file, checks it, records and diagnoses.
 # Where the public measurements of a motor drive (EMPS) lie beside the project, it ends with those:
 # a real machine.
 
 # %%
-import json
-import subprocess
-import sys
-import tempfile
 from pathlib import Path
-from typing import Any
+
+import numpy as np
+import pandas
+
+import pamid
 
 HERE = Path(__file__).resolve().parent if "__file__" in globals() else Path.cwd()
 ROOT = HERE.parent
 CART, EMPS = ROOT / "data" / "rigs" / "cart.py", ROOT / "data" / "rigs" / "emps.py"
 MEASURED = ROOT.parent / "shared" / "data" / "emps"
-temporary = tempfile.TemporaryDirectory()
-folder = Path(temporary.name)
-
-
-def pamid(*words: str | Path) -> dict[str, Any]:
-    """Run a command; its JSON answer. A refusal ends the story with pamid's own words."""
-    done = subprocess.run(
-        [sys.executable, "-m", "pamid_cli", *map(str, words), "--json"],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-    )
-    answer = json.loads(done.stdout)
-    if done.returncode:
-        raise SystemExit(f"{answer.get('message', answer)} {answer.get('hint', '')}")
-    return answer
-
 
 # %% [markdown]
 # ## 1. The file
@@ -59,8 +43,9 @@ print(CART.read_text())
 # ## 2. Check it before measuring anything
 
 # %%
-for finding in pamid("check", CART)["findings"]:
-    print(f"{'ok' if finding['ok'] else 'wrong':6s} {finding['check']}: {finding['detail'][:100]}")
+checked = pamid.check(CART)
+print(checked.summary())
+checked
 
 # %% [markdown]
 # ## 3. A recording
@@ -68,67 +53,33 @@ for finding in pamid("check", CART)["findings"]:
 # real one needs a CSV with the columns `time_s`, `force_n`, `position_m`.
 
 # %%
-pamid(
-    "generate-aprbs",
-    "--column",
-    "force_n",
-    "--duration",
-    "30",
-    "--amplitude",
-    "3",
-    "--hold",
-    "0.2",
-    "0.8",
-    "--seed",
-    "1",
-    "--output",
-    "excitation.csv",
+PERIOD_S = 0.003
+force_n = pamid.aprbs(30.0, PERIOD_S, amplitude=3.0, hold_s=(0.2, 0.8), seed=1)
+recording = pamid.simulate(
+    pandas.DataFrame({"time_s": PERIOD_S * np.arange(force_n.size), "force_n": force_n}),
+    rig=CART,
+    effects=["coulomb-friction:force_n=0.8"],
+    parameters={"mass_kg": 1.2},
+    seed=2,
 )
-pamid(
-    "simulate",
-    "--rig",
-    CART,
-    "--excitation",
-    "excitation.csv",
-    "--effect",
-    "coulomb-friction:force_n=0.8",
-    "--set",
-    "mass_kg=1.2",
-    "--seed",
-    "2",
-    "--output",
-    "cart.csv",
-)
+print(recording)
+recording.plot()
 
 # %% [markdown]
 # ## 4. The diagnosis
 #  The general catalogue attaches by the *kind* of a port, so a carriage force in newtons gets the
 # same friction, drag and stiffness as a joint torque, in its own unit.
 
-
 # %%
-def tell(found: dict[str, Any]) -> None:
-    """Sentence, causes, parameters, runners-up."""
-    print(found["sentence"])
-    for cause in found["causes"]:
-        print(
-            "  cause",
-            cause["effect"],
-            {
-                k: f"{v['value']:.4g} ({v['low']:.4g} .. {v['high']:.4g})"
-                for k, v in cause["parameters"].items()
-            },
-        )
-    for name, p in found["parameters"].items():
-        print(f"  {name} = {p['value']:.4g} ({p['low']:.4g} .. {p['high']:.4g})")
-    for one in found["ranking"][:6]:
-        print(
-            f"  {one['effect']:22s} {one['family']:12s} removes {one['shrinkage']:7.1%} "
-            f"({one['low']:.1%} .. {one['high']:.1%}) of the held-out error"
-        )
-
-
-tell(pamid("diagnose", "cart.csv", "--rig", CART, "--output", "cart-run"))
+run = pamid.diagnose(recording, rig=CART, progress=False)
+print(run)
+print(run.parameters)
+for one in run.ranking[:6]:
+    print(
+        f"  {one.effect:22s} {one.family:12s} removes {one.shrinkage:7.1%} "
+        f"({one.low:.1%} .. {one.high:.1%}) of the held-out error"
+    )
+run
 
 # %% [markdown]
 # ## 5. A real drive
@@ -141,20 +92,14 @@ tell(pamid("diagnose", "cart.csv", "--rig", CART, "--output", "cart-run"))
 
 # %%
 if MEASURED.is_dir():
-    tell(
-        pamid(
-            "diagnose",
-            MEASURED / "estimation.csv",
-            "--held-out",
-            MEASURED / "pulses.csv",
-            "--rig",
-            EMPS,
-            "--output",
-            "emps-run",
-        )
+    drive = pamid.diagnose(
+        MEASURED / "estimation.csv",
+        rig=EMPS,
+        held_out=MEASURED / "pulses.csv",
+        progress=False,
+        warn=print,
     )
+    print(drive)
+    print(drive.parameters)
 else:
     print(f"skipped: no measurements at {MEASURED.name} beside the project")
-
-# %%
-temporary.cleanup()

@@ -13,15 +13,15 @@
 #  A bench writes what it likes: semicolons and decimal commas, a preamble, German names, pressures
 # in bar above vacuum, and a clock that the PC reads when it gets round to it.
 # `data/example/bench_log.csv` is such a log, of a joint with something that its data sheet does not
-# know. Five commands lead from it to the answer; no Python is needed, this story only calls them.
+# know. `pamid ingest` makes a recording of it, in a shell; the rest is asked from here.
 
 # %%
-import json
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any
+
+import pamid
 
 HERE = Path(__file__).resolve().parent if "__file__" in globals() else Path.cwd()
 LOG = HERE.parent / "data" / "example" / "bench_log.csv"
@@ -29,18 +29,11 @@ temporary = tempfile.TemporaryDirectory()
 folder = Path(temporary.name)
 
 
-def pamid(*words: str | Path) -> dict[str, Any]:
-    """Run a command; its JSON answer. A refusal ends the story with pamid's own words."""
-    done = subprocess.run(
-        [sys.executable, "-m", "pamid_cli", *map(str, words), "--json"],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-    )
-    answer = json.loads(done.stdout)
-    if done.returncode:
-        raise SystemExit(f"{answer.get('message', answer)} {answer.get('hint', '')}")
-    return answer
+def shell(line: str) -> None:
+    """`pamid ...` as a shell would run it."""
+    words = [sys.executable, "-m", "pamid_cli", *line.replace("LOG", str(LOG)).split()]
+    done = subprocess.run(words, cwd=folder, capture_output=True, text=True)
+    print(f"$ pamid {line}\n{done.stdout or done.stderr}")
 
 
 print("\n".join(LOG.read_text("cp1252").splitlines()[:8]))
@@ -54,20 +47,11 @@ print("\n".join(LOG.read_text("cp1252").splitlines()[:8]))
 # worse. The moving signals tell which it is.
 
 # %%
-guessed = pamid(
-    "ingest",
-    "--guess",
-    LOG,
-    "--rig",
-    "one-dof",
-    "--pressures",
-    "absolute",
-    "--known",
-    "inertia_kg_m2=0.0896",
-    "--output",
-    "map.toml",
+shell(
+    "ingest --guess LOG --rig one-dof --pressures absolute --known inertia_kg_m2=0.0896 "
+    "--output map.toml"
 )
-print(guessed["toml"])
+print((folder / "map.toml").read_text())
 
 # %% [markdown]
 # ## 2. The recording
@@ -75,39 +59,26 @@ print(guessed["toml"])
 # log becomes a recording and an account of all that was done to it.
 
 # %%
-account = pamid("ingest", LOG, "--mapping", "map.toml", "--output", "bench.csv")["recordings"][0]
-for clock in account["clocks"]:
-    print(f"{clock['name']}: {clock['cure']}")
-    print(f"  {clock['why']}")
-    for repair in clock["repairs"]:
-        print(f"  {repair['detail']}")
+shell("ingest LOG --mapping map.toml --output bench.csv")
+recording = pamid.read_recording(folder / "bench.csv")
+recording
 
 # %% [markdown]
 # ## 3. Is it fit for use?
 
 # %%
-checked = pamid("check", "bench.csv", "--figure", "card.png")
-for finding in checked["findings"]:
-    print(f"{'ok' if finding['ok'] else 'note':5s} {finding['check']}: {finding['detail']}")
-for column, about in checked["quality"]["channels"].items():
-    print(f"  {column:18s} noise {about['noise']:.3g}, span {about['span']:.4g}")
+checked = pamid.check(recording)
+print(checked.summary())
+checked.plot()
 
 # %% [markdown]
 # ## 4. What is missing in the model
 
 # %%
-found = pamid("diagnose", "bench.csv", "--output", "run", "--jobs", "2")
-print(found["sentence"])
-for cause in found["causes"]:
-    print(
-        " ",
-        cause["effect"],
-        {
-            k: f"{v['value']:.4g} ({v['low']:.4g} .. {v['high']:.4g})"
-            for k, v in cause["parameters"].items()
-        },
-    )
-assert found["verdict"] == "explained" and found["causes"][0]["family"] == "muscle-hysteresis"
+run = pamid.diagnose(recording, jobs=2, progress=False)
+print(run)
+assert run.verdict == "explained" and run.causes[0].family == "muscle-hysteresis"
+run
 
 # %% [markdown]
 # ## 5. A page to show
@@ -115,8 +86,8 @@ assert found["verdict"] == "explained" and found["causes"][0]["family"] == "musc
 # in the muscles.
 
 # %%
-page = pamid("report", "run")["page"]
-print(f"{Path(folder, page).stat().st_size / 1e6:.2f} MB")
+page = pamid.report(run.save(folder / "run")).page
+print(f"{page.stat().st_size / 1e6:.2f} MB")
 
 # %%
 temporary.cleanup()

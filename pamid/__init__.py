@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from pamid.api.checking import CheckResult, check
     from pamid.api.diagnosing import diagnose
+    from pamid.api.exciting import pulse_excitation, release_excitation
     from pamid.api.fitting import fit
     from pamid.api.results import (
         DiagnosisResult,
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from pamid.api.simulating import simulate
     from pamid.api.training import NetworkResult, train_residual
     from pamid.base.errors import PamidError
-    from pamid.excitation.aprbs import aprbs
+    from pamid.excitation.aprbs import aprbs, coverage
     from pamid.model.assembly import Assembly
     from pamid.model.background import Gain, SmoothGain, SplitGain
     from pamid.model.effect import Effect, State
@@ -75,10 +76,13 @@ _HOME = {
     "State": "pamid.model.effect",
     "aprbs": "pamid.excitation.aprbs",
     "check": "pamid.api.checking",
+    "coverage": "pamid.excitation.aprbs",
     "diagnose": "pamid.api.diagnosing",
     "fit": "pamid.api.fitting",
     "open_run": "pamid.api.runs",
+    "pulse_excitation": "pamid.api.exciting",
     "read_recording": "pamid.recording.recording",
+    "release_excitation": "pamid.api.exciting",
     "simulate": "pamid.api.simulating",
     "train_residual": "pamid.api.training",
     "write_recording": "pamid.recording.recording",
@@ -106,10 +110,13 @@ __all__ = [
     "__version__",
     "aprbs",
     "check",
+    "coverage",
     "diagnose",
     "fit",
     "open_run",
+    "pulse_excitation",
     "read_recording",
+    "release_excitation",
     "report",
     "simulate",
     "train_residual",

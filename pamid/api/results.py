@@ -16,7 +16,7 @@ from pamid.api.workers import RunHome
 from pamid.base.card import Cells, card, html_table, interval, number, paragraph, text_table
 from pamid.base.errors import FileError, nearest
 from pamid.base.json_file import read_json
-from pamid.base.result_file import read_result
+from pamid.base.result_file import read_result as read_file
 from pamid.base.units import split_column
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
@@ -341,7 +341,7 @@ def read_result(
     folder = home.folder
     fit = read_object(folder / "fit.json", FIT_SCHEMA)
     diagnosis = read_object(folder / "diagnosis.json", DIAGNOSIS_SCHEMA)
-    described = read_result(folder / "fit.json", FitFile)
+    described = read_file(folder / "fit.json", FitFile)
     if fit is None or described is None:
         load_run(folder)  # says what is wrong with it
         raise FileError(
@@ -398,7 +398,7 @@ def _parameters(nodes: Mapping[str, Node]) -> ParameterTable:
                 node.maybe("low"),
                 node.maybe("high"),
                 node.maybe("prior"),
-                node.text("unit", "") or split_column(name)[1],
+                node.text("unit", "") or ("-" if "/" in name else split_column(name)[1]),
                 node.text("word", ""),
                 node.maybe("strain"),
                 node.text("at_bound", ""),

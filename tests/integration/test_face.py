@@ -237,7 +237,7 @@ def test_a_rig_of_ones_own(
 def test_an_effect_of_ones_own(recorded: Path) -> None:
     own = pamid.fit(recorded, RIG, effects=[ConstantPull, "viscous-friction"], progress=False)
     assert own.effects == ("constant-pull", "viscous-friction")
-    assert "constant-pull:level" in own.parameters
+    assert any(name.startswith("constant-pull:") for name in own.parameters)
     with pytest.raises(UsageError, match="is no effect"):
         pamid.fit(recorded, RIG, effects=[3], progress=False)  # type: ignore[list-item]
 

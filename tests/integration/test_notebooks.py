@@ -1,4 +1,5 @@
-"""Every story in notebooks/ runs as a plain script and leaves nothing behind."""
+"""Every story in notebooks/ runs as a plain script and leaves nothing behind; its notebook is what
+jupytext makes of it, and runs in a kernel."""
 
 from __future__ import annotations
 
@@ -8,7 +9,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import nbformat
 import pytest
+from nbclient import NotebookClient
+from stories import notebook_text
 
 ROOT = Path(__file__).resolve().parents[2]
 STORIES = sorted((ROOT / "notebooks").glob("*.py"))
@@ -32,6 +36,32 @@ def files_of_the_repository() -> set[Path]:
 
 def test_there_are_stories() -> None:
     assert len(STORIES) >= 3
+
+
+@pytest.mark.parametrize("story", STORIES, ids=lambda story: story.stem)
+def test_a_notebook_is_its_story(story: Path) -> None:
+    text = story.with_suffix(".ipynb").read_text(encoding="utf-8")
+    assert text == notebook_text(story), "write it anew: python tests/support/stories.py"
+    notebook = nbformat.reads(text, as_version=4)
+    assert not [c for c in notebook.cells if c.cell_type == "code" and c.outputs]
+
+
+@pytest.mark.parametrize("story", STORIES, ids=lambda story: story.stem)
+def test_a_story_takes_pamid_from_its_face(story: Path) -> None:
+    assert not re.search(r"(from|import) (pamid\.|pamid_cli)", story.read_text(encoding="utf-8"))
+
+
+@pytest.mark.slow
+def test_a_notebook_runs_and_shows_cards_and_figures(tmp_path: Path) -> None:
+    notebook = nbformat.reads(notebook_text(STORIES[0]), as_version=4)
+    NotebookClient(notebook, timeout=600, resources={"metadata": {"path": tmp_path}}).execute()
+    shown = {
+        kind
+        for cell in notebook.cells
+        for output in cell.get("outputs", [])
+        for kind in output.get("data", {})
+    }
+    assert {"text/html", "image/png"} <= shown
 
 
 @pytest.mark.parametrize("story", RUNS)

@@ -1,0 +1,73 @@
+"""What to send to a rig in two experiments that no random signal stands in for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pamid.api.given import RigLike, rig_given
+from pamid.base.errors import UsageError
+from pamid.model.registry import name_of, rig_named
+from pamid.model.rig import Rig
+from pamid.recording.recording import Recording, recording_of
+from pamid.rigs.muscle_experiments import (
+    RELEASE_DEG,
+    RELEASE_S,
+    gravity_test,
+    muscle_pulses,
+    nothing_sent,
+)
+
+
+def release_excitation(
+    rig: RigLike,
+    release: Sequence[float] = RELEASE_DEG,
+    *,
+    payload_kg: float | None = None,
+    clamped: Sequence[str] = (),
+    duration_s: float = RELEASE_S,
+    period_s: float | None = None,
+) -> Recording:
+    """Nothing is sent: the rig swings by itself from where it is let go, its muscles vented.
+
+    release: an angle per joint, in the unit of its reading; payload_kg: hung on it; clamped: joints
+    that do not move; period_s [default: the rig's]. The recording states all of it as known.
+    UsageError where the rig does not swing, or has no such joint or range.
+    """
+    made = _made(rig)
+    period = made.period_s if period_s is None else period_s
+    if not 0.0 < period < duration_s < np.inf:
+        raise UsageError(f"{duration_s:g} s sampled every {period:g} s are no recording.")
+    known = gravity_test(made, release, clamped, payload_kg)
+    columns = nothing_sent(made, round(duration_s / period))
+    return _excitation(made, columns, period, "release", known)
+
+
+def pulse_excitation(
+    rig: RigLike,
+    *,
+    muscles: Sequence[str] = (),
+    level: float = 1.0,
+    period_s: float | None = None,
+) -> Recording:
+    """Muscle after muscle [default: all] is vented and filled in pulses of 30 to 500 ms at a duty
+    of `level`, past the controller. UsageError for a muscle that is not there."""
+    made = _made(rig)
+    period = made.period_s if period_s is None else period_s
+    return _excitation(made, muscle_pulses(made, muscles, level, period), period, "pulses", {})
+
+
+def _made(rig: RigLike) -> Rig:
+    named = rig_given(rig)
+    if named is None:
+        raise UsageError("There is no rig.", "Name the one that is to be excited.")
+    return rig_named(named)
+
+
+def _excitation(
+    rig: Rig, columns: dict[str, np.ndarray], period: float, name: str, known: dict[str, float]
+) -> Recording:
+    about = {"rig": name_of(rig), "loop": "open", "sampling_period_s": period}
+    time = period * np.arange(len(next(iter(columns.values()))))
+    return recording_of(time, columns, {"recording": about, "known": known}, name=name)
