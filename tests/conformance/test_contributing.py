@@ -55,7 +55,7 @@ READER = '''"""Numbers, one a line."""
 import numpy as np
 
 from pamid.ingest.channels import Channel, Log
-from pamid.ingest.kinds import Kind
+from pamid.ingest.log_kinds import Kind
 
 
 def read_numbers(path):
@@ -112,7 +112,7 @@ def test_a_network(copy: Path) -> None:
     said = " ".join(pamid(copy, "train-residual", "--help").split())
     assert "anfis, elman, line or narx" in said and "Powers of every input of line." in said
     code = (
-        "from pamid.correction.output_network import Wanted as W;"
+        "from pamid.correction.output_network import NetworkChoice as W;"
         "n = W('line', {'powers': 2, 'hidden': None}).network(3, 0.01);"
         "print(n.n_weights, n.words())"
     )
@@ -122,7 +122,7 @@ def test_a_network(copy: Path) -> None:
 def test_a_reader(copy: Path) -> None:
     (copy / "log.num").write_text("%numbers\n1.5\n2.5\n")
     code = (
-        "from pathlib import Path; from pamid.ingest.reading import read_log;"
+        "from pathlib import Path; from pamid.ingest.log_reader import read_log;"
         "log = read_log(Path('log.num')); print(log.kind, log.channel('x_m').values)"
     )
     assert run(copy, "-c", code) == "numbers [1.5 2.5]\n"

@@ -104,9 +104,12 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
 
     for place in (
         "pamid.estimation.grey_box.fit_model",
+        "pamid.api.fitting.fit_model",
+        "pamid.api.diagnosing.diagnose_into",
         "pamid.correction.port_network.fit_model",
         "pamid.diagnosis.diagnose.diagnose_into",
         "pamid.correction.output_network.train_correction",
+        "pamid.api.training.train_correction",
         "pamid.trial.case_runs.examine",
         "pamid.replications.joint_paper.reproduce",
         "pamid.replications.demo.run_demo",

@@ -20,7 +20,6 @@ from pamid_cli import frame
 from pamid_cli.demo import demo_text
 from small_cart import others, record_cart
 
-import pamid.diagnosis.diagnose as whole
 import pamid.trial.case_runs as trial_work
 from pamid.base.errors import PamidError
 from pamid.diagnosis.next_experiment import bench_of, sent_with
@@ -143,7 +142,7 @@ def taken(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[DataSplit]]:
         found.append(evidence)
         raise PamidError("taken", exit_code=TAKEN)
 
-    monkeypatch.setattr(whole, "diagnose_into", begun)
+    monkeypatch.setattr("pamid.api.diagnosing.diagnose_into", begun)
     yield found
 
 

@@ -598,7 +598,7 @@ DAMAGE = """
 import json, sys, numpy
 from pathlib import Path
 from pamid.base.errors import FileError
-from pamid.ingest.log_kinds import kinds, read_here
+from pamid.ingest.log_kinds import known_kinds, read_here
 from pamid.ingest.log_reader import read_log
 name, whole, *paths = sys.argv[1:]
 true = {channel.name: channel.values for channel in read_here(Path(whole), name).channels}

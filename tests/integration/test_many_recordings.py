@@ -44,7 +44,7 @@ def test_several_are_diagnosed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
         read.append(str(path))
         return read_recording(path)
 
-    monkeypatch.setattr("pamid.recording.recording.read_recording", watched)
+    monkeypatch.setattr("pamid.api.given.read_recording", watched)
     assert frame.run(["fit", *paths, "--rig", RIG, "--output", str(tmp_path / "one")]) == 0
     assert frame.run(["fit", *paths[::-1], "--rig", RIG, "--output", str(tmp_path / "other")]) == 0
     assert sorted(read) == sorted(2 * paths)

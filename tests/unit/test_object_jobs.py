@@ -64,7 +64,7 @@ def test_sent_and_kept_they_come_back(jobs: int, tmp_path: Path) -> None:
     for again in (False, True):
         pool = WorkerPool(jobs, Store(tmp_path))
         assert pool.run(Doubling(), [1, 2]) == [{2}, {4}] and pool.one(Doubling(), 3) == {6}
-        assert (pool.kept if again else pool.worked) == 3
+        assert (pool.from_store if again else pool.worked) == 3
 
 
 def through_the_plain_form(work: Work[Any, Any], item: Any, found: Any) -> Any:
@@ -115,4 +115,4 @@ def test_a_diagnosis_converts_recordings_once_per_model(
     for _ in range(2):
         pool = WorkerPool(2, Store(tmp_path))
         assert answer(pool) == alone
-    assert pool.worked == 0 < pool.kept
+    assert pool.worked == 0 < pool.from_store
