@@ -102,18 +102,19 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     def blank(drawing: Drawing) -> Picture:
         return Picture(drawing.name, drawing.title, "", "", "", b"")
 
+    # the importing modules first: one that is imported while its source is patched keeps the patch
     for place in (
-        "pamid.estimation.grey_box.fit_model",
         "pamid.api.fitting.fit_model",
         "pamid.api.diagnosing.diagnose_into",
         "pamid.correction.port_network.fit_model",
-        "pamid.diagnosis.diagnose.diagnose_into",
-        "pamid.correction.output_network.train_correction",
         "pamid.api.training.train_correction",
         "pamid.trial.case_runs.examine",
         "pamid.replications.joint_paper.reproduce",
         "pamid.replications.demo.run_demo",
         "pamid.correction.force_map.judge",
+        "pamid.estimation.grey_box.fit_model",
+        "pamid.diagnosis.diagnose.diagnose_into",
+        "pamid.correction.output_network.train_correction",
     ):
         monkeypatch.setattr(place, end)
     monkeypatch.setattr("pamid.report.writing.render", blank)
