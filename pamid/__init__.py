@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from pamid.api.simulating import simulate
     from pamid.api.training import NetworkResult, train_residual
     from pamid.base.errors import PamidError
+    from pamid.correction.trained_force_law import force_law_of
     from pamid.excitation.aprbs import aprbs, coverage
     from pamid.model.assembly import Assembly
     from pamid.model.background import Gain, SmoothGain, SplitGain
@@ -79,6 +80,7 @@ _HOME = {
     "coverage": "pamid.excitation.aprbs",
     "diagnose": "pamid.api.diagnosing",
     "fit": "pamid.api.fitting",
+    "force_law_of": "pamid.correction.trained_force_law",
     "open_run": "pamid.api.runs",
     "pulse_excitation": "pamid.api.exciting",
     "read_recording": "pamid.recording.recording",
@@ -113,6 +115,7 @@ __all__ = [
     "coverage",
     "diagnose",
     "fit",
+    "force_law_of",
     "open_run",
     "pulse_excitation",
     "read_recording",

@@ -99,7 +99,7 @@ def rig_text(rig: str, strict: bool) -> str:
 
 from pathlib import Path
 
-from pamid.correction.trained_force_law import force_law_of
+from pamid import force_law_of
 from {base.__module__} import {base.__name__}
 
 
