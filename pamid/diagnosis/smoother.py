@@ -1,12 +1,13 @@
 """A model with latent values at some of its ports, smoothed together with its states over held-out
 recordings.
 
-At every place of a port an unknown value is added that wanders as an Ornstein-Uhlenbeck process (a
-Matern-1/2 Gaussian process in time). States, value and the model's parameters, within what the fit
-knows of them, are found together, slice by slice, by Gauss-Newton on a block-tridiagonal system
-that the parameters border: the Kalman smoother of the linearised model, with its Laplace evidence.
-The parameters move, too, because those of the fit have already bent to what is missing. After
-Rogers and Friis (2022), Vibration 3; Engelhardt, Froehlich and Kschischo (2016), Sci. Rep. 6.
+At every place of a port an unknown value is added that wanders as an Ornstein-Uhlenbeck process
+(a Matern-1/2 Gaussian process in time). States, value and the model's parameters, within what
+the fit knows of them, are found together, slice by slice, by Gauss-Newton on a block-tridiagonal
+system that the parameters border: the Kalman smoother of the linearised model, with its Laplace
+evidence. The parameters are estimated anew, because the fitted ones have absorbed part of what
+is missing. After Rogers and Friis (2022), Vibration 3; Engelhardt, Froehlich and Kschischo
+(2016), Sci. Rep. 6.
 """
 
 from __future__ import annotations
