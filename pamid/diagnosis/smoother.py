@@ -6,8 +6,8 @@ At every place of a port an unknown value is added that wanders as an Ornstein-U
 the fit knows of them, are found together, slice by slice, by Gauss-Newton on a block-tridiagonal
 system that the parameters border: the Kalman smoother of the linearised model, with its Laplace
 evidence. The parameters are estimated anew, because the fitted ones have absorbed part of what
-is missing. After Rogers and Friis (2022), Vibration 3; Engelhardt, Froehlich and Kschischo
-(2016), Sci. Rep. 6.
+is missing. After Rogers and Friis (2022), Mech. Syst. Signal Process. 180, 109426; Engelhardt,
+Froehlich and Kschischo (2016), Sci. Rep. 6.
 """
 
 from __future__ import annotations
