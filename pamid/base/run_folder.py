@@ -175,6 +175,8 @@ class Run:
             )
             sweep(self.folder)
             sweep(self.folder / JOBS)
+        else:  # it may have been killed after its end, before its jobs were cleared away
+            remove_jobs(self.folder / JOBS)
         return self
 
     @property

@@ -356,3 +356,15 @@ def test_nearest() -> None:
     )
     assert nearest("kpa", ["kPa", "N"]) == "Did you mean 'kPa'?"
     assert nearest("zzz", ["coulomb-friction"]) == ""
+
+
+def test_what_a_kill_after_the_end_left_is_cleared_by_resuming(tmp_path: Path) -> None:
+    """A kill may fall between the last write of run.json and the clearing of the jobs."""
+    run = _create(tmp_path / "run", resume=False)
+    run.finish()
+    (run.folder / "jobs").mkdir()
+    (run.folder / "jobs" / f"{'0a' * 32}.npz").write_bytes(b"done")
+    (run.folder / "jobs" / "journal.jsonl").write_text("{}\n")
+    ended = (run.folder / "run.json").read_bytes()
+    _create(run.folder, resume=True)
+    assert _files(run.folder) == ["run.json"] and (run.folder / "run.json").read_bytes() == ended
