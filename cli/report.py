@@ -10,7 +10,7 @@ from . import frame
 
 PLACE = 110
 EXAMPLE = """
-pamid report RUN --output report.html
+pamid report run --output report.html
 pamid report RUN --pdf
 """
 _BESIDE = "-"  # --pdf without a file
