@@ -11,7 +11,7 @@ from . import frame
 PLACE = 110
 EXAMPLE = """
 pamid report run --output report.html
-pamid report RUN --pdf
+pamid report run --pdf
 """
 _BESIDE = "-"  # --pdf without a file
 
