@@ -17,7 +17,7 @@ from pamid.api.given import (
     warn_in_python,
 )
 from pamid.api.progress import ShowProgress, progress_line
-from pamid.api.results import DiagnosisResult, read_result
+from pamid.api.results import DiagnosisResult, result_of
 from pamid.api.runs import create_run, words_of
 from pamid.api.workers import RunHome, closing, worker_pool
 from pamid.base.errors import FileError, UsageError, nearest
@@ -75,7 +75,7 @@ def diagnose(
         if run.record["outcome"] != "done":  # else resumed, and nothing is left to do
             with closing(run, pool), progress_line(progress, "diagnose") as show:
                 diagnose_into(run, given.evidence, catalogue, seed=seed, progress=show, pool=pool)
-    found = read_result(home, given.rig, further)
+    found = result_of(home, given.rig, further)
     if not isinstance(found, DiagnosisResult):
         raise FileError(
             f"{home.folder} holds no diagnosis any more.",

@@ -16,7 +16,7 @@ from pamid.api.given import (
     warn_in_python,
 )
 from pamid.api.progress import ShowProgress, progress_line
-from pamid.api.results import FitResult, read_result
+from pamid.api.results import FitResult, result_of
 from pamid.api.runs import create_run, words_of
 from pamid.api.workers import RunHome, closing, worker_pool
 from pamid.base.errors import UsageError
@@ -108,4 +108,4 @@ def fit(
                 found = fit_json(model, seed) | {"failed_jobs": pool.failed_jobs}
                 write_json(run.path(FIT_FILE), found)
                 write_atomically(run.path(RESIDUAL_FILE), residual_csv(model))
-    return read_result(home, given.rig, named)
+    return result_of(home, given.rig, named)

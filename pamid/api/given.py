@@ -123,7 +123,7 @@ def evidence_of(
 ) -> Given:
     """Read the recordings, refuse those that are wrong for the rig (default: the one of the
     catalogue that they name), and divide them for it. Errors as of `read_recording`,
-    `require_sound` and `gather`.
+    `require_sound` and `split_recordings`.
 
     check: refuse recordings with which any fit is nonsense.
     """

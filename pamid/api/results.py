@@ -16,15 +16,15 @@ from pamid.api.workers import RunHome
 from pamid.base.card import Cells, card, html_table, interval, number, paragraph, text_table
 from pamid.base.errors import FileError, nearest
 from pamid.base.json_file import read_json
-from pamid.base.result_file import read_result as read_file
+from pamid.base.result_file import read_result
 from pamid.base.units import split_column
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
 from pamid.report.channel_errors import ChannelErrors, errors_of
 from pamid.report.load import RunData, load_run, read_diagnosis
-from pamid.report.reading import Node, read_object
 from pamid.schemas.diagnosis import Candidate, NextExperiment, Regime, Unknown
+from pamid.schemas.estimates import Interval
 from pamid.schemas.fit import FitFile, RecordingUsed
 
 if TYPE_CHECKING:
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 #: a rig and effects, as `load_identified` takes them
 RunCode: TypeAlias = tuple[str | Rig | None, tuple[str | type[Effect], ...]]
 
-FIT_SCHEMA, DIAGNOSIS_SCHEMA = "pamid.fit/1", "pamid.diagnosis/1"
 MANY = 8  # rows of a card
 
 
@@ -331,7 +330,7 @@ class DiagnosisResult(FitResult):
         )
 
 
-def read_result(
+def result_of(
     home: RunHome,
     rig: str | Rig | None = None,
     effects: tuple[str | type[Effect], ...] = (),
@@ -339,86 +338,80 @@ def read_result(
     """The result in a run folder: a DiagnosisResult where it holds a diagnosis. FileError where it
     holds none, or a damaged one; no code of the folder's is run."""
     folder = home.folder
-    fit = read_object(folder / "fit.json", FIT_SCHEMA)
-    diagnosis = read_object(folder / "diagnosis.json", DIAGNOSIS_SCHEMA)
-    described = read_file(folder / "fit.json", FitFile)
-    if fit is None or described is None:
+    fit = read_result(folder / "fit.json", FitFile)
+    diagnosis = read_diagnosis(folder / "diagnosis.json")
+    if fit is None:
         load_run(folder)  # says what is wrong with it
         raise FileError(
             f"{folder} holds a diagnosis without its fit.json.",
             "Make the run again.",
             code="damaged",
         )
+    failed = diagnosis.failed_jobs if diagnosis is not None else fit.failed_jobs
     common: dict[str, Any] = {
         "folder": folder,
-        "rig": fit.text("rig"),
-        "effects": fit.texts("effects"),
-        "recordings": tuple(described.recordings),
-        "channels": fit.texts("channels"),
-        "converged": fit.flag("converged", True),
-        "why": fit.text("why", ""),
-        "combinations": _parameters(fit.children("combinations")),
-        "failed_jobs": tuple(
-            (one.text("job", ""), one.text("why", ""))
-            for one in (diagnosis or fit).listed("failed_jobs")
-        ),
+        "rig": fit.rig,
+        "effects": tuple(fit.effects),
+        "recordings": tuple(fit.recordings),
+        "channels": tuple(fit.channels),
+        "converged": fit.converged,
+        "why": fit.why,
+        "combinations": _parameters(fit.combinations),
+        "failed_jobs": tuple((one.job, one.why) for one in failed or ()),
         "code": (rig, effects),
         "_home": home,
     }
-    parameters = _parameters(fit.children("parameters"))
+    parameters = _parameters(fit.parameters)
     if diagnosis is None:
         return FitResult(parameters=parameters, **common)
-    found = read_diagnosis(folder / "diagnosis.json")
-    assert found is not None
-    chances = {one.effect: one.probability for one in found.ranking}
-    shares = [(p.port, p.share) for p in found.where.ports] if found.where is not None else []
+    where = diagnosis.where
+    chances = {one.effect: one.probability for one in diagnosis.ranking}
+    shares = [(one.port, one.share) for one in where.ports] if where is not None else []
     return DiagnosisResult(
-        parameters=_parameters(diagnosis.children("parameters")),
+        parameters=_parameters(diagnosis.parameters),
         refitted=parameters,
         **common,
-        verdict=found.verdict,
-        sentence=diagnosis.text("sentence", ""),
-        remark=found.remark,
+        verdict=diagnosis.verdict,
+        sentence=diagnosis.sentence,
+        remark=diagnosis.remark,
         ports=tuple(sorted(shares, key=lambda one: -one[1])),
-        causes=tuple(_cause(one, chances) for one in diagnosis.listed("causes")),
-        ranking=tuple(found.ranking),
-        regimes=tuple(found.where.regimes) if found.where is not None else (),
-        look_alikes=found.look_alikes,
-        unknown=found.unknown,
-        next_experiment=found.next_experiment,
-    )
-
-
-def _parameters(nodes: Mapping[str, Node]) -> ParameterTable:
-    return ParameterTable(
-        tuple(
-            ParameterEstimate(
-                name,
-                node.number("value"),
-                node.maybe("low"),
-                node.maybe("high"),
-                node.maybe("prior"),
-                node.text("unit", "") or ("-" if "/" in name else split_column(name)[1]),
-                node.text("word", ""),
-                node.maybe("strain"),
-                node.text("at_bound", ""),
-                node.text("source", ""),
+        causes=tuple(
+            IdentifiedCause(
+                one.effect,
+                one.family,
+                one.port,
+                _parameters(one.parameters),
+                one.share,
+                chances.get(one.effect),
             )
-            for name, node in nodes.items()
-        )
+            for one in diagnosis.causes
+        ),
+        ranking=tuple(diagnosis.ranking),
+        regimes=tuple(where.regimes) if where is not None else (),
+        look_alikes=diagnosis.look_alikes,
+        unknown=diagnosis.unknown,
+        next_experiment=diagnosis.next_experiment,
     )
 
 
-def _cause(node: Node, chances: Mapping[str, float | None]) -> IdentifiedCause:
-    effect = node.text("effect")
-    told = node.maybe("probability")
-    return IdentifiedCause(
-        effect,
-        node.text("family", ""),
-        node.text("port", ""),
-        _parameters(node.children("parameters")),
-        node.maybe("share"),
-        chances.get(effect) if told is None else told,
+def _parameters(estimates: Mapping[str, Interval]) -> ParameterTable:
+    return ParameterTable(tuple(_estimate(name, one) for name, one in estimates.items()))
+
+
+def _estimate(name: str, one: Interval) -> ParameterEstimate:
+    """What the file says of a parameter; of a cause's it says less."""
+    stated = {key: getattr(one, key, None) for key in ("unit", "word", "at_bound", "source")}
+    return ParameterEstimate(
+        name,
+        one.value,
+        one.low,
+        one.high,
+        getattr(one, "prior", None),
+        stated["unit"] or ("-" if "/" in name else split_column(name)[1]),
+        stated["word"] or "",
+        getattr(one, "strain", None),
+        stated["at_bound"] or "",
+        stated["source"] or "",
     )
 
 

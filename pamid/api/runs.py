@@ -15,7 +15,7 @@ from pamid.api.given import (
     effects_given,
     rig_given,
 )
-from pamid.api.results import FitResult, read_result
+from pamid.api.results import FitResult, result_of
 from pamid.api.workers import RunHome
 from pamid.base.errors import UsageError
 from pamid.base.files import write_together
@@ -36,7 +36,7 @@ def open_run(
     FileError where the folder is no run, holds no result, or is damaged.
     """
     Run.open(Path(folder))
-    return read_result(RunHome(Path(folder)), rig_given(rig), effects_given(effects))
+    return result_of(RunHome(Path(folder)), rig_given(rig), effects_given(effects))
 
 
 def create_run(

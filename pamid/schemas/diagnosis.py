@@ -254,7 +254,7 @@ class DiagnosisFile(Model):
         "how far it shrinks"
     )
 
-    not_read: ClassVar = ("sentence", "units", "further", "failed_jobs")
+    not_read: ClassVar = ("units", "further")
 
     schema_: Literal["pamid.diagnosis/1"] = Field(default="pamid.diagnosis/1", alias="schema")
     verdict: Verdict

@@ -160,7 +160,6 @@ class FitFile(Model):
         "model",
         "from",
         "cause",
-        "failed_jobs",
     )
 
     schema_: Literal["pamid.fit/1"] = Field(default="pamid.fit/1", alias="schema")
