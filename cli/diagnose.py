@@ -100,7 +100,7 @@ def command(
             overwrite=overwrite,
             resume=resume,
             check=not no_check,
-            progress=lambda text: progress.update(0, text),
+            progress=progress,
             warn=warning,
             command=frame.command_line(),
         )

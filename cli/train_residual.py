@@ -122,7 +122,7 @@ def command(
     from pamid.api.training import train_residual
 
     given = tuple(word.strip() for word in (inputs or "").split(",") if word.strip())
-    with ProgressBar("train-residual") as progress:
+    with ProgressBar("train-residual", iterations) as progress:
         found = train_residual(
             run,
             network=network,
@@ -137,7 +137,7 @@ def command(
             channel=channel,
             inputs=given,
             resume=resume,
-            progress=lambda text: progress.update(0, text),
+            progress=progress,
             command=frame.command_line(),
             **sizes,
         )

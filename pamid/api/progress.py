@@ -5,14 +5,23 @@ from __future__ import annotations
 import contextlib
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Literal, TextIO, TypeAlias
+from typing import Literal, Protocol, TextIO, TypeAlias, runtime_checkable
 
 from pamid.base.progress import Progress, silent
 
-#: None: a line that updates itself; False: nothing; else a function that takes a line of text
-ShowProgress: TypeAlias = Progress | Literal[False] | None
+
+@runtime_checkable
+class CountedProgress(Protocol):
+    """Takes how many steps are done, beside the text: it may say how long the rest will take."""
+
+    def update(self, done: int, text: str) -> object: ...
+
+
+#: None: a line that updates itself; False: nothing; else a function that takes a line of text, or
+#: what counts steps
+ShowProgress: TypeAlias = Progress | CountedProgress | Literal[False] | None
 
 _EVERY_S = 0.1
 _WIDTH = 100
@@ -22,6 +31,14 @@ _WIDTH = 100
 def progress_line(wanted: ShowProgress, label: str) -> Iterator[Progress]:
     """A callback for lines of text. Nothing is shown in log files and pipes, nor of quick work; at
     the end the line is wiped."""
+    if isinstance(wanted, CountedProgress):
+        counted = wanted
+
+        def text_only(text: str) -> None:
+            counted.update(0, text)
+
+        yield text_only
+        return
     if callable(wanted):
         yield wanted
         return
@@ -34,6 +51,18 @@ def progress_line(wanted: ShowProgress, label: str) -> Iterator[Progress]:
         yield line.show
     finally:
         line.wipe()
+
+
+@contextmanager
+def progress_steps(
+    wanted: ShowProgress, label: str, total: int
+) -> Iterator[tuple[Progress, Callable[[int, str], object]]]:
+    """The same, and beside it a callback for steps of a known number: (how many are done, text)."""
+    with progress_line(wanted, label) as show:
+        if isinstance(wanted, CountedProgress):
+            yield show, wanted.update
+        else:
+            yield show, lambda done, text: show(f"{done}/{total} {text}")
 
 
 class _Line:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pamid.api.given import PathLike, RigLike, rig_given
-from pamid.api.progress import ShowProgress, progress_line
+from pamid.api.progress import ShowProgress, progress_steps
 from pamid.api.results import FitResult
 from pamid.api.workers import RunHome
 from pamid.base.card import Cells, card, html_table, number, paragraph, text_table
@@ -195,8 +195,8 @@ def train_residual(
         resume=resume,
     )
     try:
-        with progress_line(progress, "train-residual") as show:
-            course["progress"] = _steps(show, iterations, starts)
+        with progress_steps(progress, "train-residual", iterations) as (show, count):
+            course["progress"] = _steps(count, starts)
             about, interrupted = trainer(folder, leftover, show, course)
     except (PamidError, KeyboardInterrupt) as error:
         folder.finish("failed" if isinstance(error, PamidError) else "interrupted")
@@ -226,12 +226,11 @@ def _trainer_at(folder: Path, at: str, rig: str | Rig | None) -> Trainer:
     return train
 
 
-def _steps(show: Progress, iterations: int, starts: int) -> Callable[[TrainingStep, int], None]:
+def _steps(count: Callable[[int, str], object], starts: int) -> Callable[[TrainingStep, int], None]:
     def step_done(step: TrainingStep, start: int) -> None:
         which = f"start {start + 1} of {starts}, " if starts > 1 else ""
-        show(
-            f"{step.iteration}/{iterations} {which}MSE {step.mse:.4g}, gamma {step.gamma:.1f}, mu "
-            f"{step.mu:.1g}"
+        count(
+            step.iteration, f"{which}MSE {step.mse:.4g}, gamma {step.gamma:.1f}, mu {step.mu:.1g}"
         )
 
     return step_done

@@ -426,3 +426,21 @@ def test_nothing_to_draw_is_said(fitted: pamid.FitResult) -> None:
 
     with pytest.raises(DataError, match="holds no course of a training"):
         training_figure(fitted.data)
+
+
+def test_what_counts_steps_is_told_how_many_are_done(recorded: Path, tmp_path: Path) -> None:
+    """So that a command can say how long the rest of a training will take."""
+
+    class Counting:
+        def __init__(self) -> None:
+            self.seen: list[tuple[int, str]] = []
+
+        def update(self, done: int, text: str) -> None:
+            self.seen.append((done, text))
+
+    counting = Counting()
+    run = pamid.fit(recorded, RIG, output=tmp_path / "run", progress=counting)
+    assert counting.seen and {done for done, _ in counting.seen} == {0}
+    counting.seen.clear()
+    pamid.train_residual(run, hidden=2, iterations=3, progress=counting)
+    assert max(done for done, _ in counting.seen) == 3 and "MSE" in counting.seen[-1][1]
