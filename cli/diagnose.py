@@ -9,7 +9,7 @@ import click
 
 from . import frame
 from .job import cluster_option, failed_text, said_of
-from .options import no_check_option
+from .options import no_check_option, recording_options, run_output_option
 from .progress_bar import ProgressBar
 from .terminal import quoted, warning
 
@@ -20,18 +20,7 @@ pamid diagnose rec.csv --rig one-dof --output run --jobs 2
 
 
 @frame.command("diagnose", example=EXAMPLE)
-@click.argument("recordings", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option(
-    "--rig",
-    help="Rig by name, or the path of a rig file (it is run). "
-    "[default: the one the recordings name, else one-dof]",
-)
-@click.option(
-    "--held-out",
-    multiple=True,
-    type=click.Path(path_type=Path),
-    help="Recording nobody fits. [default: the last 30 % of every recording]",
-)
+@recording_options
 @click.option(
     "--effect",
     "effects",
@@ -50,12 +39,7 @@ pamid diagnose rec.csv --rig one-dof --output run --jobs 2
 @click.option(
     "--jobs", type=click.IntRange(1, 256), default=2, show_default=True, help="Processes to use."
 )
-@click.option(
-    "--output",
-    type=click.Path(file_okay=False, path_type=Path),
-    required=True,
-    help="Run folder to make.",
-)
+@run_output_option
 @no_check_option
 @cluster_option
 @click.option(
@@ -128,8 +112,7 @@ def diagnosis_text(found: dict[str, Any], output: Path) -> str:
     lines += ["", f"{'effect':36s} {'family':20s} {'P':>5s} {'shrinkage':>10s} {'95 %':>16s}"]
     lines += [
         f"{r['effect']:36s} {r['family']:20s} {r['probability']:5.2f} {100 * r['shrinkage']:8.1f} "
-        "% "
-        f"{100 * r['low']:6.1f} .. {100 * r['high']:5.1f}"
+        f"% {100 * r['low']:6.1f} .. {100 * r['high']:5.1f}"
         for r in found["ranking"][:8]
     ]
     lines += _further(found, output)
@@ -145,9 +128,8 @@ def _where(where: dict[str, Any]) -> list[str]:
     ]
     lines = ["Where     " + ", ".join(shares)]
     lines += [
-        f"          {100 * r['share_of_gap']:.0f} % of the gap in {100 * r['share_of_time']:.0f} "
-        "% of the time: "
-        f"{r['signal']} {r['low']:.3g} .. {r['high']:.3g} {r['unit']}"
+        f"          {100 * r['share_of_gap']:.0f} % of the gap in {100 * r['share_of_time']:.0f} % "
+        f"of the time: {r['signal']} {r['low']:.3g} .. {r['high']:.3g} {r['unit']}"
         for r in where["regimes"][:2]
     ]
     if where.get("sensors"):

@@ -9,7 +9,7 @@ import click
 
 from . import frame
 from .job import cluster_option, failed_text, said_of
-from .options import no_check_option
+from .options import no_check_option, recording_options, run_output_option
 from .progress_bar import ProgressBar
 from .terminal import quoted, warning
 
@@ -20,18 +20,7 @@ pamid fit rec.csv --rig one-dof --output fitted
 
 
 @frame.command("fit", example=EXAMPLE)
-@click.argument("recordings", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option(
-    "--rig",
-    help="Rig by name, or the path of a rig file (it is run). "
-    "[default: the one the recordings name, else one-dof]",
-)
-@click.option(
-    "--held-out",
-    multiple=True,
-    type=click.Path(path_type=Path),
-    help="Recording nobody fits. [default: the last 30 % of every recording]",
-)
+@recording_options
 @click.option(
     "--effect",
     "effects",
@@ -43,8 +32,7 @@ pamid fit rec.csv --rig one-dof --output fitted
     "earlier",
     type=click.Path(file_okay=False, path_type=Path),
     help="Run of an earlier fit of the same rig: what it knew becomes the prior of this one, and "
-    "the data "
-    "sheet serves only where it knew nothing.",
+    "the data sheet serves only where it knew nothing.",
 )
 @click.option(
     "--bootstrap",
@@ -67,12 +55,7 @@ pamid fit rec.csv --rig one-dof --output fitted
     show_default=True,
     help="Processes for the bootstrap.",
 )
-@click.option(
-    "--output",
-    type=click.Path(file_okay=False, path_type=Path),
-    required=True,
-    help="Run folder to make.",
-)
+@run_output_option
 @no_check_option
 @cluster_option
 @click.option(

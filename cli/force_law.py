@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from . import frame, names
+from .options import run_output_option
 from .progress_bar import ProgressBar
 from .terminal import aside, quoted
 
@@ -20,12 +21,7 @@ pamid check law/rig.py
 
 @frame.command("force-law", example=EXAMPLE)
 @click.argument("map_file", metavar="MAP", type=click.Path(path_type=Path))
-@click.option(
-    "--output",
-    type=click.Path(file_okay=False, path_type=Path),
-    required=True,
-    help="Run folder to make.",
-)
+@run_output_option
 @click.option(
     "--sets",
     type=click.IntRange(2, 10),
@@ -189,7 +185,6 @@ def law_text(about: dict[str, Any], output: Path) -> str:
             *about["advice"],
             about["monotone"]["words"],
             f"Next: pamid check {quoted(rig)}   or   --rig {quoted(rig)} in simulate, fit or "
-            "diagnose, which "
-            "run that file.",
+            "diagnose, which run that file.",
         ]
     )

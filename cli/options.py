@@ -1,6 +1,10 @@
-"""Small things that several commands take: name=value pairs and noise factors."""
+"""What several commands take: recordings and run folder, NAME=VALUE pairs, noise factors."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import click
 
@@ -42,3 +46,30 @@ no_check_option = click.option(
     is_flag=True,
     help="Fit recordings as they are, also where `pamid check` calls them wrong for the rig.",
 )
+
+run_output_option = click.option(
+    "--output",
+    type=click.Path(file_okay=False, path_type=Path),
+    required=True,
+    help="Run folder to make.",
+)
+
+
+def recording_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """What is fitted, with which rig, and what only judges."""
+    for option in (
+        click.option(
+            "--held-out",
+            multiple=True,
+            type=click.Path(path_type=Path),
+            help="Recording nobody fits. [default: the last 30 % of every recording]",
+        ),
+        click.option(
+            "--rig",
+            help="Rig by name, or the path of a rig file (it is run). "
+            "[default: the one the recordings name, else one-dof]",
+        ),
+        click.argument("recordings", nargs=-1, required=True, type=click.Path(path_type=Path)),
+    ):
+        function = option(function)
+    return function
