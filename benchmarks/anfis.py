@@ -131,8 +131,7 @@ def against_peer(environment: Path, step: float, epochs: int) -> None:
     error, spent, count = found["rmse"][lowest], found["cpu_s"][lowest], len(found["rmse"])
     print(
         f"  {PEER} RMSE {error:.2e} in {spent:8.1f} s CPU ({lowest + 1} epochs), its lowest in "
-        f"{count} epochs "
-        f"of step {step:g}"
+        f"{count} epochs of step {step:g}"
     )
     own_error, own = next(point for point in path_of_ours if point[0] <= max(error, WANTED))
     print(
@@ -144,8 +143,7 @@ def against_peer(environment: Path, step: float, epochs: int) -> None:
     if error > WANTED:
         print(
             f"  to {WANTED:g}: NOT reached by the peer in {all_epochs:.1f} s CPU; {ratio:.0f} "
-            "times pamid's is a "
-            "lower bound, not a time to equal error"
+            "times pamid's is a lower bound, not a time to equal error"
         )
     else:
         judged = "ok" if ratio >= WANTED_RATIO else "NO"

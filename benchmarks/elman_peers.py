@@ -100,8 +100,7 @@ def line(row: Row, found: dict[str, Any], ours: dict[str, Any]) -> str:
         remark += f", SCALED from {found['measured_samples']} samples"
     return (
         f"{row.what:46s} {found['cpu_s']:9.3f} {wall:>9s} {ratio:8.1f} {target:>9s} "
-        f"{found['peak_mb']:9.0f}  "
-        f"{exactness(found['jte'], ours['jte']):18s} {remark}"
+        f"{found['peak_mb']:9.0f}  {exactness(found['jte'], ours['jte']):18s} {remark}"
     )
 
 
@@ -123,8 +122,7 @@ def show_ours(ours: dict[str, Any], samples: int, core: str) -> None:
     print(f"{'':46s} {'per step':>9s} {'per step':>9s} {'ours':>8s} {'target':>9s}")
     print(
         f"{'pamid train, Bayesian regularisation':46s} {ours['cpu_s']:9.3f} {ours['wall_s']:9.3f} "
-        f"{1.0:8.1f} {'':9s} "
-        f"{ours['peak_mb']:9.0f}  {'(the measure)':18s} {ours['steps']} steps",
+        f"{1.0:8.1f} {'':9s} {ours['peak_mb']:9.0f}  {'(the measure)':18s} {ours['steps']} steps",
         flush=True,
     )
 

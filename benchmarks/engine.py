@@ -344,9 +344,8 @@ def engine_rows(plain: Setting, wide: Setting, everything: Setting) -> list[Row]
     )
     rows.append(
         Row(
-            f"  {len(made.states)} states, {len(made.cells)} cells, "
-            f"{everything.stepping.substeps} {how} "
-            "step(s) per sample; none had to be left out",
+            f"  {len(made.states)} states, {len(made.cells)} cells, {everything.stepping.substeps} "
+            f"{how} step(s) per sample; none had to be left out",
             math.nan,
         )
     )

@@ -102,12 +102,11 @@ def main() -> int:
         far = found["how_far"]["angle_deg"]
         print(
             f"{'ok ' if good else 'MISS'} {label or '(nothing)':34s} {family:22s} -> "
-            f"{found['verdict']:18s} "
-            f"{first['effect']:30s} {first['family']:22s} {100 * first['shrinkage']:5.1f} %  angle "
+            f"{found['verdict']:18s} {first['effect']:30s} {first['family']:22s} "
+            f"{100 * first['shrinkage']:5.1f} %  angle "
             f"{far['mae_refitted'] / far['noise_floor']:.2f} -> "
-            f"{far['mae_with_cause'] / far['noise_floor']:.2f} "
-            f"floors, causes {[c['effect'] for c in found['causes']]}, "
-            f"{time.process_time() - begun:.1f} s CPU",
+            f"{far['mae_with_cause'] / far['noise_floor']:.2f} floors, causes "
+            f"{[c['effect'] for c in found['causes']]}, {time.process_time() - begun:.1f} s CPU",
             flush=True,
         )
     print(f"{right} of {len(labels)} right")

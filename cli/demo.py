@@ -106,8 +106,7 @@ def demo_text(found: dict[str, Any], output: Path) -> str:
     for channel, errors in found["network"].items():
         lines.append(
             f"A network instead, on the model in its own loop: {channel} {errors['refitted']:.4g} "
-            "-> "
-            f"{errors['with_network']:.4g}"
+            f"-> {errors['with_network']:.4g}"
         )
     lines += [
         "",

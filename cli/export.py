@@ -24,9 +24,8 @@ pamid export run --to fmu --output joint.fmu
     type=click.Choice(names.export_forms()),
     required=True,
     help="fmu2, fmu3: FMI 2.0 (also: fmu) or 3.0 for co-simulation, with C sources and a binary "
-    "for this "
-    "machine; c: header, source and an example; onnx: one sample and a whole run; matlab: a "
-    "function file.",
+    "for this machine; c: header, source and an example; onnx: one sample and a whole run; matlab: "
+    "a function file.",
 )
 @click.option(
     "--output",

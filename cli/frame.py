@@ -27,9 +27,8 @@ from .terminal import aside, hang_up, printable, printable_json, say
 INTERRUPTED = 130
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 _EPILOG = (
-    "Options may also stand in pamid.toml or the environment (see `pamid config`). "
-    "Exit codes: 0 done, 2 usage, 3 a file is wrong, 4 the data cannot answer, 5 not converged, 6 "
-    "partly done."
+    "Options may also stand in pamid.toml or the environment (see `pamid config`). Exit codes: 0 "
+    "done, 2 usage, 3 a file is wrong, 4 the data cannot answer, 5 not converged, 6 partly done."
 )
 
 

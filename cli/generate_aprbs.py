@@ -60,8 +60,7 @@ FORMATS = ("csv", "mat", "mat-file", "mat-matrix", "st", "h")
     multiple=True,
     metavar="A | COLUMN=A",
     help="Levels lie within +- this, in the unit of the column. [default: the rig's; one-dof: 40 "
-    "deg closed, "
-    "0.8 open, 0.3 for a staircase; torque loops: 8]",
+    "deg closed, 0.8 open, 0.3 for a staircase; torque loops: 8]",
 )
 @click.option("--offset", type=float, default=0.0, show_default=True, help="Centre of the levels.")
 @click.option(

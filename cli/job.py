@@ -12,12 +12,10 @@ cluster_option = click.option(
     "--cluster",
     metavar="tcp://HOST:8786",
     help="Hand the jobs to the Dask cluster of this scheduler instead; results "
-    "are the same. Scheduler and workers must be trusted: jobs and results are pickled, so "
-    "whoever can reach the "
-    "scheduler can run code on the workers and here. Over TLS: tls://HOST:8786, with certificates "
-    "from Dask's "
-    "configuration or DASK_DISTRIBUTED__COMM__TLS__CA_FILE, ..__CLIENT__CERT, ..__CLIENT__KEY. "
-    "(pip install 'pamid[cluster]')",
+    "are the same. Scheduler and workers must be trusted: jobs and results are pickled, so whoever "
+    "can reach the scheduler can run code on the workers and here. Over TLS: tls://HOST:8786, with "
+    "certificates from Dask's configuration or DASK_DISTRIBUTED__COMM__TLS__CA_FILE, "
+    "..__CLIENT__CERT, ..__CLIENT__KEY. (pip install 'pamid[cluster]')",
 )
 
 

@@ -172,8 +172,7 @@ def table_text(found: dict[str, Any]) -> str:
     lines = (
         [
             f"QUICK: {plan['seconds']:g} s and {plan['iterations']} iterations are too few; these "
-            "figures only show "
-            "that it runs.",
+            "figures only show that it runs.",
             "",
         ]
         if found["quick"]
@@ -314,9 +313,8 @@ def arm_text(found: dict[str, Any]) -> str:
     unloaded = [tie for tie in found["tied"][_UNLOADED] if still & set(tie["parameters"])]
     lines += [
         f"Target     fitted angles of the gravity tests within {100.0 * target['share']:.0f} % of "
-        "the noise: "
-        f"{'reached' if target['reached'] else 'NOT reached'} (at most {target['worst']:.3f} "
-        "times)",
+        f"the noise: {'reached' if target['reached'] else 'NOT reached'} (at most "
+        f"{target['worst']:.3f} times)",
         f"Force law  {found['force_law']['finding']}",
         "",
         *_combinations(found["combinations"]),

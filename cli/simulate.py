@@ -29,9 +29,8 @@ pamid simulate --model fitted --excitation excitation.csv --noise none --output 
     type=click.Path(file_okay=False, path_type=Path),
     metavar="RUN",
     help="Simulate what `pamid fit` or `pamid diagnose` found, with its own integration steps, "
-    "instead of a "
-    "rig from its data sheet; a rig or effect file of that run is named again with --rig and "
-    "--effect.",
+    "instead of a rig from its data sheet; a rig or effect file of that run is named again with "
+    "--rig and --effect.",
 )
 @click.option(
     "--which",

@@ -48,8 +48,7 @@ pamid train-residual fitted --at joint --iterations 20
     default=1,
     show_default=True,
     help="Random starts that race: the worse half is left behind at iterations 10, 20, 40, 80 and "
-    "160, the "
-    "best is kept.",
+    "160, the best is kept.",
 )
 @click.option(
     "--jobs",
@@ -77,9 +76,8 @@ pamid train-residual fitted --at joint --iterations 20
     show_default=True,
     metavar="output|PORT",
     help="Where the correction is added: behind the model, to one channel, or inside it, to the "
-    "value at a "
-    "port of the rig, as joint or muscle_1 (`pamid rigs RIG` lists them); this reads the "
-    "recordings again.",
+    "value at a port of the rig, as joint or muscle_1 (`pamid rigs RIG` lists them); this reads "
+    "the recordings again.",
 )
 @click.option(
     "--rig", help="With --at PORT, where the run was fitted with a rig file: its path (it is run)."
@@ -170,8 +168,7 @@ def training_text(about: dict[str, Any], run: Path) -> str:
         f"weights   gamma {t['gamma']:.1f} of {n} are used, every one of {t['samples']} samples "
         "counted",
         f"          {t['supported_weights']:.1f} of {n} are supported, counting the "
-        f"{t['effective_samples']:.0f} "
-        "independent samples they are worth",
+        f"{t['effective_samples']:.0f} independent samples they are worth",
     ]
     return "\n".join([*lines, "", *errors_table(about), f"Next: pamid report {quoted(run)}"])
 

@@ -79,8 +79,7 @@ pamid trial --output trial --cases 4 --part calibration --jobs 2
     type=click.Path(dir_okay=False, path_type=Path),
     default=None,
     help="Write what the finished calibration cases of the one-dof teach "
-    "(pamid/diagnosis/calibration.json) "
-    "to this file.",
+    "(pamid/diagnosis/calibration.json) to this file.",
 )
 def command(
     output: Path,

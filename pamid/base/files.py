@@ -63,8 +63,7 @@ def open_data(path: str | Path, most: int) -> io.BufferedReader:
         if found.st_size > most:
             raise FileError(
                 f"{source} is too large: {_size(found.st_size)}, of such a file at most "
-                f"{_size(most)} are "
-                "read.",
+                f"{_size(most)} are read.",
                 "Is it the file you meant?",
                 code="too-large",
             )

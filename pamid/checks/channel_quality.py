@@ -393,8 +393,7 @@ def level_of(s: CheckedSignal, others_move: bool, usual_noise: float = 0.0) -> l
     if shows_only_noise(s):
         said = (
             f"{s.name} shows nothing but noise ({max(s.noise, s.step):.2g}{s.unit}) around "
-            f"{float(y.mean()):.6g}"
-            f"{s.unit} while the others move"
+            f"{float(y.mean()):.6g}{s.unit} while the others move"
         )
         return (
             [Issue("dead", (s.name,), "advice", said, PLUGGED, (), numbers)] if others_move else []

@@ -385,9 +385,8 @@ def inspection_text(said: dict[str, Any]) -> str:
         )
         lines += [
             f"  {name:<22} {c['low']:>11.5g} .. {c['high']:<11.5g} "
-            f"{'' if c['unit'] == NONE else c['unit']:<4} "
-            f"rest {c['rest_value']:.5g} for {c['rest_s']:.3g} "
-            f"s{_texture(said['quality']['channels'][name])}"
+            f"{'' if c['unit'] == NONE else c['unit']:<4} rest {c['rest_value']:.5g} for "
+            f"{c['rest_s']:.3g} s{_texture(said['quality']['channels'][name])}"
             for name, c in said["columns"].items()
         ]
     else:

@@ -284,8 +284,7 @@ def _dropped(measured: Sequence[CheckedSignal], held: Mask) -> list[Issue]:
             f"{int(held.sum())} samples were lost and filled by repeating the last "
             f"one in {which}, {share_words(float(held.mean()))}",
             "Look at the logger's load and the bus; ingest the raw log without filling, or leave "
-            "these stretches "
-            "out.",
+            "these stretches out.",
             windows,
             {
                 "samples": float(held.sum()),

@@ -258,8 +258,7 @@ def _issue_of(change: Change, before: SheetComparison, recording: Recording, rig
             "wrong",
             f"{columns[0]} and {columns[1]} are exchanged: {figures}",
             f"Exchange the two columns in the mapping of `pamid ingest`; if rig {rig.name!r} "
-            "really is "
-            "plugged so, change the rig file.",
+            "really is plugged so, change the rig file.",
             (),
             numbers,
         )
@@ -272,8 +271,7 @@ def _issue_of(change: Change, before: SheetComparison, recording: Recording, rig
         "wrong",
         f"{columns[0]} has the opposite sign{other}: {figures}",
         f"Set sign = -1 for it in the mapping of `pamid ingest`; if rig {rig.name!r} really is "
-        "built so, "
-        "change the rig file.",
+        "built so, change the rig file.",
         (),
         numbers,
     )
@@ -313,9 +311,8 @@ def _units(
             "unit",
             tuple(gains),
             "wrong",
-            f"{listed(list(gains))}: {np.mean(list(gains.values())):.3g} times "
-            f"what the data sheet of rig {rig.name!r} leads to; the values look like {other}, not "
-            f"{symbol}",
+            f"{listed(list(gains))}: {np.mean(list(gains.values())):.3g} times what the data sheet "
+            f"of rig {rig.name!r} leads to; the values look like {other}, not {symbol}",
             f'Set unit = "{other}" in the mapping of `pamid ingest`.',
             (),
             {"gain": float(np.mean(list(gains.values())))},
@@ -372,8 +369,7 @@ def _offsets(e: SheetComparison, recording: Recording, rig: Rig) -> list[Issue]:
             f"{listed(columns)} {many} {above / 1e3:.0f} kPa above "
             f"what the data sheet of rig {rig.name!r} leads to, as absolute pressures do",
             'Set pressure = "absolute" in the mapping of `pamid ingest`; if they are gauge '
-            "pressures, state "
-            "supply and initial pressure under [known].",
+            "pressures, state supply and initial pressure under [known].",
             (),
             {"above_kpa": above / 1e3},
         )

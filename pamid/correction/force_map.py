@@ -127,8 +127,7 @@ class ValidatedMap:
         own, other = self.rms_n(self.by_point), self.rms_n(self.by_point, self.best)
         text = (
             f"On points held out, the ANFIS is off by {own:.3g} N RMS and the best analytic law, "
-            f"{self.best} x "
-            f"{self.scale[self.best]:.3g}, by {other:.3g} N"
+            f"{self.best} x {self.scale[self.best]:.3g}, by {other:.3g} N"
         )
         own, other = self.rms_n(self.by_contraction), self.rms_n(self.by_contraction, self.best)
         return (
@@ -151,8 +150,7 @@ class ValidatedMap:
         if worse(self.by_contraction):
             return [
                 "Between the contractions measured, the ANFIS is the worse of the two: measure "
-                "some in between, or "
-                "take fewer --sets."
+                "some in between, or take fewer --sets."
             ]
         return []
 
@@ -179,8 +177,7 @@ def read_map(path: Path) -> ForceMap:
     if np.abs(contraction).max() >= 1.0:
         raise FileError(
             f"{path}: {used[0]} reaches {table[np.abs(contraction).argmax(), 0]:g}: no muscle "
-            "shortens by "
-            "its whole length.",
+            "shortens by its whole length.",
             "It is a share of the length at rest; name per cent contraction_percent.",
             code="unit",
         )
@@ -332,8 +329,7 @@ def _check_size(points: ForceMap, sets: int, every: int) -> None:
     if len(points) < needed:
         raise DataError(
             f"{points.path}: {len(points)} points are too few for {sets} x {sets} sets: {weights} "
-            "weights "
-            f"need {needed}, as one in {every} is held out.",
+            f"weights need {needed}, as one in {every} is held out.",
             "Measure more points, or take fewer --sets (2 is the least).",
             code="too-short",
         )

@@ -214,9 +214,8 @@ def simulate_identified(
     if model.network is not None and model.network.in_loop and not model.assembly.controller:
         raise UsageError(
             "This network corrects the model in its own control loop, not on given commands.",
-            "Leave it out with --which refitted, give references instead of commands, or train "
-            "one that "
-            "goes inside with train-residual --at PORT.",
+            "Leave it out with --which refitted, give references instead of commands, or train one "
+            "that goes inside with train-residual --at PORT.",
         )
     program = model.program_with(extra or {})
     memory = program.memory(model.start, stepping=model.stepping, period_s=model.period_s)
@@ -248,8 +247,7 @@ def record_identified(
     if abs(excitation.sampling_period_s - model.period_s) > PERIODS_AGREE * model.period_s:
         raise DataError(
             f"{excitation.path} is sampled every {excitation.sampling_period_s:g} s, the model's "
-            "sample is "
-            f"{model.period_s:g} s.",
+            f"sample is {model.period_s:g} s.",
             "Make the excitation with the model's period.",
         )
     known = {**excitation.known, **(known or {})}
@@ -400,8 +398,7 @@ def _with_network(model: Identified, folder: Path, fit: dict[str, Any]) -> Ident
         if name not in offered:
             raise FileError(
                 f"{folder / NETWORK_FILE}: its input {name!r} is neither an input of the rig nor "
-                "an output "
-                "of the refitted model, so that it cannot run beside it.",
+                "an output of the refitted model, so that it cannot run beside it.",
                 f"Train it with --inputs out of {', '.join(offered)}.",
             )
     sources = tuple(offered[name] for name in trained.input_names)

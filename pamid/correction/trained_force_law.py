@@ -143,8 +143,7 @@ def _said(trained: TrainedNetwork, axis: int, places: tuple[Place, Place], force
     verb = "falls" if forces[end] < forces[begin] else "grows"
     return (
         f"at {held} = {steps[1 - axis][begin[1 - axis]]:.4g} it {verb} from {forces[begin]:.4g} N "
-        "to "
-        f"{forces[end]:.4g} N between {moved} = {steps[axis][begin[axis]]:.4g} and "
+        f"to {forces[end]:.4g} N between {moved} = {steps[axis][begin[axis]]:.4g} and "
         f"{steps[axis][end[axis]]:.4g}"
     )
 
@@ -170,8 +169,7 @@ def _order(trained: TrainedNetwork) -> list[str]:
     if sorted(order) != ["1", "Pa"] or not compatible(split_column(trained.output_name)[1], "N"):
         raise DataError(
             "A force law gives a force from a contraction and a pressure, not "
-            f"{trained.output_name!r} from "
-            f"{', '.join(trained.input_names)}.",
+            f"{trained.output_name!r} from {', '.join(trained.input_names)}.",
             "Name the signals with their units: contraction, pressure_kpa; force_n.",
         )
     if not isinstance(trained.network, Static):

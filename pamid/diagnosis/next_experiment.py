@@ -426,8 +426,7 @@ def _why(
     worst = int(np.argmax(separation))
     parts.append(
         "simulated on the fitted models, the nearest two differ most in "
-        f"{d.evidence.channels[worst]}, by "
-        f"{separation[worst]:.2g} times its noise"
+        f"{d.evidence.channels[worst]}, by {separation[worst]:.2g} times its noise"
     )
     if separation[worst] < d.settings.experiment_visible:
         parts.append("nothing on the menu sets them apart clearly")

@@ -277,10 +277,9 @@ def remark(d: Diagnosis) -> str:
         return ""
     return (
         "The recordings show nothing that this model could have made of its input: it predicts "
-        "them no better than "
-        "their own mean or a straight line does. Check that every column is the channel that it "
-        "is named after, "
-        "that all were recorded together on one clock, and that the input acted on the rig."
+        "them no better than their own mean or a straight line does. Check that every column is "
+        "the channel that it is named after, that all were recorded together on one clock, and "
+        "that the input acted on the rig."
     )
 
 

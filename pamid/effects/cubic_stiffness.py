@@ -59,8 +59,7 @@ class CubicStiffness(Effect):
             size="position",
             fitted=False,
             source="twice the stroke: farther out the spring goes on as a straight line, so that "
-            "one that "
-            "softens does not run away faster than exponentially",
+            "one that softens does not run away faster than exponentially",
         ),
     )
     look_alikes = ("linear-stiffness", "end-stop", "backlash")

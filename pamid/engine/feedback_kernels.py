@@ -47,8 +47,7 @@ def run_outputs(feedback, output, output_bias, drive, stride, y):
 
 @njit(
     "void(float64[:, ::1], float64[::1], float64, float64[:, ::1], float64[:, ::1], int64, "
-    "float64[::1],"
-    " float64[::1], float64[:, ::1])",
+    "float64[::1], float64[::1], float64[:, ::1])",
     cache=True,
     nogil=True,
     fastmath={"contract"},

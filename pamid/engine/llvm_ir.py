@@ -164,8 +164,7 @@ def product_text(name: str, pointer: list[int], columns: list[int], rows_of_S: i
         for e, c in row:
             lines.append(
                 f"%r{e} = call <8 x double> @llvm.fmuladd.v8f64(<8 x double> %v{e}, <8 x double> "
-                f"%S{c}, "
-                f"<8 x double> {value})"
+                f"%S{c}, <8 x double> {value})"
             )
             value = f"%r{e}"
         lines += [

@@ -146,8 +146,7 @@ def run_states(columns, inputs, state, states):
 
 @njit(
     "void(float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[:, ::1], float64[::1], "
-    "float64[::1],"
-    " float64[::1])",
+    "float64[::1], float64[::1])",
     cache=True,
     nogil=True,
     fastmath={"contract"},
@@ -186,8 +185,7 @@ def run_bend(columns, change, inputs, states, output, output_change, bend):
 
 @njit(
     "void(float64[:, ::1], float64[:, ::1], float64[::1], float64, float64[:, ::1], float64[::1], "
-    "float64[:, :, ::1],"
-    " float64[::1], float64[::1])",
+    "float64[:, :, ::1], float64[::1], float64[::1])",
     cache=True,
     nogil=True,
     fastmath={"contract"},

@@ -111,15 +111,13 @@ class Posterior:
         carried = {self.keys[i] for _, i in self._places(problem)}
         notes = [
             f"{key} was held at its {'low' if slope > 0.0 else 'high'} bound in "
-            f"{self.path.parent}: what it would "
-            "be beyond is guessed."
+            f"{self.path.parent}: what it would be beyond is guessed."
             for key, slope in zip(self.keys, self.held, strict=True)
             if slope
         ]
         notes += [
             f"{', '.join(group)} were known only in combination, and the rig declares none of it: "
-            "intervals may "
-            "come out too narrow."
+            "intervals may come out too narrow."
             for group in self.ridges
         ]
         lost = [key for key in self.keys if key not in carried and not key.endswith(OWN_TIME)]
@@ -155,8 +153,7 @@ class Posterior:
                 if span.recording.sha256 in self.fitted:
                     raise DataError(
                         f"{span.recording.path}: {self.path.parent} rests on this recording "
-                        "already; "
-                        f"{what}.",
+                        f"already; {what}.",
                         "Give each recording to one stage only.",
                     )
 

@@ -119,16 +119,14 @@ class Coverage:
             f"Amplitude: {self.visited:.0%} of the range is visited, evenness {self.evenness:.2f} "
             "of 1.",
             f"Frequency: 95 % of the power lies below {self.power_95_hz:.2g} Hz; within 20 dB of "
-            "the strongest from "
-            f"{self.band_20db_hz[0]:.2g} to {self.band_20db_hz[1]:.2g} Hz.",
+            f"the strongest from {self.band_20db_hz[0]:.2g} to {self.band_20db_hz[1]:.2g} Hz.",
         ]
         if self.changes is not None:
             (small, large), (slow, fast) = self.changes.most
             said.append(
                 f"Changes: mostly by {small:.0%} to {large:.0%} of the range at {slow:.2g} to "
-                f"{fast:.2g} Hz; "
-                f"{np.count_nonzero(self.changes.share)} of {CELLS**2} combinations of size and "
-                "pace occur."
+                f"{fast:.2g} Hz; {np.count_nonzero(self.changes.share)} of {CELLS**2} combinations "
+                "of size and pace occur."
             )
         if self.library_condition is not None:
             said.append(

@@ -293,8 +293,7 @@ def _samples(
     if not 0.0 < band_hz[0] < band_hz[1] < 0.5 / period_s:
         raise UsageError(
             f"The band is {band_hz[0]:g} to {band_hz[1]:g} Hz; it must rise and end below half of "
-            "the "
-            f"sampling rate, {0.5 / period_s:g} Hz."
+            f"the sampling rate, {0.5 / period_s:g} Hz."
         )
     return round(duration_s / period_s)
 

@@ -301,8 +301,7 @@ def _rows(texts: list[str], indent: str) -> str:
 
 _SIMULINK = (
     "From Workspace: tick off 'Interpolate data', sample time = sampling_period_s, after the last "
-    "value hold "
-    "the final value"
+    "value hold the final value"
 )
 FORMATS: dict[str, Format] = {
     "csv": Format(".csv", None, ""),

@@ -143,8 +143,7 @@ def _numbers(
     if len(words):
         gathering.note(
             f"{name}: {len(words)} cells are no numbers and become empty, the first is "
-            f"{words.iloc[0]!r} "
-            f"in data row {int(words.index[0]) + 1}"
+            f"{words.iloc[0]!r} in data row {int(words.index[0]) + 1}"
         )
     clean = (
         text.where(kinds == "n")

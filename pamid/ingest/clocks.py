@@ -117,8 +117,7 @@ def _by_stamps(
         if stamps.size != channel.values.size:
             raise FileError(
                 f"{log.path}: {channel.name!r} has {channel.values.size} values, its clock "
-                f"{stamps.size} "
-                "stamps.",
+                f"{stamps.size} stamps.",
                 "Choose as time.source a channel with as many rows.",
                 code="rows",
             )
@@ -218,8 +217,7 @@ def _clock(
     if mapping.time.max_gap_s is not None and mapping.time.max_gap_s < 1.5 * found.period:
         raise FileError(
             f"{where}: time.max_gap_s is {mapping.time.max_gap_s:g}, but samples are "
-            f"{found.period:.4g} s "
-            "apart.",
+            f"{found.period:.4g} s apart.",
             "A gap is longer than a few samples.",
             code="mapping",
         )
@@ -282,9 +280,8 @@ def _choose(
                 "evenly and a host "
                 "writes the time when a sample arrives; the even clock is restored. "
                 '"jittered-sampling": the '
-                "samples are taken when their stamps say, as in a loop on a PC; they are "
-                "resampled by the stamps. "
-                "The wrong one does harm."
+                "samples are taken when their stamps say, as in a loop on a PC; they are resampled "
+                "by the stamps. The wrong one does harm."
             )
             raise DataError(
                 f"{place}: the stamps are uneven, and the data do not tell why: {found.why}.",
@@ -315,8 +312,7 @@ def _require_plausible(period: float, mapping: Mapping, rig: Rig | None, where: 
         if 1.0 / NEAR_USUAL < other / usual < NEAR_USUAL:
             raise FileError(
                 f'{where}: {said}: samples would be {period:.4g} s apart; in "{name}" they would '
-                "be "
-                f"{other:.4g} s apart, and {usual:g} s are usual.",
+                f"be {other:.4g} s apart, and {usual:g} s are usual.",
                 "Correct time.unit; if they really are so far apart, say so in time.period_s.",
                 code="time-unit",
             )

@@ -215,8 +215,7 @@ def _refuse_two_commas(path: Path, guess: _Guess, cells: list[str]) -> None:
     line = ",".join(guess.rows[guess.first])
     raise FileError(
         f"{path}, line {guess.first + 1}: in {line!r} it cannot be told which commas are decimal "
-        "marks and "
-        "which part the numbers.",
+        "marks and which part the numbers.",
         "Write decimal points, or part the numbers with semicolons; a row of "
         "names, one for each number, would settle it too.",
         code="two-commas",
@@ -268,8 +267,7 @@ def _names(path: Path, guess: _Guess) -> tuple[list[str], list[str], list[str]]:
         row = guess.rows[above]
         raise FileError(
             f"{path}: line {above + 1} has {len(row)} names ({', '.join(row[:8])}), the numbers "
-            "from line "
-            f"{guess.first + 1} on have {guess.width} columns.",
+            f"from line {guess.first + 1} on have {guess.width} columns.",
             "Give every column one name.",
             code="header",
         )

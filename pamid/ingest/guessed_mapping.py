@@ -303,8 +303,7 @@ def _unit(column: str, channel: Channel) -> tuple[str, str]:
     if logged:
         return UNANSWERED, (
             f"the log says {toml_string(logged)}, the column is a {quantity_of(symbol)}; or scale "
-            "= "
-            f"{symbol} per {toml_string(logged)}"
+            f"= {symbol} per {toml_string(logged)}"
         )
     suffix = split_column(channel.name.rpartition("/")[2])[1]
     if suffix != NONE and unit(suffix).dimension == unit(symbol).dimension:

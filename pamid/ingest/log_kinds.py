@@ -60,8 +60,7 @@ def read_here(path: Path, kind: str) -> Log:
         reason = " ".join(str(error).split())[:200] or "no reason given"
         raise FileError(
             f"{path} cannot be read as {kind}: {reason} ({type(error).__name__}).",
-            "It may be damaged, incomplete or of another kind: open it with the program that "
-            "wrote it and "
-            "export it again.",
+            "It may be damaged, incomplete or of another kind: open it with the program that wrote "
+            "it and export it again.",
             code="damaged",
         ) from error

@@ -248,8 +248,7 @@ def _settle_one(column: str, one: SignalMap, hold: bool, logged: str, where: str
 
 _GAUGE = (
     "A log does not show it by itself: a gauge sensor reads 0 with the air off, an absolute one "
-    "about 1 bar "
-    "(101 kPa, 14.7 psi)."
+    "about 1 bar (101 kPa, 14.7 psi)."
 )
 _EXAMPLES = {
     "pressure": '"bar", "kPa", "psi"',

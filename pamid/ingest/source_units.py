@@ -92,8 +92,7 @@ _ADVICE = {
             "pulses",
         ),
         "Counts have no size of their own: give scale, the made unit per count; for an encoder "
-        "with 4-fold "
-        "evaluation that is 360 / (4 * lines) degrees.",
+        "with 4-fold evaluation that is 360 / (4 * lines) degrees.",
     ),
     "grad": "It means degrees in some languages and 1/400 turn in others: write deg or gon.",
     "in": "Write inch.",

@@ -135,13 +135,11 @@ def usable_rows(
         row = int(keep[twice[~same][0] + 1])
         hint = (
             "If they are two samples, say so with --time-base late-stamps; if one is wrong, take "
-            "it out of the "
-            "log."
+            "it out of the log."
         )
         raise FileError(
             f"{place}: the stamp {stamps[row]:.9g} s stands at data rows {row} and {row + 1} with "
-            "differing"
-            f" values ({differing} such).",
+            f"differing values ({differing} such).",
             hint,
             code="stamps-repeated",
         )

@@ -106,8 +106,7 @@ def diagnose_stamps(rows: Rows, signals: Mapping[str, FloatArray]) -> StampDiagn
         share = float(np.mean(steps == 0.0))
         why = (
             f"{share:.0%} of the rows share their stamp with the one before and yet differ: the "
-            "stamps are those of "
-            "blocks or of a slow clock, the samples lie between them"
+            "stamps are those of blocks or of a slow clock, the samples lie between them"
         )
         return StampDiagnosis(
             "blocks", "late-stamps", why, period, {**numbers, "shared_stamps": share}
@@ -189,8 +188,7 @@ def _by_signals(
     tail = ": late only, as a waiting host writes them" if skew > 1.0 else ""
     shape = (
         f"they stray from an even clock of {_time(period)} by {_time(low)} to {_time(high)} (1 % "
-        "to 99 %, "
-        f"skewness {skew:.1f}{tail})"
+        f"to 99 %, skewness {skew:.1f}{tail})"
     )
     if not heard:
         why = f"{shape}; no signal moves enough to tell late stamps from jittered sampling"

@@ -241,8 +241,7 @@ class _Tracer:
                     at = f" at place {place!r}" if place else ""
                     raise FileError(
                         f"rig {self.rig.name!r} declares the port {name!r} but never passes a "
-                        "value "
-                        f"through it{at}",
+                        f"value through it{at}",
                         f"write ... = port({name!r}, value, ...) in rates or measure, "
                         "or drop the port",
                     )

@@ -89,9 +89,8 @@ class Training:
         return (
             f"The residual is correlated in time: {self.samples} samples carry about as much as "
             f"{self.effective_samples:.0f} independent ones. gamma {self.trace['gamma'][-1]:.1f} "
-            "counts every sample; "
-            f"counting the independent ones, {self.supported_weights:.1f} of {len(self.weights)} "
-            "weights are supported."
+            f"counts every sample; counting the independent ones, {self.supported_weights:.1f} of "
+            f"{len(self.weights)} weights are supported."
         )
 
     @property

@@ -133,8 +133,7 @@ def _require_alike(client: Client, address: str, patience_s: float) -> None:
     if other:
         raise FileError(
             f"{len(other)} of {len(found)} workers of {address} run another pamid, or another "
-            "version of "
-            f"what it computes with, than this machine: {', '.join(other[:3])}",
+            f"version of what it computes with, than this machine: {', '.join(other[:3])}",
             "Results would depend on who worked them out: install the same versions everywhere.",
             code="cluster",
         )

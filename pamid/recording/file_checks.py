@@ -109,9 +109,8 @@ def check_header(path: Path, names: Sequence[str]) -> None:
     if len(names) == 1:
         raise FileError(
             f"{path}, line 1: there is no column beside time_s.",
-            "A recording holds what was sent and what was measured, each in a column NAME_UNIT; "
-            "if columns "
-            "are separated by something else than commas, `pamid ingest` reads it.",
+            "A recording holds what was sent and what was measured, each in a column NAME_UNIT; if "
+            "columns are separated by something else than commas, `pamid ingest` reads it.",
             code="header",
         )
     for index, name in enumerate(names):
@@ -119,8 +118,7 @@ def check_header(path: Path, names: Sequence[str]) -> None:
             raise FileError(
                 f"{path}, line 1: column {index + 1} has no name.",
                 "Name it NAME_UNIT, as angle_deg, or drop it; a comma too many at the end makes "
-                "one as "
-                "well.",
+                "one as well.",
                 code="header",
             )
         if name in names[:index]:

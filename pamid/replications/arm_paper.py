@@ -75,9 +75,8 @@ QUICK_S, QUICK_MUSCLES, QUICK_PERIOD_S = 4.0, ("12", "21"), 0.006
 
 ARM_NOTES = (
     "A virtual arm, not the authors' arm: their recordings and parameters are not published, so "
-    "their figures are not "
-    "set beside these. What the twin hides was chosen; its equations are the model's but for the "
-    "force law.",
+    "their figures are not set beside these. What the twin hides was chosen; its equations are the "
+    "model's but for the force law.",
     "Free runs begin where the recording begins, and nothing is set anew on the way. A joint that "
     "is clamped is not "
     "scored, nor are its muscles. The noise floor is the error of the twin itself.",
@@ -85,13 +84,11 @@ ARM_NOTES = (
     "the law, as in every "
     "fit of pamid. They can take up what the analytic law lacks; the law alone has none.",
     "A swing tells inertias, first moments and friction up to one common factor. The test with a "
-    "known payload sets "
-    "it, as a known torque would. Masses, centres and inertias one by one are not seen by the "
-    "motion.",
-    "scale multiplies a force law: the truth given is that of the twin's own. The ANFIS has "
-    "learnt it with the map, so "
-    "that 1 is right there. Where a muscle is slack, the ANFIS was taught the catalogue's law "
-    "nearest to the map.",
+    "known payload sets it, as a known torque would. Masses, centres and inertias one by one are "
+    "not seen by the motion.",
+    "scale multiplies a force law: the truth given is that of the twin's own. The ANFIS has learnt "
+    "it with the map, so that 1 is right there. Where a muscle is slack, the ANFIS was taught the "
+    "catalogue's law nearest to the map.",
 )
 
 

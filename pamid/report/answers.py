@@ -230,8 +230,7 @@ def _nature(one: Unknown) -> list[str]:
     }
     memory = {
         True: "Most of it is no function of these signals at the same instant: it depends on the "
-        "past, or on "
-        "something that is not among them.",
+        "past, or on something that is not among them.",
         False: "It follows these signals without memory.",
     }
     energy = {
@@ -361,8 +360,7 @@ def _limits(row: ChannelErrors, unit_text: str) -> list[str]:
             )
         texts.append(
             "A black box trained on the same data reaches "
-            f"{formatting.with_unit_text(row.black_box, unit_text)}, "
-            f"{verb}."
+            f"{formatting.with_unit_text(row.black_box, unit_text)}, {verb}."
         )
     return texts
 

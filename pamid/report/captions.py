@@ -100,9 +100,8 @@ def _fit_sentence(row: ChannelErrors | None) -> str:
     if row.refitted >= row.data_sheet:
         return (
             f"Refitting does not help: the held-out {what} error is "
-            f"{with_unit_text(row.refitted, unit_text)}, "
-            f"{formatting.short(row.data_sheet)} from the data sheet; the cause is not yet "
-            "diagnosed."
+            f"{with_unit_text(row.refitted, unit_text)}, {formatting.short(row.data_sheet)} from "
+            "the data sheet; the cause is not yet diagnosed."
         )
     return (
         f"Refitting takes the held-out {what} error from {formatting.short(row.data_sheet)} to "
@@ -129,9 +128,8 @@ def ports_title(where: Where) -> str:
     if named and named[0][1] < ordered[0][1]:
         return (
             f"{percent(ordered[0][1])} of the gap might enter at the "
-            f"{formatting.port_label(ordered[0][0])} port; the "
-            f"verdict names the {formatting.port_label(where.port)} port, "
-            f"with {percent(named[0][1])}"
+            f"{formatting.port_label(ordered[0][0])} port; the verdict names the "
+            f"{formatting.port_label(where.port)} port, with {percent(named[0][1])}"
         )
     ordered = named + [one for one in ordered if one[0] != where.port]
     (port, share), others = ordered[0], ordered[1:2]
@@ -174,8 +172,7 @@ def regimes_title(regimes: list[Regime]) -> str:
     best = regimes[0]
     return (
         f"{percent(best.share_of_gap)} of the gap lies in {percent(best.share_of_time)} of the "
-        "time: "
-        f"{regime_label(best)}"
+        f"time: {regime_label(best)}"
     )
 
 
@@ -261,9 +258,8 @@ def window_title(
             )
             change = "falls" if window.mae[kind] < before else "grows"
             return (
-                f"Worst {part} window: the {what} error {change} from "
-                f"{formatting.short(before)} to {with_unit_text(window.mae[kind], unit_text)} "
-                f"with {cause}"
+                f"Worst {part} window: the {what} error {change} from {formatting.short(before)} "
+                f"to {with_unit_text(window.mae[kind], unit_text)} with {cause}"
             )
     return (
         f"Worst {part} window: the refitted model errs by {with_unit_text(before, unit_text)} "

@@ -81,8 +81,7 @@ def finding(shown: Sequence[Shown]) -> str:
     least = "" if len(shown) == 1 else "Least covered: "
     return (
         f"{least}{poorest.column} visits {poorest.covers.visited:.0%} of its range, with power "
-        f"{poorest.reach}. "
-        f"{poorest.covers.blind_spots()[0]}"
+        f"{poorest.reach}. {poorest.covers.blind_spots()[0]}"
     )
 
 

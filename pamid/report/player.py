@@ -43,8 +43,7 @@ def player_html(run: RunData) -> Markup:
     when = formatting.span(float(motion.time[0]), float(motion.time[-1]), "s")
     note = (
         f"{when}{f' in recording {motion.recording}' if several else ''}; the gaps are not "
-        "enlarged. At the marks "
-        "on the time axis the models were set to the measured state again."
+        "enlarged. At the marks on the time axis the models were set to the measured state again."
     )
     return tag(
         "figure",

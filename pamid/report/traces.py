@@ -57,11 +57,9 @@ _FIELDS = {
 _IN_LOOP = {"loop": "refitted, own loop", "loop_network": "with network, own loop"}
 _MOVING = (
     "Drag across a plot to enlarge a stretch of time, down to single samples; double-click to see "
-    "all of it "
-    "again. After a click into a plot the wheel and the keys +, −, ← and → work, too; on a screen "
-    "to touch, two "
-    "fingers enlarge and one moves. A bar on top: held out; grey: not scored, while a window "
-    "finds its start."
+    "all of it again. After a click into a plot the wheel and the keys +, −, ← and → work, too; on "
+    "a screen to touch, two fingers enlarge and one moves. A bar on top: held out; grey: not "
+    "scored, while a window finds its start."
 )
 # times the refitted error: a model that is off by more hides the others and is not drawn at first
 _HUGE = 4.0
@@ -280,13 +278,11 @@ def _exactness(residual: Residual, found: Sequence[Stretch], channels: list[str]
         )
     texts = [
         "Every sample is here, in 65535 steps over the span of its trace, so that a value is off "
-        "by at most: "
-        f"{formatting.join(exact)}."
+        f"by at most: {formatting.join(exact)}."
     ]
     if any(one.cut for one in found):
         texts.append(
             "The recordings are too long for a page: a part of what was fitted is left out; "
-            "residual.csv has "
-            "all of it."
+            "residual.csv has all of it."
         )
     return texts

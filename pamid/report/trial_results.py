@@ -151,8 +151,7 @@ def confusion_title(trial: Trial) -> str:
     count, family, answer = max(wrong, key=lambda one: one[0])
     return (
         f"{text}; most often mistaken: {effect_label(family)} for {effect_label(answer)}, "
-        f"{formatting.count(count)} of "
-        f"{formatting.count(_total(rows[family]))}"
+        f"{formatting.count(count)} of {formatting.count(_total(rows[family]))}"
     )
 
 

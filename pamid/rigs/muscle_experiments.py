@@ -95,8 +95,7 @@ def gravity_test(
         able = ", ".join(name for name, kind in rigs().items() if releases(kind())) or "none"
         raise UsageError(
             f"rig {rig.name!r} has no gravity test: no parameters {VENTED} and initial_<angle>. "
-            "Nothing "
-            "swings where a joint turns in a horizontal plane.",
+            "Nothing swings where a joint turns in a horizontal plane.",
             f"Rigs that have one: {able}.",
         )
     if len(release) != len(begins):
@@ -189,8 +188,7 @@ EXPERIMENTS = (
         "quick-release",
         4.0,
         "a held torque is let go with the valves shut: a sensor's lag and compliance show, valves "
-        "and dead time "
-        "do not",
+        "and dead time do not",
         _quick_release,
         commanded=True,
         pushed=True,

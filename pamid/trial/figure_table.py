@@ -127,9 +127,8 @@ def summary(found: dict[str, Any]) -> str:
     rig = "" if rows_of(found) is JOINT_ROWS else f" of rig {found['rig']}"
     return (
         f"Blind trial{rig}, part {found['part']}, seed {found['seed']}: {found['cases']} cases, "
-        f"{failed} failed; "
-        f"{unseen['hits']} of {unseen['of']} planted gaps do not show and count for nothing but "
-        "detection."
+        f"{failed} failed; {unseen['hits']} of {unseen['of']} planted gaps do not show and count "
+        "for nothing but detection."
     )
 
 

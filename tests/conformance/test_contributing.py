@@ -112,9 +112,8 @@ def test_a_network(copy: Path) -> None:
     said = " ".join(pamid(copy, "train-residual", "--help").split())
     assert "anfis, elman, line or narx" in said and "Powers of every input of line." in said
     code = (
-        "from pamid.correction.output_network import NetworkChoice as W;"
-        "n = W('line', {'powers': 2, 'hidden': None}).network(3, 0.01);"
-        "print(n.n_weights, n.words())"
+        "from pamid.correction.output_network import NetworkChoice as W;n = W('line', {'powers': "
+        "2, 'hidden': None}).network(3, 0.01);print(n.n_weights, n.words())"
     )
     assert run(copy, "-c", code) == "7 line (inputs 3, powers 2)\n"
 

@@ -174,10 +174,9 @@ def test_a_digest_sees_every_part() -> None:
 
 def test_a_digest_is_the_same_in_every_process() -> None:
     code = (
-        "from pamid.model.registry import effects, rig_named; "
-        "from pamid.parallel.result_store import digest; import numpy as np;"
-        "print(digest(rig_named('one-dof'), sorted(effects().items()), {'b', 'a', 'c'}, "
-        "np.arange(3.0)))"
+        "from pamid.model.registry import effects, rig_named; from pamid.parallel.result_store "
+        "import digest; import numpy as np;print(digest(rig_named('one-dof'), "
+        "sorted(effects().items()), {'b', 'a', 'c'}, np.arange(3.0)))"
     )
     found = {
         subprocess.run(

@@ -40,9 +40,8 @@ _PATIENCE_S = 300.0  # before a test that would never end is given up; nothing i
 #: the browser reads its commands from file 3 and answers into file 4
 _LAUNCH = (
     "import fcntl, os, sys; pipes = [fcntl.fcntl(int(one), fcntl.F_DUPFD, 10) for one in "
-    "sys.argv[1:3]]; "
-    "[os.dup2(one, k) for k, one in enumerate(pipes, start=3)]; os.execvp(sys.argv[3], "
-    "sys.argv[3:])"
+    "sys.argv[1:3]]; [os.dup2(one, k) for k, one in enumerate(pipes, start=3)]; "
+    "os.execvp(sys.argv[3], sys.argv[3:])"
 )
 
 
@@ -90,11 +89,9 @@ class Page:
     def settle(self) -> None:
         """Until nothing scrolls or changes its height any more."""
         self.evaluate(
-            "new Promise(done => { let last = '', same = 0; const look = () => {"
-            "const now = [scrollX, scrollY, document.documentElement.scrollHeight].join();"
-            "same = now === last ? same + 1 : 0; last = now; same > 5 ? done() : setTimeout(look, "
-            "30); };"
-            "look(); })"
+            "new Promise(done => { let last = '', same = 0; const look = () => {const now = "
+            "[scrollX, scrollY, document.documentElement.scrollHeight].join();same = now === last "
+            "? same + 1 : 0; last = now; same > 5 ? done() : setTimeout(look, 30); };look(); })"
         )
 
     def mouse(self, kind: str, x: float, y: float, **more: Any) -> None:

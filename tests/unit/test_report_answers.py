@@ -38,8 +38,7 @@ def test_the_page_says_what_was_found(verdict: str, tmp_path: Path) -> None:
         "there is a structural gap at all above 0.99, the catalogue knows its cause 0.93, the "
         "first of the ranking",
         "The nearest two of these models are expected to differ by 4.2 noise standard deviations "
-        "rms; it takes about "
-        "8 min at the rig.",
+        "rms; it takes about 8 min at the rig.",
         "Its excitations, one for each run, are next-experiment.csv and next-experiment-2.csv in "
         "the run folder",
         "Run 1: initial pressure 200 kPa. Run 2: initial pressure 500 kPa.",
@@ -50,9 +49,8 @@ def test_the_page_says_what_was_found(verdict: str, tmp_path: Path) -> None:
         assert told in text, told
     apart = (
         "For an effect of unknown form these sensors cannot tell muscle and joint, nor valve and "
-        "pressure apart; "
-        "they say nothing of leak; measuring force 1 and force 2 as well would separate muscle "
-        "and joint."
+        "pressure apart; they say nothing of leak; measuring force 1 and force 2 as well would "
+        "separate muscle and joint."
     )
     assert (apart in text) == (verdict != "no-structural-gap")
     assert ("Does it hold elsewhere?" in text) == (verdict in ("explained", "ambiguous"))
@@ -61,8 +59,7 @@ def test_the_page_says_what_was_found(verdict: str, tmp_path: Path) -> None:
     )
     nature = (
         "It changes its sign with the velocity. It follows these signals without memory. It takes "
-        "energy out, as "
-        "friction does."
+        "energy out, as friction does."
     )
     assert (nature in text) == (verdict == "unknown-effect")
     assert ("The formula covers 62 % of its variance" in text) == (verdict == "unknown-effect")

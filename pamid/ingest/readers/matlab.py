@@ -21,8 +21,7 @@ from pamid.ingest.readers.octave import read_octave_text
 
 OPAQUE = (
     "an object of a MATLAB class; save the struct('Time', x.Time, 'Data', x.Data) of a timeseries "
-    "x, the "
-    "timetable of a Dataset"
+    "x, the timetable of a Dataset"
 )
 
 
