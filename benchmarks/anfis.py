@@ -5,24 +5,22 @@ mm muscle.
     FOLDER]
 
 peer   10 000 samples of a smooth function of two inputs with noise of 2e-3 of its range, 5 x 5
-rules, one core, both in
-       this run. Error is the RMSE against the noise-free function on a grid of 101 x 101 points, as
-       a share of its range. Seconds are CPU seconds: pamid's of a whole training that takes no more
-       steps than needed, the peer's of its epochs alone. Two ratios are printed: to the lowest
-       error that the peer came to, and to 2.5e-4; where it never came to that, the latter is a
-       lower bound for this step size and this many epochs, no time to equal error. The peer lives
-       in an environment of its own, made once. `--quick` stops it after 20 epochs. Its step size
-       (--step) is the one with the lowest error of ten tried: 0.04 came to 3.02e-4 in 12 epochs and
-       then ran away. Lowest errors of the others, 1e-4: 0.001 6.1 (24 epochs, error on the
-       samples), 0.003 4.15 (100), 0.005 3.88 (100), 0.01 3.70 (900, 749 s), 0.02 3.34 (28), 0.03
-       3.16 (28), 0.06 3.04 (28), 0.08 3.28 (28), 0.12 3.30 (28). None reached 2.5e-4; its step is
-       constant, and a schedule or another function may do better.
+       rules, one core, both in this run. Error is the RMSE against the noise-free function on a
+       grid of 101 x 101 points, as a share of its range. Seconds are CPU seconds: pamid's of a
+       whole training that takes no more steps than needed, the peer's of its epochs alone. Two
+       ratios are printed: to the lowest error that the peer came to, and to 2.5e-4; where it never
+       came to that, the latter is a lower bound for this step size and this many epochs, no time to
+       equal error. The peer lives in an environment of its own, made once. `--quick` stops it after
+       20 epochs. Its step size (--step) is the one with the lowest error of ten tried: 0.04 came to
+       3.02e-4 in 12 epochs and then ran away. Lowest errors of the others, 1e-4: 0.001 6.1 (24
+       epochs, error on the samples), 0.003 4.15 (100), 0.005 3.88 (100), 0.01 3.70 (900, 749 s),
+       0.02 3.34 (28), 0.03 3.16 (28), 0.06 3.04 (28), 0.08 3.28 (28), 0.12 3.30 (28). None reached
+       2.5e-4; its step is constant, and a schedule or another function may do better.
 map    6 contractions x 21 pressures beside the project (skipped where absent), 3 x 3 rules; every
-third point is held
-       out. Prints the RMS of the held-out points in N for each of the three ways to take every
-       third; where the muscle is slack it pulls 0. Held-out pressures beyond the others follow the
-       law's tangent plane. And what the law's guard finds: the readings of 0 N below the threshold
-       pressure say nothing about how slack the muscle is there.
+       third point is held out. Prints the RMS of the held-out points in N for each of the three
+       ways to take every third; where the muscle is slack it pulls 0. Held-out pressures beyond the
+       others follow the law's tangent plane. And what the law's guard finds: the readings of 0 N
+       below the threshold pressure say nothing about how slack the muscle is there.
 """
 
 from __future__ import annotations

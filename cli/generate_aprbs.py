@@ -138,12 +138,14 @@ def command(
     """Make an amplitude-modulated pseudo-random step signal (APRBS) for a rig, or another signal or
     experiment.
 
-    \b aprbs         independent random steps on the reference of every joint, or on every command
+    \b
+    aprbs         independent random steps on the reference of every joint, or on every command
     prbs          two levels, by a shift register whose order is the longest hold over the shortest
-    multisine     odd harmonics of equal height with a low peak; between them shows what the rig
-    bends chirp         a sine that climbs through the band steps         there and back, over and
-    over staircase     there and back with growing steps: --loop open for the smallest duties that
-    move anything torque-loops  a torque from outside up and down, the valves shut, at --pressure
+    multisine     odd harmonics of equal height with a low peak; what is between them the rig bends
+    chirp         a sine that climbs through the band
+    steps         there and back, over and over
+    staircase     there and back with growing steps: --loop open for the smallest duties that move
+    torque-loops  a torque from outside up and down, the valves shut, at --pressure
 
     Joints get random signals together, the others in turn. Prints how well they cover amplitude and
     frequency, and what they cannot excite.

@@ -1,8 +1,8 @@
-"""Can a recording be trusted? Everything about its quality that can be seen before a model is
-fitted.
+"""Can a recording be trusted? What of its quality can be seen before a model is fitted.
 
     examine(recording, rig)    issues, the worst first: what, where (s), how to mend it, with
-    numbers channel_figures(recording, rig)   step, noise and span of every column
+                               numbers
+    channel_figures(recording, rig)   step, noise and span of every column
 
 What a file must not be at all (gaps in the stamps, cells that are no numbers) is refused when it is
 read.

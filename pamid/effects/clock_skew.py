@@ -12,8 +12,8 @@ Looks like it
     it, and only a shift that grows, or readings that come early, are put down to a clock; a lag of
     one sensor, which spares the rest.
 Equation
-    reading(t) := reading(t - late),   late = start + skew * t;   early readings: reading - late *
-    rate
+    reading(t) := reading(t - late),   late = start + skew * t
+    early readings: reading - late * rate
 References
     IEEE 1588-2019, Precision Clock Synchronization Protocol; Mills (1991), Internet time
     synchronization: the network time protocol, IEEE Transactions on Communications 39(10).

@@ -32,9 +32,11 @@ class Changes:
     included; the last one, cut by the end, is left out. Its pace is that of the sine that goes up
     in the same time, 1/(2 time).
 
-    size, pace_hz   of the changes, shape (n,); size as a share of the range edges_hz        of the
-    classes of pace, all of one ratio, shape (5,); those of size are quarters of the range share
-    of time by size (rows, smallest first) and pace (slowest first), shape (4, 4), sums to 1
+    size, pace_hz   of the changes, shape (n,); size as a share of the range
+    edges_hz        of the classes of pace, all of one ratio, shape (5,); those of size are quarters
+                    of the range
+    share           of time by size (rows, smallest first) and pace (slowest first), shape (4, 4),
+                    sums to 1
     """
 
     size: FloatArray
@@ -66,22 +68,25 @@ class Changes:
 
 @dataclass(frozen=True)
 class Coverage:
-    """How well a signal covers amplitude and frequency. Amplitudes in the unit of the signal, s and
-    Hz.
+    """How well a signal covers amplitude and frequency. Amplitudes in the signal's unit, s and Hz.
 
-    low, high         range asked for (default: the extremes visited) histogram         share of
-    time in each of 20 equal bins of the range, sums to 1 (less if the signal leaves it) evenness
-    entropy of the histogram over that of an even one: 1 = every level equally often, 0 = one level
-    visited           share of the bins that were visited at all steps             number of changes
-    of level (of direction or of hold, for a signal with ramps) levels            number of
-    different levels held shortest_hold_s, longest_hold_s   between changes, the rest at the start
-    and the cut end left out power_95_hz       95 % of the power of the changing part lies below
-    band_20db_hz      lowest and highest frequency within 20 dB of the strongest moving
-    never at rest: its steps are then turns, its holds the times between them crest
-    highest deviation from the mean over the rms: 1 two levels, 1.41 a sine library_condition how
-    well 1, v, v^2 and v^3 (v: the signal over its half range) are told apart: condition number of
-                      these columns at unit length, without the rest at the start; None where they
-                      are not
+    low, high         range asked for (default: the extremes visited)
+    histogram         share of time in each of 20 equal bins of the range, sums to 1 (less if the
+                      signal leaves it)
+    evenness          entropy of the histogram over that of an even one: 1 = every level equally
+                      often, 0 = one level
+    visited           share of the bins that were visited at all
+    steps             number of changes of level (of direction or of hold, for a signal with ramps)
+    levels            number of different levels held
+    shortest_hold_s, longest_hold_s   between changes, the rest at the start and the cut end left
+                                      out
+    power_95_hz       95 % of the power of the changing part lies below
+    band_20db_hz      lowest and highest frequency within 20 dB of the strongest
+    moving            never at rest: its steps are then turns, its holds the times between them
+    crest             highest deviation from the mean over the rms: 1 two levels, 1.41 a sine
+    library_condition how well 1, v, v^2 and v^3 (v: the signal over its half range) are told
+                      apart: condition number of these columns at unit length, without the rest at
+                      the start; None where they are not
     even_condition    the same of 1 and v^2 alone
     changes           sizes and paces of the changes; None if there are fewer than two
     """
@@ -205,12 +210,12 @@ def aprbs(
 ) -> FloatArray:
     """An amplitude-modulated pseudo-random step signal, shape (round(duration_s / period_s),).
 
-    amplitude   levels lie within offset +- amplitude, in the unit of the signal hold_s
-    shortest and longest time at one level, drawn uniformly; the last one is cut by the end levels
-    None: as many levels as holds, spread over the range by a Latin hypercube (independent uniform
-    draws
-                if latin is False); a number >= 2: that many equidistant levels, each as often as
-                the others
+    amplitude   levels lie within offset +- amplitude, in the unit of the signal
+    hold_s      shortest and longest time at one level, drawn uniformly; the last one is cut by the
+                end
+    levels      None: as many levels as holds, spread over the range by a Latin hypercube
+                (independent uniform draws if latin is False); a number >= 2: that many equidistant
+                levels, each as often as the others
     rate_limit  largest slope in units per second (None: jumps)
 
     The signal starts at 0 and rests there for the shortest hold, so that a rig can be started from

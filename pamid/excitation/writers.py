@@ -1,12 +1,14 @@
 """Excitations as files for whoever sends them: a CSV, Simulink, a PLC, a C program; and the note
 beside each.
 
-format      suffix  content csv         .csv    a recording: time_s and the columns, 9 significant
-digits mat         .mat    From Workspace: a structure with time per column, named as the column
+format      suffix  content
+csv         .csv    a recording: time_s and the columns, 9 significant digits
+mat         .mat    From Workspace: a structure with time per column, named as the column
 mat-file    .mat    From File: matrix `excitation` of MAT version 4, rows time and columns
-mat-matrix  .mat    From Workspace: matrix `excitation`, columns time and columns st          .st
-IEC 61131-3 structured text: per column the change points, arrays of TIME (or LTIME) and REAL h
-.h      C99: per column all samples and the change points, `static const double`
+mat-matrix  .mat    From Workspace: matrix `excitation`, columns time and columns
+st          .st     IEC 61131-3 structured text: per column the change points, arrays of TIME (or
+            LTIME) and REAL
+h           .h      C99: per column all samples and the change points, `static const double`
 
 All are held until the next sample or change point (zero-order hold). MAT and C carry every bit of
 the numbers.

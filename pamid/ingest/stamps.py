@@ -43,9 +43,11 @@ class Repair:
 class Rows:
     """The rows that stay, in the order of their stamps.
 
-    keep      rows of the log, (n,) stamps    s, (n,), not falling; a clock that was set back runs
-    on starts    where pieces begin: 0, and wherever the clock was set back blocks    several
-    differing samples share a stamp: buffers, or a clock that ticks slower than the sampling
+    keep      rows of the log, (n,)
+    stamps    s, (n,), not falling; a clock that was set back runs on
+    starts    where pieces begin: 0, and wherever the clock was set back
+    blocks    several differing samples share a stamp: buffers, or a clock that ticks slower than
+              the sampling
     """
 
     keep: IntArray

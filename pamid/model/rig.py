@@ -1,10 +1,14 @@
 """A rig: states, parameters, ports and equations of a grey-box model, written once as plain Python.
 
     class Cart(Rig):
-        inputs = {"force_n": "N"} outputs = {"position_m": "m"} ports = {"force": Port("motion",
-        "N", signals=("velocity", "position")), "sensor": Port("reading", "m")} states =
-        (State("position", "m"), State("velocity", "m/s")) parameters = (Parameter("mass_kg", 1.0,
-        low=0.1, high=10.0, source="kitchen scale"),)
+        inputs = {"force_n": "N"}
+        outputs = {"position_m": "m"}
+        ports = {
+            "force": Port("motion", "N", signals=("velocity", "position")),
+            "sensor": Port("reading", "m"),
+        }
+        states = (State("position", "m"), State("velocity", "m/s"))
+        parameters = (Parameter("mass_kg", 1.0, low=0.1, high=10.0, source="kitchen scale"),)
 
         def rates(self, x, u, p, port):
             force = port("force", u.force_n, velocity=x.velocity, position=x.position)
@@ -38,15 +42,17 @@ Array = NDArray[np.float64]
 class Port:
     """A named place where physics may be added.
 
-    kind, unit (SI)  what passes through signals          what the rig offers there: names, or names
-    with their SI units places           several like places that share an effect's parameters
-    (muscle 1 and 2); () is one place group            the name reported for it, where several ports
-    count as one (default: its own name) kin              a name that like ports share: an effect
-    may act at one of them or, with one set of parameters, at
-                     all of them
+    kind, unit (SI)  what passes through
+    signals          what the rig offers there: names, or names with their SI units
+    places           several like places that share an effect's parameters (muscle 1 and 2); () is
+                     one place
+    group            the name reported for it, where several ports count as one (default: its own
+                     name)
+    kin              a name that like ports share: an effect may act at one of them or, with one set
+                     of parameters, at all of them
     size             typical magnitude of "value" and of the signals, SI; found from the recording
-    where absent general          False on rigs with a catalogue of their own: the general catalogue
-    stays away
+                     where absent
+    general          False on rigs with a catalogue of their own: the general catalogue stays away
     """
 
     kind: str

@@ -90,13 +90,18 @@ class Recording:
     """Signals on a uniform time base, as the file holds them (units by column name), and what is
     known about them.
 
-    time             s, shape (n,), strictly increasing columns          full column name -> values
-    in the column's unit, shape (n,), without time; arrays are read-only sampling_period_s   s loop
-    "closed" | "open" | None: was a controller producing the command from the output? known
-    parameters of the rig known for this recording, by full name, in the unit of the name controller
-    the controller's settings, by full name warnings         what was odd but not wrong effects
-    labels of the effects that a simulated recording was made with, with their values; no file tells
-    them
+    time              s, shape (n,), strictly increasing
+    columns           full column name -> values in the column's unit, shape (n,), without time;
+                      arrays are read-only
+    sampling_period_s s
+    loop              "closed" | "open" | None: was a controller producing the command from the
+                      output?
+    known             parameters of the rig known for this recording, by full name, in the unit of
+                      the name
+    controller        the controller's settings, by full name
+    warnings          what was odd but not wrong
+    effects           labels of the effects that a simulated recording was made with, with their
+                      values; no file tells them
     """
 
     name: str

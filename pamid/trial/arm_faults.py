@@ -4,9 +4,11 @@ A planted fault is called fault@place, the place being a port of the rig: one of
 ("joint_2", "pressure_21"), or what they all are ("pressure": all four muscles alike). Sizes are
 those of the joint, but for:
 
-torques    larger at joint 1, which carries the whole arm asymmetry  one muscle alone is other than
-the data sheet, by as much as two opponents of the joint differ wear       of valves driven less, by
-the gentler controller: twice as bad end-stop   within the smaller travel
+torques    larger at joint 1, which carries the whole arm
+asymmetry  one muscle alone is other than the data sheet, by as much as two opponents of the joint
+           differ
+wear       of valves driven less, by the gentler controller: twice as bad
+end-stop   within the smaller travel
 
 Left out is gravity, which is no fault of an arm that hangs in a vertical plane.
 """
