@@ -70,6 +70,54 @@ def usable_rows(
     FileError where the channel is no clock or a stamp stands at differing rows; DataError where too
     few rows have one.
     """
+    keep, repairs = _rows_with_stamp(stamps, place)
+    keep, stamps, starts, more = _rising(keep, stamps, signals, place)
+    repairs += more
+    twice = np.flatnonzero(np.diff(stamps[keep]) == 0.0)
+    if not twice.size:
+        return Rows(keep, stamps[keep], tuple(starts), False, tuple(repairs))
+    differs = ~_written_twice(keep, twice, signals)
+    differing = int(np.count_nonzero(differs))
+    if differing > BLOCK_SHARE * keep.size:
+        return Rows(keep, stamps[keep], tuple(starts), True, tuple(repairs))
+    if differing and tolerant:
+        repairs.append(
+            Repair(
+                "stamps-shared", differing, f"{differing} rows share the stamp of the one before"
+            )
+        )
+        return Rows(
+            keep, _caught_up(stamps, keep, starts)[keep], tuple(starts), False, tuple(repairs)
+        )
+    if differing:
+        row = int(keep[twice[differs][0] + 1])
+        hint = (
+            "If they are two samples, say so with --time-base late-stamps; if one is wrong, take "
+            "it out of the log."
+        )
+        raise FileError(
+            f"{place}: the stamp {stamps[row]:.9g} s stands at data rows {row} and {row + 1} with "
+            f"differing values ({differing} such).",
+            hint,
+            code="stamps-repeated",
+        )
+    repairs.append(
+        Repair("rows-repeated", twice.size, f"{twice.size} rows stood there twice and were dropped")
+    )
+    stay = np.ones(keep.size, dtype=bool)
+    stay[twice + 1] = False
+    if stay.sum() < MIN_SAMPLES:
+        raise DataError(
+            f"{place}: {stay.sum()} rows have a stamp of their own, at least {MIN_SAMPLES} are "
+            "needed.",
+            code="too-short",
+        )
+    moved_starts = tuple(int(stay[:start].sum()) for start in starts)
+    return Rows(keep[stay], stamps[keep[stay]], moved_starts, False, tuple(repairs))
+
+
+def _rows_with_stamp(stamps: FloatArray, place: str) -> tuple[IntArray, list[Repair]]:
+    """The rows whose stamp is a time, and a word on the others."""
     finite = np.flatnonzero(np.abs(stamps) < AGES)
     repairs = []
     if finite.size < stamps.size:
@@ -82,8 +130,17 @@ def usable_rows(
             f"{place}: {finite.size} rows have a stamp, at least {MIN_SAMPLES} are needed.",
             code="too-short",
         )
-    written = finite.copy()
-    keep, starts, moved = _in_order(finite, stamps, place)
+    return finite, repairs
+
+
+def _rising(
+    written: IntArray, stamps: FloatArray, signals: Sequence[FloatArray], place: str
+) -> tuple[IntArray, FloatArray, list[int], list[Repair]]:
+    """(rows in an order in which stamps do not fall, the stamps that they then have, where pieces
+    begin, what was mended). Either the rows are put back in order or, where the signals say that
+    the rows are in order, the late stamps are corrected."""
+    repairs = []
+    keep, starts, moved = _in_order(written.copy(), stamps, place)
     if moved and _runs_smoothly(written, keep, signals):
         keep, stamps = written, _caught_up(stamps, written, starts)
         repairs.append(
@@ -112,50 +169,19 @@ def usable_rows(
                 "there",
             )
         )
-    twice = np.flatnonzero(np.diff(stamps[keep]) == 0.0)
-    if not twice.size:
-        return Rows(keep, stamps[keep], tuple(starts), False, tuple(repairs))
+    return keep, stamps, starts, repairs
+
+
+def _written_twice(
+    keep: IntArray, twice: IntArray, signals: Sequence[FloatArray]
+) -> NDArray[np.bool_]:
+    """Whether a row that shares its stamp with the next one (at these places) equals it in every
+    signal."""
     same = np.ones(twice.size, dtype=bool)
     for values in signals:
         before, after = values[keep[twice]], values[keep[twice + 1]]
         same &= (before == after) | (np.isnan(before) & np.isnan(after))
-    differing = int(twice.size - same.sum())
-    if differing > BLOCK_SHARE * keep.size:
-        return Rows(keep, stamps[keep], tuple(starts), True, tuple(repairs))
-    if differing and tolerant:
-        repairs.append(
-            Repair(
-                "stamps-shared", differing, f"{differing} rows share the stamp of the one before"
-            )
-        )
-        return Rows(
-            keep, _caught_up(stamps, keep, starts)[keep], tuple(starts), False, tuple(repairs)
-        )
-    if differing:
-        row = int(keep[twice[~same][0] + 1])
-        hint = (
-            "If they are two samples, say so with --time-base late-stamps; if one is wrong, take "
-            "it out of the log."
-        )
-        raise FileError(
-            f"{place}: the stamp {stamps[row]:.9g} s stands at data rows {row} and {row + 1} with "
-            f"differing values ({differing} such).",
-            hint,
-            code="stamps-repeated",
-        )
-    repairs.append(
-        Repair("rows-repeated", twice.size, f"{twice.size} rows stood there twice and were dropped")
-    )
-    stay = np.ones(keep.size, dtype=bool)
-    stay[twice + 1] = False
-    if stay.sum() < MIN_SAMPLES:
-        raise DataError(
-            f"{place}: {stay.sum()} rows have a stamp of their own, at least {MIN_SAMPLES} are "
-            "needed.",
-            code="too-short",
-        )
-    moved_starts = tuple(int(stay[:start].sum()) for start in starts)
-    return Rows(keep[stay], stamps[keep[stay]], moved_starts, False, tuple(repairs))
+    return same
 
 
 def rough_period(rows: Rows) -> float:
