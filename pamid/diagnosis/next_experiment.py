@@ -55,6 +55,8 @@ def next_experiment(d: Diagnosis) -> Proposal | None:
         for way in benches(d.evidence, bench, e, pairs[0][0], d.settings):
             bounds = separations(d.evidence, way, e, pairs, d.settings)
             race.append((next(bounds), bounds, way, e))
+    # best first (branch and bound): the leader's bound is tightened until another one leads, or
+    # until it has no tighter one and is its value; then no other can exceed it
     while race:
         k = max(
             range(len(race)),

@@ -153,6 +153,7 @@ def _worst_run(
     """First and last of the `few` (or somewhat more) windows in a row with the largest loss, such
     that this part alone is cut into the same windows; all windows where there is none."""
     for count in range(min(few, len(windows)), len(windows)):
+        # sums of the loss over every run of so many windows, the largest first
         for first in np.argsort(-np.convolve(losses, np.ones(count), "valid"), kind="stable"):
             last = int(first) + count - 1
             if len(problem.windows(track.part(windows[first].start, windows[last].stop))) == count:

@@ -230,6 +230,7 @@ class Smoother:
         solver = replace(solver, priors=self._priors(ended.x, size, time_s))
         point = solver.point(ended.s, ended.x, ended.data)
         step = solver.step(point, LEAST_DAMPING)
+        # the quadratic's own minimum stands in for another iteration, up to a share of the cost
         found = -0.5 * (point.cost - min(step.gain, trusted * point.cost) + step.log_det)
         found = found if np.isfinite(found) else -np.inf
         return Smoothed(found, size, time_s, point.s, point.x, point.data, moving)
@@ -258,6 +259,7 @@ class SmoothingProblem(LeastSquares[_Point, _Step]):
     of: Smoother
     priors: list[TrajectoryPrior]
     moving: bool
+    # all but undamped: the start is a replay of the fit. Only a step that fails lifts lambda.
     rule = DampingRule(LEAST_DAMPING, 0.01, LEAST_DAMPING, 30.0, raised=1e-4)
 
     def cost(
@@ -301,9 +303,12 @@ class SmoothingProblem(LeastSquares[_Point, _Step]):
         A = H[np.ix_(free, free)]
         if free.any():
             ds[free] = -np.linalg.lstsq(A + damping * np.diag(A.diagonal()), g[free], rcond=None)[0]
+            # det of the bordered matrix = det of the states' block x det of its Schur complement
             log_det += float(np.linalg.slogdet(A)[1])
         ds = np.clip(s + ds, scale.low, scale.high) - s
         states = [-(dx + X @ ds) for _, X, dx in parts]
+        # what the quadratic promises, g'H^-1 g, by blocks: that of the parameters, with the reduced
+        # gradient, and that of the states
         gain = -float(g @ ds) + sum(float((gx * dx).sum()) for gx, _, dx in parts)
         return _Step(ds, states, gain, log_det)
 

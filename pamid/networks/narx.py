@@ -131,8 +131,8 @@ class Narx(Network):
         """Random start, for inputs and target scaled into [-1, 1].
 
         Dense random weights; where the recursion they make of the output would remember for longer
-        than `MEMORY` samples, the feedback is weakened until it does not, so that the free run and
-        its sensitivities stay bounded. Why: two noise-free lightly damped 1.4 Hz plants sampled at
+        than `LONGEST_TIME_CONSTANT`, the feedback is weakened until it does not, so that the free
+        run and its sensitivities stay bounded. Why: two noise-free lightly damped 1.4 Hz plants sampled at
         3 ms (10000 samples, held random levels), 4 starts each, 100 steps. The first, with a
         saturated input, was fitted to a mean squared error of 3.7e-4 to 4.1e-4 (Elman, 10 units:
         4e-5 to 1.0e-4); the second, with a hardening spring and a saturated reading, to 1.3e-3 to
