@@ -255,9 +255,9 @@ def separations(
     pairs: list[tuple[CandidateModel, CandidateModel]],
     settings: Settings = DEFAULT,
 ) -> Iterator[Array]:
-    """RMS difference per channel of the nearest pair, in noise standard deviations: ever smaller
-    over all channels together, the last one with all re-adjusted; zeros where a model cannot be
-    simulated."""
+    """Ever tighter upper bounds of what separates the nearest pair: RMS difference per channel, in
+    noise standard deviations. First pair after pair as fitted, then one after the other
+    re-adjusted; the last bound is the separation. Zeros where a model cannot be simulated."""
     made: dict[str, list[Recording | None]] = {}
     rivals, separation = [], []
     for truth, other in pairs:

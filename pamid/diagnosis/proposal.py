@@ -25,12 +25,13 @@ FILE = NEXT_FILES[0]
 class Proposal:
     """The experiment to make.
 
-    separates            effects in question expected_separation  smallest rms difference of two of
-    their models on it over all channels, in noise standard
-                         deviations
-    minutes              at the rig columns, meta        the excitation as `write_recording` takes
-    it settings             [known] values of each repetition, where they change; () where it is
-    made once, as it is
+    separates            effects in question
+    expected_separation  smallest rms difference of two of their models on it over all channels, in
+                         noise standard deviations
+    minutes              at the rig
+    columns, meta        the excitation as `write_recording` takes it
+    settings             [known] values of each repetition, where they change; () where it is made
+                         once, as it is
     """
 
     name: str

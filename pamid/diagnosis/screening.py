@@ -219,9 +219,9 @@ def _probed(
 def promising(
     family_of: dict[str, str], screened: list[Screened], reference: ScreeningBaseline
 ) -> list[Screened]:
-    """The candidates to refit, by gain. On top of the baseline all of few; else some in any case,
-    further ones that gain a share of the largest gain, and the best of every further family. Beside
-    effects that are already found only the leading ones."""
+    """The candidates to refit, by gain. On top of the baseline: all, where there are few; of more,
+    the first `refits_least`, further ones with a share of the largest gain, and the best of every
+    other family. Beside effects that are already found: the leading ones alone."""
     settings, first_round = reference.settings, not reference.baseline.attached
     usable = sorted(
         (s for s in screened if s.assembly is not None and np.isfinite(s.gain)),

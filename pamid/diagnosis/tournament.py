@@ -184,8 +184,8 @@ def _freed(evidence: DataSplit, best: CandidateModel) -> CandidateModel:
 def candidates_to_screen(
     candidates: list[Attachment], located: PortEvidence, settings: Settings = DEFAULT
 ) -> list[Attachment]:
-    """All candidates of few; of many those that act at ports with latent evidence, at least half as
-    many as are still few."""
+    """All candidates, up to `held_background_from` of them. Of more, those that act at ports with
+    latent evidence, and at least half that number."""
     many = settings.held_background_from
     if len(candidates) <= many:
         return candidates

@@ -43,8 +43,8 @@ RATES, OUTPUTS, PHASES = 0, 1, 2  # numbers of functions; the phases of the cell
 
 # ---- what the functions are given --------------------------------------------------------------
 # Arrays are C-contiguous, float64 where nothing else is said; nx states, nc cells, ns sensitivity
-# columns. The classes stand in this file because numba's cache of it is found stale by this file's
-# stamp alone, and they keep their names because that cache refers to them by name.
+# columns. The classes stand in this file because numba takes its cache of these functions for stale
+# by the stamp of this file alone; they keep their names because the cache refers to them by name.
 
 
 class CompiledEquations(NamedTuple):

@@ -351,8 +351,8 @@ def begin(
     shooting = MultipleShooting(problem, p, weights, continuity or none, stepping, tolerance, probe)
     point = shooting.at(s, starts)
     if point.normal.fine and not continuity:
-        # by how much less a residual counts than sensor noise: by as much a wrong model's states
-        # may depart
+        # the factor by which residuals exceed what the sensors' noise explains: by as much more the
+        # states of a wrong model may depart from where they were carried to
         off = float(np.exp(-np.log(problem.noise * weights.root).mean()))
         continuity = tuple(
             np.maximum(

@@ -43,9 +43,11 @@ class Repair:
 class Rows:
     """The rows that stay, in the order of their stamps.
 
-    keep      rows of the log, (n,) stamps    s, (n,), not falling; a clock that was set back runs
-    on starts    where pieces begin: 0, and wherever the clock was set back blocks    several
-    differing samples share a stamp: buffers, or a clock that ticks slower than the sampling
+    keep      rows of the log, (n,)
+    stamps    s, (n,), not falling; a clock that was set back runs on
+    starts    where pieces begin: 0, and wherever the clock was set back
+    blocks    several differing samples share a stamp: buffers, or a clock that ticks slower than
+              the sampling
     """
 
     keep: IntArray
@@ -235,6 +237,8 @@ def count_samples(stamps: FloatArray, period: float) -> IntArray:
     # they may be late too
     end = n - LAST if float(np.quantile(residual - lowest_ahead, 0.995)) > 0.3 else n
     missing = np.zeros(n, dtype=np.int64)
+    # `base` is the even clock: it falls at once to any earlier stamp, rises slowly with drift, and
+    # by whole periods where samples are missing. These are missing where the stamp itself jumps.
     level, base, steps = (
         lowest_ahead.tolist(),
         float(lowest_ahead[0]),
@@ -259,6 +263,8 @@ def fit_clock(
     counts: it waited least."""
     use = last = np.append(np.diff(stamps) != 0.0, True)
     period, begins = 0.0, np.zeros(len(pieces))
+    # one slope for all pieces, each about its own means; which stamps are the latest twentieth is
+    # known from the pass before
     for _ in range(3):
         above = below = 0.0
         for piece in pieces:
@@ -292,6 +298,8 @@ def _sharpest(stamps: FloatArray, period: float) -> float:
     blocks = stamps[begins[:, None] + np.arange(stretch)]
     blocks = blocks - blocks[:, :1]
     trial = period * (1.0 + np.arange(-0.04, 0.04, 0.25 / stretch))
+    # squared mean of the phases 2 pi t / T as points on the unit circle: 1 where all stamps of a
+    # stretch are multiples of T, about 1/256 where they are scattered
     power = np.array(
         [
             float(np.mean(np.abs(np.exp(2j * np.pi / one * blocks).mean(axis=1)) ** 2))
@@ -343,9 +351,9 @@ def _running_on(stamps: FloatArray, keep: IntArray, starts: Sequence[int]) -> Fl
 
 
 def _is_step(times: FloatArray, first: int, last: int, usual: float) -> bool:
-    """Whether rows first to last, whose stamps fall behind, tell a clock that was set back, not
-    rows out of order or late stamps: then all that follow lie earlier, on an even clock of the
-    usual period (s), than all before."""
+    """Was the clock set back where the stamps of rows first to last fall behind? Then, against an
+    even clock of the usual period (s), all rows that follow lie earlier than those before; rows out
+    of order and late stamps are soon followed by rows that do not."""
     if last - first > OUT_OF_ORDER:
         return True
     begin = max(first - ROWS_AROUND_STEP, 0)
@@ -376,8 +384,8 @@ def _runs_smoothly(written: IntArray, sorted_rows: IntArray, signals: Sequence[F
 
 
 def _caught_up(stamps: FloatArray, rows: IntArray, starts: Sequence[int]) -> FloatArray:
-    """Stamps that rise, at least by a thousandth of a period: no sample was taken after any stamp
-    of those behind."""
+    """Late stamps lowered until all rise, by a thousandth of a period at least: a sample was taken
+    before any later sample got its stamp."""
     made, least = stamps.copy(), 1e-3 * float(np.median(np.diff(stamps[rows])))
     for start, end in zip(starts, [*starts[1:], rows.size], strict=True):
         piece, rise = rows[start:end], least * np.arange(end - start)

@@ -52,14 +52,15 @@ class Isolability:
     """What a set of outputs can tell apart by structure; names in the order of the rig's ports.
 
     groups         port groups (`Rig.group_of`) of the places in each class of `places`, singletons
-    included, less what
-                   is part of a larger set; they overlap where one group has ports or places in
-                   several classes
-    unseen         port groups none of whose places can be checked sensors        further sensors,
-    outputs of the rig first, best first redundancy     equations beyond the unknowns in the checked
-    part: independent checks that the outputs allow places         classes of port places (muscle_1)
-    that cannot be separated where one of them is at fault unseen_places  port places that cannot be
-    checked
+                   included, less what is part of a larger set; they overlap where one group has
+                   ports or places in several classes
+    unseen         port groups none of whose places can be checked
+    sensors        further sensors, outputs of the rig first, best first
+    redundancy     equations beyond the unknowns in the checked part: independent checks that the
+                   outputs allow
+    places         classes of port places (muscle_1) that cannot be separated where one of them is
+                   at fault
+    unseen_places  port places that cannot be checked
     """
 
     groups: tuple[tuple[str, ...], ...]

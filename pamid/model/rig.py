@@ -38,15 +38,17 @@ Array = NDArray[np.float64]
 class Port:
     """A named place where physics may be added.
 
-    kind, unit (SI)  what passes through signals          what the rig offers there: names, or names
-    with their SI units places           several like places that share an effect's parameters
-    (muscle 1 and 2); () is one place group            the name reported for it, where several ports
-    count as one (default: its own name) kin              a name that like ports share: an effect
-    may act at one of them or, with one set of parameters, at
-                     all of them
+    kind, unit (SI)  what passes through
+    signals          what the rig offers there: names, or names with their SI units
+    places           several like places that share an effect's parameters (muscle 1 and 2); () is
+                     one place
+    group            the name reported for it, where several ports count as one (default: its own
+                     name)
+    kin              a name that like ports share: an effect may act at one of them or, with one set
+                     of parameters, at all of them
     size             typical magnitude of "value" and of the signals, SI; found from the recording
-    where absent general          False on rigs with a catalogue of their own: the general catalogue
-    stays away
+                     where absent
+    general          False on rigs with a catalogue of their own: the general catalogue stays away
     """
 
     kind: str

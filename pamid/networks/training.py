@@ -144,7 +144,7 @@ def train(
     are worth: at 3 ms far fewer, and more regularisation. `progress(step, start)` is called after
     every step; KeyboardInterrupt, there or anywhere, ends the training with what it has. `threads`:
     cores used; the result does not depend on it. `engine`: computes the passes of all starts that
-    are running in one batch (batch.py), to the last digits but a few as the network itself does.
+    are running in one batch (batch.py); the sums differ from the network's own in the last digits.
 
     `checkpoint` is a file rewritten every few seconds and at the end. With `resume` the training
     goes on from it (from the beginning where there is none yet) and ends with the very numbers of

@@ -35,11 +35,14 @@ ROLES = {"data_sheet": "data_sheet", "refitted": "refitted", "cause": "with_caus
 class Motion:
     """Poses over time.
 
-    time      of every frame in its recording (n,), s lines     "measured", then up to two kinds of
-    models, the best last -> polylines, each (n, points, 2), m gaps      channel the pose follows
-    from -> kind -> model - measured (n,), channel's unit restarts  times at which the models were
-    set to the measured state again, s names     kind -> name in a legend title     states the
-    finding: mean |gap| over the scored samples between the first and the last frame
+    time      of every frame in its recording (n,), s
+    lines     "measured", then up to two kinds of models, the best last -> polylines, each
+              (n, points, 2), m
+    gaps      channel the pose follows from -> kind -> model - measured (n,), channel's unit
+    restarts  times at which the models were set to the measured state again, s
+    names     kind -> name in a legend
+    title     states the finding: mean |gap| over the scored samples between the first and the last
+              frame
     """
 
     recording: str

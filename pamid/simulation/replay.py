@@ -184,7 +184,7 @@ def noise_floor(
     assembly: Assembly, p: Array, done: Replay, stepping: Stepping, noise: Array, seed: int = 0
 ) -> Replay:
     """The same comparison where the model is the truth: its own outputs plus white noise, replayed.
-    Where its states departed from what was carried over, so did the truth's."""
+    This truth jumps between windows by as much as the fitted model's states had to."""
     random = np.random.default_rng(seed)
     y = done.full_outputs + noise * random.standard_normal(done.full_outputs.shape)
     y[:, ~done.seen] = np.nan
