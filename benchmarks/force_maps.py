@@ -7,10 +7,11 @@ shrinks it, how far?
 The recordings lie beside the project; they are turned into recordings of the user rig
 data/rigs/muscle_bench.py:
     plateaus  10 mm muscle, six lengths x four contractions; the first of three repeats is fitted,
-    the last held out pooled    the same as if the six specimens were one muscle: no end factor in
-    the rig logs      10 mm muscle, 200 mm long, the samples themselves at four contractions; the
-    second repeat is held out map       20 mm muscle, 6 contractions x 21 pressures; every third
-    pressure is held out
+              the last held out
+    pooled    the same as if the six specimens were one muscle: no end factor in the rig
+    logs      10 mm muscle, 200 mm long, the samples themselves at four contractions; the second
+              repeat is held out
+    map       20 mm muscle, 6 contractions x 21 pressures; every third pressure is held out
 Every point of a table is held for some samples, so that windows hold several points. Prints per
 case the verdict, the port, the ranking, the held-out error before and after (RMS, N), and whether
 hysteresis is among the causes.

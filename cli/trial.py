@@ -109,8 +109,9 @@ def command(
     without:
 
     \b
-      sbatch --array=1-20 --wrap 'pamid trial --output trial --jobs 1 --index
-      $SLURM_ARRAY_TASK_ID/20' pamid trial --output trial --resume
+      sbatch --array=1-20 --wrap \\
+        'pamid trial --output trial --jobs 1 --index $SLURM_ARRAY_TASK_ID/20'
+      pamid trial --output trial --resume
 
     The folder has to be one that all of them see. A share that failed is sent again, or left to the
     last command, which works through whatever is missing.

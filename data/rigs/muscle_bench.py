@@ -1,14 +1,15 @@
 """A fluidic muscle on a bench: held at a length, fed a pressure, its force read by a load cell.
 
 Equations
-    pull = k nominal p/6 bar ((1 - k contraction)^2 - (1 - stroke)^2) / (1 - (1 - stroke)^2), k =
-    length/(length + ends) d force/dt = (max(pull, least) - force) / lag
+    pull = k nominal p/6 bar ((1 - k contraction)^2 - (1 - stroke)^2) / (1 - (1 - stroke)^2),
+           k = length/(length + ends)
+    d force/dt = (max(pull, least) - force) / lag
 
 The ideal braid law, a cylinder of inextensible threads and no bladder: pi/4 D^2 p (3 (1 -
 contraction)^2/tan(a)^2 - 1/sin(a)^2) with bore D and braid angle a, written with the two figures a
 data sheet gives instead: the force at rest length and 6 bar, and the stroke at which the braid
-stands at 54.7 deg and pulls no more, cos(a) sqrt(3) (1 - stroke) =
-1. What the bladder takes is left for the diagnosis to find.
+stands at 54.7 deg and pulls no more, cos(a) sqrt(3) (1 - stroke) = 1. What the bladder takes is
+left for the diagnosis to find.
 
 `contraction` is the shortening over the length at rest, held on a bench and so allowed to be
 constant; without the column the muscle stands at rest length. `length` is that length, `least` the

@@ -1,8 +1,11 @@
 """An effect: a small piece of physics that attaches to a port and vanishes exactly at its null.
 
     class CoulombFriction(Effect):
-        family, kinds, signals = "friction", ("motion",), ("position",) parameters =
-        (Parameter("level", 0.03, low=0.0, high=0.4, size="value", null=0.0, label="{value}", ...),)
+        family, kinds, signals = "friction", ("motion",), ("position",)
+        parameters = (
+            Parameter("level", 0.03, low=0.0, high=0.4, size="value", null=0.0, label="{value}"),
+            ...,
+        )
 
         def act(self, value, at, p, z):
             return value - p.level * stop(at.position, p.give) / p.give

@@ -135,10 +135,10 @@ class Narx(Network):
         run and its sensitivities stay bounded. Why: two noise-free lightly damped 1.4 Hz plants
         sampled at 3 ms (10000 samples, held random levels), 4 starts each, 100 steps. The first,
         with a saturated input, was fitted to a mean squared error of 3.7e-4 to 4.1e-4 (Elman, 10
-        units: 4e-5 to 1.0e-4); the second, with a hardening spring and a saturated reading, to 1.3e-3 to
-        1.5e-3 (Elman: 1.5e-5, 1.8e-4, 1.1e-2, 1.5e-2). So one start usually does, and the grid of
-        taps sets the floor. Starts of which half the units are a linear recursion with drawn poles
-        came no lower.
+        units: 4e-5 to 1.0e-4); the second, with a hardening spring and a saturated reading, to
+        1.3e-3 to 1.5e-3 (Elman: 1.5e-5, 1.8e-4, 1.1e-2, 1.5e-2). So one start usually does, and the
+        grid of taps sets the floor. Starts of which half the units are a linear recursion with
+        drawn poles came no lower.
         """
         layers = self.layers(np.random.default_rng(seed).uniform(-1.0, 1.0, self.n_weights))
         scale, output = (

@@ -2,8 +2,8 @@
 by them shares.
 
 Equations
-    muscle       F = max(0, scale F_static(chi, p) - R dchi/dt P), p gauge, P absolute pressure
-                 dP/dt = n (P_atm Q - P dV/dt)/V(chi)
+    muscle       F = max(0, scale F_static(chi, p) - R dchi/dt P), p gauge, P absolute
+    pressure     dP/dt = n (P_atm Q - P dV/dt)/V(chi)
     flow         ISO 6358 through opened valves
     valves       one muscle stays at p0, only the other is vented: u > 0 fills 1 up to p0, then
                  vents 2; u < 0 mirrored

@@ -6,13 +6,17 @@ joint 2.
 
 Equations
     arm          M(q) q'' + V(q, q') + G(q) = torques
-                 M11 = A1 + A2 + 2 l1 B2 cos q2, M12 = A2 + l1 B2 cos q2, M22 = A2 V = l1 B2 sin q2
-                 [-(2 q1' q2' + q2'^2), q1'^2], G = g [B1 sin q1 + B2 sin(q1 + q2), B2 sin(q1 + q2)]
-                 A1 = I1 + m1 c1^2 + (m2 + mp) l1^2, A2 = I2 + m2 c2^2 + mp l2^2, B1 = m1 c1 + (m2 +
-                 mp) l1, B2 = m2 c2 + mp l2; payload mp at the tip, g = 9.81 sin(plane)
+                 M11 = A1 + A2 + 2 l1 B2 cos q2, M12 = A2 + l1 B2 cos q2, M22 = A2
+                 V = l1 B2 sin q2 [-(2 q1' q2' + q2'^2), q1'^2]
+                 G = g [B1 sin q1 + B2 sin(q1 + q2), B2 sin(q1 + q2)]
+                 A1 = I1 + m1 c1^2 + (m2 + mp) l1^2, A2 = I2 + m2 c2^2 + mp l2^2
+                 B1 = m1 c1 + (m2 + mp) l1, B2 = m2 c2 + mp l2
+                 payload mp at the tip, g = 9.81 sin(plane)
     joint        torque_j = r_j (F_j1 - F_j2) - b_j q_j' + external torque, and r_w (F_21 - F_22) at
-    joint 1 contraction  chi_11 = chi0 + r_1 q1/L0, chi_21 = chi0 + (r_2 q2 + r_w q1)/L0, the second
-    muscles mirrored muscles, valves and air as in `pamid.rigs.antagonists`
+                 joint 1
+    contraction  chi_11 = chi0 + r_1 q1/L0, chi_21 = chi0 + (r_2 q2 + r_w q1)/L0, the second muscles
+                 mirrored
+    muscles, valves and air as in `pamid.rigs.antagonists`
 
 Contractions are measured where the chains leave the wheels: those of the muscles, but for what a
 chain stretches. For tests without actuation: `vents_open` (muscles limp, open to the room),
