@@ -241,6 +241,7 @@ def decide(
     """
     c, x = calibration(), features(g)
     gap, known, first = (c.lines[q].probability(x) for q in ("gap", "known", "first"))
+    # what no held-out window bears out is no better than a guess, whatever the statistics say
     most = 0.0 if empty else 1.0 if confirmed else settings.unbacked_probability
     known, first = min(known, most), min(first, most)
     certain = first >= c.lines["first"].yes

@@ -186,6 +186,8 @@ class Smoother:
         parameters held: several times as fast."""
         if not self.ports:
             return self.smoothed(None, 1.0, 1.0, ROUNDS, moving=False)
+        # one linearisation along the replay serves all sizes; only around the most likely one are
+        # the trajectories improved
         start = self.smoothed(None, SIZES[0], TIMES_S[0], trusted=1.0, moving=False)
         rest = [self.smoothed(start, s, TIMES_S[0], trusted=1.0, moving=False) for s in SIZES[1:]]
         size = max([start, *rest], key=lambda one: one.found).size

@@ -138,6 +138,8 @@ class Elman(Network):
                 )
             else:
                 context[pair, pair], loss[pair] = decay, 1.0 - decay
+        # sqrt(3 / m) times a uniform number has variance 1 / m, so that m inputs add up to the size
+        # of one; `loss` takes off the static gain 1 / |1 - pole|, which is large for a slow unit
         entering = 0.5 * np.sqrt(3.0 / m) * draw.uniform(-1.0, 1.0, (h, m)) * loss[:, None]
         bias = 0.5 * draw.uniform(-1.0, 1.0, h) * loss
         output = 0.01 * draw.uniform(-1.0, 1.0, h) / np.sqrt(h)

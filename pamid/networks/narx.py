@@ -141,6 +141,7 @@ class Narx(Network):
         drawn poles came no lower.
         """
         layers = self.layers(np.random.default_rng(seed).uniform(-1.0, 1.0, self.n_weights))
+        # of variance 1 / (number of taps), so that what a unit sees adds up to size one
         scale, output = (
             np.sqrt(3.0 / (self._taps + self.output_lags)),
             layers.output / np.sqrt(self.hidden),
