@@ -109,28 +109,21 @@ def command(
     without:
 
     \b
-      sbatch --array=1-20 --wrap 'pamid trial --output trial --jobs 1 --index
-      $SLURM_ARRAY_TASK_ID/20' pamid trial --output trial --resume
+      sbatch --array=1-20 --wrap \\
+        'pamid trial --output trial --jobs 1 --index $SLURM_ARRAY_TASK_ID/20'
+      pamid trial --output trial --resume
 
     The folder has to be one that all of them see. A share that failed is sent again, or left to the
     last command, which works through whatever is missing.
     """
     from pamid.api.workers import worker_pool
-    from pamid.base.errors import UsageError
     from pamid.base.json_file import write_json
     from pamid.trial.calibration import calibrated_from
     from pamid.trial.case_runs import CaseSelection, run_trial
     from pamid.trial.figure_table import trial_text
 
-    if calibrate is not None and part != "calibration":
-        raise UsageError(
-            "--calibrate: only the calibration part may teach the judgement",
-            "add --part calibration",
-        )
-    if calibrate is not None and rig != "one-dof":
-        raise UsageError(
-            f"--calibrate: the judgement is taught by the one-dof, not by {rig}", "leave out --rig"
-        )
+    if calibrate is not None:
+        _require_calibration(part, rig)
     fixed = (
         {"part": part, "seed": seed}
         if rig == "one-dof"
@@ -157,6 +150,22 @@ def command(
     failed = bool(found["failed_jobs"])
     run.finish("partial" if failed else "done")
     return frame.Result(found, trial_text(found), 6 if failed else 0)
+
+
+def _require_calibration(part: str, rig: str) -> None:
+    """UsageError for cases that may not teach the probabilities: of another part, where they would
+    judge themselves, or of another rig."""
+    from pamid.base.errors import UsageError
+
+    if part != "calibration":
+        raise UsageError(
+            "--calibrate: only the calibration part may teach the judgement",
+            "add --part calibration",
+        )
+    if rig != "one-dof":
+        raise UsageError(
+            f"--calibrate: the judgement is taught by the one-dof, not by {rig}", "leave out --rig"
+        )
 
 
 def _share_of(index: str) -> tuple[int, int]:

@@ -1,8 +1,9 @@
 """A fluidic muscle on a bench: held at a length, fed a pressure, its force read by a load cell.
 
 Equations
-    pull = k nominal p/6 bar ((1 - k contraction)^2 - (1 - stroke)^2) / (1 - (1 - stroke)^2), k =
-    length/(length + ends) d force/dt = (max(pull, least) - force) / lag
+    pull = k nominal p/6 bar ((1 - k contraction)^2 - (1 - stroke)^2) / (1 - (1 - stroke)^2),
+           k = length/(length + ends)
+    d force/dt = (max(pull, least) - force) / lag
 
 The ideal braid law, a cylinder of inextensible threads and no bladder: pi/4 D^2 p (3 (1 -
 contraction)^2/tan(a)^2 - 1/sin(a)^2) with bore D and braid angle a, written with the two figures a

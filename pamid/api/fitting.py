@@ -71,14 +71,7 @@ def fit(
     given = evidence_of(recordings, rig, held_out, check=check, warn=warn)
     named = effects_given(effects)
     attached = tuple(a for a, _ in attach_specs(given.evidence.rig, named))
-    before = (
-        Path(earlier.folder if isinstance(earlier, FitResult) else earlier) if earlier else None
-    )
-    if before and output is not None and before.resolve() == Path(output).resolve():
-        raise UsageError(
-            f"{output} cannot be both --from and --output.",
-            "Give every stage a run folder of its own.",
-        )
+    before = _earlier_run(earlier, output)
     posterior = read_posterior(before) if before else None
     home = RunHome(None if output is None else Path(output))
     folder = None if output is None else home.folder
@@ -109,3 +102,16 @@ def fit(
                 write_json(run.path(FIT_FILE), found)
                 write_atomically(run.path(RESIDUAL_FILE), residual_csv(model))
     return result_of(home, given.rig, named)
+
+
+def _earlier_run(earlier: FitResult | PathLike | None, output: PathLike | None) -> Path | None:
+    """The run folder of the fit to begin from; UsageError where it is to be written to as well."""
+    before = (
+        Path(earlier.folder if isinstance(earlier, FitResult) else earlier) if earlier else None
+    )
+    if before and output is not None and before.resolve() == Path(output).resolve():
+        raise UsageError(
+            f"{output} cannot be both --from and --output.",
+            "Give every stage a run folder of its own.",
+        )
+    return before

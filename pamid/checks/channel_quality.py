@@ -227,8 +227,8 @@ def clipped(s: CheckedSignal) -> tuple[list[Issue], Mask]:
 
 
 def _corner(z: FloatArray, start: int, stop: int) -> float:
-    """By how much a stretch at the top would have been passed at the speed with which it is reached
-    or left."""
+    """How far the signal would have gone beyond its top at the speed with which it reached or left
+    it: there and back in the time that it stood there, of which at most 20 samples count."""
     before = z[start] - z[max(0, start - 3)]
     behind = z[stop - 1] - z[min(z.size - 1, stop + 2)]
     return float(max(before, behind) / 3.0 * min(stop - start, 20) / 2.0)
@@ -253,6 +253,7 @@ def sampled_slowly(s: CheckedSignal) -> int:
 def repeat_chance(s: CheckedSignal) -> float:
     """Chance that noise alone repeats a value: white noise of deviation sigma hits the same step
     again."""
+    # 1 / (2 sqrt(pi)): the density at zero of the difference of two readings, N(0, 2 sigma^2)
     return min(1.0, max(0.2821 * s.step / s.noise, 1e-9)) if s.white else 1.0
 
 
@@ -354,6 +355,7 @@ def spikes(s: CheckedSignal) -> list[Issue]:
     for wide in (1, 2):
         before, behind = y[: -wide - 1], y[wide + 1 :]
         inner = [y[k : k + before.size] for k in range(1, wide + 1)]
+        # beyond both neighbours: one neighbour of a step lies on its level, so that a step is none
         up = np.minimum.reduce(inner) - np.maximum(before, behind) > least
         down = np.minimum(before, behind) - np.maximum.reduce(inner) > least
         for k in range(1, wide + 1):

@@ -192,6 +192,31 @@ def _against_rig(
         wanted = {c: match_column(recording.columns, c) for c in (*rig.inputs, *rig.outputs)}
     except PamidError as error:
         return None, [Finding("rig", False, str(error))]
+    found = _column_findings(recording, rig, wanted)
+    runs = not any(f.wrong for f in found)
+    known = [f"{p.outside_name}" for p in rig.parameters]
+    found += [
+        Finding(
+            "known",
+            False,
+            f"[known] {key!r} is no parameter of rig {rig.name!r}. {nearest(key, known)}".rstrip(),
+        )
+        for key in recording.known
+        if key not in known
+    ]
+    if runs:
+        try:
+            require_informative(rig, recording)
+        except DataError as error:
+            found.append(Finding("excitation", False, f"nothing can be learnt: {error}"))
+    return rig, found or [Finding("rig", True, f"every column of rig {rig.name!r} is there")]
+
+
+def _column_findings(
+    recording: Recording, rig: Rig, wanted: dict[str, str | None]
+) -> list[Finding]:
+    """Inputs and outputs of the rig that are missing, and columns that it does not know; wanted:
+    the recording's own column for each of its inputs and outputs."""
     references = [loop.reference for loop in rig.loops]
     strange = [c for c in recording.columns if c not in wanted.values() and c not in references]
     missing = [c for c in rig.inputs if wanted[c] is None and c not in rig.optional]
@@ -230,22 +255,7 @@ def _against_rig(
         )
         for c in strange
     ]
-    known = [f"{p.outside_name}" for p in rig.parameters]
-    found += [
-        Finding(
-            "known",
-            False,
-            f"[known] {key!r} is no parameter of rig {rig.name!r}. {nearest(key, known)}".rstrip(),
-        )
-        for key in recording.known
-        if key not in known
-    ]
-    if not missing and seen:
-        try:
-            require_informative(rig, recording)
-        except DataError as error:
-            found.append(Finding("excitation", False, f"nothing can be learnt: {error}"))
-    return rig, found or [Finding("rig", True, f"every column of rig {rig.name!r} is there")]
+    return found
 
 
 def _every_problem(path: Path, first: PamidError) -> list[Finding]:

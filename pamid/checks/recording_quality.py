@@ -1,7 +1,8 @@
-"""Can a recording be trusted? What of its quality can be seen before a model is fitted.
+"""Can a recording be trusted? Everything about its quality that can be seen before a model is
+fitted.
 
-    examine(recording, rig)    issues, the worst first: what, where (s), how to mend it, with
-                               numbers
+    examine(recording, rig)           issues, the worst first: what, where (s), how to mend it, with
+                                      numbers
     channel_figures(recording, rig)   step, noise and span of every column
 
 What a file must not be at all (gaps in the stamps, cells that are no numbers) is refused when it is
@@ -109,8 +110,8 @@ def _absurd(recording: Recording) -> Issue | None:
 def _against(
     recording: Recording, rig: Rig, thorough: bool
 ) -> tuple[list[Issue], dict[str, set[str]]]:
-    """What only the rig can tell, and what need not be guessed without it: kind of issue ->
-    columns. thorough: also what it takes many runs of the model to name."""
+    """What only the rig can tell, and where it has judged, so that nothing need be guessed from the
+    values alone: kind of issue -> columns. thorough: also what takes many runs of the model."""
     from pamid.checks import rig_consistency as quality_rig  # the engine is needed only here
     from pamid.checks import scale_slips as quality_scale  # the engine is needed only here
 
@@ -252,6 +253,8 @@ def _rows_held(signals: Sequence[CheckedSignal]) -> Mask:
         and any(s.white for s in signals)
     ):
         return held
+    # Repeats may be natural here. Rows were lost only where a channel moved before and after, and
+    # the first step behind them, which makes up for those lost, is 1.6 times as large as either.
     moving = np.zeros(starts.size, dtype=bool)
     for s in signals:
         d = np.abs(np.diff(s.values))

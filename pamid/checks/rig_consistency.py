@@ -112,9 +112,10 @@ class Change:
 def contradictions(
     recording: Recording, rig: Rig, evidence: SheetComparison | None
 ) -> tuple[list[Issue], dict[str, set[str]], SheetComparison | None]:
-    """Everything in which the recording contradicts the rig; which kinds of issue need not be
-    guessed from the values alone, in which columns, since the rig can tell; and the evidence with
-    all of it set right. Little where the rig cannot be run on it."""
+    """Everything in which the recording contradicts the rig; per kind of issue the columns in which
+    the rig has judged, so that it need not be guessed from the values alone; and the evidence with
+    all contradictions set right. Where the rig cannot be run on the recording, only what is in
+    percent is found."""
     found = _percent(recording, rig)
     if evidence is None or not evidence.ran:
         return found, {}, None
@@ -438,6 +439,8 @@ def _correlation(a: Array, b: Array) -> float:
 def _lag(ours: Array, theirs: Array, most: int) -> tuple[int, float, float]:
     """By how many samples ours comes later, and the correlations of the rates at once and so
     shifted."""
+    # sum_t a(t + lag) b(t) for all lags at once, by Fourier transforms padded by the longest lag;
+    # each is divided by the energies in its own overlap, so that a long lag is at no disadvantage
     a, b = ((rate := y[RATE_OVER:] - y[:-RATE_OVER]) - rate.mean() for y in (ours, theirs))
     most = min(most, a.size // 4)
     size = a.size + most

@@ -96,9 +96,9 @@ def stated_period(rig: Rig) -> float | None:
 
 
 def clock(recording: Recording, rig: Rig, evidence: SheetComparison | None) -> list[Issue]:
-    """Stamps that are no seconds: far from the period that the rig states; where it states none,
-    those with which the data sheet's run comes far nearer to what was measured once they are
-    divided by a thousand and so on."""
+    """Stamps that are no seconds: their period is far from the one that the rig states. Where it
+    states none, they are doubted if the data sheet's run fits far better with a clock in
+    milliseconds, minutes and so on."""
     period, usual = recording.sampling_period_s, stated_period(rig)
     counted = period == 1.0 and bool(np.all(recording.time == np.round(recording.time)))
     if usual is not None:
@@ -183,8 +183,8 @@ def slips(e: SheetComparison, recording: Recording) -> list[Slip]:
     data sheet's run misses by more than the signal moves; the best first, those that are as good
     beside it. Empty where nothing does, or nothing is so far off.
 
-    A run that rests would miss by little more than the motion, too: a slip has to be better than
-    that.
+    A model at rest misses by just as much as the signal moves. A factor that only brings the model
+    to rest explains nothing, so a slip has to come nearer than that.
     """
     e = replace(
         e,

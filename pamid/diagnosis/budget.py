@@ -138,6 +138,7 @@ def black_box(
     stacked = np.concatenate([x for x, _, _ in rows_in])
     centre, spread = stacked.mean(axis=0), stacked.std(axis=0)
     use = spread > 1e-9 * (np.abs(centre) + 1e-12)
+    # from physical inputs to those of the network: two standard deviations become 1, as it expects
     turn = np.diag(0.5 / (spread + 1e-300))[:, use]
     most = settings.black_box_inputs
     if turn.shape[1] > most:

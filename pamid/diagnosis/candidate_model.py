@@ -129,8 +129,9 @@ def refit(
     """Fit all parameters jointly from p (default: the data sheet); `first`: further starting values
     (SI) by key.
 
-    First with the baseline's weights, then with those of its own, smaller residuals: a model that
-    explains the gap is not held to its priors by the size of the gap it removed.
+    First with the baseline's weights, then with those of its own residuals. Where the model
+    explains the gap these are smaller, and its parameters follow the recordings more and their
+    priors less.
     """
     tracks = evidence.tracks(assembly)
     problem = Problem(assembly, tracks, free_parameters(assembly, tracks))

@@ -241,6 +241,7 @@ def decide(
     """
     c, x = calibration(), features(g)
     gap, known, first = (c.lines[q].probability(x) for q in ("gap", "known", "first"))
+    # what no held-out window bears out is no better than a guess, whatever the statistics say
     most = 0.0 if empty else 1.0 if confirmed else settings.unbacked_probability
     known, first = min(known, most), min(first, most)
     certain = first >= c.lines["first"].yes
@@ -280,6 +281,7 @@ def forecast_interval(
     if len(before) < 2:
         return -1.0, 1.0
     low, high = shrinkage_interval(before, after, seed=seed)
+    # in logarithms of the error ratio, as the spread from recording to recording was measured
     middle = np.log(max(float(after.sum() / before.sum()), 1e-9))
     edges = np.log(np.maximum([1.0 - high, 1.0 - low], 1e-9))
     other = calibration().spread * np.sqrt(max(1.0 - np.exp(middle), settings.least_shrinkage))

@@ -84,6 +84,7 @@ def select_forward(
         leaders = [k[0] for k in located.classes]
         after = locate(search.evidence, best, search.pool, leaders, settings=chosen)
         helped = search.budget.shrinkage(best.absolutes, search.chosen) > chosen.worth
+        # too little to look into: a share of what was missing at first, within fixed bounds
         little = max(
             min(chosen.further_share * located.most, chosen.further_always * best.samples),
             chosen.further_never * best.samples,

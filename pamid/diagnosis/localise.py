@@ -116,6 +116,8 @@ def _stretch(name: str, unit: str, x: Array, gap: Array, settings: Settings) -> 
     energy = np.concatenate([[0.0], np.cumsum(np.bincount(place, gap, count))]) / gap.sum()
     time = np.concatenate([[0.0], np.cumsum(np.bincount(place, minlength=count))]) / len(x)
     inner = settings.regime_bound * ((edges != 0.0) & (edges > edges[0]) & (edges < edges[-1]))
+    # with c the cumulated gap less the cumulated time, the stretch from edge i to edge j holds
+    # c_j - c_i more of the gap than of the time, of which its inner edges cost a little each
     worth = (energy - time - inner)[None, :] - (energy - time + inner)[:, None]
     i, j = np.unravel_index(int(np.argmax(np.triu(worth, 1))), worth.shape)
     share, spent = float(energy[j] - energy[i]), float(time[j] - time[i])
@@ -132,7 +134,7 @@ def measured_signals(evidence: DataSplit, r: Replay) -> dict[str, tuple[Array, s
     """What was measured, its rate of change, and what was sent: name -> (samples, unit)."""
     out: dict[str, tuple[Array, str]] = {}
     period = r.track.period_s
-    length = max(5, 2 * round(0.015 / period) + 1)
+    length = max(5, 2 * round(0.015 / period) + 1)  # parabolas through 30 ms
     for i, channel in enumerate(evidence.channels):
         stem, _ = split_column(channel)
         unit = display_unit(evidence.rig.outputs[channel])
@@ -254,7 +256,7 @@ def frequency_band(
             here = here - welch(
                 after[i].residual / noise, 1.0 / b.track.period_s, nperseg=n, axis=0
             )[1].sum(axis=1)
-        here = np.maximum(here, 0.0)
+        here = np.maximum(here, 0.0)  # where the cause makes it worse, none of the gap was
         power = here if power is None or len(power) != len(here) else power + here
     if power is None or axis is None or power.sum() <= 0.0:
         return []

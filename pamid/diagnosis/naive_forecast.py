@@ -15,10 +15,10 @@ Array = NDArray[np.float64]
 
 
 def explains_nothing(budget: Budget, model: CandidateModel, seed: int) -> bool:
-    """True unless in some channel the model is better, by the margin and with 95 % confidence, than
-    the median of everything scored and, where it is far from the noise floor, also than the better
-    of two forecasts from the part of a window on which its start was estimated: its median, and the
-    line through it."""
+    """True where the model beats no guess in any channel. To explain one it must be better, by the
+    margin and with 95 % confidence, than the median of everything scored. Unless it is near the
+    noise floor it must also beat the forecasts from the first part of a window, on which its start
+    was estimated: the median of that part, and the line through it."""
     margin, near = budget.settings.naive_margin, budget.settings.naive_near_floor
     middle, start, line = (
         np.concatenate([losses[i] for losses in map(_guesses, model.replays)]) for i in range(3)

@@ -55,6 +55,8 @@ def next_experiment(d: Diagnosis) -> Proposal | None:
         for way in benches(d.evidence, bench, e, pairs[0][0], d.settings):
             bounds = separations(d.evidence, way, e, pairs, d.settings)
             race.append((next(bounds), bounds, way, e))
+    # best first (branch and bound): the leader's bound is tightened until another one leads, or
+    # until it has no tighter one and is its value; then no other can exceed it
     while race:
         k = max(
             range(len(race)),
@@ -253,9 +255,9 @@ def separations(
     pairs: list[tuple[CandidateModel, CandidateModel]],
     settings: Settings = DEFAULT,
 ) -> Iterator[Array]:
-    """RMS difference per channel of the nearest pair, in noise standard deviations: ever smaller
-    over all channels together, the last one with all re-adjusted; zeros where a model cannot be
-    simulated."""
+    """Ever tighter upper bounds of what separates the nearest pair: RMS difference per channel, in
+    noise standard deviations. First pair after pair as fitted, then one after the other
+    re-adjusted; the last bound is the separation. Zeros where a model cannot be simulated."""
     made: dict[str, list[Recording | None]] = {}
     rivals, separation = [], []
     for truth, other in pairs:

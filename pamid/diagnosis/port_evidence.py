@@ -135,6 +135,8 @@ def locate(
     for size in range(2, len(players) + 1):
         together = list(combinations(players, size))
         for members, joint in zip(together, _gains(work, together, pool, known), strict=True):
+            # a latent value of size zero is free to take: more ports are never worth less, though
+            # the coarse grid of sizes may say so
             value[frozenset(members)] = max(
                 [joint, *(value[frozenset(members) - {m}] for m in members)]
             )
@@ -158,6 +160,7 @@ def _found_at(
     least = settings.port_outstanding * most
     near = [name for name in names if not rough or rough[name] >= least]
     full = dict(zip(near, _gains(work, [(name,) for name in near], pool, known), strict=True))
+    # those not looked at closely keep their rough figure, on the scale of the close ones
     share = max(full.values()) / most if most > 0.0 else 0.0
     return {name: full.get(name, share * rough.get(name, 0.0)) for name in names}
 

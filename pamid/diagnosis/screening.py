@@ -153,6 +153,7 @@ def _worst_run(
     """First and last of the `few` (or somewhat more) windows in a row with the largest loss, such
     that this part alone is cut into the same windows; all windows where there is none."""
     for count in range(min(few, len(windows)), len(windows)):
+        # sums of the loss over every run of so many windows, the largest first
         for first in np.argsort(-np.convolve(losses, np.ones(count), "valid"), kind="stable"):
             last = int(first) + count - 1
             if len(problem.windows(track.part(windows[first].start, windows[last].stop))) == count:
@@ -218,9 +219,9 @@ def _probed(
 def promising(
     family_of: dict[str, str], screened: list[Screened], reference: ScreeningBaseline
 ) -> list[Screened]:
-    """The candidates to refit, by gain. On top of the baseline all of few; else some in any case,
-    further ones that gain a share of the largest gain, and the best of every further family. Beside
-    effects that are already found only the leading ones."""
+    """The candidates to refit, by gain. On top of the baseline: all, where there are few; of more,
+    the first `refits_least`, further ones with a share of the largest gain, and the best of every
+    other family. Beside effects that are already found: the leading ones alone."""
     settings, first_round = reference.settings, not reference.baseline.attached
     usable = sorted(
         (s for s in screened if s.assembly is not None and np.isfinite(s.gain)),

@@ -145,6 +145,8 @@ class SlicedTrack:
         length = (self.slices[0].stop - self.slices[0].start) * self.runner.track.period_s
         keep = float(np.exp(-length / time_s))
         first, decay = np.zeros(len(spread)), np.ones(len(spread))
+        # the latent values last: they wander on where windows begin, too, and their process is
+        # stationary, of variance size^2 from the first slice on
         joint[:, missing], first[missing] = 1.0 / (size**2 * (1.0 - keep**2)), 1.0 / size**2
         decay[missing] = keep
         return TrajectoryPrior(
@@ -165,6 +167,7 @@ class SlicedTrack:
         """
         joint, decay, n, k = prior.joint, prior.decay, x.shape[1], len(one.g)
         D, gx, B = one.D.copy(), one.gx.copy(), one.B.copy()
+        # |x_(i+1) - a f(x_i, s)|^2 in Q^-1: its derivatives are 1 by x_(i+1), -A by x_i, -P by s
         jump = x[1:] - decay * one.end[:-1]
         A, P = decay[:, None] * one.by_start[:-1], decay[:, None] * one.by_parameters[:-1]
         weighed_jump = joint * jump

@@ -186,6 +186,8 @@ class Smoother:
         parameters held: several times as fast."""
         if not self.ports:
             return self.smoothed(None, 1.0, 1.0, ROUNDS, moving=False)
+        # one linearisation along the replay serves all sizes; only around the most likely one are
+        # the trajectories improved
         start = self.smoothed(None, SIZES[0], TIMES_S[0], trusted=1.0, moving=False)
         rest = [self.smoothed(start, s, TIMES_S[0], trusted=1.0, moving=False) for s in SIZES[1:]]
         size = max([start, *rest], key=lambda one: one.found).size
@@ -230,6 +232,7 @@ class Smoother:
         solver = replace(solver, priors=self._priors(ended.x, size, time_s))
         point = solver.point(ended.s, ended.x, ended.data)
         step = solver.step(point, LEAST_DAMPING)
+        # the quadratic's own minimum stands in for another iteration, up to a share of the cost
         found = -0.5 * (point.cost - min(step.gain, trusted * point.cost) + step.log_det)
         found = found if np.isfinite(found) else -np.inf
         return Smoothed(found, size, time_s, point.s, point.x, point.data, moving)
@@ -258,6 +261,7 @@ class SmoothingProblem(LeastSquares[_Point, _Step]):
     of: Smoother
     priors: list[TrajectoryPrior]
     moving: bool
+    # all but undamped: the start is a replay of the fit. Only a step that fails lifts lambda.
     rule = DampingRule(LEAST_DAMPING, 0.01, LEAST_DAMPING, 30.0, raised=1e-4)
 
     def cost(
@@ -301,9 +305,12 @@ class SmoothingProblem(LeastSquares[_Point, _Step]):
         A = H[np.ix_(free, free)]
         if free.any():
             ds[free] = -np.linalg.lstsq(A + damping * np.diag(A.diagonal()), g[free], rcond=None)[0]
+            # det of the bordered matrix = det of the states' block x det of its Schur complement
             log_det += float(np.linalg.slogdet(A)[1])
         ds = np.clip(s + ds, scale.low, scale.high) - s
         states = [-(dx + X @ ds) for _, X, dx in parts]
+        # what the quadratic promises, g'H^-1 g, by blocks: that of the parameters, with the reduced
+        # gradient, and that of the states
         gain = -float(g @ ds) + sum(float((gx * dx).sum()) for gx, _, dx in parts)
         return _Step(ds, states, gain, log_det)
 

@@ -78,16 +78,17 @@ def spectrum_peaks(
     """Strongest lines of the gap, Hz, resolved to a fraction of 1/duration."""
     b = max(before, key=lambda r: len(r.track))
     r = (b.residual / noise) * np.hanning(len(b.track))[:, None]
-    n = 1 << (4 * len(b.track) - 1).bit_length()
+    n = 1 << (4 * len(b.track) - 1).bit_length()  # padded: at least four points per 1/duration
     power = (np.abs(np.fft.rfft(r, n, axis=0)) ** 2).sum(axis=1)
     axis = np.fft.rfftfreq(n, b.track.period_s)
     power[axis < settings.slowest_hz] = 0.0
     width = min(401, len(power) - 1 + len(power) % 2)  # odd; of a short recording all there is
     smooth = np.convolve(power, np.ones(width) / width, "same")
+    # against the mean around it: a broad hump, however strong, is no line
     contrast = power / (smooth + 1e-12 * power.max() + 1e-300)
     peaks = []
     for _ in range(settings.spectrum_lines):
         k = int(np.argmax(contrast * np.sqrt(power)))
         peaks.append(float(axis[k]))
-        contrast[max(0, k - 60) : k + 60] = 0.0
+        contrast[max(0, k - 60) : k + 60] = 0.0  # the line with the window's skirts
     return tuple(peaks)

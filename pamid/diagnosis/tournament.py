@@ -35,6 +35,8 @@ from pamid.model.effect import Effect
 from pamid.parallel.jobs import WorkerPool
 from pamid.simulation.data_split import DataSplit, selection_part
 
+CAUSED = ("explained", "ambiguous")  # verdicts that name a cause
+
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
@@ -64,7 +66,7 @@ class Diagnosis:
 
     @property
     def cause(self) -> CandidateModel | None:
-        return self.best if self.verdict in ("explained", "ambiguous") else None
+        return self.best if self.verdict in CAUSED else None
 
     @property
     def settings(self) -> Settings:
@@ -126,26 +128,14 @@ def diagnose(
     grounds = verdict_statistics(budget, chosen, ranking, best, located, found.after, seed)
     tied = indistinguishable_from_first(search, ranking, classes)
     empty = explains_nothing(budget, best or base, seed)
-    decision = decide(
-        grounds,
-        ambiguous=best is not None
-        and len(best.attached) == 1
-        and len({c.family for c in tied}) > 1,
-        confirmed=best is None or is_confirmed(budget, best, ~chosen, seed),
-        empty=empty,
-        settings=settings,
-    )
+    decision = _decided(search, grounds, best, tied, empty)
     units = scale_doubt(evidence, base, best, settings)
-    verdict = (
-        "unknown-effect"
-        if units and decision.verdict in ("explained", "ambiguous")
-        else decision.verdict
-    )
     return Diagnosis(
         evidence,
         budget,
         chosen,
-        verdict,
+        # a cause found against a misread channel may be an artefact of the slip
+        "unknown-effect" if units and decision.verdict in CAUSED else decision.verdict,
         ranking,
         tuple(probabilities(decision, wins)),
         tuple(failed),
@@ -162,6 +152,25 @@ def diagnose(
     )
 
 
+def _decided(
+    search: Search,
+    grounds: VerdictStatistics,
+    best: CandidateModel | None,
+    tied: tuple[CandidateModel, ...],
+    empty: bool,
+) -> Decision:
+    """The decision on a best model; "ambiguous" can only be one with a single effect, as ties are
+    sought among single effects."""
+    single = best is not None and len(best.attached) == 1
+    return decide(
+        grounds,
+        ambiguous=single and len({c.family for c in tied}) > 1,
+        confirmed=best is None or is_confirmed(search.budget, best, ~search.chosen, search.seed),
+        empty=empty,
+        settings=search.settings,
+    )
+
+
 def _freed(evidence: DataSplit, best: CandidateModel) -> CandidateModel:
     """The best model, refitted from new window starts where its fit had ended in a local
     minimum."""
@@ -175,8 +184,8 @@ def _freed(evidence: DataSplit, best: CandidateModel) -> CandidateModel:
 def candidates_to_screen(
     candidates: list[Attachment], located: PortEvidence, settings: Settings = DEFAULT
 ) -> list[Attachment]:
-    """All candidates of few; of many those that act at ports with latent evidence, at least half as
-    many as are still few."""
+    """All candidates, up to `held_background_from` of them. Of more, those that act at ports with
+    latent evidence, and at least half that number."""
     many = settings.held_background_from
     if len(candidates) <= many:
         return candidates

@@ -212,6 +212,7 @@ def parity(m: Missing, settings: Settings = DEFAULT) -> str:
     "mixed"."""
     name = "velocity" if "velocity" in m.signals else next(iter(m.signals))
     x, y = m.signals[name] - np.median(m.signals[name]), m.values - m.values.mean()
+    # f(x) = odd + even part, (f(x) -+ f(-x)) / 2, in eight bins of |x| that were visited both ways
     bins = np.quantile(np.abs(x), np.linspace(0.0, 1.0, 9))
     place = np.clip(np.searchsorted(bins, np.abs(x), side="right") - 1, 0, 7)
     odd = even = 0.0
@@ -255,6 +256,7 @@ def regressors(signals: dict[str, Array], units: dict[str, str]) -> tuple[list[s
             columns.append(np.abs(s))
         if name == "velocity":
             names += [f"sign({name})", f"{scaled} |{scaled}|"]
+            # smooth below a twentieth of the usual speed, where the sign is that of the noise
             columns += [np.tanh(s / 0.05), s * np.abs(s)]
     return names, np.stack(columns, axis=1)
 
@@ -263,7 +265,8 @@ def sparse_formula(
     columns: Array, target: Array, seed: int, settings: Settings
 ) -> tuple[Array, Array]:
     """Sparse coefficients (target in its own standard deviations) and how often each term is kept
-    over bags."""
+    over bags: sequentially thresholded least squares (Brunton, Proctor and Kutz 2016, PNAS
+    113(15)), bagged (Fasel, Kutz, Brunton and Brunton 2022, Proc. R. Soc. A 478)."""
     import pysindy
 
     y = (target / target.std())[:, None]
@@ -279,6 +282,7 @@ def sparse_formula(
         return np.asarray(optimizer.coef_).ravel()
 
     everything = np.arange(len(target))
+    # drawn in blocks of about twenty slices in a row: neighbours are alike
     blocks = np.array_split(everything, max(4, len(target) // 20))
     terms = [
         chosen(np.concatenate([blocks[k] for k in random.integers(0, len(blocks), len(blocks))]))

@@ -255,6 +255,7 @@ def _background(d: Diagnosis, final: CandidateModel) -> dict[str, result.Pull]:
     pulls = background_pull(final.fit)
     sheet, refitted = np.nansum(d.budget.data_sheet), np.nansum(d.budget.baseline.absolutes)
     gained = max(0.0, 1.0 - refitted / sheet) if sheet > 0 else 0.0
+    # strains and pulls are in prior deviations, and their squares what the priors cost
     everything = sum(e.strain**2 for e in estimates(final.fit) if not e.bound.owner) + sum(
         v**2 for v in pulls.values()
     )

@@ -28,6 +28,8 @@ def eliminate(D: Array, off: Array, rhs: Array, damping: float) -> tuple[Array, 
     """
     w, n, _ = D.shape
     M, z = np.ascontiguousarray(D).copy(), np.ascontiguousarray(rhs).copy()
+    # 1e-12 of the diagonal keeps the pivots of directions that no data see above round-off, 1e-300
+    # those of a row that is zero throughout above zero
     M[:, range(n), range(n)] += (damping + 1e-12) * np.einsum("wii->wi", D) + 1e-300
     return z, float(_eliminate(M, np.ascontiguousarray(off), z))
 
@@ -43,7 +45,7 @@ def _eliminate(M, off, z):  # type: ignore[no-untyped-def]
     carried = np.empty((n, n + m))
     for i in range(w):
         factor(M[i], pivots[i])
-        for j in range(n):
+        for j in range(n):  # |det M_i| is the product of U's diagonal
             log_det += np.log(np.abs(M[i, j, j]))
         if i + 1 == w:
             break
@@ -56,7 +58,7 @@ def _eliminate(M, off, z):  # type: ignore[no-untyped-def]
         for r in range(n):
             for k in range(n):
                 a = off[i, r, k]
-                if a != 0.0:
+                if a != 0.0:  # most states do not couple to all others across a joint
                     for c in range(n):
                         M[i + 1, r, c] -= a * carried[k, c]
                     for c in range(m):

@@ -107,11 +107,14 @@ def iterate(
         trial = problem.moved(point, step, count == steps)
         gain = point.cost - trial.cost
         if gain > 0.0:  # False where one is not a number
+            # Marquardt's own rule: success or failure alone moves lambda, not the ratio of the
+            # gain to the promised one, for which not every problem here has the quadratic at hand
             before, point = point, problem.linearised(trial)
             damping = max(rule.falls * damping, rule.least)
             calm = calm + 1 if problem.calm(step, damping) else 0
             ended = calm == CALM_STEPS or problem.settled(gain, before, point)
         else:
+            # from nearly zero a factor alone would give the same step again, several times over
             damping = max(rule.rises * damping, rule.raised)
             ended = damping > rule.most or problem.stuck(point, step)
         if ended:

@@ -15,6 +15,11 @@ computed.
     Alexander (1977), SIAM J. Numer. Anal. 14(6), 1006-1021
     Deuflhard (2004), Newton Methods for Nonlinear Problems, section 3.3
     Hairer, Norsett and Wanner (1993), Solving Ordinary Differential Equations I
+    Hairer and Wanner (1996), Solving Ordinary Differential Equations II
+
+Steps are of one length throughout a run. A step control would choose other steps for other
+parameters, so that outputs jump between neighbouring ones and have no derivative; that steps are
+short enough is seen to outside (`choose_stepping` before a fit, `rechecked` after it).
 """
 
 from __future__ import annotations
@@ -38,8 +43,8 @@ RATES, OUTPUTS, PHASES = 0, 1, 2  # numbers of functions; the phases of the cell
 
 # ---- what the functions are given --------------------------------------------------------------
 # Arrays are C-contiguous, float64 where nothing else is said; nx states, nc cells, ns sensitivity
-# columns. The classes stand in this file because numba's cache of it is found stale by this file's
-# stamp alone, and they keep their names because that cache refers to them by name.
+# columns. The classes stand in this file because numba takes its cache of these functions for stale
+# by the stamp of this file alone; they keep their names because the cache refers to them by name.
 
 
 class CompiledEquations(NamedTuple):
@@ -166,6 +171,7 @@ def _update_cells(equations, memory, inputs, row, work):  # type: ignore[no-unty
     nx, nc, ns = x.shape[0], c.shape[0], S.shape[1]
     for i in range(nc):
         b[i] = c[i]
+    # in S the rows of the states come first, then those of the cells, then those of the past
     if sensitive:
         for i in range(nc):
             for k in range(ns):
@@ -188,7 +194,7 @@ def _update_cells(equations, memory, inputs, row, work):  # type: ignore[no-unty
             size = buffers.shape[1]
             head = (heads[delayed] + 1) % size
             heads[delayed] = head
-            if t[4] > 0.5:
+            if t[4] > 0.5:  # before the run the input stood at its first value
                 buffers[delayed, :] = out[n]
                 if sensitive:
                     for m in range(size):
@@ -200,6 +206,7 @@ def _update_cells(equations, memory, inputs, row, work):  # type: ignore[no-unty
             near, far = (head - steps) % size, (head - steps - 1) % size
             c[cell] = (1.0 - part) * buffers[delayed, near] + part * buffers[delayed, far]
             if sensitive:
+                # of the interpolated value by the delay itself, in its unit (s)
                 slope = (buffers[delayed, far] - buffers[delayed, near]) / t[1]
                 for k in range(ns):
                     buffer_S[delayed, head, k] = D[n, k]
@@ -351,7 +358,8 @@ def _sdirk2(equations, memory, inputs, row, h, work):  # type: ignore[no-untyped
             _newton_matrix(out, equations.pointer, equations.columns, nx, gh, M)
             factor(M, pivots)
             S[:nx] = 0.0
-            _rows(equations, RATES, nx, inputs, S, work)  # everything but df/dx S
+            # the states' rows of S are zero here, so that D holds f_p alone, without f_x S
+            _rows(equations, RATES, nx, inputs, S, work)
             for i in range(nx):
                 for k in range(ns):
                     S[i, k] = S0[i, k] + carry * A[i, k] + gh * D[i, k]
@@ -361,6 +369,9 @@ def _sdirk2(equations, memory, inputs, row, h, work):  # type: ignore[no-untyped
                     for k in range(ns):
                         A[i, k] = (S[i, k] - S0[i, k]) / gh
         if stage == 0:
+            # f(x1) from the stage's own equation, not by a call: an error that Newton's method
+            # leaves in x1 would come back times the largest eigenvalue of f_x (Hairer and Wanner
+            # 1996, IV.8)
             for i in range(nx):
                 k1[i] = (x[i] - x0[i]) / gh
 

@@ -30,6 +30,7 @@ def declarations() -> str:
 
 
 def _constant(value: float) -> str:
+    # the bits of the double: LLVM refuses a decimal that is not exactly one
     return f"0x{struct.unpack('<Q', struct.pack('<d', value))[0]:016X}"
 
 
@@ -71,6 +72,7 @@ def function_text(name: str, roots: list[Expr], index: Callable[[str, str], int]
             for line in operator.llvm:
                 last = fresh(line.format(*a, last=last))
             if operator.is_comparison:
+                # kept beside the 1.0 or 0.0 that arithmetic sees: `where` selects by it directly
                 truths[node] = last
                 last = fresh(f"select i1 {last}, double {_constant(1.0)}, double {_constant(0.0)}")
             names[node] = last
@@ -92,6 +94,7 @@ def extract_derived(groups: list[list[Expr]]) -> tuple[list[list[Expr]], list[Ex
             if node.op == "symbol"
             else all(fixed[a] for a in node.args)
         )
+    # only the uppermost of such nodes: those below are computed on the way to them
     top: dict[Expr, Expr] = {}
 
     def take(node: Expr) -> None:
@@ -137,6 +140,7 @@ def product_text(name: str, pointer: list[int], columns: list[int], rows_of_S: i
         "%s = inttoptr i64 %sa to ptr",
         "%d = inttoptr i64 %da to ptr",
     ]
+    # rows of S that nothing reads are never loaded; each of the others once for all rows of D
     used = sorted({c for c in columns if c < rows_of_S})
     entries = [
         [(e, columns[e]) for e in range(pointer[i], pointer[i + 1]) if columns[e] < rows_of_S]

@@ -202,79 +202,136 @@ def build_program(
 
     sensitive: parameters that sensitivities may be asked for (default: all); fewer are cheaper.
     """
-    cells = equations.cells
-    nx, nc = len(equations.states), len(cells)
-    place = {("state", n): i for i, n in enumerate(equations.states)}
-    place |= {(space, c.name): i for i, c in enumerate(cells) for space in ("cell", "past")}
-    place |= {("input", n): i for i, n in enumerate(inputs)}
-    place |= {("parameter", n): i for i, n in enumerate(parameters)}
-    place |= {("tick", n): i for i, n in enumerate(TICKS)}
-    base = {"state": 0, "cell": nx, "past": nx + nc, "parameter": nx + 2 * nc}
-
-    phases, phase_n, phase_first, phase_delay, delays = _phases(equations)
-    groups: list[list[Expr]] = [list(equations.rates), list(equations.outputs), *phases]
-    parts, names = [declarations()], []
-    direct, direct_at, most = [], [0], 0
-    pattern: tuple[list[int], list[int]] = ([], [])
-
-    def index(space: str, name: str) -> int:
-        return place[space, name]
-
-    def column(space: str, name: str) -> int:
-        return base[space] + place[space, name]
-
-    tables = [with_partials(roots, column, sensitive) for roots in groups]
-    values, derived = extract_derived([v for v, _, _ in tables])
-    place |= {("derived", str(i)): len(parameters) + i for i in range(len(derived))}
-    for i, roots in enumerate(groups):
-        _, pointer, columns = tables[i]
-        parts += [
-            function_text(f"f{i}", values[i][: len(roots)], index),
-            function_text(f"d{i}", values[i], index),
-            product_text(f"s{i}", pointer, columns, nx + 2 * nc),
-        ]
-        names += [f"f{i}", f"d{i}", f"s{i}"]
-        pattern = (pointer, columns) if i == 0 else pattern
-        direct += [
-            (row, columns[e] - nx - 2 * nc, e)
-            for row in range(len(roots))
-            for e in range(pointer[row], pointer[row + 1])
-            if columns[e] >= nx + 2 * nc
-        ]
-        direct_at.append(len(direct))
-        most = max(most, len(columns))
     # LLVM is loaded when a model is compiled, not with the package
     from pamid.engine.integrator import CompiledEquations
     from pamid.engine.jit_cache import addresses
 
-    parts.append(function_text("prepare", derived, index))
-    address = addresses("\n".join(parts), [*names, "prepare"])
+    phases, phase_n, phase_first, phase_delay, delays = _phases(equations)
+    code = _module_code(
+        [list(equations.rates), list(equations.outputs), *phases],
+        _Layout.of(equations, inputs, parameters),
+        sensitive,
+    )
+    address = addresses("\n".join(code.parts), code.names)
 
     def int_array(values: object) -> NDArray[np.int64]:
         return np.array(values, np.int64)
 
-    room = np.full(most, -1, np.int64)  # the driver sizes its scratch by this array
-    room[: len(pattern[1])] = pattern[1]
+    room = np.full(code.widest, -1, np.int64)  # the driver sizes its scratch by this array
+    room[: len(code.columns)] = code.columns
     return Program(
         equations.states,
         inputs,
         parameters,
         outputs,
-        tuple(c.name for c in cells),
+        tuple(c.name for c in equations.cells),
         tuple(delays),
-        parts[1].count("\n"),
-        len(derived),
+        code.parts[1].count("\n"),
+        code.derived,
         frozenset(parameters) if sensitive is None else sensitive,
         CompiledEquations(
             int_array(address),
             int_array(phase_n),
             int_array(phase_first),
             int_array(phase_delay),
-            int_array(pattern[0]),
+            int_array(code.pointer),
             room,
-            int_array(direct_at),
-            int_array(direct).reshape(-1, 3),
+            int_array(code.direct_at),
+            int_array(code.direct).reshape(-1, 3),
         ),
+    )
+
+
+@dataclass(frozen=True)
+class _Layout:
+    """Where symbols stand: place in the array of their space, first column of each space among the
+    partials, and the parameters' first column (those before it are the rows of S)."""
+
+    place: dict[tuple[str, str], int]
+    base: dict[str, int]
+
+    @classmethod
+    def of(
+        cls, equations: StateEquations, inputs: tuple[str, ...], parameters: tuple[str, ...]
+    ) -> _Layout:
+        nx, nc = len(equations.states), len(equations.cells)
+        place = {("state", n): i for i, n in enumerate(equations.states)}
+        place |= {
+            (space, c.name): i for i, c in enumerate(equations.cells) for space in ("cell", "past")
+        }
+        place |= {("input", n): i for i, n in enumerate(inputs)}
+        place |= {("parameter", n): i for i, n in enumerate(parameters)}
+        place |= {("tick", n): i for i, n in enumerate(TICKS)}
+        return cls(place, {"state": 0, "cell": nx, "past": nx + nc, "parameter": nx + 2 * nc})
+
+    def with_derived(self, count: int) -> _Layout:
+        """The same with so many values behind the parameters that follow from these alone."""
+        first = sum(space == "parameter" for space, _ in self.place)
+        return _Layout(
+            self.place | {("derived", str(i)): first + i for i in range(count)}, self.base
+        )
+
+    def index(self, space: str, name: str) -> int:
+        return self.place[space, name]
+
+    def column(self, space: str, name: str) -> int:
+        return self.base[space] + self.place[space, name]
+
+    @property
+    def first_parameter(self) -> int:
+        return self.base["parameter"]
+
+
+@dataclass(frozen=True)
+class _ModuleCode:
+    """A module's functions and what the driver has to know of their partials, as in
+    `CompiledEquations`: sparsity of the rates' (pointer, columns), entries by parameters of all
+    (direct_at, direct).
+
+    parts: LLVM IR, the declarations first; names: of the functions; derived: number of values that
+    `prepare` fills; widest: largest number of partials of a function.
+    """
+
+    parts: list[str]
+    names: list[str]
+    pointer: list[int]
+    columns: list[int]
+    direct_at: list[int]
+    direct: list[tuple[int, int, int]]
+    derived: int
+    widest: int
+
+
+def _module_code(
+    groups: list[list[Expr]], layout: _Layout, sensitive: frozenset[str] | None
+) -> _ModuleCode:
+    """Three functions per group, the rates first: f its values, d these and their partials, s the
+    product of the partials with S."""
+    tables = [with_partials(roots, layout.column, sensitive) for roots in groups]
+    values, derived = extract_derived([v for v, _, _ in tables])
+    layout, parameters = layout.with_derived(len(derived)), layout.first_parameter
+    parts, names = [declarations()], []
+    direct: list[tuple[int, int, int]] = []
+    direct_at = [0]
+    for i, (roots, (_, pointer, columns)) in enumerate(zip(groups, tables, strict=True)):
+        parts += [
+            function_text(f"f{i}", values[i][: len(roots)], layout.index),
+            function_text(f"d{i}", values[i], layout.index),
+            product_text(f"s{i}", pointer, columns, parameters),
+        ]
+        names += [f"f{i}", f"d{i}", f"s{i}"]
+        direct += [
+            (row, columns[e] - parameters, e)
+            for row in range(len(roots))
+            for e in range(pointer[row], pointer[row + 1])
+            if columns[e] >= parameters
+        ]
+        direct_at.append(len(direct))
+    parts.append(function_text("prepare", derived, layout.index))
+    _, pointer, columns = tables[0]  # the implicit step needs df/dx row by row, of the rates only
+    widest = max(len(columns) for _, _, columns in tables)
+    return _ModuleCode(
+        parts, [*names, "prepare"], pointer, columns, direct_at, direct, len(derived), widest
     )
 
 

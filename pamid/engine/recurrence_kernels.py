@@ -155,6 +155,10 @@ def run_bend(columns, change, inputs, states, output, output_change, bend):
     """Second derivative of the output along a change of the weights, exactly (a Taylor series
     through time).
 
+    With a = [C, I, b] [x, u, 1], dashes for derivatives by s, and x(k+1) = tanh(a(k)):
+        a' = d[C, I, b] [x, u, 1] + C x',   a'' = 2 dC x' + C x''
+        x' = (1 - x^2) a',   x'' = (1 - x^2) (a'' - 2 x a'^2),   y'' = l x'' + 2 dl x'
+
     `columns` and `change` (h + m + 1, wide) are those of [C, I, b] and of a change of it, `inputs`
     (n, m), `states` (n, at least h) as from `run_states` from a zero state; `output` and
     `output_change` (h,). `bend` (n,) receives d2 y / d s2 at s = 0 for weights w + s change.
@@ -228,7 +232,7 @@ def run_sensitivities(units, columns, output, output_bias, inputs, state, sensit
         jacobian[first + p + h] = 1.0
         before, after = after, before
     state[:] = seen[:h]
-    if inputs.shape[0] % 2:
+    if inputs.shape[0] % 2:  # the halves were exchanged after every sample
         sensitivity[0] = sensitivity[1]
 
 
@@ -242,6 +246,9 @@ def run_sensitivities(units, columns, output, output_bias, inputs, state, sensit
 def run_adjoint(rows, output, states, inputs, weighing, gradient):
     """Add d(sum of weighing y)/dw for the weights [C, I, b] to `gradient` (h, h + m + 1), going
     back in time.
+
+    With v the weighing and D(k) = diag(1 - x(k+1)^2), the adjoint is a(k) = D(k) (l v(k) + C'
+    a(k+1)), zero behind the end, and the gradient the sum of a(k) [x(k), u(k), 1]'.
 
     `rows` (h, wide) are those of C, padded with zeros to whole vectors; `states` (n, at least h) as
     from `run_states` from a zero state, `inputs` (n, m), `weighing` (n,).
@@ -261,4 +268,5 @@ def run_adjoint(rows, output, states, inputs, weighing, gradient):
             for j in range(h + m + 1):
                 row[j] += factor * seen[j]
         adjoint[:] = 0.0
+        # the product takes a matrix by columns: given its rows it is that with C'
         _add_product(rows, entering, adjoint, h, wide)

@@ -67,6 +67,7 @@ class Vectors:
         )
 
     def tanh(self, a: Any) -> Any:
+        """1 - 2 / (exp(2 a) + 1): right to round-off of 1, not of a small result."""
         b, one = self.builder, self.constant(1.0)
         # what is not a number stays as it is
         for bound, beyond in ((_LARGEST, ">"), (-_LARGEST, "<")):
@@ -75,7 +76,11 @@ class Vectors:
         return b.fsub(one, b.fdiv(self.constant(2.0), b.fadd(e, one)))
 
     def _exp(self, a: Any) -> Any:
-        """exp(a) for |a| < 700: 2^k times a series in a - k ln(2)."""
+        """exp(a) for |a| < 700: 2^k times a series in a - k ln(2).
+
+        ln(2) is taken off in two parts, of which the first times k is exact (Cody and Waite 1980,
+        Software Manual for the Elementary Functions).
+        """
         b = self.builder
         shifted = self.fma(a, self.constant(1.0 / math.log(2.0)), self.constant(_ROUNDING))
         k = b.fsub(shifted, self.constant(_ROUNDING))
@@ -83,6 +88,7 @@ class Vectors:
         series = self.constant(1.0 / math.factorial(_TERMS))
         for n in range(_TERMS - 1, -1, -1):
             series = self.fma(series, r, self.constant(1.0 / math.factorial(n)))
+        # k stands in the last bits of `shifted`; with the bias, 52 places further up, it is 2^k
         exponent = b.add(b.bitcast(shifted, _WORDS), ir.Constant(_WORDS, [_BIAS] * LANES))
         power = b.bitcast(b.shl(exponent, ir.Constant(_WORDS, [52] * LANES)), _VECTOR)
         return b.fmul(series, power)

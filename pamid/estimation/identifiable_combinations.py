@@ -103,6 +103,8 @@ def _groups(space: Space) -> Iterator[list[int]]:
     enough = np.minimum(SETTLED, GIVEN * np.sqrt(among.diagonal()))
     tied = [k for k, deviation, most in zip(loose, given, enough, strict=True) if deviation < most]
     known = _known(space, tied)
+    # `known known'` projects onto what is known: two parameters that have an entry there are in one
+    # combination. Squared again and again, the table of neighbours becomes that of the groups.
     reach = np.abs(known @ known.T) > JOINED
     for _ in tied:
         reach = reach @ reach
@@ -167,6 +169,8 @@ def _plainest(
 ) -> Iterator[_Candidate]:
     """Products of powers (or sums) of as few parameters as what is known allows, with plain powers
     where they serve."""
+    # what the recordings leave open: the orthogonal complement, of u directions. Among u + 1
+    # parameters there is always a combination that none of them moves, the null vector below.
     unknown = np.linalg.svd(known)[0][:, known.shape[1] :]
     for support in islice(subsets(range(len(group)), unknown.shape[1] + 1), MOST):
         direction = np.linalg.svd(unknown[list(support)].T)[2][-1]
@@ -176,6 +180,7 @@ def _plainest(
             if abs(w) > 1e-6
         ]
         log = all(q.log for q, _ in among)
+        # from a direction in prior spreads to the power of each parameter (or its factor in a sum)
         powers = [w / float((q.slope / q.value if log else q.slope).sum()) for q, w in among]
         first = max((abs(w), n) for (_, w), n in zip(among, powers, strict=True))[1]
         exact = [(q, float(f"{n / first:.3g}")) for (q, _), n in zip(among, powers, strict=True)]

@@ -114,6 +114,7 @@ class _Drawing(Work[int, Array]):
             np.random.default_rng([self.seed, item]),
         )
         windows = sum(len(problem.windows(t)) for t in problem.tracks)
+        # a window that was drawn k times counts k times; 0 leaves it out
         importance = np.bincount(random.integers(0, windows, windows), minlength=windows).astype(
             float
         )

@@ -12,7 +12,8 @@ a constraint (L infinite); here L is finite, the inverse of what a state may dep
 that a slow drift of an integrating state does not drown everything else. The normal equations in
 x_w are block-tridiagonal and bordered by s; eliminating x_w (Bock's condensing) leaves as many
 equations as there are parameters. Bock (1983), in Numerical Treatment of Inverse Problems in
-Differential and Integral Equations, Birkhaeuser, 95-121.
+Differential and Integral Equations, Birkhaeuser, 95-121; Bock and Plitt (1984), IFAC Proc. 17(2),
+1603-1608.
 
 W follows the residuals' own size and correlation time, not the sensor noise alone (see
 `residual_weights`): where a model is wrong its residuals are large and alike for a long time, and
@@ -132,6 +133,8 @@ def _evaluate(
             cost += float((jump**2 * continuity[i]).sum())
             if not derivatives:
                 continue
+            # J'J and J'r of this window by (parameters in SI, its start); rows beyond k + n are
+            # the padding of the sensitivities
             N, v = important * (A.T @ A)[: k + n, : k + n], important * (A.T @ r)[: k + n]
             _scale(N, v, slope)
             H += N[:k, :k]
@@ -263,8 +266,12 @@ class MultipleShooting(LeastSquares[_Point, _Step]):
         free = np.logical_not(held)
         if free.any():
             A = H[np.ix_(free, free)]
+            # lambda counts twice: of the starts' own diagonal in the elimination, and here of the
+            # reduced Hessian's, which scales each parameter by what is known of it once the starts
+            # follow it
             A = A + damping * np.diag(np.maximum(A.diagonal(), 1e-12))
             ds[free] = -np.linalg.lstsq(A, g[free], rcond=None)[0]
+        # the starts belong to the step as the bounds have cut it
         ds = np.clip(at.s + ds, self.scale.low, self.scale.high) - at.s
         return _Step(ds, [-(x + X @ ds) for X, x, _, _ in parts], H)
 
@@ -275,6 +282,7 @@ class MultipleShooting(LeastSquares[_Point, _Step]):
         return self.at(s, starts, not (self.probe and last))
 
     def settled(self, gain: float, before: _Point, after: _Point) -> bool:
+        # -2 log posterior: a gain far below 1 is no evidence; of a cost beyond 1000 a share of it
         return gain < self.tolerance * (1.0 + 1e-3 * after.cost)
 
     def calm(self, step: _Step, damping: float) -> bool:
@@ -309,6 +317,8 @@ class MultipleShooting(LeastSquares[_Point, _Step]):
         )
         if self.probe:
             return found
+        # Laplace's approximation: the inverse of the half Hessian of -2 log posterior, with the
+        # starts marginalised (the Schur complement does that)
         H, g, held, _ = _reduced(now, s, self.scale, 0.0)
         covariance: Array = np.linalg.pinv(H, hermitian=True).astype(np.float64, copy=False)
         return replace(
@@ -341,8 +351,8 @@ def begin(
     shooting = MultipleShooting(problem, p, weights, continuity or none, stepping, tolerance, probe)
     point = shooting.at(s, starts)
     if point.normal.fine and not continuity:
-        # by how much less a residual counts than sensor noise: by as much a wrong model's states
-        # may depart
+        # the factor by which residuals exceed what the sensors' noise explains: by as much more the
+        # states of a wrong model may depart from where they were carried to
         off = float(np.exp(-np.log(problem.noise * weights.root).mean()))
         continuity = tuple(
             np.maximum(
@@ -421,7 +431,12 @@ def fit_robustly(
     stepping: Stepping | None = None,
 ) -> Fit:
     """Fit with weights that follow the residuals: from the data sheet's misfit down to what the
-    model leaves."""
+    model leaves.
+
+    Iteratively reweighted least squares, by sizes per channel rather than per sample. The first
+    weights come from a single step: with those of the sensor noise, a long fit of a model that is
+    off by many times the noise would bend its parameters to what they cannot explain.
+    """
     noise = problem.noise
     fitted = fit(
         problem, iterations=1, weights=Weights(noise, np.ones_like(noise)), stepping=stepping
@@ -429,6 +444,7 @@ def fit_robustly(
     weights = (
         residual_weights(fitted.residuals, noise, problem.window)
         if fitted.residuals
+        # the model ran away and left nothing to measure: alike over so many samples, as a guess
         else Weights(noise, np.full_like(noise, 30.0))
     )
     fitted = fit(

@@ -68,7 +68,10 @@ class Posterior:
         size = len(problem.free)
         at, gradient, information = np.zeros(size), np.zeros(size), np.zeros((size, size))
         precision = np.linalg.inv(self.covariance[np.ix_(there, there)])
-        # of the carried ones, the others marginalised
+        # At the earlier optimum the half gradients of data sheet and recordings add up to `held`,
+        # which is zero but for parameters at a bound: the recordings' own is held - value, as their
+        # information is C^-1 - I. Parameters that are not carried over are marginalised: C loses
+        # their rows, and the gradient becomes C_carried^-1 (C held)_carried.
         slope = precision @ (self.covariance @ self.held)[there]
         at[here] = (self.centre[there] - scale.centre[here]) / scale.spread[here] + self.value[
             there

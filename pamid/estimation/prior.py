@@ -47,6 +47,8 @@ class Prior:
         turn = np.linalg.inv(coordinates(at)[1])
         values, vectors = np.linalg.eigh(turn.T @ information @ turn)
         informed = values > 1e-9 * max(float(values[-1]), 1e-9)
+        # information V E V' in x: with root = E^1/2 V' and away = E^-1/2 V' gradient the square
+        # has information root'root and half gradient root'away, where anything is known at all
         roots, vectors = np.sqrt(values[informed]), vectors[:, informed]
         return cls(
             at, coordinates, roots[:, None] * vectors.T, vectors.T @ (turn.T @ gradient) / roots
@@ -64,7 +66,7 @@ class Prior:
         """s + ds, but straight in the prior's coordinates: a stiff ridge is not left by a long step
         along it."""
         x, turned = self.coordinates(s)
-        goal, found = x + turned @ ds, s + ds
+        goal, found = x + turned @ ds, s + ds  # Newton's method for x(found) = goal
         for _ in range(NEWTON):
             x, turned = self.coordinates(found)
             found = found - np.linalg.lstsq(turned, x - goal, rcond=None)[0]

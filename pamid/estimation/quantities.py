@@ -168,6 +168,8 @@ def straight(problem: Problem, p: Array, covariance: Array) -> Coordinates:
     space = Space(problem, p, covariance)
     chosen: list[tuple[int, Quantity]] = []
     rows = np.zeros((0, len(space.s)))
+    # Gaussian elimination with pivots: a combination takes the place of the parameter that it moves
+    # most and no earlier one has taken, so that the new coordinates stay independent
     for q in own_of(space, problem.assembly):
         row = q.slope / np.linalg.norm(q.slope)
         for (pivot, _), before in zip(chosen, rows, strict=True):

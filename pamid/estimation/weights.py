@@ -47,8 +47,10 @@ def residual_weights(residuals: tuple[Array, ...], noise: Array, window: int) ->
 
 
 def correlation_length(r: Array) -> float:
-    """Samples per independent one: 1 + 2 sum of autocorrelations up to the first below 0.05."""
+    """Samples per independent one: 1 + 2 sum of autocorrelations up to the first below 0.05, from
+    where on their estimates are little but noise."""
     n = len(r)
+    # autocorrelations from the power spectrum, with zeros so that the end does not meet the start
     size = 1 << (2 * n - 1).bit_length()
     spectrum = np.fft.rfft(r - r.mean(), size)
     auto = np.fft.irfft(np.abs(spectrum) ** 2, size)[:n]

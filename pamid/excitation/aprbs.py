@@ -68,27 +68,28 @@ class Changes:
 
 @dataclass(frozen=True)
 class Coverage:
-    """How well a signal covers amplitude and frequency. Amplitudes in the signal's unit, s and Hz.
+    """How well a signal covers amplitude and frequency. Amplitudes in the unit of the signal, s and
+    Hz.
 
-    low, high         range asked for (default: the extremes visited)
-    histogram         share of time in each of 20 equal bins of the range, sums to 1 (less if the
-                      signal leaves it)
-    evenness          entropy of the histogram over that of an even one: 1 = every level equally
-                      often, 0 = one level
-    visited           share of the bins that were visited at all
-    steps             number of changes of level (of direction or of hold, for a signal with ramps)
-    levels            number of different levels held
-    shortest_hold_s, longest_hold_s   between changes, the rest at the start and the cut end left
-                                      out
-    power_95_hz       95 % of the power of the changing part lies below
-    band_20db_hz      lowest and highest frequency within 20 dB of the strongest
-    moving            never at rest: its steps are then turns, its holds the times between them
-    crest             highest deviation from the mean over the rms: 1 two levels, 1.41 a sine
-    library_condition how well 1, v, v^2 and v^3 (v: the signal over its half range) are told
-                      apart: condition number of these columns at unit length, without the rest at
-                      the start; None where they are not
-    even_condition    the same of 1 and v^2 alone
-    changes           sizes and paces of the changes; None if there are fewer than two
+    low, high          range asked for (default: the extremes visited)
+    histogram          share of time in each of 20 equal bins of the range, sums to 1 (less if the
+                       signal leaves it)
+    evenness           entropy of the histogram over that of an even one: 1 every level equally
+                       often, 0 one level
+    visited            share of the bins that were visited at all
+    steps              number of changes of level (of direction or of hold, for a signal with ramps)
+    levels             number of different levels held
+    shortest_hold_s, longest_hold_s
+                       between changes, the rest at the start and the cut end left out
+    power_95_hz        95 % of the power of the changing part lies below
+    band_20db_hz       lowest and highest frequency within 20 dB of the strongest
+    moving             never at rest: its steps are then turns, its holds the times between them
+    crest              highest deviation from the mean over the rms: 1 two levels, 1.41 a sine
+    library_condition  how well 1, v, v^2 and v^3 (v: the signal over its half range) are told
+                       apart: condition number of these columns at unit length, without the rest at
+                       the start; None where they are not
+    even_condition     the same of 1 and v^2 alone
+    changes            sizes and paces of the changes; None if there are fewer than two
     """
 
     low: float
@@ -220,6 +221,8 @@ def aprbs(
 
     The signal starts at 0 and rests there for the shortest hold, so that a rig can be started from
     rest. The same seed gives the same signal. UsageError for a request that makes no sense.
+
+    Nelles (2001), Nonlinear System Identification, Springer, on excitation signals.
     """
     check_request(duration_s, period_s, amplitude, hold_s, levels, rate_limit)
     random = np.random.default_rng(seed)
@@ -262,7 +265,7 @@ def coverage(
     held = values[starts] if starts.size else values[:1]
     frequency, power = spectrum(values, period_s)
     below = np.cumsum(power) / np.sum(power)
-    strong = np.flatnonzero(power >= 0.01 * power.max())
+    strong = np.flatnonzero(power >= 0.01 * power.max())  # 20 dB
     excited = values[int(starts[0]) if starts.size else 0 :]
     library = np.vander((2.0 * excited - low - high) / (high - low), 4, increasing=True)
     return Coverage(
@@ -342,6 +345,8 @@ def _unit_levels(
 ) -> FloatArray:
     """`count` levels in [-1, 1]."""
     if levels is None and latin:
+        # one level in each of `count` equal parts of the range, in random order (McKay, Beckman and
+        # Conover 1979, Technometrics 21(2)): even a short signal leaves no part of the range out
         return 2.0 * (random.permutation(count) + random.random(count)) / count - 1.0
     if levels is None:
         return random.uniform(-1.0, 1.0, count)
@@ -385,6 +390,8 @@ def _turns(values: FloatArray, moving: bool) -> NDArray[np.intp]:
         return begins
     kept: list[int] = []
     for turn in begins.tolist():
+        # a turn that goes on the same way takes the place of the last one; one that comes back by
+        # less than a ripple is passed over
         if (
             len(kept) > 1
             and (values[turn] - values[kept[-1]]) * (values[kept[-1]] - values[kept[-2]]) > 0.0
@@ -420,15 +427,16 @@ def _most(values: FloatArray, weights: FloatArray) -> tuple[float, float]:
 
 
 def _condition(library: FloatArray) -> float | None:
-    """Condition number of columns at unit length; None if they cannot be told apart."""
+    """Condition number of columns at unit length, so that it does not depend on their units; None
+    if they cannot be told apart."""
     length = np.maximum(np.linalg.norm(library, axis=0), np.finfo(float).tiny)
     singular = np.linalg.svd(library / length, compute_uv=False)
     return float(singular[0] / singular[-1]) if singular[-1] * _SINGULAR > singular[0] else None
 
 
 def spectrum(values: FloatArray, period_s: float) -> tuple[FloatArray, FloatArray]:
-    """Frequencies (Hz) and power density by Welch's method (Hann windows, half overlapping),
-    without the mean."""
+    """Frequencies (Hz) and power density, up to a factor, by Welch's method (1967; Hann windows,
+    half overlapping), without the mean."""
     size = min(values.size, max(64, values.size // 8))
     window = np.hanning(size)
     centred = values - values.mean()

@@ -4,9 +4,10 @@ every export.
 One sample, as `pamid.engine.integrator.sweep` does it, with the inputs held:
     substeps times
         the cells, in order, from the state, the inputs and their own past; a delay line takes in
-        its value and hands out the one `seconds` ago, linear between steps first time only: the
-        outputs the states by one Runge-Kutta step of order 4, or one SDIRK2 step with damped Newton
-        where `implicit`
+            its value and hands out the one `seconds` ago, linear between steps
+        first time only: the outputs
+        the states by one Runge-Kutta step of order 4, or one SDIRK2 step with damped Newton where
+            `implicit`
 Symbols of the expressions: state, cell (after its update), past (before it), input and parameter
 (in the units of their names), derived (what follows from the parameters alone) and the ticks time
 (s since the start), fresh (1 at the first substep) and begin (1 at the very first).

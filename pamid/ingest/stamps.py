@@ -72,6 +72,54 @@ def usable_rows(
     FileError where the channel is no clock or a stamp stands at differing rows; DataError where too
     few rows have one.
     """
+    keep, repairs = _rows_with_stamp(stamps, place)
+    keep, stamps, starts, more = _rising(keep, stamps, signals, place)
+    repairs += more
+    twice = np.flatnonzero(np.diff(stamps[keep]) == 0.0)
+    if not twice.size:
+        return Rows(keep, stamps[keep], tuple(starts), False, tuple(repairs))
+    differs = ~_written_twice(keep, twice, signals)
+    differing = int(np.count_nonzero(differs))
+    if differing > BLOCK_SHARE * keep.size:
+        return Rows(keep, stamps[keep], tuple(starts), True, tuple(repairs))
+    if differing and tolerant:
+        repairs.append(
+            Repair(
+                "stamps-shared", differing, f"{differing} rows share the stamp of the one before"
+            )
+        )
+        return Rows(
+            keep, _caught_up(stamps, keep, starts)[keep], tuple(starts), False, tuple(repairs)
+        )
+    if differing:
+        row = int(keep[twice[differs][0] + 1])
+        hint = (
+            "If they are two samples, say so with --time-base late-stamps; if one is wrong, take "
+            "it out of the log."
+        )
+        raise FileError(
+            f"{place}: the stamp {stamps[row]:.9g} s stands at data rows {row} and {row + 1} with "
+            f"differing values ({differing} such).",
+            hint,
+            code="stamps-repeated",
+        )
+    repairs.append(
+        Repair("rows-repeated", twice.size, f"{twice.size} rows stood there twice and were dropped")
+    )
+    stay = np.ones(keep.size, dtype=bool)
+    stay[twice + 1] = False
+    if stay.sum() < MIN_SAMPLES:
+        raise DataError(
+            f"{place}: {stay.sum()} rows have a stamp of their own, at least {MIN_SAMPLES} are "
+            "needed.",
+            code="too-short",
+        )
+    moved_starts = tuple(int(stay[:start].sum()) for start in starts)
+    return Rows(keep[stay], stamps[keep[stay]], moved_starts, False, tuple(repairs))
+
+
+def _rows_with_stamp(stamps: FloatArray, place: str) -> tuple[IntArray, list[Repair]]:
+    """The rows whose stamp is a time, and a word on the others."""
     finite = np.flatnonzero(np.abs(stamps) < AGES)
     repairs = []
     if finite.size < stamps.size:
@@ -84,8 +132,17 @@ def usable_rows(
             f"{place}: {finite.size} rows have a stamp, at least {MIN_SAMPLES} are needed.",
             code="too-short",
         )
-    written = finite.copy()
-    keep, starts, moved = _in_order(finite, stamps, place)
+    return finite, repairs
+
+
+def _rising(
+    written: IntArray, stamps: FloatArray, signals: Sequence[FloatArray], place: str
+) -> tuple[IntArray, FloatArray, list[int], list[Repair]]:
+    """(rows in an order in which stamps do not fall, the stamps that they then have, where pieces
+    begin, what was mended). Either the rows are put back in order or, where the signals say that
+    the rows are in order, the late stamps are corrected."""
+    repairs = []
+    keep, starts, moved = _in_order(written.copy(), stamps, place)
     if moved and _runs_smoothly(written, keep, signals):
         keep, stamps = written, _caught_up(stamps, written, starts)
         repairs.append(
@@ -114,50 +171,19 @@ def usable_rows(
                 "there",
             )
         )
-    twice = np.flatnonzero(np.diff(stamps[keep]) == 0.0)
-    if not twice.size:
-        return Rows(keep, stamps[keep], tuple(starts), False, tuple(repairs))
+    return keep, stamps, starts, repairs
+
+
+def _written_twice(
+    keep: IntArray, twice: IntArray, signals: Sequence[FloatArray]
+) -> NDArray[np.bool_]:
+    """Whether a row that shares its stamp with the next one (at these places) equals it in every
+    signal."""
     same = np.ones(twice.size, dtype=bool)
     for values in signals:
         before, after = values[keep[twice]], values[keep[twice + 1]]
         same &= (before == after) | (np.isnan(before) & np.isnan(after))
-    differing = int(twice.size - same.sum())
-    if differing > BLOCK_SHARE * keep.size:
-        return Rows(keep, stamps[keep], tuple(starts), True, tuple(repairs))
-    if differing and tolerant:
-        repairs.append(
-            Repair(
-                "stamps-shared", differing, f"{differing} rows share the stamp of the one before"
-            )
-        )
-        return Rows(
-            keep, _caught_up(stamps, keep, starts)[keep], tuple(starts), False, tuple(repairs)
-        )
-    if differing:
-        row = int(keep[twice[~same][0] + 1])
-        hint = (
-            "If they are two samples, say so with --time-base late-stamps; if one is wrong, take "
-            "it out of the log."
-        )
-        raise FileError(
-            f"{place}: the stamp {stamps[row]:.9g} s stands at data rows {row} and {row + 1} with "
-            f"differing values ({differing} such).",
-            hint,
-            code="stamps-repeated",
-        )
-    repairs.append(
-        Repair("rows-repeated", twice.size, f"{twice.size} rows stood there twice and were dropped")
-    )
-    stay = np.ones(keep.size, dtype=bool)
-    stay[twice + 1] = False
-    if stay.sum() < MIN_SAMPLES:
-        raise DataError(
-            f"{place}: {stay.sum()} rows have a stamp of their own, at least {MIN_SAMPLES} are "
-            "needed.",
-            code="too-short",
-        )
-    moved_starts = tuple(int(stay[:start].sum()) for start in starts)
-    return Rows(keep[stay], stamps[keep[stay]], moved_starts, False, tuple(repairs))
+    return same
 
 
 def rough_period(rows: Rows) -> float:
@@ -211,6 +237,8 @@ def count_samples(stamps: FloatArray, period: float) -> IntArray:
     # they may be late too
     end = n - LAST if float(np.quantile(residual - lowest_ahead, 0.995)) > 0.3 else n
     missing = np.zeros(n, dtype=np.int64)
+    # `base` is the even clock: it falls at once to any earlier stamp, rises slowly with drift, and
+    # by whole periods where samples are missing. These are missing where the stamp itself jumps.
     level, base, steps = (
         lowest_ahead.tolist(),
         float(lowest_ahead[0]),
@@ -235,6 +263,8 @@ def fit_clock(
     counts: it waited least."""
     use = last = np.append(np.diff(stamps) != 0.0, True)
     period, begins = 0.0, np.zeros(len(pieces))
+    # one slope for all pieces, each about its own means; which stamps are the latest twentieth is
+    # known from the pass before
     for _ in range(3):
         above = below = 0.0
         for piece in pieces:
@@ -268,6 +298,8 @@ def _sharpest(stamps: FloatArray, period: float) -> float:
     blocks = stamps[begins[:, None] + np.arange(stretch)]
     blocks = blocks - blocks[:, :1]
     trial = period * (1.0 + np.arange(-0.04, 0.04, 0.25 / stretch))
+    # squared mean of the phases 2 pi t / T as points on the unit circle: 1 where all stamps of a
+    # stretch are multiples of T, about 1/256 where they are scattered
     power = np.array(
         [
             float(np.mean(np.abs(np.exp(2j * np.pi / one * blocks).mean(axis=1)) ** 2))
@@ -319,9 +351,9 @@ def _running_on(stamps: FloatArray, keep: IntArray, starts: Sequence[int]) -> Fl
 
 
 def _is_step(times: FloatArray, first: int, last: int, usual: float) -> bool:
-    """Whether rows first to last, whose stamps fall behind, tell a clock that was set back, not
-    rows out of order or late stamps: then all that follow lie earlier, on an even clock of the
-    usual period (s), than all before."""
+    """Was the clock set back where the stamps of rows first to last fall behind? Then, against an
+    even clock of the usual period (s), all rows that follow lie earlier than those before; rows out
+    of order and late stamps are soon followed by rows that do not."""
     if last - first > OUT_OF_ORDER:
         return True
     begin = max(first - ROWS_AROUND_STEP, 0)
@@ -352,8 +384,8 @@ def _runs_smoothly(written: IntArray, sorted_rows: IntArray, signals: Sequence[F
 
 
 def _caught_up(stamps: FloatArray, rows: IntArray, starts: Sequence[int]) -> FloatArray:
-    """Stamps that rise, at least by a thousandth of a period: no sample was taken after any stamp
-    of those behind."""
+    """Late stamps lowered until all rise, by a thousandth of a period at least: a sample was taken
+    before any later sample got its stamp."""
     made, least = stamps.copy(), 1e-3 * float(np.median(np.diff(stamps[rows])))
     for start, end in zip(starts, [*starts[1:], rows.size], strict=True):
         piece, rise = rows[start:end], least * np.arange(end - start)

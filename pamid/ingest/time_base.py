@@ -158,6 +158,7 @@ def _even_clock(
     """(sample of each row, pieces between longer gaps, period, lateness of each stamp) on an even
     clock."""
     period = rough_period(rows)
+    # what counts as a gap depends on the period, and the period on the pieces between gaps
     for _ in range(2):
         limit = GAP_PERIODS * period if max_gap is None else max_gap
         samples = np.concatenate([count_samples(rows.stamps[p], period) for p in rows.pieces()])
@@ -193,6 +194,8 @@ def _by_signals(
     if not heard:
         why = f"{shape}; no signal moves enough to tell late stamps from jittered sampling"
         return StampDiagnosis("undecided", None, why, period, numbers)
+    # by inverse variances, none of them believed to better than 0.02. Signals of one log share its
+    # disturbances: together they are not taken for surer than the surest of them.
     weights = np.array([1.0 / max(w.error, 0.02) ** 2 for w in heard])
     coefficient = float(weights @ [w.coefficient for w in heard] / weights.sum())
     error = float(max(1.0 / math.sqrt(weights.sum()), min(w.error for w in heard)))
@@ -246,7 +249,7 @@ def _witness(name: str, rows: Rows, values: FloatArray, period: float) -> Witnes
         pace = savgol_filter(t, width, 2, deriv=1)
         stray = t - savgol_filter(t, width, 2)
         slope = savgol_filter(y, width, 2, deriv=1) / np.maximum(pace, 0.1 * period)
-        bad[1:] |= np.diff(t) > 1.7 * period
+        bad[1:] |= np.diff(t) > 1.7 * period  # a sample is missing between
         bad |= np.abs(stray) > period
         if bad.all() or np.std(stray[~bad]) < UNIFORM_TO * period / 10.0:
             continue
@@ -261,7 +264,8 @@ def _witness(name: str, rows: Rows, values: FloatArray, period: float) -> Witnes
         return None
     noise = float(np.median(np.abs(rough[use]))) / 0.6745 / ROUGH
     noise = max(noise, 8.0 * float(np.spacing(np.abs(values[np.abs(values) <= HUGE]).max())))
-    # of a parabola's slope through evenly spaced samples
+    # from noise of a sample to that of a parabola's slope: over sqrt(sum of k^2) for k from -HALF
+    # to HALF, which is sqrt(HALF (HALF + 1) (2 HALF + 1) / 3)
     noise /= period * math.sqrt(HALF * (HALF + 1) * width / 3.0)
     use &= np.abs(slope) > MOVING * noise
     if use.sum() < LEAST_MOVING_SAMPLES or not np.ptp(due[use]) > 0.0:
@@ -282,6 +286,7 @@ def _witness(name: str, rows: Rows, values: FloatArray, period: float) -> Witnes
     )
     if not (bottom.sum() > bottom).all():  # one part is all there is: nothing says how sure it is
         return None
+    # delete-one jackknife: variance (n - 1)/n sum((c_without_i - mean)^2)
     coefficient = top.sum() / bottom.sum()
     without = (top.sum() - top) / (bottom.sum() - bottom)
     error = math.sqrt(
@@ -297,6 +302,7 @@ def _tick(stamps: FloatArray, steps: FloatArray, rounding: float) -> float:
     positive = steps[steps > rounding]
     if not positive.size:
         return 0.0
+    # decimal prints, and 1/64 s, the default tick of Windows
     candidates = [1.0, 0.1, 0.015625, 0.01, 0.001, 1e-4, 1e-5, 1e-6]
     for tick in candidates:
         if tick < 2.5 * float(np.median(positive)):

@@ -2,8 +2,10 @@
 
     class CoulombFriction(Effect):
         family, kinds, signals = "friction", ("motion",), ("position",)
-        parameters = (Parameter("level", 0.03, low=0.0, high=0.4, size="value", null=0.0,
-        label="{value}", ...),)
+        parameters = (
+            Parameter("level", 0.03, low=0.0, high=0.4, size="value", null=0.0, label="{value}"),
+            ...,
+        )
 
         def act(self, value, at, p, z):
             return value - p.level * stop(at.position, p.give) / p.give

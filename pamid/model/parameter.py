@@ -13,21 +13,21 @@ from pamid.base.units import suffix_of, to_si
 class Parameter:
     """One number of a model.
 
-    name    as the equations read it, `p.<name>`
-    value   data-sheet value (prior mean); for an effect the typical size used when nothing else is
-            said
-    unit    unit of value, low, high, spread and null; with a unit the equations see SI and the
-            outside sees `<name>_<suffix>` ("inertia" in "kg m2" -> inertia_kg_m2); without one the
-            number is used as written
-    low, high   bounds
-    spread  one standard deviation of the prior (default: a quarter of the range); with log=True a
-            factor
-    null    effects only: the value at which the effect vanishes exactly
-    size    effects only: name of the port's signal ("value", "velocity", ...) that this parameter
-            scales with: value, bounds and spread are then multiples of that signal's size and its
-            unit is the signal's
-    tries   further starting values for the fit, where one basin is not enough
-    fitted  False: held at its value unless a fit is told otherwise
+    name       as the equations read it, `p.<name>`
+    value      data-sheet value (prior mean); for an effect the typical size used when nothing else
+               is said
+    unit       unit of value, low, high, spread and null; with a unit the equations see SI and the
+               outside sees `<name>_<suffix>` ("inertia" in "kg m2" -> inertia_kg_m2); without one
+               the number is used as written
+    low, high  bounds
+    spread     one standard deviation of the prior (default: a quarter of the range); with log=True
+               a factor
+    null       effects only: the value at which the effect vanishes exactly
+    size       effects only: name of the port's signal ("value", "velocity", ...) that this
+               parameter scales with: value, bounds and spread are then multiples of that signal's
+               size and its unit is the signal's
+    tries      further starting values for the fit, where one basin is not enough
+    fitted     False: held at its value unless a fit is told otherwise
     """
 
     name: str

@@ -8,11 +8,11 @@
             "sensor": Port("reading", "m"),
         }
         states = (State("position", "m"), State("velocity", "m/s"))
-        parameters = (Parameter("mass_kg", 1.0, low=0.1, high=10.0, source="kitchen scale"),)
+        parameters = (Parameter("mass", 1.0, 0.1, 10.0, "kg", source="kitchen scale"),)
 
         def rates(self, x, u, p, port):
             force = port("force", u.force_n, velocity=x.velocity, position=x.position)
-            return {"position": x.velocity, "velocity": force / p.mass_kg}
+            return {"position": x.velocity, "velocity": force / p.mass}
 
         def measure(self, x, u, p, port):
             return {"position_m": port("sensor", x.position)}

@@ -281,6 +281,8 @@ class Anfis(Network):
                 grid = parts.reshape(*(self.sets,) * self.inputs, n)
                 for k, (shares, slopes) in enumerate(known):
                     others = tuple(j for j in range(self.inputs) if j != k)
+                    # y = sum over rules of share x plane, the shares a softmax: dy/d log m_i is
+                    # what the rules with set i contribute, less their share of y
                     by_log = grid.sum(axis=others) - shares * y  # dy/d log membership, (sets, n)
                     np.multiply(slopes, by_log[:, None, :], out=premise[k])
                 self._fill(
@@ -299,6 +301,7 @@ class Anfis(Network):
             log_member = -0.5 * squared
             slopes[:, 0], slopes[:, 1] = t / width, squared
         else:
+            # log m = -log(1 + |t|^(2 b)) by way of log |t|, which must stay finite at the centre
             t = np.where(t == 0.0, 1e-300, t)
             rise = 2.0 * sets.slope[k, :, None]
             log_power = rise * np.log(np.abs(t))
@@ -308,6 +311,7 @@ class Anfis(Network):
             slopes[:, 0], slopes[:, 2] = slopes[:, 1] / (t * width), -outside * log_power
         slopes[:, 0] *= self.spacing
         slopes *= sets.bend[k, :, :, None]
+        # the softmax does not change with a constant: the largest is made exp(0)
         shares = np.exp(log_member - log_member.max(axis=0))
         return shares / shares.sum(axis=0), slopes
 

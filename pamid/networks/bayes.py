@@ -47,6 +47,8 @@ def effective_weights(evidence: Evidence, jtj: Array) -> float:
     n = len(jtj)
     if evidence.alpha == 0.0:
         return float(n)
+    # H / 2 = beta J'J + alpha I, so that gamma = N_w - alpha tr((H / 2)^-1); with H / 2 = L L' that
+    # trace is the sum of squares of the entries of L^-1
     scaled = evidence.beta * jtj
     if evidence.alpha > _rounding(scaled):
         scaled[np.diag_indices(n)] += evidence.alpha
@@ -55,8 +57,8 @@ def effective_weights(evidence: Evidence, jtj: Array) -> float:
         if not failed:
             return float(np.clip(n - evidence.alpha * float(np.sum(inverse * inverse)), 0.0, n))
         scaled[np.diag_indices(n)] -= evidence.alpha
-    # a Cholesky factor would hold rounding errors where directions are undecided: count directions
-    # one by one
+    # A Cholesky factor would hold rounding errors where directions are undecided: they are counted
+    # one by one, gamma = sum of l / (l + alpha) over the eigenvalues l of beta J'J (MacKay 1992)
     values = eigh(scaled, eigvals_only=True)
     values = values[values > _rounding(scaled)]
     return float(np.sum(values / (values + evidence.alpha)))
@@ -64,7 +66,7 @@ def effective_weights(evidence: Evidence, jtj: Array) -> float:
 
 def promised_decrease(half_hessian: Array, half_descent: Array) -> float:
     """How much lower F would be after a full, undamped step if it were the quadratic it looks
-    like."""
+    like: g' (H / 2)^-1 g with g half of -dF/dw, over the directions that the Hessian decides."""
     values, vectors = eigh(half_hessian)
     keep = values > _rounding(half_hessian)
     along = vectors[:, keep].T @ half_descent
@@ -118,6 +120,8 @@ def effective_samples(residual: ArrayLike) -> float:
         return float(n)
     spectrum = np.fft.rfft(e, 1 << int(2 * n - 1).bit_length())
     correlation = np.fft.irfft(np.abs(spectrum) ** 2)[:n] / power
+    # rho_2k + rho_2k+1; with the first pair, which holds rho_0 = 1, counted in full, the sum of the
+    # whole symmetric function is 2 sum(pairs) - 1
     pairs = correlation[0 : n - 1 : 2] + correlation[1:n:2]
     ends = np.flatnonzero(pairs <= 0.0)
     total = 2.0 * float(np.sum(pairs[: ends[0] if len(ends) else len(pairs)])) - 1.0

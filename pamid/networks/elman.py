@@ -46,7 +46,7 @@ from pamid.symbolic.vocabulary import Expr, tanh
 Array = NDArray[np.float64]
 
 TIME_CONSTANTS = (2.0, 100.0)  # samples: shortest and longest time constant of a random start
-BEND = 0.3  # largest state of a start from a linear model
+BEND = 0.3  # largest state of a start from a linear model: tanh(x) is x to 3 %
 
 
 class ElmanLayers(NamedTuple):
@@ -120,7 +120,7 @@ class Elman(Network):
         """Random start that knows no data, for inputs and target scaled into [-1, 1].
 
         The hidden units begin as damped oscillators in pairs (an odd last one as a lag), their time
-        constants spread from `MEMORY[0]` to `MEMORY[1]` samples, with input weights that bring each
+        constants spread over `TIME_CONSTANTS`, with input weights that bring each
         to about half of tanh's bend; the output weights are nearly zero.
         """
         draw = np.random.default_rng(seed)
@@ -138,6 +138,8 @@ class Elman(Network):
                 )
             else:
                 context[pair, pair], loss[pair] = decay, 1.0 - decay
+        # sqrt(3 / m) times a uniform number has variance 1 / m, so that m inputs add up to the size
+        # of one; `loss` takes off the static gain 1 / |1 - pole|, which is large for a slow unit
         entering = 0.5 * np.sqrt(3.0 / m) * draw.uniform(-1.0, 1.0, (h, m)) * loss[:, None]
         bias = 0.5 * draw.uniform(-1.0, 1.0, h) * loss
         output = 0.01 * draw.uniform(-1.0, 1.0, h) / np.sqrt(h)
@@ -167,6 +169,7 @@ class Elman(Network):
             zip(modes.poles, modes.residues, largest / BEND, strict=True)
         ):
             first, second = 2 * k, 2 * k + 1
+            # z(k+1) = p z(k) + r u(k) as two real states, Re z and Im z; the output reads Re z
             layers.context[first : second + 1, first : second + 1] = [
                 [pole.real, -pole.imag],
                 [pole.imag, pole.real],

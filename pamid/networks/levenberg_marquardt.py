@@ -196,6 +196,7 @@ def _trial(
     problem: TrainingProblem, point: Point, matrix: Array, right: Array, mu: float
 ) -> _Trial:
     step = solve_damped(matrix, mu, right)
+    # the quadratic's own decrease of F: 2 v'g - v'Hv = v'(mu v + g), since (H + mu I) v = g
     promised = float(step @ (mu * step + right))
     old = point.attempt
     weights, errors = problem.projected(

@@ -64,6 +64,7 @@ def find_modes(
     basis = np.ones((len(target), 1))
     for _ in range(count):
         remaining = target - basis @ _least_squares(basis, target)
+        # only what is new beside the modes already chosen can lower the error further
         orthogonal = np.linalg.qr(basis)[0]
         gains = [
             -1.0 if i in chosen else _gain(part - orthogonal @ (orthogonal.T @ part), remaining)
@@ -91,7 +92,11 @@ def _random_poles(random: np.random.Generator) -> Complex:
 
 
 def _mode_responses(inputs: Array, pole: complex) -> Array:
-    """What the real and the imaginary parts of the residues of one mode multiply (N, 2 m)."""
+    """What the real and the imaginary parts of the residues of one mode multiply (N, 2 m).
+
+    Divided by the static gain 1 / |1 - p|, so that slow modes do not look large: the ridge then
+    weighs the residues of all alike.
+    """
     z = lfilter([1.0], [1.0, -pole], inputs, axis=0) * abs(1.0 - pole)
     return np.concatenate([z.real, -z.imag], axis=1)
 

@@ -28,7 +28,8 @@ class Damping:
 
     def factor(self, gain: float) -> float:
         """What mu is multiplied by after an accepted step that lowered F by `gain` times what it
-        promised."""
+        promised: the nearer the quadratic came to the truth, the less the next step is damped (the
+        gain ratio of trust regions: Nocedal and Wright 2006, Numerical Optimization, ch. 4.1)."""
         steps = ((0.98, 0.1), (0.75, 1.0 / 3.0), (0.5, 2.0 / 3.0), (0.25, 1.0))
         return next((factor for above, factor in steps if gain > above), 2.0)
 

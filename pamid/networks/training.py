@@ -3,7 +3,7 @@ package.
 
 The steps of one start are in levenberg_marquardt.py. Several starts run in parallel, one core
 each, as a race: at the iterations `GATES` the worse half of those still running is stopped, and the
-last one has all cores for its passes.
+last one has all cores for its passes (successive halving: Jamieson and Talwalkar 2016, AISTATS).
 """
 
 import math
@@ -64,8 +64,8 @@ _CHECKPOINT_SECONDS = 5.0
 class Training:
     """The best start of a training; nothing in it depends on the clock.
 
-    `trace` holds one array per field of `Step` (empty where the start diverged); `why` says in
-    words what ended the training; `samples` counts the errors in the objective and
+    `trace` holds one array per field of `TrainingStep` (empty where the start diverged); `why` says
+    in words what ended the training; `samples` counts the errors in the objective and
     `effective_samples` how many independent ones they are worth; `supported_weights` is gamma when
     only these are counted. `starts_mse` is every start's last mse, `best` the number of the start
     kept.
@@ -144,7 +144,7 @@ def train(
     are worth: at 3 ms far fewer, and more regularisation. `progress(step, start)` is called after
     every step; KeyboardInterrupt, there or anywhere, ends the training with what it has. `threads`:
     cores used; the result does not depend on it. `engine`: computes the passes of all starts that
-    are running in one batch (batch.py), to the last digits but a few as the network itself does.
+    are running in one batch (batch.py); the sums differ from the network's own in the last digits.
 
     `checkpoint` is a file rewritten every few seconds and at the end. With `resume` the training
     goes on from it (from the beginning where there is none yet) and ends with the very numbers of
@@ -279,6 +279,7 @@ def _training_of(
     )
     found = problem.evaluate(best.weights)
     counted = independent if problem.independent else problem.samples
+    # gamma as if only the independent samples had been counted: the precision shrinks as they do
     tempered = replace(best.evidence, beta=best.evidence.beta * independent / max(counted, 1.0))
     return Training(
         weights=best.weights,

@@ -48,6 +48,7 @@ def quantisation_step(values: Array) -> float:
     levels, gaps = levels[np.concatenate([[True], own])], gaps[own]
     if gaps.size < 2:
         return float(gaps.sum())
+    # the mean of all gaps of one step: one by one they are off by the digits of the file
     smallest = float(np.quantile(gaps, 0.02, method="lower"))
     usual = float(gaps[np.abs(gaps - smallest) < ALIKE_GAPS * smallest].mean())
     for finer in range(1, FINEST + 1 if gaps.size >= MANY else 2):
@@ -75,6 +76,7 @@ def _lattice(levels: Array, step: float) -> float:
         gaps = levels[lag:] - levels[:-lag]
         for most in (NEAR_STEPS / 4.0, NEAR_STEPS):
             near = gaps[gaps < most * lag * step]
+            # least squares of gaps = counts x step, the counts by the step known so far
             counts = np.maximum(np.round(near / step), 1.0)
             step = float(near @ counts / (counts @ counts)) if near.size else step
         off = np.abs(near / step - np.maximum(np.round(near / step), 1.0))
@@ -90,9 +92,9 @@ def noise_level(y: Array) -> Array:
     at least 1e-6 of the spread.
 
     White noise is read from fourth differences, robustly: of white noise they have variance 70
-    sigma^2, smooth motion contributes next to nothing. Below a step there is nothing to read where
-    the channel moves slowly: it rests at a level, and what differs are digits. Rounding is off by
-    step/sqrt(12) all the same.
+    sigma^2, smooth motion contributes next to nothing. A quantised channel that moves slowly rests
+    at a level and shows no noise below its step; its readings are off by step/sqrt(12) all the
+    same, which is then the least.
     """
     return _noise_and_steps(y)[0]
 
@@ -101,9 +103,9 @@ def sensor_noise(parts: Sequence[Array], stated: Array) -> Array:
     """Noise per channel of recordings made with the same sensors (each samples x channels); stated:
     what the rig says of them (0: nothing), the least where the samples say nothing.
 
-    A sensor may be better than its data sheet, and then its white noise or its steps are seen.
-    Where neither is, noise was filtered away or never there, and what changes from sample to sample
-    is no measure of what a reading is off by.
+    Where white noise or steps are seen they are believed, even below the data sheet's figure: a
+    sensor may be better than that. Where neither is seen, the noise was filtered away or never
+    there, and differences from sample to sample do not measure the error of a reading.
     """
     y = np.concatenate(parts)
     noise, steps = _noise_and_steps(y)
@@ -128,7 +130,7 @@ def is_white(values: Array) -> bool:
     usual = float(np.median(sizes))
     if not 0.0 < 0.3 * usual < float(np.quantile(sizes, 0.25)):
         return False
-    bounded = np.clip(d, -6.0 * usual, 6.0 * usual)
+    bounded = np.clip(d, -6.0 * usual, 6.0 * usual)  # a spike says nothing of the colour
     # the autocorrelation of fourth differences of white noise at lag 1 is -56/70 = -0.8
     return float(bounded[1:] @ bounded[:-1]) < -0.6 * float(bounded @ bounded)
 
@@ -136,7 +138,8 @@ def is_white(values: Array) -> bool:
 def _noise_and_steps(y: Array) -> tuple[Array, Array]:
     d = np.abs(np.diff(y, n=4, axis=0))
     sigma = np.median(d, axis=0) / (MEDIAN * FOURTH)
-    # most samples rest
+    # where more than half of the samples rest the median is zero: the mean square then, of all but
+    # the largest tenth, which are the motion
     pooled = np.sqrt(np.mean(np.minimum(d, np.quantile(d, 0.9, axis=0)) ** 2, axis=0)) / FOURTH
     noise = np.where(sigma > 0.0, sigma, pooled)
     steps = np.array([quantisation_step(c) for c in y.T])

@@ -36,8 +36,8 @@ class Motion:
     """Poses over time.
 
     time      of every frame in its recording (n,), s
-    lines     "measured", then up to two kinds of models, the best last -> polylines, each (n,
-              points, 2), m
+    lines     "measured", then up to two kinds of models, the best last -> polylines, each
+              (n, points, 2), m
     gaps      channel the pose follows from -> kind -> model - measured (n,), channel's unit
     restarts  times at which the models were set to the measured state again, s
     names     kind -> name in a legend

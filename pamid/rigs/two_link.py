@@ -9,11 +9,11 @@ Equations
                  M11 = A1 + A2 + 2 l1 B2 cos q2, M12 = A2 + l1 B2 cos q2, M22 = A2
                  V = l1 B2 sin q2 [-(2 q1' q2' + q2'^2), q1'^2]
                  G = g [B1 sin q1 + B2 sin(q1 + q2), B2 sin(q1 + q2)]
-                 A1 = I1 + m1 c1^2 + (m2 + mp) l1^2, A2 = I2 + m2 c2^2 + mp l2^2,
-                 B1 = m1 c1 + (m2 + mp) l1, B2 = m2 c2 + mp l2;
+                 A1 = I1 + m1 c1^2 + (m2 + mp) l1^2, A2 = I2 + m2 c2^2 + mp l2^2
+                 B1 = m1 c1 + (m2 + mp) l1, B2 = m2 c2 + mp l2
                  payload mp at the tip, g = 9.81 sin(plane)
-    joint        torque_j = r_j (F_j1 - F_j2) - b_j q_j' + external torque, and r_w (F_21 - F_22)
-                 at joint 1
+    joint        torque_j = r_j (F_j1 - F_j2) - b_j q_j' + external torque, and r_w (F_21 - F_22) at
+                 joint 1
     contraction  chi_11 = chi0 + r_1 q1/L0, chi_21 = chi0 + (r_2 q2 + r_w q1)/L0, the second muscles
                  mirrored
     muscles, valves and air as in `pamid.rigs.antagonists`
@@ -26,6 +26,7 @@ chain stretches. For tests without actuation: `vents_open` (muscles limp, open t
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -48,115 +49,81 @@ JOINTS = ("1", "2")
 MUSCLES = ("11", "12", "21", "22")
 
 
+# What every muscle, and every joint, has a port for; these share an effect's parameters with their
+# like (kin). In a group {0} stands for the place, {0[0]} for its joint.
+_MUSCLE_PORTS = {
+    "valve": Port("flow", "m3/s", pair.VALVE, size=pair.VALVE_SIZE),
+    "pressure": Port("rate", "Pa/s", pair.PRESSURE, size=pair.PRESSURE_SIZE),
+    "relief": Port("rate", "Pa/s", pair.RELIEF, group="muscle_{0}", size=pair.RELIEF_SIZE),
+    "muscle": Port("actuator-force", "N", pair.MUSCLE, size=pair.MUSCLE_SIZE),
+    "chain": Port("transmission", "N", pair.CHAIN, group="structure_{0[0]}", size={"value": 700.0}),
+}
+_MUSCLE_SENSORS = {
+    "contraction_sensor": Port(
+        "reading", "", {"rate": "1/s"}, group="sensor_{0}", size={"value": 0.2}
+    ),
+    "pressure_sensor": Port(
+        "reading", "Pa", {"rate": "Pa/s"}, group="sensor_{0}", size={"value": 4e5, "rate": 1e6}
+    ),
+    "force_sensor": Port(
+        "reading", "N", {"rate": "N/s"}, group="sensor_{0}", size={"value": 700.0}
+    ),
+}
+_JOINT_SENSORS = {
+    "angle_sensor": Port(
+        "reading", "rad", {"rate": "rad/s"}, group="sensor_{0}", size={"value": 0.7, "rate": 2.0}
+    )
+}
+# N m, rad/s, rad, N
+_JOINT_SIZES = {
+    "1": {"value": 15.0, "velocity": 2.0, "position": 0.5, "load": 1000.0},
+    "2": {"value": 5.0, "velocity": 3.0, "position": 0.7, "load": 1000.0},
+}
+
+
 def _ports() -> dict[str, Port]:
-    """One port per joint and per muscle; like ones are kin."""
-    joint_size = {
-        "1": {"value": 15.0, "velocity": 2.0, "position": 0.5, "load": 1000.0},
-        "2": {"value": 5.0, "velocity": 3.0, "position": 0.7, "load": 1000.0},
-    }
-    found = {
-        f"command_{j}": Port("command", "", kin="command", size={"value": 1.0}, general=False)
-        for j in JOINTS
-    }
-    for i in MUSCLES:
-        found |= {
-            f"valve_{i}": Port(
-                "flow", "m3/s", pair.VALVE, kin="valve", size=pair.VALVE_SIZE, general=False
-            ),
-            f"pressure_{i}": Port(
-                "rate",
-                "Pa/s",
-                pair.PRESSURE,
-                kin="pressure",
-                size=pair.PRESSURE_SIZE,
-                general=False,
-            ),
-            f"relief_{i}": Port(
-                "rate",
-                "Pa/s",
-                pair.RELIEF,
-                group=f"muscle_{i}",
-                kin="relief",
-                size=pair.RELIEF_SIZE,
-                general=False,
-            ),
-            f"muscle_{i}": Port(
-                "actuator-force",
-                "N",
-                pair.MUSCLE,
-                kin="muscle",
-                size=pair.MUSCLE_SIZE,
-                general=False,
-            ),
-            f"chain_{i}": Port(
-                "transmission",
-                "N",
-                pair.CHAIN,
-                group=f"structure_{i[0]}",
-                kin="chain",
-                size={"value": 700.0},
-                general=False,
-            ),
-        }
+    """One port per joint and per muscle; like ones are kin, but for those whose sizes differ from
+    joint to joint."""
+    found: dict[str, Port] = {}
     for j in JOINTS:
-        moving = {k: joint_size[j][k] for k in ("value", "velocity", "position")}
-        found |= {
-            f"joint_{j}": Port(
-                "motion",
-                "N m",
-                {"position": "rad", "velocity": "rad/s", "load": "N"},
-                size=joint_size[j],
-                general=False,
-            ),
-            f"arm_{j}": Port(
-                "transmission",
-                "N m",
-                {"position": "rad", "velocity": "rad/s", "inertia": "kg m2"},
-                group=f"structure_{j}",
-                size=moving,
-                general=False,
-            ),
-            f"angle_sensor_{j}": Port(
-                "reading",
-                "rad",
-                {"rate": "rad/s"},
-                group=f"sensor_{j}",
-                kin="angle_sensor",
-                size={"value": 0.7, "rate": 2.0},
-                general=False,
-            ),
-        }
+        found |= _ports_at(j, {"command": Port("command", "", size={"value": 1.0})})
     for i in MUSCLES:
-        found |= {
-            f"contraction_sensor_{i}": Port(
-                "reading",
-                "",
-                {"rate": "1/s"},
-                group=f"sensor_{i}",
-                kin="contraction_sensor",
-                size={"value": 0.2},
-                general=False,
-            ),
-            f"pressure_sensor_{i}": Port(
-                "reading",
-                "Pa",
-                {"rate": "Pa/s"},
-                group=f"sensor_{i}",
-                kin="pressure_sensor",
-                size={"value": 4e5, "rate": 1e6},
-                general=False,
-            ),
-            f"force_sensor_{i}": Port(
-                "reading",
-                "N",
-                {"rate": "N/s"},
-                group=f"sensor_{i}",
-                kin="force_sensor",
-                size={"value": 700.0},
-                general=False,
-            ),
-        }
+        found |= _ports_at(i, _MUSCLE_PORTS)
+    for j in JOINTS:
+        found |= _motion_ports(j) | _ports_at(j, _JOINT_SENSORS)
+    for i in MUSCLES:
+        found |= _ports_at(i, _MUSCLE_SENSORS)
     return found
+
+
+def _ports_at(place: str, table: Mapping[str, Port]) -> dict[str, Port]:
+    """The ports of a table at one joint or muscle."""
+    return {
+        f"{name}_{place}": replace(port, group=port.group.format(place), kin=name, general=False)
+        for name, port in table.items()
+    }
+
+
+def _motion_ports(j: str) -> dict[str, Port]:
+    """The torque at a joint, and what of it accelerates the inertia about it."""
+    size = _JOINT_SIZES[j]
+    return {
+        f"joint_{j}": Port(
+            "motion",
+            "N m",
+            {"position": "rad", "velocity": "rad/s", "load": "N"},
+            size=size,
+            general=False,
+        ),
+        f"arm_{j}": Port(
+            "transmission",
+            "N m",
+            {"position": "rad", "velocity": "rad/s", "inertia": "kg m2"},
+            group=f"structure_{j}",
+            size={k: size[k] for k in ("value", "velocity", "position")},
+            general=False,
+        ),
+    }
 
 
 def _link(

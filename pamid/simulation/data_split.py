@@ -215,5 +215,7 @@ def selection_part(replays: list[Replay]) -> NDArray[np.bool_]:
     """Which held-out windows choose the effect (True); the others only report. Alternating pairs of
     windows."""
     count = sum(len(r.windows) for r in replays)
+    # both parts are spread over everything held out, so that neither is of other conditions; in
+    # pairs, as the bootstrap draws windows in runs of two
     run = 2 if count >= 12 else 1
     return (np.arange(count) // run) % 2 == 0

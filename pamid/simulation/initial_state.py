@@ -46,7 +46,7 @@ class _InitialState(LeastSquares[_At, Array]):
     weight: Array
     carried: Array
     known: Array  # information of the carried state
-    # the first point counted as a step taken: 0.1 x 1e-3
+    # begins at 1e-3, lowered once as by a step that was taken
     rule = DampingRule(1e-4, falls=0.1, least=1e-9, rises=30.0, most=1e8)
 
     def at(self, x: Array) -> _At:
@@ -59,6 +59,8 @@ class _InitialState(LeastSquares[_At, Array]):
         r = ((Y - self.y) * self.weight).ravel()
         cost = float(r @ r) + float((away**2 * self.known).sum())
         H, g = (A.T @ A)[:n, :n], (A.T @ r)[:n]
+        # a state that this window does not show stays where it was carried to, by a pull too weak
+        # to count in the cost
         holds = np.maximum(CARRIED_INFORMATION * H.diagonal(), self.known)
         return _At(x, cost, H + np.diag(holds), g + holds * away)
 

@@ -146,6 +146,7 @@ def replay_track(
         if not fine or not np.isfinite(memory.x).all():
             finite = finite and ahead
             Y = np.where(np.isfinite(Y), Y, 0.0)
+            # what the effects remember has run away, too: it begins anew
             memory = runner.memory(values)
         full_outputs[window.start : window.stop] = Y
     return Replay(track, full_outputs, full_windows, carried, starts, finite)
@@ -184,7 +185,7 @@ def noise_floor(
     assembly: Assembly, p: Array, done: Replay, stepping: Stepping, noise: Array, seed: int = 0
 ) -> Replay:
     """The same comparison where the model is the truth: its own outputs plus white noise, replayed.
-    Where its states departed from what was carried over, so did the truth's."""
+    This truth jumps between windows by as much as the fitted model's states had to."""
     random = np.random.default_rng(seed)
     y = done.full_outputs + noise * random.standard_normal(done.full_outputs.shape)
     y[:, ~done.seen] = np.nan

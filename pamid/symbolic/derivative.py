@@ -1,4 +1,9 @@
-"""Exact partial derivatives of expressions, sparse forward mode over the graph."""
+"""Exact partial derivatives of expressions: sparse forward mode over the graph.
+
+By the chain rule dy = sum_i (dy/da_i) da_i for every node y with arguments a_i, once per node, in
+an order in which arguments come first; only what is not zero is kept. Griewank and Walther (2008),
+Evaluating Derivatives, 2nd ed., ch. 3.
+"""
 
 from __future__ import annotations
 
@@ -9,6 +14,8 @@ Gradient = dict[Expr, Expr]
 
 
 def _select(condition: Expr, left: Gradient, right: Gradient) -> Gradient:
+    """The derivative of the branch that is taken. Where the condition itself turns there may be a
+    jump, which has none: nothing is added for it."""
     keys = list(left) + [k for k in right if k not in left]
     return {k: where(condition, left.get(k, ZERO), right.get(k, ZERO)) for k in keys}
 

@@ -230,6 +230,7 @@ def power(base: Number, exponent: Number) -> Expr:
     if b.op == "const":
         if b.value == 0.5:
             return _node("sqrt", a)
+        # by repeated squaring: products are far cheaper than `pow`
         if b.value == int(b.value) and 0 <= b.value <= 8:
             result, factor, n = ONE, a, int(b.value)
             while n:
@@ -269,6 +270,7 @@ def walk(roots: Iterable[Expr]) -> list[Expr]:
     seen: set[int] = set()
     order: list[Expr] = []
     for root in roots:
+        # a stack of its own, for graphs that are deeper than Python's recursion may go
         stack = [(root, False)]
         while stack:
             node, done = stack.pop()

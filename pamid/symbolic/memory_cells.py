@@ -123,9 +123,13 @@ class _MemoryExpansion:
         name = self.name("lag")
         y, before = symbol("past", name), symbol("past", f"{name}_input")
         if _is_held_over_step(x):
+            # the cell holds y_k; mean over the step of y(t) = x + (y_k - x) exp(-t / tau)
             cell = Cell(name, before + (y - before) * decay, x)
             out = x + (cell.here - x) * (tau / h) * (1.0 - decay)
         else:
+            # over the step that has ended x = before + slope t, and so its end
+            # y_k = x_k - slope tau + (y_k-1 - before + slope tau) exp(-h / tau);
+            # within the new step y moves along with x
             slope = (x - before) / h
             cell = Cell(
                 name,
@@ -183,7 +187,7 @@ def _ordered(cells: list[Cell]) -> tuple[Cell, ...]:
     placed: set[str] = set()
     while len(order) < len(cells):
         ready = [c for c in cells if c.name not in placed and needs[c.name] <= placed]
-        if not ready:
+        if not ready:  # the topological sort is at a cycle
             stuck = [n for n in names if n not in placed]
             raise EquationError(
                 f"algebraic loop through {', '.join(stuck)}: {text(names[stuck[0]].update)[:120]}",
