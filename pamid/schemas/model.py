@@ -256,6 +256,8 @@ class _Untitled(GenerateJsonSchema):
 def json_schema(kind: type[Model]) -> dict[str, Any]:
     """The JSON schema (draft 2020-12) of what is written of this kind."""
     made = kind.model_json_schema(mode="serialization", schema_generator=_Untitled)
+    if "$ref" in made:  # a kind that holds itself
+        made = {**made["$defs"][kind.__name__], "$defs": made["$defs"]}
     name = made["properties"]["schema"]["const"]
     return {"$schema": DRAFT, "$id": name, "title": made.pop("title"), **made}
 
