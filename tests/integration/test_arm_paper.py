@@ -261,9 +261,9 @@ def test_a_target_that_is_missed_is_said_to_be() -> None:
     }
     missed = target_of({GRAVITY: cells})
     assert (
-        not missed["reached"]
-        and missed["worst"] == pytest.approx(1.0525)
-        and missed["share"] == AT_THE_FLOOR
+        not missed.reached
+        and missed.worst == pytest.approx(1.0525)
+        and missed.share == AT_THE_FLOOR
     )
 
 
