@@ -181,7 +181,8 @@ def _share(
     """Work through every COUNT-th case from the I-th on; labels and score are left to the command
     without --index."""
     from pamid.schemas.trial_cases import TrialShare
-    from pamid.trial.case_runs import CaseSelection, failed_jobs, run_cases
+    from pamid.trial.case_runs import CaseSelection, run_cases
+    from pamid.trial.scoring import failed_jobs
 
     _joined(output, fixed, options)
     number, count = share

@@ -60,6 +60,9 @@ class SentColumn(Model):
     unit: Text = Field(description=UNIT)
     range: Pair = Field(description="[low, high] in the unit of the column")
     seed: Annotated[ColumnSeed, MAY_LACK] = Field(default=None, description=SEED)
+    part: Sometimes[Number] = Field(
+        default=None, description="of the common sequence, at which it begins, 0 to 1"
+    )
     coverage: Sometimes[SignalCoverage] = Field(default=None, description="what the signal covers")
 
 

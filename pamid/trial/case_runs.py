@@ -34,9 +34,7 @@ from pamid.parallel.jobs import Failed, Work, WorkerPool, fault_text
 from pamid.parallel.result_store import Plain
 from pamid.recording.recording import TIME, Recording, read_recording, write_recording
 from pamid.schemas.error import ErrorFile
-from pamid.schemas.estimates import FailedJob
 from pamid.schemas.model import read
-from pamid.schemas.trial import TrialFile
 from pamid.schemas.trial_cases import (
     CaseLabel,
     ChannelForecast,
@@ -96,14 +94,14 @@ def run_trial(
     )
     write_json(folder / "labels.json", about.as_json())
     results = run_cases(cases, folder, pool, done=done)
-    scored = TrialFile(
-        **score_cases(labels, results, part=selection.part, seed=selection.seed).as_json(),
+    found = score_cases(
+        labels,
+        results,
+        part=selection.part,
+        seed=selection.seed,
         rig=selection.rig,
         cases_sha256=digest,
-        failures={str(r["case"]): r["failed"]["message"] for r in results if r["failed"]},
-        failed_jobs=failed_jobs(results),
-    )
-    found = scored.as_json()
+    ).as_json()
     write_json(folder / "trial.json", found)
     return found
 
@@ -131,23 +129,6 @@ def run_cases(
         made[c.number] = result
         done(len(made), len(cases))
     return [made[c.number] for c in cases]
-
-
-def failed_jobs(results: Sequence[dict[str, Any]]) -> tuple[FailedJob, ...]:
-    """Which cases failed, or jobs of their diagnosis, and why."""
-    return (
-        *(
-            FailedJob(job=f"case {r['case']}", why=r["failed"]["message"])
-            for r in results
-            if r["failed"]
-        ),
-        *(
-            FailedJob(job=f"case {r['case']}, {f['job']}", why=f["why"])
-            for r in results
-            if not r["failed"]
-            for f in r["diagnosis"].get("failed_jobs", ())
-        ),
-    )
 
 
 def finished(case: Case, folder: Path) -> dict[str, Any] | None:
