@@ -70,6 +70,7 @@ def command(
     from pamid.report.animation import RATE, gif_of, size_px
     from pamid.report.load import load_run
     from pamid.report.motion import motion_of, rig_of_run
+    from pamid.schemas.commands import WrittenAnimation
 
     if output is not None and output.exists() and not overwrite:
         raise FileError(
@@ -88,21 +89,20 @@ def command(
         make_folder(target.parent)
     write_atomically(target, gif)
     width, height = size_px(gif)
-    result = {
-        "schema": "pamid.animate/1",
-        "output": str(target),
-        "rig": found.rig,
-        "recording": motion.recording,
-        "from_s": float(motion.time[0]),
-        "to_s": float(motion.time[-1]),
-        "speed": speed,
-        "frames": int(motion.time.size),
-        "frames_per_second": RATE,
-        "width_px": width,
-        "height_px": height,
-        "bytes": len(gif),
-        "mean_gap": motion.means,
-    }
+    result = WrittenAnimation(
+        output=str(target),
+        rig=found.rig,
+        recording=motion.recording,
+        from_s=motion.time[0],
+        to_s=motion.time[-1],
+        speed=speed,
+        frames=motion.time.size,
+        frames_per_second=RATE,
+        width_px=width,
+        height_px=height,
+        bytes=len(gif),
+        mean_gap=motion.means,
+    )
     return frame.Result(
         result,
         f"{motion.title}.\n{target}: {motion.time[0]:.2f} to {motion.time[-1]:.2f} s, "

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from . import frame, settings
 from .table import COMMANDS
+
+if TYPE_CHECKING:
+    from pamid.schemas.commands import OptionSetting
 
 PLACE = 170
 EXAMPLE = """
@@ -34,6 +37,8 @@ def command(commands: tuple[str, ...]) -> frame.Result:
         [diagnose]
         without = ["clock-skew"]
     """
+    from pamid.schemas.commands import AllSettings
+
     path = settings.settings_file()
     if path is not None:
         # every mistake in it, not only those that concern the commands asked for
@@ -43,13 +48,12 @@ def command(commands: tuple[str, ...]) -> frame.Result:
     shown = {name: _values(name) for name in commands or COMMANDS}
     ignored = {str(file): why for file, why in settings.ignored_files().items()}
     limited = settings.why_harmless_only(path) if path is not None else ""
-    found = {
-        "schema": "pamid.config/1",
-        "file": None if path is None else str(path),
-        "commands": shown,
-        "ignored": ignored,
-        "harmless_only": limited,
-    }
+    found = AllSettings(
+        file=None if path is None else str(path),
+        commands=shown,
+        ignored=ignored,
+        harmless_only=limited,
+    )
     lines = [f"Ignored: {file}: {why}." for file, why in ignored.items()]
     if limited:
         lines.append(
@@ -58,13 +62,15 @@ def command(commands: tuple[str, ...]) -> frame.Result:
     return frame.Result(found, _text(shown, path, bool(commands), lines))
 
 
-def _values(name: str) -> dict[str, dict[str, Any]]:
+def _values(name: str) -> dict[str, OptionSetting]:
+    from pamid.schemas.commands import OptionSetting
+
     context = frame.blank_context(name)
     return {
-        option: {
-            "value": _plain(context.params.get(str(made.name))),
-            "origin": settings.origin_of(context, made),
-        }
+        option: OptionSetting(
+            value=_plain(context.params.get(str(made.name))),
+            origin=settings.origin_of(context, made),
+        )
         for option, made in settings.options_of(context.command).items()
         if not made.hidden
     }
@@ -77,7 +83,7 @@ def _plain(value: Any) -> Any:
 
 
 def _text(
-    shown: dict[str, dict[str, dict[str, Any]]],
+    shown: dict[str, dict[str, OptionSetting]],
     path: Path | None,
     all_of_them: bool,
     about_files: list[str],
@@ -90,14 +96,14 @@ def _text(
         told = {
             k: v
             for k, v in options.items()
-            if all_of_them or v["origin"] not in ("default", "required")
+            if all_of_them or v.origin not in ("default", "required")
         }
         if not told:
             continue
         lines += ["", f"[{name}]"]
         for option, about in told.items():
-            value = "-" if about["value"] in (None, []) else about["value"]
-            lines.append(f"{option:22s} {value!s:24s} {about['origin']}")
+            value = "-" if about.value in (None, []) else about.value
+            lines.append(f"{option:22s} {value!s:24s} {about.origin}")
     if not all_of_them and len(lines) == 1 + len(about_files):
         lines.append("Every option has its default; `pamid config fit` lists those of fit.")
     return "\n".join(lines)

@@ -33,6 +33,7 @@ def command(name: str | None, rigs: tuple[str, ...]) -> frame.Result:
     from pamid.model import catalogue
     from pamid.model import registry as library
     from pamid.model.attachment import attachments
+    from pamid.schemas.catalogue import EffectCatalogue
 
     looked_at = [library.rig_named(rig) for rig in rigs] or [
         library.rig_named(rig) for rig in library.rigs()
@@ -44,10 +45,8 @@ def command(name: str | None, rigs: tuple[str, ...]) -> frame.Result:
             if rigs
             else set(known)
         )
-        rows = [catalogue.effect_row(known[effect]) for effect in sorted(fit)]
-        return frame.Result(
-            {"schema": "pamid.effects/1", "effects": rows}, catalogue.effects_text(rows)
-        )
+        rows = tuple(catalogue.effect_row(known[effect]) for effect in sorted(fit))
+        return frame.Result(EffectCatalogue(effects=rows), catalogue.effects_text(rows))
     known, (wanted,) = library.effects_with((name,))
     if wanted not in known:
         raise FileError(
@@ -56,4 +55,4 @@ def command(name: str | None, rigs: tuple[str, ...]) -> frame.Result:
             code="unknown-effect",
         )
     said = catalogue.effect_story(known[wanted], looked_at, known.values())
-    return frame.Result({"schema": "pamid.effects/1", "effect": said}, catalogue.effect_text(said))
+    return frame.Result(EffectCatalogue(effect=said), catalogue.effect_text(said))

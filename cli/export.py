@@ -71,6 +71,7 @@ def command(
     """
     from pamid.correction.identified_model import load_identified
     from pamid.export.exporting import export_model
+    from pamid.schemas.commands import WrittenExport
 
     model = load_identified(run, which=which, rig=rig, effects=effects).knowing(parse_known(known))
     made = export_model(model, form, output, overwrite=overwrite)
@@ -78,20 +79,19 @@ def command(
     for note in made.notes:
         aside(f"Warning: {made.files[0]}: {note}.")
     effects = tuple(a.label for a in model.effects)
-    inputs, outputs = [v.name for v in step.inputs], [v.name for v in step.outputs]
-    found = {
-        "schema": "pamid.export/1",
-        "to": form,
-        "files": [str(f) for f in made.files],
-        "binary": made.binary,
-        "rig": model.name,
-        "effects": list(effects),
-        "network": "" if network is None else network.trained.network.kind,
-        "period_s": step.period_s,
-        "inputs": inputs,
-        "outputs": outputs,
-        "notes": list(made.notes),
-    }
+    inputs, outputs = (tuple(v.name for v in vs) for vs in (step.inputs, step.outputs))
+    found = WrittenExport(
+        to=form,
+        files=tuple(map(str, made.files)),
+        binary=made.binary,
+        rig=model.name,
+        effects=effects,
+        network="" if network is None else network.trained.network.kind,
+        period_s=step.period_s,
+        inputs=inputs,
+        outputs=outputs,
+        notes=made.notes,
+    )
     built = f", with a binary for {made.binary}" if made.binary else ""
     text = (
         f"{', '.join(map(str, made.files))}: {model.name} with "

@@ -16,13 +16,16 @@ import sys
 import traceback
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
 from . import names, settings
 from .table import COMMANDS, load_command
 from .terminal import aside, hang_up, printable, printable_json, say
+
+if TYPE_CHECKING:
+    from pamid.schemas.model import Model
 
 INTERRUPTED = 130
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
@@ -34,10 +37,11 @@ _EPILOG = (
 
 @dataclass(frozen=True)
 class Result:
-    """What a command found: `json` for scripts (with a "schema"), `text` for people; exit_code 0,
-    or 4 to 6 when the result is written and yet falls short."""
+    """What a command found: `json` for scripts (a model of pamid.schemas, or what was written of
+    one), `text` for people; exit_code 0, or 4 to 6 when the result is written and yet falls short.
+    """
 
-    json: dict[str, Any] = field(default_factory=dict)
+    json: Model | dict[str, Any] = field(default_factory=dict)
     text: str = ""
     exit_code: int = 0
 
@@ -387,7 +391,8 @@ def _error(code: str, message: str, hint: str) -> dict[str, str]:
     return {"schema": "pamid.error/1", "code": code, "message": message, "hint": hint}
 
 
-def _json(value: dict[str, Any]) -> str:
+def _json(value: Model | dict[str, Any]) -> str:
+    value = value if isinstance(value, dict) else value.as_json()
     if "pamid.base.json_file" in sys.modules:  # knows NumPy's numbers; without it there can be none
         from pamid.base.json_file import json_text
 

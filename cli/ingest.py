@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -16,6 +16,7 @@ from .terminal import aside, quoted
 if TYPE_CHECKING:
     from pamid.ingest.conversion import Conversion
     from pamid.model.rig import Rig
+    from pamid.schemas.ingest import RecordingMade
 
 PLACE = 30
 EXAMPLE = """
@@ -124,6 +125,7 @@ def _guess(
     from pamid.ingest.guessed_mapping import guess_mapping
     from pamid.ingest.log_reader import read_log
     from pamid.model.registry import rig_named
+    from pamid.schemas.commands import GuessedMappingFile
 
     if output is not None and output.exists() and not overwrite:
         raise FileError(
@@ -132,13 +134,12 @@ def _guess(
             code="exists",
         )
     found = guess_mapping(read_log(log, kind), rig, rig_named(rig), pressures, known)
-    said = {
-        "schema": "pamid.mapping/1",
-        "log": str(log),
-        "output": str(output) if output else None,
-        "toml": found.text,
-        "open": list(found.open),
-    }
+    said = GuessedMappingFile(
+        log=str(log),
+        output=str(output) if output else None,
+        toml=found.text,
+        open=found.open,
+    )
     if output is None:
         return frame.Result(said, found.text)
     write_atomically(output, found.text.encode())
@@ -168,6 +169,7 @@ def _ingest(
     from pamid.ingest.conversion import convert
     from pamid.ingest.log_reader import read_log
     from pamid.ingest.mapping import load_mapping
+    from pamid.schemas.ingest import IngestFile
 
     parsed = load_mapping(mapping, pressures)
     rig = _rig(rig_name or parsed.rig, bool(rig_name), mapping)
@@ -190,8 +192,9 @@ def _ingest(
     warnings = [note for conversion in made for note in conversion.notes]
     for note in dict.fromkeys(warnings):
         aside(f"Warning: {note}")
-    said = {"schema": "pamid.ingest/1", "recordings": accounts}
-    return frame.Result(said, _text(made, accounts, _named(rig_name or parsed.rig or "")))
+    said = IngestFile(recordings=tuple(accounts))
+    written = [one.recording for one in accounts if one.recording]
+    return frame.Result(said, _text(made, written, _named(rig_name or parsed.rig or "")))
 
 
 def _rig(name: str | None, named_here: bool, mapping: Path) -> Rig | None:
@@ -216,14 +219,12 @@ def _named(rig: str) -> str:
     return f" --rig {quoted(rig)}" if is_code(rig) else ""
 
 
-def _text(made: list[Conversion], accounts: list[dict[str, Any]], rig: str) -> str:
-    lines = []
-    for account in accounts:
-        about = account["recording"]
-        lines.append(
-            f"{about['path']}: {about['samples']} samples, {about['sampling_period_s']:g} s apart, "
-            f"{about['duration_s']:.4g} s: {', '.join(about['columns'])}."
-        )
+def _text(made: list[Conversion], written: list[RecordingMade], rig: str) -> str:
+    lines = [
+        f"{one.path}: {one.samples} samples, {one.sampling_period_s:g} s apart, "
+        f"{one.duration_s:.4g} s: {', '.join(one.columns)}."
+        for one in written
+    ]
     for conversion in made:
         lines.append(
             f"{conversion.log.path.name} ({conversion.log.kind}): "
@@ -239,4 +240,4 @@ def _text(made: list[Conversion], accounts: list[dict[str, Any]], rig: str) -> s
         if abs(conversion.stretch - 1.0) > 1e-6:
             ppm = 1e6 * (conversion.stretch - 1.0)
             lines.append(f"    its clock and {conversion.period:g} s differ by {ppm:.0f} ppm")
-    return "\n".join([*lines, f"Next: pamid check {quoted(accounts[0]['recording']['path'])}{rig}"])
+    return "\n".join([*lines, f"Next: pamid check {quoted(written[0].path)}{rig}"])

@@ -41,17 +41,19 @@ def command(run: Path, output: Path | None, pdf: str | None) -> frame.Result:
     """
     from pamid.report.tables import mae_text
     from pamid.report.writing import write_report
+    from pamid.schemas.commands import WrittenReport
 
     page = run / "report.html" if output is None else output
     paper = None if pdf is None else page.with_suffix(".pdf") if pdf == _BESIDE else Path(pdf)
     report = write_report(run, output, paper)
-    found = {
-        "schema": "pamid.report/1",
-        "page": report.page,
-        "figures": list(report.figures),
-        "mae": report.mae,
-    }
-    found |= {"pdf": report.pdf} if report.pdf is not None else {}
+    found = WrittenReport(
+        page=str(report.page),
+        figures=tuple(map(str, report.figures)),
+        mae=report.mae,
+    )
     table = f"{mae_text(report.errors)}\n\n" if report.errors else ""
-    written = f"\nPDF:  {report.pdf}" if report.pdf is not None else ""
+    written = ""
+    if report.pdf is not None:
+        found = found.model_copy(update={"pdf": str(report.pdf)})
+        written = f"\nPDF:  {report.pdf}"
     return frame.Result(found, f"{table}Page: {report.page}{written}")

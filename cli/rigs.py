@@ -24,15 +24,12 @@ def command(name: str | None) -> frame.Result:
     """
     from pamid.model import catalogue
     from pamid.model import registry as library
+    from pamid.schemas.catalogue import RigCatalogue
 
     if name is None:
-        rows = [catalogue.rig_row(rig) for rig in library.rigs().values()]
-        lines = [f"{row['name']:<20} {row['title']}" for row in rows]
-        return frame.Result(
-            {"schema": "pamid.rigs/1", "rigs": rows},
-            "\n".join(
-                [*lines, "", f"One of them, or a file of yours: pamid rigs {rows[0]['name']}"]
-            ),
-        )
+        rows = tuple(catalogue.rig_row(rig) for rig in library.rigs().values())
+        lines = [f"{row.name:<20} {row.title}" for row in rows]
+        lines += ["", f"One of them, or a file of yours: pamid rigs {rows[0].name}"]
+        return frame.Result(RigCatalogue(rigs=rows), "\n".join(lines))
     said = catalogue.rig_story(library.rig_named(name), library.effects().values())
-    return frame.Result({"schema": "pamid.rigs/1", "rig": said}, catalogue.rig_text(said))
+    return frame.Result(RigCatalogue(rig=said), catalogue.rig_text(said))

@@ -101,6 +101,7 @@ def command(
     excitation's TOML states as known holds for the rig, and is stated in the recording.
     """
     from pamid.api.simulating import simulate
+    from pamid.schemas.commands import SimulatedFile
 
     made = simulate(
         excitation,
@@ -115,15 +116,14 @@ def command(
         output=output,
         overwrite=overwrite,
     )
-    found = {
-        "schema": "pamid.simulate/1",
-        "output": str(output),
-        "samples": len(made),
-        "rig": made.rig,
-        "loop": made.loop,
-        "effects": list(made.effects),
-        "seed": seed,
-    }
+    found = SimulatedFile(
+        output=str(output),
+        samples=len(made),
+        rig=made.rig,
+        loop=made.loop,
+        effects=made.effects,
+        seed=seed,
+    )
     told = ", ".join(made.effects) or "no effect"
     text = (
         f"{output}: {len(made)} samples of {', '.join(made.columns)} ({told}, seed {seed}).\n"

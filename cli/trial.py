@@ -189,7 +189,9 @@ def _share(
 ) -> frame.Result:
     """Work through every COUNT-th case from the I-th on; labels and score are left to the command
     without --index."""
-    from pamid.trial.case_runs import CaseSelection, failed_jobs, run_cases
+    from pamid.schemas.trial_cases import TrialShare
+    from pamid.trial.case_runs import CaseSelection, run_cases
+    from pamid.trial.scoring import failed_jobs
 
     _joined(output, fixed, options)
     number, count = share
@@ -204,13 +206,9 @@ def _share(
     with ProgressBar("trial", len(cases)) as progress:
         results = run_cases(cases, output, pool, done=lambda i, n: progress.update(i, "cases"))
     failed = failed_jobs(results)
-    found = {
-        "schema": "pamid.trial-share/1",
-        "index": number,
-        "of": count,
-        "cases": [c.number for c in cases],
-        "failed_jobs": failed,
-    }
+    found = TrialShare(
+        index=number, of=count, cases=tuple(c.number for c in cases), failed_jobs=failed
+    ).as_json()
     text = [
         f"{len(cases)} of {len(every_case)} cases (share {number} of {count}).",
         *failed_text(found),

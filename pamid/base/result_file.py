@@ -14,11 +14,19 @@ M = TypeVar("M", bound=Model)
 REMEDY = "Run the command that wrote it again."
 
 
-def read_result(path: Path, kind: type[M], *, any_schema: bool = False) -> M | None:
+def read_result(
+    path: Path, kind: type[M], *, also: tuple[str, ...] = (), any_schema: bool = False
+) -> M | None:
     """The result in a file; None if there is no such file, FileError where it is damaged or of
-    another schema (any_schema: of a later version, read as far as it is known)."""
-    if not path.exists():
-        return None
+    another schema (any_schema: of a later version, read as far as it is known). also: keys of its
+    `not_read` that are needed here."""
+    return need_result(path, kind, also=also, any_schema=any_schema) if path.exists() else None
+
+
+def need_result(
+    path: Path, kind: type[M], *, also: tuple[str, ...] = (), any_schema: bool = False
+) -> M:
+    """The same where there has to be one: FileError if there is no such file, too."""
     content = read_json(path)
     if not isinstance(content, dict):
         raise FileError(f"{path} should hold one JSON object.", REMEDY, code="damaged")
@@ -27,7 +35,7 @@ def read_result(path: Path, kind: type[M], *, any_schema: bool = False) -> M | N
         found = repr(content["schema"])[:60] if "schema" in content else "missing"
         raise damaged(path, "schema", repr(schema), found)
     try:
-        return read(kind, content)
+        return read(kind, content, also=also)
     except Misfit as misfit:
         if misfit.choices and isinstance(misfit.value, str):
             hint = nearest(misfit.value, misfit.choices)

@@ -17,67 +17,66 @@ from pamid.model.registry import rigs
 from pamid.networks.trained_network import NETWORK_FILE, WEIGHTS_FILE, network_files
 from pamid.report.force_map_figure import Side, force_map_picture
 from pamid.rigs.muscle import LAWS
+from pamid.schemas import force_law as result
+from pamid.schemas.network import TrainingSummary
 
-FORCE_LAW_SCHEMA = "pamid.force-law/1"
 LAW_FILE, RIG_FILE, FIGURE_FILE = "force-law.json", "rig.py", "figures/force-map.png"
 LEVELS, STEPS = 6, 61  # pressures and contractions of the curves in the picture
 
 
-def law_json(found: ValidatedMap, rig: str, strict: bool) -> dict[str, Any]:
+def judged_law(found: ValidatedMap, rig: str, strict: bool) -> result.ForceLawFile:
     """force-law.json: all forces in N, errors on points held out unless the key says otherwise."""
     points, network = found.map, found.trained.network
     off = found.by_point.anfis - points.force_n
     ranges = zip(COLUMNS, (points.contraction, points.pressure_kpa, points.force_n), strict=True)
-    return {
-        "schema": FORCE_LAW_SCHEMA,
-        "finding": found.finding,
-        "advice": found.advice,
-        "map": {
-            "path": str(points.path),
-            "points": len(points),
-            "slack_points": int(points.slack.sum()),
-            **{
-                name: {"low": float(values.min()), "high": float(values.max())}
-                for name, values in ranges
-            },
-        },
-        "held_out_every": found.every,
-        "anfis": {
-            "sets": getattr(network, "sets", None),
-            "n_weights": network.n_weights,
-            "rms_n": rms(off),
-            "worst_n": float(np.abs(off).max()),
-            "rms_n_each_way": [rms(off[way :: found.every]) for way in range(found.every)],
-            "contraction_held_out_rms_n": found.rms_n(found.by_contraction),
-            "rms_n_trained_on_all": rms(points.force_n, pulls(ForceLaw(found.trained), points)),
-        },
-        "laws": [
-            {
-                "law": law,
-                "scale": scale,
-                "rms_n": rms(points.force_n, found.printed[law]),
-                "worst_n": float(np.abs(points.force_n - found.printed[law]).max()),
-                "scaled_rms_n": found.rms_n(found.by_point, law),
-                "scaled_worst_n": float(np.abs(points.force_n - found.by_point.scaled[law]).max()),
-                "contraction_held_out_scaled_rms_n": found.rms_n(found.by_contraction, law),
-            }
+    return result.ForceLawFile(
+        finding=found.finding,
+        advice=tuple(found.advice),
+        map=result.MapUsed(
+            path=str(points.path),
+            points=len(points),
+            slack_points=points.slack.sum(),
+            **{name: result.MeasuredRange(low=v.min(), high=v.max()) for name, v in ranges},
+        ),
+        held_out_every=found.every,
+        anfis=result.AnfisErrors(
+            sets=getattr(network, "sets", None),
+            n_weights=network.n_weights,
+            rms_n=rms(off),
+            worst_n=np.abs(off).max(),
+            rms_n_each_way=tuple(rms(off[way :: found.every]) for way in range(found.every)),
+            contraction_held_out_rms_n=found.rms_n(found.by_contraction),
+            rms_n_trained_on_all=rms(points.force_n, pulls(ForceLaw(found.trained), points)),
+        ),
+        laws=tuple(
+            result.LawErrors(
+                law=law,
+                scale=scale,
+                rms_n=rms(points.force_n, found.printed[law]),
+                worst_n=np.abs(points.force_n - found.printed[law]).max(),
+                scaled_rms_n=found.rms_n(found.by_point, law),
+                scaled_worst_n=np.abs(points.force_n - found.by_point.scaled[law]).max(),
+                contraction_held_out_scaled_rms_n=found.rms_n(found.by_contraction, law),
+            )
             for law, scale in found.scale.items()
-        ],
-        "monotone": {
-            "ok": found.monotone,
-            "wrong_way_along_pressure_n": found.wrong_way[0],
-            "wrong_way_along_contraction_n": found.wrong_way[1],
-            "words": found.guard,
-        },
-        "training": dict(found.trained.summary),
-        "rig": {"file": RIG_FILE, "name": f"{rig}-measured", "derives_from": rig, "strict": strict},
-    }
+        ),
+        monotone=result.Monotone(
+            ok=found.monotone,
+            wrong_way_along_pressure_n=found.wrong_way[0],
+            wrong_way_along_contraction_n=found.wrong_way[1],
+            words=found.guard,
+        ),
+        training=TrainingSummary(**found.trained.summary),
+        rig=result.WrittenRig(
+            file=RIG_FILE, name=f"{rig}-measured", derives_from=rig, strict=strict
+        ),
+    )
 
 
 def write_law(run: Run, found: ValidatedMap, rig: str, strict: bool) -> dict[str, Any]:
     """Network, figures, picture and rig file into the run folder; returns what force-law.json
     holds."""
-    about = law_json(found, rig, strict)
+    about = judged_law(found, rig, strict).as_json()
     content, network = network_files(found.trained)
     names = (WEIGHTS_FILE, NETWORK_FILE, FIGURE_FILE, RIG_FILE, LAW_FILE)
     contents = (

@@ -12,7 +12,7 @@ one under names that begin with "uncorrected."; its value is held over a sample.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from pamid.base.errors import DataError, FileError, UsageError
 from pamid.base.files import sha256_of
 from pamid.base.json_file import read_json
+from pamid.base.result_file import need_result
 from pamid.base.run_folder import FIT_FILE, Run
 from pamid.base.units import from_si, split_column, to_si
 from pamid.correction.port_network import ADDED, Entry, entered, entry_of
@@ -39,6 +40,7 @@ from pamid.model.rig import Rig
 from pamid.model.trace import Traced, beside, fed, signals_of
 from pamid.networks.trained_network import NETWORK_FILE, TrainedNetwork, load_network
 from pamid.recording.recording import Recording
+from pamid.schemas.fit import FitFile, FittedModel, RecordingUsed
 from pamid.simulation.simulate import input_table, noisy_inputs, sensor_noise
 from pamid.simulation.virtual_rig import VirtualRecording, in_its_loop
 from pamid.symbolic.expression import symbol
@@ -316,15 +318,13 @@ def load_identified(
     if which not in WHICH:
         raise UsageError(f"--which {which!r}: take one of {', '.join(WHICH)}.")
     record, path = Run.open(run_folder).record, run_folder / FIT_FILE
-    fit = read_json(path)
-    if not isinstance(fit, dict) or fit.get("schema") != "pamid.fit/1":
-        raise FileError(f"{path} is not a fit's.", REFIT_REMEDY)
-    if "model" not in fit:
+    fit = need_result(path, FitFile, also=("model", "cause", "controller"))
+    if fit.model is None:
         raise FileError(
             f"{path} does not hold its model.", f"An older version wrote it. {REFIT_REMEDY}"
         )
     has = {
-        "cause": "cause" in fit,
+        "cause": fit.cause is not None,
         "network": (run_folder / NETWORK_FILE).exists(),
         "refitted": True,
     }
@@ -337,55 +337,53 @@ def load_identified(
         )
     with _sound(path):
         noted = {str(one["path"]): str(one["sha256"]) for one in record["inputs"]}
-        source = str(record["options"].get("rig") or fit["rig"])
-        if (made := rig_again(source, rig, noted)).name != fit["rig"]:
+        source = str(record["options"].get("rig") or fit.rig)
+        if (made := rig_again(source, rig, noted)).name != fit.rig:
             raise FileError(
-                f"The run is of the rig {fit['rig']!r}, not of {made.name!r}.",
+                f"The run is of the rig {fit.rig!r}, not of {made.name!r}.",
                 "Name its own.",
                 code="rig",
             )
         catalogue = effects_again(
             tuple(map(str, record["options"].get("effects", ()))), effects, noted
         )
-        model = _model(made, fit, "cause" if chosen == "cause" else "model", catalogue, path)
+        saved = fit.cause if chosen == "cause" and fit.cause else fit.model
+        model = _model(made, saved, fit.recordings, catalogue, path)
         model = replace(model, source=name_of(rig or source), sha256=sha256_of(path))
     if chosen != "network":
         return model
     with _sound(run_folder / NETWORK_FILE):
-        return _with_network(model, run_folder, fit)
+        return _with_network(model, run_folder, fit.channels)
 
 
 def _model(
-    rig: Rig, fit: dict[str, Any], part: str, catalogue: dict[str, type[Effect]], path: Path
+    rig: Rig,
+    saved: FittedModel,
+    recordings: Sequence[RecordingUsed],
+    catalogue: dict[str, type[Effect]],
+    path: Path,
 ) -> Identified:
-    saved = fit[part]
     assembly = Assembly(
-        rig,
-        tuple(attach(rig, str(label), catalogue) for label in saved["effects"]),
-        background=True,
+        rig, tuple(attach(rig, label, catalogue) for label in saved.effects), background=True
     )
-    values = {str(key): float(value) for key, value in saved["values"].items()}
+    values = saved.values
     if set(values) != set(assembly.keys):
         odd = sorted(set(values) ^ set(assembly.keys))
         _refuse(path, f"its model and the rig {rig.name!r} differ in {', '.join(odd[:3])}")
     p = np.array([values[key] for key in assembly.keys])
-    step = Stepping(int(saved["stepping"]["substeps"]), bool(saved["stepping"]["implicit"]))
-    periods = [float(one["period_s"]) for one in fit["recordings"]]
-    controllers = [one["controller"] for one in fit["recordings"] if one["loop"] == "closed"]
-    controller = {str(k): float(v) for k, v in controllers[0].items()} if controllers else {}
-    given = [*p, *periods, *controller.values()]
-    if not (
-        np.isfinite(given).all() and periods[0] > 0.0 and 1 <= step.substeps <= MOST_STORED_SUBSTEPS
-    ):
-        _refuse(path, "a number is out of range")
-    return Identified(rig.name, assembly, p, periods[0], step, controller=controller)
+    step = Stepping(saved.stepping.substeps or 0, saved.stepping.implicit)
+    period = (recordings[0].period_s if recordings else None) or 0.0
+    if period <= 0.0 or not 1 <= step.substeps <= MOST_STORED_SUBSTEPS:
+        _refuse(path, "a sampling period or the number of steps is out of range")
+    controller = next((one.controller for one in recordings if one.loop == "closed"), {})
+    return Identified(rig.name, assembly, p, period, step, controller=controller)
 
 
-def _with_network(model: Identified, folder: Path, fit: dict[str, Any]) -> Identified:
+def _with_network(model: Identified, folder: Path, channels: Sequence[str]) -> Identified:
     """The refitted model with the network of the folder in its place."""
     about, trained = read_json(folder / NETWORK_FILE), load_network(folder)
     enters, offered = about["enters"], {name: name for name in model.assembly.rig.inputs}
-    offered |= {derived(c, "refitted"): str(c) for c in fit["channels"]}
+    offered |= {derived(c, "refitted"): c for c in channels}
     if (
         about["model"] == "loop" or enters == "output"
     ) and trained.output_name not in model.assembly.rig.outputs:

@@ -27,8 +27,8 @@ from threadpoolctl import threadpool_limits
 
 from pamid.base.errors import ConvergenceError, DataError, FileError, UsageError, nearest
 from pamid.base.files import sha256_of
-from pamid.base.json_file import read_json
 from pamid.base.progress import Progress, silent
+from pamid.base.result_file import need_result
 from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE, Run
 from pamid.base.units import NONE, display_unit, from_si, split_column, to_si, with_unit
 from pamid.correction.output_network import (
@@ -52,6 +52,7 @@ from pamid.model.rig import Rig
 from pamid.networks.trained_network import TrainedNetwork
 from pamid.networks.training import Training
 from pamid.recording.recording import read_recording
+from pamid.schemas.fit import FitFile
 from pamid.simulation.data_split import DataSplit, split_recordings
 from pamid.simulation.replay import Replay, channel_mae, replay_track
 from pamid.symbolic.expression import symbol
@@ -132,20 +133,20 @@ class Origin:
 
     evidence: DataSplit
     attached: tuple[Attachment, ...]
-    fit: dict[str, Any]
+    fit: FitFile
 
     def model(self, progress: Progress = silent) -> GreyBox:
         """The model, fitted again; DataError where it is not the run's any more."""
-        earlier = read_posterior(Path(self.fit["from"]["path"])) if "from" in self.fit else None
+        earlier = read_posterior(Path(self.fit.from_.path)) if self.fit.from_ else None
         found = fit_model(
             self.evidence,
             self.attached,
-            seed=int(self.fit["seed"]),
+            seed=self.fit.seed or 0,
             progress=progress,
             earlier=earlier,
         )
         for c, now in zip(self.evidence.channels, channel_mae(list(found.held_out)), strict=True):
-            now, before = from_si(now, split_column(c)[1]), self.fit["mae"][c]["refitted"]
+            now, before = from_si(now, split_column(c)[1]), self.fit.mae[c]["refitted"]
             if not np.isclose(now, before, rtol=AGAIN):
                 raise DataError(
                     f"The model fitted again is not the run's: MAE of {c} {now:.4g}, in {FIT_FILE} "
@@ -158,19 +159,19 @@ class Origin:
 def origin_of(folder: Path, rig: str | Rig | None = None) -> Origin:
     """Read a run's recordings again. FileError where one has moved or changed, or where the rig is
     a file that nobody names here: it is code, and is run."""
-    record, fit = Run.open(folder).record, read_json(folder / FIT_FILE)
+    record = Run.open(folder).record
+    fit = need_result(folder / FIT_FILE, FitFile, also=("seed", "from"))
     try:
         known = {
             str(one["path"]): str(one["sha256"])
             for part in (record, *record["steps"])
             for one in part["inputs"]
         }
-        roles = {str(one["path"]): str(one["role"]) for one in fit["recordings"]}
-        known |= {str(one["path"]): str(one["sha256"]) for one in fit["recordings"]}
-        name, labels = (
-            str(record["options"].get("rig") or fit["rig"]),
-            [str(label) for label in fit["effects"]],
-        )
+        name = str(record["options"].get("rig") or fit.rig)
+        roles = {one.path: one.role for one in fit.recordings}
+        known |= {one.path: one.sha256 for one in fit.recordings}
+        if not roles:
+            raise KeyError("recordings")
     except (KeyError, TypeError, AttributeError):
         raise FileError(
             f"{folder} does not tell its recordings, rig and effects.",
@@ -188,7 +189,7 @@ def origin_of(folder: Path, rig: str | Rig | None = None) -> Origin:
         [r for path, r in recordings.items() if roles[path] != "held-out"],
         [r for path, r in recordings.items() if roles[path] == "held-out"],
     )
-    return Origin(evidence, tuple(attach(made, label, effects()) for label in labels), fit)
+    return Origin(evidence, tuple(attach(made, label, effects()) for label in fit.effects), fit)
 
 
 def _place(folder: Path, path: str) -> Path:

@@ -14,17 +14,17 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import DataError, FileError, UsageError, nearest
 from pamid.base.files import TABLE, read_data
-from pamid.base.json_file import read_json
+from pamid.base.result_file import need_result
 from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE
 from pamid.base.units import split_column, with_unit
 from pamid.recording.file_checks import HUGE
+from pamid.schemas.fit import FitFile
 
 Array = NDArray[np.float64]
 
@@ -85,8 +85,10 @@ def read_residual_data(
     FileError where the run holds no residual or a damaged one, UsageError for a channel or input it
     does not have, DataError where a part is missing or nothing varies.
     """
-    fit = _read_fit(folder / FIT_FILE)
-    channels = [str(c) for c in fit["channels"]]
+    fit = need_result(folder / FIT_FILE, FitFile)
+    if not fit.channels:
+        raise FileError(f"{folder / FIT_FILE} has no channels.", REFIT_REMEDY, code="damaged")
+    channels = list(fit.channels)
     columns = read_columns(folder / RESIDUAL_FILE)
     if channel is None:
         channel = "angle_deg" if "angle_deg" in channels else channels[0]
@@ -178,33 +180,17 @@ def split_table(path: Path) -> tuple[list[str], list[str]]:
     return lines[0].split(","), body
 
 
-def _read_fit(path: Path) -> dict[str, Any]:
-    fit = read_json(path)
-    if (
-        not isinstance(fit, dict)
-        or fit.get("schema") != "pamid.fit/1"
-        or not _texts(fit.get("channels"))
-    ):
-        raise FileError(f"{path} is no pamid.fit/1 with channels.", REFIT_REMEDY, code="damaged")
-    return fit
-
-
-def _texts(value: Any) -> bool:
-    """A list of texts, at least one?"""
-    return isinstance(value, list) and bool(value) and all(isinstance(one, str) for one in value)
-
-
-def _period(fit: dict[str, Any], columns: dict[str, Array]) -> float:
+def _period(fit: FitFile, columns: dict[str, Array]) -> float:
     """The one sampling period (s) of the recordings that the table uses."""
-    try:
-        known = [float(one["period_s"]) for one in fit["recordings"]]
-        used = sorted({known[int(i)] for i in np.unique(columns["recording"])})
-    except (KeyError, IndexError, TypeError, ValueError):
+    known = dict(enumerate(one.period_s for one in fit.recordings))
+    periods = [known.get(row) for row in np.unique(columns["recording"]).tolist()]
+    used = sorted({period for period in periods if period is not None})
+    if None in periods or not used:
         raise FileError(
             f"{FIT_FILE} does not give the period_s of every recording.",
             REFIT_REMEDY,
             code="damaged",
-        ) from None
+        )
     if not one_period(used):
         raise DataError(
             f"The recordings are sampled every {used[0]:g} to {used[-1]:g} s; a network needs one "

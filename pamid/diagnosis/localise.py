@@ -14,6 +14,7 @@ from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.engine.program import Program
 from pamid.model.rig import Port
+from pamid.schemas.diagnosis import Regime
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, run_windows
 from pamid.symbolic.expression import symbols
@@ -24,18 +25,6 @@ Array = NDArray[np.float64]
 # kinds of port whose signals state a regime, best first
 REGIME_PORTS = ("motion", "actuator-force", "flow")
 VALUE_NAMES = {"flow": "flow", "actuator-force": "force"}  # ... and whose own value is one of them
-
-
-@dataclass(frozen=True)
-class Regime:
-    """A stretch of values of a signal; shares 0 to 1 of the gap and of the scored time."""
-
-    signal: str
-    low: float
-    high: float
-    unit: str
-    share_of_gap: float
-    share_of_time: float
 
 
 @dataclass(frozen=True)
@@ -123,7 +112,14 @@ def _stretch(name: str, unit: str, x: Array, gap: Array, settings: Settings) -> 
     share, spent = float(energy[j] - energy[i]), float(time[j] - time[i])
     if share - spent < settings.regime_gain:
         return None
-    regime = Regime(name, float(edges[i]), float(edges[j]), unit, min(max(share, 0.0), 1.0), spent)
+    regime = Regime(
+        signal=name,
+        low=edges[i],
+        high=edges[j],
+        unit=unit,
+        share_of_gap=min(max(share, 0.0), 1.0),
+        share_of_time=spent,
+    )
     return _Stretch(regime, share - spent, (place >= i) & (place < j))
 
 

@@ -52,9 +52,7 @@ def diagnosis_file(
             port=port,
             ports=shares,
             **_isolable(d),
-            regimes=tuple(
-                result.Regime(**vars(r)) for r in regimes(d.evidence, base, d.cause, d.settings)
-            ),
+            regimes=tuple(regimes(d.evidence, base, d.cause, d.settings)),
             frequency_hz=tuple(
                 frequency_band(list(base.replays), after, d.evidence.noise, d.settings)
             ),

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import ConvergenceError, DataError, FileError
 from pamid.base.files import sha256_of
-from pamid.base.json_file import read_json
+from pamid.base.result_file import need_result
 from pamid.base.run_folder import FIT_FILE, Run
 from pamid.estimation.prior import Prior
 from pamid.estimation.problem import Fit, Problem
@@ -190,53 +190,42 @@ def read_posterior(folder: Path) -> Posterior:
     where the fit never came to an end."""
     Run.open(folder)
     path = folder / FIT_FILE
-    content = read_json(path)
-    if not isinstance(content, dict) or content.get("schema") != "pamid.fit/1":
-        raise FileError(f"{path} is not a fit's.", REMEDY)
-    if not content.get("converged"):
+    fit = need_result(path, result.FitFile, also=("posterior", "from"))
+    if not fit.converged:
         raise ConvergenceError(
-            f"{path}: that fit did not converge ({content.get('why') or 'no reason given'}), so "
+            f"{path}: that fit did not converge ({fit.why or 'no reason given'}), so "
             "nothing can be built on it.",
             "Fit it with other recordings first.",
         )
-    if "posterior" not in content:
+    if (found := fit.posterior) is None:
         raise FileError(f"{path} holds no posterior.", f"An older version wrote it. {REMEDY}")
-    entries = content["posterior"]
-    try:
-        keys, log, rows = (
-            tuple(map(str, entries["keys"])),
-            tuple(map(bool, entries["log"])),
-            entries["covariance"],
-        )
-        centre, spread, value, held = (
-            np.array(entries[name], np.float64) for name in ("centre", "spread", "value", "held")
-        )
-        others = {str(key): float(number) for key, number in entries["others"].items()}
-        lower = np.zeros((len(keys), len(keys)))
-        for k, row in enumerate(rows):
-            lower[k, : k + 1] = np.array(row, np.float64)
-        fitted = {str(r["sha256"]) for r in content["recordings"] if r["role"] != "held-out"}
-        fitted |= set(map(str, content.get("from", {}).get("recordings", [])))
-        own = [set(c["members"]) for c in content.get("combinations", {}).values() if c["declared"]]
-        groups = [tuple(map(str, tie["parameters"])) for tie in content.get("tied", [])]
-        ridges = tuple(
-            group for group in groups if not any(members & set(group) for members in own)
-        )
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError):
-        _refuse(path, "it lacks entries, or they are not numbers")
+    keys, log, rows = found.keys, found.log, found.covariance
+    centre, spread, value, held = (
+        np.array(one, np.float64) for one in (found.centre, found.spread, found.value, found.held)
+    )
+    lower = np.zeros((len(keys), len(keys)))
+    if [len(row) for row in rows] != list(range(1, len(keys) + 1)):
+        _refuse(path, "its covariance is no lower triangle")
+    lower[np.tril_indices(len(keys))] = [number for row in rows for number in row]
+    fitted = {r.sha256 for r in fit.recordings if r.role != "held-out"}
+    fitted |= set(fit.from_.recordings if fit.from_ else ())
+    own = [set(c.members) for c in fit.combinations.values() if c.declared]
+    ridges = tuple(
+        tie.parameters
+        for tie in fit.tied
+        if not any(members & set(tie.parameters) for members in own)
+    )
     lists = (centre, spread, value, held)
-    sizes = {len(keys), len(set(keys)), len(log), len(rows), *(x.size for x in lists)}
+    sizes = {len(keys), len(set(keys)), len(log), *(x.size for x in lists)}
     covariance = lower + np.tril(lower, -1).T
-    if len(sizes) > 1 or any(x.ndim != 1 for x in lists):
+    if len(sizes) > 1:
         _refuse(path, "its lists differ in length")
-    if not all(np.isfinite(x).all() for x in (*lists, covariance, list(others.values()))):
-        _refuse(path, "a number is not finite")
     if (spread <= 0.0).any() or (keys and np.linalg.eigvalsh(covariance)[0] <= 0.0):
         _refuse(path, "a spread is not positive, or the covariance is none")
     return Posterior(
         path,
         sha256_of(path),
-        str(content.get("rig")),
+        fit.rig,
         keys,
         log,
         centre,
@@ -244,7 +233,7 @@ def read_posterior(folder: Path) -> Posterior:
         value,
         held,
         covariance,
-        others,
+        found.others,
         frozenset(fitted),
         ridges,
     )

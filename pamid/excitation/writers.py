@@ -31,10 +31,10 @@ from pamid.base.files import make_folder, write_together
 from pamid.base.json_file import json_bytes
 from pamid.base.units import NONE, split_column
 from pamid.recording.recording import recording_files
+from pamid.schemas.excitation import ExcitationFile
 
 Array = NDArray[np.float64]
 
-SCHEMA = "pamid.excitation/1"
 MATRIX = "excitation"
 MAT_HEADER = b"MATLAB 5.0 MAT-file, written by pamid"  # without a date: same request, same bytes
 HELD = "held until the next sample (zero-order hold)"
@@ -113,13 +113,9 @@ def write_excitation(
     if chosen.content is not None:
         files[path] = chosen.content(signals)
         about = {**about, "format": form, "interpolation": f"hold: {chosen.heed}"}
-    note = {
-        "schema": SCHEMA,
-        "generator": generator,
-        "file": path.name,
-        "sha256": _sha256(files[path]),
-        **about,
-    }
+    note = ExcitationFile(
+        generator=generator, file=path.name, sha256=_sha256(files[path]), **about
+    ).as_json()
     files = {**(others or {}), **files, path.with_suffix(".json"): json_bytes(note, path.stem)}
     make_folder(path.parent)
     write_together(files)

@@ -26,8 +26,8 @@ from pamid.ingest.clocks import Clock
 from pamid.ingest.conversion import ColumnPieces, Conversion, MadeRecording
 from pamid.ingest.mapping import Mapping
 from pamid.recording.recording import write_recording
+from pamid.schemas import ingest as result
 
-INGEST_SCHEMA = "pamid.ingest/1"
 STAGE = (
     "ingest-unfinished"  # the folder in which files are made before they take their places together
 )
@@ -63,7 +63,7 @@ def write_conversions(
     outputs: Sequence[Sequence[Path]],
     mapping_file: Path,
     overwrite: bool,
-) -> list[dict[str, Any]]:
+) -> list[result.IngestFile]:
     """Write every recording with its TOML and account, or nothing; the accounts.
 
     FileError if a file is there already (and not `overwrite`), or would replace a log or the
@@ -92,7 +92,7 @@ def write_conversions(
                 "Choose another --output, or --overwrite to replace it.",
                 code="exists",
             )
-    accounts: list[dict[str, Any]] = []
+    accounts: list[result.IngestFile] = []
     folder = targets[0].parent
     make_folder(folder)
     try:
@@ -106,8 +106,10 @@ def write_conversions(
             shared = _of_log(conversion, mapping_file)
             for made, path in zip(conversion.recordings, part, strict=True):
                 write_recording(stage / path.name, made.time, made.columns, _tables(conversion))
-                accounts.append({**shared, "recording": _of_recording(made, path, conversion)})
-                write_json((stage / path.name).with_suffix(".ingest.json"), accounts[-1])
+                recording = _of_recording(made, path, conversion)
+                accounts.append(shared.model_copy(update={"recording": recording}))
+                file = (stage / path.name).with_suffix(".ingest.json")
+                write_json(file, accounts[-1].as_json())
         replace_together({target: stage / target.name for target in targets})
     except OSError as error:
         refuse_write(folder, error)
@@ -134,28 +136,22 @@ def _tables(conversion: Conversion) -> dict[str, Any]:
     return {title: table for title, table in tables.items() if table}
 
 
-def _of_log(conversion: Conversion, mapping_file: Path) -> dict[str, Any]:
+def _of_log(conversion: Conversion, mapping_file: Path) -> result.IngestFile:
     log, lead = conversion.log, conversion.lead
-    return {
-        "schema": INGEST_SCHEMA,
-        "source": {
-            "path": str(log.path),
-            "sha256": sha256_of(log.path),
-            "kind": log.kind,
-            "details": list(log.details),
-        },
-        "mapping": {
-            "path": str(mapping_file),
-            "sha256": sha256_of(mapping_file),
-            **plain(conversion.mapping),
-        },
-        "clock_ppm": 1e6 * (conversion.stretch - 1.0),
-        "clocks": [{**_of_clock(clock), "leads": clock is lead} for clock in conversion.clocks],
-        "signals": {
+    return result.IngestFile(
+        source=result.LogRead(
+            path=str(log.path), sha256=sha256_of(log.path), kind=log.kind, details=log.details
+        ),
+        mapping=result.MappingUsed(
+            path=str(mapping_file), sha256=sha256_of(mapping_file), **plain(conversion.mapping)
+        ),
+        clock_ppm=1e6 * (conversion.stretch - 1.0),
+        clocks=tuple(_of_clock(clock, clock is lead) for clock in conversion.clocks),
+        signals={
             column: _of_track(track, conversion) for column, track in conversion.tracks.items()
         },
-        "notes": list(conversion.notes),
-    }
+        notes=conversion.notes,
+    )
 
 
 def plain(mapping: Mapping) -> dict[str, Any]:
@@ -163,66 +159,66 @@ def plain(mapping: Mapping) -> dict[str, Any]:
     return mapping.model_dump(exclude_none=True)
 
 
-def _of_clock(clock: Clock) -> dict[str, Any]:
-    repairs = [*clock.rows.repairs, *clock.base.repairs]
-    about: dict[str, Any] = {
-        "name": clock.name,
-        "rows": int(clock.rows.stamps.size),
-        "state": "events",
-        "cure": clock.cure,
-        "why": "each value holds until the next",
-    }
+def _of_clock(clock: Clock, leads: bool) -> result.ClockUsed:
+    about: dict[str, Any] = {"state": "events", "why": "each value holds until the next"}
     if clock.found is not None:
-        about |= {
+        about = {
             "state": clock.found.state,
             "why": clock.found.why,
             "numbers": clock.found.numbers,
-            "signals": [
-                {
-                    "signal": w.signal,
-                    "coefficient": w.coefficient,
-                    "error": w.error,
-                    "roughness_ratio": w.ratio,
-                }
+            "signals": tuple(
+                result.ClockWitness(
+                    signal=w.signal,
+                    coefficient=w.coefficient,
+                    error=w.error,
+                    roughness_ratio=w.ratio,
+                )
                 for w in clock.found.witnesses
-            ],
+            ),
         }
-    return {
+    return result.ClockUsed(
+        name=clock.name,
+        rows=clock.rows.stamps.size,
+        cure=clock.cure,
         **about,
-        "repairs": [{"what": r.what, "count": r.count, "detail": r.detail} for r in repairs],
-    }
+        repairs=tuple(
+            result.ClockRepair(what=r.what, count=r.count, detail=r.detail)
+            for r in (*clock.rows.repairs, *clock.base.repairs)
+        ),
+        leads=leads,
+    )
 
 
-def _of_track(track: ColumnPieces, conversion: Conversion) -> dict[str, Any]:
+def _of_track(track: ColumnPieces, conversion: Conversion) -> result.ColumnMade:
     signal, values = track.course.signal, track.course.values
     empty = ~np.isfinite(values)
-    there = values[~empty]
-    about: dict[str, Any] = {
-        "source": signal.source,
-        "clock": track.clock.name,
-        "interpolation": "hold" if signal.hold else "smooth",
-        "empty_cells": int(empty.sum()),
-        "longest_empty_run": _longest(empty),
-        "at_limit": at_limit(there),
-        "filtered": bool(track.coarser(conversion.period * conversion.stretch)),
-    }
+    about: dict[str, Any] = {}
     if signal.unit is not None:
         about["unit"] = signal.unit.text
     if signal.absolute:
         about["atmosphere_taken_off_kpa"] = conversion.mapping.atmosphere.pressure_kpa
-    return about
+    return result.ColumnMade(
+        source=signal.source,
+        clock=track.clock.name,
+        interpolation="hold" if signal.hold else "smooth",
+        empty_cells=empty.sum(),
+        longest_empty_run=_longest(empty),
+        at_limit=at_limit(values[~empty]),
+        filtered=track.coarser(conversion.period * conversion.stretch),
+        **about,
+    )
 
 
-def _of_recording(made: MadeRecording, path: Path, conversion: Conversion) -> dict[str, Any]:
-    return {
-        "path": str(path),
-        "samples": int(made.time.size),
-        "sampling_period_s": conversion.period,
-        "duration_s": float(made.time.size * conversion.period),
-        "columns": list(made.columns),
-        "begins_s": made.begins_s,
-        "first_row": made.first_row,
-    }
+def _of_recording(made: MadeRecording, path: Path, conversion: Conversion) -> result.RecordingMade:
+    return result.RecordingMade(
+        path=str(path),
+        samples=made.time.size,
+        sampling_period_s=conversion.period,
+        duration_s=made.time.size * conversion.period,
+        columns=tuple(made.columns),
+        begins_s=made.begins_s,
+        first_row=made.first_row,
+    )
 
 
 def at_limit(values: FloatArray) -> int:

@@ -4,7 +4,7 @@ included."""
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from pamid.model.assembly import Assembly
@@ -12,6 +12,7 @@ from pamid.model.attachment import Attachment, attachments
 from pamid.model.effect import KINDS, SECTIONS, Effect
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Rig
+from pamid.schemas import catalogue as result
 from pamid.symbolic.expression import rebuild, symbol, text, walk
 from pamid.symbolic.vocabulary import Expr, Number
 
@@ -19,134 +20,144 @@ WIDTH = 110
 LONG = 6  # nodes: an expression used twice and larger than this is given a name of its own
 
 
-def effect_row(effect: type[Effect]) -> dict[str, Any]:
+def effect_row(effect: type[Effect]) -> result.EffectRow:
     """One line of the list."""
+    return result.EffectRow(**_row(effect))
+
+
+def _row(effect: type[Effect]) -> dict[str, Any]:
     kinds = (*effect.kinds, *(k for k in effect.general_kinds if k not in effect.kinds))
     return {
         "name": effect.name,
         "title": effect.story().get("title", ""),
-        "kinds": list(kinds),
+        "kinds": kinds,
         "families": {k: effect.family_at(k) for k in kinds},
-        "home": list(effect.kinds),
-        "general": list(effect.general_kinds),
+        "home": effect.kinds,
+        "general": effect.general_kinds,
     }
 
 
 def effect_story(
     effect: type[Effect], rigs: Iterable[Rig], known: Iterable[type[Effect]]
-) -> dict[str, Any]:
+) -> result.EffectStory:
     """Everything about one effect: its story, parameters, look-alikes, and where on the rigs it
     fits."""
     known = list(known)
-    places = [
-        {"rig": rig.name, "effect": a.label, "ports": list(a.ports), "parameters": _bound(rig, a)}
-        for rig in rigs
-        for a in attachments(rig, known)
-        if a.effect.name == effect.name
-    ]
-    return {
-        **effect_row(effect),
-        "story": effect.story(),
-        "signals": list(effect.signals),
-        "unit": effect.unit,
-        "parameters": [_parameter(p) for p in effect.parameters],
-        "states": [s.name for s in effect.states],
-        "look_alikes": list(effect.look_alikes),
-        "absorbed_by": list(effect.absorbed_by),
-        "places": places,
-    }
+    return result.EffectStory(
+        **_row(effect),
+        story=effect.story(),
+        signals=effect.signals,
+        unit=effect.unit,
+        parameters=tuple(map(_parameter, effect.parameters)),
+        states=tuple(s.name for s in effect.states),
+        look_alikes=effect.look_alikes,
+        absorbed_by=effect.absorbed_by,
+        places=tuple(
+            result.EffectPlace(
+                rig=rig.name, effect=a.label, ports=a.ports, parameters=_bound(rig, a)
+            )
+            for rig in rigs
+            for a in attachments(rig, known)
+            if a.effect.name == effect.name
+        ),
+    )
 
 
-def rig_row(rig: type[Rig]) -> dict[str, Any]:
-    return {
-        "name": rig.name,
-        "title": (rig.__doc__ or "").strip().splitlines()[0] if rig.__doc__ else "",
-        "inputs": list(rig.inputs),
-        "outputs": list(rig.outputs),
-        "variants": list(getattr(rig, "variants", ())),
-    }
+def rig_row(rig: type[Rig]) -> result.RigRow:
+    """One line of the list."""
+    return result.RigRow(
+        name=rig.name,
+        title=_title(rig),
+        inputs=tuple(rig.inputs),
+        outputs=tuple(rig.outputs),
+        variants=_variants(rig),
+    )
 
 
-def rig_story(rig: Rig, known: Iterable[type[Effect]]) -> dict[str, Any]:
+def _title(rig: type[Rig]) -> str:
+    return (rig.__doc__ or "").strip().splitlines()[0] if rig.__doc__ else ""
+
+
+def _variants(rig: type[Rig]) -> tuple[str, ...]:
+    return tuple(getattr(rig, "variants", ()))
+
+
+def rig_story(rig: Rig, known: Iterable[type[Effect]]) -> result.RigStory:
     """Everything about one rig: signals, ports, parameters, background, equations, effects that
     fit."""
     fit = attachments(rig, known)
-    return {
-        **rig_row(type(rig)),
-        "inputs": [
-            {"column": c, "unit": unit, "optional": c in rig.optional}
+    return result.RigStory(
+        name=rig.name,
+        title=_title(type(rig)),
+        inputs=tuple(
+            result.RigInput(column=c, unit=unit, optional=c in rig.optional)
             for c, unit in rig.inputs.items()
-        ],
-        "outputs": [
-            {"column": c, "unit": unit, "noise": rig.noise.get(c)}
+        ),
+        outputs=tuple(
+            result.RigOutput(column=c, unit=unit, noise=rig.noise.get(c))
             for c, unit in rig.outputs.items()
-        ],
-        "states": [{"name": s.name, "unit": s.unit} for s in rig.states],
-        "ports": [_port(rig, name, fit) for name in rig.ports],
-        "parameters": [_parameter(p) for p in rig.parameters],
-        "background": _background(rig),
-        "loops": [
-            {"command": x.command, "reference": x.reference, "reading": x.reading}
+        ),
+        variants=_variants(type(rig)),
+        states=tuple(result.NamedUnit(name=s.name, unit=s.unit) for s in rig.states),
+        ports=tuple(_port(rig, name, fit) for name in rig.ports),
+        parameters=tuple(map(_parameter, rig.parameters)),
+        background=_background(rig),
+        loops=tuple(
+            result.LoopRow(command=x.command, reference=x.reference, reading=x.reading)
             for x in rig.loops
-        ],
-        "equations": equations(rig),
-    }
+        ),
+        equations=equations(rig),
+    )
 
 
-def _port(rig: Rig, name: str, fit: list[Attachment]) -> dict[str, Any]:
+def _port(rig: Rig, name: str, fit: list[Attachment]) -> result.RigPort:
     port = rig.ports[name]
-    return {
-        "name": name,
-        "kind": port.kind,
-        "unit": port.unit,
-        "places": list(port.places),
-        "group": rig.group_of(name),
-        "signals": {s: port.unit_of(s) for s in port.signals},
-        "effects": sorted({a.effect.name for a in fit if name in a.ports}),
-    }
+    return result.RigPort(
+        name=name,
+        kind=port.kind,
+        unit=port.unit,
+        places=port.places,
+        group=rig.group_of(name),
+        signals={s: port.unit_of(s) for s in port.signals},
+        effects=tuple(sorted({a.effect.name for a in fit if name in a.ports})),
+    )
 
 
-def _background(rig: Rig) -> list[dict[str, Any]]:
-    terms = [
-        (port, term)
+def _background(rig: Rig) -> tuple[result.BackgroundRow, ...]:
+    return tuple(
+        result.BackgroundRow(
+            name=term.name,
+            port=port,
+            terms=tuple(p.name for p in term.parameters),
+            tolerance=term.parameters[0].spread,
+        )
         for port, listed in rig.background.items()
         for term in (listed if isinstance(listed, tuple) else (listed,))
-    ]
-    return [
-        {
-            "name": term.name,
-            "port": port,
-            "terms": [p.name for p in term.parameters],
-            "tolerance": term.parameters[0].spread,
-        }
-        for port, term in terms
-    ]
+    )
 
 
-def _parameter(p: Parameter) -> dict[str, Any]:
-    finite = {
-        key: value if abs(value) < float("inf") else None
-        for key, value in (("low", p.low), ("high", p.high))
-    }
-    return {
-        "name": p.outside_name,
-        "value": p.value,
-        **finite,
-        "unit": p.unit,
-        "multiple_of": p.size,
-        "null": p.null,
-        "fitted": p.fitted,
-        "source": p.source,
-    }
+def _parameter(p: Parameter) -> result.ParameterRow:
+    low, high = (value if abs(value) < float("inf") else None for value in (p.low, p.high))
+    return result.ParameterRow(
+        name=p.outside_name,
+        value=p.value,
+        low=low,
+        high=high,
+        unit=p.unit,
+        multiple_of=p.size,
+        null=p.null,
+        fitted=p.fitted,
+        source=p.source,
+    )
 
 
-def _bound(rig: Rig, attachment: Attachment) -> list[dict[str, Any]]:
+def _bound(rig: Rig, attachment: Attachment) -> tuple[result.NamedUnit, ...]:
     """Parameters as they are called at this port."""
-    return [
-        {"name": b.name, "unit": b.unit}
+    return tuple(
+        result.NamedUnit(name=b.name, unit=b.unit)
         for b in Assembly(rig, (attachment,)).parameters
         if b.owner == attachment.label
-    ]
+    )
 
 
 # ---- equations ---------------------------------------------------------------------------------
@@ -165,7 +176,7 @@ class _Mark(Effect):
         return symbol("port", f"{self.port}[{at.place}]" if at.place else self.port)
 
 
-def equations(rig: Rig) -> dict[str, dict[str, str]]:
+def equations(rig: Rig) -> result.RigEquations:
     """The rig's equations as text: rates, what passes through each port, outputs, and shorthands
     used in them."""
     marks = tuple(Attachment(_Mark(name), (name,), f"mark@{name}") for name in rig.ports)
@@ -179,7 +190,7 @@ def equations(rig: Rig) -> dict[str, dict[str, str]]:
     said = {
         part: {name: text(short[e]) for name, e in listed.items()} for part, listed in parts.items()
     }
-    return {**said, "where": {name: text(e) for name, e in shorthands.items()}}
+    return result.RigEquations(**said, where={name: text(e) for name, e in shorthands.items()})
 
 
 def _shorten(roots: list[Expr]) -> tuple[dict[Expr, Expr], dict[str, Expr]]:
@@ -208,87 +219,87 @@ def _shorten(roots: list[Expr]) -> tuple[dict[Expr, Expr], dict[str, Expr]]:
 # ---- text --------------------------------------------------------------------------------------
 
 
-def effects_text(rows: list[dict[str, Any]]) -> str:
+def effects_text(rows: Sequence[result.EffectRow]) -> str:
     """Effects by family: name, kinds of port, title."""
-    families: dict[str, list[dict[str, Any]]] = {}
+    families: dict[str, list[result.EffectRow]] = {}
     for row in rows:
-        for family in dict.fromkeys(row["families"].values()):
+        for family in dict.fromkeys(row.families.values()):
             families.setdefault(family, []).append(row)
     lines = []
     for family in sorted(families):
         lines.append(family)
         for row in families[family]:
-            kinds = ", ".join(k for k, f in row["families"].items() if f == family)
-            lines.append(f"  {row['name']:<31} {kinds:<19} {row['title']}"[: WIDTH + 20])
+            kinds = ", ".join(k for k, f in row.families.items() if f == family)
+            lines.append(f"  {row.name:<31} {kinds:<19} {row.title}"[: WIDTH + 20])
     return "\n".join(
-        [*lines, "", f"{len(rows)} effects. One of them: pamid effects {rows[0]['name']}"]
+        [*lines, "", f"{len(rows)} effects. One of them: pamid effects {rows[0].name}"]
     )
 
 
-def effect_text(said: dict[str, Any]) -> str:
+def effect_text(said: result.EffectStory) -> str:
     """The whole story of one effect."""
     lines = [
-        f"{said['name']}: {said['story'].get('title', '')}",
+        f"{said.name}: {said.story.get('title', '')}",
         "",
         "family "
-        + ", ".join(dict.fromkeys(said["families"].values()))
+        + ", ".join(dict.fromkeys(said.families.values()))
         + "; port "
-        + ", ".join(said["kinds"])
-        + (f" in {said['unit']}" if said["unit"] else "")
-        + (f", offering {', '.join(said['signals'])}" if said["signals"] else ""),
+        + ", ".join(said.kinds)
+        + (f" in {said.unit}" if said.unit else "")
+        + (f", offering {', '.join(said.signals)}" if said.signals else ""),
     ]
     for section in SECTIONS:
-        if said["story"].get(section):
-            lines += ["", section, textwrap.indent(said["story"][section], "    ")]
-    lines += ["", "Parameters", *_parameter_lines(said["parameters"])]
+        if said.story.get(section):
+            lines += ["", section, textwrap.indent(said.story[section], "    ")]
+    lines += ["", "Parameters", *_parameter_lines(said.parameters)]
     for key, title in (("look_alikes", "Look-alikes"), ("absorbed_by", "Absorbed by a rig's")):
-        if said[key]:
-            lines += ["", f"{title}: {', '.join(said[key])}"]
+        if names := getattr(said, key):
+            lines += ["", f"{title}: {', '.join(names)}"]
     lines += ["", "Fits"] + [
-        f"    {place['rig']}: {place['effect']} at {', '.join(place['ports'])} ("
-        + ", ".join(p["name"] for p in place["parameters"])
+        f"    {place.rig}: {place.effect} at {', '.join(place.ports)} ("
+        + ", ".join(p.name for p in place.parameters)
         + ")"
-        for place in said["places"]
+        for place in said.places
     ]
-    return "\n".join(lines if said["places"] else [*lines, "    no port of the rigs looked at"])
+    return "\n".join(lines if said.places else [*lines, "    no port of the rigs looked at"])
 
 
-def rig_text(said: dict[str, Any]) -> str:
+def rig_text(said: result.RigStory) -> str:
     """The whole story of one rig."""
-    lines = [f"{said['name']}: {said['title']}"]
-    if said["variants"]:
-        lines.append(f"variants: {', '.join(said['name'] + ':' + v for v in said['variants'])}")
+    lines = [f"{said.name}: {said.title}"]
+    if said.variants:
+        lines.append(f"variants: {', '.join(said.name + ':' + v for v in said.variants)}")
     for part in ("inputs", "outputs"):
         lines += [
             "",
             part.capitalize(),
             *(
-                f"    {row['column']}{' (optional)' if row.get('optional') else ''}"
-                f"{_in(row['unit'])}"
-                for row in said[part]
+                f"    {row.column}{' (optional)' if getattr(row, 'optional', False) else ''}"
+                f"{_in(row.unit)}"
+                for row in getattr(said, part)
             ),
         ]
     lines += [
         "",
         "States",
-        "    " + ", ".join(f"{s['name']}{_in(s['unit'])}" for s in said["states"]),
+        "    " + ", ".join(f"{s.name}{_in(s.unit)}" for s in said.states),
         "",
         "Ports",
     ]
-    for port in said["ports"]:
-        signals = ", ".join(f"{s}{_in(unit)}" for s, unit in port["signals"].items())
-        places = f" at places {', '.join(port['places'])}" if port["places"] else ""
+    for port in said.ports:
+        signals = ", ".join(f"{s}{_in(unit)}" for s, unit in port.signals.items())
+        places = f" at places {', '.join(port.places)}" if port.places else ""
         lines.append(
-            f"    {port['name']}: {port['kind']}{_in(port['unit'])}{places}"
+            f"    {port.name}: {port.kind}{_in(port.unit)}{places}"
             + (f"; offers {signals}" if signals else "")
         )
-        lines += _wrapped(f"effects: {', '.join(port['effects']) or 'none'}", 8)
-    lines += ["", "Parameters", *_parameter_lines(said["parameters"])]
-    if said["background"]:
+        lines += _wrapped(f"effects: {', '.join(port.effects) or 'none'}", 8)
+    lines += ["", "Parameters", *_parameter_lines(said.parameters)]
+    if said.background:
         lines += ["", "Background (tolerance-sized, in every model compared)"]
         lines += [
-            f"    {b['name']} at {b['port']}: {', '.join(b['terms'])}, sd {b['tolerance']:g}"
-            for b in said["background"]
+            f"    {b.name} at {b.port}: {', '.join(b.terms)}, sd {b.tolerance:g}"
+            for b in said.background
         ]
     for part, title in (
         ("rates", "Equations (SI)"),
@@ -296,9 +307,9 @@ def rig_text(said: dict[str, Any]) -> str:
         ("outputs", "Outputs"),
         ("where", "where"),
     ):
-        if said["equations"][part]:
+        if getattr(said.equations, part):
             lines += ["", title]
-            for name, value in said["equations"][part].items():
+            for name, value in getattr(said.equations, part).items():
                 lines += _wrapped(f"{name} = {value}", 4)
     return "\n".join(lines)
 
@@ -318,17 +329,13 @@ def _wrapped(line: str, indent: int) -> list[str]:
     )
 
 
-def _parameter_lines(parameters: list[dict[str, Any]]) -> list[str]:
+def _parameter_lines(parameters: Sequence[result.ParameterRow]) -> list[str]:
     lines = []
     for p in parameters:
-        low, high = ("-" if v is None else f"{v:g}" for v in (p["low"], p["high"]))
-        unit = (
-            f" x {p['multiple_of']}" if p["multiple_of"] else (f" {p['unit']}" if p["unit"] else "")
-        )
-        null = "" if p["null"] is None else f"; null {p['null']:g}"
-        held = "" if p["fitted"] else "; held"
-        source = f" - {p['source']}" if p["source"] else ""
-        lines += _wrapped(
-            f"{p['name']}: {p['value']:g} ({low} .. {high}){unit}{null}{held}{source}", 4
-        )
+        low, high = ("-" if v is None else f"{v:g}" for v in (p.low, p.high))
+        unit = f" x {p.multiple_of}" if p.multiple_of else (f" {p.unit}" if p.unit else "")
+        null = "" if p.null is None else f"; null {p.null:g}"
+        held = "" if p.fitted else "; held"
+        source = f" - {p.source}" if p.source else ""
+        lines += _wrapped(f"{p.name}: {p.value:g} ({low} .. {high}){unit}{null}{held}{source}", 4)
     return lines

@@ -116,7 +116,7 @@ class WorkerPool:
     @property
     def failed_jobs(self) -> list[dict[str, str]]:
         """The jobs that failed, as results tell them."""
-        return [vars(f) for f in self.failed]
+        return [{"job": f.job, "why": f.why} for f in self.failed]
 
     @property
     def counts(self) -> dict[str, int]:

@@ -48,6 +48,7 @@ from pamid.replications.arm_twin import (
 from pamid.report.arm_paper_figure import Panel, arm_picture
 from pamid.rigs.muscle import Law
 from pamid.rigs.two_link import MUSCLES, TwoLink
+from pamid.schemas import papers as result
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay
 from pamid.simulation.simulate import free_run, output_table
@@ -56,7 +57,7 @@ from pamid.simulation.windows import Runner
 
 Array = NDArray[np.float64]
 
-ARM_PAPER_SCHEMA, TABLE_FILE, MAP_FILE = "pamid.paper-arm/1", "arm-paper.json", "muscle-map.csv"
+TABLE_FILE, MAP_FILE = "arm-paper.json", "muscle-map.csv"
 ARM_FIGURES = {GRAVITY: "figures/gravity.png", PULSES: "figures/pulses.png"}
 UNLOADED = "without_payload"
 SHEET, FLOOR = "data_sheet", "noise_floor"
@@ -260,7 +261,7 @@ def _by_variable(by: dict[str, dict[str, float]]) -> dict[str, Any]:
     }
 
 
-def target_json(mae: dict[str, Any]) -> dict[str, Any]:
+def target_of(mae: dict[str, Any]) -> result.ArmTarget:
     """Do the fitted angles of the gravity test lie at the noise floor?"""
     angles = {v: cells for v, cells in mae[GRAVITY].items() if cells["unit"] == "deg"}
     over = {
@@ -268,12 +269,9 @@ def target_json(mae: dict[str, Any]) -> dict[str, Any]:
         for name in (ANALYTIC, ANFIS)
     }
     worst = max(ratio for by in over.values() for ratio in by.values())
-    return {
-        "share": AT_THE_FLOOR,
-        "error_over_floor": over,
-        "worst": worst,
-        "reached": worst <= 1.0 + AT_THE_FLOOR,
-    }
+    return result.ArmTarget(
+        share=AT_THE_FLOOR, error_over_floor=over, worst=worst, reached=worst <= 1.0 + AT_THE_FLOOR
+    )
 
 
 def _interval(one: dict[str, Any], truth: float | None) -> dict[str, Any]:
@@ -316,16 +314,16 @@ def parameters_json(stages: dict[str, FitStage], twin: ArmTwin) -> dict[str, Any
     return found
 
 
-def tied_json(found: dict[str, Any]) -> list[dict[str, Any]]:
+def ties_of(found: dict[str, Any]) -> tuple[result.ArmTie, ...]:
     """Parameters that a stage knows only in combination, and what it knows of them."""
     known = found["combinations"]
-    return [
-        {
-            "parameters": list(tie["parameters"]),
-            "known": {name: known[name]["value"] for name in tie["known"]},
-        }
+    return tuple(
+        result.ArmTie(
+            parameters=tie["parameters"],
+            known={name: known[name]["value"] for name in tie["known"]},
+        )
         for tie in found["tied"]
-    ]
+    )
 
 
 # ---- everything --------------------------------------------------------------------------------
@@ -343,34 +341,35 @@ def reproduce_arm(run: Run, plan: ArmPlan, *, progress: Progress = silent) -> di
     stages, law = fit_stages(run, records, plan, progress)
     progress("free runs")
     mae = free_json(stages, records)
-    found = {
-        "schema": ARM_PAPER_SCHEMA,
-        "quick": plan.quick,
-        "plan": asdict(plan),
-        "notes": list(ARM_NOTES),
-        "twin": {"law": twin.law, "hidden": twin.hidden()},
-        "recordings": [
-            {
-                "name": t.session.name,
-                "kind": t.session.kind,
-                "held_out": t.session.held_out,
-                "known": t.session.known,
-                "samples": len(t.recording),
-            }
+    found = result.ArmPaperFile(
+        quick=plan.quick,
+        plan=result.ArmPlanUsed(**asdict(plan)),
+        notes=ARM_NOTES,
+        twin=result.ArmTwinUsed(law=twin.law, hidden=twin.hidden()),
+        recordings=tuple(
+            result.ArmRecording(
+                name=t.session.name,
+                kind=t.session.kind,
+                held_out=t.session.held_out,
+                known=t.session.known,
+                samples=len(t.recording),
+            )
             for t in records.taken
-        ],
-        "force_law": {key: law[key] for key in ("finding", "advice", "anfis", "laws")},
-        "mae": mae,
-        "windowed_mae": windowed_json(stages),
-        "target": target_json(mae),
-        "combinations": combinations_json(stages, twin),
-        "parameters": parameters_json(stages, twin),
-        "tied": {name: tied_json(s.found) for name, s in stages.items()},
-        "fits": {
-            name: {"converged": s.found["converged"], "why": s.found["why"]}
+        ),
+        force_law=result.ArmForceLaw(
+            **{key: law[key] for key in ("finding", "advice", "anfis", "laws")}
+        ),
+        mae=mae,
+        windowed_mae=windowed_json(stages),
+        target=target_of(mae),
+        combinations=combinations_json(stages, twin),
+        parameters=parameters_json(stages, twin),
+        tied={name: ties_of(s.found) for name, s in stages.items()},
+        fits={
+            name: result.StageEnd(converged=s.found["converged"], why=s.found["why"])
             for name, s in stages.items()
         },
-    }
+    ).as_json()
     write_json(run.path(TABLE_FILE), found)
     for kind, file in ARM_FIGURES.items():
         write_atomically(run.path(file), picture_of(stages, records, kind, mae[kind]))

@@ -23,6 +23,7 @@ from pamid.excitation.aprbs import aprbs
 from pamid.model.registry import catalogue_rig, effects
 from pamid.recording.recording import read_recording, write_recording
 from pamid.report.writing import write_report
+from pamid.schemas.demo import DemoOutput, Hit, WithheldFile
 from pamid.simulation.data_split import split_recordings
 from pamid.simulation.virtual_rig import simulate_virtual_rig, split_spec
 
@@ -84,16 +85,15 @@ def write_demo_recording(folder: Path, withheld: Withheld, *, seed: int, duratio
     made = simulate_virtual_rig(
         RIG, read_recording(excitation), (withheld.spec,), {}, hidden, 1.0, seed
     )
-    truth: dict[str, Any] = {
-        "schema": "pamid.withheld/1",
-        "seed": seed,
-        "effect": withheld.effect,
-        "family": withheld.family,
-        "as_simulated": made.effects,
-        "parameters": hidden,
-        "over_data_sheet": withheld.factors,
-    }
-    write_json(folder / TRUTH_FILE, truth)
+    truth = WithheldFile(
+        seed=seed,
+        effect=withheld.effect,
+        family=withheld.family,
+        as_simulated=tuple(made.effects),
+        parameters=hidden,
+        over_data_sheet=withheld.factors,
+    )
+    write_json(folder / TRUTH_FILE, truth.as_json())
     write_recording(recording, time, made.columns, made.meta)
     return recording
 
@@ -119,23 +119,20 @@ def run_demo(
     progress("writing the page")
     report = write_report(run.folder)
     truth = read_json(run.path(TRUTH_FILE))
-    return {
-        "schema": "pamid.demo/1",
-        "withheld": truth,
-        "hit": hit(truth, diagnosis),
-        "verdict": diagnosis["verdict"],
-        "sentence": diagnosis["sentence"],
-        "causes": diagnosis["causes"],
-        "parameters": {
-            k: v for k, v in diagnosis["parameters"].items() if k in truth["parameters"]
-        },
-        "how_far": diagnosis["how_far"],
-        "network": network["mae"],
-        "page": str(report.page),
-    }
+    return DemoOutput(
+        withheld=truth,
+        hit=hit(truth, diagnosis),
+        verdict=diagnosis["verdict"],
+        sentence=diagnosis["sentence"],
+        causes=diagnosis["causes"],
+        parameters={k: v for k, v in diagnosis["parameters"].items() if k in truth["parameters"]},
+        how_far=diagnosis["how_far"],
+        network=network["mae"],
+        page=str(report.page),
+    ).as_json()
 
 
-def hit(truth: dict[str, Any], diagnosis: dict[str, Any]) -> str:
+def hit(truth: dict[str, Any], diagnosis: dict[str, Any]) -> Hit:
     """ "right" where the verdict names the withheld family alone, "among" where it is one of
     several, else "missed"."""
     families = {c["family"] for c in diagnosis["causes"]}

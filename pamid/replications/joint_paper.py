@@ -57,13 +57,13 @@ from pamid.replications.joint_twin import (
     step_reference,
 )
 from pamid.report.paper_figure import steps_picture
+from pamid.schemas import papers as result
 from pamid.simulation.data_split import split_recordings
 
 Array = NDArray[np.float64]
 
 FILES = {"training": "training.csv", TRAINED: "steps-6.4-jn.csv", UNSEEN: "steps-jn.csv"}
 TABLE_FILE, FIGURE_FILE = "paper.json", "figures/steps.png"
-PAPER_SCHEMA = "pamid.paper/1"
 
 ANALYTIC, REFITTED, ELMAN, NAMED = (
     "analytic model",
@@ -332,32 +332,31 @@ def reproduce(
     elman, network = train_elman(run, records, plan, resume=resume, progress=progress)
     (refitted, *named), diagnosis = explain(run, records, plan, progress)
     rows = [analytic, refitted, elman, *named]
-    table = [row_json(row, analytic) for row in rows]
-    found: dict[str, Any] = {
-        "schema": PAPER_SCHEMA,
-        "quick": plan.quick,
-        "plan": asdict(plan),
-        "notes": list(JOINT_NOTES),
-        "twin": {**asdict(twin), "analytic_mae_without_noise": calibration(twin)},
-        "published": {
-            "mae": PUBLISHED,
-            "improvement": published_improvement(),
-            "training": training_json(PUBLISHED_TRAINING),
-        },
-        "rows": table,
-        "training": training_json(network.training.summary),
-        "diagnosis": {
-            k: v
-            for k, v in diagnosis_json(diagnosis, None, plan.seed).items()
-            if k in ("verdict", "sentence", "causes")
-        },
-    }
-    write_json(run.path(TABLE_FILE), found)
+    table = tuple(table_row(row, analytic) for row in rows)
+    named_ones = diagnosis_json(diagnosis, None, plan.seed)
+    found = result.PaperFile(
+        quick=plan.quick,
+        plan=result.JointPlanUsed(**asdict(plan)),
+        notes=JOINT_NOTES,
+        twin=result.JointTwinUsed(analytic_mae_without_noise=calibration(twin), **asdict(twin)),
+        published=result.PublishedFigures(
+            mae=PUBLISHED,
+            improvement=published_improvement(),
+            training=training_figures(PUBLISHED_TRAINING),
+        ),
+        rows=table,
+        training=training_figures(network.training.summary),
+        diagnosis=result.PaperDiagnosis(
+            **{key: named_ones[key] for key in ("verdict", "sentence", "causes")}
+        ),
+    )
+    write_json(run.path(TABLE_FILE), found.as_json())
     write_atomically(run.path(FIGURE_FILE), picture_of(records, [analytic, elman, *named[:1]]))
-    return {
-        **found,
-        "rows": [{**cells, "seconds": row.seconds} for cells, row in zip(table, rows, strict=True)],
-    }
+    timed = tuple(
+        cells.model_copy(update={"seconds": row.seconds})
+        for cells, row in zip(table, rows, strict=True)
+    )
+    return found.model_copy(update={"rows": timed}).as_json()
 
 
 def picture_of(records: JointRecords, rows: Sequence[ModelRow]) -> bytes:
@@ -373,21 +372,21 @@ def picture_of(records: JointRecords, rows: Sequence[ModelRow]) -> bytes:
     return steps_picture(clock(step_reference()), errors, ("trained at", "never seen")).png
 
 
-def row_json(row: ModelRow, analytic: ModelRow) -> dict[str, Any]:
+def table_row(row: ModelRow, analytic: ModelRow) -> result.PaperRow:
     """A row with the published errors beside it, in deg; improvement as a share of the analytic
     model's error."""
-    return {
-        "model": row.model,
-        "mae": row.mae,
-        "mae_after_1_s": row.after_1_s,
-        "improvement": row.improvement(analytic),
-        "published": PUBLISHED.get(row.model, {}),
-    }
+    return result.PaperRow(
+        model=row.model,
+        mae=row.mae,
+        mae_after_1_s=row.after_1_s,
+        improvement=row.improvement(analytic),
+        published=PUBLISHED.get(row.model, {}),
+    )
 
 
-def training_json(training: dict[str, Any]) -> dict[str, Any]:
+def training_figures(training: dict[str, Any]) -> result.PaperTraining:
     """How a training went, its error as a share of the range beside the scaled mse."""
-    return {**training, "rmse_of_range": of_range(training["mse"])}
+    return result.PaperTraining(**training, rmse_of_range=of_range(training["mse"]))
 
 
 def published_improvement() -> float:

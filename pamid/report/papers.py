@@ -8,7 +8,7 @@ paper.json is of the first paper (schema pamid.paper/1), arm-paper.json of the s
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from PIL import Image, UnidentifiedImageError
 
 from pamid.base.errors import FileError
 from pamid.base.files import PICTURE, read_data
+from pamid.base.result_file import REMEDY, read_result
 from pamid.base.run_folder import FIGURES_FOLDER
 from pamid.report import formatting
 from pamid.report.formatting import (
@@ -26,7 +27,15 @@ from pamid.report.formatting import (
     percent,
     sentence,
 )
-from pamid.report.reading import REMEDY, Node, read_object
+from pamid.schemas.diagnosis import Cause
+from pamid.schemas.papers import (
+    ArmErrors,
+    ArmEstimate,
+    ArmPaperFile,
+    PaperFile,
+    PaperRow,
+    StageEstimate,
+)
 
 JOINT_FILE, ARM_FILE = "paper.json", "arm-paper.json"
 _MOST_PIXELS = 40_000_000
@@ -88,10 +97,10 @@ class Paper:
 def read_paper(folder: Path) -> Paper | None:
     """The reproduced paper in a folder; None where there is none, FileError where its file is
     damaged."""
-    joint = read_object(folder / JOINT_FILE, "pamid.paper/1")
+    joint = read_result(folder / JOINT_FILE, PaperFile)
     if joint is not None:
         return _joint(joint, _stills(folder, ("steps",)))
-    arm = read_object(folder / ARM_FILE, "pamid.paper-arm/1")
+    arm = read_result(folder / ARM_FILE, ArmPaperFile)
     return None if arm is None else _arm(arm, _stills(folder, tuple(_TESTS)))
 
 
@@ -118,16 +127,11 @@ def _stills(folder: Path, names: Iterable[str]) -> tuple[Still, ...]:
 # ---- the first paper ---------------------------------------------------------------------------
 
 
-def _joint(node: Node, stills: tuple[Still, ...]) -> Paper:
-    rows = node.listed("rows")
-    if not rows:
-        node.refuse("rows", "a list with at least one model")
-    cases = list(rows[0].needed("mae").content)
-    diagnosis, published = node.needed("diagnosis"), node.needed("published")
-    here = node.needed("training")
+def _joint(paper: PaperFile, stills: tuple[Still, ...]) -> Paper:
+    rows, cases = paper.rows, list(paper.rows[0].mae)
     training = [("", *_JOINT_TRAINING.values())]
-    for name, one in (("published", published.needed("training")), ("here", here)):
-        training.append((name, *(formatting.short(one.maybe(key)) for key in _JOINT_TRAINING)))
+    for name, one in (("published", paper.published.training), ("here", paper.training)):
+        training.append((name, *(formatting.short(getattr(one, key)) for key in _JOINT_TRAINING)))
     sections = (
         Topic(
             "Errors on the steps",
@@ -135,26 +139,25 @@ def _joint(node: Node, stills: tuple[Still, ...]) -> Paper:
             ("Mean absolute error of the angle in the model's own control loop, deg.",),
             "steps",
         ),
-        Topic("The network's training", tuple(training), (sentence(here.text("why", "")),)),
+        Topic("The network's training", tuple(training), (sentence(paper.training.why),)),
         Topic(
             "What the diagnosis names",
-            _cause_rows(diagnosis),
-            (sentence(diagnosis.text("sentence", "")),),
+            _cause_rows(paper.diagnosis.causes),
+            (sentence(paper.diagnosis.sentence),),
             left=(1, 4),
         ),
-        _hidden(node.needed("twin")),
-        _notes(node),
+        _hidden(paper.twin.model_extra or {}),
+        _notes(paper),
     )
     return Paper(
-        "The first paper: a joint", _joint_lead(rows, cases), _warnings(node), sections, stills
+        "The first paper: a joint", _joint_lead(rows, cases), _warnings(paper), sections, stills
     )
 
 
-def _joint_lead(rows: list[Node], cases: list[str]) -> str:
+def _joint_lead(rows: Sequence[PaperRow], cases: list[str]) -> str:
     """The last case is the one that no model was trained at."""
     case = cases[-1]
-    errors = [(row.text("model"), row.needed("mae").maybe(case)) for row in rows]
-    known = [(model, error) for model, error in errors if error is not None]
+    known = [(row.model, error) for row in rows if (error := row.mae.get(case)) is not None]
     if len(known) < 2:
         return "The errors of the models on the steps of the first paper."
     first, best = known[0], min(known[1:], key=lambda one: one[1])
@@ -165,7 +168,7 @@ def _joint_lead(rows: list[Node], cases: list[str]) -> str:
     )
 
 
-def _joint_rows(rows: list[Node], cases: list[str]) -> Iterable[tuple[str, ...]]:
+def _joint_rows(rows: Sequence[PaperRow], cases: list[str]) -> Iterable[tuple[str, ...]]:
     yield (
         "model",
         *(
@@ -175,32 +178,32 @@ def _joint_rows(rows: list[Node], cases: list[str]) -> Iterable[tuple[str, ...]]
         ),
     )
     for row in rows:
-        parts = [row.needed(key) for key in ("published", "mae", "mae_after_1_s")]
-        lower = row.needed("improvement")
         yield (
-            formatting.clean(row.text("model")),
+            formatting.clean(row.model),
             *(
                 cell
                 for case in cases
                 for cell in (
-                    *(number(part.maybe(case)) for part in parts),
-                    percent(lower.maybe(case)),
+                    number(row.published.get(case)),
+                    number(row.mae.get(case)),
+                    number(row.mae_after_1_s.get(case)),
+                    percent(row.improvement.get(case)),
                 )
             ),
         )
 
 
-def _cause_rows(diagnosis: Node) -> tuple[tuple[str, ...], ...]:
+def _cause_rows(causes: Sequence[Cause]) -> tuple[tuple[str, ...], ...]:
     found = [
         (
-            effect_label(cause.text("effect")),
+            effect_label(cause.effect),
             channel_label(name),
-            number(one.maybe("value")),
-            formatting.span(one.maybe("low"), one.maybe("high")),
+            number(one.value),
+            formatting.span(one.low, one.high),
             channel_unit(name) or "-",
         )
-        for cause in diagnosis.listed("causes")
-        for name, one in cause.children("parameters").items()
+        for cause in causes
+        for name, one in cause.parameters.items()
     ]
     return (("effect", "parameter", "value", formatting.INTERVAL, "unit"), *found) if found else ()
 
@@ -208,15 +211,15 @@ def _cause_rows(diagnosis: Node) -> tuple[tuple[str, ...], ...]:
 # ---- the second paper --------------------------------------------------------------------------
 
 
-def _arm(node: Node, stills: tuple[Still, ...]) -> Paper:
-    target, force = node.needed("target"), node.needed("force_law")
-    reached = "lie" if target.flag("reached", False) else "do not lie"
+def _arm(paper: ArmPaperFile, stills: tuple[Still, ...]) -> Paper:
+    target = paper.target
+    reached = "lie" if target.reached else "do not lie"
     lead = (
         f"The errors of the fitted angles in the gravity tests {reached} within "
-        f"{percent(target.number('share'))} of the noise: at most "
-        f"{number(target.number('worst'), 4)} times it."
+        f"{percent(target.share)} of the noise: at most "
+        f"{number(target.worst, 4)} times it."
     )
-    free, windowed = node.children("mae"), node.children("windowed_mae")
+    free, windowed = paper.mae, paper.windowed_mae
     errors = [
         _arm_errors(f"{title}, free runs", free[key], still=key)
         for key, title in _TESTS.items()
@@ -242,32 +245,30 @@ def _arm(node: Node, stills: tuple[Still, ...]) -> Paper:
     sections = (
         *errors,
         *angles,
-        Topic("The force law", (), (sentence(force.text("finding", "")),)),
-        Topic(
-            "Inertial data", _known_rows(node.children("combinations"), stages), (_STAR,), left=(1,)
-        ),
-        Topic("Parameters", _known_rows(node.children("parameters"), fitted), (_STAR,), left=(1,)),
-        _hidden(node.needed("twin").needed("hidden")),
-        _notes(node),
+        Topic("The force law", (), (sentence(paper.force_law.finding),)),
+        Topic("Inertial data", _known_rows(paper.combinations, stages), (_STAR,), left=(1,)),
+        Topic("Parameters", _known_rows(paper.parameters, fitted), (_STAR,), left=(1,)),
+        _hidden(paper.twin.hidden),
+        _notes(paper),
     )
     stuck = [
-        f"Not converged: {name}: {one.text('why', '')}"
-        for name, one in node.children("fits").items()
-        if not one.flag("converged", True)
+        f"Not converged: {name}: {one.why}" for name, one in paper.fits.items() if not one.converged
     ]
     return Paper(
-        "The second paper: an arm of two links", lead, (*_warnings(node), *stuck), sections, stills
+        "The second paper: an arm of two links", lead, (*_warnings(paper), *stuck), sections, stills
     )
 
 
 _STAR = "*: the interval does not hold the truth."
 
 
-def _arm_errors(title: str, variables: Node, *, only: str = "", still: str = "") -> Topic:
-    rows = [one for one in variables.nested().items() if not only or one[1].text("unit") == only]
-    models = [key for key in _ARM_MODELS if any(one.maybe(key) is not None for _, one in rows)]
+def _arm_errors(
+    title: str, variables: Mapping[str, ArmErrors], *, only: str = "", still: str = ""
+) -> Topic:
+    rows = [one for one in variables.items() if not only or one[1].unit == only]
+    models = [key for key in _ARM_MODELS if any(getattr(one, key) is not None for _, one in rows)]
     body = [
-        (channel_label(name), one.text("unit"), *(number(one.maybe(key)) for key in models))
+        (channel_label(name), one.unit, *(number(getattr(one, key)) for key in models))
         for name, one in rows
     ]
     return Topic(
@@ -280,48 +281,41 @@ def _arm_errors(title: str, variables: Node, *, only: str = "", still: str = "")
 
 
 def _known_rows(
-    parameters: Mapping[str, Node], columns: Mapping[str, str]
+    parameters: Mapping[str, ArmEstimate], columns: Mapping[str, str]
 ) -> tuple[tuple[str, ...], ...]:
     """Values with their intervals, a star where the interval does not hold the truth."""
     body = []
     for name, one in parameters.items():
         cells = []
         for key in columns:
-            if isinstance(one.content.get(key), Mapping):
-                value = one.needed(key)
-                star = "*" if value.maybe_flag("holds") is False else ""
-                interval = formatting.span(value.maybe("low"), value.maybe("high"))
-                cells.append(f"{number(value.maybe('value'))} ({interval}){star}")
+            value = getattr(one, key)
+            if isinstance(value, StageEstimate):
+                star = "*" if value.holds is False else ""
+                interval = formatting.span(value.low, value.high)
+                cells.append(f"{number(value.value)} ({interval}){star}")
             else:
-                cells.append(number(one.maybe(key)))
-        body.append(
-            (channel_label(name), formatting.unit_label(one.text("unit", "")) or "-", *cells)
-        )
+                cells.append(number(value))
+        body.append((channel_label(name), formatting.unit_label(one.unit) or "-", *cells))
     return (("", "unit", *columns.values()), *body)
 
 
 # ---- both --------------------------------------------------------------------------------------
 
 
-def _hidden(twin: Node) -> Topic:
-    known = [
-        name
-        for name, value in twin.content.items()
-        if isinstance(value, int | float) and not isinstance(value, bool)
-    ]
+def _hidden(twin: Mapping[str, float]) -> Topic:
     rows = [
-        (channel_label(name), number(twin.number(name)), channel_unit(name) or "-")
-        for name in known
+        (channel_label(name), number(value), channel_unit(name) or "-")
+        for name, value in twin.items()
     ]
     return Topic(
         "What the twin hides", (("parameter", "value", "unit"), *rows) if rows else (), left=(2,)
     )
 
 
-def _notes(node: Node) -> Topic:
-    return Topic("What this is not", (), node.texts("notes"))
+def _notes(paper: PaperFile | ArmPaperFile) -> Topic:
+    return Topic("What this is not", (), paper.notes)
 
 
-def _warnings(node: Node) -> tuple[str, ...]:
+def _warnings(paper: PaperFile | ArmPaperFile) -> tuple[str, ...]:
     quick = "QUICK: records and trainings are too short; these figures only show that it runs."
-    return (quick,) if node.flag("quick", False) else ()
+    return (quick,) if paper.quick else ()

@@ -1,35 +1,25 @@
-"""What commands print and what the files of a run hold: a model per file, from which pamid writes,
-reads and describes it; small outputs of commands as shipped JSON schemas."""
+"""What commands print and what the files of a run hold: a pydantic model per object, from which
+pamid writes, reads and describes it. The folder is scanned: a model with a `schema_` is one."""
 
 from __future__ import annotations
 
 import importlib
-import json
-from importlib import resources
+import pkgutil
 from typing import Any
-
-#: name without `pamid.` and its number -> module of this package and its model
-MODELS = {
-    "check": ("check", "CheckFile"),
-    "diagnosis": ("diagnosis", "DiagnosisFile"),
-    "error": ("error", "ErrorFile"),
-    "fit": ("fit", "FitFile"),
-    "network": ("network", "NetworkFile"),
-    "run": ("run", "RunFile"),
-    "trial": ("trial", "TrialFile"),
-}
 
 
 def all_schemas() -> dict[str, dict[str, Any]]:
     """Every JSON schema by name, without `pamid.` and its number."""
-    from pamid.schemas.model import json_schema
+    from pamid.schemas.model import Model, json_schema
 
+    modules = (
+        importlib.import_module(f"{__name__}.{one.name}") for one in pkgutil.iter_modules(__path__)
+    )
     found = {
-        name: json_schema(getattr(importlib.import_module(f"pamid.schemas.{module}"), kind))
-        for name, (module, kind) in MODELS.items()
+        kind.model_fields["schema_"].default: json_schema(kind)
+        for module in modules
+        for kind in vars(module).values()
+        if isinstance(kind, type) and issubclass(kind, Model) and "schema_" in kind.model_fields
     }
-    for file in resources.files("pamid.schemas").iterdir():
-        if file.name.endswith(".json"):
-            shipped = json.loads(file.read_text(encoding="utf-8"))
-            found[file.name.removesuffix(".json")] = shipped
-    return dict(sorted(found.items()))
+    stems = {name.removeprefix("pamid.").removesuffix("/1"): one for name, one in found.items()}
+    return dict(sorted(stems.items()))

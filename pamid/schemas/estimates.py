@@ -9,6 +9,8 @@ from pamid.schemas.model import Model, Number, Text, Written
 UNIT = "as people write it; empty for none"
 SHA256 = "of the bytes of the file, hexadecimal"
 SEED = "seed of every random draw"
+RIG = "name of the rig, or path of its file"
+PERIOD = "sampling period, s"
 LOW = "lower end of the 95 % interval"
 HIGH = "upper end of the 95 % interval"
 SHARE = "0 to 1"

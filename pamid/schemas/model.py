@@ -40,7 +40,6 @@ T = TypeVar("T")
 M = TypeVar("M", bound="Model")
 
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
-_READING: dict[str, bool] = {"reading": True}
 _NULL = {"type": "null"}
 
 
@@ -184,7 +183,7 @@ class Model(BaseModel):
         frozen=True, extra="ignore", populate_by_name=True, protected_namespaces=()
     )
 
-    #: keys that the readers of this model leave alone, whatever an older version wrote there
+    #: keys that readers leave alone unless they ask for them, whatever an older version wrote there
     not_read: ClassVar[tuple[str, ...]] = ()
 
     def as_json(self) -> dict[str, Any]:
@@ -211,7 +210,8 @@ class Model(BaseModel):
         given = {
             key: value
             for key, value in data.items()
-            if key not in cls.not_read and (value is not None or key in needed)
+            if (key not in cls.not_read or key in info.context["also"])
+            and (value is not None or key in needed)
         }
         return dict.fromkeys(needed, MISSING) | given
 
@@ -256,15 +256,19 @@ class _Untitled(GenerateJsonSchema):
 def json_schema(kind: type[Model]) -> dict[str, Any]:
     """The JSON schema (draft 2020-12) of what is written of this kind."""
     made = kind.model_json_schema(mode="serialization", schema_generator=_Untitled)
+    if "$ref" in made:  # a kind that holds itself
+        made = {**made["$defs"][kind.__name__], "$defs": made["$defs"]}
     name = made["properties"]["schema"]["const"]
     return {"$schema": DRAFT, "$id": name, "title": made.pop("title"), **made}
 
 
-def read(kind: type[M], content: Mapping[str, Any]) -> M:
-    """The object that was read as JSON; Misfit at the first value that is not what it should be."""
+def read(kind: type[M], content: Mapping[str, Any], *, also: tuple[str, ...] = ()) -> M:
+    """The object that was read as JSON; Misfit at the first value that is not what it should be.
+    also: keys of its `not_read` that this reader needs."""
     try:
         return kind.model_validate(
-            {key: value for key, value in content.items() if key != "schema"}, context=_READING
+            {key: value for key, value in content.items() if key != "schema"},
+            context={"also": also},
         )
     except ValidationError as error:
         first = error.errors(include_url=False)[0]

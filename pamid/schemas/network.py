@@ -41,7 +41,7 @@ class TrainingSummary(Model):
     """How the training went."""
 
     model_config = ConfigDict(extra="allow")
-    not_read: ClassVar = (
+    not_read: ClassVar[tuple[str, ...]] = (
         "mse",
         "gradient",
         "mu",
@@ -83,6 +83,7 @@ def _figure(value: Any, info: ValidationInfo) -> Any:
 Figure = Annotated[
     float, PlainValidator(_figure), WithJsonSchema({"type": ["number", "string", "null"]})
 ]
+ChannelErrors = Annotated[dict[Text, Figure], NumbersOnly]
 ANY_SIZE = {"type": ["integer", "string"]}
 
 
@@ -131,7 +132,7 @@ class NetworkFile(Model):
     parameters: Sometimes[dict[Text, Number]] = Field(
         default=None, description="fitted ones of the model that it corrects from within, by name"
     )
-    mae: Sometimes[MapOf[Annotated[dict[Text, Figure], NumbersOnly]]] = Field(
+    mae: Sometimes[MapOf[ChannelErrors]] = Field(
         default=None,
         description="mean absolute error in the unit of the channel: channel -> refitted, "
         "with_network ..., and `part` in words",

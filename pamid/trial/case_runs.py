@@ -33,8 +33,15 @@ from pamid.model.registry import catalogue_rig, effects
 from pamid.parallel.jobs import Failed, Work, WorkerPool, fault_text
 from pamid.parallel.result_store import Plain
 from pamid.recording.recording import TIME, Recording, read_recording, write_recording
-from pamid.schemas.estimates import FailedJob
-from pamid.schemas.trial import TrialFile
+from pamid.schemas.error import ErrorFile
+from pamid.schemas.model import read
+from pamid.schemas.trial_cases import (
+    CaseLabel,
+    ChannelForecast,
+    ShrinkageForecast,
+    TrialCaseFile,
+    TrialLabelsFile,
+)
 from pamid.simulation.data_split import DataSplit, Span, split_recordings
 from pamid.trial.cases import Case, cases_sha256, draw_cases
 from pamid.trial.joint_plant import PERIOD_S
@@ -45,7 +52,6 @@ Array = NDArray[np.float64]
 # of a diagnosis, against one with a single fault, about
 COSTS = {"no-gap": 0.2, "double": 2.0}
 Done = Callable[[int, int], None]
-CASE_SCHEMA, LABELS_SCHEMA = "pamid.trial-case/1", "pamid.trial-labels/1"
 
 
 @dataclass(frozen=True)
@@ -79,26 +85,23 @@ def run_trial(
     labels = [c.label() for c in cases]
     digest = cases_sha256(cases)
     sweep(folder / "cases")
-    write_json(
-        folder / "labels.json",
-        {
-            "schema": LABELS_SCHEMA,
-            "rig": selection.rig,
-            "part": selection.part,
-            "seed": selection.seed,
-            "cases_sha256": digest,
-            "cases": labels,
-        },
+    about = TrialLabelsFile(
+        rig=selection.rig,
+        part=selection.part,
+        seed=selection.seed,
+        cases_sha256=digest,
+        cases=tuple(CaseLabel(**label) for label in labels),
     )
+    write_json(folder / "labels.json", about.as_json())
     results = run_cases(cases, folder, pool, done=done)
-    scored = TrialFile(
-        **score_cases(labels, results, part=selection.part, seed=selection.seed).as_json(),
+    found = score_cases(
+        labels,
+        results,
+        part=selection.part,
+        seed=selection.seed,
         rig=selection.rig,
         cases_sha256=digest,
-        failures={str(r["case"]): r["failed"]["message"] for r in results if r["failed"]},
-        failed_jobs=tuple(FailedJob(**one) for one in failed_jobs(results)),
-    )
-    found = scored.as_json()
+    ).as_json()
     write_json(folder / "trial.json", found)
     return found
 
@@ -126,19 +129,6 @@ def run_cases(
         made[c.number] = result
         done(len(made), len(cases))
     return [made[c.number] for c in cases]
-
-
-def failed_jobs(results: Sequence[dict[str, Any]]) -> list[dict[str, str]]:
-    """Which cases failed, or jobs of their diagnosis, and why."""
-    found = [
-        {"job": f"case {r['case']}", "why": r["failed"]["message"]} for r in results if r["failed"]
-    ]
-    return found + [
-        {"job": f"case {r['case']}, {f['job']}", "why": f["why"]}
-        for r in results
-        if not r["failed"]
-        for f in r["diagnosis"].get("failed_jobs", ())
-    ]
 
 
 def finished(case: Case, folder: Path) -> dict[str, Any] | None:
@@ -175,13 +165,8 @@ class CaseWork(Work[Case, dict[str, Any]]):
 
 
 def _result(case: Case, *, failed: dict[str, str] | None = None, **found: Any) -> dict[str, Any]:
-    return {
-        "schema": CASE_SCHEMA,
-        "case": case.number,
-        "sha256": case.sha256,
-        "failed": failed,
-        **found,
-    }
+    error = None if failed is None else read(ErrorFile, failed)
+    return TrialCaseFile(case=case.number, sha256=case.sha256, failed=error, **found).as_json()
 
 
 def _path(case: Case, folder: Path) -> Path:
@@ -287,7 +272,7 @@ def _visibility(d: Diagnosis, twin: Recording) -> float:
     return float((d.budget.baseline.absolutes.mean(axis=0) / errors).max())
 
 
-def _shrinkage(d: Diagnosis, verdict: dict[str, Any], fresh: Recording) -> dict[str, Any] | None:
+def _shrinkage(d: Diagnosis, verdict: dict[str, Any], fresh: Recording) -> ShrinkageForecast | None:
     """Shrinkage predicted (with its interval) and achieved on a fresh recording, overall and by
     channel; None where a model became unstable on it."""
     assert d.cause is not None
@@ -302,19 +287,20 @@ def _shrinkage(d: Diagnosis, verdict: dict[str, Any], fresh: Recording) -> dict[
     floor = d.budget.floor.mean(axis=0)
     was, now = (d.budget.channel_losses(m.absolutes)[rows] for m in (d.budget.baseline, d.cause))
     raw, (low, high) = shrinkage_interval(was, now), forecast_interval(was, now)
-    return {
-        "predicted": d.budget.shrinkage(d.cause.absolutes, rows),
-        "low": low,
-        "high": high,
-        "raw_low": raw[0],
-        "raw_high": raw[1],
-        "achieved": float(1.0 - (errors[1] / floor).sum() / (errors[0] / floor).sum()),
-        "channels": {
-            c: {
-                **{k: verdict["how_far"][c][k] for k in ("low", "high")},
-                "predicted": verdict["how_far"][c]["shrinkage"],
-                "achieved": float(1.0 - errors[1][i] / errors[0][i]),
-            }
+    return ShrinkageForecast(
+        predicted=d.budget.shrinkage(d.cause.absolutes, rows),
+        low=low,
+        high=high,
+        raw_low=raw[0],
+        raw_high=raw[1],
+        achieved=1.0 - (errors[1] / floor).sum() / (errors[0] / floor).sum(),
+        channels={
+            c: ChannelForecast(
+                low=verdict["how_far"][c]["low"],
+                high=verdict["how_far"][c]["high"],
+                predicted=verdict["how_far"][c]["shrinkage"],
+                achieved=1.0 - errors[1][i] / errors[0][i],
+            )
             for i, c in enumerate(d.evidence.channels)
         },
-    }
+    )

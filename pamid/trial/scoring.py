@@ -8,95 +8,21 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.metrics import wilson_interval
+from pamid.schemas.estimates import FailedJob
+from pamid.schemas.trial import Bin, Figure, Rate, TrialFile
+from pamid.trial.machines import ONE_DOF
 from pamid.trial.marking import LEAST_VISIBILITY, Marked
 
-TRIAL_SCHEMA = "pamid.trial/1"
 PLAIN_VISIBILITY = 2.0  # visibility from which a fault is plain to see
 RELIABILITY_BINS = 10
 DRAWS = 1000
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Rate:
-    """A share of cases with its 95 % Wilson interval; None where there were none."""
-
-    hits: int
-    of: int
-
-    @property
-    def share(self) -> float | None:
-        return self.hits / self.of if self.of else None
-
-    def as_json(self) -> dict[str, Any]:
-        low, high = wilson_interval(self.hits, self.of)
-        return {"share": self.share, "low": low, "high": high, "hits": self.hits, "of": self.of}
-
-
-@dataclass(frozen=True)
-class Figure:
-    """A figure over `of` cases with its 95 % bootstrap interval over cases; None where there were
-    none."""
-
-    value: float | None
-    low: float | None
-    high: float | None
-    of: int
-
-
-@dataclass(frozen=True)
-class ReliabilityBin:
-    """Answers given with a probability between low and high: mean probability said, share that was
-    right."""
-
-    low: float
-    high: float
-    said: float
-    right: Rate
-
-
-@dataclass(frozen=True)
-class Score:
-    """Every figure of the trial. rates by name; strata: dimension -> bin -> name of a rate -> rate;
-    confusion: true family -> answer -> cases."""
-
-    part: str
-    seed: int
-    cases: int
-    rates: dict[str, Rate]
-    figures: dict[str, Figure]
-    reliability: tuple[ReliabilityBin, ...]
-    strata: dict[str, dict[str, dict[str, Rate]]]
-    confusion: dict[str, dict[str, int]]
-    baselines: dict[str, Rate]
-
-    def as_json(self) -> dict[str, Any]:
-        """trial.json, but for the digest of the cases."""
-        return {
-            "schema": TRIAL_SCHEMA,
-            "part": self.part,
-            "seed": self.seed,
-            "cases": self.cases,
-            "rates": {k: r.as_json() for k, r in self.rates.items()},
-            "figures": {k: asdict(f) for k, f in self.figures.items()},
-            "reliability": [
-                {"low": b.low, "high": b.high, "said": b.said, "right": b.right.as_json()}
-                for b in self.reliability
-            ],
-            "strata": {
-                d: {b: {k: r.as_json() for k, r in rates.items()} for b, rates in bins.items()}
-                for d, bins in self.strata.items()
-            },
-            "confusion": self.confusion,
-            "baselines": {k: r.as_json() for k, r in self.baselines.items()},
-        }
 
 
 def score_cases(
@@ -105,14 +31,16 @@ def score_cases(
     *,
     part: str = "test",
     seed: int = 0,
-) -> Score:
-    """Compare results with the labels of the same cases. seed: of the shuffled control and of the
-    bootstrap."""
+    rig: str = ONE_DOF,
+    cases_sha256: str = "",
+) -> TrialFile:
+    """trial.json: results compared with the labels of the same cases. seed: of the shuffled control
+    and of the bootstrap."""
     known = {label["number"]: label for label in labels}
     marked = [Marked(known[r["case"]], r) for r in results if not r["failed"]]
     singles = [m for m in marked if m.stratum == "single"]
     rates = {
-        "failed": Rate(len(results) - len(marked), len(results)),
+        "failed": _share(len(results) - len(marked), len(results)),
         "unseen": _rate((m for m in marked if m.truth), lambda m: not m.visible),
         **_naming(singles),
         **_refusing(marked),
@@ -124,22 +52,49 @@ def score_cases(
         [m for m in marked if m.names and m.ranking and (m.visible or not m.truth)], seed
     )
     visible = [m for m in singles if m.visible]
-    return Score(
-        part,
-        seed,
-        len(results),
-        rates,
-        {**sure, **figures},
-        reliability,
-        _strata(marked),
-        _confusion(visible),
-        _baselines(visible, seed),
+    return TrialFile(
+        part=part,
+        seed=seed,
+        cases=len(results),
+        rates=rates,
+        figures={**sure, **figures},
+        reliability=reliability,
+        strata=_strata(marked),
+        confusion=_confusion(visible),
+        baselines=_baselines(visible, seed),
+        rig=rig,
+        cases_sha256=cases_sha256,
+        failures={str(r["case"]): r["failed"]["message"] for r in results if r["failed"]},
+        failed_jobs=failed_jobs(results),
     )
+
+
+def failed_jobs(results: Sequence[dict[str, Any]]) -> tuple[FailedJob, ...]:
+    """Which cases failed, or jobs of their diagnosis, and why."""
+    return (
+        *(
+            FailedJob(job=f"case {r['case']}", why=r["failed"]["message"])
+            for r in results
+            if r["failed"]
+        ),
+        *(
+            FailedJob(job=f"case {r['case']}, {f['job']}", why=f["why"])
+            for r in results
+            if not r["failed"]
+            for f in r["diagnosis"].get("failed_jobs", ())
+        ),
+    )
+
+
+def _share(hits: int, of: int) -> Rate:
+    """The share of cases that count with its 95 % Wilson interval; None where there were none."""
+    low, high = wilson_interval(hits, of)
+    return Rate(share=hits / of if of else None, low=low, high=high, hits=hits, of=of)
 
 
 def _rate(cases: Iterable[Marked], right: Callable[[Marked], bool]) -> Rate:
     hits = [right(m) for m in cases]
-    return Rate(sum(hits), len(hits))
+    return _share(sum(hits), len(hits))
 
 
 def _naming(singles: list[Marked]) -> dict[str, Rate]:
@@ -212,27 +167,27 @@ def _forecasts(marked: list[Marked], seed: int) -> tuple[dict[str, Figure], Rate
             "seconds": _figure(seconds, np.median, seed),
             "seconds_worst": _worst(seconds),
         },
-        Rate(covered, len(forecasts)),
+        _share(covered, len(forecasts)),
     )
 
 
 def _worst(values: Array) -> Figure:
-    return Figure(float(values.max()) if len(values) else None, None, None, len(values))
+    return Figure(
+        value=float(values.max()) if len(values) else None, low=None, high=None, of=len(values)
+    )
 
 
 def _figure(rows: Array, figure: Callable[[Array], Any], seed: int) -> Figure:
     """figure(rows) and its percentile interval under resampling of the rows."""
     n = len(rows)
     if n == 0:
-        return Figure(None, None, None, 0)
+        return Figure(value=None, low=None, high=None, of=0)
     drawn = np.random.default_rng(seed).integers(0, n, size=(DRAWS, n))
     low, high = np.percentile([figure(rows[k]) for k in drawn], [2.5, 97.5])
-    return Figure(float(figure(rows)), float(low), float(high), n)
+    return Figure(value=figure(rows), low=low, high=high, of=n)
 
 
-def _calibration(
-    answers: list[Marked], seed: int
-) -> tuple[dict[str, Figure], tuple[ReliabilityBin, ...]]:
+def _calibration(answers: list[Marked], seed: int) -> tuple[dict[str, Figure], tuple[Bin, ...]]:
     """The first candidate's probability against being right, wherever a cause was named, rightly or
     not: expected calibration error, Brier score, its skill against always saying the share that is
     right, area under the curve of risk over coverage, and the reliability bins (empty ones left
@@ -250,11 +205,11 @@ def _calibration(
         inside = rows[place == k]
         if len(inside):
             bins.append(
-                ReliabilityBin(
-                    k / RELIABILITY_BINS,
-                    (k + 1) / RELIABILITY_BINS,
-                    float(inside[:, 0].mean()),
-                    Rate(int(inside[:, 1].sum()), len(inside)),
+                Bin(
+                    low=k / RELIABILITY_BINS,
+                    high=(k + 1) / RELIABILITY_BINS,
+                    said=inside[:, 0].mean(),
+                    right=_share(int(inside[:, 1].sum()), len(inside)),
                 )
             )
     return (
@@ -356,7 +311,7 @@ def _baselines(visible: list[Marked], seed: int) -> dict[str, Rate]:
     shuffled = np.random.default_rng(seed).permutation(np.array(families, dtype=object))
     hits = sum(m.answer == family for m, family in zip(visible, shuffled, strict=True))
     return {
-        "most_common_family": Rate(common, len(families)),
+        "most_common_family": _share(common, len(families)),
         "screening": _rate(visible, lambda m: m.screened_right),
-        "shuffled_labels": Rate(hits, len(families)),
+        "shuffled_labels": _share(hits, len(families)),
     }

@@ -129,11 +129,11 @@ def test_every_effect_tells_its_story(capsys: pytest.CaptureFixture[str]) -> Non
     known = library.effects()
     for name, effect in known.items():
         said = catalogue.effect_story(effect, rigs, known.values())
-        assert set(SECTIONS) <= set(said["story"]), name
-        assert said["places"] and said["parameters"], name
+        assert set(SECTIONS) <= set(said.story), name
+        assert said.places and said.parameters, name
         shown = catalogue.effect_text(said)
-        assert all(p["name"] in shown for p in said["parameters"]), name
-        json.dumps(said, allow_nan=False)
+        assert all(p.name in shown for p in said.parameters), name
+        json.dumps(said.as_json(), allow_nan=False)
 
 
 def test_story_names_parameters_as_the_rig_does(capsys: pytest.CaptureFixture[str]) -> None:

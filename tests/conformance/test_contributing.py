@@ -3,6 +3,7 @@ there without another line."""
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import subprocess
@@ -65,6 +66,24 @@ def read_numbers(path):
 KIND = Kind("numbers", (".num",), read_numbers, (b"%numbers",))
 '''
 
+OUTPUT = '''"""What `pamid say-hello` might print with --json."""
+
+from typing import Literal
+
+from pydantic import ConfigDict, Field
+
+from pamid.schemas.model import Model, Text
+
+
+class Greeting(Model):
+    """A greeting."""
+
+    model_config = ConfigDict(title="pamid say-hello: a greeting")
+
+    schema_: Literal["pamid.greeting/1"] = Field(default="pamid.greeting/1", alias="schema")
+    name: Text
+'''
+
 
 @pytest.fixture(scope="module")
 def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -73,6 +92,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     for folder, name in (("pamid", "pamid"), ("cli", "pamid_cli")):
         shutil.copytree(ROOT / folder, place / name, ignore=shutil.ignore_patterns("__pycache__"))
     (place / "pamid_cli" / "say_hello.py").write_text(COMMAND)
+    (place / "pamid" / "schemas" / "greeting.py").write_text(OUTPUT)
     (place / "pamid" / "networks" / "line.py").write_text(NETWORK)
     (place / "pamid" / "ingest" / "readers" / "numbers.py").write_text(READER)
     for room, theirs, name, mine in (
@@ -106,6 +126,10 @@ def test_a_command(copy: Path) -> None:
     lines = pamid(copy, "--help").splitlines()
     assert lines[lines.index("  say-hello        Greet somebody.") - 1].startswith("  fit ")
     assert pamid(copy, "say-hello", "Ada") == "Hello, Ada.\n"
+    said = json.loads(pamid(copy, "say-hello", "Ada", "--json"))
+    assert said == {"schema": "pamid.text/1", "text": "Ada"}
+    described = json.loads(pamid(copy, "schema", "greeting"))
+    assert described["required"] == ["schema", "name"]
 
 
 def test_a_network(copy: Path) -> None:

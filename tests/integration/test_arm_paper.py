@@ -21,7 +21,7 @@ from pamid.base.metrics import mae
 from pamid.correction.force_map import read_map
 from pamid.model.registry import rig_named
 from pamid.recording.recording import read_recording
-from pamid.replications.arm_paper import AT_THE_FLOOR, FITTED, MAP_FILE, target_json
+from pamid.replications.arm_paper import AT_THE_FLOOR, FITTED, MAP_FILE, target_of
 from pamid.replications.arm_twin import (
     GRAVITY,
     PULSES,
@@ -259,11 +259,11 @@ def test_a_target_that_is_missed_is_said_to_be() -> None:
         v: {"unit": "deg", "noise_floor": 0.04, "fitted_analytic": 0.04, "fitted_anfis": 0.0421}
         for v in "ab"
     }
-    missed = target_json({GRAVITY: cells})
+    missed = target_of({GRAVITY: cells})
     assert (
-        not missed["reached"]
-        and missed["worst"] == pytest.approx(1.0525)
-        and missed["share"] == AT_THE_FLOOR
+        not missed.reached
+        and missed.worst == pytest.approx(1.0525)
+        and missed.share == AT_THE_FLOOR
     )
 
 

@@ -18,13 +18,14 @@ from pamid.base.metrics import wilson_interval
 from pamid.model.effect import Effect
 from pamid.model.registry import effects
 from pamid.parallel.jobs import WorkerPool
+from pamid.schemas.trial import TrialFile
 from pamid.simulation.data_split import DataSplit
 from pamid.trial import case_runs
 from pamid.trial.case_runs import CaseWork
 from pamid.trial.cases import NAMELESS, STRATA, Case, cases_sha256, draw_cases
 from pamid.trial.faults import FAULTS
 from pamid.trial.figure_table import trial_text
-from pamid.trial.scoring import Score, score_cases
+from pamid.trial.scoring import score_cases
 
 CONDITIONS = {
     "inertia_kg_m2": 0.014,
@@ -108,7 +109,7 @@ def answer(
     }
 
 
-def both(found: Score, name: str) -> tuple[int, int]:
+def both(found: TrialFile, name: str) -> tuple[int, int]:
     return found.rates[name].hits, found.rates[name].of
 
 
@@ -164,8 +165,12 @@ def test_naming() -> None:
         "friction": {"friction": 2, "leak": 1, "(unknown effect)": 1, "(no gap)": 1}
     }
     assert found.baselines["most_common_family"].share == 1.0
-    assert both(replace(found, rates=found.strata["visibility"]["< 1.1"]), "detected") == (0, 1)
-    assert both(replace(found, rates=found.strata["visibility"][">= 2"]), "detected") == (4, 5)
+    assert both(
+        found.model_copy(update={"rates": found.strata["visibility"]["< 1.1"]}), "detected"
+    ) == (0, 1)
+    assert both(
+        found.model_copy(update={"rates": found.strata["visibility"][">= 2"]}), "detected"
+    ) == (4, 5)
 
 
 def test_two_families_are_two_however_many_members_stand_between() -> None:

@@ -1,0 +1,166 @@
+"""The catalogues of effects and of rigs, as `pamid effects` and `pamid rigs` print them."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import ConfigDict, Field
+
+from pamid.schemas.estimates import RIG, UNIT
+from pamid.schemas.model import Flag, ListOf, Model, Number, Sometimes, Text
+
+KINDS = "kinds of port that it acts on"
+
+
+class ParameterRow(Model):
+    """A parameter with its range."""
+
+    name: Text = Field(description="with unit")
+    value: Number = Field(description="typical, or of the data sheet, in the unit of the name")
+    low: Number | None = Field(description="lower bound; null for none")
+    high: Number | None = Field(description="upper bound; null for none")
+    unit: Text = Field(description=UNIT)
+    multiple_of: Text = Field(description="value or rate: it is a multiple of that at the port")
+    null: Number | None = Field(description="value at which the effect vanishes")
+    fitted: Flag
+    source: Text = Field(description="where the value comes from")
+
+
+class NamedUnit(Model):
+    """A parameter or a state by its name alone."""
+
+    name: Text
+    unit: Text = Field(description=UNIT)
+
+
+class EffectPlace(Model):
+    """A place at which an effect fits."""
+
+    rig: Text | None = Field(description=RIG)
+    effect: Text = Field(description="label, effect@port where the place is not unique")
+    ports: ListOf[Text] = Field(description="that it acts on")
+    parameters: ListOf[NamedUnit] = Field(description="as they are called there")
+
+
+class EffectRow(Model):
+    """One line of the list of effects."""
+
+    name: Text
+    title: Text
+    kinds: ListOf[Text] = Field(description=KINDS)
+    families: dict[Text, Text] = Field(description="by kind of port")
+    home: ListOf[Text] = Field(description="kinds of port that it is made for")
+    general: ListOf[Text] = Field(description="kinds of port on any rig")
+
+
+class EffectStory(EffectRow):
+    """Everything about one effect."""
+
+    story: dict[Text, Text] = Field(description="title and sections")
+    signals: ListOf[Text] = Field(description="that it cannot do without")
+    unit: Text = Field(description=UNIT)
+    parameters: ListOf[ParameterRow]
+    states: ListOf[Text]
+    look_alikes: ListOf[Text] = Field(description="effects that it is mistaken for")
+    absorbed_by: ListOf[Text] = Field(description="parameters of a rig that can stand in for it")
+    places: ListOf[EffectPlace] = Field(description="where it fits on the rigs looked at")
+
+
+class EffectCatalogue(Model):
+    """All effects, or one of them."""
+
+    model_config = ConfigDict(title="pamid effects: the catalogue of effects, or one of them")
+
+    schema_: Literal["pamid.effects/1"] = Field(default="pamid.effects/1", alias="schema")
+    effect: Sometimes[EffectStory] = Field(default=None, description="the one asked for")
+    effects: Sometimes[ListOf[EffectRow]] = Field(default=None, description="sorted by name")
+
+
+class RigInput(Model):
+    """A column that goes in."""
+
+    column: Text
+    unit: Text = Field(description=UNIT)
+    optional: Flag
+
+
+class RigOutput(Model):
+    """A column that comes out."""
+
+    column: Text
+    unit: Text = Field(description=UNIT)
+    noise: Number | None = Field(description="standard deviation by the data sheet")
+
+
+class RigPort(Model):
+    """A place at which effects may act."""
+
+    name: Text
+    kind: Text
+    unit: Text = Field(description=UNIT)
+    places: ListOf[Text] = Field(description="several of a kind, by name")
+    group: Text = Field(description="group of ports in which it is reported")
+    signals: dict[Text, Text] = Field(description="that it offers, with their units")
+    effects: ListOf[Text] = Field(description="that fit there, by name")
+
+
+class BackgroundRow(Model):
+    """A tolerance-sized correction in every model."""
+
+    name: Text
+    port: Text
+    terms: ListOf[Text] = Field(description="its parameters")
+    tolerance: Number = Field(description="prior standard deviation")
+
+
+class LoopRow(Model):
+    """A control loop."""
+
+    command: Text
+    reference: Text
+    reading: Text
+
+
+class RigEquations(Model):
+    """The equations as text, SI; whatever passes through a port bears its name."""
+
+    rates: dict[Text, Text]
+    ports: dict[Text, Text]
+    outputs: dict[Text, Text]
+    where: dict[Text, Text] = Field(description="shorthands used in the others")
+
+
+class RigRow(Model):
+    """One line of the list of rigs."""
+
+    name: Text
+    title: Text
+    inputs: ListOf[Text] = Field(description="columns that go in")
+    outputs: ListOf[Text] = Field(description="columns that come out")
+    variants: ListOf[Text] = Field(description="named as rig:variant")
+
+
+class RigStory(Model):
+    """Everything about one rig."""
+
+    name: Text
+    title: Text
+    inputs: ListOf[RigInput]
+    outputs: ListOf[RigOutput]
+    variants: ListOf[Text] = Field(description="named as rig:variant")
+    states: ListOf[NamedUnit]
+    ports: ListOf[RigPort]
+    parameters: ListOf[ParameterRow]
+    background: ListOf[BackgroundRow]
+    loops: ListOf[LoopRow]
+    equations: RigEquations
+
+
+class RigCatalogue(Model):
+    """All rigs, or one of them."""
+
+    model_config = ConfigDict(title="pamid rigs: the catalogue of rigs, or one of them")
+
+    schema_: Literal["pamid.rigs/1"] = Field(default="pamid.rigs/1", alias="schema")
+    rig: Sometimes[RigStory] = Field(default=None, description="the one asked for")
+    rigs: Sometimes[ListOf[RigRow]] = None

@@ -1,0 +1,149 @@
+"""What the smaller commands print with --json: a model per command.
+
+`pamid --help`, completion scripts and errors are made without pydantic, which would be half of
+their time: their models only describe them.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import ConfigDict, Field, WithJsonSchema
+
+from pamid.schemas.estimates import EFFECTS, PERIOD, RIG, SEED
+from pamid.schemas.model import Count, ListOf, MapOf, Model, Number, Sometimes, Text
+
+LOOP = "closed or open: was a controller producing the command?"
+
+
+class PrintedText(Model):
+    """The text of a command that has nothing else to say."""
+
+    model_config = ConfigDict(title="A command that prints text only, such as --help")
+
+    schema_: Literal["pamid.text/1"] = Field(default="pamid.text/1", alias="schema")
+    text: Text = Field(description="what is printed")
+
+
+class CompletionScript(Model):
+    """What a shell needs to complete pamid's commands."""
+
+    model_config = ConfigDict(title="pamid completion: the script of a shell")
+
+    schema_: Literal["pamid.completion/1"] = Field(default="pamid.completion/1", alias="schema")
+    shell: Literal["bash", "zsh", "fish"]
+    script: Text = Field(description="what the shell has to run")
+    line: Text = Field(description="the line that runs it")
+    place: Text = Field(description="the file in which the line belongs")
+
+
+OPTION_VALUE = {
+    "type": ["array", "boolean", "null", "number", "string"],
+    "items": {"type": "string"},
+}
+
+
+class OptionSetting(Model):
+    """The value of an option before any word is said."""
+
+    value: Annotated[Any, WithJsonSchema(OPTION_VALUE)] = Field(description="in the option's unit")
+    origin: Text = Field(description="where the value comes from")
+
+
+class AllSettings(Model):
+    """Every option of the commands asked for."""
+
+    model_config = ConfigDict(
+        title="pamid config: the value of every option and where it comes from"
+    )
+
+    schema_: Literal["pamid.config/1"] = Field(default="pamid.config/1", alias="schema")
+    file: Text | None = Field(description="the pamid.toml that holds; null where there is none")
+    commands: MapOf[MapOf[OptionSetting]] = Field(description="command -> option -> its value")
+    ignored: dict[Text, Text] = Field(
+        description="settings files that would hold and are not believed, and why"
+    )
+    harmless_only: Text = Field(
+        description="why files to run, a cluster and leave to replace files are not taken from the "
+        "file; empty where they are"
+    )
+
+
+class SimulatedFile(Model):
+    """A recording that was made by a model."""
+
+    model_config = ConfigDict(title="pamid simulate: what was recorded")
+
+    schema_: Literal["pamid.simulate/1"] = Field(default="pamid.simulate/1", alias="schema")
+    output: Text = Field(description="path of the recording")
+    samples: Count = Field(description="number of samples")
+    rig: Text | None = Field(description=RIG)
+    loop: Text | None = Field(description=LOOP)
+    effects: ListOf[Text] = Field(description=EFFECTS)
+    seed: Count | None = Field(description=SEED)
+
+
+class GuessedMappingFile(Model):
+    """A first mapping of a raw log, to be looked through."""
+
+    model_config = ConfigDict(title="pamid ingest --guess: a first mapping")
+
+    schema_: Literal["pamid.mapping/1"] = Field(default="pamid.mapping/1", alias="schema")
+    log: Text = Field(description="path of the log")
+    output: Text | None = Field(description="file of the mapping; null where it is only printed")
+    toml: Text = Field(description="the mapping as text")
+    open: ListOf[Text] = Field(description="keys that only the user can answer")
+
+
+class WrittenReport(Model):
+    """The files of a report."""
+
+    model_config = ConfigDict(title="pamid report: the page and its figures")
+
+    schema_: Literal["pamid.report/1"] = Field(default="pamid.report/1", alias="schema")
+    page: Text = Field(description="path of the HTML page")
+    figures: ListOf[Text] = Field(description="paths of the pictures")
+    mae: MapOf[MapOf[Number]] = Field(
+        description="mean absolute error, in the unit of the channel: channel -> model -> error"
+    )
+    pdf: Sometimes[Text] = Field(default=None, description="path of the PDF, where it was asked")
+
+
+class WrittenAnimation(Model):
+    """An animated picture of a stretch of a recording."""
+
+    model_config = ConfigDict(title="pamid animate: a GIF of how a rig moved")
+
+    schema_: Literal["pamid.animate/1"] = Field(default="pamid.animate/1", alias="schema")
+    output: Text = Field(description="path of the GIF")
+    rig: Text | None = Field(description=RIG)
+    recording: Text = Field(description="its name")
+    from_s: Number = Field(description="first moment, s of the recording")
+    to_s: Number = Field(description="last moment, s of the recording")
+    speed: Number = Field(description="seconds of the recording per second of the animation")
+    frames: Count
+    frames_per_second: Count
+    width_px: Count
+    height_px: Count
+    bytes: Count = Field(description="size of the file")
+    mean_gap: MapOf[MapOf[Number]] = Field(
+        description="per channel and model, in the unit of the channel"
+    )
+
+
+class WrittenExport(Model):
+    """The files of an exported model."""
+
+    model_config = ConfigDict(title="pamid export: the files of an exported model")
+
+    schema_: Literal["pamid.export/1"] = Field(default="pamid.export/1", alias="schema")
+    to: Text = Field(description="the form")
+    files: ListOf[Text] = Field(description="paths of what was written")
+    binary: Text | None = Field(description="platform that an FMU was built for; empty for none")
+    rig: Text | None = Field(description=RIG)
+    effects: ListOf[Text] = Field(description=EFFECTS)
+    network: Text | None = Field(description="kind of the network in it; empty for none")
+    period_s: Number = Field(description=PERIOD)
+    inputs: ListOf[Text] = Field(description="columns that go in")
+    outputs: ListOf[Text] = Field(description="columns that come out")
+    notes: ListOf[Text] = Field(description="what the user has to know, a sentence each")

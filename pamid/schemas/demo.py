@@ -1,0 +1,45 @@
+"""What `pamid demo` withheld, and what was found."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import ConfigDict, Field
+
+from pamid.schemas.diagnosis import Cause, Reach, Verdict
+from pamid.schemas.estimates import SEED, Estimate
+from pamid.schemas.model import Count, ListOf, MapOf, Model, Number, Text
+from pamid.schemas.network import ChannelErrors
+
+Hit = Literal["right", "among", "missed"]
+
+
+class WithheldFile(Model):
+    """The effect and the parameters that nothing but the final comparison reads."""
+
+    model_config = ConfigDict(title="withheld.json: the effect that the demo withheld")
+
+    schema_: Literal["pamid.withheld/1"] = Field(default="pamid.withheld/1", alias="schema")
+    seed: Count | None = Field(description=SEED)
+    effect: Text
+    family: Text
+    as_simulated: ListOf[Text] = Field(description="the effect with its values")
+    parameters: dict[Text, Number] = Field(description="true values, by name with unit")
+    over_data_sheet: dict[Text, Number] = Field(description="true value over that of the sheet")
+
+
+class DemoOutput(Model):
+    """The withheld effect beside the diagnosis."""
+
+    model_config = ConfigDict(title="pamid demo: what was withheld, and what was found")
+
+    schema_: Literal["pamid.demo/1"] = Field(default="pamid.demo/1", alias="schema")
+    withheld: WithheldFile
+    hit: Hit = Field(description="was the withheld family named: alone, as one of several, or not?")
+    verdict: Verdict
+    sentence: Text = Field(description="the verdict in words")
+    causes: ListOf[Cause] = Field(description="as in diagnosis.json")
+    parameters: MapOf[Estimate] = Field(description="those that were off, by name with unit")
+    how_far: MapOf[Reach] = Field(description="as in diagnosis.json, by channel")
+    network: MapOf[ChannelErrors] | None = Field(description="as `mae` in network.json")
+    page: Text = Field(description="path of the report")

@@ -1,0 +1,106 @@
+"""The note beside an excitation: what is sent, and how well it covers amplitude and frequency."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import ConfigDict, Field, WithJsonSchema
+
+from pamid.schemas.commands import LOOP
+from pamid.schemas.estimates import RIG, SEED, SHA256, UNIT
+from pamid.schemas.model import (
+    MAY_LACK,
+    Count,
+    ListOf,
+    Model,
+    Number,
+    Pair,
+    Sometimes,
+    Text,
+)
+
+
+class ChangesCovered(Model):
+    """Sizes and paces of the changes."""
+
+    size_edges: ListOf[Number] = Field(description="of the bins, as shares of the range")
+    pace_edges_hz: ListOf[Number] = Field(description="of the bins, Hz")
+    share_of_time: ListOf[ListOf[Number]] = Field(description="size by pace, 0 to 1")
+
+
+class SignalCoverage(Model):
+    """What a signal covers."""
+
+    evenness: Number = Field(description="1: every level equally often, 0: one level")
+    visited: Number = Field(description="share of the range, 0 to 1")
+    steps: Count = Field(description="number of changes of level or direction")
+    shortest_hold_s: Number
+    longest_hold_s: Number
+    power_95_hz: Number = Field(description="95 % of the power lies below")
+    band_20db_hz: Pair = Field(description="within 20 dB of the strongest frequency")
+    histogram: ListOf[Number] = Field(description="share of time in equal bins of the range")
+    crest: Number = Field(description="highest deviation from the mean over the rms")
+    library_condition: Number | None = Field(
+        description="condition number of 1, v, v², v³; null where they are not told apart"
+    )
+    even_condition: Number | None = Field(description="the same of 1 and v²")
+    changes: ChangesCovered | None = Field(description="null of fewer than two changes")
+    sentences: ListOf[Text] = Field(description="the same in words")
+
+
+ColumnSeed = Annotated[
+    Any, WithJsonSchema({"type": ["array", "integer", "null"], "items": {"type": "integer"}})
+]
+
+
+class SentColumn(Model):
+    """One column of several that are sent."""
+
+    column: Text
+    unit: Text = Field(description=UNIT)
+    range: Pair = Field(description="[low, high] in the unit of the column")
+    seed: Annotated[ColumnSeed, MAY_LACK] = Field(default=None, description=SEED)
+    part: Sometimes[Number] = Field(
+        default=None, description="of the common sequence, at which it begins, 0 to 1"
+    )
+    coverage: Sometimes[SignalCoverage] = Field(default=None, description="what the signal covers")
+
+
+class ExcitationFile(Model):
+    """What is sent: one column beside the settings, or several in a list."""
+
+    model_config = ConfigDict(title="The note beside an excitation, and pamid generate-aprbs")
+
+    schema_: Literal["pamid.excitation/1"] = Field(default="pamid.excitation/1", alias="schema")
+    generator: Text = Field(description="the program that made it, with its version")
+    file: Text | None = Field(description="name of the file that it describes")
+    sha256: Text = Field(description=SHA256)
+    rig: Text | None = Field(description=RIG)
+    signal: Sometimes[Text] = None
+    experiment: Sometimes[Text] = None
+    loop: Annotated[Text | None, MAY_LACK] = Field(default=None, description=LOOP)
+    column: Sometimes[Text] = None
+    unit: Sometimes[Text] = Field(default=None, description=UNIT)
+    range: Sometimes[Pair] = Field(default=None, description="[low, high] of the column")
+    columns: Sometimes[ListOf[SentColumn]] = None
+    muscles: Sometimes[ListOf[Text]] = Field(default=None, description="pulsed, in their order")
+    level: Sometimes[Number] = Field(default=None, description="duty of the pulses")
+    hold_s: Sometimes[Pair] = Field(default=None, description="shortest and longest hold, s")
+    levels: Annotated[Count | None, MAY_LACK] = Field(
+        default=None, description="number of levels; null for any value"
+    )
+    band_hz: Sometimes[Pair] = Field(default=None, description="lowest and highest frequency, Hz")
+    periods: Sometimes[Count] = Field(default=None, description="equal ones in all")
+    sweep: Sometimes[Text] = Field(default=None, description="log or linear")
+    rate_limit_per_s: Annotated[Number | None, MAY_LACK] = Field(
+        default=None, description="of the column, in its unit per s; null for none"
+    )
+    seed: Annotated[Count | None, MAY_LACK] = Field(default=None, description=SEED)
+    known: Sometimes[dict[Text, Number]] = Field(
+        default=None, description="what the rig is set to, by name with unit"
+    )
+    sampling_period_s: Sometimes[Number] = None
+    samples: Sometimes[Count] = Field(default=None, description="number of samples")
+    coverage: Sometimes[SignalCoverage] = Field(default=None, description="what the signal covers")
+    format: Sometimes[Text] = Field(default=None, description="of the file, where it is no CSV")
+    interpolation: Sometimes[Text] = Field(default=None, description="how it has to be played")

@@ -1,0 +1,147 @@
+"""What was done to a raw log, in the file beside each recording made from it."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import ConfigDict, Field
+
+from pamid.schemas.commands import LOOP
+from pamid.schemas.estimates import PERIOD, RIG, UNIT
+from pamid.schemas.model import Count, Flag, ListOf, MapOf, Model, Number, Sometimes, Text
+from pamid.schemas.run import InputFile
+
+
+class LogRead(InputFile):
+    """The raw log."""
+
+    kind: Text = Field(description="its format")
+    details: ListOf[Text] = Field(description="what was met in it, a clause each")
+
+
+class TimeMapped(Model):
+    """How the mapping says the time base is made."""
+
+    source: Sometimes[Text] = Field(default=None, description="channel with the stamps")
+    unit: Sometimes[Text] = Field(default=None, description=UNIT)
+    period_s: Sometimes[Number] = Field(default=None, description=PERIOD)
+    repair: Text
+    max_gap_s: Sometimes[Number] = Field(
+        default=None, description="longer gaps split the recording"
+    )
+
+
+class ChannelMapped(Model):
+    """How the mapping makes a column of a channel."""
+
+    source: Text = Field(description="channel of the log")
+    unit: Sometimes[Text] = Field(default=None, description=UNIT)
+    scale: Sometimes[Number] = None
+    pressure: Sometimes[Text] = Field(default=None, description="gauge or absolute")
+    sign: Count
+    offset: Number
+    interpolation: Sometimes[Text] = Field(default=None, description="hold or smooth")
+
+
+class AtmosphereTaken(Model):
+    """What absolute pressures lose to become gauge pressures."""
+
+    pressure_kpa: Number
+
+
+class MappingUsed(InputFile):
+    """The mapping, with what the command line said over it."""
+
+    rig: Sometimes[Text] = Field(default=None, description=RIG)
+    loop: Sometimes[Text] = Field(default=None, description=LOOP)
+    time: Sometimes[TimeMapped] = None
+    signals: MapOf[ChannelMapped] = Field(description="by column")
+    atmosphere: Sometimes[AtmosphereTaken] = None
+    known: Sometimes[dict[Text, Number]] = Field(
+        default=None, description="known parameters of the rig, by name with unit"
+    )
+    controller: Sometimes[dict[Text, Number]] = Field(default=None, description="its settings")
+
+
+class ClockWitness(Model):
+    """A smooth signal by which uneven stamps were judged."""
+
+    signal: Text
+    coefficient: Number
+    error: Number
+    roughness_ratio: Number
+
+
+class ClockRepair(Model):
+    """Something that was mended in a time base."""
+
+    what: Text = Field(description="a stable word for scripts")
+    count: Count
+    detail: Text = Field(description="in words")
+
+
+class ClockUsed(Model):
+    """A time base of the log."""
+
+    name: Text
+    rows: Count
+    state: Text
+    cure: Text | None = Field(description="how uneven stamps were mended")
+    why: Text = Field(description="the reason, in words")
+    numbers: Sometimes[dict[Text, Number]] = Field(default=None, description="behind the reason")
+    signals: Sometimes[ListOf[ClockWitness]] = None
+    repairs: ListOf[ClockRepair]
+    leads: Flag = Field(description="whether the recording's time base is made from it")
+
+
+class ColumnMade(Model):
+    """A column of the recording."""
+
+    source: Text = Field(description="channel of the log")
+    clock: Text = Field(description="name of its time base")
+    interpolation: Text = Field(description="hold or smooth")
+    empty_cells: Count
+    longest_empty_run: Count
+    at_limit: Count = Field(description="samples in runs at the highest or lowest value")
+    filtered: Flag = Field(description="whether it was smoothed before it was thinned out")
+    unit: Sometimes[Text] = Field(default=None, description="of the channel")
+    atmosphere_taken_off_kpa: Sometimes[Number] = None
+
+
+class RecordingMade(Model):
+    """The recording that was written."""
+
+    path: Text
+    samples: Count = Field(description="number of samples")
+    sampling_period_s: Number
+    duration_s: Number
+    columns: ListOf[Text]
+    begins_s: Number = Field(description="on the clock of the log")
+    first_row: Count = Field(description="of the log")
+
+
+_ACCOUNT = ("source", "mapping", "clock_ppm", "clocks", "signals", "notes", "recording")
+
+
+class IngestFile(Model):
+    """The account of one recording; or, of the command, of every recording that it made."""
+
+    model_config = ConfigDict(
+        title="pamid ingest, and the account beside a recording made from a raw log",
+        json_schema_extra={"oneOf": [{"required": [*_ACCOUNT]}, {"required": ["recordings"]}]},
+    )
+
+    schema_: Literal["pamid.ingest/1"] = Field(default="pamid.ingest/1", alias="schema")
+    source: Sometimes[LogRead] = None
+    mapping: Sometimes[MappingUsed] = None
+    clock_ppm: Sometimes[Number] = Field(
+        default=None,
+        description="how much faster the clock of the log runs than the stated period",
+    )
+    clocks: Sometimes[ListOf[ClockUsed]] = None
+    signals: Sometimes[MapOf[ColumnMade]] = Field(default=None, description="by column")
+    notes: Sometimes[ListOf[Text]] = Field(default=None, description="a sentence each")
+    recording: Sometimes[RecordingMade] = None
+    recordings: Sometimes[ListOf[IngestFile]] = Field(
+        default=None, description="of the command: one account per recording"
+    )

@@ -1,0 +1,106 @@
+"""The cases of the blind trial: what was planted in them, and what came of each."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import ConfigDict, Field
+
+from pamid.schemas.error import ErrorFile
+from pamid.schemas.estimates import HIGH, LOW, RIG, SEED, SHA256, FailedJob
+from pamid.schemas.model import MAY_LACK, Count, ListOf, MapOf, Model, Number, Sometimes, Text
+
+
+class ChannelForecast(Model):
+    """Shrinkage of the error of one channel."""
+
+    low: Number | None = Field(description=LOW)
+    high: Number | None = Field(description=HIGH)
+    predicted: Number | None
+    achieved: Number | None = Field(description="on a fresh recording")
+
+
+class ShrinkageForecast(Model):
+    """1 - error with the cause / error of the refitted model: predicted, and achieved on a fresh
+    recording."""
+
+    predicted: Number
+    low: Number = Field(description=LOW)
+    high: Number = Field(description=HIGH)
+    raw_low: Number = Field(description=f"{LOW}, before it is widened")
+    raw_high: Number = Field(description=f"{HIGH}, before it is widened")
+    achieved: Number
+    channels: MapOf[ChannelForecast]
+
+
+class TrialCaseFile(Model):
+    """The result of one case."""
+
+    model_config = ConfigDict(title="One case of a trial, worked through")
+
+    schema_: Literal["pamid.trial-case/1"] = Field(default="pamid.trial-case/1", alias="schema")
+    case: Count = Field(description="its number")
+    sha256: Text = Field(description="of the case and its label, hexadecimal")
+    failed: ErrorFile | None = Field(description="the error, where there is no result")
+    diagnosis: Sometimes[dict[Text, Any]] = Field(default=None, description="see pamid.diagnosis/1")
+    screened_family: Sometimes[Text] = Field(default=None, description="first of the cheap screen")
+    seconds: Sometimes[Number] = Field(default=None, description="CPU time of the diagnosis, s")
+    visibility: Annotated[Number | None, MAY_LACK] = Field(
+        default=None,
+        description="refitted error over that without the fault; null where nothing is planted",
+    )
+    visibility_each: Annotated[Number | None, MAY_LACK] = Field(
+        default=None, description="of two faults, that of the less visible one by itself"
+    )
+    shrinkage: Annotated[ShrinkageForecast | None, MAY_LACK] = Field(
+        default=None, description="null without a cause, or where a model became unstable"
+    )
+
+
+class PlantedTruth(Model):
+    """What counts as the right answer to a planted fault."""
+
+    fault: Text
+    family: Text
+    port: Text
+    exact: ListOf[Text] = Field(description="effects that are the very same")
+
+
+class CaseLabel(Model):
+    """What a case is, and what was planted in it."""
+
+    number: Count
+    part: Text = Field(description="calibration or test")
+    seed: Count | None = Field(description=SEED)
+    stratum: Text
+    planted: MapOf[dict[Text, Number]] = Field(description="fault -> its sizes")
+    removed: ListOf[Text] = Field(description="effects taken out of the tool's catalogue")
+    conditions: dict[Text, Any] = Field(description="of the recording and of the machine")
+    rig: Text | None = Field(description=RIG)
+    sha256: Text = Field(description=SHA256)
+    truth: ListOf[PlantedTruth]
+
+
+class TrialLabelsFile(Model):
+    """Opened by the scorer alone."""
+
+    model_config = ConfigDict(title="labels.json: what was planted in the cases of a trial")
+
+    schema_: Literal["pamid.trial-labels/1"] = Field(default="pamid.trial-labels/1", alias="schema")
+    rig: Text | None = Field(description=RIG)
+    part: Text = Field(description="calibration or test")
+    seed: Count | None = Field(description=SEED)
+    cases_sha256: Text = Field(description="digest of all cases")
+    cases: ListOf[CaseLabel]
+
+
+class TrialShare(Model):
+    """What one of many machines has worked through."""
+
+    model_config = ConfigDict(title="pamid trial --index: the share of one array task")
+
+    schema_: Literal["pamid.trial-share/1"] = Field(default="pamid.trial-share/1", alias="schema")
+    index: Count = Field(description="of the share, from 1")
+    of: Count = Field(description="number of shares")
+    cases: ListOf[Count] = Field(description="their numbers")
+    failed_jobs: ListOf[FailedJob] = Field(description="and why; the exit code is 6")
