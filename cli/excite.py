@@ -84,7 +84,7 @@ def make(request: dict[str, Any]) -> PlannedExcitation:
 def _signals(request: dict[str, Any]) -> PlannedExcitation:
     from pamid.base.units import split_column
     from pamid.excitation.aprbs import coverage
-    from pamid.excitation.waveforms import SETTINGS, draw, plan_for
+    from pamid.excitation.waveforms import SIGNAL_SETTINGS, draw, plan_for
 
     signal, period, offset, limit = (
         request[name] for name in ("signal", "period", "offset", "rate_limit")
@@ -103,7 +103,7 @@ def _signals(request: dict[str, Any]) -> PlannedExcitation:
         rate_limit=limit,
         offset=offset,
         seed=request["seed"],
-        **{name: value for name, value in asked.items() if name in SETTINGS[signal]},
+        **{name: value for name, value in asked.items() if name in SIGNAL_SETTINGS[signal]},
     )
     amplitudes = _amplitudes(request)
     sent = draw(plan, amplitudes)
@@ -222,14 +222,14 @@ def _columns(
     request: dict[str, Any],
 ) -> tuple[dict[str, float | None], dict[str, tuple[float, float]]]:
     """The columns to write with their usual amplitudes, and what the rig lets them be."""
-    from pamid.excitation.experiments import bounds_of, excitable, torque_columns
+    from pamid.excitation.experiments import bounds_of, excitable, external_columns
     from pamid.model.registry import rig_named
 
     if request["column"] is not None:
         return {request["column"]: None}, {}
     rig = rig_named(request["rig"])
     if request["signal"] == "torque-loops":
-        return dict(torque_columns(rig)), {}
+        return dict(external_columns(rig)), {}
     small = (
         DUTY
         if request["signal"] == "staircase" and request["loop"] == "open" and rig.loops

@@ -18,10 +18,13 @@ from pamid.networks.trained_network import NETWORK_FILE, WEIGHTS_FILE, network_f
 from pamid.report.force_map_figure import Side, force_map_picture
 from pamid.rigs.muscle import LAWS
 from pamid.schemas import force_law as result
-from pamid.schemas.network import TrainingSummary
+from pamid.schemas.network_file import TrainingSummary
 
-LAW_FILE, RIG_FILE, FIGURE_FILE = "force-law.json", "rig.py", "figures/force-map.png"
-LEVELS, STEPS = 6, 61  # pressures and contractions of the curves in the picture
+LAW_FILE, RIG_FILE, MAP_FIGURE_FILE = "force-law.json", "rig.py", "figures/force-map.png"
+CURVE_PRESSURES, CURVE_CONTRACTIONS = (
+    6,
+    61,
+)  # pressures and contractions of the curves in the picture
 
 
 def judged_law(found: ValidatedMap, rig: str, strict: bool) -> result.ForceLawFile:
@@ -78,7 +81,7 @@ def write_law(run: Run, found: ValidatedMap, rig: str, strict: bool) -> dict[str
     holds."""
     about = judged_law(found, rig, strict).as_json()
     content, network = network_files(found.trained)
-    names = (WEIGHTS_FILE, NETWORK_FILE, FIGURE_FILE, RIG_FILE, LAW_FILE)
+    names = (WEIGHTS_FILE, NETWORK_FILE, MAP_FIGURE_FILE, RIG_FILE, LAW_FILE)
     contents = (
         content,
         json_bytes(network, NETWORK_FILE),
@@ -117,15 +120,15 @@ def _picture(found: ValidatedMap) -> bytes:
     points, best, scale = found.map, found.best, found.scale[found.best]
     pressures = np.unique(points.pressure_kpa)
     # at the lowest there is little to see
-    wanted = np.linspace(pressures[0], pressures[-1], LEVELS + 1)[1:]
+    wanted = np.linspace(pressures[0], pressures[-1], CURVE_PRESSURES + 1)[1:]
     levels = np.unique(pressures[np.abs(pressures - wanted[:, None]).argmin(axis=1)])
-    along = np.linspace(points.contraction.min(), points.contraction.max(), STEPS)
-    shape = (len(levels), STEPS)
+    along = np.linspace(points.contraction.min(), points.contraction.max(), CURVE_CONTRACTIONS)
+    shape = (len(levels), CURVE_CONTRACTIONS)
     lines = ForceMap(
         points.path,
         np.tile(along, len(levels)),
-        np.repeat(levels, STEPS),
-        np.zeros(len(levels) * STEPS),
+        np.repeat(levels, CURVE_CONTRACTIONS),
+        np.zeros(len(levels) * CURVE_CONTRACTIONS),
     )
     network, held = ForceLaw(found.trained), found.by_point
     sides = (

@@ -24,12 +24,12 @@ from pamid.base.result_file import need_result
 from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE
 from pamid.base.units import split_column, with_unit
 from pamid.recording.file_checks import HUGE
-from pamid.schemas.fit import FitFile
+from pamid.schemas.fit_file import FitFile
 
 Array = NDArray[np.float64]
 
 RESIDUAL_KEYS = ("time_s", "recording", "part", "window")
-MODELS = {
+RESIDUAL_RUNS = {
     "loop": "the refitted model in its own control loop",
     "replay": "the refitted model on recorded commands",
 }
@@ -49,7 +49,7 @@ class Segment:
 
 @dataclass(frozen=True, eq=False)
 class ResidualData:
-    """channel: its column; model: a key of MODELS; columns: residual.csv by name; modelled: the
+    """channel: its column; model: a key of RESIDUAL_RUNS; columns: residual.csv by name; modelled: the
     model's column; inputs: the columns a network is given; washout: rows at the start of every
     segment that are not scored."""
 

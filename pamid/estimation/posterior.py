@@ -27,16 +27,16 @@ from pamid.base.run_folder import FIT_FILE, Run
 from pamid.estimation.prior import Prior
 from pamid.estimation.problem import Fit, Problem
 from pamid.estimation.quantities import agreed, straight
-from pamid.schemas import fit as result
+from pamid.schemas import fit_file as result
 from pamid.simulation.data_split import DataSplit
 
 Array = NDArray[np.float64]
-REMEDY = "Fit it anew with `pamid fit`."
+FIT_ANEW = "Fit it anew with `pamid fit`."
 OWN_TIME = ":drift"  # background terms counted from a recording's own beginning
 
 
 @dataclass(frozen=True, eq=False)
-class Posterior:
+class EarlierPosterior:
     """Posterior of an earlier fit, from the fit.json at path. value (k,), covariance (k, k) and
     gradient at bounds (k,) in spreads (k,) around centre (k,), by key; others: the rig's other
     parameters as they were in it (SI).
@@ -104,7 +104,7 @@ class Posterior:
             if self.log[i] != bool(problem.scale.log[k]):
                 raise FileError(
                     f"{self.path}: the prior of {keys[k]!r} is of another kind than the rig's now.",
-                    REMEDY,
+                    FIT_ANEW,
                 )
         return places
 
@@ -185,7 +185,7 @@ def posterior_of(fitted: Fit) -> result.Posterior:
     )
 
 
-def read_posterior(folder: Path) -> Posterior:
+def read_posterior(folder: Path) -> EarlierPosterior:
     """The posterior in a run's fit.json. FileError where it is damaged or too old, ConvergenceError
     where the fit never came to an end."""
     Run.open(folder)
@@ -198,7 +198,7 @@ def read_posterior(folder: Path) -> Posterior:
             "Fit it with other recordings first.",
         )
     if (found := fit.posterior) is None:
-        raise FileError(f"{path} holds no posterior.", f"An older version wrote it. {REMEDY}")
+        raise FileError(f"{path} holds no posterior.", f"An older version wrote it. {FIT_ANEW}")
     keys, log, rows = found.keys, found.log, found.covariance
     centre, spread, value, held = (
         np.array(one, np.float64) for one in (found.centre, found.spread, found.value, found.held)
@@ -222,7 +222,7 @@ def read_posterior(folder: Path) -> Posterior:
         _refuse(path, "its lists differ in length")
     if (spread <= 0.0).any() or (keys and np.linalg.eigvalsh(covariance)[0] <= 0.0):
         _refuse(path, "a spread is not positive, or the covariance is none")
-    return Posterior(
+    return EarlierPosterior(
         path,
         sha256_of(path),
         fit.rig,
@@ -240,10 +240,10 @@ def read_posterior(folder: Path) -> Posterior:
 
 
 def _refuse(path: Path, what: str) -> NoReturn:
-    raise FileError(f"{path}: its posterior cannot be used: {what}.", REMEDY, code="damaged")
+    raise FileError(f"{path}: its posterior cannot be used: {what}.", FIT_ANEW, code="damaged")
 
 
-def started_from(posterior: Posterior, remarks: list[str]) -> result.StartedFrom:
+def started_from(posterior: EarlierPosterior, remarks: list[str]) -> result.StartedFrom:
     """The part of fit.json that says what the fit began from."""
     return result.StartedFrom(
         path=str(posterior.path.parent),

@@ -31,7 +31,7 @@ OTHER_INERTIA = 6.4  # the two rods of the first paper
 PAYLOAD, OTHER_PAYLOAD_KG = "payload_kg", 0.5
 TORQUE_NM = 8.0  # highest of the torque loops
 PASS_S = 15.0  # what a bench of another pace stretches
-MOST_SAMPLES = 10_000
+MOST_EXPERIMENT_SAMPLES = 10_000
 
 EXTERNAL = "external_"
 
@@ -168,7 +168,7 @@ def bounds_of(rig: Rig, column: str) -> tuple[float, float]:
     return -math.inf, math.inf
 
 
-def torque_columns(rig: Rig) -> dict[str, float]:
+def external_columns(rig: Rig) -> dict[str, float]:
     """Columns for a torque or force from outside, with the usual highest value. UsageError where
     there are none."""
     if found := {name: TORQUE_NM for name in rig.inputs if name.startswith(EXTERNAL)}:

@@ -27,7 +27,7 @@ from pamid.report.formatting import (
     percent,
     sentence,
 )
-from pamid.schemas.diagnosis import Cause
+from pamid.schemas.diagnosis_file import Cause
 from pamid.schemas.papers import (
     ArmErrors,
     ArmEstimate,

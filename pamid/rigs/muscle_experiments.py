@@ -24,16 +24,16 @@ from pamid.excitation.waveforms import (
     GAP_S,
     LOOPS_S,
     PULSES_S,
+    nested_loops,
+    paired_pulses,
     pulses,
     through,
-    torque_loops,
-    valve_pulses,
 )
 from pamid.model.rig import Rig
 
 Array = NDArray[np.float64]
 
-VENTED, PRESSURE = "vents_open", "initial_pressure_kpa"
+VENTED, INITIAL_PRESSURE = "vents_open", "initial_pressure_kpa"
 RELEASE_S, RELEASE_DEG = 20.0, (30.0, 40.0)
 PULSED_S = 2.0 * GAP_S * len(PULSES_S)
 
@@ -42,19 +42,21 @@ def held_pressure(rig: Rig, pressure_kpa: float) -> dict[str, float]:
     """[known] of a recording with the valves shut at this gauge pressure; UsageError outside of
     range and supply."""
     sheet = {p.outside_name: p for p in rig.parameters}
-    if PRESSURE not in sheet:
-        raise UsageError(f"rig {rig.name!r} has no parameter {PRESSURE!r} to hold.")
-    held, supply = sheet[PRESSURE], sheet.get("supply_pressure_kpa")
+    if INITIAL_PRESSURE not in sheet:
+        raise UsageError(f"rig {rig.name!r} has no parameter {INITIAL_PRESSURE!r} to hold.")
+    held, supply = sheet[INITIAL_PRESSURE], sheet.get("supply_pressure_kpa")
     high = min(held.high, math.inf if supply is None else supply.value)
     if not held.low <= pressure_kpa <= high:
-        raise UsageError(f"{PRESSURE} = {pressure_kpa:g} lies outside {held.low:g} .. {high:g}.")
-    return {PRESSURE: pressure_kpa}
+        raise UsageError(
+            f"{INITIAL_PRESSURE} = {pressure_kpa:g} lies outside {held.low:g} .. {high:g}."
+        )
+    return {INITIAL_PRESSURE: pressure_kpa}
 
 
 def muscle_pulses(
     rig: Rig, muscles: Sequence[str], level: float, period_s: float
 ) -> dict[str, Array]:
-    """Commands that vent and fill one muscle after another, `valve_pulses` of duty `level` each, ()
+    """Commands that vent and fill one muscle after another, `paired_pulses` of duty `level` each, ()
     for all of them; the commands of all joints, samples. UsageError for a muscle that is not there.
     """
     chosen = list(muscles) or list(rig.actuators)
@@ -66,7 +68,7 @@ def muscle_pulses(
         )
     if not 0.0 < level <= 1.0:
         raise UsageError(f"The level is {level:g}; a duty lies in (0, 1].")
-    wave = level * valve_pulses(period_s * np.arange(round(PULSED_S / period_s), dtype=np.float64))
+    wave = level * paired_pulses(period_s * np.arange(round(PULSED_S / period_s), dtype=np.float64))
     columns = {command: np.zeros(len(chosen) * len(wave)) for command, _ in rig.actuators.values()}
     for k, name in enumerate(chosen):
         command, fills = rig.actuators[name]
@@ -104,7 +106,7 @@ def gravity_test(
         )
     known = {
         VENTED: 1.0,
-        PRESSURE: 0.0,
+        INITIAL_PRESSURE: 0.0,
         **dict(zip(begins, release, strict=True)),
         **{f"clamped_{joint}": 1.0 for joint in clamped},
         **({} if payload_kg is None else {PAYLOAD: payload_kg}),
@@ -125,7 +127,7 @@ def gravity_test(
 
 def _torque_loops(b: Bench) -> Columns:
     t = b.clock(LOOPS_S)
-    return b.open_loop(np.zeros(len(t)), TORQUE_NM * torque_loops(t))
+    return b.open_loop(np.zeros(len(t)), TORQUE_NM * nested_loops(t))
 
 
 def _quick_release(b: Bench) -> Columns:
@@ -144,7 +146,7 @@ def _pressure_hold(b: Bench) -> Columns:
 
 
 def _valve_pulses(b: Bench) -> Columns:
-    return b.open_loop(valve_pulses(b.clock(PULSED_S)))
+    return b.open_loop(paired_pulses(b.clock(PULSED_S)))
 
 
 def _staircase(b: Bench) -> Columns:
@@ -156,7 +158,11 @@ def _staircase(b: Bench) -> Columns:
 
 
 def _two_pressures(b: Bench) -> Settings:
-    return () if data_sheet_value(b, PRESSURE) is None else ({PRESSURE: 200.0}, {PRESSURE: 500.0})
+    return (
+        ()
+        if data_sheet_value(b, INITIAL_PRESSURE) is None
+        else ({INITIAL_PRESSURE: 200.0}, {INITIAL_PRESSURE: 500.0})
+    )
 
 
 def _at_rest(b: Bench) -> Columns:

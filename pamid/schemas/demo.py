@@ -6,10 +6,10 @@ from typing import Literal
 
 from pydantic import ConfigDict, Field
 
-from pamid.schemas.diagnosis import Cause, Reach, Verdict
+from pamid.schemas.diagnosis_file import Cause, Reach, Verdict
 from pamid.schemas.estimates import SEED, Estimate
 from pamid.schemas.model import Count, ListOf, MapOf, Model, Number, Text
-from pamid.schemas.network import ChannelErrors
+from pamid.schemas.network_file import ChannelErrors
 
 Hit = Literal["right", "among", "missed"]
 

@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import ConfigDict, Field
 
 from pamid.schemas.model import Count, Flag, ListOf, Model, Number, Text, Written
-from pamid.schemas.network import TrainingSummary
+from pamid.schemas.network_file import TrainingSummary
 
 
 class MeasuredRange(Model):

@@ -9,7 +9,7 @@ from pydantic import ConfigDict, Field
 from pamid.schemas.commands import LOOP
 from pamid.schemas.estimates import PERIOD, RIG, UNIT
 from pamid.schemas.model import Count, Flag, ListOf, MapOf, Model, Number, Sometimes, Text
-from pamid.schemas.run import InputFile
+from pamid.schemas.run_file import InputFile
 
 
 class LogRead(InputFile):

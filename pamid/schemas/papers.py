@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BeforeValidator, ConfigDict, Field
 
-from pamid.schemas.diagnosis import Cause
+from pamid.schemas.diagnosis_file import Cause
 from pamid.schemas.estimates import PERIOD, SEED, UNIT, WHY_ENDED, WORD, Interval
 from pamid.schemas.force_law import AnfisErrors, LawErrors
 from pamid.schemas.model import (
@@ -23,7 +23,7 @@ from pamid.schemas.model import (
     Written,
     expected,
 )
-from pamid.schemas.network import TrainingSummary
+from pamid.schemas.network_file import TrainingSummary
 
 QUICK = "too little to be believed"
 PLAN = "what was asked for"

@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field
 
-from pamid.schemas.error import ErrorFile
+from pamid.schemas.error_file import ErrorFile
 from pamid.schemas.estimates import HIGH, LOW, RIG, SEED, SHA256, FailedJob
 from pamid.schemas.model import MAY_LACK, Count, ListOf, MapOf, Model, Number, Sometimes, Text
 

@@ -33,7 +33,7 @@ from pamid.model.registry import catalogue_rig, effects
 from pamid.parallel.jobs import Failed, Work, WorkerPool, fault_text
 from pamid.parallel.result_store import Plain
 from pamid.recording.recording import TIME, Recording, read_recording, write_recording
-from pamid.schemas.error import ErrorFile
+from pamid.schemas.error_file import ErrorFile
 from pamid.schemas.model import read
 from pamid.schemas.trial_cases import (
     CaseLabel,

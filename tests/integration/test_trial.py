@@ -18,7 +18,7 @@ from pamid.base.metrics import wilson_interval
 from pamid.model.effect import Effect
 from pamid.model.registry import effects
 from pamid.parallel.jobs import WorkerPool
-from pamid.schemas.trial import TrialFile
+from pamid.schemas.trial_file import TrialFile
 from pamid.simulation.data_split import DataSplit
 from pamid.trial import case_runs
 from pamid.trial.case_runs import CaseWork
