@@ -48,8 +48,8 @@ from peers.environment import CACHE, python_with
 
 from pamid.correction.trained_force_law import check_force_law, force_law_of
 from pamid.networks.anfis import Anfis
+from pamid.networks.network_training import train
 from pamid.networks.trained_network import TrainedNetwork, train_on_signals
-from pamid.networks.training import train
 from pamid.symbolic.vocabulary import expression
 
 Array = NDArray[np.float64]

@@ -26,7 +26,7 @@ import numpy as np
 
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
-from pamid.simulation.simulate import choose_stepping
+from pamid.simulation.free_runs import choose_stepping
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "support"))
 

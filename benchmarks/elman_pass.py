@@ -22,7 +22,7 @@ from peers.measuring import Stamps, cpu_seconds, dgemm_rate, peak_mb, teacher_re
 
 from pamid.networks.bayes import Evidence, effective_weights, solve_damped
 from pamid.networks.elman import Elman
-from pamid.networks.training import train
+from pamid.networks.network_training import train
 
 SAMPLES = 66_667  # 200 s at 3 ms
 PAPER_SECONDS = 36_101 / 5_000  # Table I: 5000 iterations

@@ -42,7 +42,7 @@ from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named
 from pamid.recording.noise import noise_level
 from pamid.recording.recording import Recording, read_recording, write_recording
-from pamid.simulation.simulate import choose_stepping, input_table
+from pamid.simulation.free_runs import choose_stepping, input_table
 from pamid.simulation.tracks import track_of
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 

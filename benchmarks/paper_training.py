@@ -17,8 +17,8 @@ from pathlib import Path
 from threadpoolctl import threadpool_limits
 
 from pamid.networks.elman import Elman
+from pamid.networks.network_training import Training, TrainingStep
 from pamid.networks.trained_network import train_on_signals
-from pamid.networks.training import Training, TrainingStep
 from pamid.replications.joint_paper import JointPlan, record_twin, residual_data_of
 from pamid.replications.joint_twin import PERIOD_S, Twin
 

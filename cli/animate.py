@@ -67,7 +67,7 @@ def command(
     from pamid.base.errors import FileError
     from pamid.base.files import make_folder, write_atomically
     from pamid.base.run_folder import FIGURES_FOLDER, Run
-    from pamid.report.animation import RATE, gif_of, size_px
+    from pamid.report.animation import ANIMATION_HZ, gif_of, size_px
     from pamid.report.load import load_run
     from pamid.report.motion import motion_of, rig_of_run
 
@@ -78,7 +78,7 @@ def command(
             code="exists",
         )
     found = load_run(run)
-    motion = motion_of(found, rig_of_run(found, rig), speed / RATE, begin, end)
+    motion = motion_of(found, rig_of_run(found, rig), speed / ANIMATION_HZ, begin, end)
     with ProgressBar("animate", motion.time.size) as progress:
         gif = gif_of(motion, size, lambda done, of: progress.update(done, "frames"))
     if output is None:
@@ -97,7 +97,7 @@ def command(
         "to_s": float(motion.time[-1]),
         "speed": speed,
         "frames": int(motion.time.size),
-        "frames_per_second": RATE,
+        "frames_per_second": ANIMATION_HZ,
         "width_px": width,
         "height_px": height,
         "bytes": len(gif),

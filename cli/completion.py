@@ -10,7 +10,7 @@ PLACE = 180
 EXAMPLE = """
 pamid completion bash
 """
-_WHERE = {
+_STARTUP = {
     "bash": ('eval "$(pamid completion bash)"', "~/.bashrc"),
     "zsh": ('eval "$(pamid completion zsh)"', "~/.zshrc"),
     "fish": ("pamid completion fish | source", "~/.config/fish/config.fish"),
@@ -18,7 +18,7 @@ _WHERE = {
 
 
 @frame.command("completion", example=EXAMPLE)
-@click.argument("shell", type=click.Choice(list(_WHERE)))
+@click.argument("shell", type=click.Choice(list(_STARTUP)))
 def command(shell: str) -> frame.Result:
     """Print the completion script of a shell. To have it always:
 
@@ -32,7 +32,7 @@ def command(shell: str) -> frame.Result:
     made = get_completion_class(shell)
     assert made is not None
     script = made(frame.group(), {}, "pamid", "_PAMID_COMPLETE").source()
-    line, place = _WHERE[shell]
+    line, place = _STARTUP[shell]
     return frame.Result(
         {
             "schema": "pamid.completion/1",

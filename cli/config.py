@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from . import frame, settings
+from . import frame, settings_files
 from .table import COMMANDS
 
 PLACE = 170
@@ -34,15 +34,15 @@ def command(commands: tuple[str, ...]) -> frame.Result:
         [diagnose]
         without = ["clock-skew"]
     """
-    path = settings.settings_file()
+    path = settings_files.settings_file()
     if path is not None:
         # every mistake in it, not only those that concern the commands asked for
-        settings.read_settings(path)
+        settings_files.read_settings(path)
     for name in commands:
         frame.require_command(name)
     shown = {name: _values(name) for name in commands or COMMANDS}
-    ignored = {str(file): why for file, why in settings.ignored_files().items()}
-    limited = settings.why_harmless_only(path) if path is not None else ""
+    ignored = {str(file): why for file, why in settings_files.ignored_files().items()}
+    limited = settings_files.why_harmless_only(path) if path is not None else ""
     found = {
         "schema": "pamid.config/1",
         "file": None if path is None else str(path),
@@ -63,9 +63,9 @@ def _values(name: str) -> dict[str, dict[str, Any]]:
     return {
         option: {
             "value": _plain(context.params.get(str(made.name))),
-            "origin": settings.origin_of(context, made),
+            "origin": settings_files.origin_of(context, made),
         }
-        for option, made in settings.options_of(context.command).items()
+        for option, made in settings_files.options_of(context.command).items()
         if not made.hidden
     }
 
@@ -83,7 +83,9 @@ def _text(
     about_files: list[str],
 ) -> str:
     lines = [
-        f"Settings: {path}" if path else f"There is no {settings.SETTINGS_FILE} here or above.",
+        f"Settings: {path}"
+        if path
+        else f"There is no {settings_files.SETTINGS_FILE} here or above.",
         *about_files,
     ]
     for name, options in shown.items():

@@ -50,7 +50,7 @@ def command(output: Path, seed: int, jobs: int, duration: float, overwrite: bool
     named with what was withheld.
     """
     from pamid.base.run_folder import Run
-    from pamid.replications.demo import run_demo
+    from pamid.replications.demonstration import run_demo
 
     run = Run.create(
         output,

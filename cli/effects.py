@@ -14,7 +14,7 @@ pamid effects coulomb-friction --rig one-dof
 
 
 @frame.command("effects", example=EXAMPLE)
-@click.argument("name", required=False, type=names.EFFECT)
+@click.argument("name", required=False, type=names.EFFECT_NAMES)
 @click.option(
     "--rig",
     "rigs",

@@ -84,7 +84,7 @@ def make(request: dict[str, Any]) -> PlannedExcitation:
 def _signals(request: dict[str, Any]) -> PlannedExcitation:
     from pamid.base.units import split_column
     from pamid.excitation.aprbs import coverage
-    from pamid.excitation.waveforms import SETTINGS, draw, plan_for
+    from pamid.excitation.waveforms import SIGNAL_SETTINGS, draw, plan_for
 
     signal, period, offset, limit = (
         request[name] for name in ("signal", "period", "offset", "rate_limit")
@@ -103,7 +103,7 @@ def _signals(request: dict[str, Any]) -> PlannedExcitation:
         rate_limit=limit,
         offset=offset,
         seed=request["seed"],
-        **{name: value for name, value in asked.items() if name in SETTINGS[signal]},
+        **{name: value for name, value in asked.items() if name in SIGNAL_SETTINGS[signal]},
     )
     amplitudes = _amplitudes(request)
     sent = draw(plan, amplitudes)

@@ -119,11 +119,17 @@ def size_options(function: Callable[..., Any]) -> Callable[..., Any]:
     return function
 
 
-RIG = Catalogued("rigs")
-EFFECT = Catalogued("effects")
-NETWORK = Catalogued("networks")
+RIG_NAMES = Catalogued("rigs")
+EFFECT_NAMES = Catalogued("effects")
+NETWORK_NAMES = Catalogued("networks")
 #: options that take such a name wherever they occur
-OPTIONS = {"rig": RIG, "rigs": RIG, "effects": EFFECT, "without": EFFECT, "network": NETWORK}
+OPTIONS = {
+    "rig": RIG_NAMES,
+    "rigs": RIG_NAMES,
+    "effects": EFFECT_NAMES,
+    "without": EFFECT_NAMES,
+    "network": NETWORK_NAMES,
+}
 
 
 def suggest(name: str, names: Iterable[str]) -> str:

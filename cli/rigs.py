@@ -14,7 +14,7 @@ pamid rigs one-dof
 
 
 @frame.command("rigs", example=EXAMPLE)
-@click.argument("name", required=False, type=names.RIG)
+@click.argument("name", required=False, type=names.RIG_NAMES)
 def command(name: str | None) -> frame.Result:
     """List the rigs, or explain one: NAME, NAME:VARIANT, or the path of a rig file.
 

@@ -4,7 +4,7 @@ same process."""
 from measuring import Stamps, cpu_seconds, dgemm_rate, peak_mb, record, tell
 
 from pamid.networks.elman import Elman
-from pamid.networks.training import train
+from pamid.networks.network_training import train
 
 STEPS = 20
 

@@ -22,8 +22,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from pamid.networks.elman import Elman
 from pamid.networks.network import Records
+from pamid.networks.network_training import train
 from pamid.networks.normal_equations import Rows
-from pamid.networks.training import train
 
 Array = NDArray[np.float64]
 NOISE = 0.02

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 from pamid.api.given import RecordingLike, RigLike, recording_given, rig_given
 from pamid.base.card import card, html_table
 from pamid.base.errors import UsageError
-from pamid.checks.conformance import Finding
+from pamid.checks.conformance import CheckOutcome
 from pamid.checks.inspection import Inspection, inspect, inspection_text
-from pamid.checks.recording_quality import Issue
+from pamid.checks.recording_quality import QualityIssue
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
@@ -33,17 +33,17 @@ class CheckResult:
     subject: str
     kind: str
     ok: bool
-    findings: tuple[Finding, ...]
+    findings: tuple[CheckOutcome, ...]
     recording: Recording | None
     _inspection: Inspection
 
     @property
-    def problems(self) -> tuple[Finding, ...]:
+    def problems(self) -> tuple[CheckOutcome, ...]:
         """What is wrong."""
         return tuple(f for f in self.findings if f.wrong)
 
     @property
-    def notes(self) -> tuple[Finding, ...]:
+    def notes(self) -> tuple[CheckOutcome, ...]:
         """What is worth saying, but not wrong."""
         return tuple(f for f in self.findings if not f.ok and f.advice)
 
@@ -68,7 +68,9 @@ class CheckResult:
 
         return card_png(*self._drawn())
 
-    def _drawn(self) -> tuple[Recording, tuple[Issue, ...], dict[str, dict[str, float]], list[str]]:
+    def _drawn(
+        self,
+    ) -> tuple[Recording, tuple[QualityIssue, ...], dict[str, dict[str, float]], list[str]]:
         if self.recording is None:
             what = "could not be read" if self.kind == "recording" else f"is a {self.kind} file"
             raise UsageError(f"{self.subject} {what}: only recordings are drawn.")
@@ -120,7 +122,9 @@ def check(
         said["file"],
         said["kind"],
         said["ok"],
-        tuple(Finding(f["check"], f["ok"], f["detail"], f["advice"]) for f in said["findings"]),
+        tuple(
+            CheckOutcome(f["check"], f["ok"], f["detail"], f["advice"]) for f in said["findings"]
+        ),
         found.recording,
         found,
     )

@@ -16,12 +16,12 @@ from pamid.api.given import (
     evidence_of,
     warn_in_python,
 )
-from pamid.api.progress import ShowProgress, progress_line
+from pamid.api.progress_display import ShowProgress, progress_line
 from pamid.api.results import DiagnosisResult, result_of
 from pamid.api.runs import create_run, words_of
 from pamid.api.workers import RunHome, closing, worker_pool
 from pamid.base.errors import FileError, UsageError, nearest
-from pamid.diagnosis.diagnose import diagnose_into
+from pamid.diagnosis.diagnosis_run import diagnose_into
 from pamid.model.effect import Effect
 from pamid.model.registry import effects_with
 

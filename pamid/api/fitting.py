@@ -15,7 +15,7 @@ from pamid.api.given import (
     evidence_of,
     warn_in_python,
 )
-from pamid.api.progress import ShowProgress, progress_line
+from pamid.api.progress_display import ShowProgress, progress_line
 from pamid.api.results import FitResult, result_of
 from pamid.api.runs import create_run, words_of
 from pamid.api.workers import RunHome, closing, worker_pool

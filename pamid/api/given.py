@@ -39,7 +39,7 @@ RigLike: TypeAlias = PathLike | Rig | type[Rig]
 EffectLike: TypeAlias = PathLike | type[Effect]
 Warn: TypeAlias = Callable[[str], None]
 
-KEPT = "recordings"  # folder of a run with the recordings that came to it in no file
+RECORDINGS_FOLDER = "recordings"  # folder of a run with the recordings that came to it in no file
 
 
 def warn_in_python(text: str) -> None:
@@ -186,7 +186,7 @@ def _taken(given: RecordingLike, number: int) -> tuple[Recording, dict[str, byte
     meta |= {"known": recording.known} if recording.known else {}
     meta |= {"controller": recording.controller} if recording.controller else {}
     name = f"{number + 1}-{Path(recording.path).stem}"
-    path = Path(KEPT, f"{name}.csv")
+    path = Path(RECORDINGS_FOLDER, f"{name}.csv")
     files = recording_files(path, recording.time, recording.columns, meta, digits=EXACT_DIGITS)
     found = recording_of(recording.time, recording.columns, meta, name=name, digits=EXACT_DIGITS)
     named = replace(found, name=recording.name, path=path)

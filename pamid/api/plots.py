@@ -10,7 +10,7 @@ from pamid.report.figures import budget_drawing, ports_drawing, ranking_drawing,
 from pamid.report.load import RunData
 from pamid.report.style import Drawing, figure_of
 
-KINDS = ("data_sheet", "refitted", "cause", "network")
+PLOTTED_MODELS = ("data_sheet", "refitted", "cause", "network")
 
 
 def worst_window_figure(run: RunData, channel: str | None = None) -> NotebookFigure:
@@ -28,7 +28,7 @@ def worst_window_figure(run: RunData, channel: str | None = None) -> NotebookFig
         raise DataError(
             "No window of this run was scored.", "Its residual.csv holds what was compared."
         )
-    kinds = tuple(kind for kind in KINDS if run.residual.of(chosen, kind) is not None)
+    kinds = tuple(kind for kind in PLOTTED_MODELS if run.residual.of(chosen, kind) is not None)
     return figure_of(window_drawing(run, run.residual, chosen, window, kinds))
 
 

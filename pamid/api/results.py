@@ -23,9 +23,9 @@ from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
 from pamid.report.channel_errors import ChannelErrors, errors_of
 from pamid.report.load import RunData, load_run, read_diagnosis
-from pamid.schemas.diagnosis import Candidate, NextExperiment, Regime, Unknown
+from pamid.schemas.diagnosis_file import Candidate, NextExperiment, Regime, Unknown
 from pamid.schemas.estimates import Interval
-from pamid.schemas.fit import FitFile, RecordingUsed
+from pamid.schemas.fit_file import FitFile, RecordingUsed
 
 if TYPE_CHECKING:
     from pamid.recording.plot import NotebookFigure
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 #: a rig and effects, as `load_identified` takes them
 RunCode: TypeAlias = tuple[str | Rig | None, tuple[str | type[Effect], ...]]
 
-MANY = 8  # rows of a card
+MOST_CARD_ROWS = 8  # rows of a card
 
 
 @dataclass(frozen=True)
@@ -312,7 +312,7 @@ class DiagnosisResult(FitResult):
         where = ", ".join(f"{port} {share:.0%}" for port, share in self.ports if share >= 0.005)
         causes = [
             (c.effect, c.family, c.port, c.parameter_text(), _percent(c.share))
-            for c in self.causes[:MANY]
+            for c in self.causes[:MOST_CARD_ROWS]
         ]
         gains = [
             f"{name}: {e.shrinkage:.0%} ({e.low:.0%} .. {e.high:.0%})"

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pamid.api.given import PathLike, RigLike, rig_given
-from pamid.api.progress import ShowProgress, progress_steps
+from pamid.api.progress_display import ShowProgress, progress_steps
 from pamid.api.results import FitResult
 from pamid.api.workers import RunHome
 from pamid.base.card import Cells, card, html_table, number, paragraph, text_table
@@ -33,8 +33,8 @@ from pamid.correction.port_network import (
 )
 from pamid.correction.residual_data import ResidualData, read_residual_data
 from pamid.model.rig import Rig
+from pamid.networks.network_training import TrainingStep
 from pamid.networks.trained_network import NETWORK_FILE
-from pamid.networks.training import TrainingStep
 from pamid.report.load import RunData, load_run
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from typing import TypeAlias
 #: header and rows of a table
 Cells: TypeAlias = tuple[Sequence[str], Sequence[Sequence[str]]]
 
-_LONGEST = 300  # letters of one text
+_LONGEST_TEXT = 300  # letters of one text
 _STYLE = (
     "border:1px solid rgba(128,128,128,.4);border-radius:6px;padding:.6em .9em;"
     "display:inline-block;max-width:60em;text-align:left"
@@ -74,4 +74,4 @@ def _row(tag: str, cells: Sequence[str]) -> str:
 
 def _plain(text: str) -> str:
     shown = "".join(letter if letter.isprintable() else "\ufffd" for letter in text)
-    return shown if len(shown) <= _LONGEST else f"{shown[: _LONGEST - 1]}…"
+    return shown if len(shown) <= _LONGEST_TEXT else f"{shown[: _LONGEST_TEXT - 1]}…"

@@ -41,7 +41,7 @@ _REFUSED = (
 # the record that ends a zip file and says how long its directory is
 _END = struct.Struct("<4s4H2LH")
 _DIRECTORY = 8 * MIB  # of tens of thousands of arrays
-_HEADERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
+_HEADER_READERS = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
 
 
 def load_arrays(
@@ -96,7 +96,7 @@ def _require_short_directory(file: BinaryIO, size: int) -> None:
 
 def _array(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any]:
     with archive.open(member) as file:
-        read_header = _HEADERS.get(npy.read_magic(file))
+        read_header = _HEADER_READERS.get(npy.read_magic(file))
         if read_header is None:
             raise ValueError(f"{member.filename} is of another version")
         shape, _, dtype = read_header(file)

@@ -32,7 +32,7 @@ from pamid.base.files import (
 from pamid.base.json_file import json_text, read_json, write_json
 
 if TYPE_CHECKING:
-    from pamid.schemas.run import InputFile
+    from pamid.schemas.run_file import InputFile
 
 RUN_SCHEMA = "pamid.run/1"
 FIT_FILE, RESIDUAL_FILE = "fit.json", "residual.csv"
@@ -86,7 +86,7 @@ class Run:
         _require_free(path, overwrite, resumable=resume is not None)
         _require_inside(path, JOBS)
         old = _written(path)
-        from pamid.schemas.run import RunFile  # not to be loaded by what only opens a run
+        from pamid.schemas.run_file import RunFile  # not to be loaded by what only opens a run
 
         begun = RunFile(
             command=tuple(_command_line(command)),
@@ -254,7 +254,7 @@ class Run:
         """Note a later command that works on this run (`train-residual`, `report`); `finish` closes
         it."""
         record = self.record
-        from pamid.schemas.run import Step
+        from pamid.schemas.run_file import Step
 
         step = Step(
             command=tuple(_command_line(command)),
@@ -363,7 +363,7 @@ def _hashes(inputs: Sequence[str | Path]) -> list[dict[str, str]]:
 
 
 def _inputs(inputs: Sequence[str | Path]) -> tuple[InputFile, ...]:
-    from pamid.schemas.run import InputFile
+    from pamid.schemas.run_file import InputFile
 
     return tuple(InputFile(**one) for one in _hashes(inputs))
 

@@ -11,8 +11,8 @@ from typing import Any, NoReturn
 from pamid.base.errors import FileError
 from pamid.base.files import TOML, read_data
 
-_DEEPEST = 50
-_LARGEST = 2**63  # as TOML itself has it: whole numbers are of 64 bits
+_DEEPEST_TABLE = 50
+_LARGEST_INTEGER = 2**63  # as TOML itself has it: whole numbers are of 64 bits
 
 
 def read_toml(path: Path, missing: Callable[[], str] = str) -> dict[str, Any]:
@@ -46,9 +46,9 @@ def read_toml(path: Path, missing: Callable[[], str] = str) -> dict[str, Any]:
 
 
 def _require_plain(path: Path, node: Any, depth: int) -> None:
-    if depth > _DEEPEST:
+    if depth > _DEEPEST_TABLE:
         _too_deep(path)
-    if isinstance(node, int) and not -_LARGEST <= node < _LARGEST:
+    if isinstance(node, int) and not -_LARGEST_INTEGER <= node < _LARGEST_INTEGER:
         raise _too_large(path)
     for part in node.values() if isinstance(node, dict) else node if isinstance(node, list) else ():
         _require_plain(path, part, depth + 1)

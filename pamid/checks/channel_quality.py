@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from pamid.base.metrics import runs_of
 from pamid.base.units import NONE, split_column
 from pamid.recording.file_checks import HUGE, TINY
-from pamid.recording.noise import SHOWN, is_white, noise_level, quantisation_step
+from pamid.recording.noise import MAY_BE_NOISE, is_white, noise_level, quantisation_step
 from pamid.recording.recording import SIGNIFICANT_DIGITS
 
 FloatArray = NDArray[np.float64]
@@ -56,7 +56,7 @@ HELD_SHARE = 0.8
 
 
 @dataclass(frozen=True)
-class Issue:
+class QualityIssue:
     """One finding about a recording.
 
     severity   "wrong": any fit on it is nonsense; "advice": worth knowing, or worth mending
@@ -123,7 +123,7 @@ def signal_of(name: str, time: FloatArray, values: FloatArray, sent: bool = Fals
         if span > 0.0
         else 0.0
     )
-    noise = noise if noise > SHOWN * float(values.std()) else 0.0
+    noise = noise if noise > MAY_BE_NOISE * float(values.std()) else 0.0
     white = noise > max(step, last_digit) and is_white(values)
     return CheckedSignal(name, time, values, sent, span, step, noise, white)
 
@@ -178,7 +178,7 @@ def covered(size: int, starts: Places, stops: Places) -> Mask:
 # ---- findings ----------------------------------------------------------------------------------
 
 
-def clipped(s: CheckedSignal) -> tuple[list[Issue], Mask]:
+def clipped(s: CheckedSignal) -> tuple[list[QualityIssue], Mask]:
     """Stretches at the very extreme of a measured signal, and where they are."""
     found, where = [], np.zeros(s.values.size, dtype=bool)
     for sign, word in ((1.0, "highest"), (-1.0, "lowest")):
@@ -208,7 +208,7 @@ def clipped(s: CheckedSignal) -> tuple[list[Issue], Mask]:
             f"{share_words(share)}"
         )
         found.append(
-            Issue(
+            QualityIssue(
                 "clipped",
                 (s.name,),
                 "advice",
@@ -263,7 +263,7 @@ def shortest_repeat(s: CheckedSignal) -> float:
 
 def frozen(
     s: CheckedSignal, aside: Mask, others: Sequence[CheckedSignal]
-) -> tuple[list[Issue], Mask]:
+) -> tuple[list[QualityIssue], Mask]:
     """Stretches in which the channel stands exactly still while others move; aside: samples
     explained already."""
     starts, stops = runs_of(s.still & ~aside)
@@ -291,7 +291,7 @@ def frozen(
     message = f"{s.name} stands still while the others move, {share_words(share)}"
     hint = "Look at its plug, its bus and its driver; leave these stretches out."
     return [
-        Issue(
+        QualityIssue(
             "frozen",
             (s.name,),
             "advice",
@@ -313,7 +313,7 @@ def _jumps_on(s: CheckedSignal, start: int, stop: int) -> bool:
     return bool(d[at] > JUMP * max(neighbour, 0.5 * s.step) and d[at] > 1e-3 * s.span)
 
 
-def bridged(s: CheckedSignal, aside: Mask) -> list[Issue]:
+def bridged(s: CheckedSignal, aside: Mask) -> list[QualityIssue]:
     """Stretches on an exact straight line where noise should be: a gap that was interpolated."""
     if not s.white:
         return []
@@ -329,7 +329,7 @@ def bridged(s: CheckedSignal, aside: Mask) -> list[Issue]:
         float((stops - starts).sum()) / s.values.size,
     )
     return [
-        Issue(
+        QualityIssue(
             "bridged",
             (s.name,),
             "advice",
@@ -342,7 +342,7 @@ def bridged(s: CheckedSignal, aside: Mask) -> list[Issue]:
     ]
 
 
-def spikes(s: CheckedSignal) -> list[Issue]:
+def spikes(s: CheckedSignal) -> list[QualityIssue]:
     """One or two samples that leap away and come back."""
     y = s.values
     bend = float(np.quantile(np.abs(np.diff(y, n=2)), 0.98))
@@ -369,7 +369,7 @@ def spikes(s: CheckedSignal) -> list[Issue]:
     )
     many = f"{starts.size} {'spike' if starts.size == 1 else 'spikes'}"
     return [
-        Issue(
+        QualityIssue(
             "spikes",
             (s.name,),
             "advice",
@@ -385,7 +385,7 @@ def shows_only_noise(s: CheckedSignal) -> bool:
     return s.span <= 1.01 * s.step or s.white and float(s.values.std()) < ONLY_NOISE * s.noise
 
 
-def level_of(s: CheckedSignal, others_move: bool, usual_noise: float = 0.0) -> list[Issue]:
+def level_of(s: CheckedSignal, others_move: bool, usual_noise: float = 0.0) -> list[QualityIssue]:
     """Dead, coarse or noisy throughout; usual_noise: what its sensor is known for, column's
     unit."""
     y, numbers = s.values, {"step": s.step, "noise": s.noise, "span": s.span}
@@ -396,11 +396,13 @@ def level_of(s: CheckedSignal, others_move: bool, usual_noise: float = 0.0) -> l
             f"{float(y.mean()):.6g}{s.unit} while the others move"
         )
         return (
-            [Issue("dead", (s.name,), "advice", said, PLUGGED, (), numbers)] if others_move else []
+            [QualityIssue("dead", (s.name,), "advice", said, PLUGGED, (), numbers)]
+            if others_move
+            else []
         )
     if s.step > COARSE_STEP * float(high - low) > 0.0:
         return [
-            Issue(
+            QualityIssue(
                 "coarse",
                 (s.name,),
                 "advice",
@@ -418,7 +420,7 @@ def level_of(s: CheckedSignal, others_move: bool, usual_noise: float = 0.0) -> l
             f"{float(y.std()):.2g}{s.unit}"
         )
         return [
-            Issue(
+            QualityIssue(
                 "noisy",
                 (s.name,),
                 "advice",

@@ -29,7 +29,7 @@ from pamid.model.bound_parameter import Bound, Sizes
 from pamid.model.effect import Effect, State, problems
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port, Rig
-from pamid.simulation.simulate import choose_stepping, free_run, port_sizes
+from pamid.simulation.free_runs import choose_stepping, free_run, port_sizes
 from pamid.symbolic.vocabulary import Number, absolute, sqrt
 
 Array = NDArray[np.float64]
@@ -44,7 +44,7 @@ QUANTILE = 0.97
 
 
 @dataclass(frozen=True)
-class Finding:
+class CheckOutcome:
     """One check: what was looked at, whether it is as it should be, and the figure or sentence
     behind it."""
 
@@ -303,33 +303,33 @@ def _scale(outputs: Array) -> Array:
 # ---- findings ----------------------------------------------------------------------------------
 
 
-def rig_findings(rig: Rig, effects: Iterable[type[Effect]] = ()) -> list[Finding]:
+def rig_findings(rig: Rig, effects: Iterable[type[Effect]] = ()) -> list[CheckOutcome]:
     """Everything that can be said about a rig without a recording."""
     try:
         trial = ExcitedRig(rig)
         bad = finite_everywhere(rig)
     except PamidError as error:
-        return [Finding("equations", False, str(error))]
+        return [CheckOutcome("equations", False, str(error))]
     found = [
-        Finding(
+        CheckOutcome(
             "equations",
             True,
             f"{len(rig.states)} states, {len(trial.plain.parameters)} parameters, "
             f"{len(rig.outputs)} outputs; every port is used",
         )
     ]
-    found += [Finding("finite", False, b) for b in bad] or [
-        Finding("finite", True, "over random points of the bounds")
+    found += [CheckOutcome("finite", False, b) for b in bad] or [
+        CheckOutcome("finite", True, "over random points of the bounds")
     ]
     if not bad:
         found.append(_slope_finding(rig, None))
     found += [
-        Finding("source", False, f"parameter {p.name!r} names no source", advice=True)
+        CheckOutcome("source", False, f"parameter {p.name!r} names no source", advice=True)
         for p in rig.parameters
         if not p.source
     ]
     found += [
-        Finding("unit", False, f"signal {signal!r} at port {name!r} has no unit", advice=True)
+        CheckOutcome("unit", False, f"signal {signal!r} at port {name!r} has no unit", advice=True)
         for name, port in rig.ports.items()
         if not isinstance(port.signals, dict)
         for signal in port.signals
@@ -337,7 +337,7 @@ def rig_findings(rig: Rig, effects: Iterable[type[Effect]] = ()) -> list[Finding
     ]
     fit = sorted(a.label for a in attachments(rig, effects))
     found.append(
-        Finding(
+        CheckOutcome(
             "effects",
             bool(fit),
             f"{len(fit)} fit: {', '.join(fit)}" if fit else "no effect fits",
@@ -347,14 +347,16 @@ def rig_findings(rig: Rig, effects: Iterable[type[Effect]] = ()) -> list[Finding
     return found
 
 
-def effect_findings(effect: type[Effect], rigs: Iterable[Rig]) -> list[Finding]:
+def effect_findings(effect: type[Effect], rigs: Iterable[Rig]) -> list[CheckOutcome]:
     """Everything that can be said about an effect: its data sheet, and how it behaves wherever it
     fits."""
-    found = [Finding("data sheet", False, w) for w in problems(effect)]
+    found = [CheckOutcome("data sheet", False, w) for w in problems(effect)]
     if effect.act is Effect.act:
         return found
     found = found or [
-        Finding("data sheet", True, f"family {effect.family}, {len(effect.parameters)} parameters")
+        CheckOutcome(
+            "data sheet", True, f"family {effect.family}, {len(effect.parameters)} parameters"
+        )
     ]
     places = [(rig, a) for rig in (*rigs, EveryPortRig()) for a in attachments(rig, [effect])]
     if not places:
@@ -362,7 +364,7 @@ def effect_findings(effect: type[Effect], rigs: Iterable[Rig]) -> list[Finding]:
             f", {s}" for s in effect.signals
         )
         found.append(
-            Finding("place", False, f"no rig has a port for it; it needs {needs}", advice=True)
+            CheckOutcome("place", False, f"no rig has a port for it; it needs {needs}", advice=True)
         )
     for rig, attachment in places:
         found += [
@@ -372,11 +374,11 @@ def effect_findings(effect: type[Effect], rigs: Iterable[Rig]) -> list[Finding]:
     return found
 
 
-def _behaviour(rig: Rig, attachment: Attachment) -> list[Finding]:
+def _behaviour(rig: Rig, attachment: Attachment) -> list[CheckOutcome]:
     try:
         off = null_error(rig, attachment)
         found = [
-            Finding(
+            CheckOutcome(
                 "null",
                 off <= NULL_TOLERANCE,
                 f"at its null it changes the outputs by {off:.2g} of their size "
@@ -384,14 +386,14 @@ def _behaviour(rig: Rig, attachment: Attachment) -> list[Finding]:
             )
         ]
         bad = finite_everywhere(rig, attachment)
-        found += [Finding("finite", False, b) for b in bad] or [
-            Finding("finite", True, "over random points of the bounds")
+        found += [CheckOutcome("finite", False, b) for b in bad] or [
+            CheckOutcome("finite", True, "over random points of the bounds")
         ]
         if not bad:
             found.append(_slope_finding(rig, attachment))
             change = visible_change(rig, attachment)
             found.append(
-                Finding(
+                CheckOutcome(
                     "change",
                     change > LEAST_EFFECT,
                     f"at its typical size it changes the outputs by up to "
@@ -401,12 +403,12 @@ def _behaviour(rig: Rig, attachment: Attachment) -> list[Finding]:
             )
         return found
     except PamidError as error:
-        return [Finding("equations", False, str(error))]
+        return [CheckOutcome("equations", False, str(error))]
 
 
-def _slope_finding(rig: Rig, attachment: Attachment | None) -> Finding:
+def _slope_finding(rig: Rig, attachment: Attachment | None) -> CheckOutcome:
     worst = sensitivity_error(rig, attachment)
-    return Finding(
+    return CheckOutcome(
         "sensitivities",
         worst <= SAME_SLOPE,
         f"differ from central differences by {worst:.2g} of the largest (allowed {SAME_SLOPE:g})",

@@ -14,8 +14,8 @@ import numpy as np
 from pamid.base.errors import DataError, FileError, PamidError, nearest
 from pamid.base.files import read_lines
 from pamid.base.units import NONE, is_unit, split_column
-from pamid.checks.conformance import Finding, effect_findings, rig_findings
-from pamid.checks.recording_quality import Issue, blocking, channel_figures, examine
+from pamid.checks.conformance import CheckOutcome, effect_findings, rig_findings
+from pamid.checks.recording_quality import QualityIssue, blocking, channel_figures, examine
 from pamid.model import registry as library
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig, check_rig
@@ -34,7 +34,7 @@ from pamid.recording.recording import (
     match_column,
     read_recording,
 )
-from pamid.schemas import check as result
+from pamid.schemas import check_file as result
 from pamid.simulation.data_split import require_informative
 
 STILL_SHARE = 0.02  # of a column's range: what moves less is at rest
@@ -47,7 +47,7 @@ class Inspection:
 
     said: dict[str, Any]
     recording: Recording | None = None
-    issues: tuple[Issue, ...] = ()
+    issues: tuple[QualityIssue, ...] = ()
 
 
 def inspect(
@@ -60,7 +60,7 @@ def inspect(
     file of another kind or one that is not there; whatever is wrong inside is listed, not raised.
     """
     recording: Recording | None = None
-    issues: tuple[Issue, ...] = ()
+    issues: tuple[QualityIssue, ...] = ()
     if isinstance(source, Recording):
         path, recording = source.path, source
         about, found, issues = _recording(source, rig)
@@ -119,18 +119,18 @@ def require_sound(recording: Recording, rig: Rig) -> None:
 
 def _recording(
     recording: Recording, rig_name: str | Rig | None
-) -> tuple[dict[str, Any], list[Finding], tuple[Issue, ...]]:
-    found = [Finding("file", True, "uniform stamps, finite numbers, no row missing")]
-    found += [Finding("warning", False, w, advice=True) for w in recording.warnings]
+) -> tuple[dict[str, Any], list[CheckOutcome], tuple[QualityIssue, ...]]:
+    found = [CheckOutcome("file", True, "uniform stamps, finite numbers, no row missing")]
+    found += [CheckOutcome("warning", False, w, advice=True) for w in recording.warnings]
     name = rig_name or recording.rig
     rig, against = _against_rig(recording, rig_name) if name else (None, [])
     issues = examine(recording, rig)
     found += against + [
-        Finding(i.kind, False, i.text, advice=i.severity == "advice") for i in issues
+        CheckOutcome(i.kind, False, i.text, advice=i.severity == "advice") for i in issues
     ]
     if not issues:
         found.append(
-            Finding(
+            CheckOutcome(
                 "quality", True, "nothing clipped, frozen, lost, exchanged, late or in another unit"
             )
         )
@@ -177,7 +177,7 @@ def _column(recording: Recording, name: str) -> dict[str, Any]:
 
 def _against_rig(
     recording: Recording, rig_name: str | Rig | None
-) -> tuple[Rig | None, list[Finding]]:
+) -> tuple[Rig | None, list[CheckOutcome]]:
     """The rig, which of its columns are there, and which columns it does not know.
 
     A rig file is run only where the user names it; one that a recording's TOML names is told, not
@@ -191,13 +191,13 @@ def _against_rig(
         )
         wanted = {c: match_column(recording.columns, c) for c in (*rig.inputs, *rig.outputs)}
     except PamidError as error:
-        return None, [Finding("rig", False, str(error))]
+        return None, [CheckOutcome("rig", False, str(error))]
     references = [loop.reference for loop in rig.loops]
     strange = [c for c in recording.columns if c not in wanted.values() and c not in references]
     missing = [c for c in rig.inputs if wanted[c] is None and c not in rig.optional]
     seen = [c for c in rig.outputs if wanted[c] is not None]
     found = [
-        Finding(
+        CheckOutcome(
             "input",
             False,
             f"the input {c!r} of rig {rig.name!r} is missing. "
@@ -207,21 +207,21 @@ def _against_rig(
     ]
     if not seen:
         found.append(
-            Finding(
+            CheckOutcome(
                 "output",
                 False,
                 f"none of the outputs of rig {rig.name!r} is there: {', '.join(rig.outputs)}",
             )
         )
     found += [
-        Finding(
+        CheckOutcome(
             "output", False, f"{c} is not recorded: what only it shows stays unknown", advice=True
         )
         for c in rig.outputs
         if wanted[c] is None and seen
     ]
     found += [
-        Finding(
+        CheckOutcome(
             "column",
             False,
             f"rig {rig.name!r} does not know the column {c!r}; it is kept and not used. "
@@ -232,7 +232,7 @@ def _against_rig(
     ]
     known = [f"{p.outside_name}" for p in rig.parameters]
     found += [
-        Finding(
+        CheckOutcome(
             "known",
             False,
             f"[known] {key!r} is no parameter of rig {rig.name!r}. {nearest(key, known)}".rstrip(),
@@ -244,20 +244,20 @@ def _against_rig(
         try:
             require_informative(rig, recording)
         except DataError as error:
-            found.append(Finding("excitation", False, f"nothing can be learnt: {error}"))
-    return rig, found or [Finding("rig", True, f"every column of rig {rig.name!r} is there")]
+            found.append(CheckOutcome("excitation", False, f"nothing can be learnt: {error}"))
+    return rig, found or [CheckOutcome("rig", True, f"every column of rig {rig.name!r} is there")]
 
 
-def _every_problem(path: Path, first: PamidError) -> list[Finding]:
+def _every_problem(path: Path, first: PamidError) -> list[CheckOutcome]:
     """The problem that stopped the reader, and those of the other stages that can still be
     tried."""
-    said: dict[str, Finding] = {first.message: Finding(first.code, False, str(first))}
+    said: dict[str, CheckOutcome] = {first.message: CheckOutcome(first.code, False, str(first))}
 
     def attempt(stage: Callable[[], Any]) -> Any:
         try:
             return stage()
         except PamidError as error:
-            said.setdefault(error.message, Finding(error.code, False, str(error)))
+            said.setdefault(error.message, CheckOutcome(error.code, False, str(error)))
             return None
 
     names = attempt(lambda: read_header(path))
@@ -273,13 +273,15 @@ def _every_problem(path: Path, first: PamidError) -> list[Finding]:
     if time.size < MIN_SAMPLES and first.code != "empty":
         said.setdefault(
             "short",
-            Finding("too-short", False, f"{time.size} samples, at least {MIN_SAMPLES} are needed"),
+            CheckOutcome(
+                "too-short", False, f"{time.size} samples, at least {MIN_SAMPLES} are needed"
+            ),
         )
     suffixes = [
         n for n in names[1:] if n and "_" in n and split_column(n)[1] == NONE and not is_unit(n)
     ]
     said |= {
-        n: Finding("unit", False, f"column {n!r} ends in no unit pamid knows", advice=True)
+        n: CheckOutcome("unit", False, f"column {n!r} ends in no unit pamid knows", advice=True)
         for n in suffixes
         if not n.rsplit("_", 1)[1].isdigit()
     }
@@ -301,11 +303,11 @@ def _time_column(path: Path) -> FloatArray:
 # ---- rig and effect files ----------------------------------------------------------------------
 
 
-def _python(path: Path) -> tuple[dict[str, Any], list[Finding]]:
+def _python(path: Path) -> tuple[dict[str, Any], list[CheckOutcome]]:
     try:
         module = library.load_file(path)
     except PamidError as error:
-        return {"kind": "python"}, [Finding("file", False, str(error))]
+        return {"kind": "python"}, [CheckOutcome("file", False, str(error))]
     return _classes(
         path,
         [
@@ -316,30 +318,32 @@ def _python(path: Path) -> tuple[dict[str, Any], list[Finding]]:
     )
 
 
-def _classes(path: Path, own: list[type]) -> tuple[dict[str, Any], list[Finding]]:
+def _classes(path: Path, own: list[type]) -> tuple[dict[str, Any], list[CheckOutcome]]:
     rigs = [v for v in own if issubclass(v, Rig)]
     effects = [v for v in own if issubclass(v, Effect)]
     kind = "rig" if rigs else "effect" if effects else "python"
     about = {"kind": kind, "rigs": [r.name for r in rigs], "effects": [e.name for e in effects]}
     if kind == "python":
         return about, [
-            Finding(
+            CheckOutcome(
                 "file",
                 False,
                 "it holds neither a rig nor an effect (a class derived from pamid.Rig or "
                 "pamid.Effect)",
             )
         ]
-    found: list[Finding] = []
+    found: list[CheckOutcome] = []
     if len(rigs) > 1:
-        found.append(Finding("file", False, f"it holds {len(rigs)} rigs; keep one rig in one file"))
+        found.append(
+            CheckOutcome("file", False, f"it holds {len(rigs)} rigs; keep one rig in one file")
+        )
     catalogue = library.effects()
     for effect in effects:
         others = [r() for r in library.rigs().values()]
         found += _named(effect.name, effect_findings(effect, others))
         if effect.name in catalogue:
             found.append(
-                Finding(
+                CheckOutcome(
                     "name",
                     False,
                     f"{effect.name!r} is the name of an effect of the catalogue, which it "
@@ -352,23 +356,23 @@ def _classes(path: Path, own: list[type]) -> tuple[dict[str, Any], list[Finding]
     return about, found
 
 
-def _rig(path: Path, kind: type[Rig], effects: dict[str, type[Effect]]) -> list[Finding]:
+def _rig(path: Path, kind: type[Rig], effects: dict[str, type[Effect]]) -> list[CheckOutcome]:
     try:
         rig = kind()
         check_rig(rig, str(path))
     except PamidError as error:
-        return [Finding("declarations", False, str(error))]
+        return [CheckOutcome("declarations", False, str(error))]
     except Exception as error:  # a rig's own __init__ may do anything
         return [
-            Finding(
+            CheckOutcome(
                 "declarations", False, f"{kind.__name__}() failed: {type(error).__name__}: {error}"
             )
         ]
     return _named(rig.name, rig_findings(rig, effects.values()))
 
 
-def _named(name: str, found: list[Finding]) -> list[Finding]:
-    return [Finding(f.check, f.ok, f"{name}: {f.detail}", f.advice) for f in found]
+def _named(name: str, found: list[CheckOutcome]) -> list[CheckOutcome]:
+    return [CheckOutcome(f.check, f.ok, f"{name}: {f.detail}", f.advice) for f in found]
 
 
 # ---- text --------------------------------------------------------------------------------------

@@ -23,8 +23,8 @@ from pamid.checks.channel_quality import (
     CHANCE,
     PLUGGED,
     CheckedSignal,
-    Issue,
     Mask,
+    QualityIssue,
     bridged,
     clipped,
     covered,
@@ -43,7 +43,7 @@ from pamid.excitation.aprbs import coverage
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, match_column
 
-__all__ = ["Issue", "channel_figures", "examine"]
+__all__ = ["QualityIssue", "channel_figures", "examine"]
 
 FloatArray = NDArray[np.float64]
 
@@ -60,7 +60,7 @@ VENTED_PA = (94e3, 106e3)
 PRESSURES_PA = (1.5e4, 3e7)  # of what is driven by fluids, gauge or absolute
 
 
-def examine(recording: Recording, rig: Rig | None = None) -> tuple[Issue, ...]:
+def examine(recording: Recording, rig: Rig | None = None) -> tuple[QualityIssue, ...]:
     """All issues of a recording: wrong ones first, then by the share of the time that they concern.
 
     Without a rig, nothing is said that only its model can tell.
@@ -84,17 +84,17 @@ def examine(recording: Recording, rig: Rig | None = None) -> tuple[Issue, ...]:
     )
 
 
-def blocking(recording: Recording, rig: Rig) -> tuple[Issue, ...]:
+def blocking(recording: Recording, rig: Rig) -> tuple[QualityIssue, ...]:
     """The issues with which any fit is nonsense, and no others, which is quicker."""
     absurd = _absurd(recording)
     found = [absurd] if absurd else _against(recording, rig, thorough=False)[0]
     return tuple(issue for issue in found if issue.severity == "wrong")
 
 
-def _absurd(recording: Recording) -> Issue | None:
+def _absurd(recording: Recording) -> QualityIssue | None:
     names = tuple(name for name, values in recording.columns.items() if not measurable(values))
     return (
-        Issue(
+        QualityIssue(
             "range",
             names,
             "wrong",
@@ -108,7 +108,7 @@ def _absurd(recording: Recording) -> Issue | None:
 
 def _against(
     recording: Recording, rig: Rig, thorough: bool
-) -> tuple[list[Issue], dict[str, set[str]]]:
+) -> tuple[list[QualityIssue], dict[str, set[str]]]:
     """What only the rig can tell, and what need not be guessed without it: kind of issue ->
     columns. thorough: also what it takes many runs of the model to name."""
     from pamid.checks import rig_consistency as quality_rig  # the engine is needed only here
@@ -160,7 +160,7 @@ def _sent_columns(recording: Recording, rig: Rig | None) -> set[str]:
     }
 
 
-def _levels(measured: Sequence[CheckedSignal], rig: Rig | None) -> list[Issue]:
+def _levels(measured: Sequence[CheckedSignal], rig: Rig | None) -> list[QualityIssue]:
     """Dead, coarse and noisy channels; where most show nothing, the rig rests and no sensor is to
     blame."""
     moving = 2 * sum(shows_only_noise(s) for s in measured) < len(measured)
@@ -180,7 +180,7 @@ def _moves(signal: CheckedSignal, signals: Sequence[CheckedSignal]) -> bool:
 
 def _constant(
     recording: Recording, signals: Sequence[CheckedSignal], rig: Rig | None
-) -> list[Issue]:
+) -> list[QualityIssue]:
     spare = (
         set() if rig is None else {match_column(recording.columns, name) for name in rig.optional}
     )
@@ -192,7 +192,7 @@ def _constant(
             if s.sent and rig is not None and any(o.sent and o.span > 0.0 for o in signals):
                 continue  # another input is at work
             found.append(
-                Issue(
+                QualityIssue(
                     "dead" if dead else "constant",
                     (s.name,),
                     "advice",
@@ -205,10 +205,10 @@ def _constant(
     return found
 
 
-def _held_and_clipped(measured: Sequence[CheckedSignal]) -> list[Issue]:
+def _held_and_clipped(measured: Sequence[CheckedSignal]) -> list[QualityIssue]:
     """What makes samples stand still: a slow sensor, lost rows, a limit, a dead channel; then
     bridges and spikes."""
-    found: list[Issue] = []
+    found: list[QualityIssue] = []
     slow = {s.name: every for s in measured if (every := sampled_slowly(s)) > 1}
     for every in sorted(set(slow.values())):
         columns = tuple(name for name, n in slow.items() if n == every)
@@ -218,7 +218,7 @@ def _held_and_clipped(measured: Sequence[CheckedSignal]) -> list[Issue]:
             "Hz), held between"
         )
         found.append(
-            Issue(
+            QualityIssue(
                 "sampled-slowly",
                 columns,
                 "advice",
@@ -269,7 +269,7 @@ def _rows_held(signals: Sequence[CheckedSignal]) -> Mask:
     return covered(held.size, starts[moving], stops[moving])
 
 
-def _dropped(measured: Sequence[CheckedSignal], held: Mask) -> list[Issue]:
+def _dropped(measured: Sequence[CheckedSignal], held: Mask) -> list[QualityIssue]:
     if not held.any():
         return []
     starts, stops = runs_of(held)
@@ -277,7 +277,7 @@ def _dropped(measured: Sequence[CheckedSignal], held: Mask) -> list[Issue]:
     columns = tuple(s.name for s in measured)
     which = "all measured channels" if len(columns) > 1 else columns[0]
     return [
-        Issue(
+        QualityIssue(
             "dropped",
             columns,
             "advice",
@@ -298,7 +298,7 @@ def _dropped(measured: Sequence[CheckedSignal], held: Mask) -> list[Issue]:
 # ---- pressures ---------------------------------------------------------------------------------
 
 
-def _pressures(measured: Sequence[CheckedSignal]) -> list[Issue]:
+def _pressures(measured: Sequence[CheckedSignal]) -> list[QualityIssue]:
     """Pressures that cannot be what their name says: another unit, absolute instead of gauge, below
     the vacuum."""
     found = []
@@ -310,7 +310,7 @@ def _pressures(measured: Sequence[CheckedSignal]) -> list[Issue]:
         size = float(np.quantile(np.abs(y), 0.99))
         if float(np.quantile(y, 0.01)) < VACUUM_PA:
             found.append(
-                Issue(
+                QualityIssue(
                     "pressure",
                     (s.name,),
                     "advice",
@@ -322,7 +322,7 @@ def _pressures(measured: Sequence[CheckedSignal]) -> list[Issue]:
             )
         elif not PRESSURES_PA[0] < size < PRESSURES_PA[1]:
             found.append(
-                Issue(
+                QualityIssue(
                     "unit",
                     (s.name,),
                     "advice",
@@ -338,7 +338,7 @@ def _pressures(measured: Sequence[CheckedSignal]) -> list[Issue]:
     return found
 
 
-def _vented(s: CheckedSignal, y: FloatArray) -> list[Issue]:
+def _vented(s: CheckedSignal, y: FloatArray) -> list[QualityIssue]:
     """A floor at one atmosphere, on which the pressure rests again and again."""
     floor = float(np.quantile(y, 0.002))
     near = max(2e3, 4.0 * float(to_si(s.noise, split_column(s.name)[1])))
@@ -349,7 +349,7 @@ def _vented(s: CheckedSignal, y: FloatArray) -> list[Issue]:
     if not long.any():
         return []
     return [
-        Issue(
+        QualityIssue(
             "absolute-pressure",
             (s.name,),
             "advice",
@@ -366,13 +366,13 @@ def _vented(s: CheckedSignal, y: FloatArray) -> list[Issue]:
 # ---- what is sent ------------------------------------------------------------------------------
 
 
-def _sent(recording: Recording, rig: Rig | None) -> list[Issue]:
+def _sent(recording: Recording, rig: Rig | None) -> list[QualityIssue]:
     """Is enough asked of the rig, for long enough?"""
     found = []
     if len(recording) < FEW_SAMPLES:
         length = len(recording) * recording.sampling_period_s
         found.append(
-            Issue(
+            QualityIssue(
                 "short",
                 (),
                 "advice",
@@ -390,7 +390,7 @@ def _sent(recording: Recording, rig: Rig | None) -> list[Issue]:
         at = size >= size.max()
         if np.unique(size).size > FEW_LEVELS and at.mean() > AT_LIMITS:
             found.append(
-                Issue(
+                QualityIssue(
                     "at-limits",
                     (name,),
                     "advice",
@@ -437,7 +437,7 @@ def _usual(rig: Rig | None, column: str) -> float:
     )
 
 
-def _excitation(recording: Recording, name: str, usual: float) -> list[Issue]:
+def _excitation(recording: Recording, name: str, usual: float) -> list[QualityIssue]:
     values, period = recording.columns[name], recording.sampling_period_s
     try:
         seen = coverage(values, period)
@@ -463,7 +463,7 @@ def _excitation(recording: Recording, name: str, usual: float) -> list[Issue]:
     if not said:
         return []
     return [
-        Issue(
+        QualityIssue(
             "excitation",
             (name,),
             "advice",

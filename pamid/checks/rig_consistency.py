@@ -29,12 +29,12 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import PamidError
 from pamid.base.units import quantity_of, split_column, suffixes_for, unit
-from pamid.checks.channel_quality import Issue
+from pamid.checks.channel_quality import QualityIssue
 from pamid.model.assembly import Assembly
 from pamid.model.rig import Rig
 from pamid.recording.noise import noise_level
 from pamid.recording.recording import Recording, match_column
-from pamid.simulation.simulate import (
+from pamid.simulation.free_runs import (
     free_run,
     input_table,
     known_values,
@@ -111,7 +111,7 @@ class Change:
 
 def contradictions(
     recording: Recording, rig: Rig, evidence: SheetComparison | None
-) -> tuple[list[Issue], dict[str, set[str]], SheetComparison | None]:
+) -> tuple[list[QualityIssue], dict[str, set[str]], SheetComparison | None]:
     """Everything in which the recording contradicts the rig; which kinds of issue need not be
     guessed from the values alone, in which columns, since the rig can tell; and the evidence with
     all of it set right. Little where the rig cannot be run on it."""
@@ -241,7 +241,9 @@ def _with_inputs(
         yield Change(kind, columns, replace(e, u=u, model=model))
 
 
-def _issue_of(change: Change, before: SheetComparison, recording: Recording, rig: Rig) -> Issue:
+def _issue_of(
+    change: Change, before: SheetComparison, recording: Recording, rig: Rig
+) -> QualityIssue:
     columns = recorded_as(change.columns, recording)
     numbers = {
         "agreement_as_recorded": before.score / _most(before),
@@ -252,7 +254,7 @@ def _issue_of(change: Change, before: SheetComparison, recording: Recording, rig
         f"{numbers['agreement_mended']:.2f} the other way"
     )
     if change.kind == "exchanged":
-        return Issue(
+        return QualityIssue(
             "exchanged",
             columns,
             "wrong",
@@ -265,7 +267,7 @@ def _issue_of(change: Change, before: SheetComparison, recording: Recording, rig
     other = ""
     if len(before.names) == 1 and change.columns[0] in before.inputs:
         other = f" (or that of {recorded_as(before.names, recording)[0]})"
-    return Issue(
+    return QualityIssue(
         "sign",
         columns,
         "wrong",
@@ -286,7 +288,7 @@ def _most(e: SheetComparison) -> int:
 
 def _units(
     e: SheetComparison, recording: Recording, rig: Rig
-) -> tuple[SheetComparison, list[Issue]]:
+) -> tuple[SheetComparison, list[QualityIssue]]:
     """Outputs whose size fits another unit of the same quantity, and the evidence with these set
     right."""
     y = e.y.copy()
@@ -307,7 +309,7 @@ def _units(
                 mistaken.setdefault((symbol, other), {})[columns[k]] = gain
                 break
     found = [
-        Issue(
+        QualityIssue(
             "unit",
             tuple(gains),
             "wrong",
@@ -322,7 +324,7 @@ def _units(
     return replace(e, y=y), found
 
 
-def _percent(recording: Recording, rig: Rig) -> list[Issue]:
+def _percent(recording: Recording, rig: Rig) -> list[QualityIssue]:
     """Inputs without a unit that are a hundred times what is usual."""
     found = []
     for name, usual in rig.excited.items():
@@ -332,7 +334,7 @@ def _percent(recording: Recording, rig: Rig) -> list[Issue]:
         size = float(np.quantile(np.abs(recording.columns[column]), 0.95))
         if 20.0 * usual < size < 200.0 * usual:
             found.append(
-                Issue(
+                QualityIssue(
                     "unit",
                     (column,),
                     "wrong",
@@ -346,7 +348,7 @@ def _percent(recording: Recording, rig: Rig) -> list[Issue]:
     return found
 
 
-def _offsets(e: SheetComparison, recording: Recording, rig: Rig) -> list[Issue]:
+def _offsets(e: SheetComparison, recording: Recording, rig: Rig) -> list[QualityIssue]:
     """Pressures that lie one atmosphere above the data sheet's."""
     lifted: dict[str, float] = {}
     for k, (ours, theirs) in enumerate(zip(shapes(e.y), shapes(e.model), strict=True)):
@@ -362,7 +364,7 @@ def _offsets(e: SheetComparison, recording: Recording, rig: Rig) -> list[Issue]:
     columns, above = tuple(lifted), float(np.mean(list(lifted.values())))
     many = "lies" if len(columns) == 1 else "lie"
     return [
-        Issue(
+        QualityIssue(
             "absolute-pressure",
             columns,
             "advice",
@@ -376,7 +378,7 @@ def _offsets(e: SheetComparison, recording: Recording, rig: Rig) -> list[Issue]:
     ]
 
 
-def _delays(e: SheetComparison, recording: Recording, rig: Rig) -> list[Issue]:
+def _delays(e: SheetComparison, recording: Recording, rig: Rig) -> list[QualityIssue]:
     """Channels that answer earlier or later than the data sheet's model."""
     period = recording.sampling_period_s
     late: dict[int, list[str]] = {}
@@ -402,7 +404,7 @@ def _delays(e: SheetComparison, recording: Recording, rig: Rig) -> list[Issue]:
             "raw log."
         )
         found.append(
-            Issue(
+            QualityIssue(
                 "delay",
                 columns,
                 "advice",

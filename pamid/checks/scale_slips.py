@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.units import NONE, from_si, split_column
-from pamid.checks.channel_quality import PLUGGED, Issue
+from pamid.checks.channel_quality import PLUGGED, QualityIssue
 from pamid.checks.rig_consistency import SheetComparison, recorded_as, shapes
 from pamid.model.rig import Rig
 from pamid.recording.noise import noise_level
@@ -49,7 +49,7 @@ MOST_TRIED_SAMPLES = 4000  # samples on which they are looked for
 
 
 @dataclass(frozen=True)
-class Slip:
+class ScaleSlip:
     """One thing multiplied by `factor` brings model and recording together.
 
     kind "parameter" or "column"; left: share of the error that stays
@@ -95,7 +95,7 @@ def stated_period(rig: Rig) -> float | None:
     )
 
 
-def clock(recording: Recording, rig: Rig, evidence: SheetComparison | None) -> list[Issue]:
+def clock(recording: Recording, rig: Rig, evidence: SheetComparison | None) -> list[QualityIssue]:
     """Stamps that are no seconds: far from the period that the rig states; where it states none,
     those with which the data sheet's run comes far nearer to what was measured once they are
     divided by a thousand and so on."""
@@ -119,7 +119,7 @@ def clock(recording: Recording, rig: Rig, evidence: SheetComparison | None) -> l
         looks, ratio = CLOCKS[found], 1.0 / found
     hint = f"The stamps look like {looks}." if looks else "Are the stamps seconds?"
     return [
-        Issue(
+        QualityIssue(
             "clock",
             ("time_s",),
             "wrong",
@@ -144,7 +144,7 @@ def _better_clock(e: SheetComparison) -> float | None:
 # ---- sensors -----------------------------------------------------------------------------------
 
 
-def unplugged(recording: Recording, rig: Rig, e: SheetComparison) -> list[Issue]:
+def unplugged(recording: Recording, rig: Rig, e: SheetComparison) -> list[QualityIssue]:
     """Sensors that show one number throughout while another one moves, and should move
     themselves."""
     still = np.ptp(e.y, axis=0) == 0.0
@@ -161,7 +161,7 @@ def unplugged(recording: Recording, rig: Rig, e: SheetComparison) -> list[Issue]
             value, symbol = float(recording.columns[column][0]), split_column(column)[1]
             shown = f"{value:g}" if symbol == NONE else f"{value:g} {symbol}"
             found.append(
-                Issue(
+                QualityIssue(
                     "dead",
                     (column,),
                     "wrong",
@@ -178,7 +178,7 @@ def unplugged(recording: Recording, rig: Rig, e: SheetComparison) -> list[Issue]
 # ---- parameters and columns --------------------------------------------------------------------
 
 
-def slips(e: SheetComparison, recording: Recording) -> list[Slip]:
+def slips(e: SheetComparison, recording: Recording) -> list[ScaleSlip]:
     """What, multiplied by a power of ten, of either sign, takes away most of the error where the
     data sheet's run misses by more than the signal moves; the best first, those that are as good
     beside it. Empty where nothing does, or nothing is so far off.
@@ -196,13 +196,13 @@ def slips(e: SheetComparison, recording: Recording) -> list[Slip]:
     if not bad.any():
         return []
     before, silent = _misses(e.y, e.model)[:, bad], _misses(e.y, np.zeros_like(e.y))[:, bad]
-    found: dict[str, Slip] = {}
+    found: dict[str, ScaleSlip] = {}
     for kind, name, factor, y, model in _tries(e, recording):
         after = _misses(y, model)[:, bad]
         share = float((after / np.minimum(before, silent)).max(axis=1).min())
         small = bool((after < MENDED_OF_BEFORE * before).all(axis=1).any())
         if share < MENDED_OF_REST and small and (name not in found or share < found[name].left):
-            found[name] = Slip(kind, name, factor, share)
+            found[name] = ScaleSlip(kind, name, factor, share)
     ranked = sorted(found.values(), key=lambda s: s.left)
     return [s for s in ranked if s.left < 1.5 * ranked[0].left][:MOST_SLIPS]
 
@@ -246,7 +246,7 @@ def _tries(
             yield "column", column, factor, changed, e.model
 
 
-def far_off(recording: Recording, rig: Rig, e: SheetComparison) -> list[Issue]:
+def far_off(recording: Recording, rig: Rig, e: SheetComparison) -> list[QualityIssue]:
     """Where the data sheet's run misses by more than the signal moves, and what may be the slip."""
     error = errors(e.y, e.model)
     columns = recorded_as(e.names, recording)
@@ -259,7 +259,7 @@ def far_off(recording: Recording, rig: Rig, e: SheetComparison) -> list[Issue]:
         "runs away" if most == MOST_ERROR else f"misses by {most:.2g} times what the signal moves"
     )
     return [
-        Issue(
+        QualityIssue(
             "far-off",
             tuple(columns[i] for i in bad),
             "advice",
@@ -271,7 +271,7 @@ def far_off(recording: Recording, rig: Rig, e: SheetComparison) -> list[Issue]:
     ]
 
 
-def advice(found: list[Slip]) -> str:
+def advice(found: list[ScaleSlip]) -> str:
     """The sentence that sends a reader to units and signs."""
     named = f": {' or '.join(s.words for s in found)} would bring them together" if found else ""
     return f"Check units and signs{named}."

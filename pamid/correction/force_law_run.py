@@ -19,8 +19,9 @@ from pamid.report.force_map_figure import Side, force_map_picture
 from pamid.rigs.muscle import LAWS
 
 FORCE_LAW_SCHEMA = "pamid.force-law/1"
-LAW_FILE, RIG_FILE, FIGURE_FILE = "force-law.json", "rig.py", "figures/force-map.png"
-LEVELS, STEPS = 6, 61  # pressures and contractions of the curves in the picture
+LAW_FILE, RIG_FILE, MAP_FIGURE_FILE = "force-law.json", "rig.py", "figures/force-map.png"
+# pressures and contractions of the curves in the picture
+CURVE_PRESSURES, CURVE_CONTRACTIONS = 6, 61
 
 
 def law_json(found: ValidatedMap, rig: str, strict: bool) -> dict[str, Any]:
@@ -79,7 +80,7 @@ def write_law(run: Run, found: ValidatedMap, rig: str, strict: bool) -> dict[str
     holds."""
     about = law_json(found, rig, strict)
     content, network = network_files(found.trained)
-    names = (WEIGHTS_FILE, NETWORK_FILE, FIGURE_FILE, RIG_FILE, LAW_FILE)
+    names = (WEIGHTS_FILE, NETWORK_FILE, MAP_FIGURE_FILE, RIG_FILE, LAW_FILE)
     contents = (
         content,
         json_bytes(network, NETWORK_FILE),
@@ -118,15 +119,15 @@ def _picture(found: ValidatedMap) -> bytes:
     points, best, scale = found.map, found.best, found.scale[found.best]
     pressures = np.unique(points.pressure_kpa)
     # at the lowest there is little to see
-    wanted = np.linspace(pressures[0], pressures[-1], LEVELS + 1)[1:]
+    wanted = np.linspace(pressures[0], pressures[-1], CURVE_PRESSURES + 1)[1:]
     levels = np.unique(pressures[np.abs(pressures - wanted[:, None]).argmin(axis=1)])
-    along = np.linspace(points.contraction.min(), points.contraction.max(), STEPS)
-    shape = (len(levels), STEPS)
+    along = np.linspace(points.contraction.min(), points.contraction.max(), CURVE_CONTRACTIONS)
+    shape = (len(levels), CURVE_CONTRACTIONS)
     lines = ForceMap(
         points.path,
         np.tile(along, len(levels)),
-        np.repeat(levels, STEPS),
-        np.zeros(len(levels) * STEPS),
+        np.repeat(levels, CURVE_CONTRACTIONS),
+        np.zeros(len(levels) * CURVE_CONTRACTIONS),
     )
     network, held = ForceLaw(found.trained), found.by_point
     sides = (

@@ -31,7 +31,7 @@ from pamid.base.files import MAP, read_lines
 from pamid.base.metrics import rms
 from pamid.base.progress import Progress, silent
 from pamid.base.units import compatible, from_si, split_column, to_si
-from pamid.correction.trained_force_law import TOLERANCE, ForceLaw, check_force_law
+from pamid.correction.trained_force_law import MONOTONE_TOLERANCE, ForceLaw, check_force_law
 from pamid.networks.anfis import Anfis
 from pamid.networks.trained_network import TrainedNetwork, train_on_signals
 from pamid.recording.file_checks import check_range, explain_cells, read_header
@@ -42,8 +42,9 @@ from pamid.symbolic.vocabulary import Expr
 
 Array = NDArray[np.float64]
 
-CONTRACTION, PRESSURE, FORCE = COLUMNS = ("contraction", "pressure_kpa", "force_n")
-SLACK = TOLERANCE  # of the largest force: readings up to it are those of a slack muscle
+COLUMNS = ("contraction", "pressure_kpa", "force_n")
+CONTRACTION_COLUMN, PRESSURE_COLUMN, FORCE_COLUMN = COLUMNS
+SLACK = MONOTONE_TOLERANCE  # of the largest force: readings up to it are those of a slack muscle
 MAP_ITERATIONS = 200
 # spacings of the contractions that are held out one at a time, of the map's range
 BANDS = 10
@@ -77,7 +78,7 @@ class ForceMap:
 
 
 @dataclass(frozen=True, eq=False)
-class HeldOut:
+class HeldOutForces:
     """Forces (points,), N, that the ANFIS and every scaled analytic law give for points they have
     not seen; `rows`: which points have been held out, nothing is said of the others."""
 
@@ -101,8 +102,8 @@ class ValidatedMap:
     map: ForceMap
     every: int
     trained: TrainedNetwork
-    by_point: HeldOut
-    by_contraction: HeldOut
+    by_point: HeldOutForces
+    by_contraction: HeldOutForces
     printed: dict[str, Array]
     scale: dict[str, float]
     wrong_way: tuple[float, float]
@@ -114,7 +115,7 @@ class ValidatedMap:
         """The analytic law nearest to the points held out."""
         return next(iter(self.scale))
 
-    def rms_n(self, held: HeldOut, law: str = "") -> float | None:
+    def rms_n(self, held: HeldOutForces, law: str = "") -> float | None:
         """RMS error of a scaled law, or of the ANFIS, on what was held out; None where nothing
         was."""
         said = held.scaled[law] if law else held.anfis
@@ -140,7 +141,7 @@ class ValidatedMap:
     def advice(self) -> list[str]:
         """What follows where the ANFIS is not the better law."""
 
-        def worse(held: HeldOut) -> bool:
+        def worse(held: HeldOutForces) -> bool:
             return (self.rms_n(held) or 0.0) > (self.rms_n(held, self.best) or 0.0)
 
         if worse(self.by_point):
@@ -276,8 +277,8 @@ def judge(
     _check_size(points, sets, every)
     said = {name: forces(law, points) for name, law in LAWS.items()}
 
-    def held_out(group: NDArray[np.intp], names: range) -> HeldOut:
-        held = HeldOut(
+    def held_out(group: NDArray[np.intp], names: range) -> HeldOutForces:
+        held = HeldOutForces(
             np.isin(group, names),
             np.zeros(len(points)),
             {law: np.zeros(len(points)) for law in LAWS},
@@ -333,7 +334,10 @@ def _check_size(points: ForceMap, sets: int, every: int) -> None:
             "Measure more points, or take fewer --sets (2 is the least).",
             code="too-short",
         )
-    for name, values in ((CONTRACTION, points.contraction), (PRESSURE, points.pressure_kpa)):
+    for name, values in (
+        (CONTRACTION_COLUMN, points.contraction),
+        (PRESSURE_COLUMN, points.pressure_kpa),
+    ):
         if (different := len(np.unique(values))) < sets:
             raise DataError(
                 f"{points.path}: {different} different values of {name} are too few for {sets} "
@@ -348,12 +352,12 @@ def _train(points: ForceMap, said: dict[str, Array], sets: int, seed: int) -> Tr
     moved = [_moved(points, values) for values in said.values()]
     nearest_law = min(moved, key=lambda values: rms(points.force_n, np.maximum(values, 0.0)))
     taught = np.where(points.slack, np.minimum(points.force_n, nearest_law), points.force_n)
-    signals = {CONTRACTION: points.contraction, PRESSURE: points.pressure_kpa}
+    signals = {CONTRACTION_COLUMN: points.contraction, PRESSURE_COLUMN: points.pressure_kpa}
     return train_on_signals(
         Anfis(2, sets),
         signals,
         taught,
-        output_name=FORCE,
+        output_name=FORCE_COLUMN,
         period_s=1.0,
         iterations=MAP_ITERATIONS,
         seed=seed,

@@ -39,7 +39,7 @@ from pamid.model.rig import Rig
 from pamid.model.trace import Traced, beside, fed, signals_of
 from pamid.networks.trained_network import NETWORK_FILE, TrainedNetwork, load_network
 from pamid.recording.recording import Recording
-from pamid.simulation.simulate import input_table, noisy_inputs, sensor_noise
+from pamid.simulation.free_runs import input_table, noisy_inputs, sensor_noise
 from pamid.simulation.virtual_rig import VirtualRecording, in_its_loop
 from pamid.symbolic.expression import symbol
 from pamid.symbolic.memory_cells import Cell, StateEquations, expand_memory
@@ -49,7 +49,7 @@ Array = NDArray[np.float64]
 
 WHICH = ("best", "cause", "network", "refitted")
 BESIDE = "uncorrected."
-GIVEN, MEMORY, VALUE = "network.given_", "network.memory", "network"
+GIVEN_PREFIX, MEMORY, VALUE = "network.given_", "network.memory", "network"
 PERIODS_AGREE = 0.01  # share by which an excitation's period may differ from the model's
 MOST_STORED_SUBSTEPS = 4096  # of a sample, in a file that is to be believed
 
@@ -73,7 +73,8 @@ class ModelNetwork:
         """Its value in its own unit, from inputs and outputs of a model by name (SI), held over a
         sample; its cells.
 
-        Scaled inputs lead with GIVEN, what it remembers with MEMORY; the scaled output is VALUE.
+        Scaled inputs lead with GIVEN_PREFIX, what it remembers with MEMORY; the scaled output
+        is VALUE.
         """
         t, given = self.trained, []
         ranges = zip(self.sources, t.input_scaling.low, t.input_scaling.high, strict=True)
@@ -81,7 +82,7 @@ class ModelNetwork:
             scaled = (from_si(known[name], split_column(name)[1]) - low) * (
                 2.0 / (high - low)
             ) - 1.0
-            given.append(Cell(f"{GIVEN}{i}", scaled, scaled, sampled=True))
+            given.append(Cell(f"{GIVEN_PREFIX}{i}", scaled, scaled, sampled=True))
         output, cells = t.network.equations(t.weights, [c.here for c in given], MEMORY)
         held = Cell(VALUE, output, output, sampled=True)
         (low,), (high,) = t.output_scaling.low, t.output_scaling.high

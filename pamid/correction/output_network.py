@@ -23,9 +23,16 @@ from pamid.base.files import write_together
 from pamid.base.json_file import json_bytes
 from pamid.base.metrics import mae
 from pamid.base.run_folder import Run
-from pamid.correction.residual_data import MODELS, RESIDUAL_FILE, ResidualData, derived, split_table
+from pamid.correction.residual_data import (
+    RESIDUAL_FILE,
+    RESIDUAL_RUNS,
+    ResidualData,
+    derived,
+    split_table,
+)
 from pamid.networks.batch import engine_on
 from pamid.networks.network import Network
+from pamid.networks.network_training import StepProgress, Training
 from pamid.networks.trained_network import (
     NETWORK_FILE,
     WEIGHTS_FILE,
@@ -35,7 +42,6 @@ from pamid.networks.trained_network import (
     trace_csv,
     train_on_signals,
 )
-from pamid.networks.training import StepProgress, Training
 
 Array = NDArray[np.float64]
 
@@ -204,7 +210,7 @@ def write_correction(run: Run, found: Correction) -> dict[str, Any]:
     about = {
         "enters": "output",
         "model": one.model,
-        "target": f"measured {one.channel} - {MODELS[one.model]}",
+        "target": f"measured {one.channel} - {RESIDUAL_RUNS[one.model]}",
         "mae": {one.channel: {**found.mae, "part": "held-out"}},
         "notes": list(one.notes),
     }

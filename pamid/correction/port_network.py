@@ -39,7 +39,7 @@ from pamid.correction.output_network import (
     train_network,
     write_network,
 )
-from pamid.correction.residual_data import MODELS, ResidualData, derived
+from pamid.correction.residual_data import RESIDUAL_RUNS, ResidualData, derived
 from pamid.diagnosis.candidate_model import candidate_from, transferred
 from pamid.diagnosis.smoother import ROUNDS, Latent, Smoother, size_at
 from pamid.estimation.grey_box import GreyBox, fit_model
@@ -49,8 +49,8 @@ from pamid.model.attachment import Attachment, attach
 from pamid.model.effect import Effect
 from pamid.model.registry import effects, rig_again
 from pamid.model.rig import Rig
+from pamid.networks.network_training import Training
 from pamid.networks.trained_network import TrainedNetwork
-from pamid.networks.training import Training
 from pamid.recording.recording import read_recording
 from pamid.simulation.data_split import DataSplit, split_recordings
 from pamid.simulation.replay import Replay, channel_mae, replay_track
@@ -397,7 +397,7 @@ def write_port_correction(run: Run, found: PortCorrection) -> dict[str, Any]:
     about = {
         "enters": {"port": found.entry.name},
         "model": found.residual.model,
-        "target": f"what is missing at {found.entry.name} of {MODELS[found.residual.model]}",
+        "target": f"what is missing at {found.entry.name} of {RESIDUAL_RUNS[found.residual.model]}",
         "parameters": found.parameters,
         "mae": {c: {**mae, "part": "held-out"} for c, mae in found.mae.items()},
         "notes": list(found.notes),

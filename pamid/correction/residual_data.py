@@ -29,7 +29,7 @@ from pamid.recording.file_checks import HUGE
 Array = NDArray[np.float64]
 
 RESIDUAL_KEYS = ("time_s", "recording", "part", "window")
-MODELS = {
+RESIDUAL_RUNS = {
     "loop": "the refitted model in its own control loop",
     "replay": "the refitted model on recorded commands",
 }
@@ -49,8 +49,8 @@ class Segment:
 
 @dataclass(frozen=True, eq=False)
 class ResidualData:
-    """channel: its column; model: a key of MODELS; columns: residual.csv by name; modelled: the
-    model's column; inputs: the columns a network is given; washout: rows at the start of every
+    """channel: its column; model: a key of RESIDUAL_RUNS; columns: residual.csv by name; modelled:
+    the model's column; inputs: the columns a network is given; washout: rows at the start of every
     segment that are not scored."""
 
     channel: str

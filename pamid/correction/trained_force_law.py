@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 CHECKED_POINTS = 121  # per input, of the grid on which a law is checked
 # how far that grid goes past each end of the scaled range [-1, 1]: a tenth of the range
 CHECKED_BEYOND = 0.2
-TOLERANCE = 5e-3  # of the trained range of forces: what a law may move the wrong way
+MONOTONE_TOLERANCE = 5e-3  # of the trained range of forces: what a law may move the wrong way
 # scaled; along it, towards the inside, the check takes the tangent plane by a difference
 NUDGE = 1e-4
 
@@ -88,7 +88,7 @@ def force_law_of(source: TrainedNetwork | Path | str, *, strict: bool = True) ->
 
 
 def check_force_law(
-    trained: TrainedNetwork, *, tolerance: float = TOLERANCE, strict: bool = True
+    trained: TrainedNetwork, *, tolerance: float = MONOTONE_TOLERANCE, strict: bool = True
 ) -> tuple[float, float]:
     """Check that the force grows with pressure and falls with contraction, in the trained range and
     a tenth beyond.

@@ -129,7 +129,7 @@ def black_box(
     stands.
     """
     from pamid.networks.elman import Elman
-    from pamid.networks.training import train
+    from pamid.networks.network_training import train
 
     rows_in, rows_out = (
         [w for r in replays for w in _windows(r, settings.black_box_samples)]

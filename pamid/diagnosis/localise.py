@@ -27,7 +27,7 @@ VALUE_NAMES = {"flow": "flow", "actuator-force": "force"}  # ... and whose own v
 
 
 @dataclass(frozen=True)
-class Regime:
+class GapRegime:
     """A stretch of values of a signal; shares 0 to 1 of the gap and of the scored time."""
 
     signal: str
@@ -43,7 +43,7 @@ class _Stretch:
     """A regime with what it is chosen by: gain over its share of the time, and the samples
     inside."""
 
-    regime: Regime
+    regime: GapRegime
     gain: float
     inside: NDArray[np.bool_]
 
@@ -65,7 +65,7 @@ def regimes(
     base: CandidateModel,
     after: CandidateModel | None,
     settings: Settings = DEFAULT,
-) -> list[Regime]:
+) -> list[GapRegime]:
     """At most a few stretches of values that hold much more of the gap of `base` than of the time,
     best first; of two that hold about the same samples only the better one."""
     befores = base.replays
@@ -121,7 +121,9 @@ def _stretch(name: str, unit: str, x: Array, gap: Array, settings: Settings) -> 
     share, spent = float(energy[j] - energy[i]), float(time[j] - time[i])
     if share - spent < settings.regime_gain:
         return None
-    regime = Regime(name, float(edges[i]), float(edges[j]), unit, min(max(share, 0.0), 1.0), spent)
+    regime = GapRegime(
+        name, float(edges[i]), float(edges[j]), unit, min(max(share, 0.0), 1.0), spent
+    )
     return _Stretch(regime, share - spent, (place >= i) & (place < j))
 
 

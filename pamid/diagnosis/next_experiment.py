@@ -31,12 +31,12 @@ from pamid.engine.program import Stepping
 from pamid.estimation.multiple_shooting import fit, initial_states
 from pamid.estimation.problem import Problem
 from pamid.estimation.weights import Weights, residual_weights
-from pamid.excitation.experiments import MOST_SAMPLES, PASS_S, Bench, Experiment, menu
+from pamid.excitation.experiments import MOST_EXPERIMENT_SAMPLES, PASS_S, Bench, Experiment, menu
 from pamid.parallel.jobs import Work
 from pamid.parallel.result_store import Plain
 from pamid.recording.recording import Recording
 from pamid.simulation.data_split import DataSplit
-from pamid.simulation.simulate import choose_stepping, known_values, virtual_recording
+from pamid.simulation.free_runs import choose_stepping, known_values, virtual_recording
 from pamid.simulation.tracks import Track, track_of
 from pamid.simulation.windows import Runner
 
@@ -133,7 +133,7 @@ def bench_of(evidence: DataSplit) -> Bench:
     for column, like in held.items() if closed else ((n, n) for n in sent):
         low, high = np.percentile(np.concatenate([r.signal(like) for r in recordings]), [2.0, 98.0])
         driven[column] = (0.5 * float(low + high), 0.5 * float(high - low))
-    longest = min(max(len(r) for r in recordings), MOST_SAMPLES) * period
+    longest = min(max(len(r) for r in recordings), MOST_EXPERIMENT_SAMPLES) * period
     return Bench(
         rig,
         driven,

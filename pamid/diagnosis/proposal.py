@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.recording.recording import write_recording
-from pamid.schemas.diagnosis import NextExperiment
+from pamid.schemas.diagnosis_file import NextExperiment
 
 Array = NDArray[np.float64]
 

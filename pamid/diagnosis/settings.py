@@ -18,15 +18,15 @@ from typing import Any
 from pamid.base.errors import UsageError, nearest
 
 #: what speaks for a value that has no source of its own
-JOINT = (
+JUDGEMENT = (
     "engineering judgement, not varied by itself: decision with all others by the blind trial "
     "(README, 'The blind trial')"
 )
 COST = "bounds the cost; what another value would do to verdicts was not measured by itself"
-SHOWN = "presentation only: no verdict rests on it"
+SHOWN_ONLY = "presentation only: no verdict rests on it"
 
 
-def _setting(default: Any, unit: str, meaning: str, evidence: str = JOINT) -> Any:
+def _setting(default: Any, unit: str, meaning: str, evidence: str = JUDGEMENT) -> Any:
     return field(default=default, metadata={"unit": unit, "meaning": meaning, "evidence": evidence})
 
 
@@ -251,25 +251,28 @@ class Settings:
     )
     regime_bins: int = _setting(12, "count", "quantiles of a signal between which regimes lie")
     regime_gain: float = _setting(
-        0.15, "share", "a regime holds this much more of the gap than of the time", SHOWN
+        0.15, "share", "a regime holds this much more of the gap than of the time", SHOWN_ONLY
     )
     regime_bound: float = _setting(
-        0.01, "share of the gap", "what a bound has to bring, unless zero or the range's end", SHOWN
+        0.01,
+        "share of the gap",
+        "what a bound has to bring, unless zero or the range's end",
+        SHOWN_ONLY,
     )
     regime_order: float = _setting(
-        0.002, "share of the gap", "what a signal has to bring beyond the plainer one", SHOWN
+        0.002, "share of the gap", "what a signal has to bring beyond the plainer one", SHOWN_ONLY
     )
     regime_overlap: float = _setting(
-        0.5, "share of the samples", "regimes that share more are one", SHOWN
+        0.5, "share of the samples", "regimes that share more are one", SHOWN_ONLY
     )
-    regimes_most: int = _setting(4, "count", "regimes stated", SHOWN)
+    regimes_most: int = _setting(4, "count", "regimes stated", SHOWN_ONLY)
     still: float = _setting(
-        0.02, "usual speed (95th percentile)", "a slower motion reverses nothing", SHOWN
+        0.02, "usual speed (95th percentile)", "a slower motion reverses nothing", SHOWN_ONLY
     )
     band_share: float = _setting(
-        0.8, "share of the gap's power", "inside the frequency band stated, its middle", SHOWN
+        0.8, "share of the gap's power", "inside the frequency band stated, its middle", SHOWN_ONLY
     )
-    worst_windows: int = _setting(3, "count", "windows stated", SHOWN)
+    worst_windows: int = _setting(3, "count", "windows stated", SHOWN_ONLY)
 
     # ---- an effect that no file of the catalogue explains (unknown)
 
@@ -279,21 +282,21 @@ class Settings:
         "standard deviations of the target",
         "smaller coefficients are set to zero (sequentially thresholded least squares, Brunton, "
         "Proctor and Kutz 2016)",
-        SHOWN,
+        SHOWN_ONLY,
     )
-    formula_slices: int = _setting(40, "slices", "fewer are not described", SHOWN)
+    formula_slices: int = _setting(40, "slices", "fewer are not described", SHOWN_ONLY)
     formula_explains: float = _setting(
-        0.5, "share of the variance", "what is described worse depends on the past", SHOWN
+        0.5, "share of the variance", "what is described worse depends on the past", SHOWN_ONLY
     )
     parity_factor: float = _setting(
-        3.0, "ratio", "by which the odd part exceeds the even one, or the reverse", SHOWN
+        3.0, "ratio", "by which the odd part exceeds the even one, or the reverse", SHOWN_ONLY
     )
-    missing_rows: int = _setting(4000, "rows", "of missing.csv at most", SHOWN)
+    missing_rows: int = _setting(4000, "rows", "of missing.csv at most", SHOWN_ONLY)
 
     # ---- how far, and what next (transfer, next_experiment)
 
     amplitude_factor: float = _setting(
-        1.5, "ratio", "spreads of an output that differ by more are other amplitudes", SHOWN
+        1.5, "ratio", "spreads of an output that differ by more are other amplitudes", SHOWN_ONLY
     )
     experiment_models: int = _setting(3, "models", "to be set apart at most", COST)
     experiment_range: float = _setting(
@@ -318,7 +321,7 @@ class Settings:
         1.0,
         "standard deviations of the noise",
         "below it an experiment is said not to separate clearly",
-        SHOWN,
+        SHOWN_ONLY,
     )
 
     def __post_init__(self) -> None:

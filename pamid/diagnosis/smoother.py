@@ -67,7 +67,7 @@ class Latent(Effect):
         return value + self.size * z.missing, {"missing": 0.0}
 
 
-class _Point(NamedTuple):
+class _SmoothingPoint(NamedTuple):
     """Parameters (in prior spreads), every track's trajectory, cost, the data linearised about them
     (empty as long as no step is taken from there)."""
 
@@ -77,7 +77,7 @@ class _Point(NamedTuple):
     data: tuple[Linearisation, ...] = ()
 
 
-class _Step(NamedTuple):
+class _SmoothingStep(NamedTuple):
     """Of the parameters (in prior spreads) and of every track's states; what it promises to gain;
     log determinant of the information against the priors'."""
 
@@ -251,7 +251,7 @@ class Smoother:
 
 
 @dataclass(frozen=True, eq=False)
-class SmoothingProblem(LeastSquares[_Point, _Step]):
+class SmoothingProblem(LeastSquares[_SmoothingPoint, _SmoothingStep]):
     """The least squares of a smoother over (parameters, trajectories), given the trajectories'
     priors."""
 
@@ -269,25 +269,29 @@ class SmoothingProblem(LeastSquares[_Point, _Step]):
             for states, one, prior in zip(x, data, self.priors, strict=True)
         )
 
-    def point(self, s: Array, x: tuple[Array, ...], data: tuple[Linearisation, ...]) -> _Point:
-        return _Point(s, x, self.cost(s, x, data), data)
+    def point(
+        self, s: Array, x: tuple[Array, ...], data: tuple[Linearisation, ...]
+    ) -> _SmoothingPoint:
+        return _SmoothingPoint(s, x, self.cost(s, x, data), data)
 
-    def moved(self, at: _Point, step: _Step, last: bool = False) -> _Point:
+    def moved(
+        self, at: _SmoothingPoint, step: _SmoothingStep, last: bool = False
+    ) -> _SmoothingPoint:
         s, x = at.s + step.s, tuple(one + d for one, d in zip(at.x, step.x, strict=True))
         p, noise = self.of.parameters(s), self.of.evidence.noise
         runs = [t.simulate(one, p, noise) for t, one in zip(self.of.tracks, x, strict=True)]
-        return _Point(s, x, self.cost(s, x, runs))
+        return _SmoothingPoint(s, x, self.cost(s, x, runs))
 
-    def linearised(self, at: _Point) -> _Point:
+    def linearised(self, at: _SmoothingPoint) -> _SmoothingPoint:
         return self.point(at.s, at.x, self.of._linearised(at.s, at.x, self.moving))
 
-    def settled(self, gain: float, before: _Point, after: _Point) -> bool:
+    def settled(self, gain: float, before: _SmoothingPoint, after: _SmoothingPoint) -> bool:
         return gain < CALM * before.cost
 
-    def stuck(self, at: _Point, step: _Step) -> bool:
+    def stuck(self, at: _SmoothingPoint, step: _SmoothingStep) -> bool:
         return step.gain < CALM * at.cost
 
-    def step(self, at: _Point, damping: float) -> _Step:
+    def step(self, at: _SmoothingPoint, damping: float) -> _SmoothingStep:
         """Damped Gauss-Newton step; parameters at a bound that would leave it stay."""
         s, k, scale = at.s, len(at.s), self.of.scale
         H, parts, log_det = self.of.information, [], 0.0
@@ -305,7 +309,7 @@ class SmoothingProblem(LeastSquares[_Point, _Step]):
         ds = np.clip(s + ds, scale.low, scale.high) - s
         states = [-(dx + X @ ds) for _, X, dx in parts]
         gain = -float(g @ ds) + sum(float((gx * dx).sum()) for gx, _, dx in parts)
-        return _Step(ds, states, gain, log_det)
+        return _SmoothingStep(ds, states, gain, log_det)
 
 
 def _near(size: float) -> list[tuple[float, float]]:

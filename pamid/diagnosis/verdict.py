@@ -17,7 +17,7 @@ from pamid.diagnosis.tournament import Diagnosis
 from pamid.diagnosis.transfer import transfer
 from pamid.estimation.intervals import background_pull, estimates
 from pamid.model.isolability import isolability
-from pamid.schemas import diagnosis as result
+from pamid.schemas import diagnosis_file as result
 from pamid.schemas.grounds import Confidence, Further, Grounds
 
 Array = NDArray[np.float64]

@@ -23,7 +23,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from pamid.effects.two_mass import DAMPING, SHARE, with_outboard
+from pamid.effects.two_mass import DAMPING, LOAD_SHARE, with_outboard
 from pamid.model.effect import Effect, State
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, absolute, maximum, minimum, smooth_step, where
@@ -39,7 +39,7 @@ class Backlash(Effect):
     signals = ("inertia",)
     states = (State("twist", "rad"), State("twisting", "rad/s"))
     parameters = (
-        SHARE,
+        LOAD_SHARE,
         Parameter(
             "half_gap",
             0.006,

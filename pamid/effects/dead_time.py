@@ -26,7 +26,7 @@ from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, delay
 
-LONGEST_S = 0.06
+LONGEST_DELAY_S = 0.06
 
 
 class DeadTime(Effect):
@@ -41,7 +41,7 @@ class DeadTime(Effect):
             "delay",
             0.012,
             low=0.0,
-            high=LONGEST_S,
+            high=LONGEST_DELAY_S,
             spread=0.02,
             unit="s",
             null=0.0,
@@ -52,4 +52,4 @@ class DeadTime(Effect):
     look_alikes = ("tube-lag", "angle-sensor-lag")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
-        return delay(value, p.delay, LONGEST_S)
+        return delay(value, p.delay, LONGEST_DELAY_S)

@@ -26,7 +26,7 @@ from pamid.model.effect import Effect, State
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number
 
-SHARE = Parameter(
+LOAD_SHARE = Parameter(
     "share",
     0.6,
     low=0.0,
@@ -65,7 +65,7 @@ class TwoMass(Effect):
     signals = ("inertia",)
     states = (State("twist", "rad"), State("twisting", "rad/s"))
     parameters = (
-        SHARE,
+        LOAD_SHARE,
         Parameter(
             "frequency",
             8.0,

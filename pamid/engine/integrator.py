@@ -31,8 +31,8 @@ from pamid.engine.numba_cache import njit
 GAMMA = 1.0 - 1.0 / np.sqrt(2.0)
 BLOWN_UP = 1e15
 NEWTON_STEPS, HALVINGS = 40, 20
-# relative changes: above DAMPED a Newton step may be shortened, below SETTLED it was the last
-DAMPED, SETTLED = 1e-3, 1e-9
+# relative changes: above DAMPED a Newton step may be shortened, below LAST_STEP it was the last
+DAMPED, LAST_STEP = 1e-3, 1e-9
 RATES, OUTPUTS, PHASES = 0, 1, 2  # numbers of functions; the phases of the cells follow one another
 
 
@@ -112,7 +112,7 @@ class Results(NamedTuple):
     weights: Any
 
 
-class Work(NamedTuple):
+class SweepScratch(NamedTuple):
     """Scratch of a sweep.
 
     out                 values of a function, then its partials
@@ -265,7 +265,7 @@ def _newton(equations, memory, inputs, row, gh, work):  # type: ignore[no-untype
     A step dx solves (I - gh df/dx) dx = base + gh f(x) - x. Above DAMPED it is halved until the
     next one, with the same matrix, is smaller: |dx'| <= (1 - reach/4) |dx|, the affine-invariant
     monotonicity test of Deuflhard (2004, section 3.3). Sizes are the largest |dx_i| / (1e-6 +
-    |x_i|). It stops after a step below SETTLED: convergence is quadratic, the next one would be
+    |x_i|). It stops after a step below LAST_STEP: convergence is quadratic, the next one would be
     below round-off.
     """
     address = equations.address
@@ -301,7 +301,7 @@ def _newton(equations, memory, inputs, row, gh, work):  # type: ignore[no-untype
             if left <= (1.0 - 0.25 * reach) * worst:
                 break
             reach *= 0.5
-        if worst < SETTLED:
+        if worst < LAST_STEP:
             return True
     return False
 
@@ -369,7 +369,7 @@ def _sdirk2(equations, memory, inputs, row, h, work):  # type: ignore[no-untyped
 def _work(equations, memory, n_outputs):  # type: ignore[no-untyped-def]
     nx, nc, ns = memory.x.shape[0], memory.cells.shape[0], memory.S.shape[1]
     width = max(max(nx, n_outputs), nc) + 2
-    return Work(
+    return SweepScratch(
         np.zeros(width + equations.columns.shape[0] + 2),
         np.zeros((width, ns)),
         np.zeros(6),

@@ -27,7 +27,7 @@ from numba.core import cgutils
 from numba.extending import intrinsic as _intrinsic
 
 from pamid.engine.numba_cache import njit
-from pamid.engine.simd import LANES, WORD, Vectors
+from pamid.engine.simd import INT64, LANES, Vectors
 
 ROWS = 5  # results held at once: with their factors they fit into sixteen registers
 # numba's own annotation keeps the typing context that a call leaves out
@@ -53,7 +53,7 @@ def _propagate(typingctx, matrix, before, after, output, jacobian, first, h, p):
             return builder.add(builder.mul(row, p), column)
 
         def some_rows(top, count, column, total):  # type: ignore[no-untyped-def]
-            places = [builder.add(top, WORD(i)) for i in range(count)]
+            places = [builder.add(top, INT64(i)) for i in range(count)]
             sums = [v.held(v.constant(0.0)) for _ in places]
             with cgutils.for_range(builder, h) as loop:
                 value = v.load(old, place(loop.index, column))
@@ -66,15 +66,15 @@ def _propagate(typingctx, matrix, before, after, output, jacobian, first, h, p):
                 v.store(value, new, place(i, column))
                 v.add(total, v.spread(weights, i), value)
 
-        groups, rest = builder.sdiv(h, WORD(ROWS)), builder.srem(h, WORD(ROWS))
-        with cgutils.for_range(builder, builder.sdiv(p, WORD(LANES))) as tile:
-            column = builder.mul(tile.index, WORD(LANES))
+        groups, rest = builder.sdiv(h, INT64(ROWS)), builder.srem(h, INT64(ROWS))
+        with cgutils.for_range(builder, builder.sdiv(p, INT64(LANES))) as tile:
+            column = builder.mul(tile.index, INT64(LANES))
             total = v.held(v.constant(0.0))
             with cgutils.for_range(builder, groups) as group:
-                some_rows(builder.mul(group.index, WORD(ROWS)), ROWS, column, total)
+                some_rows(builder.mul(group.index, INT64(ROWS)), ROWS, column, total)
             for count in range(1, ROWS):
-                with builder.if_then(builder.icmp_signed("==", rest, WORD(count))):
-                    some_rows(builder.mul(groups, WORD(ROWS)), count, column, total)
+                with builder.if_then(builder.icmp_signed("==", rest, INT64(count))):
+                    some_rows(builder.mul(groups, INT64(ROWS)), count, column, total)
             v.store(builder.load(total), rows, builder.add(first, column))
         return context.get_dummy_value()
 
@@ -90,8 +90,8 @@ def _product_codegen(finish):  # type: ignore[no-untyped-def]
             context.make_array(sig.args[i])(context, builder, args[i]).data for i in range(3)
         )
         v = Vectors(builder)
-        with cgutils.for_range(builder, builder.sdiv(args[4], WORD(LANES))) as tile:
-            column = builder.mul(tile.index, WORD(LANES))
+        with cgutils.for_range(builder, builder.sdiv(args[4], INT64(LANES))) as tile:
+            column = builder.mul(tile.index, INT64(LANES))
             held = v.held(v.load(to, column))
             with cgutils.for_range(builder, args[3]) as loop:
                 place = builder.add(builder.mul(loop.index, args[4]), column)

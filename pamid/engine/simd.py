@@ -11,13 +11,13 @@ from numba.core import cgutils
 
 # doubles in a vector: one register, or two or four of a narrower machine
 LANES = 8
-WORD = ir.IntType(64)
+INT64 = ir.IntType(64)
 _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
-_WORDS = ir.VectorType(WORD, LANES)
+_INT64_LANES = ir.VectorType(INT64, LANES)
 # added and taken away again, it leaves a whole number, whose bits stand last
 _ROUNDING = 1.5 * 2.0**52
 _BIAS = 1023  # of the exponent of a double
-_LARGEST = 20.0  # tanh is 1 from here on
+_TANH_FLAT = 20.0  # tanh is 1 from here on
 _TERMS = 13  # of the series of exp within +- ln(2) / 2: error 4e-18
 # high and low part
 _LN2 = (float.fromhex("0x1.62e42fee00000p-1"), float.fromhex("0x1.a39ef35793c76p-33"))
@@ -69,7 +69,7 @@ class Vectors:
     def tanh(self, a: Any) -> Any:
         b, one = self.builder, self.constant(1.0)
         # what is not a number stays as it is
-        for bound, beyond in ((_LARGEST, ">"), (-_LARGEST, "<")):
+        for bound, beyond in ((_TANH_FLAT, ">"), (-_TANH_FLAT, "<")):
             a = b.select(b.fcmp_ordered(beyond, a, self.constant(bound)), self.constant(bound), a)
         e = self._exp(b.fmul(a, self.constant(2.0)))
         return b.fsub(one, b.fdiv(self.constant(2.0), b.fadd(e, one)))
@@ -83,8 +83,10 @@ class Vectors:
         series = self.constant(1.0 / math.factorial(_TERMS))
         for n in range(_TERMS - 1, -1, -1):
             series = self.fma(series, r, self.constant(1.0 / math.factorial(n)))
-        exponent = b.add(b.bitcast(shifted, _WORDS), ir.Constant(_WORDS, [_BIAS] * LANES))
-        power = b.bitcast(b.shl(exponent, ir.Constant(_WORDS, [52] * LANES)), _VECTOR)
+        exponent = b.add(
+            b.bitcast(shifted, _INT64_LANES), ir.Constant(_INT64_LANES, [_BIAS] * LANES)
+        )
+        power = b.bitcast(b.shl(exponent, ir.Constant(_INT64_LANES, [52] * LANES)), _VECTOR)
         return b.fmul(series, power)
 
     def _at(self, base: Any, place: Any) -> Any:

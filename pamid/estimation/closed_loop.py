@@ -13,7 +13,7 @@ from pamid.model.assembly import Assembly
 from pamid.model.rig import Loop
 from pamid.recording.recording import Recording
 from pamid.simulation.data_split import Span
-from pamid.simulation.simulate import choose_stepping, input_table
+from pamid.simulation.free_runs import choose_stepping, input_table
 from pamid.symbolic.expression import symbol
 
 Array = NDArray[np.float64]

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from pamid.base.units import as_column, from_si, split_column, with_unit
 from pamid.estimation.closed_loop import closed_loop_figures, loop_columns, loop_names
 from pamid.estimation.grey_box import GreyBox
-from pamid.estimation.identifiable_combinations import Combination, combinations_of
+from pamid.estimation.identifiable_combinations import IdentifiableCombination, combinations_of
 from pamid.estimation.intervals import background_pull, estimates
 from pamid.estimation.posterior import posterior_of, started_from
 from pamid.estimation.problem import Fit
 from pamid.estimation.quantities import agreed
 from pamid.model.assembly import Assembly
 from pamid.recording.recording import Recording
-from pamid.schemas import fit as result
+from pamid.schemas import fit_file as result
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, channel_mae, replay_track
 
@@ -96,7 +96,7 @@ def fit_json(g: GreyBox, seed: int) -> dict[str, Any]:
     return found.as_json()
 
 
-def _combination(c: Combination) -> result.Combination:
+def _combination(c: IdentifiableCombination) -> result.Combination:
     return result.Combination(
         value=c.value,
         low=c.low,

@@ -11,7 +11,7 @@ from pamid.base.progress import Progress, silent
 from pamid.engine.program import Stepping
 from pamid.estimation.intervals import bootstrap
 from pamid.estimation.multiple_shooting import fit_robustly
-from pamid.estimation.posterior import Posterior
+from pamid.estimation.posterior import EarlierPosterior
 from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.estimation.restart import escape_local_minimum
 from pamid.model.assembly import Assembly
@@ -19,8 +19,8 @@ from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import Sizes
 from pamid.parallel.jobs import WorkerPool
 from pamid.simulation.data_split import DataSplit
+from pamid.simulation.free_runs import port_sizes
 from pamid.simulation.replay import Replay, noise_floor, replay_track
-from pamid.simulation.simulate import port_sizes
 from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Runner
 
@@ -42,7 +42,7 @@ class GreyBox:
     data_sheet: tuple[Replay, ...]
     floor: tuple[Replay, ...]
     draws: Array | None = None
-    earlier: Posterior | None = None
+    earlier: EarlierPosterior | None = None
 
 
 def model_with(evidence: DataSplit, attached: tuple[Attachment, ...], sizes: Sizes) -> Assembly:
@@ -61,7 +61,7 @@ def fit_model(
     draws: int = 0,
     jobs: int = 1,
     progress: Progress = silent,
-    earlier: Posterior | None = None,
+    earlier: EarlierPosterior | None = None,
     pool: WorkerPool | None = None,
 ) -> GreyBox:
     """Fit the rig (with effects) to the evidence; integration refined until doubled sub-steps

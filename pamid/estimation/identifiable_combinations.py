@@ -35,7 +35,7 @@ MOST = 3000  # sets of parameters that are tried
 
 
 @dataclass(frozen=True)
-class Combination:
+class IdentifiableCombination:
     """A function of several parameters, in its own unit. members: the fitted parameters in it; word
     as of them."""
 
@@ -51,7 +51,7 @@ class Combination:
 
 
 @dataclass(frozen=True)
-class Tie:
+class TiedParameters:
     """Parameters that are known only in combination: how many combinations of them are, and the
     named ones."""
 
@@ -63,7 +63,9 @@ class Tie:
 _Candidate = tuple[float, int, Array, Terms]  # score, rank, derivatives, terms
 
 
-def combinations_of(fitted: Fit, draws: Array | None = None) -> tuple[list[Combination], list[Tie]]:
+def combinations_of(
+    fitted: Fit, draws: Array | None = None
+) -> tuple[list[IdentifiableCombination], list[TiedParameters]]:
     """Declared combinations that hold a fitted parameter, and the groups of parameters known only
     in combination."""
     space = Space(fitted.problem, agreed(fitted), fitted.covariance)
@@ -76,7 +78,9 @@ def combinations_of(fitted: Fit, draws: Array | None = None) -> tuple[list[Combi
         for q in found:
             combinations.setdefault(q.name, _combination(space, q, draws, False))
         ties.append(
-            Tie(tuple(space.names[k] for k in group), known.shape[1], tuple(q.name for q in found))
+            TiedParameters(
+                tuple(space.names[k] for k in group), known.shape[1], tuple(q.name for q in found)
+            )
         )
     return list(combinations.values()), ties
 
@@ -188,7 +192,9 @@ def _plainest(
             yield share * PLAINER**2, len(exact) + 2, slope, exact
 
 
-def _combination(space: Space, q: Quantity, draws: Array | None, declared: bool) -> Combination:
+def _combination(
+    space: Space, q: Quantity, draws: Array | None, declared: bool
+) -> IdentifiableCombination:
     """The quantity with its interval: delta method (of the logarithm where there is one), or from
     draws."""
     reach = NORMAL_95 * space.spread(q.slope)
@@ -201,6 +207,6 @@ def _combination(space: Space, q: Quantity, draws: Array | None, declared: bool)
         low, high = (float(x) for x in np.percentile(drawn, [2.5, 97.5]))
         share = float(drawn.std() / np.linalg.norm(q.slope_prior))
     members = tuple(space.names[k] for k in np.flatnonzero(q.slope))
-    return Combination(
+    return IdentifiableCombination(
         q.name, q.value, low, high, q.prior, q.unit, word_for(share), members, declared
     )

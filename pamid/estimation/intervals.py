@@ -20,7 +20,7 @@ SETTLED, SILENT = 0.3, 0.9  # posterior over prior standard deviation
 
 
 @dataclass(frozen=True)
-class Estimate:
+class FittedParameter:
     """A fitted parameter in its outside unit. word: settled | weak | silent; strain: |value -
     prior| in prior sd."""
 
@@ -43,7 +43,7 @@ def word_for(share: float) -> str:
     return "settled" if share < SETTLED else "weak" if share < SILENT else "silent"
 
 
-def estimates(fitted: Fit, draws: Array | None = None) -> list[Estimate]:
+def estimates(fitted: Fit, draws: Array | None = None) -> list[FittedParameter]:
     """One per free parameter. draws (bootstrap draws x free, scaled) replace the Jacobian's
     intervals."""
     a, free, scale = fitted.problem.assembly, list(fitted.problem.free), fitted.problem.scale
@@ -70,7 +70,7 @@ def estimates(fitted: Fit, draws: Array | None = None) -> list[Estimate]:
             else None
         )
         out.append(
-            Estimate(
+            FittedParameter(
                 b,
                 float(fitted.p[i] / b.factor),
                 float(low[k] / b.factor),

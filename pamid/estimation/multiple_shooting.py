@@ -35,8 +35,8 @@ from pamid.engine.program import Stepping
 from pamid.estimation.prior import terms_of_sheet
 from pamid.estimation.problem import Fit, Problem, Scale
 from pamid.estimation.weights import Weights, residual_weights
+from pamid.simulation.free_runs import choose_stepping
 from pamid.simulation.initial_state import CARRIED_INFORMATION, estimate_initial_state
-from pamid.simulation.simulate import choose_stepping
 from pamid.simulation.windows import Runner
 
 Array = NDArray[np.float64]
@@ -211,7 +211,7 @@ def _reduced(
     return H, g, scale.held(s, g), parts
 
 
-class _Point(NamedTuple):
+class _ShootingPoint(NamedTuple):
     """Scaled free parameters, states at the start of every window per track, and the normal
     equations there; linearised: are derivatives in these?"""
 
@@ -225,7 +225,7 @@ class _Point(NamedTuple):
         return self.normal.cost
 
 
-class _Step(NamedTuple):
+class _ShootingStep(NamedTuple):
     """Of the scaled parameters and of every track's window starts; the reduced Hessian."""
 
     s: Array
@@ -234,7 +234,7 @@ class _Step(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class MultipleShooting(LeastSquares[_Point, _Step]):
+class MultipleShooting(LeastSquares[_ShootingPoint, _ShootingStep]):
     """The fit's least squares over (scaled parameters, window starts). p: all parameters (SI), of
     which the free ones are replaced; probe: the last point is not differentiated."""
 
@@ -251,10 +251,10 @@ class MultipleShooting(LeastSquares[_Point, _Step]):
     def scale(self) -> Scale:
         return self.problem.scale
 
-    def at(self, s: Array, starts: tuple[Array, ...], derivatives: bool = True) -> _Point:
-        return _Point(s, starts, _evaluate(self, s, starts, derivatives), derivatives)
+    def at(self, s: Array, starts: tuple[Array, ...], derivatives: bool = True) -> _ShootingPoint:
+        return _ShootingPoint(s, starts, _evaluate(self, s, starts, derivatives), derivatives)
 
-    def step(self, at: _Point, damping: float) -> _Step:
+    def step(self, at: _ShootingPoint, damping: float) -> _ShootingStep:
         """Eliminating the window starts block by block leaves the reduced system of the parameters
         (Schur complement); of these, one at a bound that the gradient would push it through
         stays."""
@@ -266,31 +266,31 @@ class MultipleShooting(LeastSquares[_Point, _Step]):
             A = A + damping * np.diag(np.maximum(A.diagonal(), 1e-12))
             ds[free] = -np.linalg.lstsq(A, g[free], rcond=None)[0]
         ds = np.clip(at.s + ds, self.scale.low, self.scale.high) - at.s
-        return _Step(ds, [-(x + X @ ds) for X, x, _, _ in parts], H)
+        return _ShootingStep(ds, [-(x + X @ ds) for X, x, _, _ in parts], H)
 
-    def moved(self, at: _Point, step: _Step, last: bool) -> _Point:
+    def moved(self, at: _ShootingPoint, step: _ShootingStep, last: bool) -> _ShootingPoint:
         prior, scale = self.problem.prior, self.scale
         s = np.clip(prior.moved(at.s, step.s), scale.low, scale.high) if prior else at.s + step.s
         starts = tuple(x + d for x, d in zip(at.starts, step.starts, strict=True))
         return self.at(s, starts, not (self.probe and last))
 
-    def settled(self, gain: float, before: _Point, after: _Point) -> bool:
+    def settled(self, gain: float, before: _ShootingPoint, after: _ShootingPoint) -> bool:
         return gain < self.tolerance * (1.0 + 1e-3 * after.cost)
 
-    def calm(self, step: _Step, damping: float) -> bool:
+    def calm(self, step: _ShootingStep, damping: float) -> bool:
         # strong damping makes any step short
         return damping < 1e-2 and float(step.s @ step.H @ step.s) < CALM
 
-    def stuck(self, at: _Point, step: _Step) -> bool:
+    def stuck(self, at: _ShootingPoint, step: _ShootingStep) -> bool:
         return float(np.abs(step.s).max(initial=0.0)) < 1e-7
 
-    def resumed(self, probe: Iteration[_Point]) -> Fit:
+    def resumed(self, probe: Iteration[_ShootingPoint]) -> Fit:
         """The fit to which a probe comes that goes on."""
         full, point = replace(self, probe=False), probe.point
         point = point if point.linearised else full.at(point.s, point.starts)
         return full.fit(iterate(full, replace(probe, point=point), ITERATIONS))
 
-    def fit(self, ended: Iteration[_Point]) -> Fit:
+    def fit(self, ended: Iteration[_ShootingPoint]) -> Fit:
         s, starts, now, _ = ended.point
         p, free = self.p.copy(), list(self.problem.free)
         p[free] = self.scale.outside(s)
@@ -329,7 +329,7 @@ def begin(
     stepping: Stepping | None = None,
     continuity: tuple[Array, ...] = (),
     probe: bool = False,
-) -> tuple[MultipleShooting, Iteration[_Point]]:
+) -> tuple[MultipleShooting, Iteration[_ShootingPoint]]:
     """The least squares of a fit and the point where it begins; arguments as of `fit`."""
     p = problem.start() if p is None else p.copy()
     stepping = stepping or careful_stepping(problem, p)

@@ -27,16 +27,16 @@ from pamid.base.run_folder import FIT_FILE, Run
 from pamid.estimation.prior import Prior
 from pamid.estimation.problem import Fit, Problem
 from pamid.estimation.quantities import agreed, straight
-from pamid.schemas import fit as result
+from pamid.schemas import fit_file as result
 from pamid.simulation.data_split import DataSplit
 
 Array = NDArray[np.float64]
-REMEDY = "Fit it anew with `pamid fit`."
+FIT_ANEW = "Fit it anew with `pamid fit`."
 OWN_TIME = ":drift"  # background terms counted from a recording's own beginning
 
 
 @dataclass(frozen=True, eq=False)
-class Posterior:
+class EarlierPosterior:
     """Posterior of an earlier fit, from the fit.json at path. value (k,), covariance (k, k) and
     gradient at bounds (k,) in spreads (k,) around centre (k,), by key; others: the rig's other
     parameters as they were in it (SI).
@@ -101,7 +101,7 @@ class Posterior:
             if self.log[i] != bool(problem.scale.log[k]):
                 raise FileError(
                     f"{self.path}: the prior of {keys[k]!r} is of another kind than the rig's now.",
-                    REMEDY,
+                    FIT_ANEW,
                 )
         return places
 
@@ -182,14 +182,14 @@ def posterior_of(fitted: Fit) -> result.Posterior:
     )
 
 
-def read_posterior(folder: Path) -> Posterior:
+def read_posterior(folder: Path) -> EarlierPosterior:
     """The posterior in a run's fit.json. FileError where it is damaged or too old, ConvergenceError
     where the fit never came to an end."""
     Run.open(folder)
     path = folder / FIT_FILE
     content = read_json(path)
     if not isinstance(content, dict) or content.get("schema") != "pamid.fit/1":
-        raise FileError(f"{path} is not a fit's.", REMEDY)
+        raise FileError(f"{path} is not a fit's.", FIT_ANEW)
     if not content.get("converged"):
         raise ConvergenceError(
             f"{path}: that fit did not converge ({content.get('why') or 'no reason given'}), so "
@@ -197,7 +197,7 @@ def read_posterior(folder: Path) -> Posterior:
             "Fit it with other recordings first.",
         )
     if "posterior" not in content:
-        raise FileError(f"{path} holds no posterior.", f"An older version wrote it. {REMEDY}")
+        raise FileError(f"{path} holds no posterior.", f"An older version wrote it. {FIT_ANEW}")
     entries = content["posterior"]
     try:
         keys, log, rows = (
@@ -230,7 +230,7 @@ def read_posterior(folder: Path) -> Posterior:
         _refuse(path, "a number is not finite")
     if (spread <= 0.0).any() or (keys and np.linalg.eigvalsh(covariance)[0] <= 0.0):
         _refuse(path, "a spread is not positive, or the covariance is none")
-    return Posterior(
+    return EarlierPosterior(
         path,
         sha256_of(path),
         str(content.get("rig")),
@@ -248,10 +248,10 @@ def read_posterior(folder: Path) -> Posterior:
 
 
 def _refuse(path: Path, what: str) -> NoReturn:
-    raise FileError(f"{path}: its posterior cannot be used: {what}.", REMEDY, code="damaged")
+    raise FileError(f"{path}: its posterior cannot be used: {what}.", FIT_ANEW, code="damaged")
 
 
-def started_from(posterior: Posterior, remarks: list[str]) -> result.StartedFrom:
+def started_from(posterior: EarlierPosterior, remarks: list[str]) -> result.StartedFrom:
     """The part of fit.json that says what the fit began from."""
     return result.StartedFrom(
         path=str(posterior.path.parent),

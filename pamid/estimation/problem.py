@@ -18,7 +18,7 @@ from pamid.simulation.windows import Window, cut
 
 Array = NDArray[np.float64]
 
-WINDOW_S = 1.5
+FIT_WINDOW_S = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +30,7 @@ class Problem:
     assembly: Assembly
     tracks: tuple[Track, ...]
     free: tuple[int, ...]
-    window_s: float = WINDOW_S
+    window_s: float = FIT_WINDOW_S
     importance: Array | None = None
     sheet: Array | None = None
     prior: Prior | None = None

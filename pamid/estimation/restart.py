@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 # of the cost: what a fit from new starts must come below for the old one to have been a trap
 TRAPPED = 0.5
 PROBE_STEPS = 3  # that show whether the cost falls
-ROUNDS = 2  # of weights that follow the residuals
+REWEIGHT_ROUNDS = 2  # of weights that follow the residuals
 
 
 def escape_local_minimum(fitted: Fit, noise: Array) -> Fit:
@@ -46,7 +46,7 @@ def escape_local_minimum(fitted: Fit, noise: Array) -> Fit:
     if not probe.point.cost < TRAPPED * fitted.cost:
         return fitted
     tried = shooting.resumed(probe)
-    for _ in range(ROUNDS):
+    for _ in range(REWEIGHT_ROUNDS):
         weights = residual_weights(tried.residuals, noise, problem.window)
         again = fit(
             problem, p=tried.p, starts=tried.starts, weights=weights, stepping=tried.stepping

@@ -31,7 +31,7 @@ OTHER_INERTIA = 6.4  # the two rods of the first paper
 PAYLOAD, OTHER_PAYLOAD_KG = "payload_kg", 0.5
 TORQUE_NM = 8.0  # highest of the torque loops
 PASS_S = 15.0  # what a bench of another pace stretches
-MOST_SAMPLES = 10_000
+MOST_EXPERIMENT_SAMPLES = 10_000
 
 EXTERNAL = "external_"
 

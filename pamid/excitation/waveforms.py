@@ -36,7 +36,7 @@ BAND_HZ = (0.1, 10.0)  # usual; its upper end at most a tenth of the sampling ra
 APART = 0.5 * (3.0 - 5.0**0.5)
 
 #: signal -> the settings it takes, with their usual values
-SETTINGS: dict[str, dict[str, Any]] = {
+SIGNAL_SETTINGS: dict[str, dict[str, Any]] = {
     "aprbs": {"duration_s": 200.0, "hold_s": (0.4, 1.6), "levels": None},
     "prbs": {"duration_s": 200.0, "hold_s": (0.1, 1.0)},
     "multisine": {"duration_s": 200.0, "band_hz": BAND_HZ, "periods": 2},
@@ -351,7 +351,7 @@ class Plan:
     @property
     def settings(self) -> dict[str, Any]:
         """What of it this signal takes, by name."""
-        return {name: getattr(self, name) for name in SETTINGS[self.signal]}
+        return {name: getattr(self, name) for name in SIGNAL_SETTINGS[self.signal]}
 
 
 @dataclass(frozen=True, eq=False)
@@ -375,16 +375,18 @@ def plan_for(
 ) -> Plan:
     """A plan; settings of value None count as not given. UsageError for a setting that the signal
     does not take."""
-    if signal not in SETTINGS:
+    if signal not in SIGNAL_SETTINGS:
         raise UsageError(
             f"There is no signal {signal!r}.",
-            nearest(signal, SETTINGS) or f"Signals: {', '.join(SETTINGS)}.",
+            nearest(signal, SIGNAL_SETTINGS) or f"Signals: {', '.join(SIGNAL_SETTINGS)}.",
         )
     asked = {name: value for name, value in given.items() if value is not None}
     for name in asked:
-        if name not in SETTINGS[signal]:
+        if name not in SIGNAL_SETTINGS[signal]:
             takers = (
-                " and ".join(other for other, settings in SETTINGS.items() if name in settings)
+                " and ".join(
+                    other for other, settings in SIGNAL_SETTINGS.items() if name in settings
+                )
                 or "no signal"
             )
             raise UsageError(
@@ -395,11 +397,11 @@ def plan_for(
     if rate_limit is not None and not (math.isfinite(rate_limit) and rate_limit > 0.0):
         raise UsageError(f"The rate limit is {rate_limit:g}; it must be positive.")
     fastest = min(BAND_HZ[1], 0.1 / period_s)
-    usual = {**SETTINGS[signal], "band_hz": (fastest * BAND_HZ[0] / BAND_HZ[1], fastest)}
+    usual = {**SIGNAL_SETTINGS[signal], "band_hz": (fastest * BAND_HZ[0] / BAND_HZ[1], fastest)}
     return Plan(
         signal,
         period_s,
-        **{name: usual[name] for name in SETTINGS[signal]} | asked,
+        **{name: usual[name] for name in SIGNAL_SETTINGS[signal]} | asked,
         rate_limit=rate_limit,
         offset=offset,
         seed=seed,

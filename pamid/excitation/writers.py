@@ -32,7 +32,7 @@ from pamid.recording.recording import recording_files
 
 Array = NDArray[np.float64]
 
-SCHEMA = "pamid.excitation/1"
+EXCITATION_SCHEMA = "pamid.excitation/1"
 MATRIX = "excitation"
 MAT_HEADER = b"MATLAB 5.0 MAT-file, written by pamid"  # without a date: same request, same bytes
 HELD = "held until the next sample (zero-order hold)"
@@ -45,12 +45,12 @@ class Format:
     played."""
 
     suffix: str
-    content: Callable[[Signals], bytes] | None  # None: as a recording
+    content: Callable[[SentSignals], bytes] | None  # None: as a recording
     heed: str
 
 
 @dataclass(frozen=True, eq=False)
-class Signals:
+class SentSignals:
     """What is sent: columns (n,) in the unit of their names, one sample every period_s; stem: of
     the file to write; about: a line for its comments."""
 
@@ -104,7 +104,7 @@ def write_excitation(
 
     generator = f"pamid {version('pamid')} generate-aprbs"
     made = [f"{word} {about[word]}" for word in ("signal", "experiment", "seed") if word in about]
-    signals = Signals(columns, period_s, path.stem, ", ".join([generator, *made, HELD]))
+    signals = SentSignals(columns, period_s, path.stem, ", ".join([generator, *made, HELD]))
     # first: it refuses what is not finite
     files = recording_files(path, signals.time, signals.columns, meta)
     chosen = FORMATS[form]
@@ -112,7 +112,7 @@ def write_excitation(
         files[path] = chosen.content(signals)
         about = {**about, "format": form, "interpolation": f"hold: {chosen.heed}"}
     note = {
-        "schema": SCHEMA,
+        "schema": EXCITATION_SCHEMA,
         "generator": generator,
         "file": path.name,
         "sha256": _sha256(files[path]),
@@ -138,7 +138,7 @@ def _sha256(data: bytes) -> str:
 # ---- Simulink ----------------------------------------------------------------------------------
 
 
-def _mat_structures(signals: Signals) -> bytes:
+def _mat_structures(signals: SentSignals) -> bytes:
     time = signals.time[:, None]
     return _mat(
         {
@@ -155,11 +155,11 @@ def _mat_structures(signals: Signals) -> bytes:
     )
 
 
-def _mat_rows(signals: Signals) -> bytes:
+def _mat_rows(signals: SentSignals) -> bytes:
     return _mat({MATRIX: np.stack([signals.time, *signals.columns.values()])}, version="4")
 
 
-def _mat_columns(signals: Signals) -> bytes:
+def _mat_columns(signals: SentSignals) -> bytes:
     return _mat({MATRIX: np.stack([signals.time, *signals.columns.values()], axis=1)})
 
 
@@ -175,7 +175,7 @@ def _mat(variables: dict[str, Any], version: str = "5") -> bytes:
 # ---- structured text ---------------------------------------------------------------------------
 
 
-def _structured_text(signals: Signals) -> bytes:
+def _structured_text(signals: SentSignals) -> bytes:
     lines = [
         f"(* {_comment(signals.about)}. *)",
         "(* Send value[k] from time[k] on; hold the last value up to the end. *)",
@@ -228,7 +228,7 @@ def _real(value: float) -> str:
 # ---- C -----------------------------------------------------------------------------------------
 
 
-def _c_header(signals: Signals) -> bytes:
+def _c_header(signals: SentSignals) -> bytes:
     words, stem = _words(signals.columns, signals.stem), _word(signals.stem)
     guard = f"{stem.upper()}_H"
     lines = [

@@ -10,7 +10,7 @@ from itertools import accumulate
 from string import Template
 
 from pamid.export.statements import C, Statements, Symbol, Writer, identifier, identifiers
-from pamid.export.step import Step, Variable
+from pamid.export.step import SampleStep, Variable
 from pamid.symbolic.expression import Expr
 from pamid.symbolic.operators import OPERATORS
 
@@ -20,12 +20,12 @@ def asset(name: str) -> str:
     return (files("pamid.export") / "assets" / name).read_text(encoding="utf-8")
 
 
-def model_name(step: Step) -> str:
+def model_name(step: SampleStep) -> str:
     """What the exported files, functions and types are called: pamid_one_dof."""
     return identifier(f"pamid_{step.name}")
 
 
-def c_files(step: Step) -> dict[str, str]:
+def c_files(step: SampleStep) -> dict[str, str]:
     """Name -> text of the header, the source and an example of a host."""
     name = model_name(step)
     return {f"{name}.h": header(step), f"{name}.c": source(step), "main.c": example(step)}
@@ -46,7 +46,7 @@ def comment(text: str) -> str:
 # ---- header ------------------------------------------------------------------------------------
 
 
-def header(step: Step) -> str:
+def header(step: SampleStep) -> str:
     name = model_name(step)
     return Template(asset("model.h")).substitute(
         model=name,
@@ -64,7 +64,7 @@ def header(step: Step) -> str:
     )
 
 
-def _places(step: Step, kind: str, variables: tuple[Variable, ...]) -> str:
+def _places(step: SampleStep, kind: str, variables: tuple[Variable, ...]) -> str:
     """An enum of the places of inputs, outputs or parameters, each with its unit."""
     if not variables:
         return ""
@@ -87,7 +87,7 @@ def _about(v: Variable) -> str:
     return comment(", ".join(parts))
 
 
-def _fields(step: Step) -> list[str]:
+def _fields(step: SampleStep) -> list[str]:
     sizes = {
         "p": (len(step.parameters), "parameters, in the units of their names"),
         "derived": (len(step.derived), "what follows from them"),
@@ -106,9 +106,9 @@ def _fields(step: Step) -> list[str]:
 # ---- source ------------------------------------------------------------------------------------
 
 
-def source(step: Step) -> str:
+def source(step: SampleStep) -> str:
     name = model_name(step)
-    work = _Functions(step)
+    work = _CFunctions(step)
     parts = [work.update()] if step.updates else []
     parts += [
         work.readings(),
@@ -145,10 +145,10 @@ def helpers(body: str) -> list[str]:
     ]
 
 
-class _Functions:
+class _CFunctions:
     """The functions that hold a model's equations."""
 
-    def __init__(self, step: Step) -> None:
+    def __init__(self, step: SampleStep) -> None:
         self.step = step
         places: dict[Symbol, str] = {("tick", t): t for t in ("time", "begin", "fresh")}
         places |= {("state", n): f"x[{i}]" for i, n in enumerate(step.states)}
@@ -244,7 +244,7 @@ def _function(head: str, lines: list[str]) -> str:
     return "\n".join([head, "{", *(f"    {line}" for line in (*unused, *lines)), "}"])
 
 
-def _init(step: Step) -> str:
+def _init(step: SampleStep) -> str:
     lines = [f"void {model_name(step)}_init(model *m)", "{"]
     if step.parameters:
         lines += [
@@ -258,7 +258,7 @@ def _init(step: Step) -> str:
     return "\n".join([*lines, f"    {model_name(step)}_start(m);", "}"])
 
 
-def example(step: Step) -> str:
+def example(step: SampleStep) -> str:
     """A host that reads and writes CSV."""
 
     def listed(names: Iterable[str]) -> str:

@@ -12,7 +12,7 @@ from pamid.export.c_source import c_files, model_name
 from pamid.export.fmu import make_fmu
 from pamid.export.m_source import m_file
 from pamid.export.statements import identifier
-from pamid.export.step import Step, step_of
+from pamid.export.step import SampleStep, step_of
 
 #: what may be asked for -> ending of its file ("": a folder)
 FORMS = {"fmu": ".fmu", "fmu2": ".fmu", "fmu3": ".fmu", "c": "", "onnx": ".onnx", "matlab": ".m"}
@@ -29,7 +29,7 @@ class Exported:
     the user has to know.
     """
 
-    step: Step
+    step: SampleStep
     files: tuple[Path, ...]
     binary: str = ""
     notes: tuple[str, ...] = ()

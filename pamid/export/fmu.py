@@ -21,7 +21,7 @@ from xml.etree import ElementTree
 
 from pamid.base.units import unit
 from pamid.export.c_source import asset, header, model_name, source
-from pamid.export.step import Step
+from pamid.export.step import SampleStep
 
 _HEADERS = {
     2: ("fmi2FunctionTypes.h", "fmi2Functions.h", "fmi2TypesPlatform.h"),
@@ -41,7 +41,7 @@ class Fmu:
     why: str
 
 
-def make_fmu(step: Step, version: int, *, compiler: str | None = None) -> Fmu:
+def make_fmu(step: SampleStep, version: int, *, compiler: str | None = None) -> Fmu:
     """An FMU of FMI 2 or 3; compiler: a C compiler to use (default: the first of cc, gcc, clang;
     "": none)."""
     sources = _sources(step, version)
@@ -80,7 +80,7 @@ def _zipped(content: dict[str, bytes]) -> bytes:
 # ---- sources and binary ------------------------------------------------------------------------
 
 
-def _sources(step: Step, version: int) -> dict[str, str]:
+def _sources(step: SampleStep, version: int) -> dict[str, str]:
     name, model = (
         model_name(step),
         {f"{model_name(step)}.h": header(step), f"{model_name(step)}.c": source(step)},
@@ -169,7 +169,9 @@ def _xml(root: ElementTree.Element) -> bytes:
     return b'<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, "utf-8") + b"\n"
 
 
-def _root(step: Step, sources: dict[str, str], version: int, **more: str) -> ElementTree.Element:
+def _root(
+    step: SampleStep, sources: dict[str, str], version: int, **more: str
+) -> ElementTree.Element:
     from importlib.metadata import version as version_of
 
     token = re.findall(r'TOKEN "(\w+)"', sources["fmu.h"])[0]
@@ -188,7 +190,7 @@ def _root(step: Step, sources: dict[str, str], version: int, **more: str) -> Ele
     )
 
 
-def _units(root: ElementTree.Element, step: Step) -> None:
+def _units(root: ElementTree.Element, step: SampleStep) -> None:
     symbols = dict.fromkeys(
         v.unit for v in (*step.inputs, *step.outputs, *step.parameters) if v.unit
     )
@@ -204,7 +206,7 @@ def _units(root: ElementTree.Element, step: Step) -> None:
         )
 
 
-def _variables(step: Step) -> list[tuple[dict[str, str], dict[str, str]]]:
+def _variables(step: SampleStep) -> list[tuple[dict[str, str], dict[str, str]]]:
     """Of every variable, in the order of value references: what it is, and its unit and start."""
     kinds = {"input": step.inputs, "output": step.outputs, "parameter": step.parameters}
     found: list[tuple[dict[str, str], dict[str, str]]] = []
@@ -226,7 +228,7 @@ def _variables(step: Step) -> list[tuple[dict[str, str], dict[str, str]]]:
     return found
 
 
-def _offers(step: Step, state: str) -> dict[str, str]:
+def _offers(step: SampleStep, state: str) -> dict[str, str]:
     return {
         "modelIdentifier": model_name(step),
         "canHandleVariableCommunicationStepSize": "true",
@@ -235,7 +237,7 @@ def _offers(step: Step, state: str) -> dict[str, str]:
     }
 
 
-def _description_2(step: Step, sources: dict[str, str]) -> ElementTree.Element:
+def _description_2(step: SampleStep, sources: dict[str, str]) -> ElementTree.Element:
     root = _root(step, sources, 2, numberOfEventIndicators="0")
     offers = {**_offers(step, "FMUstate"), "canNotUseMemoryManagementFunctions": "true"}
     files = ElementTree.SubElement(
@@ -265,7 +267,7 @@ def _description_2(step: Step, sources: dict[str, str]) -> ElementTree.Element:
     return root
 
 
-def _description_3(step: Step, sources: dict[str, str]) -> ElementTree.Element:
+def _description_3(step: SampleStep, sources: dict[str, str]) -> ElementTree.Element:
     root = _root(step, sources, 3)
     ElementTree.SubElement(
         root,
@@ -300,7 +302,7 @@ def _description_3(step: Step, sources: dict[str, str]) -> ElementTree.Element:
     return root
 
 
-def _structure(step: Step) -> list[tuple[int, list[int]]]:
+def _structure(step: SampleStep) -> list[tuple[int, list[int]]]:
     """Place of every output, and of the inputs it depends on directly."""
     places = {v.name: i for i, v in enumerate(step.inputs)}
     return [
@@ -309,7 +311,7 @@ def _structure(step: Step) -> list[tuple[int, list[int]]]:
     ]
 
 
-def _build_description(step: Step, sources: dict[str, str]) -> ElementTree.Element:
+def _build_description(step: SampleStep, sources: dict[str, str]) -> ElementTree.Element:
     root = ElementTree.Element("fmiBuildDescription", fmiVersion="3.0")
     build = ElementTree.SubElement(root, "BuildConfiguration", modelIdentifier=model_name(step))
     listed = ElementTree.SubElement(build, "SourceFileSet", language="C99")

@@ -8,13 +8,13 @@ from string import Template
 
 from pamid.export.c_source import asset, comment
 from pamid.export.statements import MATLAB, Statements, Symbol, Writer, identifiers
-from pamid.export.step import Step, Variable
+from pamid.export.step import SampleStep, Variable
 from pamid.symbolic.expression import Expr
 
 
-def m_file(step: Step, name: str) -> str:
+def m_file(step: SampleStep, name: str) -> str:
     """The text of <name>.m."""
-    work = _Functions(step)
+    work = _MatlabFunctions(step)
     parts = [work.update()] if step.updates else []
     parts += [
         work.readings(),
@@ -45,10 +45,10 @@ def m_file(step: Step, name: str) -> str:
     )
 
 
-class _Functions:
+class _MatlabFunctions:
     """The functions that hold a model's equations."""
 
-    def __init__(self, step: Step) -> None:
+    def __init__(self, step: SampleStep) -> None:
         self.step = step
         names = [v.name for v in step.parameters]
         self.fields = dict(zip(names, identifiers(names), strict=True))

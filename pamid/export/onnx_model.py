@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 #: a graph, its inputs (nu,) and state (n,) -> outputs (ny,) and next state (n,)
 Nodes = Callable[[Graph, str, str], tuple[str, str]]
 
-SCHEMA = "pamid.onnx/1"
+ONNX_SCHEMA = "pamid.onnx/1"
 
 
 def write_onnx(model: Identified, path: Path) -> tuple[Path, Path]:
@@ -104,7 +104,7 @@ def _run_and_cell(
     name: str, nodes: Nodes, start: Array, about: Mapping[str, Any]
 ) -> tuple[bytes, bytes]:
     nu, n, ny = len(about["inputs"]), len(start), len(about["outputs"])
-    metadata = {"schema": SCHEMA, **about, "start": start.tolist()}
+    metadata = {"schema": ONNX_SCHEMA, **about, "start": start.tolist()}
     words = {
         key: value if isinstance(value, str) else json.dumps(value)
         for key, value in metadata.items()

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pamid.engine.integrator import DAMPED, GAMMA, HALVINGS, NEWTON_STEPS, SETTLED
+from pamid.engine.integrator import DAMPED, GAMMA, HALVINGS, LAST_STEP, NEWTON_STEPS
 from pamid.export.onnx_graph import Graph, graph_of
 
 #: a graph and a state (nx,) -> rates (nx,) there, and df/dx (nx, nx)
@@ -44,7 +44,7 @@ class Implicit:
         change = _quotient(b, matrix, self._residual(b, base, gh, x), self.nx)
         worst = _largest(b, change, x)
         taken = self._taken(b, base, gh, x, matrix, change, worst)
-        done = b.add("Squeeze", b.add("Less", worst, b.number(SETTLED)))
+        done = b.add("Squeeze", b.add("Less", worst, b.number(LAST_STEP)))
         again = b.add("Not", done)
         boolean = {name: TensorProto.BOOL for name in (going, again, settled, done)}
         body = graph_of(

@@ -8,11 +8,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.correction.identified_model import GIVEN, MEMORY, VALUE
+from pamid.correction.identified_model import GIVEN_PREFIX, MEMORY, VALUE
 from pamid.export.onnx_graph import Graph, Symbol, Values
 from pamid.export.onnx_network import memory_size, network_nodes
 from pamid.export.onnx_newton import Implicit
-from pamid.export.step import Step, Update
+from pamid.export.step import SampleStep, Update
 from pamid.networks.trained_network import TrainedNetwork
 from pamid.symbolic.expression import Expr, symbols, walk
 from pamid.symbolic.operators import OPERATORS
@@ -28,7 +28,7 @@ class Sampled:
     network remember, its delay lines, and last the number of samples so far.
     """
 
-    step: Step
+    step: SampleStep
     network: TrainedNetwork | None
 
     @cached_property
@@ -145,7 +145,9 @@ class Sampled:
 
     def _network(self, g: Graph, cells: dict[str, str], part: dict[str, str], first: str) -> str:
         assert self.network is not None
-        given = g.joined([cells[f"{GIVEN}{i}"] for i in range(len(self.network.input_names))])
+        given = g.joined(
+            [cells[f"{GIVEN_PREFIX}{i}"] for i in range(len(self.network.input_names))]
+        )
         value, memory = network_nodes(
             g, self.network.network, self.network.weights, given, part.get("memory", ""), first
         )

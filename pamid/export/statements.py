@@ -12,7 +12,8 @@ from pamid.symbolic.operators import ATOM, CHOICE, COMPARISON, OPERATORS, SUM, O
 
 Symbol = tuple[str, str]
 
-_LONGEST = 90  # characters of a part that is written where it is used, not under a name of its own
+# characters of a part that is written where it is used, not under a name of its own
+_LONGEST_PART = 90
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,7 @@ class Statements:
         if node.op == "symbol":
             return self.words[node.value], ATOM
         text, level = self._written(node)
-        if node not in self._names and self._uses[node] == 1 and len(text) <= _LONGEST:
+        if node not in self._names and self._uses[node] == 1 and len(text) <= _LONGEST_PART:
             return text, level
         if node not in self._names:
             self._names[node] = f"k{self._count}"

@@ -69,7 +69,7 @@ class Update:
 
 
 @dataclass(frozen=True, eq=False)
-class Step:
+class SampleStep:
     """See the module. slopes: (row, column, d rate / d state), where implicit; lines: values each
     delay line keeps."""
 
@@ -130,7 +130,7 @@ class _Owned:
         )
 
 
-def step_of(model: Identified) -> Step:
+def step_of(model: Identified) -> SampleStep:
     """Flatten a model; UsageError where its network needs the control loop."""
     if model.network is not None and model.network.in_loop:
         raise UsageError(
@@ -171,7 +171,7 @@ def step_of(model: Identified) -> Step:
     start = substitute(_start(model, owned), outside)
     running = _parameters([*derived, *values, *seconds, *rates, *readings, *partials])
     needed = running | _parameters(start)
-    return Step(
+    return SampleStep(
         model.name,
         model.period_s,
         stepping.substeps,

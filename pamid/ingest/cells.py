@@ -28,7 +28,7 @@ _THOUSANDS = re.compile(
 #: could be 1.234 or 1234
 _UNCLEAR = {mark: re.compile(rf"[+-]?[1-9]\d{{0,2}}{re.escape(mark)}\d{{3}}$") for mark in ".,"}
 
-MISSING = (
+MISSING_WORDS = (
     "nan",
     "NaN",
     "NAN",
@@ -55,7 +55,7 @@ MISSING = (
     "-1,#IND",
 )
 _WORDS_OF_NUMBERS = frozenset(("inf", "-inf", "+inf", "infinity", "-infinity", "true", "false"))
-_FOLDED_MISSING = frozenset(word.lower() for word in MISSING)
+_FOLDED_MISSING = frozenset(word.lower() for word in MISSING_WORDS)
 #: a column of text with fewer numbers than this is a column of words
 SHARE_OF_NUMBERS = 0.5
 

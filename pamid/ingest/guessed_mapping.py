@@ -25,7 +25,7 @@ from pamid.ingest.time_base import GAP_PERIODS, StampDiagnosis, diagnose_stamps
 from pamid.model.rig import Rig
 from pamid.recording.recording import toml_string
 
-ONE = 1.05  # what is sent stays within -1 to 1, or is in per cent
+EQUAL_TO = 1.05  # what is sent stays within -1 to 1, or is in per cent
 BELIEVED_WITHIN = 30.0  # times the rig's period: a unit of the stamps within that is believed
 _LIKELY_TIME_UNITS = ("s", "ms", "us", "ns", "min")
 _RAW = (unit("V").dimension, unit("A").dimension)  # a sensor's signal that nobody has scaled
@@ -310,7 +310,7 @@ def _unit(column: str, channel: Channel) -> tuple[str, str]:
         return suffix, "by the channel's name"
     if symbol == NONE:
         values = channel.values[np.isfinite(channel.values)]
-        if values.size and np.abs(values).max() <= ONE:
+        if values.size and np.abs(values).max() <= EQUAL_TO:
             return NONE, "within -1 to 1"
         return UNANSWERED, '"1", or "percent"?'
     return UNANSWERED, f"the log does not say it; a {quantity_of(symbol)}"

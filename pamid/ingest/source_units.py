@@ -100,7 +100,7 @@ _ADVICE = {
     "c": "Write degC.",
     "f": "Write degF.",
 }
-_PLAIN = (
+_SPELLINGS = (
     ("°C", "degC"),
     ("℃", "degC"),
     ("°F", "degF"),
@@ -255,7 +255,7 @@ def _measured(text: str, bare: str, pressure: str) -> SourceUnit:
 def _normal(text: str) -> str:
     """What people write, in pint's grammar: "Nm" is N*m, "m/s2" is m/s**2, a degree in a product is
     a difference."""
-    for written, meant in _PLAIN:
+    for written, meant in _SPELLINGS:
         text = text.replace(written, meant)
     text = re.sub(r"\b(k|m|c)?N([cm]?m)\b", r"\1N*\2", text)
     text = re.sub(r"([A-Za-z])(-?[1-9])\b", r"\1**\2", text)

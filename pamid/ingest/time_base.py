@@ -32,7 +32,7 @@ from pamid.recording.file_checks import HUGE, UNIFORM_TO
 Cure = Literal["none", "late-stamps", "jittered-sampling"]
 State = Literal["even", "rounded", "blocks", "late-stamps", "jittered-sampling", "undecided"]
 
-LOW = 0.01  # quantile of the latency that stands for none
+LEAST_LATENCY_QUANTILE = 0.01  # quantile of the latency that stands for none
 # slopes are those of parabolas, the local course that of quartics, through 2 * HALF + 1 samples
 HALF = 5
 # standard deviation that white noise of 1 keeps in R y: sqrt(1 - 143/429), where 143/429 is the
@@ -145,7 +145,10 @@ def reconstructed_time_base(
         )
         said = _repairs(rows.stamps, pieces, rows.starts, min(lost, steps))
         return TimeBase(rows.stamps, tuple(pieces), found.period, said)
-    begins = [float(np.quantile(late[p], LOW)) if cure == "late-stamps" else 0.0 for p in pieces]
+    begins = [
+        float(np.quantile(late[p], LEAST_LATENCY_QUANTILE)) if cure == "late-stamps" else 0.0
+        for p in pieces
+    ]
     instants = rows.stamps - late
     for piece, begin in zip(pieces, begins, strict=True):
         instants[piece] += begin

@@ -33,7 +33,7 @@ class Assembly:
     """A rig with effects attached.
 
     sizes       magnitudes of signals at ports, for effects' parameters (see
-    `pamid.simulation.simulate.port_sizes`) background  whether the rig's tolerance-sized nuisance
+    `pamid.simulation.free_runs.port_sizes`) background  whether the rig's tolerance-sized nuisance
     terms take part controller  the [controller] table of a recording: the command is then computed,
     not read sensitive   keys of the parameters that sensitivities may be asked for (default: all);
     fewer are cheaper outputs     only these outputs of the rig (empty: all): what a recording lacks

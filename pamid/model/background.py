@@ -17,7 +17,7 @@ from pamid.symbolic.vocabulary import Expr, Number, clip, where
 
 LEVEL = 0.3  # of the tolerance: what a single place may be off as a whole
 DRIFT_S = 60.0
-SMOOTH = 3  # degree up to which a bend may take the whole tolerance
+FULL_TOLERANCE_DEGREE = 3  # degree up to which a bend may take the whole tolerance
 REACH = 3.0  # tolerances a nuisance term may go to: what lies beyond is structure
 
 
@@ -73,7 +73,10 @@ class SmoothGain(Background):
             drift,
         )
         terms = {"level": LEVEL * tolerance} if level else {}
-        terms |= {f"bend_{i}": tolerance * min(1.0, SMOOTH / i) for i in range(1, degree + 1)}
+        terms |= {
+            f"bend_{i}": tolerance * min(1.0, FULL_TOLERANCE_DEGREE / i)
+            for i in range(1, degree + 1)
+        }
         terms |= {f"along_{i}": tolerance for i in (1, 2)} if along else {}
         super().__init__(name, terms | ({"drift": tolerance} if drift else {}))
 

@@ -25,7 +25,7 @@ from pamid.model.effect import Effect, require_sound
 from pamid.model.rig import Rig, check_rig
 from pamid.recording.recording import Recording
 
-_CODE = "A rig or effect file is code, run only when you name it yourself:"
+_RUNS_CODE = "A rig or effect file is code, run only when you name it yourself:"
 _IN_PROGRAM = (
     "class:"  # leads the name that a run notes for a rig that no name and no file stands for
 )
@@ -162,7 +162,7 @@ def catalogue_rig(name: str) -> Rig:
     known = rigs()
     if base not in known:
         if is_code(name):
-            raise FileError(f"{name!r} is a rig file.", f"{_CODE} add --rig FILE.", code="rig")
+            raise FileError(f"{name!r} is a rig file.", f"{_RUNS_CODE} add --rig FILE.", code="rig")
         raise FileError(
             f"unknown rig {base!r}",
             nearest(base, list(known)) or f"rigs: {', '.join(known)}; or the path of a rig file",
@@ -203,7 +203,7 @@ def rig_again(noted: str, named: str | Rig | None, sha256: Mapping[str, str]) ->
     if is_code(noted) and not is_code(named or ""):
         raise FileError(
             f"The run was made with the rig file {noted!r}.",
-            f"{_CODE} add --rig {quoted(noted)}",
+            f"{_RUNS_CODE} add --rig {quoted(noted)}",
             code="rig",
         )
     if named is None or not is_code(named):
@@ -222,7 +222,7 @@ def effects_again(
         if Path(path).name not in files:
             raise FileError(
                 f"The run was made with the effect file {path!r}.",
-                f"{_CODE} add --effect {quoted(path)}",
+                f"{_RUNS_CODE} add --effect {quoted(path)}",
                 code="effect",
             )
         wanted[files[Path(path).name]] = sha256.get(path, "")
@@ -256,7 +256,8 @@ def rig_of(recordings: list[Recording]) -> str:
     for name, recording in named.items():
         if is_code(name):
             raise FileError(
-                f"{recording.path} names the rig file {name!r}", f"{_CODE} add --rig {quoted(name)}"
+                f"{recording.path} names the rig file {name!r}",
+                f"{_RUNS_CODE} add --rig {quoted(name)}",
             )
         return name
     return "one-dof"

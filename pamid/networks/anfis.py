@@ -40,7 +40,7 @@ from pamid.base.errors import DataError, UsageError, nearest
 from pamid.networks.bayes import Evidence
 from pamid.networks.network import Network, Records
 from pamid.networks.normal_equations import CHUNK, Rows
-from pamid.networks.problem import Damping, Goals, TrainingProblem
+from pamid.networks.training_problem import Damping, Goals, TrainingProblem
 from pamid.symbolic.memory_cells import Cell
 from pamid.symbolic.vocabulary import ZERO, Expr, clip, exp
 

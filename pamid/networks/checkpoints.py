@@ -63,7 +63,7 @@ class Checkpoint:
     attempts: tuple[Attempt, ...]
 
 
-_FIELDS = ("weights", "numbers", "steps", "why")
+_STORED = ("weights", "numbers", "steps", "why")
 
 
 def save_checkpoint(path: Path, checkpoint: Checkpoint) -> None:
@@ -94,9 +94,9 @@ def load_checkpoint(path: Path, problem: str, n_weights: int) -> Checkpoint:
             "Train afresh, or repeat the options of the interrupted training.",
         )
     attempts = []
-    for k in range((len(arrays) - 1) // len(_FIELDS)):
+    for k in range((len(arrays) - 1) // len(_STORED)):
         try:
-            weights, numbers, steps, why = (arrays[f"{field}_{k}"] for field in _FIELDS)
+            weights, numbers, steps, why = (arrays[f"{field}_{k}"] for field in _STORED)
         except KeyError as missing:
             raise FileError(
                 f"{path} is no whole checkpoint: {missing} is missing.", "Train afresh."

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from pamid.networks.bayes import Evidence, first_guess, promised_decrease, reestimate, solve_damped
 from pamid.networks.checkpoints import Attempt, TrainingStep
 from pamid.networks.normal_equations import side_by_side
-from pamid.networks.problem import Errors, TrainingProblem
+from pamid.networks.training_problem import Errors, TrainingProblem
 
 Array = NDArray[np.float64]
 

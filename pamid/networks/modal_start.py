@@ -25,7 +25,7 @@ TURN = (0.003, 0.5)  # rad per sample: from slowest to fastest oscillation
 QUALITY = (0.3, 30.0)  # memory (samples) times turn: from overdamped to ringing
 LONGEST = 3000.0  # samples: no longer memory
 # samples that choose: more would change the time it takes, not the choice
-MOST_ROWS = 7000
+MOST_SCAN_ROWS = 7000
 # of a feature's mean square, on the residues: keeps cancelling pairs small
 RESIDUE_RIDGE = 1e-6
 
@@ -56,7 +56,7 @@ def find_modes(
     """`count` modes for recordings of (inputs (N, m), target (N,)), each from rest; another seed
     draws other poles."""
     poles = _random_poles(np.random.default_rng(seed))
-    every = max(1, sum(len(t) - washout for _, t in records) // MOST_ROWS)
+    every = max(1, sum(len(t) - washout for _, t in records) // MOST_SCAN_ROWS)
     rows = slice(washout, None, every)
     target = np.concatenate([t[rows] for _, t in records])
     parts = [np.concatenate([_mode_responses(u, p)[rows] for u, _ in records]) for p in poles]

@@ -28,9 +28,9 @@ from pamid.base.files import WEIGHTS, read_data, write_together
 from pamid.base.json_file import json_bytes, read_json
 from pamid.base.npz import load_arrays
 from pamid.networks.network import Network
+from pamid.networks.network_training import Training, train
 from pamid.networks.scaling import Scaling, check_finite, scaling_of
-from pamid.networks.training import Training, train
-from pamid.schemas.network import NetworkFile, ScaledSignal, TrainingSummary, WeightsFile
+from pamid.schemas.network_file import NetworkFile, ScaledSignal, TrainingSummary, WeightsFile
 
 Array = NDArray[np.float64]
 Signals = Mapping[str, ArrayLike]

@@ -27,11 +27,11 @@ LAGS = (1, 2, 4, 8, 16, 32)  # levels that gaps reach over; beyond, a converter'
 OFF = 0.1
 FEW_GAPS, OFF_OF_FEW_GAPS = 10, 0.02  # of so few gaps each has to be whole to this
 # with so many gaps, parts of the smallest are tried: no two neighbouring levels may be met
-MANY, FINEST = 30, 16
+MANY_GAPS, FINEST = 30, 16
 STRAIGHT = 0.8  # of all moves: more of them like the one before are a line, not steps
 BLOCK = 40  # samples over which differences are squared
-TINY = 1e-6  # of the standard deviation: less noise than this is not believed
-SHOWN = 1.5 * TINY  # more than this may be noise
+LEAST_BELIEVED = 1e-6  # of the standard deviation: less noise than this is not believed
+MAY_BE_NOISE = 1.5 * LEAST_BELIEVED  # more than this may be noise
 UNIFORM = 1.0 / np.sqrt(12.0)  # standard deviation of what rounding to steps adds, in steps
 FOURTH = np.sqrt(70.0)  # standard deviation of fourth differences of white noise of 1
 MEDIAN = 0.6745  # median absolute value of a normal variable of deviation 1: its upper quartile
@@ -50,7 +50,7 @@ def quantisation_step(values: Array) -> float:
         return float(gaps.sum())
     smallest = float(np.quantile(gaps, 0.02, method="lower"))
     usual = float(gaps[np.abs(gaps - smallest) < ALIKE_GAPS * smallest].mean())
-    for finer in range(1, FINEST + 1 if gaps.size >= MANY else 2):
+    for finer in range(1, FINEST + 1 if gaps.size >= MANY_GAPS else 2):
         if step := _lattice(levels, usual / finer):
             return 0.0 if _goes_straight(values, step) else step
     return 0.0
@@ -112,7 +112,7 @@ def sensor_noise(parts: Sequence[Array], stated: Array) -> Array:
             np.mean([[quantisation_step(c) ** 2 for c in part.T] for part in parts], axis=0)
         )
         noise = np.maximum(noise, UNIFORM * steps)
-    least = SHOWN * y.std(axis=0)
+    least = MAY_BE_NOISE * y.std(axis=0)
     white = [n > shown and is_white(c) for c, n, shown in zip(y.T, noise, least, strict=True)]
     seen = (UNIFORM * steps > least) | white
     return np.where(seen, noise, np.maximum(noise, stated))
@@ -142,7 +142,7 @@ def _noise_and_steps(y: Array) -> tuple[Array, Array]:
     steps = np.array([quantisation_step(c) for c in y.T])
     for c in np.flatnonzero(sigma < steps):
         noise[c] = max(_square_noise(d[:, c]), UNIFORM * steps[c])
-    return np.maximum(noise, TINY * y.std(axis=0) + 1e-300), steps
+    return np.maximum(noise, LEAST_BELIEVED * y.std(axis=0) + 1e-300), steps
 
 
 def _square_noise(d: Array) -> float:

@@ -3,11 +3,11 @@ columns or the digits it was printed with, or a stretch that two files share.
 
 Found by content alone, as copies of text are (Manber 1994, USENIX Winter Conference; Schleimer,
 Wilkerson and Aiken 2003, SIGMOD). Every measured signal is read as a sequence of (level, dwell).
-Words of 2^DOUBLINGS successive ones are hashed, those with hash = 0 mod KEPT are looked up in all
-recordings at once, so that the same words are chosen wherever a copy begins; each pair of places
-that share SHARED_WORDS words is then compared sample by sample. Samples at rest do not count. Noise
-never repeats itself, so that the same experiment made twice on a real rig is no copy; simulated
-twice without noise it is one.
+Words of 2^DOUBLINGS successive ones are hashed, those with hash = 0 mod ONE_WORD_IN are looked up
+in all recordings at once, so that the same words are chosen wherever a copy begins; each pair of
+places that share SHARED_WORDS words is then compared sample by sample. Samples at rest do not
+count. Noise never repeats itself, so that the same experiment made twice on a real rig is no copy;
+simulated twice without noise it is one.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ Places = NDArray[np.int64]
 
 # steps of print to a level; odd, so that no number of the coarser print lies between two levels
 STEPS_PER_LEVEL = (63, 15, 3, 1)
-LEVELS = 100  # that a signal should visit at least, for its words to distinguish places
+FEWEST_LEVELS = 100  # that a signal should visit at least, for its words to distinguish places
 DOUBLINGS = 3  # a word is 8 dwells
-KEPT = 8  # of so many words one is looked up, chosen by its hash
+ONE_WORD_IN = 8  # of so many words one is looked up, chosen by its hash
 SHARED_WORDS = 3  # words that two places must share to be compared
 SHIFTS = 4  # ways to lay one recording upon another that are compared
 # samples at which something moves, alike in both, that two experiments do not share ...
@@ -152,7 +152,9 @@ def _candidates(
         if len(having) > 1:
             step = max(s.step for s in having.values())
             narrow = min(float(np.ptp(s.values)) for s in having.values())
-            cell = step * next((m for m in STEPS_PER_LEVEL if narrow >= LEVELS * m * step), 1)
+            cell = step * next(
+                (m for m in STEPS_PER_LEVEL if narrow >= FEWEST_LEVELS * m * step), 1
+            )
             votes.append(_matches({i: _words(s.values, cell) for i, s in having.items()}))
     if not votes:
         return
@@ -175,7 +177,7 @@ def _words(values: Array, cell: float) -> tuple[NDArray[np.uint64], Places]:
         half = 1 << doubling
         word = word[:-half] * MIX + word[half:] if word.size > half else word[:0]
         word ^= word >> np.uint64(31)
-    sampled = np.flatnonzero(word % np.uint64(KEPT) == 0)
+    sampled = np.flatnonzero(word % np.uint64(ONE_WORD_IN) == 0)
     return word[sampled], begins[sampled]
 
 

@@ -15,7 +15,7 @@ from pamid.base.units import NONE, split_column
 Array = NDArray[np.float64]
 
 POINTS = 4000  # of a panel; more cannot be seen
-WIDE_IN, PANEL_IN = 8.0, 1.15
+PLOT_WIDTH_IN, PANEL_IN = 8.0, 1.15
 
 
 class NotebookFigure(Figure):
@@ -35,7 +35,7 @@ def plot_signals(title: str, time: Array, signals: Mapping[str, Array]) -> Noteb
     name."""
     with matplotlib.rc_context({"text.parse_math": False}):
         figure = NotebookFigure(
-            figsize=(WIDE_IN, 0.8 + PANEL_IN * len(signals)), layout="constrained"
+            figsize=(PLOT_WIDTH_IN, 0.8 + PANEL_IN * len(signals)), layout="constrained"
         )
         panels = figure.subplots(len(signals), 1, sharex=True, squeeze=False)[:, 0]
         for axes, (name, values) in zip(panels, signals.items(), strict=True):

@@ -26,14 +26,14 @@ from pamid.correction.force_map import judge, read_map
 from pamid.correction.trained_force_law import force_law_of
 from pamid.estimation.fit_files import fit_json
 from pamid.estimation.grey_box import GreyBox, fit_model
-from pamid.estimation.posterior import Posterior, read_posterior
+from pamid.estimation.posterior import EarlierPosterior, read_posterior
 from pamid.estimation.quantities import declared
 from pamid.model.assembly import Assembly
 from pamid.model.registry import catalogue_rig
 from pamid.recording.recording import Recording
 from pamid.replications.arm_twin import (
     ARM_RIG,
-    GRAVITY,
+    GRAVITY_TEST,
     PULSES,
     VARIABLES,
     WITH_PAYLOAD,
@@ -49,17 +49,17 @@ from pamid.report.arm_paper_figure import Panel, arm_picture
 from pamid.rigs.muscle import Law
 from pamid.rigs.two_link import MUSCLES, TwoLink
 from pamid.simulation.data_split import DataSplit
+from pamid.simulation.free_runs import free_run, output_table
 from pamid.simulation.replay import Replay
-from pamid.simulation.simulate import free_run, output_table
 from pamid.simulation.tracks import track_of
 from pamid.simulation.windows import Runner
 
 Array = NDArray[np.float64]
 
-ARM_PAPER_SCHEMA, TABLE_FILE, MAP_FILE = "pamid.paper-arm/1", "arm-paper.json", "muscle-map.csv"
-ARM_FIGURES = {GRAVITY: "figures/gravity.png", PULSES: "figures/pulses.png"}
+ARM_PAPER_SCHEMA, ARM_TABLE_FILE, MAP_FILE = "pamid.paper-arm/1", "arm-paper.json", "muscle-map.csv"
+ARM_FIGURES = {GRAVITY_TEST: "figures/gravity.png", PULSES: "figures/pulses.png"}
 UNLOADED = "without_payload"
-SHEET, FLOOR = "data_sheet", "noise_floor"
+DATA_SHEET, NOISE_FLOOR = "data_sheet", "noise_floor"
 ANALYTIC_ALONE, ANFIS_ALONE, ANALYTIC, ANFIS = (
     "analytic_alone",
     "anfis_alone",
@@ -71,7 +71,7 @@ FITTED = (ANALYTIC_ALONE, ANFIS_ALONE, ANALYTIC, ANFIS)
 SETS = 2
 # by which share of the noise floor a fitted angle may lie above it in the gravity test
 AT_THE_FLOOR = 0.05
-QUICK_S, QUICK_MUSCLES, QUICK_PERIOD_S = 4.0, ("12", "21"), 0.006
+QUICK_ARM_S, QUICK_MUSCLES, QUICK_PERIOD_S = 4.0, ("12", "21"), 0.006
 
 ARM_NOTES = (
     "A virtual arm, not the authors' arm: their recordings and parameters are not published, so "
@@ -106,7 +106,7 @@ class ArmPlan:
     @classmethod
     def quickly(cls, seed: int) -> ArmPlan:
         """Short swings and two muscles, coarsely sampled, to see it work."""
-        return cls(QUICK_S, QUICK_MUSCLES, QUICK_PERIOD_S, seed, True)
+        return cls(QUICK_ARM_S, QUICK_MUSCLES, QUICK_PERIOD_S, seed, True)
 
 
 class LawAlone(TwoLink):
@@ -125,7 +125,7 @@ class FitStage:
 
 
 @dataclass(frozen=True, eq=False)
-class Model:
+class ArmModel:
     """A fit's model with parameters p (SI)."""
 
     grey: GreyBox
@@ -159,7 +159,7 @@ def fit_stages(
     """All fits, each in a run folder of its own as `pamid fit --from` would leave it;
     force-law.json of the map."""
 
-    def stage(name: str, evidence: DataSplit, earlier: Posterior | None = None) -> FitStage:
+    def stage(name: str, evidence: DataSplit, earlier: EarlierPosterior | None = None) -> FitStage:
         grey = fit_model(
             evidence,
             seed=plan.seed,
@@ -178,9 +178,9 @@ def fit_stages(
 
     stages = {
         UNLOADED: stage(
-            "gravity-without-payload", records.evidence(TwoLink(), GRAVITY, WITH_PAYLOAD)
+            "gravity-without-payload", records.evidence(TwoLink(), GRAVITY_TEST, WITH_PAYLOAD)
         ),
-        GRAVITY: stage("gravity", records.evidence(TwoLink(), GRAVITY)),
+        GRAVITY_TEST: stage("gravity", records.evidence(TwoLink(), GRAVITY_TEST)),
     }
     known = read_posterior(run.folder / "gravity")
     progress("force map of a muscle")
@@ -208,23 +208,23 @@ def part(run: Run, name: str, plan: ArmPlan, inputs: list[Any]) -> Run:
 # ---- the tables --------------------------------------------------------------------------------
 
 
-def models_of(stages: dict[str, FitStage]) -> dict[str, Model]:
+def models_of(stages: dict[str, FitStage]) -> dict[str, ArmModel]:
     """By column of the table. The data sheet goes with the analytic law."""
     greys = {name: stages[name].grey for name in FITTED}
     return {
-        SHEET: Model(greys[ANALYTIC], greys[ANALYTIC].assembly.values()),
-        **{name: Model(grey, grey.fit.p) for name, grey in greys.items()},
+        DATA_SHEET: ArmModel(greys[ANALYTIC], greys[ANALYTIC].assembly.values()),
+        **{name: ArmModel(grey, grey.fit.p) for name, grey in greys.items()},
     }
 
 
 def free_json(stages: dict[str, FitStage], records: ArmRecords) -> dict[str, Any]:
     """By kind of test and variable: the errors of all models in free runs, and the noise floor."""
     models, found = models_of(stages), {}
-    for kind in (GRAVITY, PULSES):
+    for kind in (GRAVITY_TEST, PULSES):
         by = {
             name: model.free_mae(records.of(kind, held_out=True)) for name, model in models.items()
         }
-        found[kind] = _by_variable({**by, FLOOR: records.floor(kind)})
+        found[kind] = _by_variable({**by, NOISE_FLOOR: records.floor(kind)})
     return found
 
 
@@ -232,15 +232,15 @@ def windowed_json(stages: dict[str, FitStage]) -> dict[str, Any]:
     """The same as the fits themselves judge, in short windows whose states are set anew. The
     gravity tests were fitted with the analytic law alone of the two."""
     found = {}
-    for kind, names in ((GRAVITY, {ANALYTIC: GRAVITY}), (PULSES, dict.fromkeys(FITTED))):
+    for kind, names in ((GRAVITY_TEST, {ANALYTIC: GRAVITY_TEST}), (PULSES, dict.fromkeys(FITTED))):
         greys = {name: stages[stage or name].grey for name, stage in names.items()}
         by = {name: windowed_mae(g.evidence, g.held_out) for name, g in greys.items()}
         plain = greys[ANALYTIC]
         found[kind] = _by_variable(
             {
-                SHEET: windowed_mae(plain.evidence, plain.data_sheet),
+                DATA_SHEET: windowed_mae(plain.evidence, plain.data_sheet),
                 **by,
-                FLOOR: windowed_mae(plain.evidence, plain.floor),
+                NOISE_FLOOR: windowed_mae(plain.evidence, plain.floor),
             }
         )
     return found
@@ -262,9 +262,9 @@ def _by_variable(by: dict[str, dict[str, float]]) -> dict[str, Any]:
 
 def target_json(mae: dict[str, Any]) -> dict[str, Any]:
     """Do the fitted angles of the gravity test lie at the noise floor?"""
-    angles = {v: cells for v, cells in mae[GRAVITY].items() if cells["unit"] == "deg"}
+    angles = {v: cells for v, cells in mae[GRAVITY_TEST].items() if cells["unit"] == "deg"}
     over = {
-        name: {v: cells[name] / cells[FLOOR] for v, cells in angles.items()}
+        name: {v: cells[name] / cells[NOISE_FLOOR] for v, cells in angles.items()}
         for name in (ANALYTIC, ANFIS)
     }
     worst = max(ratio for by in over.values() for ratio in by.values())
@@ -293,8 +293,8 @@ def combinations_json(stages: dict[str, FitStage], twin: ArmTwin) -> dict[str, A
     )
     return {
         name: {
-            "unit": found[GRAVITY][name]["unit"],
-            SHEET: found[GRAVITY][name]["prior"],
+            "unit": found[GRAVITY_TEST][name]["unit"],
+            DATA_SHEET: found[GRAVITY_TEST][name]["prior"],
             "truth": of(truth),
             **{stage: _interval(of_stage[name], of(truth)) for stage, of_stage in found.items()},
         }
@@ -306,13 +306,13 @@ def parameters_json(stages: dict[str, FitStage], twin: ArmTwin) -> dict[str, Any
     """Every fitted parameter by stage; holds: does the interval hold the truth? (none of a scale of
     another law)"""
     hidden, found = twin.hidden(), {}
-    for name, one in stages[GRAVITY].found["parameters"].items():
+    for name, one in stages[GRAVITY_TEST].found["parameters"].items():
         truth = hidden.get(name, one["prior"])
         by = {
             stage: _interval(s.found["parameters"][name], None if name == "scale" else truth)
             for stage, s in stages.items()
         }
-        found[name] = {"unit": one["unit"], SHEET: one["prior"], "truth": truth, **by}
+        found[name] = {"unit": one["unit"], DATA_SHEET: one["prior"], "truth": truth, **by}
     return found
 
 
@@ -334,7 +334,7 @@ def tied_json(found: dict[str, Any]) -> list[dict[str, Any]]:
 def reproduce_arm(run: Run, plan: ArmPlan, *, progress: Progress = silent) -> dict[str, Any]:
     """Everything into a run folder; returns pamid.paper-arm/1, which is in arm-paper.json, too."""
     twin = ArmTwin()
-    run.path(TABLE_FILE).unlink(missing_ok=True)  # of an earlier run
+    run.path(ARM_TABLE_FILE).unlink(missing_ok=True)  # of an earlier run
     progress("recording the twin")
     planned = sessions(plan.swing_s, plan.muscles, plan.period_s)
     run.claim(*(f"{session.name}{suffix}" for session in planned for suffix in (".csv", ".toml")))
@@ -371,7 +371,7 @@ def reproduce_arm(run: Run, plan: ArmPlan, *, progress: Progress = silent) -> di
             for name, s in stages.items()
         },
     }
-    write_json(run.path(TABLE_FILE), found)
+    write_json(run.path(ARM_TABLE_FILE), found)
     for kind, file in ARM_FIGURES.items():
         write_atomically(run.path(file), picture_of(stages, records, kind, mae[kind]))
     return found
@@ -383,7 +383,7 @@ def picture_of(
     """PNG of the first held-out recording of a kind: measured, data sheet, fitted with the
     ANFIS."""
     r, models = records.of(kind, held_out=True)[0], models_of(stages)
-    sheet, fitted = models[SHEET].free(r), models[ANFIS].free(r)
+    sheet, fitted = models[DATA_SHEET].free(r), models[ANFIS].free(r)
     panels = [
         Panel(
             f"{v.split('_')[0]} {v.split('_')[1]} [{unit_of(v)}]",
@@ -396,11 +396,11 @@ def picture_of(
     angles = [cells for cells in mae.values() if cells["unit"] == "deg"]
     off = {
         name: " and ".join(f"{cells[name]:.2g}" for cells in angles)
-        for name in (SHEET, ANFIS, FLOOR)
+        for name in (DATA_SHEET, ANFIS, NOISE_FLOOR)
     }
     title = (
-        f"{'Gravity test' if kind == GRAVITY else 'Valve pulses'} that no fit has seen: fitted, "
-        "the angles are "
-        f"off by {off[ANFIS]} deg (noise alone: {off[FLOOR]}), by the data sheet {off[SHEET]} deg"
+        f"{'Gravity test' if kind == GRAVITY_TEST else 'Valve pulses'} that no fit has seen: "
+        f"fitted, the angles are off by {off[ANFIS]} deg (noise alone: {off[NOISE_FLOOR]}), "
+        f"by the data sheet {off[DATA_SHEET]} deg"
     )
     return arm_picture(kind, title, r.time, panels).png

@@ -25,7 +25,7 @@ from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.rigs.muscle import LAWS
 from pamid.rigs.muscle_experiments import gravity_test, muscle_pulses
 from pamid.simulation.data_split import DataSplit, split_recordings
-from pamid.simulation.simulate import output_table
+from pamid.simulation.free_runs import output_table
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 Array = NDArray[np.float64]
@@ -35,9 +35,9 @@ Pieces = Iterable[tuple[Recording, Array]]
 ARM_RIG = "two-link"
 #: what the paper compares: angles, contractions, pressures
 VARIABLES = tuple(name for name in catalogue_rig(ARM_RIG).outputs if not name.startswith("force_"))
-GRAVITY, PULSES = "gravity", "pulses"
+GRAVITY_TEST, PULSES = "gravity", "pulses"
 WITH_PAYLOAD, PAYLOAD_KG = "gravity-payload", 0.5
-LEVEL, HELD_OUT_LEVEL = 1.0, 0.6
+TRAINED_LEVEL, HELD_OUT_LEVEL = 1.0, 0.6
 MAP_CONTRACTION, MAP_PRESSURE_KPA, MAP_NOISE_N = (
     np.linspace(0.0, 0.20, 6),
     np.linspace(0.0, 600.0, 21),
@@ -151,7 +151,12 @@ def sessions(swing_s: float, muscles: tuple[str, ...], period_s: float) -> list[
         held_out: bool = False,
     ) -> Session:
         return Session(
-            name, GRAVITY, held_out, idle, gravity_test(rig, release, clamped, payload), period_s
+            name,
+            GRAVITY_TEST,
+            held_out,
+            idle,
+            gravity_test(rig, release, clamped, payload),
+            period_s,
         )
 
     def pulses(name: str, order: tuple[str, ...], level: float, held_out: bool) -> Session:
@@ -166,7 +171,7 @@ def sessions(swing_s: float, muscles: tuple[str, ...], period_s: float) -> list[
         swing(WITH_PAYLOAD, (25.0, -30.0), payload=PAYLOAD_KG),
         swing("gravity-free-held-out", (35.0, -35.0), held_out=True),
         swing("gravity-clamped-held-out", (0.0, -30.0), clamped=("1",), held_out=True),
-        pulses("pulses", muscles, LEVEL, False),
+        pulses("pulses", muscles, TRAINED_LEVEL, False),
         pulses("pulses-held-out", muscles[::-1], HELD_OUT_LEVEL, True),
     ]
 

@@ -43,7 +43,7 @@ from pamid.networks.trained_network import NETWORK_FILE, WEIGHTS_FILE, save_netw
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.replications.joint_twin import (
     AMPLITUDE_DEG,
-    ANGLE,
+    ANGLE_COLUMN,
     HOLD_S,
     PERIOD_S,
     RIG,
@@ -65,14 +65,17 @@ FILES = {"training": "training.csv", TRAINED: "steps-6.4-jn.csv", UNSEEN: "steps
 TABLE_FILE, FIGURE_FILE = "paper.json", "figures/steps.png"
 PAPER_SCHEMA = "pamid.paper/1"
 
-ANALYTIC, REFITTED, ELMAN, NAMED = (
+ANALYTIC_MODEL, REFITTED, ELMAN, NAMED = (
     "analytic model",
     "refitted model",
     "analytic model + Elman",
     "named causes",
 )
 SPRING_KEPT = "named causes, spring kept"
-PUBLISHED = {ANALYTIC: {TRAINED: 1.2887, UNSEEN: 1.1708}, ELMAN: {TRAINED: 0.9793}}  # MAE in deg
+PUBLISHED = {
+    ANALYTIC_MODEL: {TRAINED: 1.2887, UNSEEN: 1.1708},
+    ELMAN: {TRAINED: 0.9793},
+}  # MAE in deg
 PUBLISHED_TRAINING: dict[str, Any] = {
     "iterations": 5000,
     "seconds": 36101,
@@ -151,7 +154,7 @@ class JointRecords:
             return {
                 case: None
                 if angle is None
-                else mae(self.steps[case].signal(ANGLE)[first:], angle[first:])
+                else mae(self.steps[case].signal(ANGLE_COLUMN)[first:], angle[first:])
                 for case, angle in angles.items()
             }
 
@@ -162,7 +165,7 @@ class JointRecords:
         runs = {case: loop_run(grey, r, p) for case, r in self.steps.items()}
         return self.row(
             model,
-            {case: None if run is None else run[ANGLE] for case, run in runs.items()},
+            {case: None if run is None else run[ANGLE_COLUMN] for case, run in runs.items()},
             seconds,
         )
 
@@ -200,12 +203,12 @@ def residual_data_of(records: JointRecords) -> ResidualData:
     recordings = [records.training, *records.steps.values()]
     loops = list(records.analytic.values())
     columns = {name: np.concatenate([one[name] for one in loops]) for name in loops[0]}
-    columns[ANGLE] = np.concatenate([r.signal(ANGLE) for r in recordings])
+    columns[ANGLE_COLUMN] = np.concatenate([r.signal(ANGLE_COLUMN) for r in recordings])
     return ResidualData(
-        ANGLE,
+        ANGLE_COLUMN,
         "loop",
         columns,
-        derived(ANGLE, "loop"),
+        derived(ANGLE_COLUMN, "loop"),
         tuple(loops[0]),
         tuple(Segment(rows, int(k > 0)) for k, rows in enumerate(_rows(recordings))),
         0,
@@ -246,7 +249,7 @@ def train_elman(
         raise KeyboardInterrupt
     tests = _rows([records.training, *records.steps.values()])[1:]
     angles: dict[str, Array | None] = {
-        case: records.analytic[case][derived(ANGLE, "loop")] + found.values[rows]
+        case: records.analytic[case][derived(ANGLE_COLUMN, "loop")] + found.values[rows]
         for case, rows in zip(records.steps, tests, strict=True)
     }
     return records.row(ELMAN, angles, time.perf_counter() - begun), found
@@ -327,7 +330,8 @@ def reproduce(
     )
     records = record_twin(run.folder, twin, plan)
     analytic = records.row(
-        ANALYTIC, {case: records.analytic[case][derived(ANGLE, "loop")] for case in records.steps}
+        ANALYTIC_MODEL,
+        {case: records.analytic[case][derived(ANGLE_COLUMN, "loop")] for case in records.steps},
     )
     elman, network = train_elman(run, records, plan, resume=resume, progress=progress)
     (refitted, *named), diagnosis = explain(run, records, plan, progress)
@@ -364,7 +368,7 @@ def picture_of(records: JointRecords, rows: Sequence[ModelRow]) -> bytes:
     """PNG of the errors of these models on the steps, those that are stable at both inertias."""
     errors = {
         case: {
-            row.model: angle - r.signal(ANGLE)
+            row.model: angle - r.signal(ANGLE_COLUMN)
             for row in rows
             if None not in row.mae.values() and (angle := row.angles[case]) is not None
         }
@@ -393,7 +397,7 @@ def training_json(training: dict[str, Any]) -> dict[str, Any]:
 def published_improvement() -> float:
     """The paper's 24 %: by how much its network lowers the error at the inertia it was trained
     with."""
-    return 1.0 - PUBLISHED[ELMAN][TRAINED] / PUBLISHED[ANALYTIC][TRAINED]
+    return 1.0 - PUBLISHED[ELMAN][TRAINED] / PUBLISHED[ANALYTIC_MODEL][TRAINED]
 
 
 def of_range(mse: float) -> float:

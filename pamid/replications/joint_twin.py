@@ -25,7 +25,7 @@ from pamid.simulation.virtual_rig import simulate_virtual_rig
 Array = NDArray[np.float64]
 
 RIG, PERIOD_S = "one-dof", 0.003
-REFERENCE, COMMAND, ANGLE = "reference_deg", "command", "angle_deg"
+REFERENCE_COLUMN, COMMAND, ANGLE_COLUMN = "reference_deg", "command", "angle_deg"
 AMPLITUDE_DEG, HOLD_S = 40.0, (0.4, 1.6)
 STEPS_DEG, FIRST_STEP_S, STEP_S, STEP_SAMPLES = (
     (20.0, -20.0, 30.0, -30.0, 40.0, -40.0),
@@ -111,7 +111,12 @@ def step_reference() -> Array:
 def excitation(reference: Array) -> Recording:
     """A reference (deg) as what is sent to a closed loop."""
     return Recording(
-        "reference", Path("reference"), "", clock(reference), {REFERENCE: reference}, PERIOD_S
+        "reference",
+        Path("reference"),
+        "",
+        clock(reference),
+        {REFERENCE_COLUMN: reference},
+        PERIOD_S,
     )
 
 
@@ -123,14 +128,14 @@ def clock(reference: Array) -> Array:
 def analytic_loop(recording: Recording) -> dict[str, Array]:
     """Reference, command, angle, velocity and acceleration (deg, s) of the data-sheet model in its
     own loop."""
-    reference = recording.signal(REFERENCE)
+    reference = recording.signal(REFERENCE_COLUMN)
     made = simulate_virtual_rig(RIG, excitation(reference), (), recording.known, {}, 0.0, 0).columns
-    velocity = np.gradient(made[ANGLE], PERIOD_S)
-    unit = split_column(ANGLE)[1]
+    velocity = np.gradient(made[ANGLE_COLUMN], PERIOD_S)
+    unit = split_column(ANGLE_COLUMN)[1]
     return {
-        REFERENCE: reference,
+        REFERENCE_COLUMN: reference,
         f"{COMMAND}_loop": made[COMMAND],
-        derived(ANGLE, "loop"): made[ANGLE],
+        derived(ANGLE_COLUMN, "loop"): made[ANGLE_COLUMN],
         with_unit("velocity_loop", f"{unit}/s"): velocity,
         with_unit("acceleration_loop", f"{unit}/s2"): np.gradient(velocity, PERIOD_S),
     }
@@ -142,6 +147,6 @@ def calibration(twin: Twin) -> dict[str, float]:
     found = {}
     for case, inertia in TWIN_INERTIAS.items():
         truth = twin.record(step_reference(), inertia, noise=0.0)["columns"]
-        known = replace(excitation(truth[REFERENCE]), known={"inertia_kg_m2": inertia})
-        found[case] = mae(truth[ANGLE], analytic_loop(known)[derived(ANGLE, "loop")])
+        known = replace(excitation(truth[REFERENCE_COLUMN]), known={"inertia_kg_m2": inertia})
+        found[case] = mae(truth[ANGLE_COLUMN], analytic_loop(known)[derived(ANGLE_COLUMN, "loop")])
     return found

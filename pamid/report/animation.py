@@ -24,16 +24,16 @@ from PIL import Image
 
 from pamid.base.errors import DataError
 from pamid.report import formatting
-from pamid.report.motion import MEASURED, ROLES, Motion, gap_label, scale_of
-from pamid.report.style import SETTINGS, colour, grid, label
+from pamid.report.motion import MEASURED, TRACE_ROLES, Motion, gap_label, scale_of
+from pamid.report.style import DRAWING_SETTINGS, colour, grid, label
 
-RATE = 25  # frames per second: 4 hundredths of a second each, which every viewer keeps
+ANIMATION_HZ = 25  # frames per second: 4 hundredths of a second each, which every viewer keeps
 MOST_FRAMES = 1500
 WIDTH_IN, ARM_IN, STRIP_IN = 4.8, (1.3, 3.6), 0.62
 COLOURS_KEPT = 32
 TRAIL_S = 1.0
 _MARGIN_IN = 0.62  # left of the strips
-LINES: dict[str, tuple[float, Any]] = {  # width in points, dashes
+TRACE_LINES: dict[str, tuple[float, Any]] = {  # width in points, dashes
     MEASURED: (6.0, "-"),
     "before": (2.2, (0, (3, 1.6))),
     "best": (2.4, "-"),
@@ -67,7 +67,9 @@ def gif_of(
             "Show a shorter stretch (--from, --to) or a faster one (--speed).",
             code="frames",
         )
-    with matplotlib.style.context(["default", SETTINGS]):  # whatever the user's matplotlibrc says
+    with matplotlib.style.context(
+        ["default", DRAWING_SETTINGS]
+    ):  # whatever the user's matplotlibrc says
         stage = _stage(motion, width_px)
         draw = _moving(motion, stage)
         still = _still(stage)
@@ -82,7 +84,7 @@ def gif_of(
         format="GIF",
         save_all=True,
         append_images=frames[1:],
-        duration=1000 // RATE,
+        duration=1000 // ANIMATION_HZ,
         loop=0,
         optimize=False,
         disposal=1,
@@ -215,13 +217,13 @@ def _strip(axes: Axes, motion: Motion, channel: str, last: bool) -> Axes:
 
 def _style(motion: Motion, kind: str, slim: float = 1.0) -> dict[str, Any]:
     """Colour, width and dashes of a kind's lines."""
-    width, dashes = LINES[
+    width, dashes = TRACE_LINES[
         MEASURED if kind == MEASURED else "best" if kind == list(motion.lines)[-1] else "before"
     ]
     return {
         "linewidth": slim * width,
         "linestyle": dashes,
-        "color": colour(ROLES.get(kind, "ink")),
+        "color": colour(TRACE_ROLES.get(kind, "ink")),
         "solid_capstyle": "round",
         "solid_joinstyle": "round",
         "dash_capstyle": "butt",

@@ -27,7 +27,14 @@ from pamid.report.formatting import (
     short,
 )
 from pamid.report.load import RunData
-from pamid.schemas.diagnosis import Candidate, DiagnosisFile, NextExperiment, Regime, Unknown, Where
+from pamid.schemas.diagnosis_file import (
+    Candidate,
+    DiagnosisFile,
+    NextExperiment,
+    Regime,
+    Unknown,
+    Where,
+)
 
 DIAGNOSE_HINT = "`pamid diagnose` on the same recordings adds this answer."
 _MOST_WINDOWS = 6

@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from pamid.report import formatting
-from pamid.report.channel_errors import MODELS, ChannelErrors, Window, headline
+from pamid.report.channel_errors import MODEL_NAMES, ChannelErrors, WorstWindow, headline
 from pamid.report.formatting import (
     channel_label,
     channel_unit,
@@ -18,8 +18,8 @@ from pamid.report.formatting import (
 )
 from pamid.report.load import RunData
 from pamid.report.reading import FloatArray
-from pamid.schemas.diagnosis import Candidate, DiagnosisFile, Regime, Sensor, Where
-from pamid.schemas.network import NetworkFile
+from pamid.schemas.diagnosis_file import Candidate, DiagnosisFile, Regime, Sensor, Where
+from pamid.schemas.network_file import NetworkFile
 
 
 def causes_label(diagnosis: DiagnosisFile) -> str:
@@ -36,7 +36,7 @@ def model_label(field: str, diagnosis: DiagnosisFile | None) -> str:
         return (
             f"with {causes_label(diagnosis)}" if len(diagnosis.causes) == 1 else "with the causes"
         )
-    return MODELS[field]
+    return MODEL_NAMES[field]
 
 
 def candidate_order(diagnosis: DiagnosisFile) -> list[Candidate]:
@@ -242,7 +242,7 @@ def budget_title(rows: tuple[ChannelErrors, ...], diagnosis: DiagnosisFile | Non
 
 
 def window_title(
-    channel: str, window: Window, diagnosis: DiagnosisFile | None, kinds: tuple[str, ...]
+    channel: str, window: WorstWindow, diagnosis: DiagnosisFile | None, kinds: tuple[str, ...]
 ) -> str:
     """ "Worst held-out window: the angle error falls from 1.20 to 0.210 deg with Coulomb
     friction"."""

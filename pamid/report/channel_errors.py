@@ -12,7 +12,7 @@ from pamid.report.load import Residual, RunData
 from pamid.report.reading import FloatArray
 
 #: field of ChannelErrors -> what people call it, in the order of the tables and bars
-MODELS = {
+MODEL_NAMES = {
     "data_sheet": "data sheet",
     "refitted": "refitted",
     "with_network": "with network",
@@ -41,12 +41,12 @@ class ChannelErrors:
 
     def known(self) -> dict[str, float]:
         """The MAE that a file of the run states, by field."""
-        found = {name: getattr(self, name) for name in MODELS}
+        found = {name: getattr(self, name) for name in MODEL_NAMES}
         return {name: value for name, value in found.items() if value is not None}
 
 
 @dataclass(frozen=True)
-class Window:
+class WorstWindow:
     """The scored window in which the refitted model errs most: its rows, and whether anything was
     held out at all."""
 
@@ -137,7 +137,7 @@ def headline(rows: tuple[ChannelErrors, ...]) -> ChannelErrors | None:
     return max(scored, key=weight)  # the first of equals: channels keep the rig's order
 
 
-def worst_window(residual: Residual, channel: str) -> Window | None:
+def worst_window(residual: Residual, channel: str) -> WorstWindow | None:
     """The scored window with the largest MAE of the refitted model; held-out windows only, if there
     are any."""
     measured, refitted = residual.columns.get(channel), residual.of(channel, "refitted")
@@ -160,7 +160,7 @@ def worst_window(residual: Residual, channel: str) -> Window | None:
         for kind, trace in traces.items()
         if trace is not None
     }
-    return Window(
+    return WorstWindow(
         best,
         int(residual.columns["recording"][best.start]),
         float(time[best.start]),

@@ -41,7 +41,7 @@ class Bullets:
 
 
 @dataclass(frozen=True)
-class Cell:
+class TableCell:
     """style: "", "code" or "strong"; small: a second line in small print."""
 
     text: str
@@ -55,13 +55,13 @@ class Table:
 
     kind: ClassVar[str] = "table"
     head: tuple[str, ...]
-    rows: tuple[tuple[Cell, ...], ...]
+    rows: tuple[tuple[TableCell, ...], ...]
     numeric: frozenset[int] = frozenset()
     fixed: bool = False
 
 
 @dataclass(frozen=True)
-class Figure:
+class FigureBlock:
     kind: ClassVar[str] = "figure"
     picture: Picture
 
@@ -122,7 +122,7 @@ Block = (
     | Paragraphs
     | Bullets
     | Table
-    | Figure
+    | FigureBlock
     | Image
     | Equation
     | Details
@@ -147,14 +147,15 @@ class Document:
 
 def table(
     head: Iterable[str],
-    rows: Iterable[Iterable[str | Cell]],
+    rows: Iterable[Iterable[str | TableCell]],
     numeric: Iterable[int] = (),
     *,
     fixed: bool = False,
 ) -> Table:
     """A table whose cells may be given as plain texts."""
     cells = tuple(
-        tuple(cell if isinstance(cell, Cell) else Cell(cell) for cell in row) for row in rows
+        tuple(cell if isinstance(cell, TableCell) else TableCell(cell) for cell in row)
+        for row in rows
     )
     return Table(tuple(head), cells, frozenset(numeric), fixed)
 
@@ -164,6 +165,6 @@ def notes(*texts: str) -> Paragraphs:
     return Paragraphs(texts, "note")
 
 
-def figures(pictures: dict[str, Picture], names: Sequence[str]) -> tuple[Figure, ...]:
+def figures(pictures: dict[str, Picture], names: Sequence[str]) -> tuple[FigureBlock, ...]:
     """The pictures of these names, as far as they were drawn."""
-    return tuple(Figure(pictures[name]) for name in names if name in pictures)
+    return tuple(FigureBlock(pictures[name]) for name in names if name in pictures)

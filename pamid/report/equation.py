@@ -26,7 +26,7 @@ from pamid.report.formula import FormulaError, formula_html
 from pamid.report.load import RunData
 from pamid.report.markup import tag
 from pamid.report.mathml import Typeset, fraction, math_html, name, number_html, operator
-from pamid.schemas.diagnosis import Cause, CauseParameter, Unknown
+from pamid.schemas.diagnosis_file import Cause, CauseParameter, Unknown
 from pamid.symbolic import vocabulary as equations
 from pamid.symbolic.expression import Expr, expression, substitute, symbol, text
 
@@ -45,10 +45,11 @@ _CALLED = {
     "law": "the rig's own force at this position and pressure",
     "fill": "the flow through the fill valve at this supply pressure",
 }
-_LONGEST = 700  # letters of plain text: above it the catalogue's own words are the better reading
+# letters of plain text: above it the catalogue's own words are the better reading
+_LONGEST_PLAIN = 700
 
 
-class _At:
+class _NamedSignals:
     """Signals as names; what a rig offers as a function becomes a call of that name."""
 
     def __init__(self, offered: frozenset[str]) -> None:
@@ -105,7 +106,7 @@ def acting(rig: str, label: str) -> Acting | None:
 
 
 def _acting(effect: Effect, port: Port, port_name: str) -> Acting:
-    at = _At(frozenset(port.signals) | {"time", "period"})
+    at = _NamedSignals(frozenset(port.signals) | {"time", "period"})
     letter, what = _TORQUE if quantity_of(port.unit) == "torque" else LETTERS[port.kind]
     found = effect.act(symbol("value", letter), at, _Symbols("parameter"), _Symbols("state"))
     value, rates = found if isinstance(found, tuple) else (found, {})
@@ -166,7 +167,7 @@ def _cause_equation(rig: str, cause: Cause) -> Equation | None:
     if found is None:
         return None
     title, in_names = _title(cause), _plain(found, {})
-    if len(in_names) > _LONGEST:
+    if len(in_names) > _LONGEST_PLAIN:
         return Equation(title, code=found.effect.story().get("Equation", ""))
     with_names = Typeset(_shown(found, {}))
     math, plain = [math_html(_rows(found, with_names), in_names)], [in_names]

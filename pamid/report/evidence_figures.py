@@ -15,8 +15,8 @@ from pamid.report.captions import pulls_title, timeline_title, training_title
 from pamid.report.load import Residual, RunData
 from pamid.report.reading import FloatArray
 from pamid.report.style import Drawing, bare, colour, grid, label, legend_above
-from pamid.schemas.diagnosis import DiagnosisFile
-from pamid.schemas.network import NetworkFile
+from pamid.schemas.diagnosis_file import DiagnosisFile
+from pamid.schemas.network_file import NetworkFile
 
 _BINS = 160
 _PANELS = {"mse": ("MSE [-]", True), "gamma": ("gamma [-]", False), "mu": ("mu [-]", True)}

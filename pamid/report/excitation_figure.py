@@ -18,7 +18,7 @@ from pamid.report.style import Drawing, Picture, colour, grid, label, render
 
 Array = NDArray[np.float64]
 
-MANY = 60  # changes that can be distinguished in one panel
+MOST_CHANGES = 60  # changes that can be distinguished in one panel
 MOST_TICKS = 5
 DEEPEST_DB = -60.0
 DASHED = (0, (4, 2))
@@ -88,8 +88,8 @@ def finding(shown: Sequence[Shown]) -> str:
 def _signal(axes: Axes, one: Shown) -> None:
     """The signal as it is held, or so much of its beginning that changes can be distinguished."""
     changes, count = one.covers.changes, len(one.samples)
-    if changes is not None and changes.pace_hz.size > 2 * MANY:
-        count = round(float(np.sum(0.5 / changes.pace_hz[:MANY])) / one.period_s)
+    if changes is not None and changes.pace_hz.size > 2 * MOST_CHANGES:
+        count = round(float(np.sum(0.5 / changes.pace_hz[:MOST_CHANGES])) / one.period_s)
     axes.plot(
         one.period_s * np.arange(count),
         one.samples[:count],
@@ -162,7 +162,7 @@ def _changes(axes: Axes, one: Shown) -> None:
     axes.scatter(
         changes.pace_hz,
         100.0 * changes.size,
-        s=7.0 if changes.size.size > MANY else 18.0,
+        s=7.0 if changes.size.size > MOST_CHANGES else 18.0,
         color=colour("refitted"),
         alpha=0.45,
         linewidths=0.0,

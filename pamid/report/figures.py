@@ -25,11 +25,11 @@ from pamid.report.captions import (
     regimes_title,
     window_title,
 )
-from pamid.report.channel_errors import MODELS, ChannelErrors, Window
+from pamid.report.channel_errors import MODEL_NAMES, ChannelErrors, WorstWindow
 from pamid.report.load import Residual, RunData
 from pamid.report.reading import FloatArray
 from pamid.report.style import Drawing, bare, colour, grid, label, legend_above
-from pamid.schemas.diagnosis import Candidate, DiagnosisFile, Regime, Where
+from pamid.schemas.diagnosis_file import Candidate, DiagnosisFile, Regime, Where
 
 MOST_CANDIDATES = 12
 _LEFT_END = -0.5  # a candidate that is worse than this is drawn at the edge, with an arrow
@@ -38,7 +38,7 @@ _HUGE = 4.0
 _POINTS = 1500
 _MOST_DOTS, _PARTS, _FEWEST, _NARROWEST = 1200, 16, 3, 0.03
 NO_SIGNALS = ("time", "recording", "missing")
-LINES = {
+MODEL_LINES = {
     "data_sheet": ("data_sheet", 1.1, (0, (4, 2))),
     "refitted": ("refitted", 1.5, "-"),
     "network": ("with_network", 1.5, (0, (1, 1.2))),
@@ -281,7 +281,7 @@ def budget_drawing(
     rows = tuple(row for row in rows if row.known())
     if not rows:
         return None
-    fields = [name for name in MODELS if any(name in row.known() for row in rows)]
+    fields = [name for name in MODEL_NAMES if any(name in row.known() for row in rows)]
     names = [label(model_label(field, diagnosis), 30) for field in fields]
     columns = min(3, len(rows))
     deep = -(-len(rows) // columns)
@@ -303,7 +303,7 @@ def budget_drawing(
 
 
 def window_drawing(
-    run: RunData, residual: Residual, channel: str, window: Window, kinds: tuple[str, ...]
+    run: RunData, residual: Residual, channel: str, window: WorstWindow, kinds: tuple[str, ...]
 ) -> Drawing:
     """Measured and modelled traces over the worst window, and their errors below [channel's unit]
     over time [s]."""
@@ -318,7 +318,7 @@ def window_drawing(
         above.plot(*_thinned(time, measured), color=colour("ink"), linewidth=2.2, label="measured")
         below.axhline(0.0, color=colour("ink"), linewidth=0.8)
         for kind, trace in traces.items():
-            role, width, dashes = LINES[kind]
+            role, width, dashes = MODEL_LINES[kind]
             name = label(model_label(role, diagnosis), 30)
             above.plot(
                 *_thinned(time, trace),

@@ -15,12 +15,12 @@ from pamid.report.formatting import unit_label
 from pamid.report.markup import Part, tag
 from pamid.report.mathml import fenced, fraction, math_html, name, number_html, operator, power_html
 
-_NUMBER = r"\d+\.?\d*(?:e[+-]?\d+)?"
+_DECIMAL = r"\d+\.?\d*(?:e[+-]?\d+)?"
 _TOKEN = re.compile(
-    rf"\s*(?:(?P<size>\({_NUMBER} [^()\d+|^][^()|^]*\))|(?P<number>{_NUMBER})|(?P<name>[A-Za-z]\w*)|"  # noqa: E501
+    rf"\s*(?:(?P<size>\({_DECIMAL} [^()\d+|^][^()|^]*\))|(?P<number>{_DECIMAL})|(?P<name>[A-Za-z]\w*)|"  # noqa: E501
     r"(?P<unit>\[[^\]]*\])|(?P<sign>[-+*/^()|=]))"
 )
-_DEEPEST = 20
+_DEEPEST_BRACKET = 20
 
 
 class FormulaError(ValueError):
@@ -71,7 +71,7 @@ class _Reader:
 
     def _sum(self) -> Markup:
         self._depth += 1
-        if self._depth > _DEEPEST:
+        if self._depth > _DEEPEST_BRACKET:
             raise FormulaError("nested too deeply")
         parts: list[Part] = []
         sign = self._take("+", "-")

@@ -17,7 +17,7 @@ from pamid.report.formatting import channel_label, channel_unit
 from pamid.report.load import Residual, RunData
 from pamid.report.reading import FloatArray
 from pamid.report.samples import Stretch, channels_of, inputs_of
-from pamid.schemas.diagnosis import Regime
+from pamid.schemas.diagnosis_file import Regime
 
 WORST = 5
 MOST_BANDS = 2000

@@ -11,10 +11,10 @@ from pamid.base.result_file import REMEDY, damaged, read_result
 from pamid.base.run_folder import Run
 from pamid.base.units import split_column
 from pamid.report.reading import FloatArray, read_columns
-from pamid.schemas.diagnosis import DiagnosisFile
-from pamid.schemas.fit import FitFile
-from pamid.schemas.network import NetworkFile
-from pamid.schemas.run import RunFile, Step
+from pamid.schemas.diagnosis_file import DiagnosisFile
+from pamid.schemas.fit_file import FitFile
+from pamid.schemas.network_file import NetworkFile
+from pamid.schemas.run_file import RunFile, Step
 
 KEYS = ("time_s", "recording", "part", "window")  # columns of residual.csv that are no signal
 

@@ -10,7 +10,7 @@ from collections.abc import Iterable
 import markupsafe
 from markupsafe import Markup
 
-_CODE = re.compile(r"`([^`]+)`")
+_CODE_SPAN = re.compile(r"`([^`]+)`")
 _FORBIDDEN = re.compile(
     r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff]"
 )
@@ -50,7 +50,7 @@ def prose(text: str) -> Markup:
     make hard to read are kept on one line."""
     return Markup(
         _UNBROKEN.sub(
-            r'<span class="k">\1</span>', _CODE.sub(r"<code>\1</code>", str(escape(text)))
+            r'<span class="k">\1</span>', _CODE_SPAN.sub(r"<code>\1</code>", str(escape(text)))
         )
     )
 

@@ -16,9 +16,9 @@ from pamid.symbolic.vocabulary import sign, smooth_step, stop
 #: how a symbol (space, name) is shown
 Shown = Callable[[str, str], Markup]
 
-_SUM, _PRODUCT, _ATOM = 1, 2, 3  # what binds how tightly
+_SUM, _PRODUCT, _SYMBOL = 1, 2, 3  # what binds how tightly
 _RELATIONS = {"lt": "<", "le": "≤"}
-_PLAIN = {"log": "ln"}
+_FUNCTION_NAMES = {"log": "ln"}
 # written with pi
 _CIRCLE = {m * math.pi**k: (m, k) for m, k in ((0.5, 1), (1.0, 1), (2.0, 1), (4.0, 1), (4.0, 2))}
 _GUARD = 1e-12  # what a bristle's reach is kept above
@@ -104,16 +104,16 @@ class Typeset:
     def _set(self, node: Expr) -> tuple[Markup, int]:
         word = _word(node)
         if word is not None:
-            return self._called(*word), _ATOM
+            return self._called(*word), _SYMBOL
         if node.op == "const":
-            return _constant(node.value), _ATOM if node.value >= 0.0 else _SUM
+            return _constant(node.value), _SYMBOL if node.value >= 0.0 else _SUM
         if node.op == "symbol":
-            return self._shown(*node.value), _ATOM
+            return self._shown(*node.value), _SYMBOL
         if node.op in ("add", "sub", "neg"):
             return self._sum(node), _SUM
         if node.op in ("mul", "div"):
             return self._product(node)
-        return self._function(node), _ATOM
+        return self._function(node), _SYMBOL
 
     def _called(self, function: str, arguments: tuple[Expr, ...]) -> Markup:
         self.functions[function] = None
@@ -176,7 +176,9 @@ class Typeset:
             return fenced("⌊", args[0], close="⌋")
         if node.op == "pow":
             base = (
-                args[0] if self._set(node.args[0])[1] == _ATOM else fenced("(", args[0], close=")")
+                args[0]
+                if self._set(node.args[0])[1] == _SYMBOL
+                else fenced("(", args[0], close=")")
             )
             return power_html(base, args[1])
         if node.op in _RELATIONS:
@@ -192,7 +194,7 @@ class Typeset:
                 class_="cases",
             )
             return tag("mrow", operator("{", fence="true", form="prefix"), cases)
-        return self._called(_PLAIN.get(node.op, node.op), node.args)
+        return self._called(_FUNCTION_NAMES.get(node.op, node.op), node.args)
 
 
 def _word(node: Expr) -> tuple[str, tuple[Expr, ...]] | None:

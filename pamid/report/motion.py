@@ -21,14 +21,14 @@ from pamid.model.rig import Rig
 from pamid.model.trace import Names
 from pamid.report import formatting
 from pamid.report.captions import causes_label
-from pamid.report.channel_errors import MODELS, Window, worst_window
+from pamid.report.channel_errors import MODEL_NAMES, WorstWindow, worst_window
 from pamid.report.load import Residual, RunData
 from pamid.report.reading import FloatArray
 
-LONGEST_S = 12.0  # shown where no times are asked for
+LONGEST_SHOWN_S = 12.0  # shown where no times are asked for
 MEASURED = "measured"
 # kind of trace -> field, colour
-ROLES = {"data_sheet": "data_sheet", "refitted": "refitted", "cause": "with_cause"}
+TRACE_ROLES = {"data_sheet": "data_sheet", "refitted": "refitted", "cause": "with_cause"}
 
 
 @dataclass(frozen=True)
@@ -210,7 +210,7 @@ def gap_label(channel: str) -> str:
 def _model_name(run: RunData, kind: str) -> str:
     if kind == "cause" and run.diagnosis is not None and len(run.diagnosis.causes) == 1:
         return f"with {causes_label(run.diagnosis)}"
-    return MODELS[ROLES[kind]]
+    return MODEL_NAMES[TRACE_ROLES[kind]]
 
 
 class _Outputs(Mapping[str, FloatArray]):
@@ -275,7 +275,7 @@ def _kinds(run: RunData, residual: Residual, channels: list[str]) -> tuple[str, 
     causes = run.diagnosis is not None and bool(run.diagnosis.causes)
     found = [
         kind
-        for kind in ROLES
+        for kind in TRACE_ROLES
         if (causes or kind != "cause")
         and all(residual.of(name, kind) is not None for name in channels)
     ]
@@ -292,7 +292,7 @@ def _trace(residual: Residual, channel: str, kind: str) -> FloatArray:
     return found
 
 
-def _worst(residual: Residual, channels: list[str]) -> Window:
+def _worst(residual: Residual, channels: list[str]) -> WorstWindow:
     windows = [w for name in channels if (w := worst_window(residual, name)) is not None]
     if not windows:
         raise DataError("No window of residual.csv is scored.", REMEDY, code="no-window")
@@ -302,7 +302,7 @@ def _worst(residual: Residual, channels: list[str]) -> Window:
 def _rows(
     residual: Residual,
     columns: dict[str, dict[str, FloatArray]],
-    window: Window,
+    window: WorstWindow,
     begin: float | None,
     end: float | None,
 ) -> NDArray[np.intp]:
@@ -320,7 +320,7 @@ def _rows(
 
 
 def _span(
-    clock: FloatArray, window: Window, begin: float | None, end: float | None, step_s: float
+    clock: FloatArray, window: WorstWindow, begin: float | None, end: float | None, step_s: float
 ) -> tuple[float, float]:
     """First and last time shown; a nan is refused with all else that leaves nothing."""
     if clock.size < 2:
@@ -328,9 +328,13 @@ def _span(
     first, last = float(clock[0]), float(clock[-1])
     if begin is None:
         middle = 0.5 * (window.start_s + window.end_s)
-        begin = min(middle - 0.5 * LONGEST_S, last - LONGEST_S) if end is None else end - LONGEST_S
+        begin = (
+            min(middle - 0.5 * LONGEST_SHOWN_S, last - LONGEST_SHOWN_S)
+            if end is None
+            else end - LONGEST_SHOWN_S
+        )
     low = max(begin, first)
-    high = min(low + LONGEST_S if end is None else end, last)
+    high = min(low + LONGEST_SHOWN_S if end is None else end, last)
     if not high - low >= step_s:
         raise DataError(
             "The run holds nothing at these times.",

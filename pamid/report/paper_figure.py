@@ -14,7 +14,7 @@ from pamid.report.style import Drawing, Picture, colour, grid, legend_above, ren
 Array = NDArray[np.float64]
 
 #: colours of the models in the order they are drawn
-ROLES = ("data_sheet", "with_network", "with_cause")
+LINE_ROLES = ("data_sheet", "with_network", "with_cause")
 
 
 def steps_picture(
@@ -36,7 +36,7 @@ def steps_picture(
     def draw(figure: Figure, narrow: bool) -> None:
         axes = figure.subplots(len(errors), 1, sharex=True, sharey=True, squeeze=False)[:, 0]
         for one, (name, models), note in zip(axes, errors.items(), notes, strict=True):
-            for role, (model, values) in zip(ROLES, models.items(), strict=False):
+            for role, (model, values) in zip(LINE_ROLES, models.items(), strict=False):
                 one.plot(time_s, values, color=colour(role), linewidth=1.1, label=model)
             one.axhline(0.0, color=colour("ink"), linewidth=0.7)
             grid(one, "y")

@@ -21,7 +21,7 @@ from pamid.report.papers import Paper, Still, Topic
 from pamid.report.run_page import answer_sections
 from pamid.report.style import Picture
 from pamid.report.tables import provenance
-from pamid.schemas.run import Step
+from pamid.schemas.run_file import Step
 
 
 def paper_document(

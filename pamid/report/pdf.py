@@ -17,17 +17,17 @@ from matplotlib.font_manager import FontProperties, findfont
 from pamid.report.document import (
     Block,
     Bullets,
-    Cell,
     Details,
     Document,
     Equation,
-    Figure,
+    FigureBlock,
     Heading,
     Image,
     Interactive,
     Paragraphs,
     Section,
     Table,
+    TableCell,
 )
 from pamid.report.formatting import clean
 from pamid.report.style import colour, label
@@ -37,7 +37,7 @@ _FONT = "DejaVu Sans"  # the figures are drawn in it, and it has Greek, superscr
 SIDE_MM, TOP_MM, FOOT_MM = 16.0, 15.0, 18.0
 TEXT_MM = 210.0 - 2.0 * SIDE_MM
 _PICTURE_DPI = 160.0
-_LINE = 1.38  # line height in font sizes
+_LINE_HEIGHT = 1.38  # line height in font sizes
 _MM = 25.4 / 72.0  # one point
 _CELL_MM = (0.7, 2.6)  # padding of cells, above and at the side
 #: fpdf2 writes this moment as it is given, and stamps no other for it: the same document gives the
@@ -94,7 +94,7 @@ def pdf_of(document: Document) -> bytes:
 
 
 def _is_shown(block: Block) -> bool:
-    return isinstance(block, Figure | Image | Equation)
+    return isinstance(block, FigureBlock | Image | Equation)
 
 
 class Pages(FPDF):
@@ -181,7 +181,7 @@ class Pages(FPDF):
                     self.text_block(text, BULLET, mark="•")
             case Table():
                 self.table_block(block)
-            case Figure():
+            case FigureBlock():
                 self.figure_block(block)
             case Image():
                 self.image_block(block)
@@ -218,7 +218,7 @@ class Pages(FPDF):
     def text_block(self, text: str, style: TextStyle, mark: str = "") -> None:
         """A paragraph; it goes on to the next page where it must."""
         self._font(style)
-        line = self.scale * style.size * _MM * _LINE
+        line = self.scale * style.size * _MM * _LINE_HEIGHT
         if self.get_y() > TOP_MM:
             self.set_y(self.get_y() + self.scale * style.before)
         self._need(line)
@@ -237,7 +237,7 @@ class Pages(FPDF):
         )
         self.set_y(self.get_y() + self.scale * style.after)
 
-    def figure_block(self, block: Figure) -> None:
+    def figure_block(self, block: FigureBlock) -> None:
         """The caption and below it the drawing as vectors."""
         # one unit of a drawing of matplotlib's is a point, which fpdf2 reads from `pt`
         svg = _FONT_SIZE.sub(r"\1pt", block.picture.svg)
@@ -271,7 +271,7 @@ class Pages(FPDF):
             align=Align.L,
             text_align=[Align.R if k in block.numeric else Align.L for k in range(len(widths))],
             v_align=VAlign.T,
-            line_height=size * _MM * _LINE,
+            line_height=size * _MM * _LINE_HEIGHT,
             padding=(_CELL_MM[0], _CELL_MM[1], _CELL_MM[0], 0.0),
             borders_layout=TableBordersLayout.HORIZONTAL_LINES,
             headings_style=FontFace(emphasis="B", color=colour("muted")),
@@ -322,10 +322,10 @@ class Pages(FPDF):
 
 def _least_height(block: Block | None) -> float:
     """How much of a block must stand under its heading [mm]."""
-    if isinstance(block, Figure):
+    if isinstance(block, FigureBlock):
         return 90.0
     return 25.0 if isinstance(block, Table | Details) else 8.0
 
 
-def _lines(row: Iterable[Cell]) -> tuple[str, ...]:
+def _lines(row: Iterable[TableCell]) -> tuple[str, ...]:
     return tuple(f"{one.text}\n{one.small}" if one.small else one.text for one in row)

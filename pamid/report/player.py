@@ -20,7 +20,7 @@ from pamid.report.motion import MEASURED, Motion, gap_label, motion_of, rig_of_r
 from pamid.report.reading import FloatArray
 from pamid.report.web_page import asset
 
-RATE = 30  # frames per second
+PLAYER_HZ = 30  # frames per second
 TRAIL_S = 1.0
 # units: width of the drawing; of the strips, their left, their head
 _WIDE, _STRIP, _LEFT, _ABOVE = 1000, 500, 44, 24
@@ -35,7 +35,7 @@ def player_html(run: RunData) -> Markup:
     """The figure; nothing where the run is of no catalogued rig with a pose or lacks what the pose
     needs."""
     try:
-        motion = motion_of(run, rig_of_run(run), 1.0 / RATE)
+        motion = motion_of(run, rig_of_run(run), 1.0 / PLAYER_HZ)
     except PamidError:
         return Markup("")
     still = _widest(motion)
@@ -61,7 +61,7 @@ def player_html(run: RunData) -> Markup:
         class_="motion",
         id="motion",
         data_frames=str(motion.time.size),
-        data_rate=str(RATE),
+        data_rate=str(PLAYER_HZ),
         data_still=str(still),
         data_start=f"{motion.time[0]:.3f}",
     )
@@ -120,7 +120,7 @@ def _arm(motion: Motion, still: int) -> Markup:
             drawn(motion.tip(kind))[:, None],
             still,
             f"trail {_class(motion, kind)}",
-            round(TRAIL_S * RATE),
+            round(TRAIL_S * PLAYER_HZ),
         )
         for kind in (MEASURED, best)
     ]

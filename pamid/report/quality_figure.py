@@ -14,7 +14,7 @@ from matplotlib.transforms import blended_transform_factory
 from numpy.typing import NDArray
 from PIL import Image
 
-from pamid.checks.recording_quality import Issue
+from pamid.checks.recording_quality import QualityIssue
 from pamid.recording.file_checks import HUGE
 from pamid.recording.plot import NotebookFigure
 from pamid.recording.recording import Recording
@@ -24,18 +24,18 @@ from pamid.report.style import PNG_DPI, WIDE_IN, colour, grid, label, settings
 Array = NDArray[np.float64]
 
 BUCKETS = 700  # of which each shows its lowest and highest sample
-MOST_ROWS = 24
+MOST_CHANNELS = 24
 NARROWEST = 0.004  # of the time axis: a single sample must be seen, too
 CLOSE = 60  # samples in the panel for noise and step
 SPELT_OUT = 3  # findings named in the title
 WIDEST_LINE = 80  # letters in a line of the title
 ROW_IN, REST_IN = 0.72, 0.65
-COLOURS = 96
+MOST_COLOURS = 96
 
 
 def card_png(
     recording: Recording,
-    issues: Sequence[Issue],
+    issues: Sequence[QualityIssue],
     channels: Mapping[str, Mapping[str, float]],
     others: Sequence[str] = (),
 ) -> bytes:
@@ -50,13 +50,13 @@ def card_png(
             metadata={"Software": None},
         )
     # dense traces do not compress: with a palette the file has a third of the size
-    Image.open(buffer).convert("RGB").quantize(COLOURS).save(small, "PNG", optimize=True)
+    Image.open(buffer).convert("RGB").quantize(MOST_COLOURS).save(small, "PNG", optimize=True)
     return small.getvalue()
 
 
 def card_figure(
     recording: Recording,
-    issues: Sequence[Issue],
+    issues: Sequence[QualityIssue],
     channels: Mapping[str, Mapping[str, float]],
     others: Sequence[str] = (),
 ) -> NotebookFigure:
@@ -84,7 +84,9 @@ def card_figure(
     return figure
 
 
-def card_title(recording: Recording, issues: Sequence[Issue], others: Sequence[str] = ()) -> str:
+def card_title(
+    recording: Recording, issues: Sequence[QualityIssue], others: Sequence[str] = ()
+) -> str:
     """How many problems and notes there are, as the text of `check` counts them, and the first of
     them."""
     wrong = [*others, *(issue.message for issue in issues if issue.severity == "wrong")]
@@ -109,15 +111,15 @@ def _many(findings: Sequence[str], word: str) -> str:
     return f"{len(findings)} {word}{'' if len(findings) == 1 else 's'}"
 
 
-def _rows(recording: Recording, issues: Sequence[Issue]) -> list[str]:
+def _rows(recording: Recording, issues: Sequence[QualityIssue]) -> list[str]:
     """The columns to draw, in their order: all of them, or where there are too many, those with
     findings first."""
     named = {column for issue in issues for column in issue.columns}
-    chosen = sorted(recording.columns, key=lambda name: name not in named)[:MOST_ROWS]
+    chosen = sorted(recording.columns, key=lambda name: name not in named)[:MOST_CHANNELS]
     return [name for name in recording.columns if name in chosen]
 
 
-def _over_time(axes: Axes, recording: Recording, name: str, issues: Sequence[Issue]) -> None:
+def _over_time(axes: Axes, recording: Recording, name: str, issues: Sequence[QualityIssue]) -> None:
     time, values = recording.time, _drawable(recording, name)
     wrong = any(issue.severity == "wrong" for issue in issues)
     axes.plot(

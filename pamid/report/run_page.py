@@ -37,7 +37,7 @@ from pamid.report.tables import (
     transfer_table,
 )
 from pamid.report.traces import traces_of, traces_scripts, traces_style
-from pamid.schemas.fit import FitFile
+from pamid.schemas.fit_file import FitFile
 
 
 def run_document(

@@ -19,10 +19,10 @@ from pamid.report.channel_errors import stretches
 from pamid.report.load import KEYS, Residual
 from pamid.report.reading import FloatArray
 
-LEVELS, MISSING = 65534, -1
+SAMPLE_LEVELS, MISSING_SAMPLE = 65534, -1
 # about 20 MB of page; beyond it recordings are cut short, those held out last
 MOST_VALUES = 16_000_000
-KINDS = ("data_sheet", "refitted", "cause", "network", "loop", "loop_network")
+TRACE_KINDS = ("data_sheet", "refitted", "cause", "network", "loop", "loop_network")
 _TICKS = 30_000  # per sampling period: times are whole numbers of them
 
 IntArray = NDArray[np.int64]
@@ -53,10 +53,10 @@ def packed(values: FloatArray) -> Packed:
     missing."""
     usable = np.isfinite(values)
     if not usable.any():
-        return Packed(0.0, 1.0, text_of(np.full(values.size, MISSING)))
+        return Packed(0.0, 1.0, text_of(np.full(values.size, MISSING_SAMPLE)))
     low, high = float(values[usable].min()), float(values[usable].max())
-    step = (high - low) / LEVELS or 1.0
-    places = np.full(values.size, MISSING, np.int64)
+    step = (high - low) / SAMPLE_LEVELS or 1.0
+    places = np.full(values.size, MISSING_SAMPLE, np.int64)
     places[usable] = np.rint((values[usable] - low) / step)
     return Packed(low, step, text_of(places))
 
@@ -94,7 +94,7 @@ def has(residual: Residual, channel: str, kind: str) -> bool:
 def inputs_of(residual: Residual) -> list[str]:
     """What was sent and asked for, where it varies: neither measured nor modelled."""
     channels = channels_of(residual)
-    stems = {f"{split_column(name)[0]}_{kind}" for name in channels for kind in KINDS}
+    stems = {f"{split_column(name)[0]}_{kind}" for name in channels for kind in TRACE_KINDS}
     return [
         name
         for name, values in residual.columns.items()

@@ -43,7 +43,7 @@ COLOURS = {
 }
 WIDE_IN, NARROW_IN = 7.4, 3.7
 PNG_DPI = 160
-SETTINGS: dict[Any, Any] = {
+DRAWING_SETTINGS: dict[Any, Any] = {
     "text.parse_math": False,  # a name with dollar signs is a name
     "svg.fonttype": "none",
     "font.family": ["DejaVu Sans"],
@@ -76,7 +76,7 @@ SETTINGS: dict[Any, Any] = {
 }
 _STYLE_ATTRIBUTE = re.compile(r'style="[^"]*"')
 _NAMED_GROUP = re.compile(r'<g id="[A-Za-z]+[A-Za-z0-9_.]*">')
-_FONT = re.compile(r"'DejaVu Sans'(, [^;\"]*)?")
+_SVG_FONT = re.compile(r"'DejaVu Sans'(, [^;\"]*)?")
 _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
 _METADATA = re.compile(r"<metadata>.*?</metadata>", re.DOTALL)
 _SHEET = re.compile(r"<style[^>]*>.*?</style>", re.DOTALL)  # what page.css says for all drawings
@@ -165,7 +165,7 @@ def settings(salt: str) -> Iterator[None]:
     names in an SVG."""
     with matplotlib.rc_context():
         matplotlib.rcdefaults()  # a matplotlibrc of the user's must not change the report
-        matplotlib.rcParams.update({**SETTINGS, "svg.hashsalt": salt})
+        matplotlib.rcParams.update({**DRAWING_SETTINGS, "svg.hashsalt": salt})
         yield
 
 
@@ -226,7 +226,7 @@ def _for_page(svg: str) -> str:
 def _page_style(style: str) -> str:
     for role, (light, _) in COLOURS.items():
         style = style.replace(light, f"var(--{role.replace('_', '-')})")
-    return _FONT.sub("var(--font)", style)
+    return _SVG_FONT.sub("var(--font)", style)
 
 
 @lru_cache(maxsize=1)

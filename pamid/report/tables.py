@@ -7,8 +7,8 @@ from collections.abc import Mapping
 from pamid.base.units import split_column
 from pamid.report import formatting
 from pamid.report.captions import sensor_label, split_labels
-from pamid.report.channel_errors import MODELS, ChannelErrors
-from pamid.report.document import Block, Cell, Heading, Table, notes, table
+from pamid.report.channel_errors import MODEL_NAMES, ChannelErrors
+from pamid.report.document import Block, Heading, Table, TableCell, notes, table
 from pamid.report.formatting import (
     channel_label,
     channel_unit,
@@ -19,9 +19,9 @@ from pamid.report.formatting import (
     percent_span,
 )
 from pamid.report.load import RunData
-from pamid.schemas.diagnosis import DiagnosisFile, Estimate, Transfer, Where
-from pamid.schemas.fit import Combination, FitFile, FitParameter, LoopError
-from pamid.schemas.run import Step
+from pamid.schemas.diagnosis_file import DiagnosisFile, Estimate, Transfer, Where
+from pamid.schemas.fit_file import Combination, FitFile, FitParameter, LoopError
+from pamid.schemas.run_file import Step
 
 STRAINED = 3.0
 #: figures of `grounds` in diagnosis.json -> what each one is; all on the held-out windows that
@@ -55,7 +55,7 @@ SHARES = frozenset({"left", "ceiling", "shrinkage", "helps", "margin", "wins", "
 
 def mae_fields(rows: tuple[ChannelErrors, ...]) -> list[str]:
     """The models whose error is known for at least one channel."""
-    return [name for name in MODELS if any(name in row.known() for row in rows)]
+    return [name for name in MODEL_NAMES if any(name in row.known() for row in rows)]
 
 
 def mae_table(rows: tuple[ChannelErrors, ...]) -> Table:
@@ -65,7 +65,7 @@ def mae_table(rows: tuple[ChannelErrors, ...]) -> Table:
     heads = [
         "channel",
         "unit",
-        *(MODELS[name] for name in fields),
+        *(MODEL_NAMES[name] for name in fields),
         *([f"shrinkage ({formatting.INTERVAL})"] * shrinks),
     ]
     body = []
@@ -86,7 +86,7 @@ def mae_table(rows: tuple[ChannelErrors, ...]) -> Table:
 def mae_text(rows: tuple[ChannelErrors, ...]) -> str:
     """The same table in plain text, columns aligned."""
     fields = mae_fields(rows)
-    lines = [["MAE, held out", *(MODELS[name] for name in fields)]]
+    lines = [["MAE, held out", *(MODEL_NAMES[name] for name in fields)]]
     for row in rows:
         known, unit_text = row.known(), channel_unit(row.channel)
         name = f"{channel_label(row.channel)} [{unit_text or '-'}]"
@@ -134,10 +134,10 @@ def parameter_table(
         "strain",
         "known",
     ]
-    body: list[list[str | Cell]] = []
+    body: list[list[str | TableCell]] = []
     for name, one in parameters.items():
-        row: list[str | Cell] = [
-            Cell(formatting.clean(name), "code", formatting.clean(one.source)),
+        row: list[str | TableCell] = [
+            TableCell(formatting.clean(name), "code", formatting.clean(one.source)),
             formatting.unit_label(_unit(name, one)) or "-",
             number(one.value),
             formatting.span(one.low, one.high),
@@ -152,7 +152,7 @@ def parameter_table(
             if one.strain is None
             else f"{one.strain:.1f}".replace("-", formatting.MINUS)
         )
-        strain = Cell(shown, "strong" if strained else "")
+        strain = TableCell(shown, "strong" if strained else "")
         body.append([*row, strain, _remark(one, strained)])
     return table(heads, body, range(2, 6 + beside))
 
@@ -163,14 +163,14 @@ def _unit(name: str, one: FitParameter | Combination) -> str:
 
 def combinations_table(fit: FitFile) -> Table:
     """Combinations that are known where their parameters are not."""
-    body: list[list[str | Cell]] = []
+    body: list[list[str | TableCell]] = []
     for group in fit.tied:
         for name in group.known:
             if (one := fit.combinations.get(name)) is None:
                 continue
             body.append(
                 [
-                    Cell(formatting.clean(name), "code"),
+                    TableCell(formatting.clean(name), "code"),
                     formatting.unit_label(_unit(name, one)) or formatting.DASH,
                     number(one.value, 5),
                     f"{number(one.low, 5)} to {number(one.high, 5)}",
@@ -227,10 +227,10 @@ def ranking_table(diagnosis: DiagnosisFile) -> Table:
     heads += [f"{channel_label(name)} MAE [{channel_unit(name) or '-'}]" for name in channels] + [
         "remark"
     ]
-    body: list[list[str | Cell]] = []
+    body: list[list[str | TableCell]] = []
     for one in diagnosis.ranking:
-        row: list[str | Cell] = [
-            Cell(formatting.clean(one.effect), "code"),
+        row: list[str | TableCell] = [
+            TableCell(formatting.clean(one.effect), "code"),
             effect_label(one.family),
             formatting.port_label(one.port),
         ]
@@ -291,9 +291,9 @@ def provenance(
 def _steps_table(steps: tuple[Step, ...]) -> Table:
     """Every command that worked on the run."""
     heads = ["command", "seed", "begun", "ended", "outcome"]
-    body: list[list[str | Cell]] = [
+    body: list[list[str | TableCell]] = [
         [
-            Cell(formatting.clean(" ".join(one.command)), "code"),
+            TableCell(formatting.clean(" ".join(one.command)), "code"),
             count(one.seed),
             _moment(one.begun) or formatting.DASH,
             _moment(one.ended or "") or "did not end",
@@ -327,7 +327,10 @@ def _inputs_table(steps: tuple[Step, ...]) -> Table:
     inputs = dict.fromkeys((one.path, one.sha256) for step in steps for one in step.inputs)
     return table(
         ["input", "sha256"],
-        [[formatting.clean(path), Cell(formatting.clean(sha), "code")] for path, sha in inputs],
+        [
+            [formatting.clean(path), TableCell(formatting.clean(sha), "code")]
+            for path, sha in inputs
+        ],
     )
 
 
@@ -336,15 +339,17 @@ def transfer_table(transfers: tuple[Transfer, ...], fit: FitFile | None) -> Tabl
     channels = list(dict.fromkeys(name for one in transfers for name in one.channels))
     heads = ["recording", "differs in"]
     heads += [f"{channel_label(name)} MAE [{channel_unit(name) or '-'}]" for name in channels]
-    body: list[list[str | Cell]] = []
+    body: list[list[str | TableCell]] = []
     for one in transfers:
         known = [
             r.name
             for r in (fit.recordings if fit is not None else ())
             if r.sha256.startswith(one.recording)
         ]
-        row: list[str | Cell] = [
-            formatting.clean(known[0]) if known else Cell(formatting.clean(one.recording), "code"),
+        row: list[str | TableCell] = [
+            formatting.clean(known[0])
+            if known
+            else TableCell(formatting.clean(one.recording), "code"),
             formatting.clean(_differences(one.differs)) or formatting.DASH,
         ]
         for name in channels:

@@ -23,9 +23,9 @@ from pamid.report.load import Residual, RunData
 from pamid.report.markup import paragraphs, tag
 from pamid.report.reading import FloatArray
 from pamid.report.samples import (
-    KINDS,
-    LEVELS,
     MOST_VALUES,
+    SAMPLE_LEVELS,
+    TRACE_KINDS,
     Packed,
     Stretch,
     channels_of,
@@ -268,13 +268,13 @@ def _exactness(residual: Residual, found: Sequence[Stretch], channels: list[str]
     for channel in channels:
         traces = [
             _values(residual, channel, kind)
-            for kind in (MEASURED, *KINDS)
+            for kind in (MEASURED, *TRACE_KINDS)
             if kind == MEASURED or has(residual, channel, kind)
         ]
         span = max(float(np.nanmax(one) - np.nanmin(one)) for one in traces)
         exact.append(
             f"{channel_label(channel)} "
-            f"{formatting.with_unit_text(0.5 * span / LEVELS, channel_unit(channel), 2)}"
+            f"{formatting.with_unit_text(0.5 * span / SAMPLE_LEVELS, channel_unit(channel), 2)}"
         )
     texts = [
         "Every sample is here, in 65535 steps over the span of its trace, so that a value is off "

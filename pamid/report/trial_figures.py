@@ -19,7 +19,7 @@ from pamid.report.trial_results import (
     stratum_label,
     targets_title,
 )
-from pamid.schemas.trial import Rate
+from pamid.schemas.trial_file import Rate
 from pamid.trial.figure_table import TITLES
 
 SERIES = {"family_first": ("refitted", -0.16, "o"), "false_alarm": ("with_cause", 0.16, "s")}

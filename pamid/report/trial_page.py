@@ -8,12 +8,12 @@ from pamid.report import formatting
 from pamid.report.document import (
     Block,
     Bullets,
-    Cell,
     Details,
     Document,
     Heading,
     Paragraphs,
     Section,
+    TableCell,
     figures,
     notes,
     table,
@@ -22,7 +22,7 @@ from pamid.report.formatting import effect_label
 from pamid.report.style import Picture
 from pamid.report.tables import provenance
 from pamid.report.trial_results import Trial, reached_text
-from pamid.schemas.run import Step
+from pamid.schemas.run_file import Step
 from pamid.trial.figure_table import TABLE_HEAD, TITLES, strata, summary
 
 _SHOWN_FAILURES = 20
@@ -83,11 +83,13 @@ def trial_document(trial: Trial, steps: tuple[Step, ...], pictures: dict[str, Pi
 
 
 def _targets(trial: Trial) -> tuple[Block, ...]:
-    body: list[list[str | Cell]] = []
+    body: list[list[str | TableCell]] = []
     for one in trial.scored:
-        outcome: str | Cell = "no cases" if one.row.target is not None and one.value is None else ""
+        outcome: str | TableCell = (
+            "no cases" if one.row.target is not None and one.value is None else ""
+        )
         if one.reached is not None:
-            outcome = "reached" if one.reached else Cell("missed", "strong")
+            outcome = "reached" if one.reached else TableCell("missed", "strong")
         body.append([*(text.replace(" .. ", " to ") for text in one.texts), outcome])
     return (table([*TABLE_HEAD, ""], body, (1, 2, 3, 4)),)
 

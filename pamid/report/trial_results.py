@@ -11,7 +11,7 @@ from pamid.base.json_file import read_json
 from pamid.base.result_file import damaged, read_result
 from pamid.report import formatting
 from pamid.report.formatting import effect_label, percent
-from pamid.schemas.trial import Bin, Figure, Rate, TrialFile
+from pamid.schemas.trial_file import Bin, Figure, Rate, TrialFile
 from pamid.trial.figure_table import ROWS_OF, TITLES, FigureRow, cells, rows_of
 
 

@@ -37,7 +37,7 @@ from pamid.report.trial_figures import trial_drawings
 from pamid.report.trial_page import trial_document
 from pamid.report.trial_results import read_trial
 from pamid.report.web_page import MARK, html_of
-from pamid.schemas.run import Step
+from pamid.schemas.run_file import Step
 
 #: every figure this version can write; older ones of these names are removed when a run no longer
 #: has them

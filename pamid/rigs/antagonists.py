@@ -38,7 +38,7 @@ CHAIN = {"position": "", "pressure": "Pa", "law": "", "drag": "N s"}
 LENGTH = Parameter(
     "length", 0.250, 0.05, 2.0, "m", fitted=False, source="data sheet, nominal length"
 )
-SUPPLY = (
+SUPPLY_PARAMETERS = (
     Parameter(
         "supply_pressure", 600.0, 200.0, 900.0, "kPa", fitted=False, source="estimate, gauge"
     ),

@@ -33,7 +33,7 @@ from pamid.model.rig import Rig
 
 Array = NDArray[np.float64]
 
-VENTED, PRESSURE = "vents_open", "initial_pressure_kpa"
+VENTED, INITIAL_PRESSURE = "vents_open", "initial_pressure_kpa"
 RELEASE_S, RELEASE_DEG = 20.0, (30.0, 40.0)
 PULSED_S = 2.0 * GAP_S * len(PULSES_S)
 
@@ -42,13 +42,15 @@ def held_pressure(rig: Rig, pressure_kpa: float) -> dict[str, float]:
     """[known] of a recording with the valves shut at this gauge pressure; UsageError outside of
     range and supply."""
     sheet = {p.outside_name: p for p in rig.parameters}
-    if PRESSURE not in sheet:
-        raise UsageError(f"rig {rig.name!r} has no parameter {PRESSURE!r} to hold.")
-    held, supply = sheet[PRESSURE], sheet.get("supply_pressure_kpa")
+    if INITIAL_PRESSURE not in sheet:
+        raise UsageError(f"rig {rig.name!r} has no parameter {INITIAL_PRESSURE!r} to hold.")
+    held, supply = sheet[INITIAL_PRESSURE], sheet.get("supply_pressure_kpa")
     high = min(held.high, math.inf if supply is None else supply.value)
     if not held.low <= pressure_kpa <= high:
-        raise UsageError(f"{PRESSURE} = {pressure_kpa:g} lies outside {held.low:g} .. {high:g}.")
-    return {PRESSURE: pressure_kpa}
+        raise UsageError(
+            f"{INITIAL_PRESSURE} = {pressure_kpa:g} lies outside {held.low:g} .. {high:g}."
+        )
+    return {INITIAL_PRESSURE: pressure_kpa}
 
 
 def muscle_pulses(
@@ -104,7 +106,7 @@ def gravity_test(
         )
     known = {
         VENTED: 1.0,
-        PRESSURE: 0.0,
+        INITIAL_PRESSURE: 0.0,
         **dict(zip(begins, release, strict=True)),
         **{f"clamped_{joint}": 1.0 for joint in clamped},
         **({} if payload_kg is None else {PAYLOAD: payload_kg}),
@@ -156,7 +158,11 @@ def _staircase(b: Bench) -> Columns:
 
 
 def _two_pressures(b: Bench) -> Settings:
-    return () if data_sheet_value(b, PRESSURE) is None else ({PRESSURE: 200.0}, {PRESSURE: 500.0})
+    return (
+        ()
+        if data_sheet_value(b, INITIAL_PRESSURE) is None
+        else ({INITIAL_PRESSURE: 200.0}, {INITIAL_PRESSURE: 500.0})
+    )
 
 
 def _at_rest(b: Bench) -> Columns:

@@ -125,7 +125,7 @@ class OneDof(Rig):
             source="estimate: +-40 deg at contraction 0.10",
         ),
         pair.LENGTH,
-        *pair.SUPPLY,
+        *pair.SUPPLY_PARAMETERS,
         *pair.AIR,
         Parameter(
             "viscous", 0.02, 0.0, 0.5, "N m s", spread=0.1, source="estimate, bearing and chain"

@@ -248,7 +248,7 @@ class TwoLink(Rig):
             "idler at joint 1 over which the chain of joint 2 runs; 0: none",
         ),
         pair.LENGTH,
-        *pair.SUPPLY,
+        *pair.SUPPLY_PARAMETERS,
         Parameter(
             "viscous_1", 0.10, 0.0, 2.0, "N m s", spread=0.15, source="estimate, bearing and chain"
         ),

@@ -10,13 +10,13 @@ from typing import Any
 
 #: name without `pamid.` and its number -> module of this package and its model
 MODELS = {
-    "check": ("check", "CheckFile"),
-    "diagnosis": ("diagnosis", "DiagnosisFile"),
-    "error": ("error", "ErrorFile"),
-    "fit": ("fit", "FitFile"),
-    "network": ("network", "NetworkFile"),
-    "run": ("run", "RunFile"),
-    "trial": ("trial", "TrialFile"),
+    "check": ("check_file", "CheckFile"),
+    "diagnosis": ("diagnosis_file", "DiagnosisFile"),
+    "error": ("error_file", "ErrorFile"),
+    "fit": ("fit_file", "FitFile"),
+    "network": ("network_file", "NetworkFile"),
+    "run": ("run_file", "RunFile"),
+    "trial": ("trial_file", "TrialFile"),
 }
 
 

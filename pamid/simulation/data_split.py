@@ -15,8 +15,7 @@ from pamid.model.rig import Rig
 from pamid.recording.noise import noise_level
 from pamid.recording.overlap import require_apart
 from pamid.recording.recording import Recording, require_excited
-from pamid.simulation.replay import Replay
-from pamid.simulation.simulate import (
+from pamid.simulation.free_runs import (
     free_run,
     input_table,
     known_values,
@@ -24,6 +23,7 @@ from pamid.simulation.simulate import (
     output_table,
     state_spread,
 )
+from pamid.simulation.replay import Replay
 from pamid.simulation.tracks import Track, noise_of, stated_noise, track_of
 
 Array = NDArray[np.float64]

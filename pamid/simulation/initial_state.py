@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 CARRIED_INFORMATION = 1e-5  # information of a carried state against what a window says by itself
 
 
-class _At(NamedTuple):
+class _StatePoint(NamedTuple):
     """A state at the start of a window, its cost, half Hessian and half gradient there."""
 
     x: Array
@@ -34,7 +34,7 @@ class _At(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class _InitialState(LeastSquares[_At, Array]):
+class _InitialState(LeastSquares[_StatePoint, Array]):
     """The least squares of one window over its initial state, with the carried state as prior (the
     arrival cost of moving-horizon estimation: Rao, Rawlings and Mayne (2003), IEEE TAC 48(2))."""
 
@@ -49,30 +49,30 @@ class _InitialState(LeastSquares[_At, Array]):
     # the first point counted as a step taken: 0.1 x 1e-3
     rule = DampingRule(1e-4, falls=0.1, least=1e-9, rises=30.0, most=1e8)
 
-    def at(self, x: Array) -> _At:
+    def at(self, x: Array) -> _StatePoint:
         run, n, away = self.runner, self.runner.start_states, x - self.carried
         m = run.widened(self.memory)
         run.enter(m, x)
         Y, A, fine = run.run(m, self.window, self.p, True, self.weight)
         if not fine:
-            return _At(x, np.inf, np.zeros((n, n)), np.zeros(n))
+            return _StatePoint(x, np.inf, np.zeros((n, n)), np.zeros(n))
         r = ((Y - self.y) * self.weight).ravel()
         cost = float(r @ r) + float((away**2 * self.known).sum())
         H, g = (A.T @ A)[:n, :n], (A.T @ r)[:n]
         holds = np.maximum(CARRIED_INFORMATION * H.diagonal(), self.known)
-        return _At(x, cost, H + np.diag(holds), g + holds * away)
+        return _StatePoint(x, cost, H + np.diag(holds), g + holds * away)
 
-    def step(self, at: _At, damping: float) -> Array | None:
+    def step(self, at: _StatePoint, damping: float) -> Array | None:
         if not np.isfinite(at.H).all():
             return None
         scale = at.H.diagonal() + 1e-300
         found = np.linalg.lstsq(at.H + np.diag(damping * scale), -at.g, rcond=None)[0]
         return np.asarray(found, np.float64) if np.isfinite(found).all() else None
 
-    def moved(self, at: _At, step: Array, last: bool) -> _At:
+    def moved(self, at: _StatePoint, step: Array, last: bool) -> _StatePoint:
         return self.at(at.x + step)
 
-    def settled(self, gain: float, before: _At, after: _At) -> bool:
+    def settled(self, gain: float, before: _StatePoint, after: _StatePoint) -> bool:
         return gain < 1e-4 * after.cost + 1e-9
 
 

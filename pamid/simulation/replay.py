@@ -24,7 +24,7 @@ from pamid.simulation.windows import Runner, Window, cut
 Array = NDArray[np.float64]
 
 # s, s; share of a window that only serves to find its start
-WINDOW_S, SHORTEST_S, WARM_UP = 2.3, 1.0, 0.15
+REPLAY_WINDOW_S, SHORTEST_S, WARM_UP = 2.3, 1.0, 0.15
 ENOUGH = 16  # windows wanted: verdicts are resampled over them
 
 
@@ -32,7 +32,7 @@ def replay_windows(track: Track) -> list[Window]:
     """2.3 s windows, shorter (to 1 s) where the record would not give 16; at least 150 samples on
     slow rigs."""
     total = len(track) * track.period_s
-    length = max(round(min(WINDOW_S, max(SHORTEST_S, total / ENOUGH)) / track.period_s), 150)
+    length = max(round(min(REPLAY_WINDOW_S, max(SHORTEST_S, total / ENOUGH)) / track.period_s), 150)
     return cut(len(track), max(40, min(length, len(track) // 4)))
 
 

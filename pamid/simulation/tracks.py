@@ -15,7 +15,7 @@ from pamid.model.assembly import Assembly
 from pamid.model.rig import Rig
 from pamid.recording.noise import sensor_noise
 from pamid.recording.recording import Recording
-from pamid.simulation.simulate import input_table, known_values, output_table
+from pamid.simulation.free_runs import input_table, known_values, output_table
 
 Array = NDArray[np.float64]
 

@@ -15,7 +15,7 @@ from pamid.model.effect import Effect
 from pamid.model.registry import effects_with, name_of, rig_named
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
-from pamid.simulation.simulate import input_table, port_sizes, virtual_recording
+from pamid.simulation.free_runs import input_table, port_sizes, virtual_recording
 
 Array = NDArray[np.float64]
 

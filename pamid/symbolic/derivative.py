@@ -13,7 +13,7 @@ def _select(condition: Expr, left: Gradient, right: Gradient) -> Gradient:
     return {k: where(condition, left.get(k, ZERO), right.get(k, ZERO)) for k in keys}
 
 
-SPACES = ("state", "cell", "past", "parameter")
+DERIVED_SPACES = ("state", "cell", "past", "parameter")
 
 
 def gradients(roots: list[Expr], parameters: frozenset[str] | None = None) -> list[Gradient]:
@@ -25,7 +25,7 @@ def gradients(roots: list[Expr], parameters: frozenset[str] | None = None) -> li
     for node in walk(roots):
         if node.op == "symbol":
             space, name = node.value
-            moves = space in SPACES and (
+            moves = space in DERIVED_SPACES and (
                 space != "parameter" or parameters is None or name in parameters
             )
             table[node] = {node: ONE} if moves else {}

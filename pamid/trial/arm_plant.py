@@ -23,7 +23,7 @@ from pamid.trial.joint_plant import (
     AHEAD,
     KNOWN,
     PERIOD_S,
-    STEPS,
+    SUBSTEPS,
     Excitation,
     Specimen,
     draw_specimen,
@@ -44,7 +44,7 @@ ARM_CONTROLLER = {
 RADII = (0.035, 0.025)  # m
 LENGTH_1, LENGTH_2 = 0.40, 0.30  # m
 GRAVITY = 9.81  # m/s2
-SHEET = {
+TRUE_ARM = {
     "mass_1": 2.2,
     "centre_1": 0.20,
     "inertia_1": 0.040,
@@ -88,7 +88,7 @@ class ArmBody:
 
 @dataclass(frozen=True, eq=False)
 class ArmSpecimen:
-    """True constants of one arm. joints: the muscles and valves of each; links: as in SHEET, SI;
+    """True constants of one arm. joints: the muscles and valves of each; links: as in TRUE_ARM, SI;
     viscous: N m s."""
 
     joints: tuple[Specimen, Specimen]
@@ -138,7 +138,7 @@ def draw_arm(random: np.random.Generator, background: float) -> ArmSpecimen:
     )
     links = {
         name: value * (1.0 + OFF_SHEET[name.partition("_")[0]] * float(random.uniform(-1.0, 1.0)))
-        for name, value in SHEET.items()
+        for name, value in TRUE_ARM.items()
     }
     viscous = [value * VISCOUS_APART ** float(random.uniform(-1.0, 1.0)) for value in VISCOUS]
     return ArmSpecimen((first, second), links, (viscous[0], viscous[1]))
@@ -152,7 +152,7 @@ def record_arm(
     payload_kg: float,
     noise: float,
     seed: int,
-    steps: int = STEPS,
+    steps: int = SUBSTEPS,
 ) -> dict[str, Array]:
     """What this arm, with these faults (fault@place -> sizes), would have recorded.
 

@@ -34,7 +34,7 @@ from pamid.parallel.jobs import Failed, Work, WorkerPool, fault_text
 from pamid.parallel.result_store import Plain
 from pamid.recording.recording import TIME, Recording, read_recording, write_recording
 from pamid.schemas.estimates import FailedJob
-from pamid.schemas.trial import TrialFile
+from pamid.schemas.trial_file import TrialFile
 from pamid.simulation.data_split import DataSplit, Span, split_recordings
 from pamid.trial.cases import Case, cases_sha256, draw_cases
 from pamid.trial.joint_plant import PERIOD_S

@@ -19,7 +19,7 @@ from pamid.engine.numba_cache import njit
 Array = NDArray[np.float64]
 
 ATMOSPHERE = 101325.0  # Pa
-REFERENCE = 1.0e5  # Pa, of the conductances (ISO 8778)
+REFERENCE_PA = 1.0e5  # Pa, of the conductances (ISO 8778)
 ROOM = 293.15  # K
 R_AIR, CV_AIR = 287.05, 717.6  # J/(kg K)
 TANK = 2.0e-4  # m3, between regulator and valves
@@ -99,7 +99,7 @@ def through(up: float, down: float, conductance: float, ratio: float) -> float:
         shape = np.sqrt(1.0 - ((r - ratio) / (1.0 - ratio)) ** 2)
     else:
         shape = 1.0
-    return REFERENCE * conductance * up * shape
+    return REFERENCE_PA * conductance * up * shape
 
 
 @njit(cache=True)
@@ -176,7 +176,7 @@ def supply_after(pressure: float, drawn: float, m: Any, f: Any, h: float) -> flo
     regulator."""
     if f.sag_pa <= 0.0:
         return pressure
-    settling = TANK * f.sag_pa / 3e-3 / REFERENCE
+    settling = TANK * f.sag_pa / 3e-3 / REFERENCE_PA
     return (pressure + h * (m.supply_pressure / settling - drawn / TANK)) / (1.0 + h / settling)
 
 

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.metrics import wilson_interval
+from pamid.schemas.trial_file import Figure
 from pamid.trial.marking import LEAST_VISIBILITY, Marked
 
 TRIAL_SCHEMA = "pamid.trial/1"
@@ -25,7 +26,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Rate:
+class Proportion:
     """A share of cases with its 95 % Wilson interval; None where there were none."""
 
     hits: int
@@ -41,17 +42,6 @@ class Rate:
 
 
 @dataclass(frozen=True)
-class Figure:
-    """A figure over `of` cases with its 95 % bootstrap interval over cases; None where there were
-    none."""
-
-    value: float | None
-    low: float | None
-    high: float | None
-    of: int
-
-
-@dataclass(frozen=True)
 class ReliabilityBin:
     """Answers given with a probability between low and high: mean probability said, share that was
     right."""
@@ -59,7 +49,7 @@ class ReliabilityBin:
     low: float
     high: float
     said: float
-    right: Rate
+    right: Proportion
 
 
 @dataclass(frozen=True)
@@ -70,12 +60,12 @@ class Score:
     part: str
     seed: int
     cases: int
-    rates: dict[str, Rate]
+    rates: dict[str, Proportion]
     figures: dict[str, Figure]
     reliability: tuple[ReliabilityBin, ...]
-    strata: dict[str, dict[str, dict[str, Rate]]]
+    strata: dict[str, dict[str, dict[str, Proportion]]]
     confusion: dict[str, dict[str, int]]
-    baselines: dict[str, Rate]
+    baselines: dict[str, Proportion]
 
     def as_json(self) -> dict[str, Any]:
         """trial.json, but for the digest of the cases."""
@@ -85,7 +75,7 @@ class Score:
             "seed": self.seed,
             "cases": self.cases,
             "rates": {k: r.as_json() for k, r in self.rates.items()},
-            "figures": {k: asdict(f) for k, f in self.figures.items()},
+            "figures": {k: f.as_json() for k, f in self.figures.items()},
             "reliability": [
                 {"low": b.low, "high": b.high, "said": b.said, "right": b.right.as_json()}
                 for b in self.reliability
@@ -112,7 +102,7 @@ def score_cases(
     marked = [Marked(known[r["case"]], r) for r in results if not r["failed"]]
     singles = [m for m in marked if m.stratum == "single"]
     rates = {
-        "failed": Rate(len(results) - len(marked), len(results)),
+        "failed": Proportion(len(results) - len(marked), len(results)),
         "unseen": _rate((m for m in marked if m.truth), lambda m: not m.visible),
         **_naming(singles),
         **_refusing(marked),
@@ -137,12 +127,12 @@ def score_cases(
     )
 
 
-def _rate(cases: Iterable[Marked], right: Callable[[Marked], bool]) -> Rate:
+def _rate(cases: Iterable[Marked], right: Callable[[Marked], bool]) -> Proportion:
     hits = [right(m) for m in cases]
-    return Rate(sum(hits), len(hits))
+    return Proportion(sum(hits), len(hits))
 
 
-def _naming(singles: list[Marked]) -> dict[str, Rate]:
+def _naming(singles: list[Marked]) -> dict[str, Proportion]:
     """One known fault that shows: is it named?"""
     seen = [m for m in singles if m.visible]
     return {
@@ -160,7 +150,7 @@ def _naming(singles: list[Marked]) -> dict[str, Rate]:
     }
 
 
-def _refusing(marked: list[Marked]) -> dict[str, Rate]:
+def _refusing(marked: list[Marked]) -> dict[str, Proportion]:
     """Nothing to name: is nothing named?"""
     quiet = [m for m in marked if m.stratum == "no-gap"]
     clean = [m for m in quiet if m.conditions["background"] == 0.0]
@@ -184,7 +174,7 @@ def _refusing(marked: list[Marked]) -> dict[str, Rate]:
     }
 
 
-def _doubles(marked: list[Marked], singles: list[Marked]) -> dict[str, Rate]:
+def _doubles(marked: list[Marked], singles: list[Marked]) -> dict[str, Proportion]:
     """Two faults at once, and one taken for two."""
     doubles = [m for m in marked if m.stratum == "double" and m.visible]
     one = [m for m in singles if m.visible and m.verdict == "explained"]
@@ -196,7 +186,7 @@ def _doubles(marked: list[Marked], singles: list[Marked]) -> dict[str, Rate]:
     }
 
 
-def _forecasts(marked: list[Marked], seed: int) -> tuple[dict[str, Figure], Rate]:
+def _forecasts(marked: list[Marked], seed: int) -> tuple[dict[str, Figure], Proportion]:
     """Predicted against achieved shrinkage of explained cases, and the time a diagnosis took."""
     forecasts = [
         s for m in marked if m.verdict == "explained" and (s := m.result["shrinkage"]) is not None
@@ -212,22 +202,24 @@ def _forecasts(marked: list[Marked], seed: int) -> tuple[dict[str, Figure], Rate
             "seconds": _figure(seconds, np.median, seed),
             "seconds_worst": _worst(seconds),
         },
-        Rate(covered, len(forecasts)),
+        Proportion(covered, len(forecasts)),
     )
 
 
 def _worst(values: Array) -> Figure:
-    return Figure(float(values.max()) if len(values) else None, None, None, len(values))
+    return Figure(
+        value=float(values.max()) if len(values) else None, low=None, high=None, of=len(values)
+    )
 
 
 def _figure(rows: Array, figure: Callable[[Array], Any], seed: int) -> Figure:
     """figure(rows) and its percentile interval under resampling of the rows."""
     n = len(rows)
     if n == 0:
-        return Figure(None, None, None, 0)
+        return Figure(value=None, low=None, high=None, of=0)
     drawn = np.random.default_rng(seed).integers(0, n, size=(DRAWS, n))
     low, high = np.percentile([figure(rows[k]) for k in drawn], [2.5, 97.5])
-    return Figure(float(figure(rows)), float(low), float(high), n)
+    return Figure(value=float(figure(rows)), low=float(low), high=float(high), of=n)
 
 
 def _calibration(
@@ -254,7 +246,7 @@ def _calibration(
                     k / RELIABILITY_BINS,
                     (k + 1) / RELIABILITY_BINS,
                     float(inside[:, 0].mean()),
-                    Rate(int(inside[:, 1].sum()), len(inside)),
+                    Proportion(int(inside[:, 1].sum()), len(inside)),
                 )
             )
     return (
@@ -315,10 +307,10 @@ def _between(value: Any, edges: tuple[float, ...]) -> str:
     return f"< {above[0]:g}" if above else f">= {below[-1]:g}" if below else str(value)
 
 
-def _strata(marked: list[Marked]) -> dict[str, dict[str, dict[str, Rate]]]:
+def _strata(marked: list[Marked]) -> dict[str, dict[str, dict[str, Proportion]]]:
     """The main rates by condition, of those that the cases have. detected: single faults, visible
     or not, for which there is any alarm."""
-    out: dict[str, dict[str, dict[str, Rate]]] = {}
+    out: dict[str, dict[str, dict[str, Proportion]]] = {}
     for dimension, (value, edges) in DIMENSIONS.items():
         bins: dict[str, list[Marked]] = {}
         counted = (
@@ -330,7 +322,7 @@ def _strata(marked: list[Marked]) -> dict[str, dict[str, dict[str, Rate]]]:
     return {dimension: bins for dimension, bins in out.items() if bins}
 
 
-def _main_rates(cases: list[Marked]) -> dict[str, Rate]:
+def _main_rates(cases: list[Marked]) -> dict[str, Proportion]:
     singles = [m for m in cases if m.stratum == "single"]
     named = _naming(singles)
     return {
@@ -348,7 +340,7 @@ def _confusion(visible: list[Marked]) -> dict[str, dict[str, int]]:
     }
 
 
-def _baselines(visible: list[Marked], seed: int) -> dict[str, Rate]:
+def _baselines(visible: list[Marked], seed: int) -> dict[str, Proportion]:
     """What naming a family takes: always the most common one, the screen's first choice, the labels
     dealt at random."""
     families = [m.family for m in visible]
@@ -356,7 +348,7 @@ def _baselines(visible: list[Marked], seed: int) -> dict[str, Rate]:
     shuffled = np.random.default_rng(seed).permutation(np.array(families, dtype=object))
     hits = sum(m.answer == family for m, family in zip(visible, shuffled, strict=True))
     return {
-        "most_common_family": Rate(common, len(families)),
+        "most_common_family": Proportion(common, len(families)),
         "screening": _rate(visible, lambda m: m.screened_right),
-        "shuffled_labels": Rate(hits, len(families)),
+        "shuffled_labels": Proportion(hits, len(families)),
     }

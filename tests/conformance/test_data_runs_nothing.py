@@ -110,10 +110,10 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
         "pamid.api.training.train_correction",
         "pamid.trial.case_runs.examine",
         "pamid.replications.joint_paper.reproduce",
-        "pamid.replications.demo.run_demo",
+        "pamid.replications.demonstration.run_demo",
         "pamid.correction.force_map.judge",
         "pamid.estimation.grey_box.fit_model",
-        "pamid.diagnosis.diagnose.diagnose_into",
+        "pamid.diagnosis.diagnosis_run.diagnose_into",
         "pamid.correction.output_network.train_correction",
     ):
         monkeypatch.setattr(place, end)

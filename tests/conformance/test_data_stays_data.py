@@ -19,7 +19,7 @@ from synthetic_run import diagnosis_json, fit_json, make_run
 from virtual_joint import record
 
 from pamid.base.errors import FileError
-from pamid.excitation.writers import FORMATS, Signals
+from pamid.excitation.writers import FORMATS, SentSignals
 from pamid.ingest.guessed_mapping import guess_mapping
 from pamid.ingest.log_reader import read_log
 from pamid.model.registry import catalogue_rig
@@ -219,7 +219,9 @@ def test_names_cannot_leave_the_comments_of_an_excitation(form: str) -> None:
     about = "pamid */ int stolen; /* *) stolen : BOOL; (*\nstolen"
     content = FORMATS[form].content
     assert content is not None
-    text = content(Signals({"command": np.array([0.0, 1.0, 1.0])}, 0.003, "sent", about)).decode()
+    text = content(
+        SentSignals({"command": np.array([0.0, 1.0, 1.0])}, 0.003, "sent", about)
+    ).decode()
     outside = text.split("*/" if form == "h" else "*)")
     assert "stolen" in outside[0] and not any(
         "stolen" in part.split("/*" if form == "h" else "(*")[0] for part in outside[1:]

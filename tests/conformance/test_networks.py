@@ -11,9 +11,9 @@ from pamid.networks.anfis import Anfis
 from pamid.networks.elman import Elman
 from pamid.networks.narx import Narx
 from pamid.networks.network import Network
-from pamid.networks.problem import Damping, Goals, TrainingProblem, recordings
+from pamid.networks.network_training import train
 from pamid.networks.trained_network import load_network, save_network, train_on_signals
-from pamid.networks.training import train
+from pamid.networks.training_problem import Damping, Goals, TrainingProblem, recordings
 
 KINDS = [
     Elman(2, 3),

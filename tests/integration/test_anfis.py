@@ -26,6 +26,7 @@ from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.networks.anfis import Anfis
 from pamid.networks.elman import Elman
+from pamid.networks.network_training import train
 from pamid.networks.scaling import Scaling
 from pamid.networks.trained_network import (
     TrainedNetwork,
@@ -33,9 +34,8 @@ from pamid.networks.trained_network import (
     save_network,
     train_on_signals,
 )
-from pamid.networks.training import train
 from pamid.rigs.muscle import exponential
-from pamid.simulation.simulate import free_run
+from pamid.simulation.free_runs import free_run
 from pamid.symbolic.vocabulary import expression
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -21,7 +21,7 @@ from synthetic_run import fit_json, make_run, run_json
 from test_report import scripts_of
 
 from pamid.base.errors import DataError
-from pamid.report.animation import RATE, gif_of
+from pamid.report.animation import ANIMATION_HZ, gif_of
 from pamid.report.channel_errors import errors_of, worst_window
 from pamid.report.load import RunData, load_run
 from pamid.report.motion import MEASURED, motion_of, rig_of_run, scale_of
@@ -29,7 +29,7 @@ from pamid.report.player import player_html, player_script
 from pamid.report.run_page import run_document
 from pamid.report.web_page import html_of
 
-STEP_S = 1.0 / RATE
+STEP_S = 1.0 / ANIMATION_HZ
 LINK_1_M, LINK_2_M = 0.4, 0.3
 CART = '''
 import numpy as np

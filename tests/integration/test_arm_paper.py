@@ -23,7 +23,7 @@ from pamid.model.registry import rig_named
 from pamid.recording.recording import read_recording
 from pamid.replications.arm_paper import AT_THE_FLOOR, FITTED, MAP_FILE, target_json
 from pamid.replications.arm_twin import (
-    GRAVITY,
+    GRAVITY_TEST,
     PULSES,
     VARIABLES,
     WITH_PAYLOAD,
@@ -87,7 +87,7 @@ def test_what_is_held_out_is_another_test() -> None:
     starts = [
         (s.known["initial_angle_1_deg"], s.known["initial_angle_2_deg"])
         for s in planned
-        if s.kind == GRAVITY
+        if s.kind == GRAVITY_TEST
     ]
     assert len(set(starts)) == len(starts) and [s.held_out for s in planned].count(True) == 3
     fitted, kept = (
@@ -158,14 +158,14 @@ def test_the_fitted_arm_swings_as_the_twin_to_within_the_noise(
     quick: tuple[Path, dict[str, Any]],
 ) -> None:
     _, found = quick
-    for kind in (GRAVITY, PULSES):
+    for kind in (GRAVITY_TEST, PULSES):
         for variable, cells in found["mae"][kind].items():
-            if kind == GRAVITY or "pressure" in variable:
+            if kind == GRAVITY_TEST or "pressure" in variable:
                 assert all(cells[name] < 1.05 * cells["noise_floor"] for name in FITTED[2:]), (
                     kind,
                     variable,
                 )
-    angles = [found["mae"][GRAVITY][f"angle_{j}_deg"] for j in "12"]
+    angles = [found["mae"][GRAVITY_TEST][f"angle_{j}_deg"] for j in "12"]
     for cells in angles:
         assert cells["noise_floor"] == pytest.approx(0.05 * math.sqrt(2.0 / math.pi), rel=0.05)
         assert cells["data_sheet"] > 20.0 * cells["noise_floor"]
@@ -188,7 +188,9 @@ def test_the_figures_are_those_of_runs_by_hand(quick: tuple[Path, dict[str, Any]
         by_hand = error("pulses-held-out", variable, {})
         assert found["mae"][PULSES][variable]["data_sheet"] == pytest.approx(by_hand, rel=0.02)
     fitted = {k: v["gravity"]["value"] for k, v in found["parameters"].items()}
-    cells = {v: found["mae"][GRAVITY][v]["fitted_anfis"] for v in ("angle_1_deg", "angle_2_deg")}
+    cells = {
+        v: found["mae"][GRAVITY_TEST][v]["fitted_anfis"] for v in ("angle_1_deg", "angle_2_deg")
+    }
     assert cells["angle_1_deg"] == pytest.approx(error(FREE, "angle_1_deg", fitted), rel=0.01)
     both = np.mean([error(name, "angle_2_deg", fitted) for name in (FREE, CLAMPED)])
     assert cells["angle_2_deg"] == pytest.approx(both, rel=0.01)
@@ -223,7 +225,7 @@ def test_what_is_known_of_the_inertial_data(quick: tuple[Path, dict[str, Any]]) 
     for name, value in truth.items():
         one = found["combinations"][name]
         assert one["truth"] == pytest.approx(value)
-        for stage in (GRAVITY, *FITTED):
+        for stage in (GRAVITY_TEST, *FITTED):
             known = one[stage]
             assert (
                 known["value"] == pytest.approx(value, rel=0.005)
@@ -259,7 +261,7 @@ def test_a_target_that_is_missed_is_said_to_be() -> None:
         v: {"unit": "deg", "noise_floor": 0.04, "fitted_analytic": 0.04, "fitted_anfis": 0.0421}
         for v in "ab"
     }
-    missed = target_json({GRAVITY: cells})
+    missed = target_json({GRAVITY_TEST: cells})
     assert (
         not missed["reached"]
         and missed["worst"] == pytest.approx(1.0525)

@@ -10,7 +10,7 @@ import pytest
 from pamid_cli import frame
 from pamid_cli.demo import demo_text
 
-import pamid.replications.demo as demo
+import pamid.replications.demonstration as demo
 from pamid.base.json_file import read_json
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import read_recording
@@ -91,7 +91,7 @@ def test_a_short_demo_names_what_was_withheld(
 
 def test_every_effect_is_drawn_and_parameters_are_off_by_10_to_20_percent() -> None:
     drawn = [demo.draw_withheld(seed) for seed in range(60)]
-    assert {w.spec for w in drawn} == set(demo.EFFECTS)
+    assert {w.spec for w in drawn} == set(demo.WITHHELD_EFFECTS)
     assert drawn[5] == demo.draw_withheld(5)
     off = [abs(factor - 1.0) for w in drawn for factor in w.factors.values()]
     assert min(off) >= 0.0999 and max(off) <= 0.2001
@@ -102,8 +102,8 @@ def test_the_list_is_of_the_catalogue() -> None:
     rig = rig_named(demo.RIG)
     names = {p.outside_name for p in rig.parameters if p.fitted}
     assert set(demo.MISTUNED) <= names
-    assert {a.effect.name for a, _ in attach_specs(rig, demo.EFFECTS)} == {
-        split_spec(s)[0] for s in demo.EFFECTS
+    assert {a.effect.name for a, _ in attach_specs(rig, demo.WITHHELD_EFFECTS)} == {
+        split_spec(s)[0] for s in demo.WITHHELD_EFFECTS
     }
 
 
@@ -122,7 +122,7 @@ def test_hit(families: list[str], word: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("effect", [split_spec(spec)[0] for spec in demo.EFFECTS])
+@pytest.mark.parametrize("effect", [split_spec(spec)[0] for spec in demo.WITHHELD_EFFECTS])
 def test_the_whole_demo_for_every_effect(
     effect: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

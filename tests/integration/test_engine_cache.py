@@ -145,7 +145,7 @@ def test_two_processes_at_once(tmp_path: Path) -> None:
         "import json, numpy as np\n"
         "from pamid.model.assembly import Assembly\n"
         "from pamid.model.registry import rig_named\n"
-        "from pamid.simulation.simulate import free_run\n"
+        "from pamid.simulation.free_runs import free_run\n"
         "a = Assembly(rig_named('one-dof'))\n"
         "u = np.zeros((100, 2)); u[10:50, 0] = 0.5\n"
         "print(json.dumps(free_run(a, u, a.values(), 0.003).outputs[-1].tolist()))\n"

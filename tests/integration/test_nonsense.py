@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pamid_cli.diagnose import diagnosis_text
 
 from pamid.base.run_folder import Run
-from pamid.diagnosis.diagnose import diagnose_into
+from pamid.diagnosis.diagnosis_run import diagnose_into
 from pamid.diagnosis.naive_forecast import explains_nothing
 from pamid.diagnosis.settings import DEFAULT
 from pamid.excitation.aprbs import aprbs

@@ -33,7 +33,7 @@ from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.model.registry import rig_named
 from pamid.networks.trained_network import load_network
 from pamid.recording.recording import read_recording
-from pamid.replications.demo import Withheld, write_demo_recording
+from pamid.replications.demonstration import Withheld, write_demo_recording
 from pamid.simulation.data_split import split_recordings
 from pamid.simulation.replay import channel_mae, replay_track
 from pamid.symbolic.expression import symbols

@@ -20,7 +20,7 @@ from pamid.report.channel_errors import errors_of
 from pamid.report.formatting import number
 from pamid.report.load import RunData, load_run
 from pamid.report.run_page import run_document
-from pamid.report.samples import LEVELS
+from pamid.report.samples import SAMPLE_LEVELS
 from pamid.report.style import COLOURS
 from pamid.report.trial_page import trial_document
 from pamid.report.trial_results import read_trial
@@ -113,10 +113,11 @@ def test_every_sample_is_there_within_half_a_step(tab: Page, run: RunData) -> No
     refitted = columns["angle_refitted_deg"]
     for found, name in zip(traces, ("", "_data_sheet", "_refitted", "_network"), strict=False):
         values = columns[f"angle{name}_deg"]
-        assert np.abs(np.array(found) - values).max() <= 0.5001 * np.ptp(values) / LEVELS
+        assert np.abs(np.array(found) - values).max() <= 0.5001 * np.ptp(values) / SAMPLE_LEVELS
     errors = np.array(tab.evaluate("[...pamid.panels[1].chart.data[2]]"))
     assert (
-        np.abs(errors - (columns["angle_deg"] - refitted)).max() <= 1.01 * np.ptp(refitted) / LEVELS
+        np.abs(errors - (columns["angle_deg"] - refitted)).max()
+        <= 1.01 * np.ptp(refitted) / SAMPLE_LEVELS
     )
 
 
@@ -181,7 +182,7 @@ def test_the_head_shows_the_numbers_at_the_cursor(tab: Page, run: RunData) -> No
                 values = run.residual.columns[f"{stem}{kind}_{unit}"]
                 digits = len(text.partition(".")[2])
                 assert abs(float(text.replace("−", "-")) - values[row]) <= (
-                    0.51 * np.ptp(values) / LEVELS + 0.51 * 10.0**-digits
+                    0.51 * np.ptp(values) / SAMPLE_LEVELS + 0.51 * 10.0**-digits
                 )
         clock = tab.evaluate("document.querySelector('#samples .clock').value")
         assert clock == f"{run.residual.columns['time_s'][row]:g} s"

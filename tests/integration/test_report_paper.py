@@ -22,7 +22,7 @@ from pamid.base.errors import FileError
 from pamid.report.document import (
     Block,
     Document,
-    Figure,
+    FigureBlock,
     Heading,
     Interactive,
     Paragraphs,
@@ -150,7 +150,7 @@ def test_a_long_table_repeats_its_head() -> None:
 def test_a_heading_never_stands_alone_at_the_foot() -> None:
     picture = render(Drawing("one", "A finding", lambda figure, narrow: None, 4.0, 4.0))
     for above in range(28, 44):
-        blocks = (Paragraphs(("text",) * above), Heading("Title"), Figure(picture))
+        blocks = (Paragraphs(("text",) * above), Heading("Title"), FigureBlock(picture))
         reader = PdfReader(io.BytesIO(pdf_of(document_of(*blocks))))
         pages = [text_on(reader, k) for k in range(len(reader.pages))]
         assert [("Title" in page) for page in pages] == [("A finding" in page) for page in pages]

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-import pamid.networks.training as training_module
+import pamid.networks.network_training as training_module
 from pamid.base.errors import DataError, FileError
 from pamid.networks.checkpoints import TrainingStep
 from pamid.networks.elman import Elman
-from pamid.networks.training import Training, train
+from pamid.networks.network_training import Training, train
 
 
 def teacher_data() -> tuple[np.ndarray, np.ndarray]:

@@ -32,7 +32,7 @@ from pamid.model.registry import rig_named
 from pamid.networks.anfis import Anfis
 from pamid.networks.trained_network import load_network
 from pamid.recording.recording import read_recording
-from pamid.replications.demo import Withheld, write_demo_recording
+from pamid.replications.demonstration import Withheld, write_demo_recording
 from pamid.simulation.data_split import split_recordings
 
 LOOP = [

@@ -40,7 +40,7 @@ from pamid.trial.arm_plant import (
     ARM_NOISE,
     ARM_TO_COLUMN,
     RADII,
-    SHEET,
+    TRUE_ARM,
     ArmBody,
     ArmSpecimen,
     draw_arm,
@@ -306,7 +306,7 @@ def test_the_arm_shares_nothing_with_the_tool() -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_a_drawn_arm_is_within_its_tolerances(seed: int) -> None:
     one = machine(seed, 0.04)
-    assert all(0.0 < abs(one.links[k] / SHEET[k] - 1.0) <= 0.25 for k in SHEET)
+    assert all(0.0 < abs(one.links[k] / TRUE_ARM[k] - 1.0) <= 0.25 for k in TRUE_ARM)
     first, second = one.joints
     assert first.waves.shape != second.waves.shape or not np.array_equal(first.waves, second.waves)
     assert (

@@ -45,7 +45,9 @@ frame.main(sys.argv[5:])
 """  # noqa: E501
 
 #: every step of a training is kept
-EVERY_STEP = "import pamid.networks.training as training; training._CHECKPOINT_SECONDS = 0.0"
+EVERY_STEP = (
+    "import pamid.networks.network_training as training; training._CHECKPOINT_SECONDS = 0.0"
+)
 #: the cases of a trial are not worked through: what is tried is the trial, which has to survive
 #: between them
 QUICK_CASES = f"""

@@ -5,7 +5,7 @@ import pytest
 
 from pamid.networks.batch import BatchedElman
 from pamid.networks.elman import Elman
-from pamid.networks.training import train
+from pamid.networks.network_training import train
 
 
 def records():

@@ -12,7 +12,7 @@ import pytest
 from virtual_joint import record
 
 from pamid.base.run_folder import Run
-from pamid.diagnosis.diagnose import diagnose_into
+from pamid.diagnosis.diagnosis_run import diagnose_into
 from pamid.diagnosis.verdict import diagnosis_json
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, read_recording, write_recording

@@ -28,7 +28,7 @@ from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.registry import effects, rig_named
 from pamid.model.rig import Port, Rig
-from pamid.simulation.simulate import choose_stepping, free_run
+from pamid.simulation.free_runs import choose_stepping, free_run
 from pamid.simulation.tracks import Track
 from pamid.simulation.windows import Runner
 from pamid.symbolic.expression import symbol

@@ -17,7 +17,7 @@ from virtual_joint import KNOWN, SPECIMEN, record
 from pamid.engine.program import Stepping
 from pamid.estimation.fit_files import fit_json
 from pamid.estimation.grey_box import COARSE, GreyBox, fit_model
-from pamid.estimation.intervals import Estimate, bootstrap, estimates
+from pamid.estimation.intervals import FittedParameter, bootstrap, estimates
 from pamid.estimation.multiple_shooting import fit, fit_robustly
 from pamid.estimation.problem import Fit, Problem, free_parameters
 from pamid.estimation.weights import Weights
@@ -28,7 +28,7 @@ from pamid.model.registry import rig_named
 from pamid.model.rig import Port, Rig
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.simulation.data_split import split_recordings
-from pamid.simulation.simulate import virtual_recording
+from pamid.simulation.free_runs import virtual_recording
 from pamid.simulation.tracks import track_of
 from pamid.simulation.windows import Runner, Window
 
@@ -54,7 +54,7 @@ def fitted_joint(seed: int = 1) -> Fit:
     return fit_robustly(problem_of(JOINT, recorded(seed)))
 
 
-def by_name(found: list[Estimate]) -> dict[str, Estimate]:
+def by_name(found: list[FittedParameter]) -> dict[str, FittedParameter]:
     return {e.name: e for e in found}
 
 
@@ -82,7 +82,7 @@ def test_intervals_are_narrow_where_the_word_is_settled() -> None:
             assert (e.high - e.low) / (2 * 1.96) <= 0.3 * e.bound.spread / e.bound.factor * 1.001
 
 
-def _prior_sd(e: Estimate) -> float:
+def _prior_sd(e: FittedParameter) -> float:
     if e.bound.log:
         return float(np.log(e.value / e.prior) / e.bound.spread)
     return (e.value - e.prior) * e.bound.factor / e.bound.spread

@@ -10,8 +10,8 @@ import pytest
 import pamid.networks.narx as narx_module
 from pamid.base.errors import DataError
 from pamid.networks.narx import Narx
+from pamid.networks.network_training import train
 from pamid.networks.trained_network import load_network, save_network, train_on_signals
-from pamid.networks.training import train
 
 SIZES = [  # inputs, hidden, input_lags, output_lags, stride
     Narx(),

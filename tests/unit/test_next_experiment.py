@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from cli import frame
 from pamid.base.run_folder import Run
-from pamid.diagnosis.diagnose import diagnose_into
+from pamid.diagnosis.diagnosis_run import diagnose_into
 from pamid.diagnosis.next_experiment import (
     bench_of,
     benches,

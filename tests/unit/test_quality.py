@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from cli.frame import run
 from pamid.checks.channel_quality import quantisation_step
-from pamid.checks.recording_quality import Issue, channel_figures, examine
+from pamid.checks.recording_quality import QualityIssue, channel_figures, examine
 from pamid.excitation.aprbs import aprbs
 from pamid.model import registry as library
 from pamid.recording.recording import Recording, read_recording, write_recording
@@ -76,7 +76,7 @@ def changed(recording: Recording, **columns: Array) -> Recording:
     return dataclasses.replace(recording, columns={**recording.columns, **columns})
 
 
-def only(issues: tuple[Issue, ...], kind: str) -> Issue:
+def only(issues: tuple[QualityIssue, ...], kind: str) -> QualityIssue:
     """The one issue there is, of this kind."""
     assert [i.kind for i in issues] == [kind], issues
     return issues[0]
@@ -475,7 +475,7 @@ def test_the_title_states_what_was_found(spoilt: Path) -> None:
     assert "nothing is wrong" in card_title(recording, ()) and "note" not in card_title(
         recording, ()
     )
-    wrong = [Issue("unit", (ANGLE,), "wrong", "angle_deg is in rad")]
+    wrong = [QualityIssue("unit", (ANGLE,), "wrong", "angle_deg is in rad")]
     title = card_title(recording, [*wrong, *examine(recording)], ["the input 'u' is missing"])
     assert title.startswith(
         "2 problems and 1 note in rec: the input 'u' is missing; angle_deg is in rad; pressure_2"

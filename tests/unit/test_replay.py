@@ -14,8 +14,8 @@ from pamid.engine.program import Stepping
 from pamid.model.assembly import Assembly
 from pamid.model.registry import rig_named
 from pamid.simulation.data_split import STATE_JUMP, DataSplit, split_recordings
+from pamid.simulation.free_runs import state_spread
 from pamid.simulation.replay import Replay, noise_floor, replay_track, run_windows
-from pamid.simulation.simulate import state_spread
 
 ANGLE = ("reference_deg", "command", "angle_deg")
 

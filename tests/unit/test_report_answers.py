@@ -17,7 +17,7 @@ from pamid.report.channel_errors import errors_of
 from pamid.report.figures import missing_drawing, regimes_drawing
 from pamid.report.load import load_run
 from pamid.report.writing import drawings_of
-from pamid.schemas.diagnosis import Verdict, Where
+from pamid.schemas.diagnosis_file import Verdict, Where
 from pamid.schemas.model import read
 
 NO_TRACES = ("residual.csv", "trace.csv", "network.json")

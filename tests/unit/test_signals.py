@@ -16,7 +16,7 @@ from cli import frame
 from pamid.base.errors import UsageError
 from pamid.excitation.aprbs import aprbs, coverage
 from pamid.excitation.waveforms import (
-    SETTINGS,
+    SIGNAL_SETTINGS,
     chirp,
     draw,
     multisine,
@@ -165,9 +165,9 @@ def test_torque_loops_return_and_hold_a_smaller_loop() -> None:
 # ---- limits --------------------
 
 
-@pytest.mark.parametrize("signal", SETTINGS)
+@pytest.mark.parametrize("signal", SIGNAL_SETTINGS)
 def test_amplitude_and_rate_are_kept_by_every_signal(signal: str) -> None:
-    band: dict[str, Any] = {"band_hz": (0.1, 1.0)} if "band_hz" in SETTINGS[signal] else {}
+    band: dict[str, Any] = {"band_hz": (0.1, 1.0)} if "band_hz" in SIGNAL_SETTINGS[signal] else {}
     plan = plan_for(signal, PERIOD, rate_limit=200.0, **band)
     sent = draw(plan, {"a": 20.0, "b": 5.0})
     assert len({s.samples.size for s in sent.values()}) == 1
@@ -222,7 +222,7 @@ def test_requests_without_sense_are_refused(signal: str, wrong: dict[str, Any]) 
 # ---- several columns --------------------
 
 
-@pytest.mark.parametrize("signal", SETTINGS)
+@pytest.mark.parametrize("signal", SIGNAL_SETTINGS)
 def test_columns_are_sent_apart_or_unlike(signal: str) -> None:
     sent = draw(plan_for(signal, PERIOD, seed=5), {"a": 1.0, "b": 1.0, "c": 1.0})
     a, b, c = (one.samples for one in sent.values())
@@ -326,7 +326,7 @@ def test_what_there_was_is_bit_for_bit_what_it_was(call: str, tmp_path: Path) ->
     assert hashlib.sha256(path.read_bytes()).hexdigest() == BEFORE[call] == noted(path)["sha256"]
 
 
-@pytest.mark.parametrize("signal", [name for name in SETTINGS if name != "aprbs"])
+@pytest.mark.parametrize("signal", [name for name in SIGNAL_SETTINGS if name != "aprbs"])
 @pytest.mark.parametrize(
     "where",
     [
@@ -343,7 +343,7 @@ def test_every_signal_for_every_rig(
     loops = signal == "torque-loops"
     if loops:
         where = where[:2]
-    length = ("--duration", "20") if "duration_s" in SETTINGS[signal] and not loops else ()
+    length = ("--duration", "20") if "duration_s" in SIGNAL_SETTINGS[signal] and not loops else ()
     if loops and where[1].endswith(".py"):
         assert (
             generate(path, "--signal", signal, *where) == 2 and "force_n" in capsys.readouterr().err

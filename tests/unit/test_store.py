@@ -10,6 +10,7 @@ import pytest
 
 from pamid.base.errors import DataError, FileError
 from pamid.networks.elman import Elman
+from pamid.networks.network_training import train
 from pamid.networks.scaling import Scaling, scaling_of
 from pamid.networks.trained_network import (
     TrainedNetwork,
@@ -17,7 +18,6 @@ from pamid.networks.trained_network import (
     save_network,
     train_on_signals,
 )
-from pamid.networks.training import train
 
 
 def teacher_data() -> tuple[np.ndarray, np.ndarray]:

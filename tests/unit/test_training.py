@@ -17,9 +17,9 @@ from pamid.networks.bayes import (
 )
 from pamid.networks.elman import Elman
 from pamid.networks.network import Network
-from pamid.networks.problem import Damping, Goals, TrainingProblem, recordings
+from pamid.networks.network_training import GATES, train
 from pamid.networks.trained_network import trace_csv
-from pamid.networks.training import GATES, train
+from pamid.networks.training_problem import Damping, Goals, TrainingProblem, recordings
 
 
 @dataclass(frozen=True)

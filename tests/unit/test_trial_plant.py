@@ -24,7 +24,7 @@ from pamid.trial.joint_plant import (
     JOINT_NOISE,
     JOINT_TO_COLUMN,
     PERIOD_S,
-    STEPS,
+    SUBSTEPS,
     Excitation,
     Specimen,
     draw_specimen,
@@ -213,7 +213,8 @@ def test_healthy_machine_follows_its_reference(inertia: float) -> None:
 def test_the_step_is_small_enough() -> None:
     for inertia in (LIGHT, HEAVY):
         gap = (
-            replayed({}, inertia)["angle_deg"] - replayed({}, inertia, steps=2 * STEPS)["angle_deg"]
+            replayed({}, inertia)["angle_deg"]
+            - replayed({}, inertia, steps=2 * SUBSTEPS)["angle_deg"]
         )
         assert np.sqrt(np.mean(gap**2)) < 0.02
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from pamid.base.errors import FileError
 from pamid.base.files import TABLE, read_data
-from pamid.ingest.cells import MISSING, add_column
+from pamid.ingest.cells import MISSING_WORDS, add_column
 from pamid.ingest.channels import Log
 from pamid.ingest.dialect import COMMENT, DELIMITERS, RUN, SAMPLE, TextDialect, find_dialect
 from pamid.ingest.gathering import Gathering
@@ -83,7 +83,7 @@ def add_table(
             names=range(dialect.width),
             index_col=False,
             decimal=dialect.decimal,
-            na_values=list(MISSING),
+            na_values=list(MISSING_WORDS),
             encoding="utf-8",
             skipinitialspace=True,
             low_memory=False,

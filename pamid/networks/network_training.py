@@ -31,7 +31,8 @@ from pamid.networks.checkpoints import (
 )
 from pamid.networks.levenberg_marquardt import USED_UP, fresh, levenberg_marquardt_steps
 from pamid.networks.network import Network
-from pamid.networks.problem import (
+from pamid.networks.scaling import Scaling, scaling_of
+from pamid.networks.training_problem import (
     Damping,
     Goals,
     TrainingProblem,
@@ -39,7 +40,6 @@ from pamid.networks.problem import (
     fingerprint,
     recordings,
 )
-from pamid.networks.scaling import Scaling, scaling_of
 
 __all__ = [
     "Damping",

@@ -18,7 +18,7 @@ from pamid.base.progress import Progress, silent
 from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE, Run
 from pamid.correction.output_network import CHECKPOINT_FILE, train_correction, write_correction
 from pamid.correction.residual_data import read_residual_data
-from pamid.diagnosis.diagnose import diagnose_into
+from pamid.diagnosis.diagnosis_run import diagnose_into
 from pamid.excitation.aprbs import aprbs
 from pamid.model.registry import catalogue_rig, effects
 from pamid.recording.recording import read_recording, write_recording
@@ -29,7 +29,7 @@ from pamid.simulation.virtual_rig import simulate_virtual_rig, split_spec
 RIG = "one-dof"
 PERIOD_S, AMPLITUDE_DEG, HOLD_S = 0.003, 40.0, (0.4, 1.6)
 #: effects that a minute of motion brings to light clearly, with their size
-EFFECTS = (
+WITHHELD_EFFECTS = (
     "coulomb-friction:torque_n_m=0.4",
     "dead-time:delay_s=0.024",
     "valve-dead-band:dead_band=0.08",
@@ -65,7 +65,7 @@ class Withheld:
 def draw_withheld(seed: int) -> Withheld:
     """The effect and the mistuned parameters of a seed."""
     random = np.random.default_rng(seed)
-    spec = EFFECTS[int(random.integers(len(EFFECTS)))]
+    spec = WITHHELD_EFFECTS[int(random.integers(len(WITHHELD_EFFECTS)))]
     off = random.uniform(*OFF_BY, len(MISTUNED)) * random.choice([-1.0, 1.0], len(MISTUNED))
     name = split_spec(spec)[0]
     factors = {key: round(1.0 + float(x), 4) for key, x in zip(MISTUNED, off, strict=True)}
