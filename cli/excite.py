@@ -222,14 +222,14 @@ def _columns(
     request: dict[str, Any],
 ) -> tuple[dict[str, float | None], dict[str, tuple[float, float]]]:
     """The columns to write with their usual amplitudes, and what the rig lets them be."""
-    from pamid.excitation.experiments import bounds_of, excitable, torque_columns
+    from pamid.excitation.experiments import bounds_of, excitable, external_columns
     from pamid.model.registry import rig_named
 
     if request["column"] is not None:
         return {request["column"]: None}, {}
     rig = rig_named(request["rig"])
     if request["signal"] == "torque-loops":
-        return dict(torque_columns(rig)), {}
+        return dict(external_columns(rig)), {}
     small = (
         DUTY
         if request["signal"] == "staircase" and request["loop"] == "open" and rig.loops

@@ -23,7 +23,8 @@ Array = NDArray[np.float64]
 
 # kinds of port whose signals state a regime, best first
 REGIME_PORTS = ("motion", "actuator-force", "flow")
-VALUE_NAMES = {"flow": "flow", "actuator-force": "force"}  # ... and whose own value is one of them
+# kinds whose own value is such a signal, too, and what it is called
+VALUE_NAMES = {"flow": "flow", "actuator-force": "force"}
 
 
 @dataclass(frozen=True)
@@ -147,7 +148,7 @@ def measured_signals(
             savgol_filter(y, length, 2, deriv=1, delta=period),
         )
         out[stem] = (from_si(smooth, unit), unit)
-        out["velocity" if stem in ("angle", "position") else f"{stem}_rate"] = (
+        out[evidence.rig.rate_names.get(stem, f"{stem}_rate")] = (
             from_si(rate, unit),
             f"{unit}/s",
         )
@@ -202,12 +203,8 @@ def port_signals(base: CandidateModel) -> _PortSignals:
 
 
 def _quantity(port: Port, key: str) -> str:
-    """What people call a signal: the position of an actuator without a unit is its contraction."""
-    if key == "value":
-        return VALUE_NAMES[port.kind]
-    if port.kind == "actuator-force" and not port.unit_of("position"):
-        return {"position": "contraction", "velocity": "contraction_rate"}.get(key, key)
-    return "flow_drawn" if key == "drawn" else key
+    """What people call a signal."""
+    return VALUE_NAMES[port.kind] if key == "value" else port.called.get(key, key)
 
 
 def _followed(

@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 FASTEST_HZ = 15.0  # of the menu's multisine, and at most a tenth of the sampling rate
 PULSES_S, GAP_S = (0.03, 0.06, 0.12, 0.25, 0.5), 1.5
-# of the torque loops: seconds, and slope in highest torques per second
+# of the nested loops: seconds, and slope in highest values per second
 LOOPS_S, STEEPEST = 14.0, 0.5
 SMALLEST_DUTY = 1.0 / 15.0  # of a staircase: its first step over its last
 LONGEST_ORDER = 20  # of a PRBS: a million levels
@@ -111,12 +111,12 @@ def pulses(t: Array, every: float, each: list[tuple[float, float]]) -> Array:
     return out
 
 
-def valve_pulses(t: Array) -> Array:
+def paired_pulses(t: Array) -> Array:
     """There and back for 30 to 500 ms each, one every 1.5 s, over 15 s."""
     return pulses(t, GAP_S, [(length, height) for length in PULSES_S for height in (1.0, -1.0)])
 
 
-def torque_loops(t: Array) -> Array:
+def nested_loops(t: Array) -> Array:
     """Up and down within 14 s: a loop of 3/8, then one of 1 with a smaller one inside."""
     return through(
         t,
@@ -459,7 +459,7 @@ def _within(plan: Plan, column: str, amplitude: float, samples: Array, limit: fl
 def _torque_loops(p: Plan, amplitude: float) -> Array:
     check_request(p.duration_s, p.period_s, amplitude, (p.period_s, p.period_s))
     t = p.period_s * np.arange(round(p.duration_s / p.period_s), dtype=np.float64)
-    return amplitude * torque_loops(LOOPS_S / p.duration_s * t)
+    return amplitude * nested_loops(LOOPS_S / p.duration_s * t)
 
 
 _MAKERS: dict[str, Callable[..., Array]] = {

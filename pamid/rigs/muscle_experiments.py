@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import UsageError, nearest
 from pamid.excitation.experiments import (
-    PAYLOAD,
-    TORQUE_NM,
     Bench,
     Columns,
     Experiment,
@@ -24,16 +22,17 @@ from pamid.excitation.waveforms import (
     GAP_S,
     LOOPS_S,
     PULSES_S,
+    nested_loops,
+    paired_pulses,
     pulses,
     through,
-    torque_loops,
-    valve_pulses,
 )
 from pamid.model.rig import Rig
 
 Array = NDArray[np.float64]
 
-VENTED, INITIAL_PRESSURE = "vents_open", "initial_pressure_kpa"
+VENTED, INITIAL_PRESSURE, PAYLOAD = "vents_open", "initial_pressure_kpa", "payload_kg"
+HIGHEST_TORQUE_NM = 8.0  # of the torque loops
 RELEASE_S, RELEASE_DEG = 20.0, (30.0, 40.0)
 PULSED_S = 2.0 * GAP_S * len(PULSES_S)
 
@@ -56,7 +55,7 @@ def held_pressure(rig: Rig, pressure_kpa: float) -> dict[str, float]:
 def muscle_pulses(
     rig: Rig, muscles: Sequence[str], level: float, period_s: float
 ) -> dict[str, Array]:
-    """Commands that vent and fill one muscle after another, `valve_pulses` of duty `level` each, ()
+    """Commands that vent and fill one muscle after another, `paired_pulses` of duty `level`, ()
     for all of them; the commands of all joints, samples. UsageError for a muscle that is not there.
     """
     chosen = list(muscles) or list(rig.actuators)
@@ -68,7 +67,7 @@ def muscle_pulses(
         )
     if not 0.0 < level <= 1.0:
         raise UsageError(f"The level is {level:g}; a duty lies in (0, 1].")
-    wave = level * valve_pulses(period_s * np.arange(round(PULSED_S / period_s), dtype=np.float64))
+    wave = level * paired_pulses(period_s * np.arange(round(PULSED_S / period_s), dtype=np.float64))
     columns = {command: np.zeros(len(chosen) * len(wave)) for command, _ in rig.actuators.values()}
     for k, name in enumerate(chosen):
         command, fills = rig.actuators[name]
@@ -127,7 +126,7 @@ def gravity_test(
 
 def _torque_loops(b: Bench) -> Columns:
     t = b.clock(LOOPS_S)
-    return b.open_loop(np.zeros(len(t)), TORQUE_NM * torque_loops(t))
+    return b.open_loop(np.zeros(len(t)), HIGHEST_TORQUE_NM * nested_loops(t))
 
 
 def _quick_release(b: Bench) -> Columns:
@@ -146,7 +145,7 @@ def _pressure_hold(b: Bench) -> Columns:
 
 
 def _valve_pulses(b: Bench) -> Columns:
-    return b.open_loop(valve_pulses(b.clock(PULSED_S)))
+    return b.open_loop(paired_pulses(b.clock(PULSED_S)))
 
 
 def _staircase(b: Bench) -> Columns:

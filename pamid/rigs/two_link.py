@@ -33,7 +33,7 @@ from pamid.model.rig import Loop, Port, Rig, chain_of_links
 from pamid.rigs import antagonists as pair
 from pamid.rigs.antagonists import Muscle, pressure_rate, pull_of, valves_of
 from pamid.rigs.muscle import LAWS, law_named
-from pamid.rigs.muscle_experiments import EXPERIMENTS
+from pamid.rigs.muscle_experiments import EXPERIMENTS, HIGHEST_TORQUE_NM
 from pamid.rigs.pneumatics import ATMOSPHERE_PA
 from pamid.symbolic.vocabulary import Expr, Number, cos, sin
 
@@ -57,7 +57,13 @@ def _ports() -> dict[str, Port]:
     for i in MUSCLES:
         found |= {
             f"valve_{i}": Port(
-                "flow", "m3/s", pair.VALVE, kin="valve", size=pair.VALVE_SIZE, general=False
+                "flow",
+                "m3/s",
+                pair.VALVE,
+                kin="valve",
+                size=pair.VALVE_SIZE,
+                general=False,
+                called=pair.VALVE_CALLED,
             ),
             f"pressure_{i}": Port(
                 "rate",
@@ -83,6 +89,7 @@ def _ports() -> dict[str, Port]:
                 kin="muscle",
                 size=pair.MUSCLE_SIZE,
                 general=False,
+                called=pair.MUSCLE_CALLED,
             ),
             f"chain_{i}": Port(
                 "transmission",
@@ -287,6 +294,8 @@ class TwoLink(Rig):
     period_s = 0.003
     excited = {"reference_1_deg": 20.0, "reference_2_deg": 30.0, "command_1": 0.8, "command_2": 0.8}
     experiments = EXPERIMENTS
+    changeable = {"payload_kg": 0.5}
+    external = dict.fromkeys(("external_torque_1_nm", "external_torque_2_nm"), HIGHEST_TORQUE_NM)
     actuators = {i: (f"command_{i[0]}", 1.0 if i[1] == "1" else -1.0) for i in MUSCLES}
     variants = tuple(LAWS)
 

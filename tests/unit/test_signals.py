@@ -20,11 +20,11 @@ from pamid.excitation.waveforms import (
     chirp,
     draw,
     multisine,
+    nested_loops,
     plan_for,
     prbs,
     staircase,
     steps,
-    torque_loops,
 )
 from pamid.recording.recording import read_recording
 from pamid.report.excitation_figure import Shown, finding
@@ -152,7 +152,7 @@ def test_a_staircase_grows_by_one_factor_there_and_back() -> None:
 
 def test_torque_loops_return_and_hold_a_smaller_loop() -> None:
     t = PERIOD * np.arange(round(14.0 / PERIOD), dtype=np.float64)
-    wave = torque_loops(t)
+    wave = nested_loops(t)
     assert (
         wave[0] == 0.0
         and abs(wave[-1]) < 0.01
