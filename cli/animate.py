@@ -70,7 +70,7 @@ def command(
     from pamid.report.animation import ANIMATION_HZ, gif_of, size_px
     from pamid.report.load import load_run
     from pamid.report.motion import motion_of, rig_of_run
-    from pamid.schemas.commands import WrittenAnimation
+    from pamid.schemas.command_files import WrittenAnimation
 
     if output is not None and output.exists() and not overwrite:
         raise FileError(

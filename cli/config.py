@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from . import frame, settings
+from . import frame, settings_files
 from .table import COMMANDS
 
 if TYPE_CHECKING:
-    from pamid.schemas.commands import OptionSetting
+    from pamid.schemas.command_files import OptionSetting
 
 PLACE = 170
 EXAMPLE = """
@@ -37,17 +37,17 @@ def command(commands: tuple[str, ...]) -> frame.Result:
         [diagnose]
         without = ["clock-skew"]
     """
-    from pamid.schemas.commands import AllSettings
+    from pamid.schemas.command_files import AllSettings
 
-    path = settings.settings_file()
+    path = settings_files.settings_file()
     if path is not None:
         # every mistake in it, not only those that concern the commands asked for
-        settings.read_settings(path)
+        settings_files.read_settings(path)
     for name in commands:
         frame.require_command(name)
     shown = {name: _values(name) for name in commands or COMMANDS}
-    ignored = {str(file): why for file, why in settings.ignored_files().items()}
-    limited = settings.why_harmless_only(path) if path is not None else ""
+    ignored = {str(file): why for file, why in settings_files.ignored_files().items()}
+    limited = settings_files.why_harmless_only(path) if path is not None else ""
     found = AllSettings(
         file=None if path is None else str(path),
         commands=shown,
@@ -63,15 +63,15 @@ def command(commands: tuple[str, ...]) -> frame.Result:
 
 
 def _values(name: str) -> dict[str, OptionSetting]:
-    from pamid.schemas.commands import OptionSetting
+    from pamid.schemas.command_files import OptionSetting
 
     context = frame.blank_context(name)
     return {
         option: OptionSetting(
             value=_plain(context.params.get(str(made.name))),
-            origin=settings.origin_of(context, made),
+            origin=settings_files.origin_of(context, made),
         )
-        for option, made in settings.options_of(context.command).items()
+        for option, made in settings_files.options_of(context.command).items()
         if not made.hidden
     }
 
@@ -89,7 +89,9 @@ def _text(
     about_files: list[str],
 ) -> str:
     lines = [
-        f"Settings: {path}" if path else f"There is no {settings.SETTINGS_FILE} here or above.",
+        f"Settings: {path}"
+        if path
+        else f"There is no {settings_files.SETTINGS_FILE} here or above.",
         *about_files,
     ]
     for name, options in shown.items():

@@ -33,7 +33,7 @@ def command(name: str | None, rigs: tuple[str, ...]) -> frame.Result:
     from pamid.model import catalogue
     from pamid.model import registry as library
     from pamid.model.attachment import attachments
-    from pamid.schemas.catalogue import EffectCatalogue
+    from pamid.schemas.catalogue_files import EffectCatalogue
 
     looked_at = [library.rig_named(rig) for rig in rigs] or [
         library.rig_named(rig) for rig in library.rigs()

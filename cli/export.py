@@ -71,7 +71,7 @@ def command(
     """
     from pamid.correction.identified_model import load_identified
     from pamid.export.exporting import export_model
-    from pamid.schemas.commands import WrittenExport
+    from pamid.schemas.command_files import WrittenExport
 
     model = load_identified(run, which=which, rig=rig, effects=effects).knowing(parse_known(known))
     made = export_model(model, form, output, overwrite=overwrite)

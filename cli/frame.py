@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from . import names, settings
+from . import names, settings_files
 from .table import COMMANDS, load_command
 from .terminal import aside, hang_up, printable, printable_json, say
 
@@ -127,7 +127,7 @@ def run(arguments: Sequence[str]) -> int:
                 list(arguments),
                 prog_name="pamid",
                 standalone_mode=False,
-                auto_envvar_prefix=settings.ENVIRONMENT,
+                auto_envvar_prefix=settings_files.ENVIRONMENT,
             )
     except BaseException as error:
         if isinstance(error, SystemExit) and not error.code:
@@ -185,11 +185,11 @@ class _Command(click.Command):
         if extra.get("resilient_parsing"):  # a shell that completes a word asks for no values
             return super().make_context(info_name, args, parent, **extra)
         # first: it may be why an option is missing
-        for path, why in settings.ignored_files().items():
+        for path, why in settings_files.ignored_files().items():
             aside(f"Warning: {path} is ignored: {why}.")
-        extra.setdefault("default_map", settings.defaults_for(self))
+        extra.setdefault("default_map", settings_files.defaults_for(self))
         made = super().make_context(info_name, args, parent, **extra)
-        for sentence in settings.not_taken(made):
+        for sentence in settings_files.not_taken(made):
             aside(f"Warning: {sentence}")
         return made
 
@@ -204,7 +204,7 @@ class _Command(click.Command):
     def invoke(self, ctx: click.Context) -> Any:
         if ctx.params.pop(_OLD, False):
             ctx.params["overwrite"] = True
-        _SAID[:] = settings.said_elsewhere(ctx)
+        _SAID[:] = settings_files.said_elsewhere(ctx)
         return super().invoke(ctx)
 
     def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -233,11 +233,11 @@ def require_command(name: str) -> None:
 
 def blank_context(name: str) -> click.Context:
     """A command as it stands before any word is said: its options at their settings."""
-    parent = click.Context(_GROUP, info_name="pamid", auto_envvar_prefix=settings.ENVIRONMENT)
+    parent = click.Context(_GROUP, info_name="pamid", auto_envvar_prefix=settings_files.ENVIRONMENT)
     found = _GROUP.get_command(parent, name)
     assert found is not None
     return found.make_context(
-        name, [], parent, resilient_parsing=True, default_map=settings.defaults_for(found)
+        name, [], parent, resilient_parsing=True, default_map=settings_files.defaults_for(found)
     )
 
 

@@ -18,7 +18,7 @@ pamid generate-aprbs --rig one-dof --duration 200 --amplitude 40 --hold 0.4 1.6 
 pamid generate-aprbs --experiment gravity-test --rig two-link --release 60 0 --clamped 1 --output gravity.csv
 pamid generate-aprbs --signal multisine --loop open --amplitude 0.5 --band 0.1 5 --duration 60 --output sines.mat
 """  # noqa: E501
-FORMATS = ("csv", "mat", "mat-file", "mat-matrix", "st", "h")
+FORMAT_NAMES = ("csv", "mat", "mat-file", "mat-matrix", "st", "h")
 
 
 @frame.command("generate-aprbs", example=EXAMPLE)
@@ -123,7 +123,7 @@ FORMATS = ("csv", "mat", "mat-file", "mat-matrix", "st", "h")
 @click.option(
     "--format",
     "form",
-    type=click.Choice(FORMATS),
+    type=click.Choice(FORMAT_NAMES),
     help="What to write in it. [default: by its suffix]",
 )
 @click.option(

@@ -16,7 +16,7 @@ from .terminal import aside, quoted
 if TYPE_CHECKING:
     from pamid.ingest.conversion import Conversion
     from pamid.model.rig import Rig
-    from pamid.schemas.ingest import RecordingMade
+    from pamid.schemas.ingest_file import RecordingMade
 
 PLACE = 30
 EXAMPLE = """
@@ -125,7 +125,7 @@ def _guess(
     from pamid.ingest.guessed_mapping import guess_mapping
     from pamid.ingest.log_reader import read_log
     from pamid.model.registry import rig_named
-    from pamid.schemas.commands import GuessedMappingFile
+    from pamid.schemas.command_files import GuessedMappingFile
 
     if output is not None and output.exists() and not overwrite:
         raise FileError(
@@ -169,7 +169,7 @@ def _ingest(
     from pamid.ingest.conversion import convert
     from pamid.ingest.log_reader import read_log
     from pamid.ingest.mapping import load_mapping
-    from pamid.schemas.ingest import IngestFile
+    from pamid.schemas.ingest_file import IngestFile
 
     parsed = load_mapping(mapping, pressures)
     rig = _rig(rig_name or parsed.rig, bool(rig_name), mapping)

@@ -41,7 +41,7 @@ def command(run: Path, output: Path | None, pdf: str | None) -> frame.Result:
     """
     from pamid.report.tables import mae_text
     from pamid.report.writing import write_report
-    from pamid.schemas.commands import WrittenReport
+    from pamid.schemas.command_files import WrittenReport
 
     page = run / "report.html" if output is None else output
     paper = None if pdf is None else page.with_suffix(".pdf") if pdf == _BESIDE else Path(pdf)

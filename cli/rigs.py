@@ -24,7 +24,7 @@ def command(name: str | None) -> frame.Result:
     """
     from pamid.model import catalogue
     from pamid.model import registry as library
-    from pamid.schemas.catalogue import RigCatalogue
+    from pamid.schemas.catalogue_files import RigCatalogue
 
     if name is None:
         rows = tuple(catalogue.rig_row(rig) for rig in library.rigs().values())

@@ -101,7 +101,7 @@ def command(
     excitation's TOML states as known holds for the rig, and is stated in the recording.
     """
     from pamid.api.simulating import simulate
-    from pamid.schemas.commands import SimulatedFile
+    from pamid.schemas.command_files import SimulatedFile
 
     made = simulate(
         excitation,

@@ -189,7 +189,7 @@ def _share(
 ) -> frame.Result:
     """Work through every COUNT-th case from the I-th on; labels and score are left to the command
     without --index."""
-    from pamid.schemas.trial_cases import TrialShare
+    from pamid.schemas.trial_case_files import TrialShare
     from pamid.trial.case_runs import CaseSelection, run_cases
     from pamid.trial.scoring import failed_jobs
 

@@ -38,7 +38,12 @@ class MuscleBench(Rig):
     optional = {"contraction": 0.0}
     outputs = {"force_n": "N"}
     ports = {
-        "muscle": Port("actuator-force", "N", {"position": "", "pressure": "Pa", "law": ""}),
+        "muscle": Port(
+            "actuator-force",
+            "N",
+            {"position": "", "pressure": "Pa", "law": ""},
+            called={"position": "contraction"},
+        ),
         "load_cell": Port("reading", "N"),
     }
     states = (State("force", "N"),)

@@ -1,9 +1,9 @@
 """What may run, and whose files are believed.
 
 Code is run only where the user says so: by a rig or effect file named on the command line or in the
-environment, or in settings of the user's own (`cli/settings_files.py`). Everything else that is read is
-data. Files that pamid itself loads machine code from, its compile cache, count only where nobody
-else can have written them.
+environment, or in settings of the user's own (`cli/settings_files.py`). Everything else that is
+read is data. Files that pamid itself loads machine code from, its compile cache, count only where
+nobody else can have written them.
 """
 
 from __future__ import annotations

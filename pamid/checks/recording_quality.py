@@ -44,7 +44,7 @@ from pamid.excitation.aprbs import coverage
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, match_column
 
-__all__ = ["Issue", "channel_figures", "examine"]
+__all__ = ["QualityIssue", "channel_figures", "examine"]
 
 FloatArray = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ TIMID = 0.1  # of the usual amplitude
 IDLE = 0.5  # of the time without any change of what is sent
 AT_LIMITS = 0.6  # of the time
 VACUUM_PA = -105e3  # gauge: below there is nothing
-# what an absolute sensor shows of a vented muscle, up to 600 m above the sea
+# what an absolute sensor shows of a vented volume, up to 600 m above the sea
 VENTED_PA = (94e3, 106e3)
 PRESSURES_PA = (1.5e4, 3e7)  # of what is driven by fluids, gauge or absolute
 

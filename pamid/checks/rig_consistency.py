@@ -362,6 +362,8 @@ def _offsets(e: SheetComparison, recording: Recording, rig: Rig) -> list[Quality
             lifted[recorded_as((e.names[k],), recording)[0]] = above
     if not lifted:
         return []
+    sheet = [p for p in rig.parameters if not p.fitted and quantity_of(p.unit) == "pressure"]
+    stated = listed([p.outside_name for p in sheet]) if sheet else ""
     columns, above = tuple(lifted), float(np.mean(list(lifted.values())))
     many = "lies" if len(columns) == 1 else "lie"
     return [
@@ -371,8 +373,8 @@ def _offsets(e: SheetComparison, recording: Recording, rig: Rig) -> list[Quality
             "advice",
             f"{listed(columns)} {many} {above / 1e3:.0f} kPa above "
             f"what the data sheet of rig {rig.name!r} leads to, as absolute pressures do",
-            'Set pressure = "absolute" in the mapping of `pamid ingest`; if they are gauge '
-            "pressures, state supply and initial pressure under [known].",
+            'Set pressure = "absolute" in the mapping of `pamid ingest`'
+            + (f"; if they are gauge pressures, state {stated} under [known]." if stated else "."),
             (),
             {"above_kpa": above / 1e3},
         )

@@ -17,14 +17,12 @@ from pamid.model.registry import rigs
 from pamid.networks.trained_network import NETWORK_FILE, WEIGHTS_FILE, network_files
 from pamid.report.force_map_figure import Side, force_map_picture
 from pamid.rigs.muscle import LAWS
-from pamid.schemas import force_law as result
+from pamid.schemas import force_law_file as result
 from pamid.schemas.network_file import TrainingSummary
 
 LAW_FILE, RIG_FILE, MAP_FIGURE_FILE = "force-law.json", "rig.py", "figures/force-map.png"
-CURVE_PRESSURES, CURVE_CONTRACTIONS = (
-    6,
-    61,
-)  # pressures and contractions of the curves in the picture
+# pressures and contractions of the curves in the picture
+CURVE_PRESSURES, CURVE_CONTRACTIONS = 6, 61
 
 
 def judged_law(found: ValidatedMap, rig: str, strict: bool) -> result.ForceLawFile:

@@ -42,11 +42,8 @@ from pamid.symbolic.vocabulary import Expr
 
 Array = NDArray[np.float64]
 
-CONTRACTION_COLUMN, PRESSURE_COLUMN, FORCE_COLUMN = COLUMNS = (
-    "contraction",
-    "pressure_kpa",
-    "force_n",
-)
+COLUMNS = ("contraction", "pressure_kpa", "force_n")
+CONTRACTION_COLUMN, PRESSURE_COLUMN, FORCE_COLUMN = COLUMNS
 SLACK = MONOTONE_TOLERANCE  # of the largest force: readings up to it are those of a slack muscle
 MAP_ITERATIONS = 200
 # spacings of the contractions that are held out one at a time, of the map's range

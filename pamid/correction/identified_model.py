@@ -75,7 +75,8 @@ class ModelNetwork:
         """Its value in its own unit, from inputs and outputs of a model by name (SI), held over a
         sample; its cells.
 
-        Scaled inputs lead with GIVEN_PREFIX, what it remembers with MEMORY; the scaled output is VALUE.
+        Scaled inputs lead with GIVEN_PREFIX, what it remembers with MEMORY; the scaled output
+        is VALUE.
         """
         t, given = self.trained, []
         ranges = zip(self.sources, t.input_scaling.low, t.input_scaling.high, strict=True)

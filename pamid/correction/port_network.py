@@ -41,7 +41,7 @@ from pamid.correction.output_network import (
 )
 from pamid.correction.residual_data import RESIDUAL_RUNS, ResidualData, derived
 from pamid.diagnosis.candidate_model import candidate_from, transferred
-from pamid.diagnosis.smoother import ROUNDS, Latent, Smoother, size_at
+from pamid.diagnosis.smoother import Latent, Smoother, size_at
 from pamid.estimation.grey_box import GreyBox, fit_model
 from pamid.estimation.posterior import read_posterior
 from pamid.model.assembly import Assembly
@@ -241,7 +241,8 @@ def missing_at(model: GreyBox, replays: tuple[Replay, ...], entry: Entry) -> tup
     )
     smoothed = smoother.best
     if np.isfinite(smoothed.log_evidence):
-        smoothed = smoother.smoothed(smoothed, smoothed.size, smoothed.time_s, ROUNDS)
+        steps = smoother.settings.smoother_steps
+        smoothed = smoother.smoothed(smoothed, smoothed.size, smoothed.time_s, steps)
     if not np.isfinite(smoothed.log_evidence):
         raise ConvergenceError(
             f"What is missing at {entry.name} cannot be found: the model does not follow its data.",

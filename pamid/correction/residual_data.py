@@ -49,8 +49,8 @@ class Segment:
 
 @dataclass(frozen=True, eq=False)
 class ResidualData:
-    """channel: its column; model: a key of RESIDUAL_RUNS; columns: residual.csv by name; modelled: the
-    model's column; inputs: the columns a network is given; washout: rows at the start of every
+    """channel: its column; model: a key of RESIDUAL_RUNS; columns: residual.csv by name; modelled:
+    the model's column; inputs: the columns a network is given; washout: rows at the start of every
     segment that are not scored."""
 
     channel: str

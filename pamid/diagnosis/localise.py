@@ -24,7 +24,8 @@ Array = NDArray[np.float64]
 
 # kinds of port whose signals state a regime, best first
 REGIME_PORTS = ("motion", "actuator-force", "flow")
-VALUE_NAMES = {"flow": "flow", "actuator-force": "force"}  # ... and whose own value is one of them
+# kinds whose own value is such a signal, too, and what it is called
+VALUE_NAMES = {"flow": "flow", "actuator-force": "force"}
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,8 @@ def regimes(
         return []
     inner = port_signals(base)
     tables = [
-        measured_signals(evidence, r) | _followed(base, r, inner, settings.still) for r in befores
+        measured_signals(evidence, r, settings) | _followed(base, r, inner, settings.still)
+        for r in befores
     ]
     found = []
     for place, (name, (_, unit)) in enumerate(tables[0].items()):
@@ -126,11 +128,13 @@ def _stretch(name: str, unit: str, x: Array, gap: Array, settings: Settings) -> 
 # ---- signals that can state a regime -----------------------------------------------------------
 
 
-def measured_signals(evidence: DataSplit, r: Replay) -> dict[str, tuple[Array, str]]:
+def measured_signals(
+    evidence: DataSplit, r: Replay, settings: Settings = DEFAULT
+) -> dict[str, tuple[Array, str]]:
     """What was measured, its rate of change, and what was sent: name -> (samples, unit)."""
     out: dict[str, tuple[Array, str]] = {}
     period = r.track.period_s
-    length = max(5, 2 * round(0.015 / period) + 1)  # parabolas through 30 ms
+    length = max(5, 2 * round(settings.rate_s / period) + 1)
     for i, channel in enumerate(evidence.channels):
         stem, _ = split_column(channel)
         unit = display_unit(evidence.rig.outputs[channel])
@@ -140,7 +144,7 @@ def measured_signals(evidence: DataSplit, r: Replay) -> dict[str, tuple[Array, s
             savgol_filter(y, length, 2, deriv=1, delta=period),
         )
         out[stem] = (from_si(smooth, unit), unit)
-        out["velocity" if stem in ("angle", "position") else f"{stem}_rate"] = (
+        out[evidence.rig.rate_names.get(stem, f"{stem}_rate")] = (
             from_si(rate, unit),
             f"{unit}/s",
         )
@@ -195,12 +199,8 @@ def port_signals(base: CandidateModel) -> _PortSignals:
 
 
 def _quantity(port: Port, key: str) -> str:
-    """What people call a signal: the position of an actuator without a unit is its contraction."""
-    if key == "value":
-        return VALUE_NAMES[port.kind]
-    if port.kind == "actuator-force" and not port.unit_of("position"):
-        return {"position": "contraction", "velocity": "contraction_rate"}.get(key, key)
-    return "flow_drawn" if key == "drawn" else key
+    """What people call a signal."""
+    return VALUE_NAMES[port.kind] if key == "value" else port.called.get(key, key)
 
 
 def _followed(
@@ -243,7 +243,7 @@ def frequency_band(
     """Band in Hz that holds the middle (80 %) of the gap's power, by Welch's periodogram (1967)."""
     power, axis = None, None
     for i, b in enumerate(before):
-        n = min(len(b.track), max(256, round(8.0 / b.track.period_s)))
+        n = min(len(b.track), max(256, round(settings.spectrum_s / b.track.period_s)))
         axis, here = welch(
             b.residual / noise, 1.0 / b.track.period_s, nperseg=n, axis=0, detrend="constant"
         )

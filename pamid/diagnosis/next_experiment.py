@@ -49,7 +49,7 @@ def next_experiment(d: Diagnosis) -> Proposal | None:
     pairs = pairs_to_separate(d)
     if not pairs:
         return None
-    bench = bench_of(d.evidence)
+    bench = bench_of(d.evidence, d.settings)
     race = []
     for e in menu(bench):
         for way in benches(d.evidence, bench, e, pairs[0][0], d.settings):
@@ -112,9 +112,9 @@ def pairs_to_separate(d: Diagnosis) -> list[tuple[CandidateModel, CandidateModel
     return [(one, other) for one, other in combinations(models, 2) if tied or one is best]
 
 
-def bench_of(evidence: DataSplit) -> Bench:
-    """The bench that the recordings were made on: its loop or its inputs, their range (2nd to 98th
-    percentile)."""
+def bench_of(evidence: DataSplit, settings: Settings = DEFAULT) -> Bench:
+    """The bench that the recordings were made on: its loop or its inputs, their range but
+    for its tails."""
     rig, recordings, model = evidence.rig, evidence.recordings, _reference_recording(evidence)
     period = model.sampling_period_s
     recorded = {
@@ -133,7 +133,10 @@ def bench_of(evidence: DataSplit) -> Bench:
     ]
     driven = {}
     for column, like in held.items() if closed else ((n, n) for n in sent):
-        low, high = np.percentile(np.concatenate([r.signal(like) for r in recordings]), [2.0, 98.0])
+        values = np.concatenate([r.signal(like) for r in recordings])
+        low, high = np.percentile(
+            values, [settings.experiment_tail, 100.0 - settings.experiment_tail]
+        )
         driven[column] = (0.5 * float(low + high), 0.5 * float(high - low))
     longest = min(max(len(r) for r in recordings), MOST_EXPERIMENT_SAMPLES) * period
     return Bench(

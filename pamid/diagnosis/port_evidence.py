@@ -78,10 +78,12 @@ class _Smoothing(Work[Ports, Found]):
     evidence: DataSplit
     base: CandidateModel
     moving: bool
+    settings: Settings = DEFAULT
     smoothers: dict[Ports, Smoother] = field(default_factory=dict, compare=False, repr=False)
 
     def smoother(self, ports: Ports) -> Smoother:
-        return self.smoothers.setdefault(ports, Smoother(self.evidence, self.base, ports))
+        new = Smoother(self.evidence, self.base, ports, self.settings)
+        return self.smoothers.setdefault(ports, new)
 
     def __call__(self, item: Ports) -> Plain:
         smoother = self.smoother(item)
@@ -108,7 +110,7 @@ def locate(
     With `ports` only these are tried, and nothing is shared out. Joint evidence is computed for the
     leading classes only.
     """
-    work = _Smoothing(evidence, base, True)
+    work = _Smoothing(evidence, base, True, settings)
     names = ports or list(evidence.rig.ports)
     smoothers = {name: work.smoother((name,)) for name in names}
     twins = {

@@ -137,6 +137,10 @@ class Settings:
     slowest_hz: float = _setting(
         0.5, "Hz", "a line of the gap's spectrum below it is drift, and starts no vibration"
     )
+    spectrum_smooth: int = _setting(
+        401, "lines", "over which the spectrum is averaged; a line is what stands out of that", COST
+    )
+    spectrum_apart: int = _setting(60, "lines", "nearer ones are of the same vibration", COST)
     spectrum_lines: int = _setting(3, "count", "lines of the spectrum offered to an effect", COST)
 
     # ---- refit and ranking (contender, search)
@@ -230,7 +234,7 @@ class Settings:
         2, "count", "runners-up tried in place of the first effect beside the second", COST
     )
 
-    # ---- where (port_evidence, localise)
+    # ---- where (port_evidence)
 
     port_alike: float = _setting(
         0.98,
@@ -248,6 +252,78 @@ class Settings:
     )
     port_outstanding: float = _setting(
         0.15, "share of the largest evidence with the parameters held", "... which is this", COST
+    )
+    # ---- the smoother of latent values (smoother, smoothed_trajectory)
+
+    latent_sizes: tuple[float, ...] = _setting(
+        (0.003, 0.01, 0.03, 0.1, 0.3, 1.0),
+        "sizes of the port's value",
+        "standard deviations of a latent value that are tried, the smallest first",
+        "half a decade apart up to the whole value; " + JUDGEMENT,
+    )
+    latent_times_s: tuple[float, ...] = _setting(
+        (0.1, 1.0),
+        "s",
+        "time constants of a latent value that are tried, the first one with every size",
+        "the length of a slice and of the shortest window (pamid/simulation/replay.py)",
+    )
+    latent_reach: float = _setting(
+        5.0, "ratio", "sizes nearer than this to the likeliest are tried with every time", COST
+    )
+    latent_slice_s: float = _setting(
+        0.1,
+        "s",
+        "slices over which a latent value is constant",
+        "33 samples of a rig that is sampled every 3 ms; " + COST,
+    )
+    latent_slice_samples: int = _setting(4, "samples", "of a slice at least", COST)
+    latent_stiffness: float = _setting(
+        1e-4,
+        "standard deviations of the state",
+        "what a state other than a latent value may jump by between two slices",
+        "a numerical stand-in for zero: small against any noise, large enough for the blocks to be "
+        "inverted in double precision",
+    )
+    latent_window_jump: float = _setting(
+        1e3,
+        "standard deviations of the state",
+        "... at most where a window begins, there being another estimated start",
+        "a numerical stand-in for no bound at all",
+    )
+    smoother_steps: int = _setting(20, "Gauss-Newton steps", "of a smoothing at most", COST)
+    smoother_tolerance: float = _setting(
+        1e-3, "share of the cost", "a step that gains less ends a smoothing", COST
+    )
+    smoother_trusted: float = _setting(
+        0.1,
+        "share of the cost",
+        "most that a step which was not taken may promise to gain and be believed",
+        "a quadratic model of the cost is trusted near its point alone (trust regions: Nocedal and "
+        "Wright (2006), Numerical Optimization, chapter 4)",
+    )
+    smoother_damping: float = _setting(
+        1e-10,
+        "diagonal scaled to one",
+        "least damping of a step, and the one of the evidence",
+        "what keeps a singular block solvable in double precision, without weight in the result",
+    )
+    smoother_damping_falls: float = _setting(
+        0.01, "ratio", "by which the damping falls behind a step that was taken", COST
+    )
+    smoother_damping_rises: float = _setting(
+        30.0, "ratio", "by which the damping rises behind a step that failed", COST
+    )
+    smoother_damping_raised: float = _setting(
+        1e-4, "diagonal scaled to one", "... to this at least", COST
+    )
+
+    # ---- regimes, bands and windows (localise)
+
+    rate_s: float = _setting(
+        0.015, "s", "over which a rate of change is taken from measured samples", SHOWN_ONLY
+    )
+    spectrum_s: float = _setting(
+        8.0, "s", "segments of Welch's periodogram: lines 0.125 Hz apart", SHOWN_ONLY
     )
     regime_bins: int = _setting(12, "count", "quantiles of a signal between which regimes lie")
     regime_gain: float = _setting(
@@ -291,6 +367,21 @@ class Settings:
     parity_factor: float = _setting(
         3.0, "ratio", "by which the odd part exceeds the even one, or the reverse", SHOWN_ONLY
     )
+    formula_ridge: float = _setting(
+        1e-3,
+        "share of the rows",
+        "ridge of the sparse regression, whose columns are of unit size",
+        SHOWN_ONLY,
+    )
+    formula_sign: float = _setting(
+        0.05,
+        "usual speed (95th percentile)",
+        "a slower motion counts as less than one sign: sign(v) = tanh(v / this)",
+        SHOWN_ONLY,
+    )
+    parity_bins: int = _setting(
+        8, "count", "ranges of size in which both directions are compared", SHOWN_ONLY
+    )
     missing_rows: int = _setting(4000, "rows", "of missing.csv at most", SHOWN_ONLY)
 
     # ---- how far, and what next (transfer, next_experiment)
@@ -299,6 +390,11 @@ class Settings:
         1.5, "ratio", "spreads of an output that differ by more are other amplitudes", SHOWN_ONLY
     )
     experiment_models: int = _setting(3, "models", "to be set apart at most", COST)
+    experiment_tail: float = _setting(
+        2.0,
+        "per cent of the samples",
+        "left out on either side of the range that counts as recorded, for spikes",
+    )
     experiment_range: float = _setting(
         0.5, "recorded span", "how far a rig without a loop may leave where it was recorded"
     )
@@ -350,7 +446,10 @@ def described() -> list[dict[str, Any]]:
 def _require_like(name: str, value: Any, default: Any) -> None:
     if isinstance(default, tuple):
         fine = isinstance(value, tuple) and len(value) > 0
-        kind = "a tuple of pairs"
+        pairs = isinstance(default[0], tuple)
+        numbers = [x for one in value for x in (one if pairs else (one,))] if fine else []
+        fine = fine and all(isinstance(x, int | float) and 0 < x < math.inf for x in numbers)
+        kind = "a tuple of pairs" if pairs else "a tuple of numbers above 0"
     else:
         number = isinstance(value, int | float) and not isinstance(value, bool)
         fine = number and math.isfinite(value) and value >= 0

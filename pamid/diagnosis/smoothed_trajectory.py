@@ -18,16 +18,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.engine.block_tridiagonal import eliminate
 from pamid.simulation.replay import Replay
 from pamid.simulation.windows import Runner, Window, cut
 
 Array = NDArray[np.float64]
-
-SLICE_S = 0.1  # length of the slices over which a latent value is constant
-# standard deviation of a state's jump between slices, in standard deviations of the state
-STIFF = 1e-4
-FREE = 1e3  # ... at most of its jump where a window begins
 
 
 class Linearisation(NamedTuple):
@@ -75,6 +71,7 @@ class SlicedTrack:
     slices: list[Window]
     opens: NDArray[np.bool_]  # slices that begin a window: the rig's states may jump there
     start: Array  # the trajectory that smoothing begins with
+    settings: Settings = DEFAULT
 
     def simulate(self, x: Array, p: Array, noise: Array) -> Simulation:
         """Where the slices end, and their squared error; p: parameters (SI)."""
@@ -138,8 +135,10 @@ class SlicedTrack:
     ) -> TrajectoryPrior:
         """missing: places of the latent values among the states; size, time_s: theirs."""
         spread = np.maximum(x.std(axis=0), 1e-9 * np.abs(x).max(axis=0) + 1e-100)
-        joint = np.tile(1.0 / (STIFF * spread) ** 2, (len(self.slices) - 1, 1))
-        jump, free = self.runner.track.jump, FREE * spread
+        joint = np.tile(
+            1.0 / (self.settings.latent_stiffness * spread) ** 2, (len(self.slices) - 1, 1)
+        )
+        jump, free = self.runner.track.jump, self.settings.latent_window_jump * spread
         free[: len(jump)] = np.minimum(free[: len(jump)], jump)
         joint[self.opens[1:]] = 1.0 / free**2
         length = (self.slices[0].stop - self.slices[0].start) * self.runner.track.period_s
@@ -206,10 +205,11 @@ def prior_cost(x: Array, run: Simulation | Linearisation, prior: TrajectoryPrior
     return float((prior.joint * jump**2).sum() + (prior.first * x[0] ** 2).sum())
 
 
-def slices_of(r: Replay) -> tuple[list[Window], NDArray[np.bool_]]:
+def slices_of(r: Replay, settings: Settings = DEFAULT) -> tuple[list[Window], NDArray[np.bool_]]:
     """Slices that do not straddle the replay's windows, and which of them begin one."""
     slices, opens = [], []
-    length = max(4, round(SLICE_S / r.track.period_s))
+    wanted = round(settings.latent_slice_s / r.track.period_s)
+    length = max(settings.latent_slice_samples, wanted)
     for w in r.windows:
         for k, s in enumerate(cut(w.stop - w.start, length)):
             slices.append(Window(w.start + s.start, w.start + s.stop))

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.diagnosis.candidate_model import CandidateModel, transferred
+from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.smoothed_trajectory import (
     Linearisation,
     Simulation,
@@ -41,14 +42,6 @@ from pamid.simulation.windows import Runner
 from pamid.symbolic.vocabulary import Expr, Number
 
 Array = NDArray[np.float64]
-
-ROUNDS = 20  # Gauss-Newton steps at most, damped as the ground demands
-CALM = 1e-3  # of the cost: a gain below it ends them
-TRUSTED = 0.1  # of the cost: what a step that was not taken may promise
-LEAST_DAMPING = 1e-10  # of a diagonal scaled to one
-# standard deviations tried, in sizes of the port's value
-SIZES = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
-TIMES_S = (0.1, 1.0)  # time constants tried
 
 
 class Latent(Effect):
@@ -116,6 +109,7 @@ class Smoother:
     evidence: DataSplit
     base: CandidateModel
     ports: tuple[str, ...]
+    settings: Settings = DEFAULT
 
     @cached_property
     def assembly(self) -> Assembly:
@@ -176,32 +170,36 @@ class Smoother:
 
     def _sliced(self, r: Replay) -> SlicedTrack:
         runner = Runner(self.assembly, r.track, self.base.fit.stepping, self.free, all_states=True)
-        slices, opens = slices_of(r)
+        slices, opens = slices_of(r, self.settings)
         start = start_trajectory(runner, self.parameters(self.fitted), r, slices, opens)
-        return SlicedTrack(runner, slices, opens, start)
+        return SlicedTrack(runner, slices, opens, start, self.settings)
 
     @cached_property
     def rough(self) -> Smoothed:
         """The most likely size and time constant of a coarse grid, as `best`, but with the
         parameters held: several times as fast."""
+        settings = self.settings
+        steps, time_s = settings.smoother_steps, settings.latent_times_s[0]
         if not self.ports:
-            return self.smoothed(None, 1.0, 1.0, ROUNDS, moving=False)
+            return self.smoothed(None, 1.0, 1.0, steps, moving=False)
         # one linearisation along the replay serves all sizes; only around the most likely one are
         # the trajectories improved
-        start = self.smoothed(None, SIZES[0], TIMES_S[0], trusted=1.0, moving=False)
-        rest = [self.smoothed(start, s, TIMES_S[0], trusted=1.0, moving=False) for s in SIZES[1:]]
+        smallest, *larger = settings.latent_sizes
+        start = self.smoothed(None, smallest, time_s, trusted=1.0, moving=False)
+        rest = [self.smoothed(start, s, time_s, trusted=1.0, moving=False) for s in larger]
         size = max([start, *rest], key=lambda one: one.found).size
-        there = self.smoothed(start, size, TIMES_S[0], ROUNDS, moving=False)
-        near = [self.smoothed(there, s, t, moving=False) for s, t in _near(size)]
+        there = self.smoothed(start, size, time_s, steps, moving=False)
+        near = [self.smoothed(there, s, t, moving=False) for s, t in _near(size, settings)]
         return max(near, key=lambda one: one.found)
 
     @cached_property
     def best(self) -> Smoothed:
         """The most likely size and time constant of a coarse grid."""
-        there = self.smoothed(self.rough, self.rough.size, self.rough.time_s, ROUNDS)
+        steps = self.settings.smoother_steps
+        there = self.smoothed(self.rough, self.rough.size, self.rough.time_s, steps)
         if not self.ports:
             return there
-        near = [self.smoothed(there, s, t) for s, t in _near(self.rough.size)]
+        near = [self.smoothed(there, s, t) for s, t in _near(self.rough.size, self.settings)]
         return max(near, key=lambda one: one.found)
 
     def smoothed(
@@ -210,28 +208,31 @@ class Smoother:
         size: float,
         time_s: float,
         rounds: int = 0,
-        trusted: float = TRUSTED,
+        trusted: float | None = None,
         moving: bool = True,
     ) -> Smoothed:
         """Smooth with values of this size and time constant, from where an earlier smoothing ended
         (None: from the fit's replays).
 
         With rounds > 0 parameters and trajectories are improved first, else the linearisation of
-        `start` serves. trusted: share of the cost that a further step may promise and be believed.
+        `start` serves. trusted: share of the cost that a further step may promise and be believed
+        (None: as the settings say).
         moving: do the parameters?
 
         Log evidence by Laplace's approximation at the optimum, log p(y) = -1/2 (cost + log det
         (information / prior's information)) + const: MacKay (1992), Neural Comput. 4(3), 415-447.
         """
+        damping = self.settings.smoother_damping
+        trusted = self.settings.smoother_trusted if trusted is None else trusted
         s, x = (start.s, start.x) if start else (self.fitted, tuple(t.start for t in self.tracks))
         usable = start is not None and start.moving == moving
         data = start.linearised if start and usable else self._linearised(s, x, moving)
         solver = SmoothingProblem(self, self._priors(x, size, time_s), moving)
-        ended = iterate(solver, Iteration(solver.point(s, x, data), LEAST_DAMPING), rounds).point
+        ended = iterate(solver, Iteration(solver.point(s, x, data), damping), rounds).point
         # the spread of the states has changed with them
         solver = replace(solver, priors=self._priors(ended.x, size, time_s))
         point = solver.point(ended.s, ended.x, ended.data)
-        step = solver.step(point, LEAST_DAMPING)
+        step = solver.step(point, damping)
         # the quadratic's own minimum stands in for another iteration, up to a share of the cost
         found = -0.5 * (point.cost - min(step.gain, trusted * point.cost) + step.log_det)
         found = found if np.isfinite(found) else -np.inf
@@ -261,8 +262,18 @@ class SmoothingProblem(LeastSquares[_SmoothingPoint, _SmoothingStep]):
     of: Smoother
     priors: list[TrajectoryPrior]
     moving: bool
-    # all but undamped: the start is a replay of the fit. Only a step that fails lifts lambda.
-    rule = DampingRule(LEAST_DAMPING, 0.01, LEAST_DAMPING, 30.0, raised=1e-4)
+
+    @cached_property
+    def rule(self) -> DampingRule:  # type: ignore[override]
+        """Least damping at first: smoothing begins near its optimum."""
+        s = self.of.settings
+        return DampingRule(
+            s.smoother_damping,
+            s.smoother_damping_falls,
+            s.smoother_damping,
+            s.smoother_damping_rises,
+            raised=s.smoother_damping_raised,
+        )
 
     def cost(
         self, s: Array, x: tuple[Array, ...], data: Sequence[Simulation | Linearisation]
@@ -290,10 +301,10 @@ class SmoothingProblem(LeastSquares[_SmoothingPoint, _SmoothingStep]):
         return self.point(at.s, at.x, self.of._linearised(at.s, at.x, self.moving))
 
     def settled(self, gain: float, before: _SmoothingPoint, after: _SmoothingPoint) -> bool:
-        return gain < CALM * before.cost
+        return gain < self.of.settings.smoother_tolerance * before.cost
 
     def stuck(self, at: _SmoothingPoint, step: _SmoothingStep) -> bool:
-        return step.gain < CALM * at.cost
+        return step.gain < self.of.settings.smoother_tolerance * at.cost
 
     def step(self, at: _SmoothingPoint, damping: float) -> _SmoothingStep:
         """Damped Gauss-Newton step; parameters at a bound that would leave it stay."""
@@ -319,9 +330,11 @@ class SmoothingProblem(LeastSquares[_SmoothingPoint, _SmoothingStep]):
         return _SmoothingStep(ds, states, gain, log_det)
 
 
-def _near(size: float) -> list[tuple[float, float]]:
+def _near(size: float, settings: Settings) -> list[tuple[float, float]]:
     """Sizes and time constants of the grid around a size."""
-    return [(s, t) for s in SIZES if 0.2 * size < s < 5.0 * size for t in TIMES_S]
+    reach = settings.latent_reach
+    near = [s for s in settings.latent_sizes if size / reach < s < reach * size]
+    return [(s, t) for s in near for t in settings.latent_times_s]
 
 
 def size_at(assembly: Assembly, port: str) -> float:

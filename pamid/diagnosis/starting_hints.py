@@ -82,13 +82,15 @@ def spectrum_peaks(
     power = (np.abs(np.fft.rfft(r, n, axis=0)) ** 2).sum(axis=1)
     axis = np.fft.rfftfreq(n, b.track.period_s)
     power[axis < settings.slowest_hz] = 0.0
-    width = min(401, len(power) - 1 + len(power) % 2)  # odd; of a short recording all there is
+    width = min(
+        settings.spectrum_smooth, len(power) - 1 + len(power) % 2
+    )  # odd; of a short recording all there is
     smooth = np.convolve(power, np.ones(width) / width, "same")
     # against the mean around it: a broad hump, however strong, is no line
     contrast = power / (smooth + 1e-12 * power.max() + 1e-300)
-    peaks = []
+    peaks, apart = [], settings.spectrum_apart
     for _ in range(settings.spectrum_lines):
         k = int(np.argmax(contrast * np.sqrt(power)))
         peaks.append(float(axis[k]))
-        contrast[max(0, k - 60) : k + 60] = 0.0  # the line with the window's skirts
+        contrast[max(0, k - apart) : k + apart] = 0.0  # the line with the window's skirts
     return tuple(peaks)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pamid.base.units import NONE, display_unit, from_si, with_unit
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
-from pamid.diagnosis.smoother import ROUNDS, Smoother, size_at
+from pamid.diagnosis.smoother import Smoother, size_at
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.engine.program import Program
 from pamid.parallel.jobs import Failed, Work, WorkerPool
@@ -84,7 +84,8 @@ class _Describing(Work[str, Missing | None]):
     smoothers: dict[str, Smoother] = field(default_factory=dict, compare=False, repr=False)
 
     def __call__(self, item: str) -> Plain:
-        smoother = self.smoothers.get(item) or Smoother(self.evidence, self.base, (item,))
+        new = Smoother(self.evidence, self.base, (item,), self.settings)
+        smoother = self.smoothers.get(item) or new
         found = _missing_at(smoother, self.seed, self.settings)
         return {} if found is None else vars(found)
 
@@ -152,7 +153,7 @@ def _missing_at(smoother: Smoother, seed: int, settings: Settings) -> Missing | 
     }
     values = from_si(values, units["value"])
     signals = {k: from_si(x, units[k]) for k, x in signals.items()}
-    names, columns = regressors(signals, units)
+    names, columns = regressors(signals, units, settings)
     weights, inclusion = sparse_formula(columns, values, seed, settings)
     if not weights.any():
         return None
@@ -175,7 +176,7 @@ def missing_value(smoother: Smoother) -> tuple[NDArray[np.intp], Array, Array, d
     """Recording (index), time (s), missing value (SI) at the first place of a port over the
     held-out recordings, one per slice, and the means of the port's signals (SI) over it."""
     best = smoother.best
-    found = smoother.smoothed(best, best.size, best.time_s, ROUNDS)
+    found = smoother.smoothed(best, best.size, best.time_s, smoother.settings.smoother_steps)
     assembly, port = smoother.assembly, smoother.ports[0]
     passage = next(q for q in assembly.traced.passages if q.port == port)
     extra = {f"at.{k}": v for k, v in passage.signals if isinstance(v, Expr) and k != "side"}
@@ -212,11 +213,12 @@ def parity(m: Missing, settings: Settings = DEFAULT) -> str:
     "mixed"."""
     name = "velocity" if "velocity" in m.signals else next(iter(m.signals))
     x, y = m.signals[name] - np.median(m.signals[name]), m.values - m.values.mean()
-    # f(x) = odd + even part, (f(x) -+ f(-x)) / 2, in eight bins of |x| that were visited both ways
-    bins = np.quantile(np.abs(x), np.linspace(0.0, 1.0, 9))
-    place = np.clip(np.searchsorted(bins, np.abs(x), side="right") - 1, 0, 7)
+    # f(x) = odd + even part, (f(x) -+ f(-x)) / 2, in bins of |x| that were visited both ways
+    count = settings.parity_bins
+    bins = np.quantile(np.abs(x), np.linspace(0.0, 1.0, count + 1))
+    place = np.clip(np.searchsorted(bins, np.abs(x), side="right") - 1, 0, count - 1)
     odd = even = 0.0
-    for k in range(8):
+    for k in range(count):
         up, down = y[(place == k) & (x > 0)], y[(place == k) & (x < 0)]
         if len(up) > 2 and len(down) > 2:
             odd += (0.5 * (up.mean() - down.mean())) ** 2
@@ -239,7 +241,9 @@ def _signals(program: Program, runner: Runner, x: Array, p: Array, over: Window)
     )[0].mean(axis=0)
 
 
-def regressors(signals: dict[str, Array], units: dict[str, str]) -> tuple[list[str], Array]:
+def regressors(
+    signals: dict[str, Array], units: dict[str, str], settings: Settings = DEFAULT
+) -> tuple[list[str], Array]:
     """Candidate terms of the formula, each scaled to unit size: powers, signs, products with a sign
     of motion."""
     names, columns = ["1"], [np.ones(len(next(iter(signals.values()))))]
@@ -256,8 +260,8 @@ def regressors(signals: dict[str, Array], units: dict[str, str]) -> tuple[list[s
             columns.append(np.abs(s))
         if name == "velocity":
             names += [f"sign({name})", f"{scaled} |{scaled}|"]
-            # smooth below a twentieth of the usual speed, where the sign is that of the noise
-            columns += [np.tanh(s / 0.05), s * np.abs(s)]
+            # smooth below a share of the usual speed, where the sign is that of the noise
+            columns += [np.tanh(s / settings.formula_sign), s * np.abs(s)]
     return names, np.stack(columns, axis=1)
 
 
@@ -274,7 +278,9 @@ def sparse_formula(
 
     def chosen(rows: NDArray[np.intp]) -> Array:
         optimizer = pysindy.STLSQ(
-            threshold=settings.formula_threshold, alpha=1e-3 * len(rows), normalize_columns=False
+            threshold=settings.formula_threshold,
+            alpha=settings.formula_ridge * len(rows),
+            normalize_columns=False,
         )
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # an empty support is an answer here

@@ -27,9 +27,7 @@ from pamid.model.rig import Rig
 
 Array = NDArray[np.float64]
 
-OTHER_INERTIA = 6.4  # the two rods of the first paper
-PAYLOAD, OTHER_PAYLOAD_KG = "payload_kg", 0.5
-TORQUE_NM = 8.0  # highest of the torque loops
+HIGHEST_EXTERNAL = 8.0  # N or N m: of a force or torque from outside, where a rig states none
 PASS_S = 15.0  # what a bench of another pace stretches
 MOST_EXPERIMENT_SAMPLES = 10_000
 
@@ -72,14 +70,14 @@ class Bench:
             for k, (name, (centre, half)) in enumerate(self.driven.items())
         }
 
-    def open_loop(self, command: Array, torque: Array | None = None) -> dict[str, Array]:
-        """Commands in [-1, 1] past the controller, and a torque or force from outside: loop after
+    def open_loop(self, command: Array, outer: Array | None = None) -> dict[str, Array]:
+        """Commands in [-1, 1] past the controller, and a force or torque from outside: loop after
         loop, the others at rest."""
-        outside = () if torque is None else self.external
+        outside = () if outer is None else self.external
         turns = max(len(self.command), len(outside))
         sent = [
             *((k, name, command) for k, name in enumerate(self.command)),
-            *((k, name, torque) for k, name in enumerate(outside) if torque is not None),
+            *((k, name, outer) for k, name in enumerate(outside) if outer is not None),
         ]
         return {
             name: np.concatenate(
@@ -169,9 +167,10 @@ def bounds_of(rig: Rig, column: str) -> tuple[float, float]:
 
 
 def external_columns(rig: Rig) -> dict[str, float]:
-    """Columns for a torque or force from outside, with the usual highest value. UsageError where
-    there are none."""
-    if found := {name: TORQUE_NM for name in rig.inputs if name.startswith(EXTERNAL)}:
+    """Columns for a torque or force from outside, with the usual highest value, in their units.
+    UsageError where there are none."""
+    names = [name for name in rig.inputs if name.startswith(EXTERNAL)]
+    if found := {name: rig.external.get(name, HIGHEST_EXTERNAL) for name in names}:
         return found
     raise UsageError(
         f"rig {rig.name!r} has no input {EXTERNAL}<torque or force>, so no torque loops.",
@@ -209,20 +208,15 @@ def data_sheet_value(b: Bench, name: str) -> float | None:
     return next((p.value for p in b.rig.parameters if p.outside_name == name), None)
 
 
-def _another_inertia(b: Bench) -> Settings:
-    name = "inertia_kg_m2"
-    sheet = data_sheet_value(b, name)
-    if sheet is not None:
-        return (
-            {
-                name: round(sheet * OTHER_INERTIA, 6)
-                if b.known.get(name, sheet) < 2.0 * sheet
-                else sheet
-            },
-        )
-    if data_sheet_value(b, PAYLOAD) is None:
-        return ()
-    return ({PAYLOAD: 0.0 if b.known.get(PAYLOAD) else OTHER_PAYLOAD_KG},)
+def _changed(b: Bench) -> Settings:
+    """The first parameter that the rig can be changed in, at its other value; where it has been
+    changed already, as its data sheet has it."""
+    for name, other in b.rig.changeable.items():
+        sheet = data_sheet_value(b, name)
+        if sheet is not None:
+            now = b.known.get(name, sheet)
+            return ({name: other if now < 2.0 * sheet or now == sheet else sheet},)
+    return ()
 
 
 MENU = (
@@ -231,7 +225,7 @@ MENU = (
         4.0,
         "random steps with another inertia: structural modes move, delays do not",
         _driven(_steps),
-        settings=_another_inertia,
+        settings=_changed,
     ),
     Experiment(
         "odd-multisine",

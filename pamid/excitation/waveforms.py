@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 FASTEST_HZ = 15.0  # of the menu's multisine, and at most a tenth of the sampling rate
 PULSES_S, GAP_S = (0.03, 0.06, 0.12, 0.25, 0.5), 1.5
-# of the torque loops: seconds, and slope in highest torques per second
+# of the nested loops: seconds, and slope in highest values per second
 LOOPS_S, STEEPEST = 14.0, 0.5
 SMALLEST_DUTY = 1.0 / 15.0  # of a staircase: its first step over its last
 LONGEST_ORDER = 20  # of a PRBS: a million levels

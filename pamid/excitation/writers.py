@@ -31,7 +31,7 @@ from pamid.base.files import make_folder, write_together
 from pamid.base.json_file import json_bytes
 from pamid.base.units import NONE, split_column
 from pamid.recording.recording import recording_files
-from pamid.schemas.excitation import ExcitationFile
+from pamid.schemas.excitation_file import ExcitationFile
 
 Array = NDArray[np.float64]
 

@@ -12,9 +12,8 @@ from pamid.symbolic.operators import ATOM, CHOICE, COMPARISON, OPERATORS, SUM, O
 
 Symbol = tuple[str, str]
 
-_LONGEST_PART = (
-    90  # characters of a part that is written where it is used, not under a name of its own
-)
+# characters of a part that is written where it is used, not under a name of its own
+_LONGEST_PART = 90
 
 
 @dataclass(frozen=True)

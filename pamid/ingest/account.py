@@ -26,7 +26,7 @@ from pamid.ingest.clocks import Clock
 from pamid.ingest.conversion import ColumnPieces, Conversion, MadeRecording
 from pamid.ingest.mapping import Mapping
 from pamid.recording.recording import write_recording
-from pamid.schemas import ingest as result
+from pamid.schemas import ingest_file as result
 
 STAGE = (
     "ingest-unfinished"  # the folder in which files are made before they take their places together

@@ -12,7 +12,7 @@ from pamid.model.attachment import Attachment, attachments
 from pamid.model.effect import KINDS, SECTIONS, Effect
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Rig
-from pamid.schemas import catalogue as result
+from pamid.schemas import catalogue_files as result
 from pamid.symbolic.expression import rebuild, symbol, text, walk
 from pamid.symbolic.vocabulary import Expr, Number
 

@@ -242,7 +242,8 @@ def _file_of(spec: str) -> str:
 
 
 def rig_of(recordings: list[Recording]) -> str:
-    """The rig that the recordings' TOML files name, "one-dof" where they name none.
+    """The rig that the recordings' TOML files name; where they name none, the usual one of the
+    catalogue (`Rig.usual`).
 
     Only names of the catalogue: a rig file is code, and naming it in a data file must not run it
     (FileError).
@@ -260,7 +261,7 @@ def rig_of(recordings: list[Recording]) -> str:
                 f"{_RUNS_CODE} add --rig {quoted(name)}",
             )
         return name
-    return "one-dof"
+    return next(name for name, kind in rigs().items() if vars(kind).get("usual"))
 
 
 def effects_with(

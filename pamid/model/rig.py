@@ -53,6 +53,7 @@ class Port:
     size             typical magnitude of "value" and of the signals, SI; found from the recording
                      where absent
     general          False on rigs with a catalogue of their own: the general catalogue stays away
+    called           what people call a signal where it has another name than here
     """
 
     kind: str
@@ -63,6 +64,7 @@ class Port:
     kin: str = ""
     size: dict[str, float] = field(default_factory=dict)
     general: bool = True
+    called: dict[str, str] = field(default_factory=dict)
 
     def unit_of(self, signal: str) -> str:
         """SI unit of the value or of a signal offered here; mechanical signals follow from the
@@ -72,9 +74,7 @@ class Port:
         if isinstance(self.signals, dict) and signal in self.signals:
             return self.signals[signal]
         length = {"N m": "rad", "rad": "rad"}.get(self.unit, "m")
-        return {"position": length, "velocity": f"{length}/s", "load": "N", "pressure": "Pa"}.get(
-            signal, ""
-        )
+        return {"position": length, "velocity": f"{length}/s", "load": "N"}.get(signal, "")
 
 
 @dataclass(frozen=True)
@@ -107,10 +107,19 @@ class Rig:
     period_s: ClassVar[float] = 0.003
     # usual amplitude of references and commands, column's unit
     excited: ClassVar[dict[str, float]] = {}
-    # what is driven by itself, such as a muscle -> its command, and the sign that loads it
+    # what is driven by itself -> its command, and the sign that loads it
     actuators: ClassVar[dict[str, tuple[str, float]]] = {}
     # `pamid.excitation.experiments.Experiment`s of its own, offered before the general ones
     experiments: ClassVar[tuple[Any, ...]] = ()
+    # [known] parameter that can be changed at the rig -> another value for it, its name's unit: an
+    # experiment is repeated with the first of them
+    changeable: ClassVar[dict[str, float]] = {}
+    # input for a force or torque from outside -> its usual highest value, column's unit
+    external: ClassVar[dict[str, float]] = {}
+    # what the rate of change of an output is called, by the output without its unit
+    rate_names: ClassVar[dict[str, str]] = {"angle": "velocity", "position": "velocity"}
+    # of the catalogue, the one that is meant where a recording names none
+    usual: ClassVar[bool] = False
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)

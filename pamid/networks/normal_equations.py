@@ -14,9 +14,8 @@ Rows = tuple[int, Array, Array]  # first sample, output (n,), its derivative (n,
 # samples whose Jacobian rows a network holds at once: 0.8 MB at 95 weights, 1.4 MB at 171, so that
 # they stay inside a processor's second-level cache while they are summed
 CHUNK = 1024
-_CACHE_LINE = (
-    64  # bytes in a line of the cache: vectors that straddle two of them load at half speed
-)
+# bytes in a line of the cache: vectors that straddle two of them load at half speed
+_CACHE_LINE = 64
 
 
 def aligned(*shape: int) -> Array:

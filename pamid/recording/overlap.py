@@ -3,11 +3,11 @@ columns or the digits it was printed with, or a stretch that two files share.
 
 Found by content alone, as copies of text are (Manber 1994, USENIX Winter Conference; Schleimer,
 Wilkerson and Aiken 2003, SIGMOD). Every measured signal is read as a sequence of (level, dwell).
-Words of 2^DOUBLINGS successive ones are hashed, those with hash = 0 mod ONE_WORD_IN are looked up in all
-recordings at once, so that the same words are chosen wherever a copy begins; each pair of places
-that share SHARED_WORDS words is then compared sample by sample. Samples at rest do not count. Noise
-never repeats itself, so that the same experiment made twice on a real rig is no copy; simulated
-twice without noise it is one.
+Words of 2^DOUBLINGS successive ones are hashed, those with hash = 0 mod ONE_WORD_IN are looked up
+in all recordings at once, so that the same words are chosen wherever a copy begins; each pair of
+places that share SHARED_WORDS words is then compared sample by sample. Samples at rest do not
+count. Noise never repeats itself, so that the same experiment made twice on a real rig is no copy;
+simulated twice without noise it is one.
 """
 
 from __future__ import annotations

@@ -48,7 +48,7 @@ from pamid.replications.arm_twin import (
 from pamid.report.arm_paper_figure import Panel, arm_picture
 from pamid.rigs.muscle import Law
 from pamid.rigs.two_link import MUSCLES, TwoLink
-from pamid.schemas import papers as result
+from pamid.schemas import paper_files as result
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.free_runs import free_run, output_table
 from pamid.simulation.replay import Replay
@@ -398,8 +398,8 @@ def picture_of(
         for name in (DATA_SHEET, ANFIS, NOISE_FLOOR)
     }
     title = (
-        f"{'Gravity test' if kind == GRAVITY_TEST else 'Valve pulses'} that no fit has seen: fitted, "
-        "the angles are "
-        f"off by {off[ANFIS]} deg (noise alone: {off[NOISE_FLOOR]}), by the data sheet {off[DATA_SHEET]} deg"
+        f"{'Gravity test' if kind == GRAVITY_TEST else 'Valve pulses'} that no fit has seen: "
+        f"fitted, the angles are off by {off[ANFIS]} deg (noise alone: {off[NOISE_FLOOR]}), "
+        f"by the data sheet {off[DATA_SHEET]} deg"
     )
     return arm_picture(kind, title, r.time, panels).png

@@ -23,7 +23,7 @@ from pamid.excitation.aprbs import aprbs
 from pamid.model.registry import catalogue_rig, effects
 from pamid.recording.recording import read_recording, write_recording
 from pamid.report.writing import write_report
-from pamid.schemas.demo import DemoOutput, Hit, WithheldFile
+from pamid.schemas.demo_file import DemoOutput, Hit, WithheldFile
 from pamid.simulation.data_split import split_recordings
 from pamid.simulation.virtual_rig import simulate_virtual_rig, split_spec
 

@@ -57,7 +57,7 @@ from pamid.replications.joint_twin import (
     step_reference,
 )
 from pamid.report.paper_figure import steps_picture
-from pamid.schemas import papers as result
+from pamid.schemas import paper_files as result
 from pamid.simulation.data_split import split_recordings
 
 Array = NDArray[np.float64]

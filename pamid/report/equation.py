@@ -45,9 +45,8 @@ _CALLED = {
     "law": "the rig's own force at this position and pressure",
     "fill": "the flow through the fill valve at this supply pressure",
 }
-_LONGEST_PLAIN = (
-    700  # letters of plain text: above it the catalogue's own words are the better reading
-)
+# letters of plain text: above it the catalogue's own words are the better reading
+_LONGEST_PLAIN = 700
 
 
 class _NamedSignals:

@@ -28,7 +28,7 @@ from pamid.report.formatting import (
     sentence,
 )
 from pamid.schemas.diagnosis_file import Cause
-from pamid.schemas.papers import (
+from pamid.schemas.paper_files import (
     ArmErrors,
     ArmEstimate,
     ArmPaperFile,

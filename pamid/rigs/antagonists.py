@@ -27,12 +27,14 @@ FILL_BLEND_PA = 10e3  # over which filling hands over to venting as the muscle r
 
 # what the ports of a muscle offer, and how large it usually is
 VALVE = {"pressure": "Pa", "ratio": "", "drawn": "m3/s", "fill": "", "supply": "Pa", "side": ""}
+VALVE_CALLED = {"drawn": "flow_drawn"}
 VALVE_SIZE = {"value": 2e-3, "pressure": 6e5, "ratio": 1.0, "supply": 7e5}
 PRESSURE = {"stored": "Pa", "outflow": "Pa/s"}
 PRESSURE_SIZE = {"value": 1e6, "stored": 5e5}
 RELIEF = {"force": "N", "outflow": "Pa/s"}
 RELIEF_SIZE = {"value": 1e6, "force": 700.0}
 MUSCLE = {"position": "", "velocity": "1/s", "pressure": "Pa", "side": "", "law": ""}
+MUSCLE_CALLED = {"position": "contraction", "velocity": "contraction_rate"}
 MUSCLE_SIZE = {"value": 700.0, "position": 0.08, "velocity": 0.2, "pressure": 4e5}
 CHAIN = {"position": "", "pressure": "Pa", "law": "", "drag": "N s"}
 

@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import UsageError, nearest
 from pamid.excitation.experiments import (
-    PAYLOAD,
-    TORQUE_NM,
     Bench,
     Columns,
     Experiment,
@@ -33,7 +31,8 @@ from pamid.model.rig import Rig
 
 Array = NDArray[np.float64]
 
-VENTED, INITIAL_PRESSURE = "vents_open", "initial_pressure_kpa"
+VENTED, INITIAL_PRESSURE, PAYLOAD = "vents_open", "initial_pressure_kpa", "payload_kg"
+HIGHEST_TORQUE_NM = 8.0  # of the torque loops
 RELEASE_S, RELEASE_DEG = 20.0, (30.0, 40.0)
 PULSED_S = 2.0 * GAP_S * len(PULSES_S)
 
@@ -56,7 +55,7 @@ def held_pressure(rig: Rig, pressure_kpa: float) -> dict[str, float]:
 def muscle_pulses(
     rig: Rig, muscles: Sequence[str], level: float, period_s: float
 ) -> dict[str, Array]:
-    """Commands that vent and fill one muscle after another, `paired_pulses` of duty `level` each, ()
+    """Commands that vent and fill one muscle after another, `paired_pulses` of duty `level`, ()
     for all of them; the commands of all joints, samples. UsageError for a muscle that is not there.
     """
     chosen = list(muscles) or list(rig.actuators)
@@ -127,7 +126,7 @@ def gravity_test(
 
 def _torque_loops(b: Bench) -> Columns:
     t = b.clock(LOOPS_S)
-    return b.open_loop(np.zeros(len(t)), TORQUE_NM * nested_loops(t))
+    return b.open_loop(np.zeros(len(t)), HIGHEST_TORQUE_NM * nested_loops(t))
 
 
 def _quick_release(b: Bench) -> Columns:

@@ -20,7 +20,7 @@ from pamid.model.rig import Loop, Port, Rig, chain_of_links
 from pamid.rigs import antagonists as pair
 from pamid.rigs.antagonists import Muscle, pressure_rate, pull_of, valves_of
 from pamid.rigs.muscle import LAWS, law_named
-from pamid.rigs.muscle_experiments import EXPERIMENTS
+from pamid.rigs.muscle_experiments import EXPERIMENTS, HIGHEST_TORQUE_NM
 from pamid.rigs.pneumatics import ATMOSPHERE_PA
 from pamid.symbolic.vocabulary import Expr, Number
 
@@ -46,7 +46,15 @@ class OneDof(Rig):
     }
     ports = {
         "command": Port("command", "", size={"value": 1.0}, general=False),
-        "valve": Port("flow", "m3/s", pair.VALVE, BOTH, size=pair.VALVE_SIZE, general=False),
+        "valve": Port(
+            "flow",
+            "m3/s",
+            pair.VALVE,
+            BOTH,
+            size=pair.VALVE_SIZE,
+            general=False,
+            called=pair.VALVE_CALLED,
+        ),
         "pressure": Port(
             "rate", "Pa/s", pair.PRESSURE, BOTH, size=pair.PRESSURE_SIZE, general=False
         ),
@@ -54,7 +62,13 @@ class OneDof(Rig):
             "rate", "Pa/s", pair.RELIEF, BOTH, group="muscle", size=pair.RELIEF_SIZE, general=False
         ),
         "muscle": Port(
-            "actuator-force", "N", pair.MUSCLE, BOTH, size=pair.MUSCLE_SIZE, general=False
+            "actuator-force",
+            "N",
+            pair.MUSCLE,
+            BOTH,
+            size=pair.MUSCLE_SIZE,
+            general=False,
+            called=pair.MUSCLE_CALLED,
         ),
         "chain": Port(
             "transmission",
@@ -150,6 +164,10 @@ class OneDof(Rig):
     period_s = 0.003
     excited = {"reference_deg": 40.0, "command": 0.8}
     experiments = EXPERIMENTS
+    # with the two rods of the first paper the inertia is 6.4 times as large
+    changeable = {"inertia_kg_m2": 0.0896}
+    external = {"external_torque_nm": HIGHEST_TORQUE_NM}
+    usual = True
     actuators = {"1": ("command", 1.0), "2": ("command", -1.0)}
     variants = tuple(LAWS)
 

@@ -38,7 +38,7 @@ from pamid.model.rig import Loop, Port, Rig, chain_of_links
 from pamid.rigs import antagonists as pair
 from pamid.rigs.antagonists import Muscle, pressure_rate, pull_of, valves_of
 from pamid.rigs.muscle import LAWS, law_named
-from pamid.rigs.muscle_experiments import EXPERIMENTS
+from pamid.rigs.muscle_experiments import EXPERIMENTS, HIGHEST_TORQUE_NM
 from pamid.rigs.pneumatics import ATMOSPHERE_PA
 from pamid.symbolic.vocabulary import Expr, Number, cos, sin
 
@@ -52,10 +52,12 @@ MUSCLES = ("11", "12", "21", "22")
 # What every muscle, and every joint, has a port for; these share an effect's parameters with their
 # like (kin). In a group {0} stands for the place, {0[0]} for its joint.
 _MUSCLE_PORTS = {
-    "valve": Port("flow", "m3/s", pair.VALVE, size=pair.VALVE_SIZE),
+    "valve": Port("flow", "m3/s", pair.VALVE, size=pair.VALVE_SIZE, called=pair.VALVE_CALLED),
     "pressure": Port("rate", "Pa/s", pair.PRESSURE, size=pair.PRESSURE_SIZE),
     "relief": Port("rate", "Pa/s", pair.RELIEF, group="muscle_{0}", size=pair.RELIEF_SIZE),
-    "muscle": Port("actuator-force", "N", pair.MUSCLE, size=pair.MUSCLE_SIZE),
+    "muscle": Port(
+        "actuator-force", "N", pair.MUSCLE, size=pair.MUSCLE_SIZE, called=pair.MUSCLE_CALLED
+    ),
     "chain": Port("transmission", "N", pair.CHAIN, group="structure_{0[0]}", size={"value": 700.0}),
 }
 _MUSCLE_SENSORS = {
@@ -258,6 +260,8 @@ class TwoLink(Rig):
     period_s = 0.003
     excited = {"reference_1_deg": 20.0, "reference_2_deg": 30.0, "command_1": 0.8, "command_2": 0.8}
     experiments = EXPERIMENTS
+    changeable = {"payload_kg": 0.5}
+    external = dict.fromkeys(("external_torque_1_nm", "external_torque_2_nm"), HIGHEST_TORQUE_NM)
     actuators = {i: (f"command_{i[0]}", 1.0 if i[1] == "1" else -1.0) for i in MUSCLES}
     variants = tuple(LAWS)
 

@@ -78,7 +78,7 @@ def in_its_loop(rig: Rig, excitation: Recording) -> bool:
     raise FileError(
         f"{excitation.path} has {there}, but not {missing}",
         f"rig {rig.name!r} runs with the references of all its loops, or with all their commands "
-        "(0 leaves the valves shut)",
+        "(0 asks for nothing)",
     )
 
 

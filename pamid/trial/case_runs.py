@@ -35,7 +35,7 @@ from pamid.parallel.result_store import Plain
 from pamid.recording.recording import TIME, Recording, read_recording, write_recording
 from pamid.schemas.error_file import ErrorFile
 from pamid.schemas.model import read
-from pamid.schemas.trial_cases import (
+from pamid.schemas.trial_case_files import (
     CaseLabel,
     ChannelForecast,
     ShrinkageForecast,

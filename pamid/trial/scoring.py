@@ -184,7 +184,7 @@ def _figure(rows: Array, figure: Callable[[Array], Any], seed: int) -> Figure:
         return Figure(value=None, low=None, high=None, of=0)
     drawn = np.random.default_rng(seed).integers(0, n, size=(DRAWS, n))
     low, high = np.percentile([figure(rows[k]) for k in drawn], [2.5, 97.5])
-    return Figure(value=figure(rows), low=low, high=high, of=n)
+    return Figure(value=float(figure(rows)), low=float(low), high=float(high), of=n)
 
 
 def _calibration(answers: list[Marked], seed: int) -> tuple[dict[str, Figure], tuple[Bin, ...]]:

@@ -16,7 +16,7 @@ from typing import Any
 
 import click
 import pytest
-from pamid_cli import frame, settings
+from pamid_cli import frame, settings_files
 from pamid_cli.table import COMMANDS, every_command
 
 from pamid.base import trust
@@ -357,8 +357,10 @@ def test_every_option_that_runs_a_file_is_known_as_one() -> None:
         and re.search(r"\bit is run\b|\(name or file\)", o.help or "")
     ]
     assert len(running) > 10
-    assert [(c, o.name) for c, o in running if not settings.is_risky(o, ["./evil.py"])] == []
+    assert [(c, o.name) for c, o in running if not settings_files.is_risky(o, ["./evil.py"])] == []
     flags = [
         o for c in every_command() for o in c.params if {"--force", "--overwrite"} & set(o.opts)
     ]
-    assert flags and all(settings.is_risky(o, True) for o in flags if isinstance(o, click.Option))
+    assert flags and all(
+        settings_files.is_risky(o, True) for o in flags if isinstance(o, click.Option)
+    )

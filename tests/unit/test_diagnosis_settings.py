@@ -20,18 +20,19 @@ from pamid.diagnosis.budget import Budget, _BlackBox
 from pamid.diagnosis.candidate_model import resamples
 from pamid.diagnosis.decision import at_noise_floor, decide, is_confirmed
 from pamid.diagnosis.naive_forecast import _better
+from pamid.diagnosis.port_evidence import _Smoothing
 from pamid.diagnosis.screening import Screened, ScreeningBaseline, promising
 from pamid.diagnosis.search import Refitting, _Screening, _StepRefinement
 from pamid.diagnosis.settings import DEFAULT, Settings, described, settings_from
+from pamid.diagnosis.smoothed_trajectory import SlicedTrack, slices_of
+from pamid.diagnosis.smoother import Smoother, SmoothingProblem, _near
 from pamid.diagnosis.starting_hints import spectrum_peaks
-from pamid.diagnosis.unknown import _Describing, missing_csv, parity
+from pamid.diagnosis.unknown import _Describing, missing_csv, parity, regressors
 from pamid.parallel.jobs import Work
 from pamid.parallel.result_store import digest
 
 ROOM = Path(pamid.diagnosis.__file__).parent
 SOURCES = {p.name: ast.parse(p.read_text(encoding="utf-8")) for p in sorted(ROOM.glob("*.py"))}
-#: step sizes and grids of one numerical method stand with it
-METHODS = {"smoother.py", "smoothed_trajectory.py"}
 OTHER = Settings(refits=DEFAULT.refits + 1)
 nothing: Any = None
 
@@ -57,7 +58,6 @@ def test_no_number_stands_beside_them() -> None:
     found = [
         f"{name}: {ast.unparse(node)}"
         for name, tree in SOURCES.items()
-        if name not in METHODS
         for node in tree.body
         if isinstance(node, ast.Assign) and not isinstance(node.value, ast.Subscript)
         for value in ast.walk(node.value)
@@ -73,7 +73,16 @@ def test_an_unknown_name_is_refused_with_the_nearest() -> None:
 
 
 @pytest.mark.parametrize(
-    "given", [{"gap_margin": -0.1}, {"gap_margin": "0.1"}, {"refits": 2.5}, {"refits": 0}]
+    "given",
+    [
+        {"gap_margin": -0.1},
+        {"gap_margin": "0.1"},
+        {"refits": 2.5},
+        {"refits": 0},
+        {"latent_sizes": ()},
+        {"latent_times_s": (0.1, 0.0)},
+        {"experiment_ways": ((1.0, "2"),)},
+    ],
 )
 def test_a_value_of_another_kind_is_refused(given: dict[str, Any]) -> None:
     with pytest.raises(UsageError, match=next(iter(given))):
@@ -85,6 +94,7 @@ def test_a_value_of_another_kind_is_refused(given: dict[str, Any]) -> None:
     [
         (_BlackBox(nothing, DEFAULT), _BlackBox(nothing, OTHER)),
         (Refitting(nothing, nothing, {}, DEFAULT), Refitting(nothing, nothing, {}, OTHER)),
+        (_Smoothing(nothing, nothing, True, DEFAULT), _Smoothing(nothing, nothing, True, OTHER)),
         (_StepRefinement(nothing, DEFAULT), _StepRefinement(nothing, OTHER)),
         (
             _Describing(nothing, nothing, 0, DEFAULT),
@@ -188,3 +198,54 @@ def test_rows_and_parity_of_a_missing_term() -> None:
     m = missing(300)
     assert missing_csv(m, Settings(missing_rows=100)).count(b"\n") == 101
     assert parity(m) == "odd" and parity(m, Settings(parity_factor=1e9)) == "mixed"
+
+
+def test_sizes_and_times_of_a_latent_value() -> None:
+    near = _near(0.03, DEFAULT)
+    assert {size for size, _ in near} == {0.01, 0.03, 0.1}
+    assert {time_s for _, time_s in near} == set(DEFAULT.latent_times_s)
+    assert _near(0.03, Settings(latent_reach=2.0, latent_times_s=(0.5,))) == [(0.03, 0.5)]
+
+
+def test_slices_of_a_trajectory() -> None:
+    replay: Any = SimpleNamespace(
+        track=SimpleNamespace(period_s=0.01), windows=[SimpleNamespace(start=0, stop=60)]
+    )
+    assert [s.stop - s.start for s in slices_of(replay)[0]] == [10] * 6
+    assert len(slices_of(replay, Settings(latent_slice_s=0.3))[0]) == 2
+    assert len(slices_of(replay, Settings(latent_slice_samples=20))[0]) == 3
+
+
+def test_what_a_trajectory_may_jump_by() -> None:
+    def joints(settings: Settings) -> Any:
+        track = SimpleNamespace(jump=np.array([1e9]), period_s=0.01)
+        slices: Any = [SimpleNamespace(start=10 * i, stop=10 * i + 10) for i in range(4)]
+        opens = np.array([True, False, True, False])
+        runner: Any = SimpleNamespace(track=track)
+        sliced = SlicedTrack(runner, slices, opens, nothing, settings)
+        x = np.random.default_rng(0).normal(size=(4, 2))
+        return sliced.prior(x, np.array([1]), 0.1, 1.0).joint[:, 0]
+
+    inside, opening, _ = joints(DEFAULT)
+    assert joints(Settings(latent_stiffness=1e-3))[0] == pytest.approx(1e-2 * inside)
+    assert joints(Settings(latent_window_jump=1e2))[1] == pytest.approx(1e2 * opening)
+
+
+def test_when_a_smoothing_ends_and_how_it_is_damped() -> None:
+    settings = Settings(smoother_tolerance=0.5, smoother_damping=1e-3, smoother_damping_rises=7.0)
+
+    def problem(settings: Settings) -> SmoothingProblem:
+        return SmoothingProblem(Smoother(nothing, nothing, (), settings), [], True)
+
+    at: Any = SimpleNamespace(cost=1.0)
+    assert problem(settings).settled(0.1, at, at) and not problem(DEFAULT).settled(0.1, at, at)
+    rule = problem(settings).rule
+    assert (rule.start, rule.least, rule.rises) == (1e-3, 1e-3, 7.0)
+
+
+def test_signs_in_a_formula() -> None:
+    signals, units = {"velocity": np.linspace(-1.0, 1.0, 201)}, {"velocity": ""}
+    names, sharp = regressors(signals, units)
+    _, soft = regressors(signals, units, Settings(formula_sign=1.0))
+    sign = names.index("sign(velocity)")
+    assert np.abs(sharp[150, sign]) > 0.99 > np.abs(soft[150, sign])

@@ -90,7 +90,7 @@ def test_many_ports_are_looked_at_roughly_first(count: int) -> None:
         f"p{k}": Looked(100.0 if k < 2 else share * 100.0, 80.0 - k, looked) for k in range(count)
     }
     held = {(): plain} | {(name,): smoother for name, smoother in smoothers.items()}
-    work = _Smoothing(None, None, True, held)  # type: ignore[arg-type]
+    work = _Smoothing(None, None, True, smoothers=held)  # type: ignore[arg-type]
     found = _found_at(work, list(smoothers), WorkerPool(), {}, DEFAULT)
     assert list(found) == list(smoothers) and found["p0"] == 80.0
     assert len(looked) == (count if count <= DEFAULT.ports_all else 2)

@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -30,12 +31,14 @@ from pamid.excitation.experiments import (
     Bench,
     Experiment,
     amplitude_sweep,
+    external_columns,
     menu,
     odd_multisine,
     slow_reversals,
     speed_runs,
 )
-from pamid.model.registry import effects, rig_named
+from pamid.model.registry import effects, rig_named, rig_of, rigs
+from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, read_recording, write_recording
 from pamid.rigs.muscle_experiments import EXPERIMENTS
 from pamid.simulation.data_split import Span, split_recordings
@@ -44,7 +47,8 @@ from pamid.simulation.virtual_rig import simulate_virtual_rig
 Array = NDArray[np.float64]
 
 PERIOD_S = 0.005
-CART = (Path(__file__).resolve().parents[2] / "data" / "rigs" / "cart.py").read_text()
+CART_FILE = str(Path(__file__).resolve().parents[2] / "data" / "rigs" / "cart.py")
+CART = Path(CART_FILE).read_text()
 #: the cart of the README with a cord that keeps it in place, and a ruler that is good to 1 mm
 CORDED = CART.replace("force / p.mass_kg", "(force - 20.0 * x.position) / p.mass_kg").replace(
     "    states = ", '    noise = {"position_m": 1e-3}\n    states = '
@@ -237,6 +241,34 @@ def test_another_inertia_is_another_one() -> None:
         == ({"inertia_kg_m2": 0.0896},)
     )
     assert e.settings(joint({"inertia_kg_m2": 0.0896})) == ({"inertia_kg_m2": 0.014},)
+
+
+def test_a_rig_says_what_can_be_changed_at_it_and_what_acts_from_outside() -> None:
+    e = next(e for e in MENU if e.name == "aprbs-other-inertia")
+
+    cart: Any = type(rig_named(CART_FILE))
+
+    def settings(rig: Rig, known: dict[str, float]) -> Any:
+        return e.settings(Bench(rig, {}, 0.003, known=known))
+
+    class Changed(cart):  # type: ignore[misc]
+        changeable = {"mass_kg": 3.0}
+        external = {"external_force_n": 20.0}
+        inputs = {**cart.inputs, "external_force_n": "N"}
+
+    sheet = next(p.value for p in cart.parameters if p.outside_name == "mass_kg")
+    assert settings(cart(), {}) == ()
+    assert settings(Changed(), {}) == ({"mass_kg": 3.0},)
+    assert settings(Changed(), {"mass_kg": 3.0 * sheet}) == ({"mass_kg": sheet},)
+    arm = rig_named("two-link")
+    assert settings(arm, {}) == ({"payload_kg": 0.5},)
+    assert settings(arm, {"payload_kg": 0.2}) == ({"payload_kg": 0.0},)
+    assert external_columns(Changed()) == {"external_force_n": 20.0}
+    assert set(external_columns(arm).values()) == {8.0}
+
+
+def test_one_rig_of_the_catalogue_is_the_usual_one() -> None:
+    assert [name for name, kind in rigs().items() if vars(kind).get("usual")] == [rig_of([])]
 
 
 @pytest.mark.parametrize("shape", [odd_multisine, slow_reversals, speed_runs, amplitude_sweep])

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import ConfigDict, Field
 
-from pamid.schemas.commands import LOOP
+from pamid.schemas.command_files import LOOP
 from pamid.schemas.estimates import PERIOD, RIG, UNIT
 from pamid.schemas.model import Count, Flag, ListOf, MapOf, Model, Number, Sometimes, Text
 from pamid.schemas.run_file import InputFile

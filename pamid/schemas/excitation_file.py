@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, Field, WithJsonSchema
 
-from pamid.schemas.commands import LOOP
+from pamid.schemas.command_files import LOOP
 from pamid.schemas.estimates import RIG, SEED, SHA256, UNIT
 from pamid.schemas.model import (
     MAY_LACK,

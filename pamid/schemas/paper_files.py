@@ -8,7 +8,7 @@ from pydantic import BeforeValidator, ConfigDict, Field
 
 from pamid.schemas.diagnosis_file import Cause
 from pamid.schemas.estimates import PERIOD, SEED, UNIT, WHY_ENDED, WORD, Interval
-from pamid.schemas.force_law import AnfisErrors, LawErrors
+from pamid.schemas.force_law_file import AnfisErrors, LawErrors
 from pamid.schemas.model import (
     MAY_LACK,
     Count,
