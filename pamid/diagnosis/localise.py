@@ -14,7 +14,7 @@ from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.engine.program import Program
 from pamid.model.rig import Port
-from pamid.schemas.diagnosis_file import GapRegime
+from pamid.schemas.diagnosis_file import Regime
 from pamid.simulation.data_split import DataSplit
 from pamid.simulation.replay import Replay, run_windows
 from pamid.symbolic.expression import symbols
@@ -33,7 +33,7 @@ class _Stretch:
     """A regime with what it is chosen by: gain over its share of the time, and the samples
     inside."""
 
-    regime: GapRegime
+    regime: Regime
     gain: float
     inside: NDArray[np.bool_]
 
@@ -55,7 +55,7 @@ def regimes(
     base: CandidateModel,
     after: CandidateModel | None,
     settings: Settings = DEFAULT,
-) -> list[GapRegime]:
+) -> list[Regime]:
     """At most a few stretches of values that hold much more of the gap of `base` than of the time,
     best first; of two that hold about the same samples only the better one."""
     befores = base.replays
@@ -114,7 +114,7 @@ def _stretch(name: str, unit: str, x: Array, gap: Array, settings: Settings) -> 
     share, spent = float(energy[j] - energy[i]), float(time[j] - time[i])
     if share - spent < settings.regime_gain:
         return None
-    regime = GapRegime(
+    regime = Regime(
         signal=name,
         low=edges[i],
         high=edges[j],

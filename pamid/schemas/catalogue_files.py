@@ -9,7 +9,7 @@ from pydantic import ConfigDict, Field
 from pamid.schemas.estimates import RIG, UNIT
 from pamid.schemas.model import Flag, ListOf, Model, Number, Sometimes, Text
 
-KINDS = "kinds of port that it acts on"
+ACTS_ON = "kinds of port that it acts on"
 
 
 class ParameterRow(Model):
@@ -47,7 +47,7 @@ class EffectRow(Model):
 
     name: Text
     title: Text
-    kinds: ListOf[Text] = Field(description=KINDS)
+    kinds: ListOf[Text] = Field(description=ACTS_ON)
     families: dict[Text, Text] = Field(description="by kind of port")
     home: ListOf[Text] = Field(description="kinds of port that it is made for")
     general: ListOf[Text] = Field(description="kinds of port on any rig")

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from pamid.base.metrics import wilson_interval
 from pamid.schemas.estimates import FailedJob
-from pamid.schemas.trial_file import Bin, Figure, Proportion, TrialFile
+from pamid.schemas.trial_file import Bin, Figure, Rate, TrialFile
 from pamid.trial.machines import ONE_DOF
 from pamid.trial.marking import LEAST_VISIBILITY, Marked
 
@@ -86,18 +86,18 @@ def failed_jobs(results: Sequence[dict[str, Any]]) -> tuple[FailedJob, ...]:
     )
 
 
-def _share(hits: int, of: int) -> Proportion:
+def _share(hits: int, of: int) -> Rate:
     """The share of cases that count with its 95 % Wilson interval; None where there were none."""
     low, high = wilson_interval(hits, of)
-    return Proportion(share=hits / of if of else None, low=low, high=high, hits=hits, of=of)
+    return Rate(share=hits / of if of else None, low=low, high=high, hits=hits, of=of)
 
 
-def _rate(cases: Iterable[Marked], right: Callable[[Marked], bool]) -> Proportion:
+def _rate(cases: Iterable[Marked], right: Callable[[Marked], bool]) -> Rate:
     hits = [right(m) for m in cases]
     return _share(sum(hits), len(hits))
 
 
-def _naming(singles: list[Marked]) -> dict[str, Proportion]:
+def _naming(singles: list[Marked]) -> dict[str, Rate]:
     """One known fault that shows: is it named?"""
     seen = [m for m in singles if m.visible]
     return {
@@ -115,7 +115,7 @@ def _naming(singles: list[Marked]) -> dict[str, Proportion]:
     }
 
 
-def _refusing(marked: list[Marked]) -> dict[str, Proportion]:
+def _refusing(marked: list[Marked]) -> dict[str, Rate]:
     """Nothing to name: is nothing named?"""
     quiet = [m for m in marked if m.stratum == "no-gap"]
     clean = [m for m in quiet if m.conditions["background"] == 0.0]
@@ -139,7 +139,7 @@ def _refusing(marked: list[Marked]) -> dict[str, Proportion]:
     }
 
 
-def _doubles(marked: list[Marked], singles: list[Marked]) -> dict[str, Proportion]:
+def _doubles(marked: list[Marked], singles: list[Marked]) -> dict[str, Rate]:
     """Two faults at once, and one taken for two."""
     doubles = [m for m in marked if m.stratum == "double" and m.visible]
     one = [m for m in singles if m.visible and m.verdict == "explained"]
@@ -151,7 +151,7 @@ def _doubles(marked: list[Marked], singles: list[Marked]) -> dict[str, Proportio
     }
 
 
-def _forecasts(marked: list[Marked], seed: int) -> tuple[dict[str, Figure], Proportion]:
+def _forecasts(marked: list[Marked], seed: int) -> tuple[dict[str, Figure], Rate]:
     """Predicted against achieved shrinkage of explained cases, and the time a diagnosis took."""
     forecasts = [
         s for m in marked if m.verdict == "explained" and (s := m.result["shrinkage"]) is not None
@@ -270,10 +270,10 @@ def _between(value: Any, edges: tuple[float, ...]) -> str:
     return f"< {above[0]:g}" if above else f">= {below[-1]:g}" if below else str(value)
 
 
-def _strata(marked: list[Marked]) -> dict[str, dict[str, dict[str, Proportion]]]:
+def _strata(marked: list[Marked]) -> dict[str, dict[str, dict[str, Rate]]]:
     """The main rates by condition, of those that the cases have. detected: single faults, visible
     or not, for which there is any alarm."""
-    out: dict[str, dict[str, dict[str, Proportion]]] = {}
+    out: dict[str, dict[str, dict[str, Rate]]] = {}
     for dimension, (value, edges) in DIMENSIONS.items():
         bins: dict[str, list[Marked]] = {}
         counted = (
@@ -285,7 +285,7 @@ def _strata(marked: list[Marked]) -> dict[str, dict[str, dict[str, Proportion]]]
     return {dimension: bins for dimension, bins in out.items() if bins}
 
 
-def _main_rates(cases: list[Marked]) -> dict[str, Proportion]:
+def _main_rates(cases: list[Marked]) -> dict[str, Rate]:
     singles = [m for m in cases if m.stratum == "single"]
     named = _naming(singles)
     return {
@@ -303,7 +303,7 @@ def _confusion(visible: list[Marked]) -> dict[str, dict[str, int]]:
     }
 
 
-def _baselines(visible: list[Marked], seed: int) -> dict[str, Proportion]:
+def _baselines(visible: list[Marked], seed: int) -> dict[str, Rate]:
     """What naming a family takes: always the most common one, the screen's first choice, the labels
     dealt at random."""
     families = [m.family for m in visible]
