@@ -79,7 +79,8 @@ def regimes(
         return []
     inner = port_signals(base)
     tables = [
-        measured_signals(evidence, r) | _followed(base, r, inner, settings.still) for r in befores
+        measured_signals(evidence, r, settings) | _followed(base, r, inner, settings.still)
+        for r in befores
     ]
     found = []
     for place, (name, (_, unit)) in enumerate(tables[0].items()):
@@ -128,11 +129,13 @@ def _stretch(name: str, unit: str, x: Array, gap: Array, settings: Settings) -> 
 # ---- signals that can state a regime -----------------------------------------------------------
 
 
-def measured_signals(evidence: DataSplit, r: Replay) -> dict[str, tuple[Array, str]]:
+def measured_signals(
+    evidence: DataSplit, r: Replay, settings: Settings = DEFAULT
+) -> dict[str, tuple[Array, str]]:
     """What was measured, its rate of change, and what was sent: name -> (samples, unit)."""
     out: dict[str, tuple[Array, str]] = {}
     period = r.track.period_s
-    length = max(5, 2 * round(0.015 / period) + 1)
+    length = max(5, 2 * round(settings.smoothed * r.track.timescale_s / period) + 1)
     for i, channel in enumerate(evidence.channels):
         stem, _ = split_column(channel)
         unit = display_unit(evidence.rig.outputs[channel])
@@ -245,7 +248,10 @@ def frequency_band(
     """Band in Hz that holds the middle (80 %) of the gap's power, by Welch's periodogram (1967)."""
     power, axis = None, None
     for i, b in enumerate(before):
-        n = min(len(b.track), max(256, round(8.0 / b.track.period_s)))
+        n = min(
+            len(b.track),
+            max(256, round(settings.spectrum_segment * b.track.timescale_s / b.track.period_s)),
+        )
         axis, here = welch(
             b.residual / noise, 1.0 / b.track.period_s, nperseg=n, axis=0, detrend="constant"
         )

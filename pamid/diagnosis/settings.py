@@ -101,8 +101,12 @@ class Settings:
         "a step with the background held is several times as cheap; the one-dof rig has 33 "
         "candidates, the two-link rig 121",
     )
-    screen_s: float = _setting(10.0, "s", "fitted recordings that screening looks at, in all", COST)
-    screen_beside_s: float = _setting(6.0, "s", "... beside effects that are already found", COST)
+    screen_length: float = _setting(
+        16.0, "correlation times", "fitted recordings that screening looks at, in all", COST
+    )
+    screen_beside: float = _setting(
+        10.0, "correlation times", "... beside effects that are already found", COST
+    )
     screen_windows: int = _setting(3, "windows", "of every recording, at least", COST)
     trace_start: float = _setting(
         0.1,
@@ -134,8 +138,10 @@ class Settings:
         0.2, "share of the largest gain", "the best of a further family with less is not refitted"
     )
     family_nats: float = _setting(1.0, "nats", "... nor one that gains less than this")
-    slowest_hz: float = _setting(
-        0.5, "Hz", "a line of the gap's spectrum below it is drift, and starts no vibration"
+    slowest_line: float = _setting(
+        0.3,
+        "per correlation time",
+        "a line of the gap's spectrum below it is drift, and starts no vibration",
     )
     spectrum_lines: int = _setting(3, "count", "lines of the spectrum offered to an effect", COST)
 
@@ -263,6 +269,15 @@ class Settings:
         0.5, "share of the samples", "regimes that share more are one", SHOWN
     )
     regimes_most: int = _setting(4, "count", "regimes stated", SHOWN)
+    smoothed: float = _setting(
+        0.025,
+        "correlation times",
+        "half of what measured signals are smoothed over before they state a regime",
+        SHOWN,
+    )
+    spectrum_segment: float = _setting(
+        13.0, "correlation times", "a segment of the spectrum that states the band", SHOWN
+    )
     still: float = _setting(
         0.02, "usual speed (95th percentile)", "a slower motion reverses nothing", SHOWN
     )
@@ -305,8 +320,8 @@ class Settings:
         "in which an experiment without a loop is tried",
         COST,
     )
-    experiment_old_s: float = _setting(
-        10.0, "s", "of every old recording that a re-adjustment looks at", COST
+    experiment_old: float = _setting(
+        16.0, "correlation times", "of every old recording that a re-adjustment looks at", COST
     )
     experiment_steps: int = _setting(
         3, "Gauss-Newton steps", "of each of the two fits of a re-adjustment", COST

@@ -24,7 +24,7 @@ from pamid.simulation.windows import Runner, Window, cut
 
 Array = NDArray[np.float64]
 
-SLICE_S = 0.1  # length of the slices over which a latent value is constant
+SLICE = 0.16  # correlation times: the slices over which a latent value is constant
 # standard deviation of a state's jump between slices, in standard deviations of the state
 STIFF = 1e-4
 FREE = 1e3  # ... at most of its jump where a window begins
@@ -206,7 +206,7 @@ def prior_cost(x: Array, run: Simulation | Linearisation, prior: TrajectoryPrior
 def slices_of(r: Replay) -> tuple[list[Window], NDArray[np.bool_]]:
     """Slices that do not straddle the replay's windows, and which of them begin one."""
     slices, opens = [], []
-    length = max(4, round(SLICE_S / r.track.period_s))
+    length = max(4, round(SLICE * r.track.timescale_s / r.track.period_s))
     for w in r.windows:
         for k, s in enumerate(cut(w.stop - w.start, length)):
             slices.append(Window(w.start + s.start, w.start + s.stop))

@@ -48,7 +48,7 @@ TRUSTED = 0.1  # of the cost: what a step that was not taken may promise
 LEAST_DAMPING = 1e-10  # of a diagonal scaled to one
 # standard deviations tried, in sizes of the port's value
 SIZES = (0.003, 0.01, 0.03, 0.1, 0.3, 1.0)
-TIMES_S = (0.1, 1.0)  # time constants tried
+TIMES = (0.16, 1.6)  # time constants tried, in correlation times of the recordings
 
 
 class Latent(Effect):
@@ -180,17 +180,28 @@ class Smoother:
         start = start_trajectory(runner, self.parameters(self.fitted), r, slices, opens)
         return SlicedTrack(runner, slices, opens, start)
 
+    @property
+    def times_s(self) -> tuple[float, ...]:
+        """Time constants tried, s."""
+        return tuple(t * self.evidence.timescale_s for t in TIMES)
+
+    def _near(self, size: float) -> list[tuple[float, float]]:
+        """Sizes and time constants of the grid around a size."""
+        return [(s, t) for s in SIZES if 0.2 * size < s < 5.0 * size for t in self.times_s]
+
     @cached_property
     def rough(self) -> Smoothed:
         """The most likely size and time constant of a coarse grid, as `best`, but with the
         parameters held: several times as fast."""
         if not self.ports:
             return self.smoothed(None, 1.0, 1.0, ROUNDS, moving=False)
-        start = self.smoothed(None, SIZES[0], TIMES_S[0], trusted=1.0, moving=False)
-        rest = [self.smoothed(start, s, TIMES_S[0], trusted=1.0, moving=False) for s in SIZES[1:]]
+        start = self.smoothed(None, SIZES[0], self.times_s[0], trusted=1.0, moving=False)
+        rest = [
+            self.smoothed(start, s, self.times_s[0], trusted=1.0, moving=False) for s in SIZES[1:]
+        ]
         size = max([start, *rest], key=lambda one: one.found).size
-        there = self.smoothed(start, size, TIMES_S[0], ROUNDS, moving=False)
-        near = [self.smoothed(there, s, t, moving=False) for s, t in _near(size)]
+        there = self.smoothed(start, size, self.times_s[0], ROUNDS, moving=False)
+        near = [self.smoothed(there, s, t, moving=False) for s, t in self._near(size)]
         return max(near, key=lambda one: one.found)
 
     @cached_property
@@ -199,7 +210,7 @@ class Smoother:
         there = self.smoothed(self.rough, self.rough.size, self.rough.time_s, ROUNDS)
         if not self.ports:
             return there
-        near = [self.smoothed(there, s, t) for s, t in _near(self.rough.size)]
+        near = [self.smoothed(there, s, t) for s, t in self._near(self.rough.size)]
         return max(near, key=lambda one: one.found)
 
     def smoothed(
@@ -306,11 +317,6 @@ class SmoothingProblem(LeastSquares[_Point, _Step]):
         states = [-(dx + X @ ds) for _, X, dx in parts]
         gain = -float(g @ ds) + sum(float((gx * dx).sum()) for gx, _, dx in parts)
         return _Step(ds, states, gain, log_det)
-
-
-def _near(size: float) -> list[tuple[float, float]]:
-    """Sizes and time constants of the grid around a size."""
-    return [(s, t) for s in SIZES if 0.2 * size < s < 5.0 * size for t in TIMES_S]
 
 
 def size_at(assembly: Assembly, port: str) -> float:

@@ -81,7 +81,7 @@ def spectrum_peaks(
     n = 1 << (4 * len(b.track) - 1).bit_length()
     power = (np.abs(np.fft.rfft(r, n, axis=0)) ** 2).sum(axis=1)
     axis = np.fft.rfftfreq(n, b.track.period_s)
-    power[axis < settings.slowest_hz] = 0.0
+    power[axis * b.track.timescale_s < settings.slowest_line] = 0.0
     width = min(401, len(power) - 1 + len(power) % 2)  # odd; of a short recording all there is
     smooth = np.convolve(power, np.ones(width) / width, "same")
     contrast = power / (smooth + 1e-12 * power.max() + 1e-300)

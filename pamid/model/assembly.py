@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pamid.base.errors import FileError, nearest
 from pamid.engine.program import Program, build_program
 from pamid.model.attachment import Attachment
-from pamid.model.bound_parameter import Bound, Sizes, bind
+from pamid.model.bound_parameter import PERIODS, Bound, Sizes, bind
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.model.trace import Names, Traced, trace
@@ -58,16 +58,18 @@ class Assembly:
 
     @cached_property
     def parameters(self) -> tuple[Bound, ...]:
-        bound = [bind(p, "", None, "", self.sizes) for p in self.rig.parameters]
+        period = self.rig.period_s
+        usual = {("", "period"): period, ("", "timescale"): PERIODS * period}
+        sizes = {**usual, **self.sizes}
+        bound = [bind(p, "", None, "", sizes) for p in self.rig.parameters]
         for port_name, place, term in self._nuisance():
             owner = nuisance_owner(term, place)
             bound += [
-                bind(p, owner, self.rig.ports[port_name], port_name, self.sizes)
-                for p in term.parameters
+                bind(p, owner, self.rig.ports[port_name], port_name, sizes) for p in term.parameters
             ]
         for a in self.attachments:
             port = self.rig.ports[a.ports[0]]
-            bound += [bind(p, a.label, port, a.ports[0], self.sizes) for p in a.effect.parameters]
+            bound += [bind(p, a.label, port, a.ports[0], sizes) for p in a.effect.parameters]
         return tuple(bound)
 
     def _nuisance(self) -> list[tuple[str, str, Effect]]:

@@ -11,6 +11,10 @@ from pamid.model.parameter import Parameter
 from pamid.model.rig import Port
 
 Sizes = dict[tuple[str, str], float]  # (port, signal) -> typical magnitude, SI
+#: sizes that belong to no port: the rig's sampling period and the correlation time of the
+#: recordings, s; what a period is a multiple of is the same at any excitation
+TIMES = {"period": "s", "timescale": "s"}
+PERIODS = 200.0  # in a correlation time, where no recording tells it
 
 
 @dataclass(frozen=True)
@@ -46,11 +50,18 @@ class Bound:
 def _size(port: Port, name: str, what: str, sizes: Sizes) -> float:
     """Magnitude of a signal (or a quotient, "value/velocity/velocity") at a port; 1 where nobody
     knows."""
-    top, *below = (sizes.get((name, s)) or port.size.get(s) or 1.0 for s in what.split("/"))
+    top, *below = (
+        1.0 if s == "1" else sizes.get(("", s)) or sizes.get((name, s)) or port.size.get(s) or 1.0
+        for s in what.split("/")
+    )
     return float(top / math.prod(below))
 
 
 def _unit(port: Port, what: str) -> str:
+    if what in TIMES:
+        return TIMES[what]
+    if what == "1/timescale":
+        return "Hz"
     top, *below = map(port.unit_of, what.split("/"))
     found = quotient(top, *below) if below else top
     return "" if found == NONE else found

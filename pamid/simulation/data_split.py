@@ -15,6 +15,7 @@ from pamid.model.rig import Rig
 from pamid.recording.noise import noise_level
 from pamid.recording.overlap import require_apart
 from pamid.recording.recording import Recording, require_excited
+from pamid.simulation.correlation_time import timescale_of
 from pamid.simulation.replay import Replay
 from pamid.simulation.simulate import (
     free_run,
@@ -27,9 +28,12 @@ from pamid.simulation.simulate import (
 from pamid.simulation.tracks import Track, noise_of, stated_noise, track_of
 
 Array = NDArray[np.float64]
-FEWEST = 400  # samples of a recording
+FEWEST = 100  # samples of a recording
 HELD_OUT_SHARE = 0.3
-LEAD_S = 6.0  # before a held-out part, to find the state it begins in
+LEAD = 10.0  # correlation times before a held-out part, to find the state it begins in
+# correlation times of the windows that a fit is cut into, and of the shortest that are replayed
+FIT_WINDOW, REPLAY_WINDOW = 2.5, 1.7
+FEW_WINDOWS = 12  # fewer held out say little of what another recording would show
 VISIBLE = 3.0  # times its noise: a signal that moves
 # of the first half's motion: what is left in the second half of a motion that dies away
 DECAYED = 0.5
@@ -50,7 +54,8 @@ class Span:
 class DataSplit:
     """Recordings of one rig, divided. channels: outputs that are both fitted and held out somewhere
     and that move in one of the recordings; noise: their white noise (SI); jump: by what the rig's
-    states may depart from what a window before has led to (SI)."""
+    states may depart from what a window before has led to (SI); timescale_s: how long the
+    recordings remember, of which every horizon is a multiple."""
 
     rig: Rig
     fit: tuple[Span, ...]
@@ -58,15 +63,16 @@ class DataSplit:
     channels: tuple[str, ...]
     noise: Array
     jump: Array
+    timescale_s: float
 
     def tracks(self, assembly: Assembly, held_out: bool = False) -> tuple[Track, ...]:
         """Tracks for this assembly; parameters the recordings know are held in each."""
         spans = self.held_out if held_out else self.fit
         return tuple(
-            track_of(assembly, s.recording, self.channels, self.jump).part(
+            track_of(assembly, s.recording, self.channels, self.jump, self.timescale_s).part(
                 s.start,
                 s.stop,
-                max(300, round(LEAD_S / s.recording.sampling_period_s)) if held_out else 0,
+                round(LEAD * self.timescale_s / s.recording.sampling_period_s) if held_out else 0,
             )
             for s in spans
         )
@@ -136,14 +142,35 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
             np.stack([noise_of((track_of(plain, r, channels),), stated) ** 2 for r in by_content])
         )
     )
+    jump = STATE_JUMP * _rms_spread([state_spread(plain, r) for r in by_content])
     return DataSplit(
         rig,
         tuple(fit[i] for i in order),
         tuple(sorted(held, key=lambda s: (s.recording.sha256, s.start))),
         channels,
         noise,
-        STATE_JUMP * _rms_spread([state_spread(plain, r) for r in by_content]),
+        jump,
+        rig.timescale_s or _timescale_s(plain, by_content, channels, noise, (fit, held)),
     )
+
+
+def _timescale_s(
+    plain: Assembly,
+    recordings: list[Recording],
+    channels: tuple[str, ...],
+    noise: Array,
+    parts: tuple[list[Span], list[Span]],
+) -> float:
+    """Correlation time of the recordings, at most what leaves enough windows of either part."""
+    tables = [
+        (track_of(plain, r, channels, timescale_s=1.0).y, noise, r.sampling_period_s)
+        for r in recordings
+    ]
+    fitted, held = (
+        sum((s.stop - s.start) * s.recording.sampling_period_s for s in part) for part in parts
+    )
+    most = min(fitted / FIT_WINDOW, held / REPLAY_WINDOW) / FEW_WINDOWS
+    return min(timescale_of(tables), most)
 
 
 def require_informative(rig: Rig, recording: Recording) -> set[str]:
