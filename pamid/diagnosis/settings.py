@@ -151,6 +151,22 @@ class Settings:
     refit_tolerance: float = _setting(
         2e-2, "share of the cost", "a step that gains less ends a refit", COST
     )
+    widenings: int = _setting(
+        2,
+        "count",
+        "times that a range which is a guess is widened where a fit ends at its end",
+        "two of four: sixteen times a guess that was made from a typical magnitude",
+    )
+    wider: float = _setting(4.0, "ratio", "... by this")
+    mirrored_share: float = _setting(
+        0.2,
+        "share of the error",
+        "what an effect has to remove with the opposite sign for the sign of a port to be doubted",
+    )
+    mirrored_most: int = _setting(3, "candidates", "fitted with the opposite sign", COST)
+    few_windows: int = _setting(
+        12, "windows", "with fewer held out it is said that they are few", SHOWN
+    )
     reweight_rounds: int = _setting(
         2, "count", "refits with the weights of the model's own residuals, at most", COST
     )

@@ -4,7 +4,7 @@ outside."""
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pamid.base.units import NONE, quantity_of, quotient, to_si
 from pamid.model.parameter import Parameter
@@ -35,6 +35,9 @@ class Bound:
     fitted: bool
     tries: tuple[float, ...]
     source: str
+    sized: bool = (
+        False  # value and bounds are multiples of a typical magnitude: guesses, no physics
+    )
 
     @property
     def full_name(self) -> str:
@@ -105,4 +108,24 @@ def bind(
         parameter.fitted,
         tuple(t * si for t in parameter.tries),
         parameter.source,
+        bool(parameter.size),
+    )
+
+
+Range = tuple[float, float]  # lowest and highest value, SI
+
+
+def within(bound: Bound, given: Range | None) -> Bound:
+    """The parameter with another range, where one is given; its prior's middle goes to the other
+    side of zero where the range lies there."""
+    if given is None:
+        return bound
+    low, high = given
+    middle = -bound.value if high <= 0.0 < bound.value else bound.value
+    return replace(
+        bound,
+        low=low,
+        high=high,
+        value=min(max(middle, low), high),
+        tries=tuple(t for t in bound.tries if low <= t <= high),
     )

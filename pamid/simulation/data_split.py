@@ -34,6 +34,7 @@ LEAD = 10.0  # correlation times before a held-out part, to find the state it be
 # correlation times of the windows that a fit is cut into, and of the shortest that are replayed
 FIT_WINDOW, REPLAY_WINDOW = 2.5, 1.7
 FEW_WINDOWS = 12  # fewer held out say little of what another recording would show
+DEALS = 64  # ways tried to deal held-out windows out to choosing and reporting
 VISIBLE = 3.0  # times its noise: a signal that moves
 # of the first half's motion: what is left in the second half of a motion that dies away
 DECAYED = 0.5
@@ -238,9 +239,38 @@ def _rms_spread(spreads: list[Array]) -> Array:
     )
 
 
-def selection_part(replays: list[Replay]) -> NDArray[np.bool_]:
-    """Which held-out windows choose the effect (True); the others only report. Alternating pairs of
-    windows."""
+def selection_part(replays: list[Replay], losses: Array) -> NDArray[np.bool_]:
+    """Which held-out windows choose the effect (True); the others only report. losses: of the model
+    without effects, one per window.
+
+    Pairs of neighbouring windows go to either half together. Of many ways to deal them out, in
+    which the halves are as large as each other, the one whose halves hold most nearly the same
+    error and the same largest error: a transient that falls into one half alone would make choosing
+    or reporting blind to it. What the effects do plays no part.
+    """
     count = sum(len(r.windows) for r in replays)
     run = 2 if count >= 12 else 1
-    return (np.arange(count) // run) % 2 == 0
+    blocks = np.arange(count) // run
+    alternating = blocks % 2 == 0
+    many = blocks[-1] + 1 if count else 0
+    if many < 4:
+        return alternating
+    random = np.random.default_rng(0)
+    dealt = [alternating]
+    for _ in range(DEALS):
+        first = np.zeros(many, bool)
+        # one of every two neighbouring blocks: both halves stay spread over the recordings
+        for k in range(0, many - 1, 2):
+            first[k + random.integers(2)] = True
+        if many % 2:
+            first[-1] = True
+        dealt.append(first[blocks])
+    return min(dealt, key=lambda chosen: _imbalance(losses, chosen))
+
+
+def _imbalance(losses: Array, chosen: NDArray[np.bool_]) -> float:
+    """How far the halves are from holding the same error, and the same share of their largest."""
+    one, other = losses[chosen], losses[~chosen]
+    return float(
+        abs(np.log(one.mean() / other.mean())) + 0.5 * abs(np.log(one.max() / other.max()))
+    )
