@@ -188,6 +188,8 @@ def _unfitted(label: str, why: str) -> result.Candidate:
         high=0.0,
         converged=False,
         why=why,
+        parameters={},
+        at_bound=(),
     )
 
 

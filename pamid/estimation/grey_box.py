@@ -13,7 +13,7 @@ from pamid.estimation.multiple_shooting import fit_robustly
 from pamid.estimation.observed_sizes import observed_sizes
 from pamid.estimation.posterior import Posterior
 from pamid.estimation.problem import Fit, Problem, free_parameters
-from pamid.estimation.restart import escape_local_minimum
+from pamid.estimation.restart import escape_local_minimum, fit_from_draws, is_failed
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import Sizes
@@ -83,6 +83,9 @@ def fit_model(
         ),
         evidence.noise,
     )
+    if is_failed(fitted):
+        progress("fitting from other starts")
+        fitted = fit_from_draws(fitted, evidence.noise, seed)
     replays, change = rechecked(assembly, fitted, held, evidence.noise)
     for _ in range(3):
         if change <= COARSE:
