@@ -20,7 +20,6 @@ from pamid.estimation.problem import Fit
 from pamid.model.assembly import Assembly
 from pamid.model.bound_parameter import Bound, Range
 
-
 PRESSED = 3.0  # nats per prior spread that a fit would still gain beyond a bound
 
 

@@ -33,7 +33,8 @@ HELD_OUT_SHARE = 0.3
 LEAD = 10.0  # correlation times before a held-out part, to find the state it begins in
 # correlation times of the windows that a fit is cut into, and of the shortest that are replayed
 FIT_WINDOW, REPLAY_WINDOW = 2.5, 1.7
-FEW_WINDOWS = 12  # fewer held out say little of what another recording would show
+# fewer held out say little of what another recording would show; and the fewest at all
+FEW_WINDOWS, LEAST_WINDOWS = 12, 6
 DEALS = 64  # ways tried to deal held-out windows out to choosing and reporting
 VISIBLE = 3.0  # times its noise: a signal that moves
 # of the first half's motion: what is left in the second half of a motion that dies away
@@ -170,8 +171,8 @@ def _timescale_s(
     fitted, held = (
         sum((s.stop - s.start) * s.recording.sampling_period_s for s in part) for part in parts
     )
-    most = min(fitted / FIT_WINDOW, held / REPLAY_WINDOW) / FEW_WINDOWS
-    return min(timescale_of(tables), most)
+    longest = min(fitted / FIT_WINDOW, held / REPLAY_WINDOW)
+    return timescale_of(tables, longest / LEAST_WINDOWS, longest / FEW_WINDOWS)
 
 
 def require_informative(rig: Rig, recording: Recording) -> set[str]:
