@@ -116,6 +116,7 @@ def diagnosis_text(found: dict[str, Any], output: Path) -> str:
         for r in found["ranking"][:8]
     ]
     lines += _further(found, output)
+    lines += [f"Note      {note}" for note in found.get("notes") or []]
     lines += failed_text(found)
     lines.append(f"Next: pamid report {quoted(output)}")
     return "\n".join(lines)

@@ -114,7 +114,7 @@ def _candidates(
     others = [
         a for a in search.candidates if search.family(a) not in taken and open_ports & set(a.ports)
     ]
-    more = run_round(search, best, others)[0] if others else []
+    more = run_round(search, best, others).models if others else []
     losses = search.losses(more).mean(axis=1) if more else []
     return [more[i] for i in sorted(range(len(more)), key=lambda i: (losses[i], more[i].label))]
 

@@ -134,7 +134,8 @@ def measured_signals(
     """What was measured, its rate of change, and what was sent: name -> (samples, unit)."""
     out: dict[str, tuple[Array, str]] = {}
     period = r.track.period_s
-    length = max(5, 2 * round(settings.rate_s / period) + 1)
+    half = round(settings.smoothed * r.track.timescale_s / period)
+    length = max(5, 2 * half + 1)
     for i, channel in enumerate(evidence.channels):
         stem, _ = split_column(channel)
         unit = display_unit(evidence.rig.outputs[channel])
@@ -243,7 +244,10 @@ def frequency_band(
     """Band in Hz that holds the middle (80 %) of the gap's power, by Welch's periodogram (1967)."""
     power, axis = None, None
     for i, b in enumerate(before):
-        n = min(len(b.track), max(256, round(settings.spectrum_s / b.track.period_s)))
+        n = min(
+            len(b.track),
+            max(256, round(settings.spectrum_segment * b.track.timescale_s / b.track.period_s)),
+        )
         axis, here = welch(
             b.residual / noise, 1.0 / b.track.period_s, nperseg=n, axis=0, detrend="constant"
         )

@@ -269,7 +269,7 @@ def separations(
                 _recorded(evidence, truth, bench, e.signals(bench), s) for s in e.settings(bench)
             ]
         tracks = tuple(
-            track_of(other.assembly, r, evidence.channels, evidence.jump)
+            track_of(other.assembly, r, evidence.channels, evidence.jump, evidence.timescale_s)
             for r in made[truth.label]
             if r is not None
         )
@@ -350,7 +350,7 @@ class _RivalModel:
         """What is left after some steps of a fit to the new recordings and a stretch of the old
         ones, which counts as much as all of them."""
         f, known, settings = self.model.fit, self.model.fit.problem.tracks, self.settings
-        longest = settings.experiment_old_s
+        longest = settings.experiment_old * known[0].timescale_s
         old = [t.part(0, min(len(t), round(longest / t.period_s))) for t in known]
         share = sum(map(len, known)) / sum(map(len, old))
         problem = replace(self.problem, tracks=(*old, *self.tracks))

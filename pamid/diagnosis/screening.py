@@ -93,8 +93,12 @@ class ScreeningBaseline:
         cls, baseline: CandidateModel, candidates: int = 0, settings: Settings = DEFAULT
     ) -> ScreeningBaseline:
         problem, base = baseline.fit.problem, baseline.fit
-        seconds = settings.screen_beside_s if baseline.attached else settings.screen_s
-        share = seconds / sum(len(t) * t.period_s for t in problem.tracks)
+        length = settings.screen_beside if baseline.attached else settings.screen_length
+        share = (
+            length
+            * problem.tracks[0].timescale_s
+            / sum(len(t) * t.period_s for t in problem.tracks)
+        )
         spans, starts = [], []
         for track, x, r in zip(problem.tracks, base.starts, base.residuals, strict=True):
             windows = problem.windows(track)

@@ -3,7 +3,7 @@ them."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from pamid.diagnosis.candidate_model import (
     replayed,
     transferred,
 )
+from pamid.diagnosis.ranges import at_bounds, mirrored, widened
 from pamid.diagnosis.screening import Screened, ScreeningBaseline, promising, screen
 from pamid.diagnosis.serialise import candidate_plain, candidate_restored
 from pamid.diagnosis.settings import Settings
@@ -26,7 +27,7 @@ from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
-from pamid.model.bound_parameter import Sizes
+from pamid.model.bound_parameter import Range, Sizes
 from pamid.parallel.jobs import Failed, ObjectWork, WorkerPool
 from pamid.parallel.result_store import Plain
 from pamid.simulation.data_split import DataSplit
@@ -99,11 +100,13 @@ class _Screening(ObjectWork[Attachment, Screened]):
 @dataclass(frozen=True, eq=False)
 class RefitStart:
     """A model to refit. p: where from (SI; default: the data sheet); first: further starting values
-    (SI) by key; assembly: the model put together, where it has been already."""
+    (SI) by key; ranges: of parameters, in place of their own (SI, by key); assembly: the model put
+    together, where it has been already."""
 
     attached: tuple[Attachment, ...]
     p: Array | None = None
     first: dict[str, float] = field(default_factory=dict)
+    ranges: dict[str, Range] = field(default_factory=dict)
     assembly: Assembly | None = field(default=None, compare=False, repr=False)
 
 
@@ -122,6 +125,12 @@ class Refitting(ObjectWork[RefitStart, CandidateModel]):
         done = refit(
             self.evidence, assembly, self.after, p=item.p, first=item.first, settings=self.settings
         )
+        for _ in range(self.settings.widenings):
+            wider = widened(assembly, done, self.settings)
+            if wider is None:
+                break
+            assembly = wider
+            done = refit(self.evidence, assembly, self.after, p=done.p, settings=self.settings)
         return replayed(self.evidence, assembly, done)
 
     def plain_form(self, item: RefitStart, found: CandidateModel) -> Plain:
@@ -131,20 +140,28 @@ class Refitting(ObjectWork[RefitStart, CandidateModel]):
         return candidate_restored(self.evidence, self._assembly(item), found)
 
     def _assembly(self, item: RefitStart) -> Assembly:
-        return item.assembly or model_with(self.evidence, item.attached, self.sizes)
+        made = item.assembly or model_with(self.evidence, item.attached, self.sizes)
+        return replace(made, ranges={**made.ranges, **item.ranges}) if item.ranges else made
 
     def name(self, item: RefitStart) -> str:
         return " + ".join(a.label for a in item.attached)
 
 
-def run_round(
-    search: Search, base: CandidateModel, candidates: list[Attachment]
-) -> tuple[list[CandidateModel], list[tuple[str, str]], str]:
-    """Screen all candidates on top of `base`, refit the promising ones, replay them on what was
-    held out.
+@dataclass(frozen=True, eq=False)
+class Round:
+    """What a round has found. models: refitted and replayed; failed: candidates that could not be,
+    and why; first_family: of the screen's own first choice; passed_over: screened candidates that
+    were not refitted."""
 
-    Returns the models, what failed and why, and the family of the screen's own first choice.
-    """
+    models: list[CandidateModel]
+    failed: list[tuple[str, str]]
+    first_family: str
+    passed_over: list[Screened]
+
+
+def run_round(search: Search, base: CandidateModel, candidates: list[Attachment]) -> Round:
+    """Screen all candidates on top of `base`, refit the promising ones, replay them on what was
+    held out."""
     evidence, sizes, run = search.evidence, search.budget.sizes, search.pool.run
     reference = ScreeningBaseline.of(base, len(search.candidates), search.settings)
     tried = run(_Screening(evidence, reference, sizes, search.hints), candidates, search.progress)
@@ -153,14 +170,33 @@ def run_round(
         for a, s in zip(candidates, tried, strict=True)
     ]
     leading = promising({a.label: search.family(a) for a in candidates}, found, reference)
-    starts = [_start(s, base) for s in leading]
-    work = Refitting(evidence, base.fit, sizes, search.settings)
-    refitted = run(work, starts, search.progress)
-    models = [c for c in refitted if not isinstance(c, Failed)]
-    failed = [
+    models, failed = refit_screened(search, base, leading)
+    hopeless = [
         (s.attachment.label, s.why) for s in found if s.assembly is None or not np.isfinite(s.gain)
     ]
-    failed += [
+    taken = {s.attachment.label for s in leading}
+    return Round(
+        models,
+        hopeless + failed,
+        search.family(leading[0].attachment) if leading else "",
+        [
+            s
+            for s in found
+            if s.attachment.label not in taken and s.assembly is not None and np.isfinite(s.gain)
+        ],
+    )
+
+
+def refit_screened(
+    search: Search, base: CandidateModel, screened: list[Screened]
+) -> tuple[list[CandidateModel], list[tuple[str, str]]]:
+    """Refit screened candidates on top of `base` and replay them on what was held out; the models,
+    and what failed and why."""
+    starts = [_start(s, base) for s in screened]
+    work = Refitting(search.evidence, base.fit, search.budget.sizes, search.settings)
+    refitted = search.pool.run(work, starts, search.progress)
+    models = [c for c in refitted if not isinstance(c, Failed)]
+    failed = [
         (s.attached[-1].label, c.why)
         for s, c in zip(starts, refitted, strict=True)
         if isinstance(c, Failed)
@@ -170,11 +206,32 @@ def run_round(
         for c in models
         if not c.finite
     ]
-    return (
-        [c for c in models if c.finite],
-        failed,
-        search.family(leading[0].attachment) if leading else "",
+    return [c for c in models if c.finite], failed
+
+
+def opposite_signs(
+    search: Search, models: list[CandidateModel]
+) -> list[tuple[CandidateModel, float]]:
+    """Models whose effect ended at nothing and that remove much of the error with the opposite
+    sign, the best first, with the share they remove: the sign of their port is in doubt."""
+    tried = [(c, ranges) for c in models if (ranges := mirrored(c))]
+    tried = tried[: search.settings.mirrored_most]
+    starts = [
+        RefitStart(
+            c.attached, ranges=ranges, first={key: 0.5 * low for key, (low, _) in ranges.items()}
+        )
+        for c, ranges in tried
+    ]
+    work = Refitting(
+        search.evidence, search.budget.baseline.fit, search.budget.sizes, search.settings
     )
+    found = [
+        (c, search.budget.shrinkage(c.absolutes, search.chosen))
+        for c in search.pool.run(work, starts, search.progress)
+        if not isinstance(c, Failed) and c.finite
+    ]
+    least = search.settings.mirrored_share
+    return sorted(((c, v) for c, v in found if v > least), key=lambda e: -e[1])
 
 
 def _start(s: Screened, base: CandidateModel) -> RefitStart:
@@ -182,7 +239,7 @@ def _start(s: Screened, base: CandidateModel) -> RefitStart:
     sheet."""
     assert s.assembly is not None
     p = transferred(s.assembly, (base.assembly, base.fit.p)) if base.attached else None
-    return RefitStart(s.assembly.attachments, p, s.first, s.assembly)
+    return RefitStart(s.assembly.attachments, p, s.first, assembly=s.assembly)
 
 
 def ranked(
@@ -210,10 +267,16 @@ def ranked(
 
 def _simplest(search: Search, ranking: list[CandidateModel]) -> CandidateModel:
     """The first, or a simpler member of its family over which its gain is slight or uncertain (the
-    one-standard-error rule of Breiman et al. 1984, at three)."""
+    one-standard-error rule of Breiman et al. 1984, at three). Where a parameter of the first ended
+    at a bound that physics did not set, any model counts as simpler whose parameters did not: such
+    an end says that the form is another."""
     best = ranking[0]
+    forced = bool(at_bounds(best))
     same_family = [
-        c for c in ranking if c.family == best.family and _complexity(c) < _complexity(best)
+        c
+        for c in ranking[1:]
+        if (c.family == best.family and _complexity(c) < _complexity(best))
+        or (forced and not at_bounds(c))
     ]
     if not same_family:
         return best
@@ -232,10 +295,9 @@ def _simplest(search: Search, ranking: list[CandidateModel]) -> CandidateModel:
     return best
 
 
-def _complexity(c: CandidateModel) -> tuple[int, bool]:
-    """Fewer parameters first; of equally many, an effect at home at its port before one of the
-    general catalogue."""
-    return c.free_count, not c.attached[-1].effect.kinds
+def _complexity(c: CandidateModel) -> int:
+    """Fewer parameters first; among equally many the held-out windows decide."""
+    return c.free_count
 
 
 def indistinguishable_from_first(

@@ -24,10 +24,16 @@ from pamid.simulation.windows import Window
 def candidate_plain(c: CandidateModel) -> Plain:
     """A model that was fitted to the evidence, all its parameters jointly, and replayed over what
     was held out."""
-    return {"fit": _fit_plain(c.fit), "replays": [_replay_plain(r) for r in c.replays]}
+    return {
+        "fit": _fit_plain(c.fit),
+        "replays": [_replay_plain(r) for r in c.replays],
+        "ranges": [[key, low, high] for key, (low, high) in c.assembly.ranges.items()],
+    }
 
 
 def candidate_restored(evidence: DataSplit, assembly: Assembly, found: Plain) -> CandidateModel:
+    ranges = {key: (low, high) for key, low, high in found["ranges"]}
+    assembly = replace(assembly, ranges=ranges) if ranges else assembly
     held = evidence.tracks(assembly, held_out=True)
     return candidate_from(
         assembly, _fit_of(evidence, assembly, found["fit"]), _replays_of(held, found["replays"])

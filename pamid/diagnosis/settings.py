@@ -101,8 +101,12 @@ class Settings:
         "a step with the background held is several times as cheap; the one-dof rig has 33 "
         "candidates, the two-link rig 121",
     )
-    screen_s: float = _setting(10.0, "s", "fitted recordings that screening looks at, in all", COST)
-    screen_beside_s: float = _setting(6.0, "s", "... beside effects that are already found", COST)
+    screen_length: float = _setting(
+        16.0, "correlation times", "fitted recordings that screening looks at, in all", COST
+    )
+    screen_beside: float = _setting(
+        10.0, "correlation times", "... beside effects that are already found", COST
+    )
     screen_windows: int = _setting(3, "windows", "of every recording, at least", COST)
     trace_start: float = _setting(
         0.1,
@@ -134,8 +138,10 @@ class Settings:
         0.2, "share of the largest gain", "the best of a further family with less is not refitted"
     )
     family_nats: float = _setting(1.0, "nats", "... nor one that gains less than this")
-    slowest_hz: float = _setting(
-        0.5, "Hz", "a line of the gap's spectrum below it is drift, and starts no vibration"
+    slowest_line: float = _setting(
+        0.3,
+        "per correlation time",
+        "a line of the gap's spectrum below it is drift, and starts no vibration",
     )
     spectrum_smooth: int = _setting(
         401, "lines", "over which the spectrum is averaged; a line is what stands out of that", COST
@@ -148,6 +154,22 @@ class Settings:
     refit_iterations: int = _setting(15, "Gauss-Newton steps", "of a refit at most", COST)
     refit_tolerance: float = _setting(
         2e-2, "share of the cost", "a step that gains less ends a refit", COST
+    )
+    widenings: int = _setting(
+        2,
+        "count",
+        "times that a range which is a guess is widened where a fit ends at its end",
+        "two of four: sixteen times a guess that was made from a typical magnitude",
+    )
+    wider: float = _setting(4.0, "ratio", "... by this")
+    mirrored_share: float = _setting(
+        0.2,
+        "share of the error",
+        "what an effect has to remove with the opposite sign for the sign of a port to be doubted",
+    )
+    mirrored_most: int = _setting(3, "candidates", "fitted with the opposite sign", COST)
+    few_windows: int = _setting(
+        12, "windows", "with fewer held out it is said that they are few", SHOWN_ONLY
     )
     reweight_rounds: int = _setting(
         2, "count", "refits with the weights of the model's own residuals, at most", COST
@@ -261,20 +283,20 @@ class Settings:
         "standard deviations of a latent value that are tried, the smallest first",
         "half a decade apart up to the whole value; " + JUDGEMENT,
     )
-    latent_times_s: tuple[float, ...] = _setting(
-        (0.1, 1.0),
-        "s",
+    latent_times: tuple[float, ...] = _setting(
+        (0.16, 1.6),
+        "correlation times",
         "time constants of a latent value that are tried, the first one with every size",
         "the length of a slice and of the shortest window (pamid/simulation/replay.py)",
     )
     latent_reach: float = _setting(
         5.0, "ratio", "sizes nearer than this to the likeliest are tried with every time", COST
     )
-    latent_slice_s: float = _setting(
-        0.1,
-        "s",
+    latent_slice: float = _setting(
+        0.16,
+        "correlation times",
         "slices over which a latent value is constant",
-        "33 samples of a rig that is sampled every 3 ms; " + COST,
+        "33 samples of a joint that is sampled every 3 ms; " + COST,
     )
     latent_slice_samples: int = _setting(4, "samples", "of a slice at least", COST)
     latent_stiffness: float = _setting(
@@ -319,12 +341,6 @@ class Settings:
 
     # ---- regimes, bands and windows (localise)
 
-    rate_s: float = _setting(
-        0.015, "s", "over which a rate of change is taken from measured samples", SHOWN_ONLY
-    )
-    spectrum_s: float = _setting(
-        8.0, "s", "segments of Welch's periodogram: lines 0.125 Hz apart", SHOWN_ONLY
-    )
     regime_bins: int = _setting(12, "count", "quantiles of a signal between which regimes lie")
     regime_gain: float = _setting(
         0.15, "share", "a regime holds this much more of the gap than of the time", SHOWN_ONLY
@@ -342,6 +358,15 @@ class Settings:
         0.5, "share of the samples", "regimes that share more are one", SHOWN_ONLY
     )
     regimes_most: int = _setting(4, "count", "regimes stated", SHOWN_ONLY)
+    smoothed: float = _setting(
+        0.025,
+        "correlation times",
+        "half of what measured signals are smoothed over before they state a regime",
+        SHOWN_ONLY,
+    )
+    spectrum_segment: float = _setting(
+        13.0, "correlation times", "a segment of the spectrum that states the band", SHOWN_ONLY
+    )
     still: float = _setting(
         0.02, "usual speed (95th percentile)", "a slower motion reverses nothing", SHOWN_ONLY
     )
@@ -404,8 +429,8 @@ class Settings:
         "in which an experiment without a loop is tried",
         COST,
     )
-    experiment_old_s: float = _setting(
-        10.0, "s", "of every old recording that a re-adjustment looks at", COST
+    experiment_old: float = _setting(
+        16.0, "correlation times", "of every old recording that a re-adjustment looks at", COST
     )
     experiment_steps: int = _setting(
         3, "Gauss-Newton steps", "of each of the two fits of a re-adjustment", COST

@@ -208,7 +208,7 @@ def prior_cost(x: Array, run: Simulation | Linearisation, prior: TrajectoryPrior
 def slices_of(r: Replay, settings: Settings = DEFAULT) -> tuple[list[Window], NDArray[np.bool_]]:
     """Slices that do not straddle the replay's windows, and which of them begin one."""
     slices, opens = [], []
-    wanted = round(settings.latent_slice_s / r.track.period_s)
+    wanted = round(settings.latent_slice * r.track.timescale_s / r.track.period_s)
     length = max(settings.latent_slice_samples, wanted)
     for w in r.windows:
         for k, s in enumerate(cut(w.stop - w.start, length)):

@@ -174,12 +174,23 @@ class Smoother:
         start = start_trajectory(runner, self.parameters(self.fitted), r, slices, opens)
         return SlicedTrack(runner, slices, opens, start, self.settings)
 
+    @property
+    def times_s(self) -> tuple[float, ...]:
+        """Time constants tried, s."""
+        return tuple(t * self.evidence.timescale_s for t in self.settings.latent_times)
+
+    def _near(self, size: float) -> list[tuple[float, float]]:
+        """Sizes and time constants of the grid around a size."""
+        reach = self.settings.latent_reach
+        near = [s for s in self.settings.latent_sizes if size / reach < s < reach * size]
+        return [(s, t) for s in near for t in self.times_s]
+
     @cached_property
     def rough(self) -> Smoothed:
         """The most likely size and time constant of a coarse grid, as `best`, but with the
         parameters held: several times as fast."""
         settings = self.settings
-        steps, time_s = settings.smoother_steps, settings.latent_times_s[0]
+        steps, time_s = settings.smoother_steps, self.times_s[0]
         if not self.ports:
             return self.smoothed(None, 1.0, 1.0, steps, moving=False)
         # one linearisation along the replay serves all sizes; only around the most likely one are
@@ -189,7 +200,7 @@ class Smoother:
         rest = [self.smoothed(start, s, time_s, trusted=1.0, moving=False) for s in larger]
         size = max([start, *rest], key=lambda one: one.found).size
         there = self.smoothed(start, size, time_s, steps, moving=False)
-        near = [self.smoothed(there, s, t, moving=False) for s, t in _near(size, settings)]
+        near = [self.smoothed(there, s, t, moving=False) for s, t in self._near(size)]
         return max(near, key=lambda one: one.found)
 
     @cached_property
@@ -199,7 +210,7 @@ class Smoother:
         there = self.smoothed(self.rough, self.rough.size, self.rough.time_s, steps)
         if not self.ports:
             return there
-        near = [self.smoothed(there, s, t) for s, t in _near(self.rough.size, self.settings)]
+        near = [self.smoothed(there, s, t) for s, t in self._near(self.rough.size)]
         return max(near, key=lambda one: one.found)
 
     def smoothed(
@@ -328,13 +339,6 @@ class SmoothingProblem(LeastSquares[_SmoothingPoint, _SmoothingStep]):
         # gradient, and that of the states
         gain = -float(g @ ds) + sum(float((gx * dx).sum()) for gx, _, dx in parts)
         return _SmoothingStep(ds, states, gain, log_det)
-
-
-def _near(size: float, settings: Settings) -> list[tuple[float, float]]:
-    """Sizes and time constants of the grid around a size."""
-    reach = settings.latent_reach
-    near = [s for s in settings.latent_sizes if size / reach < s < reach * size]
-    return [(s, t) for s in near for t in settings.latent_times_s]
 
 
 def size_at(assembly: Assembly, port: str) -> float:

@@ -81,10 +81,9 @@ def spectrum_peaks(
     n = 1 << (4 * len(b.track) - 1).bit_length()  # padded: at least four points per 1/duration
     power = (np.abs(np.fft.rfft(r, n, axis=0)) ** 2).sum(axis=1)
     axis = np.fft.rfftfreq(n, b.track.period_s)
-    power[axis < settings.slowest_hz] = 0.0
-    width = min(
-        settings.spectrum_smooth, len(power) - 1 + len(power) % 2
-    )  # odd; of a short recording all there is
+    power[axis * b.track.timescale_s < settings.slowest_line] = 0.0
+    # odd; of a short recording all there is
+    width = min(settings.spectrum_smooth, len(power) - 1 + len(power) % 2)
     smooth = np.convolve(power, np.ones(width) / width, "same")
     # against the mean around it: a broad hump, however strong, is no line
     contrast = power / (smooth + 1e-12 * power.max() + 1e-300)

@@ -26,7 +26,14 @@ from pamid.diagnosis.look_alikes import look_alike_classes
 from pamid.diagnosis.misfit_beyond_range import scale_doubt
 from pamid.diagnosis.naive_forecast import explains_nothing
 from pamid.diagnosis.port_evidence import PortEvidence, locate
-from pamid.diagnosis.search import Search, indistinguishable_from_first, ranked, run_round
+from pamid.diagnosis.search import (
+    Search,
+    indistinguishable_from_first,
+    opposite_signs,
+    ranked,
+    refit_screened,
+    run_round,
+)
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.starting_hints import gather_hints
 from pamid.estimation.restart import escape_local_minimum
@@ -63,6 +70,8 @@ class Diagnosis:
     forward_steps: tuple[ForwardStep, ...] = ()  # effects tried beside the first
     empty: bool = False  # the best model predicts no better than a guess without a model
     units: dict[str, Any] | None = None  # why units and signs are in doubt
+    # effects that remove much with the opposite sign, and the share of the error that they remove
+    opposite: tuple[tuple[CandidateModel, float], ...] = ()
 
     @property
     def cause(self) -> CandidateModel | None:
@@ -97,7 +106,7 @@ def diagnose(
     pool = pool or WorkerPool(jobs)
     budget = gap_budget(evidence, seed=seed, pool=pool, progress=progress, settings=settings)
     base = budget.baseline
-    chosen = selection_part(list(base.replays))
+    chosen = selection_part(list(base.replays), budget.channel_losses(base.absolutes))
     if at_noise_floor(budget, seed):
         return Diagnosis(
             evidence,
@@ -118,8 +127,63 @@ def diagnose(
     )
     progress("looking where something is missing")
     located = locate(evidence, base, pool, settings=settings)
-    candidates = candidates_to_screen(search.candidates, located, settings)
-    models, failed, screened = run_round(search, base, candidates)
+    first = run_round(search, base, candidates_to_screen(search.candidates, located, settings))
+    judged = _judged(search, located, first.models)
+    failed = first.failed
+    if judged.decision.verdict == "unknown-effect":
+        # before it is said that nothing known explains it, everything known that acts there is
+        # fitted: a few steps of screening are no verdict
+        rest = [s for s in first.passed_over if _acts_where(located, s.attachment, settings)]
+        models, more = refit_screened(search, base, rest)
+        failed = failed + more
+        if models:
+            judged = _judged(search, located, [*first.models, *models])
+    opposite: list[tuple[CandidateModel, float]] = []
+    if judged.decision.verdict == "unknown-effect":
+        opposite = opposite_signs(search, list(judged.ranking))
+    return Diagnosis(
+        evidence,
+        budget,
+        chosen,
+        judged.verdict,
+        judged.ranking,
+        tuple(probabilities(judged.decision, judged.wins)),
+        tuple(failed),
+        judged.tied,
+        judged.best,
+        located,
+        judged.grounds,
+        judged.decision,
+        tuple(tuple(k) for k in judged.classes),
+        first.first_family,
+        judged.forward_steps,
+        judged.empty,
+        judged.units,
+        tuple(opposite),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Judged:
+    """What is said of models that were refitted."""
+
+    verdict: str
+    decision: Decision
+    grounds: VerdictStatistics
+    ranking: tuple[CandidateModel, ...]
+    wins: list[float]
+    tied: tuple[CandidateModel, ...]
+    best: CandidateModel | None
+    classes: list[list[str]]
+    forward_steps: tuple[ForwardStep, ...]
+    empty: bool
+    units: dict[str, Any] | None
+
+
+def _judged(search: Search, located: PortEvidence, models: list[CandidateModel]) -> _Judged:
+    """Ranking, further effects and verdict."""
+    evidence, budget, chosen, seed = search.evidence, search.budget, search.chosen, search.seed
+    base, settings = budget.baseline, search.settings
     ranking, wins = ranked(search, models)
     classes = look_alike_classes(evidence, base, list(ranking[: settings.compared]), settings)
     found = select_forward(search, ranking, located) if ranking else ForwardSelection(base, located)
@@ -130,22 +194,17 @@ def diagnose(
     empty = explains_nothing(budget, best or base, seed)
     decision = _decided(search, grounds, best, tied, empty)
     units = scale_doubt(evidence, base, best, settings)
-    return Diagnosis(
-        evidence,
-        budget,
-        chosen,
-        # a cause found against a misread channel may be an artefact of the slip
-        "unknown-effect" if units and decision.verdict in CAUSED else decision.verdict,
+    # a cause found against a misread channel may be an artefact of the slip
+    doubted = units and decision.verdict in CAUSED
+    return _Judged(
+        "unknown-effect" if doubted else decision.verdict,
+        decision,
+        grounds,
         ranking,
-        tuple(probabilities(decision, wins)),
-        tuple(failed),
+        wins,
         tied,
         best,
-        located,
-        grounds,
-        decision,
-        tuple(tuple(k) for k in classes),
-        screened,
+        classes,
         found.forward_steps,
         empty,
         units,
@@ -169,6 +228,12 @@ def _decided(
         empty=empty,
         settings=search.settings,
     )
+
+
+def _acts_where(located: PortEvidence, a: Attachment, settings: Settings) -> bool:
+    """Does it act at a port at which something is missing?"""
+    most = settings.port_reach * located.most
+    return max(located.gains[port] for port in a.ports) >= most
 
 
 def _freed(evidence: DataSplit, best: CandidateModel) -> CandidateModel:

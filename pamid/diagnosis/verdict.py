@@ -12,7 +12,9 @@ from pamid.base.units import as_column
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.decision import forecast_interval
 from pamid.diagnosis.localise import frequency_band, regimes, worst_windows
+from pamid.diagnosis.notes import notes
 from pamid.diagnosis.proposal import Proposal, proposal_result
+from pamid.diagnosis.ranges import at_bounds
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.diagnosis.transfer import transfer
 from pamid.estimation.intervals import background_pull, estimates
@@ -83,6 +85,7 @@ def diagnosis_file(
         units=result.UnitsInDoubt(**d.units) if d.units else None,
         further=tuple(Further(**vars(n)) for n in d.forward_steps),
         grounds=Grounds(**vars(d.grounds)) if d.grounds else None,
+        notes=tuple(notes(d)),
         confidence=Confidence(gap=d.decision.gap, known=d.decision.known, first=d.decision.first)
         if d.decision
         else None,
@@ -150,20 +153,24 @@ def _cause_shares(d: Diagnosis, labels: list[str]) -> dict[str, float]:
 def _cause(c: CandidateModel, label: str, share: float) -> result.Cause:
     attached = next(a for a in c.attached if a.label == label)
     rig = c.assembly.rig
-    found = {
+    return result.Cause(
+        effect=label,
+        family=attached.family(rig),
+        port=attached.group(rig),
+        parameters=_parameters(c, label),
+        share=share,
+    )
+
+
+def _parameters(c: CandidateModel, label: str) -> dict[str, result.CauseParameter]:
+    """Fitted parameters of one of a model's effects, by name with unit."""
+    return {
         e.bound.name: result.CauseParameter(
             value=e.value, low=e.low, high=e.high, unit=e.bound.unit, word=e.word
         )
         for e in estimates(c.fit)
         if e.bound.owner == label
     }
-    return result.Cause(
-        effect=label,
-        family=attached.family(rig),
-        port=attached.group(rig),
-        parameters=found,
-        share=share,
-    )
 
 
 def _unfitted(label: str, why: str) -> result.Candidate:
@@ -179,6 +186,8 @@ def _unfitted(label: str, why: str) -> result.Candidate:
         high=0.0,
         converged=False,
         why=why,
+        parameters={},
+        at_bound=(),
     )
 
 
@@ -206,6 +215,8 @@ def _ranked(d: Diagnosis, c: CandidateModel, probability: float, seed: int) -> r
         high=high,
         converged=c.fit.converged,
         why=c.fit.why,
+        parameters=_parameters(c, c.attached[-1].label),
+        at_bound=at_bounds(c),
     )
 
 

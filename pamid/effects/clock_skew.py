@@ -27,7 +27,7 @@ from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, delay, maximum, where
 
-LONGEST_SKEW_S = 0.25
+LONGEST = 80.0  # sampling periods
 
 
 class ClockSkew(Effect):
@@ -40,11 +40,11 @@ class ClockSkew(Effect):
         # only early readings: all readings late by a constant are a dead time, to the last digit
         Parameter(
             "start",
-            -0.006,
-            low=-0.03,
+            -2.0,
+            low=-10.0,
             high=0.0,
-            unit="s",
-            spread=0.01,
+            size="period",
+            spread=3.3,
             null=0.0,
             tries=(0.0,),
             source="estimate: logs aligned by hand are off by 1-10 samples",
@@ -63,7 +63,7 @@ class ClockSkew(Effect):
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         late = p.start + p.skew_ppm * 1e-6 * at.time
-        after = delay(value, maximum(late, 0.0), LONGEST_SKEW_S)
+        after = delay(value, maximum(late, 0.0), LONGEST * at.rig_period_s)
         # the past is remembered, the future is not: a reading that is early is led by its own
         # slope, where it is known
         early = value - at.rate * late if at.offers("rate") else value

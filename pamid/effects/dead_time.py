@@ -26,7 +26,7 @@ from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, delay
 
-LONGEST_DELAY_S = 0.06
+LONGEST = 20.0  # sampling periods
 
 
 class DeadTime(Effect):
@@ -39,17 +39,17 @@ class DeadTime(Effect):
     parameters = (
         Parameter(
             "delay",
-            0.012,
+            4.0,
             low=0.0,
-            high=LONGEST_DELAY_S,
-            spread=0.02,
-            unit="s",
+            high=LONGEST,
+            spread=6.7,
+            size="period",
             null=0.0,
-            tries=(0.003, 0.022, 0.035),
-            source="estimate: one sample (3 ms) to the 45 ms of slow buses and drivers",
+            tries=(1.0, 7.3, 11.7),
+            source="estimate: one sample to the 15 of slow buses and drivers",
         ),
     )
     look_alikes = ("tube-lag", "angle-sensor-lag")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
-        return delay(value, p.delay, LONGEST_DELAY_S)
+        return delay(value, p.delay, LONGEST * at.rig_period_s)

@@ -58,14 +58,14 @@ class ExternalVibration(Effect):
         ),
         Parameter(
             "frequency",
-            5.0,
-            low=1.0,
-            high=60.0,
+            3.0,
+            low=0.6,
+            high=36.0,
             spread=3.0,
             log=True,
-            unit="Hz",
-            tries=(1.5, 12.0, 25.0),
-            source="1-50 Hz; the peaks of the residual's spectrum are tried first",
+            size="1/timescale",
+            tries=(0.9, 7.2, 15.0),
+            source="1-50 Hz on a joint; the peaks of the residual's spectrum are tried first",
         ),
     )
     look_alikes = ("two-mass", "pwm-quantisation")

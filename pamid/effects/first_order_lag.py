@@ -35,14 +35,14 @@ class FirstOrderLag(Effect):
     parameters = (
         Parameter(
             "time_constant",
-            0.01,
+            0.0167,
             low=0.0,
-            high=0.3,
-            unit="s",
-            spread=0.03,
+            high=0.5,
+            size="timescale",
+            spread=0.05,
             null=0.0,
-            tries=(0.05,),
-            source="estimate: filters and amplifiers 1-50 ms, thermal sensors up to seconds",
+            tries=(0.083,),
+            source="estimate: filters, amplifiers and thermal sensors, 2 % of what they follow",
         ),
     )
     look_alikes: ClassVar[tuple[str, ...]] = ("dead-time", "clock-skew")

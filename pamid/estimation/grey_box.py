@@ -8,21 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.progress import Progress, silent
-from pamid.engine.program import Stepping
 from pamid.estimation.intervals import bootstrap
 from pamid.estimation.multiple_shooting import fit_robustly
+from pamid.estimation.observed_sizes import observed_sizes
 from pamid.estimation.posterior import EarlierPosterior
 from pamid.estimation.problem import Fit, Problem, free_parameters
-from pamid.estimation.restart import escape_local_minimum
+from pamid.estimation.restart import escape_local_minimum, fit_from_draws, is_failed
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import Sizes
 from pamid.parallel.jobs import WorkerPool
 from pamid.simulation.data_split import DataSplit
-from pamid.simulation.free_runs import port_sizes
 from pamid.simulation.replay import Replay, noise_floor, replay_track
 from pamid.simulation.tracks import Track
-from pamid.simulation.windows import Runner
 
 Array = NDArray[np.float64]
 
@@ -72,14 +70,7 @@ def fit_model(
     """
     if earlier is not None:
         earlier.require_new(evidence)
-    plain = Assembly(evidence.rig)
-    sizes = port_sizes(
-        plain,
-        [
-            (t.u, Runner(plain, t, Stepping()).parameters(plain.values()), t.period_s)
-            for t in evidence.tracks(plain)
-        ],
-    )
+    sizes = observed_sizes(evidence)
     assembly = model_with(evidence, attached, sizes)
     tracks, held = evidence.tracks(assembly), evidence.tracks(assembly, held_out=True)
     problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
@@ -92,6 +83,9 @@ def fit_model(
         ),
         evidence.noise,
     )
+    if is_failed(fitted):
+        progress("fitting from other starts")
+        fitted = fit_from_draws(fitted, evidence.noise, seed)
     replays, change = rechecked(assembly, fitted, held, evidence.noise)
     for _ in range(3):
         if change <= COARSE:

@@ -13,12 +13,13 @@ from pamid.estimation.prior import Prior
 from pamid.estimation.weights import Weights
 from pamid.model.assembly import Assembly
 from pamid.model.bound_parameter import Bound
+from pamid.simulation.data_split import FIT_WINDOW
 from pamid.simulation.tracks import Track, noise_of, stated_noise
 from pamid.simulation.windows import Window, cut
 
 Array = NDArray[np.float64]
 
-FIT_WINDOW_S = 1.5
+SHORTEST = 20  # samples
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,7 +31,7 @@ class Problem:
     assembly: Assembly
     tracks: tuple[Track, ...]
     free: tuple[int, ...]
-    window_s: float = FIT_WINDOW_S
+    window_s: float | None = None  # default: `FIT_WINDOW` correlation times of the recordings
     importance: Array | None = None
     sheet: Array | None = None
     prior: Prior | None = None
@@ -60,7 +61,8 @@ class Problem:
         return self.windows(longest)[0].stop
 
     def windows(self, track: Track) -> list[Window]:
-        return cut(len(track), max(20, round(self.window_s / track.period_s)))
+        seconds = self.window_s or FIT_WINDOW * track.timescale_s
+        return cut(len(track), max(SHORTEST, round(seconds / track.period_s)))
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,8 @@ from pamid.estimation.weights import residual_weights
 
 Array = NDArray[np.float64]
 
+DRAWS = 4  # starting parameters drawn from the priors for a fit that failed
+DRAW_STEPS = 8  # that each is given
 # of the cost: what a fit from new starts must come below for the old one to have been a trap
 TRAPPED = 0.5
 PROBE_STEPS = 3  # that show whether the cost falls
@@ -55,3 +57,51 @@ def escape_local_minimum(fitted: Fit, noise: Array) -> Fit:
             break
         tried = again
     return tried
+
+
+def is_failed(fitted: Fit) -> bool:
+    """Did the fit end above the data sheet's own cost, by the same weights and with the states of
+    its windows estimated for it? Then it has not found even what was known before."""
+    if not fitted.residuals:
+        return True
+    _, begun = begin(
+        fitted.problem,
+        p=fitted.problem.start(),
+        weights=fitted.weights,
+        stepping=fitted.stepping,
+        continuity=fitted.continuity,
+        probe=True,
+    )
+    return begun.point.normal.fine and begun.point.cost < fitted.cost
+
+
+def fit_from_draws(fitted: Fit, noise: Array, seed: int) -> Fit:
+    """The best of several fits that begin at parameters drawn from the priors (and at the data
+    sheet), each with a few steps, the best of them to its end; the fit itself where none is better.
+    noise: of the sensors, per channel (SI)."""
+    problem, scale = fitted.problem, fitted.problem.scale
+    random = np.random.default_rng(seed)
+    weights = fitted.weights
+    best, least = fitted, fitted.cost if fitted.residuals else np.inf
+    for k in range(DRAWS + 1):
+        p = problem.start()
+        if k:
+            s = random.standard_normal(len(problem.free))
+            p[list(problem.free)] = scale.outside(np.clip(s, scale.low, scale.high))
+        tried = fit(problem, p=p, weights=weights, iterations=DRAW_STEPS, stepping=None)
+        if tried.residuals and tried.cost < least:
+            best, least = tried, tried.cost
+    if best is fitted:
+        return fitted
+    for _ in range(REWEIGHT_ROUNDS):
+        again = fit(
+            problem,
+            p=best.p,
+            starts=best.starts,
+            weights=residual_weights(best.residuals, noise, problem.window),
+            stepping=best.stepping,
+        )
+        if not again.residuals:
+            break
+        best = again
+    return best

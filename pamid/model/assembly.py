@@ -3,6 +3,7 @@ solving."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import Any
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from pamid.base.errors import FileError, nearest
 from pamid.engine.program import Program, build_program
 from pamid.model.attachment import Attachment
-from pamid.model.bound_parameter import Bound, Sizes, bind
+from pamid.model.bound_parameter import PERIODS, Bound, Range, Sizes, bind, within
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.model.trace import Names, Traced, trace
@@ -40,6 +41,7 @@ class Assembly:
                 cheaper
     outputs     only these outputs of the rig (empty: all): what a recording lacks need not be
                 computed
+    ranges      lowest and highest value (SI) of parameters by key, in place of their own
     """
 
     rig: Rig
@@ -49,6 +51,7 @@ class Assembly:
     sizes: Sizes = field(default_factory=dict)
     outputs: tuple[str, ...] = ()
     sensitive: frozenset[str] | None = None
+    ranges: Mapping[str, Range] = field(default_factory=dict)
 
     def __getstate__(self) -> dict[str, Any]:
         """Sent to another process without what was compiled in this one."""
@@ -58,17 +61,19 @@ class Assembly:
 
     @cached_property
     def parameters(self) -> tuple[Bound, ...]:
-        bound = [bind(p, "", None, "", self.sizes) for p in self.rig.parameters]
+        period = self.rig.period_s
+        usual = {("", "period"): period, ("", "timescale"): PERIODS * period}
+        sizes = {**usual, **self.sizes}
+        bound = [bind(p, "", None, "", sizes) for p in self.rig.parameters]
         for port_name, place, term in self._nuisance():
             owner = nuisance_owner(term, place)
             bound += [
-                bind(p, owner, self.rig.ports[port_name], port_name, self.sizes)
-                for p in term.parameters
+                bind(p, owner, self.rig.ports[port_name], port_name, sizes) for p in term.parameters
             ]
         for a in self.attachments:
             port = self.rig.ports[a.ports[0]]
-            bound += [bind(p, a.label, port, a.ports[0], self.sizes) for p in a.effect.parameters]
-        return tuple(bound)
+            bound += [bind(p, a.label, port, a.ports[0], sizes) for p in a.effect.parameters]
+        return tuple(within(b, self.ranges.get(b.key)) for b in bound)
 
     def _nuisance(self) -> list[tuple[str, str, Effect]]:
         """(port, place, term): a copy of every background term at every place of its port."""

@@ -4,13 +4,17 @@ outside."""
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pamid.base.units import NONE, quantity_of, quotient, to_si
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port
 
 Sizes = dict[tuple[str, str], float]  # (port, signal) -> typical magnitude, SI
+#: sizes that belong to no port: the rig's sampling period and the correlation time of the
+#: recordings, s; what a period is a multiple of is the same at any excitation
+TIMES = {"period": "s", "timescale": "s"}
+PERIODS = 200.0  # in a correlation time, where no recording tells it
 
 
 @dataclass(frozen=True)
@@ -31,6 +35,9 @@ class Bound:
     fitted: bool
     tries: tuple[float, ...]
     source: str
+    sized: bool = (
+        False  # value and bounds are multiples of a typical magnitude: guesses, no physics
+    )
 
     @property
     def full_name(self) -> str:
@@ -46,11 +53,18 @@ class Bound:
 def _size(port: Port, name: str, what: str, sizes: Sizes) -> float:
     """Magnitude of a signal (or a quotient, "value/velocity/velocity") at a port; 1 where nobody
     knows."""
-    top, *below = (sizes.get((name, s)) or port.size.get(s) or 1.0 for s in what.split("/"))
+    top, *below = (
+        1.0 if s == "1" else sizes.get(("", s)) or sizes.get((name, s)) or port.size.get(s) or 1.0
+        for s in what.split("/")
+    )
     return float(top / math.prod(below))
 
 
 def _unit(port: Port, what: str) -> str:
+    if what in TIMES:
+        return TIMES[what]
+    if what == "1/timescale":
+        return "Hz"
     top, *below = map(port.unit_of, what.split("/"))
     found = quotient(top, *below) if below else top
     return "" if found == NONE else found
@@ -94,4 +108,24 @@ def bind(
         parameter.fitted,
         tuple(t * si for t in parameter.tries),
         parameter.source,
+        bool(parameter.size),
+    )
+
+
+Range = tuple[float, float]  # lowest and highest value, SI
+
+
+def within(bound: Bound, given: Range | None) -> Bound:
+    """The parameter with another range, where one is given; its prior's middle goes to the other
+    side of zero where the range lies there."""
+    if given is None:
+        return bound
+    low, high = given
+    middle = -bound.value if high <= 0.0 < bound.value else bound.value
+    return replace(
+        bound,
+        low=low,
+        high=high,
+        value=min(max(middle, low), high),
+        tries=tuple(t for t in bound.tries if low <= t <= high),
     )

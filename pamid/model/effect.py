@@ -49,10 +49,10 @@ class State:
 
 class Signals:
     """What a port offers at one place: at.velocity, at.pressure, ...; at.offers("law"); at.time and
-    at.period in s."""
+    at.period in s; rig_period_s: the rig's usual sampling period, a number."""
 
-    def __init__(self, values: dict[str, Any], where: str) -> None:
-        self._values, self._where = values, where
+    def __init__(self, values: dict[str, Any], where: str, rig_period_s: float) -> None:
+        self._values, self._where, self.rig_period_s = values, where, rig_period_s
 
     def offers(self, name: str) -> bool:
         return name in self._values

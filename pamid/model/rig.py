@@ -105,6 +105,9 @@ class Rig:
     # standard deviation of each output's noise, column's unit
     noise: ClassVar[dict[str, float]] = {}
     period_s: ClassVar[float] = 0.003
+    # how long a recording remembers, s; found from the recordings where absent. Windows of a fit,
+    # of a replay and of a smoother are multiples of it
+    timescale_s: ClassVar[float | None] = None
     # usual amplitude of references and commands, column's unit
     excited: ClassVar[dict[str, float]] = {}
     # what is driven by itself -> its command, and the sign that loads it

@@ -179,7 +179,7 @@ class _Tracer:
         offered: dict[str, Any],
     ) -> Expr:
         where_ = f"effect {effect.name!r} at port {name!r} of {self.rig.name!r}"
-        at = Signals({**offered, "place": place}, where_)
+        at = Signals({**offered, "place": place}, where_, self.rig.period_s)
         p = Names(
             {q.name: symbol("parameter", f"{owner}:{q.name}") for q in effect.parameters},
             "parameter",

@@ -80,6 +80,10 @@ class Candidate(Model):
     high: Written[Number] = Field(None, description=HIGH)
     converged: Flag = Field(True, description=CONVERGED)
     why: Text = Field("", description=WHY_ENDED)
+    parameters: MapOf[CauseParameter] = Field({}, description="of the effect, by name with unit")
+    at_bound: ListOf[Text] = Field(
+        (), description="of these, those at a bound that physics did not set"
+    )
 
 
 class PortShare(Model):
@@ -286,4 +290,7 @@ class DiagnosisFile(Model):
     further: ListOf[Further] = Field((), description="in the order in which they were tried")
     grounds: Grounds | None = Field(None, description="what the verdict rests on")
     confidence: Confidence | None = Field(None, description="of the verdict")
+    notes: ListOf[Text] = Field(
+        (), description="what a reader should know before believing a figure, in words"
+    )
     failed_jobs: Sometimes[ListOf[FailedJob]] = None

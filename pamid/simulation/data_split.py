@@ -15,6 +15,7 @@ from pamid.model.rig import Rig
 from pamid.recording.noise import noise_level
 from pamid.recording.overlap import require_apart
 from pamid.recording.recording import Recording, require_excited
+from pamid.simulation.correlation_time import timescale_of
 from pamid.simulation.free_runs import (
     free_run,
     input_table,
@@ -27,9 +28,14 @@ from pamid.simulation.replay import Replay
 from pamid.simulation.tracks import Track, noise_of, stated_noise, track_of
 
 Array = NDArray[np.float64]
-FEWEST = 400  # samples of a recording
+FEWEST = 100  # samples of a recording
 HELD_OUT_SHARE = 0.3
-LEAD_S = 6.0  # before a held-out part, to find the state it begins in
+LEAD = 10.0  # correlation times before a held-out part, to find the state it begins in
+# correlation times of the windows that a fit is cut into, and of the shortest that are replayed
+FIT_WINDOW, REPLAY_WINDOW = 2.5, 1.7
+# fewer held out say little of what another recording would show; and the fewest at all
+FEW_WINDOWS, LEAST_WINDOWS = 12, 6
+DEALS = 64  # ways tried to deal held-out windows out to choosing and reporting
 VISIBLE = 3.0  # times its noise: a signal that moves
 # of the first half's motion: what is left in the second half of a motion that dies away
 DECAYED = 0.5
@@ -50,7 +56,8 @@ class Span:
 class DataSplit:
     """Recordings of one rig, divided. channels: outputs that are both fitted and held out somewhere
     and that move in one of the recordings; noise: their white noise (SI); jump: by what the rig's
-    states may depart from what a window before has led to (SI)."""
+    states may depart from what a window before has led to (SI); timescale_s: how long the
+    recordings remember, of which every horizon is a multiple."""
 
     rig: Rig
     fit: tuple[Span, ...]
@@ -58,15 +65,16 @@ class DataSplit:
     channels: tuple[str, ...]
     noise: Array
     jump: Array
+    timescale_s: float
 
     def tracks(self, assembly: Assembly, held_out: bool = False) -> tuple[Track, ...]:
         """Tracks for this assembly; parameters the recordings know are held in each."""
         spans = self.held_out if held_out else self.fit
         return tuple(
-            track_of(assembly, s.recording, self.channels, self.jump).part(
+            track_of(assembly, s.recording, self.channels, self.jump, self.timescale_s).part(
                 s.start,
                 s.stop,
-                max(300, round(LEAD_S / s.recording.sampling_period_s)) if held_out else 0,
+                round(LEAD * self.timescale_s / s.recording.sampling_period_s) if held_out else 0,
             )
             for s in spans
         )
@@ -136,14 +144,35 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
             np.stack([noise_of((track_of(plain, r, channels),), stated) ** 2 for r in by_content])
         )
     )
+    jump = STATE_JUMP * _rms_spread([state_spread(plain, r) for r in by_content])
     return DataSplit(
         rig,
         tuple(fit[i] for i in order),
         tuple(sorted(held, key=lambda s: (s.recording.sha256, s.start))),
         channels,
         noise,
-        STATE_JUMP * _rms_spread([state_spread(plain, r) for r in by_content]),
+        jump,
+        rig.timescale_s or _timescale_s(plain, by_content, channels, noise, (fit, held)),
     )
+
+
+def _timescale_s(
+    plain: Assembly,
+    recordings: list[Recording],
+    channels: tuple[str, ...],
+    noise: Array,
+    parts: tuple[list[Span], list[Span]],
+) -> float:
+    """Correlation time of the recordings, at most what leaves enough windows of either part."""
+    tables = [
+        (track_of(plain, r, channels, timescale_s=1.0).y, noise, r.sampling_period_s)
+        for r in recordings
+    ]
+    fitted, held = (
+        sum((s.stop - s.start) * s.recording.sampling_period_s for s in part) for part in parts
+    )
+    longest = min(fitted / FIT_WINDOW, held / REPLAY_WINDOW)
+    return timescale_of(tables, longest / LEAST_WINDOWS, longest / FEW_WINDOWS)
 
 
 def require_informative(rig: Rig, recording: Recording) -> set[str]:
@@ -211,11 +240,40 @@ def _rms_spread(spreads: list[Array]) -> Array:
     )
 
 
-def selection_part(replays: list[Replay]) -> NDArray[np.bool_]:
-    """Which held-out windows choose the effect (True); the others only report. Alternating pairs of
-    windows."""
+def selection_part(replays: list[Replay], losses: Array) -> NDArray[np.bool_]:
+    """Which held-out windows choose the effect (True); the others only report. losses: of the model
+    without effects, one per window.
+
+    Pairs of neighbouring windows go to either half together. Of many ways to deal them out, in
+    which the halves are as large as each other, the one whose halves hold most nearly the same
+    error and the same largest error: a transient that falls into one half alone would make choosing
+    or reporting blind to it. What the effects do plays no part.
+    """
     count = sum(len(r.windows) for r in replays)
     # both parts are spread over everything held out, so that neither is of other conditions; in
     # pairs, as the bootstrap draws windows in runs of two
     run = 2 if count >= 12 else 1
-    return (np.arange(count) // run) % 2 == 0
+    blocks = np.arange(count) // run
+    alternating = blocks % 2 == 0
+    many = blocks[-1] + 1 if count else 0
+    if many < 4:
+        return alternating
+    random = np.random.default_rng(0)
+    dealt = [alternating]
+    for _ in range(DEALS):
+        first = np.zeros(many, bool)
+        # one of every two neighbouring blocks: both halves stay spread over the recordings
+        for k in range(0, many - 1, 2):
+            first[k + random.integers(2)] = True
+        if many % 2:
+            first[-1] = True
+        dealt.append(first[blocks])
+    return min(dealt, key=lambda chosen: _imbalance(losses, chosen))
+
+
+def _imbalance(losses: Array, chosen: NDArray[np.bool_]) -> float:
+    """How far the halves are from holding the same error, and the same share of their largest."""
+    one, other = losses[chosen], losses[~chosen]
+    return float(
+        abs(np.log(one.mean() / other.mean())) + 0.5 * abs(np.log(one.max() / other.max()))
+    )

@@ -3,6 +3,7 @@ at the ports."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -190,34 +191,43 @@ def noisy_inputs(u: Array, names: tuple[str, ...], jitter: dict[str, Array]) -> 
     return u
 
 
-def port_sizes(assembly: Assembly, runs: list[tuple[Array, Array, float]]) -> Sizes:
-    """Magnitude (95th percentile of |signal|) of every value and signal at every port, over runs
-    (u, p, period).
+def port_probes(assembly: Assembly) -> dict[tuple[str, str, str], Expr]:
+    """Every value and signal at every port whose size the rig does not declare itself: (port,
+    place and port in one word, signal) -> expression."""
+    return {
+        (passage.port, passage.where, name): value
+        for passage in assembly.traced.passages
+        for name, value in (("value", passage.value), *passage.signals)
+        if isinstance(value, Expr) and name not in assembly.rig.ports[passage.port].size
+    }
 
-    What the rig declares itself is not measured again.
-    """
-    probes: dict[str, tuple[str, str]] = {}
-    extra: dict[str, Expr] = {}
-    for passage in assembly.traced.passages:
-        declared = assembly.rig.ports[passage.port].size
-        for name, value in (("value", passage.value), *passage.signals):
-            if isinstance(value, Expr) and name not in declared:
-                key = f"{passage.where}.{name}"
-                probes[key], extra[key] = (passage.port, name), value
-    if not extra:
-        return {}
-    program = assembly.program_with(extra)
-    first = len(program.outputs) - len(extra)
+
+def sizes_of(probes: Sequence[tuple[str, str, str]], tables: Sequence[Array]) -> Sizes:
+    """Magnitude (95th percentile of |signal|) by port and signal, the largest of its places and of
+    these tables (each samples x probes); what never differs from zero is left out."""
     sizes: Sizes = {}
+    for table in tables:
+        for (port, _, name), column in zip(probes, table.T, strict=True):
+            size = float(np.percentile(np.abs(column), 95.0)) if len(column) else 0.0
+            if np.isfinite(size) and size > 0.0:
+                sizes[port, name] = max(sizes.get((port, name), 0.0), size)
+    return sizes
+
+
+def port_sizes(assembly: Assembly, runs: list[tuple[Array, Array, float]]) -> Sizes:
+    """Sizes at every port over free runs (u, p, period) from the rig's own start: all that is known
+    before anything was measured."""
+    probes = port_probes(assembly)
+    if not probes:
+        return {}
+    program = assembly.program_with({f"{where}.{n}": x for (_, where, n), x in probes.items()})
+    tables = []
     for u, p, period in runs:
         step = choose_stepping(assembly, u, p, period, assembly.start(p))
         memory = program.memory(assembly.start(p), stepping=step, period_s=period)
         Y, _, bad = program.run(memory, u, p, period_s=period, stepping=step)
-        Y = Y[:bad] if bad >= 0 else Y
-        for i, key in enumerate(extra):
-            size = float(np.percentile(np.abs(Y[:, first + i]), 95.0)) if len(Y) else 0.0
-            sizes[probes[key]] = max(sizes.get(probes[key], 0.0), size)
-    return {k: v for k, v in sizes.items() if np.isfinite(v) and v > 0.0}
+        tables.append((Y[:bad] if bad >= 0 else Y)[:, Y.shape[1] - len(probes) :])
+    return sizes_of(list(probes), tables)
 
 
 def state_spread(assembly: Assembly, recording: Recording) -> Array:

@@ -23,17 +23,18 @@ from pamid.simulation.windows import Runner, Window, cut
 
 Array = NDArray[np.float64]
 
-# s, s; share of a window that only serves to find its start
-REPLAY_WINDOW_S, SHORTEST_S, WARM_UP = 2.3, 1.0, 0.15
+LONGEST, SHORTEST = 3.8, 1.7  # correlation times of the recordings
+FEWEST = 40  # samples of a window
 ENOUGH = 16  # windows wanted: verdicts are resampled over them
+WARM_UP = 0.15  # share of a window that only serves to find its start
 
 
 def replay_windows(track: Track) -> list[Window]:
-    """2.3 s windows, shorter (to 1 s) where the record would not give 16; at least 150 samples on
-    slow rigs."""
-    total = len(track) * track.period_s
-    length = max(round(min(REPLAY_WINDOW_S, max(SHORTEST_S, total / ENOUGH)) / track.period_s), 150)
-    return cut(len(track), max(40, min(length, len(track) // 4)))
+    """Windows of 3.8 correlation times, shorter (to 1.7) where the record would not give 16."""
+    own = len(track) / ENOUGH
+    scale = track.timescale_s / track.period_s
+    length = round(min(LONGEST * scale, max(SHORTEST * scale, own)))
+    return cut(len(track), max(FEWEST, min(length, len(track) // 4)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from pamid.base.units import split_column, to_si
 from pamid.model.assembly import Assembly
 from pamid.model.rig import Rig
-from pamid.recording.noise import sensor_noise
+from pamid.recording.noise import noise_level, sensor_noise
 from pamid.recording.recording import Recording
+from pamid.simulation.correlation_time import timescale_of
 from pamid.simulation.free_runs import input_table, known_values, output_table
 
 Array = NDArray[np.float64]
@@ -27,8 +28,9 @@ class Track:
     u (samples x inputs), y (samples x channels; NaN where a channel was not recorded), known:
     places of parameters that are held for it, p their values put into the data sheet's; jump: by
     what each of the rig's states may depart, where a window begins, from what the window before has
-    led to; first: index in the recording file of the first sample (for time and reports); lead:
-    samples at the beginning that only serve to find the state, and are never scored.
+    led to; timescale_s: correlation time of the recordings, of which windows are multiples; first:
+    index in the recording file of the first sample (for time and reports); lead: samples at the
+    beginning that only serve to find the state, and are never scored.
     """
 
     name: str
@@ -38,6 +40,7 @@ class Track:
     known: tuple[int, ...]
     period_s: float
     jump: Array
+    timescale_s: float
     first: int = 0
     lead: int = 0
 
@@ -62,20 +65,28 @@ class Track:
 
 
 def track_of(
-    assembly: Assembly, recording: Recording, channels: tuple[str, ...], jump: Array | None = None
+    assembly: Assembly,
+    recording: Recording,
+    channels: tuple[str, ...],
+    jump: Array | None = None,
+    timescale_s: float | None = None,
 ) -> Track:
     """The recording's inputs and measured channels for this assembly; without `jump` states depart
-    as they like."""
+    as they like, without `timescale_s` it is that of this recording by itself."""
     p, known = known_values(assembly, recording.known)
     free = np.full(len(assembly.rig.states), np.inf)
+    y, period_s = _measured(channels, recording), recording.sampling_period_s
+    if timescale_s is None:
+        timescale_s = timescale_of([(y, noise_level(y), period_s)])
     return Track(
         recording.name,
         input_table(assembly, recording),
-        _measured(channels, recording),
+        y,
         p,
         tuple(known),
-        recording.sampling_period_s,
+        period_s,
         free if jump is None else jump,
+        timescale_s,
     )
 
 

@@ -184,13 +184,13 @@ def test_lines_of_the_spectrum() -> None:
     t = 0.01 * np.arange(4000)
 
     class Track(list[float]):
-        period_s = 0.01
+        period_s, timescale_s = 0.01, 0.6
 
     replay: Any = SimpleNamespace(
         residual=np.sin(2.0 * np.pi * 3.0 * t)[:, None], track=Track(t.tolist())
     )
     assert spectrum_peaks([replay], np.ones(1))[0] == pytest.approx(3.0, abs=0.05)
-    assert spectrum_peaks([replay], np.ones(1), Settings(slowest_hz=4.0))[0] >= 4.0
+    assert spectrum_peaks([replay], np.ones(1), Settings(slowest_line=2.4))[0] >= 4.0
     assert len(spectrum_peaks([replay], np.ones(1), Settings(spectrum_lines=1))) == 1
 
 

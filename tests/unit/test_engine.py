@@ -457,7 +457,9 @@ def _stuck() -> tuple[Runner, Array]:
     friction = attach(rig, "coulomb-friction", effects())
     a = Assembly(rig, (friction,))
     p, u = a.values(), steps(17, 200, hold=20, size=30.0)[:, None]
-    track = Track("rec", u, np.zeros((200, 1)), p, (), PERIOD_S, np.full(len(a.rig.states), np.inf))
+    track = Track(
+        "rec", u, np.zeros((200, 1)), p, (), PERIOD_S, np.full(len(a.rig.states), np.inf), 0.6
+    )
     return Runner(a, track, EXPLICIT, free=(1, 2)), p
 
 

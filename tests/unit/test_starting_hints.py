@@ -87,7 +87,7 @@ def test_a_line_is_found_in_however_short_a_part(samples: int) -> None:
     """The shortest recording that can be fitted has 120 samples held out."""
 
     class Track:
-        period_s = 0.01
+        period_s, timescale_s = 0.01, 0.6
 
         def __len__(self) -> int:
             return samples

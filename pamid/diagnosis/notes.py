@@ -1,0 +1,67 @@
+"""What a reader should know before believing a figure: said wherever it happened, never silent."""
+
+from __future__ import annotations
+
+from pamid.diagnosis.ranges import at_bounds
+from pamid.diagnosis.tournament import Diagnosis
+from pamid.estimation.observed_sizes import unsized
+
+
+def notes(d: Diagnosis) -> list[str]:
+    """Sentences, the most important first."""
+    return [*_signs(d), *_windows(d), *_fits(d), *_bounds(d), *_sizes(d)]
+
+
+def _signs(d: Diagnosis) -> list[str]:
+    return [
+        f"{c.attached[-1].label} ends at nothing, but the same with the opposite sign removes "
+        f"{100.0 * removed:.0f} % of the error: check the sign of port {c.attached[-1].ports[0]} "
+        "against its position and velocity. A force that opposes the motion lowers the value "
+        "there; of a reaction that is read, pass its negative."
+        for c, removed in d.opposite[:1]
+    ]
+
+
+def _windows(d: Diagnosis) -> list[str]:
+    count = len(d.chosen)
+    if count >= d.settings.few_windows:
+        return []
+    return [
+        f"Only {count} windows of {d.settings.few_windows} and more were held out: another "
+        "recording may say otherwise. Record for longer, or hold out more."
+    ]
+
+
+def _fits(d: Diagnosis) -> list[str]:
+    found = []
+    base = d.budget.baseline.fit
+    if not base.converged:
+        found.append(
+            f"The refit of the model itself did not converge ({base.why}): what it leaves may be "
+            "less than is said."
+        )
+    if d.cause is not None and not d.cause.fit.converged:
+        found.append(f"The fit with the cause did not converge ({d.cause.fit.why}).")
+    return found
+
+
+def _bounds(d: Diagnosis) -> list[str]:
+    named = d.cause or (d.ranking[0] if d.ranking else None)
+    held = at_bounds(named) if named is not None else ()
+    if named is None or not held:
+        return []
+    return [
+        f"{', '.join(held)} of {named.attached[-1].label} ended at a bound although that was "
+        "widened: its form may be another."
+    ]
+
+
+def _sizes(d: Diagnosis) -> list[str]:
+    bare = unsized(d.evidence, d.budget.sizes)
+    if not bare:
+        return []
+    which = f"port {bare[0]}" if len(bare) == 1 else f"ports {', '.join(bare)}"
+    return [
+        f"Nothing passes {which} in these recordings: effects there are sized by 1 SI unit. State "
+        'Port(size={"value": ...}).'
+    ]

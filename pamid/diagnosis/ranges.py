@@ -1,0 +1,79 @@
+"""Ranges of an effect's parameters: wider where a fit ends at a guess, mirrored where it ends at
+nothing.
+
+A range in multiples of a typical magnitude is a guess. Where a fit ends at its upper end the
+effect is fitted again over a wider one, and only what still ends there is at its bound. A range
+between two numbers without a unit (a share of 0 .. 1) is physics and stays.
+
+An effect whose amount may not be negative and that ends at nothing may be there with the opposite
+sign: a bench that moves a part and reads the force sees friction that way round.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from pamid.diagnosis.candidate_model import CandidateModel
+from pamid.diagnosis.settings import DEFAULT, Settings
+from pamid.estimation.intervals import FittedParameter, estimates
+from pamid.estimation.problem import Fit
+from pamid.model.assembly import Assembly
+from pamid.model.bound_parameter import Bound, Range
+
+PRESSED = 3.0  # nats per prior spread that a fit would still gain beyond a bound
+
+
+def widened(assembly: Assembly, fitted: Fit, settings: Settings = DEFAULT) -> Assembly | None:
+    """The model with wider ranges of what its last effect's parameters ended at; None where there
+    is none such. The lower end of a factor stays: it keeps an equation from growing stiff."""
+    found = {
+        e.bound.key: (
+            e.bound.low * settings.wider if e.at_bound == "low" else e.bound.low,
+            e.bound.high * settings.wider if e.at_bound == "high" else e.bound.high,
+        )
+        for e, _ in _at_guesses(assembly, fitted)
+        if e.at_bound == "high" or not e.bound.log
+    }
+    return replace(assembly, ranges={**assembly.ranges, **found}) if found else None
+
+
+def at_bounds(model: CandidateModel) -> tuple[str, ...]:
+    """Parameters of the model's last effect that are pressed against a bound which physics did not
+    set, by their names outside."""
+    found = _at_guesses(model.assembly, model.fit)
+    return tuple(e.bound.name for e, pressed in found if pressed > PRESSED)
+
+
+def _at_guesses(assembly: Assembly, fitted: Fit) -> list[tuple[FittedParameter, float]]:
+    """What ended at the end of a range that is a guess, and how hard it presses (nats per prior
+    spread)."""
+    if not fitted.residuals or not assembly.attachments:
+        return []
+    own = assembly.attachments[-1].label
+    held = fitted.held if fitted.held.size else [0.0] * len(fitted.problem.free)
+    return [
+        (e, abs(float(g)))
+        for e, g in zip(estimates(fitted), held, strict=True)
+        if e.bound.owner == own and e.at_bound and _guessed(e.bound, e.at_bound)
+    ]
+
+
+def _guessed(bound: Bound, end: str) -> bool:
+    """Is this end of the range a multiple of a typical magnitude, and not the amount nothing?"""
+    if not bound.sized:
+        return False
+    return bound.high > 0.0 if end == "high" else bound.low != 0.0
+
+
+def mirrored(model: CandidateModel) -> dict[str, Range]:
+    """Ranges in which the amount of the model's last effect has the opposite sign; empty where it
+    may have either, or where the fit has not ended at nothing."""
+    own = model.attached[-1].label
+    amounts = [
+        e
+        for e in estimates(model.fit)
+        if e.bound.owner == own and e.bound.sized and e.bound.null == e.bound.low == 0.0
+    ]
+    if not amounts or any(e.at_bound != "low" for e in amounts):
+        return {}
+    return {e.bound.key: (-e.bound.high, 0.0) for e in amounts}

@@ -1,0 +1,74 @@
+"""How long the recordings remember: the time scale of which every horizon is a multiple.
+
+A window to fit over, one to replay, the slices of a smoother: each has to be long against what the
+machine remembers and short against the recording, on a joint of 3 ms samples as on two tanks of
+4 s. The correlation time of the measured outputs is such a scale. It is proportional to the unit of
+time, and no unit or sign of a signal changes it.
+
+    rho(l) = sum_t y_t y_(t+l) / (sum_t y_t^2 - n noise^2)
+    plain: the smallest l with rho < 1/e;  ringing: the smallest l with |rho| < 1/e from l to 3 l
+
+The second is that of the envelope: an oscillation that rings on is remembered for as long as it
+rings, not for a quarter of its period. A motion that is only driven round and round looks alike, so
+the envelope counts as far as the recordings still give enough windows. Priestley (1981), Spectral
+Analysis and Time Series, ch. 5.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+FORGOTTEN = float(np.exp(-1.0))
+STAYS = 3  # times the lag over which the correlation stays below
+FEWEST = 10.0  # samples: no horizon can follow a faster one
+LONGEST = 0.125  # of a recording: slower is drift, which a recording this long cannot show
+
+
+def correlation_samples(y: Array, noise: float = 0.0) -> tuple[float, float]:
+    """Correlation time of one channel (n,) in samples, plain and ringing, each at least 10 and at
+    most an eighth of the channel; noise: standard deviation of its white noise, same unit as y. NaN
+    where nothing but noise moves."""
+    y = y - y.mean()
+    n = len(y)
+    most = max(FEWEST, LONGEST * n)
+    power = float(y @ y) - n * noise**2
+    if power <= n * noise**2 or power <= 0.0:
+        return float("nan"), float("nan")
+    size = 1 << (2 * n - 1).bit_length()
+    rho = np.fft.irfft(np.abs(np.fft.rfft(y, size)) ** 2, size)[1:n] / power
+    below = np.flatnonzero(rho < FORGOTTEN) + 1  # lags
+    remembered = np.flatnonzero(np.abs(rho) >= FORGOTTEN) + 1
+    # the lag l is long enough where none of l .. STAYS l is among those remembered
+    after = np.concatenate([[0], remembered]) + 1
+    upto = np.concatenate([remembered, [n]])
+    settled = after[STAYS * after < upto]
+    plain, ringing = (float(lags[0]) if len(lags) else most for lags in (below, settled))
+    return min(max(plain, FEWEST), most), min(max(ringing, FEWEST), most)
+
+
+def timescale_of(
+    parts: Sequence[tuple[Array, Array, float]],
+    most_s: float = float("inf"),
+    most_ringing_s: float = float("inf"),
+) -> float:
+    """Correlation time (s) of recordings: y (samples x channels, NaN where one was not recorded),
+    noise per channel, sampling period (s). The geometric mean over channels and recordings, longer
+    recordings counting for more, at most these; an eighth of the longest where nothing moves."""
+    found, weight = list[tuple[float, float]](), list[float]()
+    for y, noise, period_s in parts:
+        for column, sigma in zip(y.T, noise, strict=True):
+            if np.isnan(column).any():
+                continue
+            plain, ringing = correlation_samples(column, float(sigma))
+            if np.isfinite(plain):
+                found.append((np.log(plain * period_s), np.log(ringing * period_s)))
+                weight.append(len(column) * period_s)
+    if not found:
+        return min(LONGEST * max(len(y) * period_s for y, _, period_s in parts), most_s)
+    plain, ringing = np.exp(np.average(found, axis=0, weights=weight))
+    return float(max(min(plain, most_s), min(ringing, most_ringing_s)))
