@@ -27,7 +27,7 @@ from pamid.symbolic.vocabulary import Expr, Number, maximum
 class Overflow(Effect):
     """A loss above a level."""
 
-    family = "leak"
+    family = "overflow"
     general_kinds = ("rate",)
     signals = ("stored",)
     parameters = (
@@ -53,7 +53,7 @@ class Overflow(Effect):
             source="estimate: seen only if it lies below the largest level",
         ),
     )
-    look_alikes = ("first-order-loss", "leak", "saturation")
+    look_alikes = ("first-order-loss", "leak", "saturation", "overflow-into-store")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         return value - p.gain * maximum(at.stored - p.level, 0.0)

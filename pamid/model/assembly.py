@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pamid.base.errors import FileError, nearest
 from pamid.engine.program import Program, build_program
 from pamid.model.attachment import Attachment
-from pamid.model.bound_parameter import Bound, Sizes, bind
+from pamid.model.bound_parameter import Bound, Sizes, bind, parameters_of
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.model.trace import Names, Traced, trace
@@ -65,7 +65,10 @@ class Assembly:
             ]
         for a in self.attachments:
             port = self.rig.ports[a.ports[0]]
-            bound += [bind(p, a.label, port, a.ports[0], self.sizes) for p in a.effect.parameters]
+            bound += [
+                bind(p, a.label, port, a.ports[0], self.sizes)
+                for p in parameters_of(a.effect, port)
+            ]
         return tuple(bound)
 
     def _nuisance(self) -> list[tuple[str, str, Effect]]:

@@ -4,9 +4,10 @@ outside."""
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pamid.base.units import NONE, quantity_of, quotient, to_si
+from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port
 
@@ -54,6 +55,16 @@ def _unit(port: Port, what: str) -> str:
     top, *below = map(port.unit_of, what.split("/"))
     found = quotient(top, *below) if below else top
     return "" if found == NONE else found
+
+
+def parameters_of(effect: Effect, port: Port) -> tuple[Parameter, ...]:
+    """An effect's parameters at a port, sized by signals under the names that the port gives
+    them."""
+    offered = set(port.signals)
+    return tuple(
+        replace(p, size="/".join(effect.offered_as(s, offered) for s in p.size.split("/")))
+        for p in effect.parameters_at(port.kind)
+    )
 
 
 def bind(

@@ -66,9 +66,14 @@ class Port:
         if isinstance(self.signals, dict) and signal in self.signals:
             return self.signals[signal]
         length = {"N m": "rad", "rad": "rad"}.get(self.unit, "m")
-        return {"position": length, "velocity": f"{length}/s", "load": "N", "pressure": "Pa"}.get(
-            signal, ""
-        )
+        return {
+            "position": length,
+            "velocity": f"{length}/s",
+            "stretch": length,
+            "load": "N",
+            "pressure": "Pa",
+            "time": "s",
+        }.get(signal, "")
 
 
 @dataclass(frozen=True)
