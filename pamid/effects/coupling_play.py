@@ -26,7 +26,7 @@ from typing import Any
 
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
-from pamid.symbolic.vocabulary import Expr, Number, absolute, maximum
+from pamid.symbolic.vocabulary import Expr, Number, absolute, maximum, where
 
 
 class CouplingPlay(Effect):
@@ -47,18 +47,9 @@ class CouplingPlay(Effect):
             tries=(3.0,),
             source="estimate: a stiff coupling stretches less than its gap is wide",
         ),
-        Parameter(
-            "touch",
-            1e-6,
-            low=1e-6,
-            high=1e-6,
-            size="stretch",
-            fitted=False,
-            source="a stretch that nothing shows: keeps the equation defined where both are 0",
-        ),
     )
     look_alikes = ("backlash", "play", "coulomb-friction", "cubic-stiffness")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         farther = maximum(absolute(at.stretch), p.half_gap)
-        return value - value * p.half_gap / (farther + p.touch)
+        return value - value * where(farther > 0.0, p.half_gap / farther, 0.0)

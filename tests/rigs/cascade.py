@@ -27,7 +27,7 @@ class Cascade(Rig):
     parameters = (
         Parameter("fill", 0.3, 0.1, 1.0, "m/s", source="bucket and clock"),
         Parameter("upper_drain", 0.15, 0.05, 0.5, source="run-out, m/s at 1 m"),
-        Parameter("lower_drain", 0.18, 0.05, 0.5, source="run-out, m/s at 1 m"),
+        Parameter("lower_drain", 0.1, 0.05, 0.5, source="run-out, m/s at 1 m"),
     )
     period_s = 0.01
 
