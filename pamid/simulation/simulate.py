@@ -191,7 +191,7 @@ def noisy_inputs(u: Array, names: tuple[str, ...], jitter: dict[str, Array]) -> 
 
 def port_sizes(assembly: Assembly, runs: list[tuple[Array, Array, float]]) -> Sizes:
     """Magnitude (95th percentile of |signal|) of every value and signal at every port, over runs
-    (u, p, period).
+    (u, p, period); at general ports also "time", the duration of the longest run.
 
     What the rig declares itself is not measured again.
     """
@@ -203,11 +203,13 @@ def port_sizes(assembly: Assembly, runs: list[tuple[Array, Array, float]]) -> Si
             if isinstance(value, Expr) and name not in declared:
                 key = f"{passage.where}.{name}"
                 probes[key], extra[key] = (passage.port, name), value
+    longest = max((len(u) * period for u, _, period in runs), default=0.0)
+    general = [name for name, port in assembly.rig.ports.items() if port.general]
+    sizes: Sizes = {(name, "time"): longest for name in general}
     if not extra:
-        return {}
+        return sizes
     program = assembly.program_with(extra)
     first = len(program.outputs) - len(extra)
-    sizes: Sizes = {}
     for u, p, period in runs:
         step = choose_stepping(assembly, u, p, period, assembly.start(p))
         memory = program.memory(assembly.start(p), stepping=step, period_s=period)
