@@ -19,9 +19,11 @@ from __future__ import annotations
 
 from typing import Any
 
-from pamid.model.effect import Effect
+from pamid.model.effect import Effect, Hints
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, maximum
+
+TRIED = (0.95, 0.8)  # of the largest level that the recordings reach
 
 
 class Overflow(Effect):
@@ -54,6 +56,13 @@ class Overflow(Effect):
         ),
     )
     look_alikes = ("first-order-loss", "leak", "saturation", "overflow-into-store")
+
+    def starts(self, hints: Hints) -> list[dict[str, float]]:
+        """Levels within what the store reaches: above it nothing spills, and no slope leads
+        back."""
+        return [
+            {"level": share * hints.reach["stored"]} for share in TRIED if "stored" in hints.reach
+        ]
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         return value - p.gain * maximum(at.stored - p.level, 0.0)

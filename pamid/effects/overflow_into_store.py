@@ -23,7 +23,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from pamid.model.effect import Effect
+from pamid.effects.overflow import TRIED
+from pamid.model.effect import Effect, Hints
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, maximum
 
@@ -67,6 +68,12 @@ class OverflowIntoStore(Effect):
         ),
     )
     look_alikes = ("overflow", "orifice-loss", "saturation")
+
+    def starts(self, hints: Hints) -> list[dict[str, float]]:
+        """Levels within what the store that spills reaches."""
+        return [
+            {"level": share * hints.reach["stored"]} for share in TRIED if "stored" in hints.reach
+        ]
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         def spilt(stored: Expr) -> Expr:
