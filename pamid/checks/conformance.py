@@ -68,7 +68,7 @@ class EveryPortRig(Rig):
         "command": Port("command", ""),
         "flow": Port("flow", "m3/s", {"pressure": "Pa"}),
         "vessel": Port("rate", "Pa/s", {"stored": "Pa", "outflow": "Pa/s", "downstream": "Pa"}),
-        "basin": Port("rate", "Pa/s", {"stored": "Pa", "upstream": "Pa"}),
+        "basin": Port("rate", "Pa/s", {"upstream": "Pa"}),
         "pull": Port("actuator-force", "N", {"position": "m", "velocity": "m/s", "pressure": "Pa"}),
         "guide": Port("motion", "N", {"position": "m", "velocity": "m/s", "load": "N"}),
         "spring": Port("transmission", "N", {"stretch": "m"}),
@@ -97,7 +97,7 @@ class EveryPortRig(Rig):
         change = port(
             "vessel", 1e8 * flow - vent, stored=x.pressure, outflow=vent, downstream=x.caught
         )
-        caught = port("basin", vent - x.caught, stored=x.caught, upstream=x.pressure)
+        caught = port("basin", vent - x.caught, upstream=x.pressure)
         pull = port(
             "pull",
             p.area * x.pressure,

@@ -34,8 +34,7 @@ class OverflowIntoStore(Effect):
 
     family = "overflow"
     general_kinds = ("rate",)
-    signals = ("stored",)
-    roles = (("stored", "downstream"), ("stored", "upstream"))
+    roles = (("stored", "downstream"), ("upstream",))
     parameters = (
         Parameter(
             "gain",

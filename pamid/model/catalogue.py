@@ -48,8 +48,11 @@ def effect_story(
         **effect_row(effect),
         "story": effect.story(),
         "signals": list(effect.signals),
+        "stand_ins": {s: list(names) for s, names in effect.stand_ins.items()},
+        "roles": [list(role) for role in effect.roles],
         "unit": effect.unit,
         "parameters": [_parameter(p) for p in effect.parameters],
+        "general_parameters": [_parameter(p) for p in effect.general_parameters],
         "states": [s.name for s in effect.states],
         "look_alikes": list(effect.look_alikes),
         "absorbed_by": list(effect.absorbed_by),
@@ -236,11 +239,16 @@ def effect_text(said: dict[str, Any]) -> str:
         + ", ".join(said["kinds"])
         + (f" in {said['unit']}" if said["unit"] else "")
         + (f", offering {', '.join(said['signals'])}" if said["signals"] else ""),
+        *(f"{s} may be offered as {', '.join(names)}" for s, names in said["stand_ins"].items()),
+        *_role_lines(said["roles"]),
     ]
     for section in SECTIONS:
         if said["story"].get(section):
             lines += ["", section, textwrap.indent(said["story"][section], "    ")]
     lines += ["", "Parameters", *_parameter_lines(said["parameters"])]
+    if said["general_parameters"]:
+        where = ", ".join(k for k in said["general"] if k not in said["home"])
+        lines += ["", f"At port {where}", *_parameter_lines(said["general_parameters"])]
     for key, title in (("look_alikes", "Look-alikes"), ("absorbed_by", "Absorbed by a rig's")):
         if said[key]:
             lines += ["", f"{title}: {', '.join(said[key])}"]
@@ -251,6 +259,12 @@ def effect_text(said: dict[str, Any]) -> str:
         for place in said["places"]
     ]
     return "\n".join(lines if said["places"] else [*lines, "    no port of the rigs looked at"])
+
+
+def _role_lines(roles: list[list[str]]) -> list[str]:
+    if not roles:
+        return []
+    return ["ports together: " + "; ".join(f"one offering {' and '.join(r)}" for r in roles)]
 
 
 def rig_text(said: dict[str, Any]) -> str:

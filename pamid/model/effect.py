@@ -14,7 +14,7 @@ Three things beyond that are said where they are needed, as class attributes:
     general_parameters  other sizes and bounds at ports of `general_kinds`, under the same names
     stand_ins           a signal that ports may offer under other names: {"level": ("load", ...)}
     roles               the effect acts at several ports together, each of which plays a part: the
-                        signals of every part, ("stored", "downstream") and ("stored", "upstream")
+                        signals of every part, ("stored", "downstream") and ("upstream",)
 """
 
 from __future__ import annotations

@@ -208,7 +208,9 @@ def test_two_parts_are_played_by_two_ports() -> None:
     rig = tanks()
     assert attach(rig, "overflow-into-store", effects()).ports == ("upper_balance", "lower_balance")
     rig.ports = {"lower_balance": rig.ports["lower_balance"]}  # type: ignore[misc]
-    with pytest.raises(FileError, match="offering stored and downstream; and one offering"):
+    with pytest.raises(
+        FileError, match="offering stored and downstream; and one offering upstream"
+    ):
         attach(rig, "overflow-into-store", effects())
 
 
