@@ -45,7 +45,7 @@ class AsymmetricDeadZone(Effect):
         ),
         Parameter(
             "below",
-            0.05,
+            0.12,
             low=0.0,
             high=0.9,
             spread=0.15,

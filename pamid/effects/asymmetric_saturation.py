@@ -44,7 +44,7 @@ class AsymmetricSaturation(Effect):
         ),
         Parameter(
             "lower",
-            -0.8,
+            -0.6,
             low=-1.5,
             high=1.5,
             spread=0.5,

@@ -48,7 +48,7 @@ class DirectionalFriction(Effect):
         ),
         Parameter(
             "backward",
-            0.03,
+            0.08,
             low=0.0,
             high=1.0,
             spread=0.1,
