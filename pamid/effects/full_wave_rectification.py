@@ -30,7 +30,7 @@ from pamid.symbolic.vocabulary import Expr, Number, absolute
 class FullWaveRectification(Effect):
     """The negative side is folded onto the positive one."""
 
-    family = "rectification"
+    family = "saturation"
     general_kinds = ("reading",)
     parameters = (
         Parameter(
@@ -44,7 +44,7 @@ class FullWaveRectification(Effect):
             source="1: an ideal full-wave rectifier",
         ),
     )
-    look_alikes = ("rectification", "saturation", "offset", "gain-error")
+    look_alikes = ("rectification", "asymmetric-saturation", "saturation", "offset", "gain-error")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         return value - absolute(p.fold) * value + p.fold * absolute(value)

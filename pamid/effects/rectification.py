@@ -29,7 +29,7 @@ from pamid.symbolic.vocabulary import Expr, Number, minimum
 class Rectification(Effect):
     """The negative side is lost."""
 
-    family = "rectification"
+    family = "saturation"
     general_kinds = ("command", "reading")
     parameters = (
         Parameter(
