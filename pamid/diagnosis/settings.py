@@ -125,7 +125,7 @@ class Settings:
     )
     refits_least: int = _setting(6, "candidates", "refitted in any case", COST)
     refits_all: int = _setting(
-        24, "candidates", "with no more than these all are refitted: runners-up are shown", COST
+        32, "candidates", "with no more than these all are refitted: runners-up are shown", COST
     )
     refit_share: float = _setting(
         0.1, "share of the largest gain", "further candidates with less are not refitted", COST

@@ -52,7 +52,7 @@ class AsymmetricSaturation(Effect):
             tries=(-0.4, 0.2),
             source="estimate: seen only if it lies above the smallest value",
         ),
-        Parameter("share", 1.0, low=0.0, high=1.0, spread=0.5, null=0.0, source="1: hard limits"),
+        Parameter("share", 1.0, low=0.0, high=1.0, spread=0.1, null=0.0, source="1: hard limits"),
     )
     look_alikes = ("saturation", "rectification", "gain-error", "asymmetric-dead-zone")
 

@@ -56,7 +56,12 @@ def anywhere(reach: Parameter) -> tuple[Parameter, Parameter]:
         source="estimate: wire-rope and rubber mounts 10-50 % of their force, dampers all of it",
     )
     return level, replace(
-        reach, low=0.003, high=1.0, source="estimate: a hundredth of the stroke to all of it"
+        reach,
+        low=0.02,
+        high=1.0,
+        tries=(0.2,),
+        source="estimate: some hundredths of the stroke to all of it; what bends over sooner "
+        "is dry friction",
     )
 
 

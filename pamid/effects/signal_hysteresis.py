@@ -36,22 +36,23 @@ class SignalHysteresis(Effect):
     parameters = (
         Parameter(
             "share",
-            0.15,
+            0.05,
             low=0.0,
-            high=1.0,
-            spread=0.2,
+            high=0.15,
+            spread=0.05,
             null=0.0,
-            source="estimate: piezo stages 10-15 %, cheap sensors 0.5-5 % of the travel",
+            source="estimate: piezo stages 10-15 %, cheap sensors 0.5-5 % of the travel; what "
+            "swallows more of a turn is play",
         ),
         Parameter(
             "reach",
             0.2,
-            low=0.005,
+            low=0.02,
             high=2.0,
             spread=3.0,
             log=True,
             size="value",
-            tries=(0.03,),
+            tries=(0.05,),
             source="estimate: the travel after which the value follows fully again",
         ),
     )

@@ -131,7 +131,7 @@ PLANTED: dict[str, tuple[dict[str, float], float]] = {
     "maxwell-slip-hysteresis": ({"level": 2.0, "reach": 0.05}, 0.1),
     "bouc-wen-hysteresis": ({"level": 3.0, "reach": 0.04, "shape": 0.6}, 0.1),
     "coupling-play": ({"half_gap": 0.003}, 0.05),
-    "signal-hysteresis@ruler": ({"share": 0.2, "reach": 0.1}, 0.1),
+    "signal-hysteresis@ruler": ({"share": 0.1, "reach": 0.1}, 0.1),
     "play@ruler": ({"half_gap": 0.01}, 0.05),
     "play@amplifier": ({"half_gap": 0.9}, 0.05),
     "full-wave-rectification": ({"fold": 1.0}, 0.05),
