@@ -138,6 +138,14 @@ class Settings:
         0.5, "Hz", "a line of the gap's spectrum below it is drift, and starts no vibration"
     )
     spectrum_lines: int = _setting(3, "count", "lines of the spectrum offered to an effect", COST)
+    spatial_bins: int = _setting(
+        4096, "count", "parts of the range travelled, for the spectrum over the position", COST
+    )
+    spatial_least: float = _setting(
+        2.0,
+        "periods",
+        "within the range travelled, for a line over the position to be told from a trend",
+    )
 
     # ---- refit and ranking (contender, search)
 

@@ -122,10 +122,6 @@ def _periods(
     }
 
 
-BINS = 4096  # of the range travelled
-LEAST_PERIODS = 2.0  # within the range, for a line to be told from a trend
-
-
 def spatial_periods(
     parts: list[tuple[Array, Array]], settings: Settings = DEFAULT
 ) -> tuple[float, ...]:
@@ -141,15 +137,16 @@ def spatial_periods(
     low, span = float(x.min()), float(np.ptp(x))
     if not (np.isfinite(span) and span > 0.0) or min(len(x) for x, _ in parts) < 5:
         return ()
-    total = np.zeros(2 * BINS + 1)
+    bins = settings.spatial_bins
+    total = np.zeros(2 * bins + 1)
     for order in range(3):
         where, turn, gap = _differenced(parts, order)
-        at = np.minimum((BINS * (where - low) / span).astype(np.int64), BINS - 1)
+        at = np.minimum((bins * (where - low) / span).astype(np.int64), bins - 1)
         for channel in np.hstack([gap, gap * turn[:, None]]).T:
-            total += _contrast(at, channel)
+            total += _contrast(at, channel, bins)
     frequency = np.arange(len(total)) / (4.0 * span)
     step = np.median(np.concatenate([np.abs(np.diff(x)) for x, _ in parts]))
-    total[(frequency < LEAST_PERIODS / span) | (2.0 * frequency * step > 1.0)] = 0.0
+    total[(frequency < settings.spatial_least / span) | (2.0 * frequency * step > 1.0)] = 0.0
     found = []
     for _ in range(settings.spectrum_lines):
         k = int(np.argmax(total))
@@ -173,10 +170,10 @@ def _differenced(parts: list[tuple[Array, Array]], order: int) -> tuple[Array, A
     return np.concatenate(where), np.concatenate(turn), np.concatenate(gap)
 
 
-def _contrast(at: NDArray[np.int64], values: Array) -> Array:
+def _contrast(at: NDArray[np.int64], values: Array, bins: int) -> Array:
     """Power over spatial frequency, in quarters of 1/range, against its own surroundings."""
-    count = np.bincount(at, minlength=BINS)
-    mean = np.bincount(at, values, BINS) / (count + max(1.0, count.mean()))
-    power = np.abs(np.fft.rfft(mean * np.hanning(BINS), 4 * BINS)) ** 2
+    count = np.bincount(at, minlength=bins)
+    mean = np.bincount(at, values, bins) / (count + max(1.0, count.mean()))
+    power = np.abs(np.fft.rfft(mean * np.hanning(bins), 4 * bins)) ** 2
     around = np.convolve(power, np.ones(201) / 201.0, "same")
-    return np.asarray((power / (around + 1e-12 * power.max() + 1e-300))[: 2 * BINS + 1])
+    return np.asarray((power / (around + 1e-12 * power.max() + 1e-300))[: 2 * bins + 1])
