@@ -67,16 +67,23 @@ class EveryPortRig(Rig):
     ports = {
         "command": Port("command", ""),
         "flow": Port("flow", "m3/s", {"pressure": "Pa"}),
-        "vessel": Port("rate", "Pa/s", {"stored": "Pa", "outflow": "Pa/s"}),
+        "vessel": Port("rate", "Pa/s", {"stored": "Pa", "outflow": "Pa/s", "downstream": "Pa"}),
+        "basin": Port("rate", "Pa/s", {"upstream": "Pa"}),
         "pull": Port("actuator-force", "N", {"position": "m", "velocity": "m/s", "pressure": "Pa"}),
         "guide": Port("motion", "N", {"position": "m", "velocity": "m/s", "load": "N"}),
+        "spring": Port("transmission", "N", {"stretch": "m"}),
         "rod": Port("transmission", "N", {"position": "m", "velocity": "m/s", "inertia": "kg"}),
         "ruler": Port("reading", "m", {"rate": "m/s"}),
         "dial": Port("reading", "rad"),
         "gauge": Port("reading", "Pa", {"rate": "Pa/s"}),
         "cell": Port("reading", "N"),
     }
-    states = (State("position", "m"), State("velocity", "m/s"), State("pressure", "Pa", 2e4))
+    states = (
+        State("position", "m"),
+        State("velocity", "m/s"),
+        State("pressure", "Pa", 2e4),
+        State("caught", "Pa", 1e4),
+    )
     parameters = (
         Parameter("mass", 2.0, 1.0, 4.0, "kg", source="bench"),
         Parameter("spring", 300.0, 100.0, 900.0, "N/m", source="bench"),
@@ -87,7 +94,10 @@ class EveryPortRig(Rig):
     def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
         flow = port("flow", 1e-3 * port("command", u.command), pressure=x.pressure)
         vent = 2.0 * x.pressure
-        change = port("vessel", 1e8 * flow - vent, stored=x.pressure, outflow=vent)
+        change = port(
+            "vessel", 1e8 * flow - vent, stored=x.pressure, outflow=vent, downstream=x.caught
+        )
+        caught = port("basin", vent - x.caught, upstream=x.pressure)
         pull = port(
             "pull",
             p.area * x.pressure,
@@ -95,7 +105,8 @@ class EveryPortRig(Rig):
             velocity=x.velocity,
             pressure=x.pressure,
         )
-        force = pull - p.spring * x.position - 8.0 * x.velocity
+        spring = port("spring", p.spring * x.position, stretch=x.position)
+        force = pull - spring - 8.0 * x.velocity
         force = port(
             "guide",
             force,
@@ -104,7 +115,12 @@ class EveryPortRig(Rig):
             load=sqrt(absolute(pull) + 25.0) * 4.0,
         )
         force = port("rod", force, position=x.position, velocity=x.velocity, inertia=p.mass)
-        return {"position": x.velocity, "velocity": force / p.mass, "pressure": change}
+        return {
+            "position": x.velocity,
+            "velocity": force / p.mass,
+            "pressure": change,
+            "caught": caught,
+        }
 
     def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
         return {
@@ -362,7 +378,8 @@ def effect_findings(effect: type[Effect], rigs: Iterable[Rig]) -> list[CheckOutc
     places = [(rig, a) for rig in (*rigs, EveryPortRig()) for a in attachments(rig, [effect])]
     if not places:
         needs = " or ".join((*effect.kinds, *effect.general_kinds)) + "".join(
-            f", {s}" for s in effect.signals
+            f", {s}"
+            for s in dict.fromkeys((*effect.signals, *(s for r in effect.roles for s in r)))
         )
         found.append(
             CheckOutcome("place", False, f"no rig has a port for it; it needs {needs}", advice=True)

@@ -129,7 +129,7 @@ class Settings:
     )
     refits_least: int = _setting(6, "candidates", "refitted in any case", COST)
     refits_all: int = _setting(
-        24, "candidates", "with no more than these all are refitted: runners-up are shown", COST
+        32, "candidates", "with no more than these all are refitted: runners-up are shown", COST
     )
     refit_share: float = _setting(
         0.1, "share of the largest gain", "further candidates with less are not refitted", COST
@@ -148,6 +148,14 @@ class Settings:
     )
     spectrum_apart: int = _setting(60, "lines", "nearer ones are of the same vibration", COST)
     spectrum_lines: int = _setting(3, "count", "lines of the spectrum offered to an effect", COST)
+    spatial_bins: int = _setting(
+        4096, "count", "parts of the range travelled, for the spectrum over the position", COST
+    )
+    spatial_least: float = _setting(
+        2.0,
+        "periods",
+        "within the range travelled, for a line over the position to be told from a trend",
+    )
 
     # ---- refit and ranking (contender, search)
 

@@ -1,9 +1,9 @@
-"""Starting values from the gap: the strongest lines of its spectrum, and how far the signals at a
-port reach."""
+"""Starting values from the gap: the strongest lines of its spectrum, how far the signals at a port
+reach, and, where a motion port of the general catalogue offers its position, the lines over it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,20 +21,23 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class GapHints:
-    """peaks_hz: strongest first; reach: largest magnitude of every signal at every port (SI)."""
+    """peaks_hz: strongest first; reach: largest magnitude of every signal at every port (SI);
+    periods: by motion port, of the gap over the position there (SI), strongest first."""
 
     peaks_hz: tuple[float, ...]
     reach: dict[str, dict[str, float]]
+    periods: dict[str, tuple[float, ...]] = field(default_factory=dict)
 
     def at(self, port: str) -> Hints:
-        return Hints(self.peaks_hz, self.reach.get(port, {}))
+        return Hints(self.peaks_hz, self.reach.get(port, {}), self.periods.get(port, ()))
 
 
 def gather_hints(
     evidence: DataSplit, base: CandidateModel, settings: Settings = DEFAULT
 ) -> GapHints:
     """From the windows of a model's fit and its held-out replays."""
-    return GapHints(spectrum_peaks(list(base.replays), evidence.noise, settings), _reach(base))
+    peaks = spectrum_peaks(list(base.replays), evidence.noise, settings)
+    return GapHints(peaks, _reach(base), _periods(base, evidence.noise, settings))
 
 
 def _reach(base: CandidateModel) -> dict[str, dict[str, float]]:
@@ -93,3 +96,86 @@ def spectrum_peaks(
         peaks.append(float(axis[k]))
         contrast[max(0, k - apart) : k + apart] = 0.0  # the line with the window's skirts
     return tuple(peaks)
+
+
+def _periods(
+    base: CandidateModel, noise: Array, settings: Settings
+) -> dict[str, tuple[float, ...]]:
+    """Spatial periods of what the fit leaves, by general motion port that offers a position."""
+    assembly, fit = base.assembly, base.fit
+    wanted: dict[str, tuple[str, Expr]] = {}
+    for q in assembly.traced.passages:
+        port, x = assembly.rig.ports[q.port], dict(q.signals).get("position")
+        if port.kind == "motion" and port.general and isinstance(x, Expr):
+            wanted[q.where] = (q.port, x)
+    if not wanted:
+        return {}
+    program = assembly.program_with({f"{k}.position": x for k, (_, x) in wanted.items()})
+    parts: list[tuple[Array, Array]] = []  # of every window: positions and weighted residual
+    for t, starts, left in zip(fit.problem.tracks, fit.starts, fit.residuals, strict=True):
+        windows = fit.problem.windows(t)
+        y = run_windows(program, assembly, fit.p, t, windows, starts, fit.stepping)
+        for w in windows:
+            r = np.nan_to_num(left[w.start : w.stop] / noise)
+            parts.append((y[w.start : w.stop, len(program.outputs) - len(wanted) :], r))
+    return {
+        port: spatial_periods([(x[:, k], r) for x, r in parts], settings)
+        for k, (port, _) in enumerate(wanted.values())
+    }
+
+
+def spatial_periods(
+    parts: list[tuple[Array, Array]], settings: Settings = DEFAULT
+) -> tuple[float, ...]:
+    """Periods of the strongest lines of a gap over the position, strongest first (its unit).
+
+    parts: positions (samples) and gap (samples x channels), window by window. Between a force and
+    what it leaves in a reading there are up to two integrations in time, and an odd number of them
+    turns with the direction: the gap, its first and its second difference are each averaged over
+    the position, once as they are and once with the sign of the motion, and the contrasts of all
+    these spectra are added.
+    """
+    x = np.concatenate([x for x, _ in parts])
+    low, span = float(x.min()), float(np.ptp(x))
+    if not (np.isfinite(span) and span > 0.0) or min(len(x) for x, _ in parts) < 5:
+        return ()
+    bins = settings.spatial_bins
+    total = np.zeros(2 * bins + 1)
+    for order in range(3):
+        where, turn, gap = _differenced(parts, order)
+        at = np.minimum((bins * (where - low) / span).astype(np.int64), bins - 1)
+        for channel in np.hstack([gap, gap * turn[:, None]]).T:
+            total += _contrast(at, channel, bins)
+    frequency = np.arange(len(total)) / (4.0 * span)
+    step = np.median(np.concatenate([np.abs(np.diff(x)) for x, _ in parts]))
+    total[(frequency < settings.spatial_least / span) | (2.0 * frequency * step > 1.0)] = 0.0
+    found = []
+    for _ in range(settings.spectrum_lines):
+        k = int(np.argmax(total))
+        if total[k] <= 0.0:
+            break
+        found.append(float(1.0 / frequency[k]))
+        total[max(0, k - 8) : k + 9] = 0.0
+    return tuple(found)
+
+
+def _differenced(parts: list[tuple[Array, Array]], order: int) -> tuple[Array, Array, Array]:
+    """Positions, the sign of the motion there, and the differences of the gap less their mean in
+    every window."""
+    where, turn, gap = [np.empty(0)], [np.empty(0)], [np.empty((0, parts[0][1].shape[1]))]
+    for x, r in parts:
+        d = np.diff(r, order, axis=0)
+        here = slice((order + 1) // 2, (order + 1) // 2 + len(d))
+        where.append(x[here])
+        turn.append(np.sign(np.gradient(x))[here])
+        gap.append(d - d.mean(axis=0))
+    return np.concatenate(where), np.concatenate(turn), np.concatenate(gap)
+
+
+def _contrast(at: NDArray[np.int64], values: Array, bins: int) -> Array:
+    """Power over spatial frequency, in quarters of 1/range, against its own surroundings."""
+    count = np.bincount(at, minlength=bins)
+    mean = np.bincount(at, values, bins) / (count + max(1.0, count.mean()))
+    power = np.abs(np.fft.rfft(mean * np.hanning(bins), 4 * bins)) ** 2
+    around = np.convolve(power, np.ones(201) / 201.0, "same")
+    return np.asarray((power / (around + 1e-12 * power.max() + 1e-300))[: 2 * bins + 1])

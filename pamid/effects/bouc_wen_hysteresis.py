@@ -12,7 +12,7 @@ Looks like it
     next to no reach; viscous damping, whose loop widens with the rate.
 Equation
     value -= level z; dz/dt = (v - shape |v| z - (1 - shape) v |z|) / reach; in a muscle level times
-    (0.2 + 0.8 p/6 bar)
+    (0.2 + 0.8 p/6 bar), at a general port level may be as large as the force itself
 References
     Wen (1976), J. Eng. Mech. Div. ASCE 102(2), 249-263; Ikhouane, Rodellar (2007), Systems with
     Hysteresis, Wiley.
@@ -22,7 +22,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from pamid.effects.maxwell_slip_hysteresis import pressed
+from pamid.effects.maxwell_slip_hysteresis import anywhere, pressed
 from pamid.model.effect import Effect, State
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, absolute
@@ -69,6 +69,7 @@ class BoucWenHysteresis(Effect):
             source="0.5: unloads with the full stiffness, 1: Dahl",
         ),
     )
+    general_parameters = (*anywhere(parameters[1]), parameters[2])
     look_alikes = (
         "maxwell-slip-hysteresis",
         "prandtl-ishlinskii-hysteresis",

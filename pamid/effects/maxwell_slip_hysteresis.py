@@ -1,26 +1,29 @@
-"""Muscle hysteresis as parallel elasto-slip elements.
+"""Hysteresis of parallel elasto-slip elements.
 
 What it is
-    Threads rub on threads and on rubber. Four springs in parallel, each slipping at its own
-    stretch, hold back every change of length; the memory is non-local, so minor loops close. The
-    friction grows with the pressure that presses the braid together.
+    Four springs in parallel, each slipping at its own stretch, hold back every motion; the memory
+    is non-local, so minor loops close. In a muscle threads rub on threads and on rubber, and the
+    friction grows with the pressure that presses the braid together; at a general port it is a
+    bundle of wires, a leaf spring, a wound seal, a rubber mount.
 What it looks like
-    Static force-contraction and pressure-angle loops that do not depend on the rate (0.01-1 Hz);
-    their width grows with pressure and, up to a few reaches, with the stroke.
+    Static loops of force over position that do not depend on the rate (0.01-1 Hz); their width
+    grows, up to a few reaches, with the stroke, in a muscle also with the pressure.
 Looks like it
     Dry friction in the joint (width independent of pressure); muscle damping (grows with the rate);
     Bouc-Wen and Prandtl-Ishlinskii forms of the same loops; thread friction, which has one short
     reach.
 Equation
-    force -= A(p) sum_i w_i stop(contraction, d_i)/d_i; A = level (0.2 + 0.8 p/6 bar), w = .4 .3 .2
-    .1, d = (0.1, 0.4, 1, 2.5) reach
+    value -= A sum_i w_i stop(position, d_i)/d_i; w = .4 .3 .2 .1, d = (0.1, 0.4, 1, 2.5) reach;
+    A = level, in a muscle level (0.2 + 0.8 p/6 bar)
 References
-    Vo-Minh, Tjahjowidodo, Ramon, Van Brussel (2011), IEEE/ASME Trans. Mechatronics 16(1), 177-186.
+    Vo-Minh, Tjahjowidodo, Ramon, Van Brussel (2011), IEEE/ASME Trans. Mechatronics 16(1), 177-186;
+    Iwan (1966), A distributed-element model for hysteresis, J. Appl. Mech. 33(4), 893-900.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from dataclasses import replace
+from typing import Any, ClassVar
 
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
@@ -31,18 +34,45 @@ ELEMENTS = ((0.4, 0.1), (0.3, 0.4), (0.2, 1.0), (0.1, 2.5))  # (weight, stretch 
 
 
 def pressed(at: Any) -> Expr:
-    """How much of the friction at 6 bar is there at this pressure; 1 where the port offers no
-    pressure."""
-    if not at.offers("pressure"):
+    """How much of a muscle's friction at 6 bar is there at this pressure; 1 where the port is no
+    actuator or offers no pressure."""
+    if at.kind != "actuator-force" or not at.offers("pressure"):
         return expression(1.0)
     return 0.2 + (0.8 / NOMINAL_PA) * maximum(at.pressure, 0.0)
 
 
+def anywhere(reach: Parameter) -> tuple[Parameter, Parameter]:
+    """The level of a loop at a general port, which may well exceed half of the force, and its reach
+    (bounds without a muscle's figures)."""
+    level = Parameter(
+        "level",
+        0.15,
+        low=0.0,
+        high=3.0,
+        spread=0.4,
+        size="value",
+        null=0.0,
+        label="{value}",
+        source="estimate: wire-rope and rubber mounts 10-50 % of their force, dampers all of it",
+    )
+    return level, replace(
+        reach,
+        low=0.02,
+        high=1.0,
+        tries=(0.2,),
+        source="estimate: some hundredths of the stroke to all of it; what bends over sooner "
+        "is dry friction",
+    )
+
+
 class MaxwellSlipHysteresis(Effect):
-    """Four elasto-slip elements, stiffer under pressure; `level` is the friction force at 6 bar."""
+    """Four elasto-slip elements, stiffer under pressure in a muscle; `level` is the friction force,
+    there at 6 bar."""
 
     family = "muscle-hysteresis"
+    families: ClassVar[dict[str, str]] = {"motion": "hysteresis"}
     kinds = ("actuator-force",)
+    general_kinds: ClassVar[tuple[str, ...]] = ("motion",)
     signals = ("position",)
     parameters = (
         Parameter(
@@ -68,6 +98,7 @@ class MaxwellSlipHysteresis(Effect):
             source="estimate: 0.4 % of contraction",
         ),
     )
+    general_parameters = anywhere(parameters[1])
     look_alikes = (
         "bouc-wen-hysteresis",
         "prandtl-ishlinskii-hysteresis",

@@ -19,15 +19,17 @@ from __future__ import annotations
 
 from typing import Any
 
-from pamid.model.effect import Effect
+from pamid.model.effect import Effect, Hints
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, maximum
+
+TRIED = (0.95, 0.8)  # of the largest level that the recordings reach
 
 
 class Overflow(Effect):
     """A loss above a level."""
 
-    family = "leak"
+    family = "overflow"
     general_kinds = ("rate",)
     signals = ("stored",)
     parameters = (
@@ -53,7 +55,14 @@ class Overflow(Effect):
             source="estimate: seen only if it lies below the largest level",
         ),
     )
-    look_alikes = ("first-order-loss", "leak", "saturation")
+    look_alikes = ("first-order-loss", "leak", "saturation", "overflow-into-store")
+
+    def starts(self, hints: Hints) -> list[dict[str, float]]:
+        """Levels within what the store reaches: above it nothing spills, and no slope leads
+        back."""
+        return [
+            {"level": share * hints.reach["stored"]} for share in TRIED if "stored" in hints.reach
+        ]
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         return value - p.gain * maximum(at.stored - p.level, 0.0)

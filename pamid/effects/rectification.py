@@ -43,7 +43,7 @@ class Rectification(Effect):
             source="1: an ideal diode",
         ),
     )
-    look_alikes = ("saturation", "offset", "gain-error")
+    look_alikes = ("full-wave-rectification", "saturation", "offset", "gain-error")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         return value - p.share * minimum(value, 0.0)

@@ -14,7 +14,15 @@ from numpy.typing import NDArray
 from pamid.base.errors import FileError, nearest
 from pamid.engine.program import Program, build_program
 from pamid.model.attachment import Attachment
-from pamid.model.bound_parameter import PERIODS, Bound, Range, Sizes, bind, within
+from pamid.model.bound_parameter import (
+    PERIODS,
+    Bound,
+    Range,
+    Sizes,
+    bind,
+    parameters_of,
+    within,
+)
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.model.trace import Names, Traced, trace
@@ -63,6 +71,7 @@ class Assembly:
     def parameters(self) -> tuple[Bound, ...]:
         period = self.rig.period_s
         usual = {("", "period"): period, ("", "timescale"): PERIODS * period}
+        usual["", "time"] = PERIODS * PERIODS * period
         sizes = {**usual, **self.sizes}
         bound = [bind(p, "", None, "", sizes) for p in self.rig.parameters]
         for port_name, place, term in self._nuisance():
@@ -72,7 +81,9 @@ class Assembly:
             ]
         for a in self.attachments:
             port = self.rig.ports[a.ports[0]]
-            bound += [bind(p, a.label, port, a.ports[0], sizes) for p in a.effect.parameters]
+            bound += [
+                bind(p, a.label, port, a.ports[0], sizes) for p in parameters_of(a.effect, port)
+            ]
         return tuple(within(b, self.ranges.get(b.key)) for b in bound)
 
     def _nuisance(self) -> list[tuple[str, str, Effect]]:

@@ -40,7 +40,9 @@ def fits(effect: type[Effect], port: Port) -> bool:
     """Can the effect act at this port?"""
     home = port.kind in effect.kinds or (port.general and port.kind in effect.general_kinds)
     offered = set(port.signals) | ({"position"} if "velocity" in port.signals else set())
-    return home and effect.unit in ("", port.unit) and set(effect.signals) <= offered
+    offered |= {s for s in effect.stand_ins if effect.offered_as(s, offered) in offered}
+    needed = [{*effect.signals, *role} for role in effect.roles or ((),)]
+    return home and effect.unit in ("", port.unit) and any(n <= offered for n in needed)
 
 
 def attachments(rig: Rig, effects: Iterable[type[Effect]]) -> list[Attachment]:
@@ -56,7 +58,9 @@ def attachments(rig: Rig, effects: Iterable[type[Effect]]) -> list[Attachment]:
             for n, port in rig.ports.items()
             if fits(effect, port) and not any(fits(parent, port) for parent in parents)
         ]
-        if effect.everywhere and ports:
+        if effect.roles:
+            found += _together(effect, rig, ports)
+        elif effect.everywhere and ports:
             found.append(Attachment(effect(), tuple(ports), effect.name))
         elif len(ports) == 1:
             found.append(Attachment(effect(), (ports[0],), effect.name))
@@ -67,6 +71,16 @@ def attachments(rig: Rig, effects: Iterable[type[Effect]]) -> list[Attachment]:
                 for kin in _kin(rig, ports)
             ]
     return found
+
+
+def _together(effect: type[Effect], rig: Rig, ports: list[str]) -> list[Attachment]:
+    """One copy at all ports that play a part, in the order of the parts; none where a part is
+    left."""
+    cast = [[n for n in ports if set(role) <= set(rig.ports[n].signals)] for role in effect.roles]
+    if not all(cast):
+        return []
+    order = tuple(dict.fromkeys(n for part in cast for n in part))
+    return [Attachment(effect(), order, effect.name)]
 
 
 def _kin(rig: Rig, ports: list[str]) -> list[tuple[str, ...]]:
@@ -88,7 +102,11 @@ def attach(rig: Rig, spec: str, effects: dict[str, type[Effect]]) -> Attachment:
         needs = (
             f"a port of kind {' or '.join((*effects[name].kinds, *effects[name].general_kinds))}"
         )
-        signals = f" offering {', '.join(effects[name].signals)}" if effects[name].signals else ""
+        asked = [
+            " and ".join({**dict.fromkeys(effects[name].signals), **dict.fromkeys(role)})
+            for role in effects[name].roles or ((),)
+        ]
+        signals = f" offering {'; and one offering '.join(asked)}" if asked[0] else ""
         raise FileError(
             f"effect {name!r} finds no place on rig {rig.name!r}: it needs {needs}{signals}; the "
             "rig has " + ", ".join(f"{n} ({q.kind})" for n, q in rig.ports.items())

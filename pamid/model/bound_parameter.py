@@ -7,13 +7,14 @@ import math
 from dataclasses import dataclass, replace
 
 from pamid.base.units import NONE, quantity_of, quotient, to_si
+from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port
 
 Sizes = dict[tuple[str, str], float]  # (port, signal) -> typical magnitude, SI
-#: sizes that belong to no port: the rig's sampling period and the correlation time of the
-#: recordings, s; what a period is a multiple of is the same at any excitation
-TIMES = {"period": "s", "timescale": "s"}
+#: sizes that belong to no port: the rig's sampling period, the correlation time of the recordings
+#: and the duration of the longest
+TIMES = {"period": "s", "timescale": "s", "time": "s"}
 PERIODS = 200.0  # in a correlation time, where no recording tells it
 
 
@@ -68,6 +69,16 @@ def _unit(port: Port, what: str) -> str:
     top, *below = map(port.unit_of, what.split("/"))
     found = quotient(top, *below) if below else top
     return "" if found == NONE else found
+
+
+def parameters_of(effect: Effect, port: Port) -> tuple[Parameter, ...]:
+    """An effect's parameters at a port, sized by signals under the names that the port gives
+    them."""
+    offered = set(port.signals)
+    return tuple(
+        replace(p, size="/".join(effect.offered_as(s, offered) for s in p.size.split("/")))
+        for p in effect.parameters_at(port.kind)
+    )
 
 
 def bind(

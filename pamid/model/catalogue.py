@@ -47,8 +47,11 @@ def effect_story(
         **_row(effect),
         story=effect.story(),
         signals=effect.signals,
+        stand_ins={s: tuple(names) for s, names in effect.stand_ins.items()},
+        roles=tuple(tuple(role) for role in effect.roles),
         unit=effect.unit,
         parameters=tuple(map(_parameter, effect.parameters)),
+        general_parameters=tuple(map(_parameter, effect.general_parameters)),
         states=tuple(s.name for s in effect.states),
         look_alikes=effect.look_alikes,
         absorbed_by=effect.absorbed_by,
@@ -247,11 +250,16 @@ def effect_text(said: result.EffectStory) -> str:
         + ", ".join(said.kinds)
         + (f" in {said.unit}" if said.unit else "")
         + (f", offering {', '.join(said.signals)}" if said.signals else ""),
+        *(f"{s} may be offered as {', '.join(names)}" for s, names in said.stand_ins.items()),
+        *_role_lines(said.roles),
     ]
     for section in SECTIONS:
         if said.story.get(section):
             lines += ["", section, textwrap.indent(said.story[section], "    ")]
     lines += ["", "Parameters", *_parameter_lines(said.parameters)]
+    if said.general_parameters:
+        where = ", ".join(k for k in said.general if k not in said.home)
+        lines += ["", f"At port {where}", *_parameter_lines(said.general_parameters)]
     for key, title in (("look_alikes", "Look-alikes"), ("absorbed_by", "Absorbed by a rig's")):
         if names := getattr(said, key):
             lines += ["", f"{title}: {', '.join(names)}"]
@@ -262,6 +270,12 @@ def effect_text(said: result.EffectStory) -> str:
         for place in said.places
     ]
     return "\n".join(lines if said.places else [*lines, "    no port of the rigs looked at"])
+
+
+def _role_lines(roles: Sequence[Sequence[str]]) -> list[str]:
+    if not roles:
+        return []
+    return ["ports together: " + "; ".join(f"one offering {' and '.join(r)}" for r in roles)]
 
 
 def rig_text(said: result.RigStory) -> str:

@@ -12,6 +12,12 @@
 
 `value` is what passes through the port, `at` holds the signals offered there, `p` the parameters
 (SI) and `z` the effect's own states. `act` returns the new value, or (value, {state: rate}).
+
+Three things beyond that are said where they are needed, as class attributes:
+    general_parameters  other sizes and bounds at ports of `general_kinds`, under the same names
+    stand_ins           a signal that ports may offer under other names: {"level": ("load", ...)}
+    roles               the effect acts at several ports together, each of which plays a part: the
+                        signals of every part, ("stored", "downstream") and ("upstream",)
 """
 
 from __future__ import annotations
@@ -19,7 +25,7 @@ from __future__ import annotations
 import inspect
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -49,7 +55,8 @@ class State:
 
 class Signals:
     """What a port offers at one place: at.velocity, at.pressure, ...; at.offers("law"); at.time and
-    at.period in s; rig_period_s: the rig's usual sampling period, a number."""
+    at.period in s; at.kind, the kind of the port; rig_period_s: the rig's usual sampling period, a
+    number."""
 
     def __init__(self, values: dict[str, Any], where: str, rig_period_s: float) -> None:
         self._values, self._where, self.rig_period_s = values, where, rig_period_s
@@ -87,6 +94,12 @@ class Effect:
     unit: ClassVar[str] = ""  # only at ports of this SI unit
     everywhere: ClassVar[bool] = False  # one copy acts on all matching ports together
     parameters: ClassVar[tuple[Parameter, ...]] = ()
+    # the same names with the sizes and bounds that hold at ports of general_kinds
+    general_parameters: ClassVar[tuple[Parameter, ...]] = ()
+    # signal -> names under which a port may offer it instead; the first offered is taken
+    stand_ins: ClassVar[dict[str, tuple[str, ...]]] = {}
+    # it acts at several ports together, with one set of parameters: the signals of each part
+    roles: ClassVar[tuple[tuple[str, ...], ...]] = ()
     states: ClassVar[tuple[State, ...]] = ()
     look_alikes: ClassVar[tuple[str, ...]] = ()
     absorbed_by: ClassVar[tuple[str, ...]] = ()  # parameters of a rig that do the same
@@ -111,6 +124,19 @@ class Effect:
         return cls.families.get(kind, cls.family)
 
     @classmethod
+    def parameters_at(cls, kind: str) -> tuple[Parameter, ...]:
+        """Its parameters at a port of this kind."""
+        at_home = kind in cls.kinds or not cls.general_parameters
+        return cls.parameters if at_home else cls.general_parameters
+
+    @classmethod
+    def offered_as(cls, signal: str, offered: Collection[str]) -> str:
+        """The name under which a port that offers these signals offers this one (itself where it
+        does not)."""
+        names = (signal, *cls.stand_ins.get(signal, ()))
+        return next((n for n in names if n in offered), signal)
+
+    @classmethod
     def story(cls) -> dict[str, str]:
         """The docstring of the effect's file, section by section: title, What it is, Equation,
         ..."""
@@ -124,11 +150,13 @@ class Hints:
     """What an effect may look at to choose starting values.
 
     peaks_hz: of the gap's spectrum, strongest first; reach: largest magnitude of each signal at the
-    port where the model's states are those of the recording (SI).
+    port where the model's states are those of the recording (SI); periods: of the gap's spectrum
+    over the position at the port, strongest first (unit of the position).
     """
 
     peaks_hz: tuple[float, ...] = ()
     reach: Mapping[str, float] = field(default_factory=dict)
+    periods: tuple[float, ...] = ()
 
 
 SECTIONS = ("What it is", "What it looks like", "Looks like it", "Equation", "References")
@@ -164,6 +192,9 @@ def problems(effect: type[Effect]) -> list[str]:
     if not any(p.null is not None for p in effect.parameters):
         wrong.append("no parameter has a null, so it can never be switched off")
     names = [p.name for p in effect.parameters] + [s.name for s in effect.states]
+    general = {p.name for p in effect.general_parameters}
+    if general and general != {p.name for p in effect.parameters}:
+        wrong.append("its general_parameters have other names than its parameters")
     wrong += [
         f"the name {n!r} is used twice" for n in sorted({n for n in names if names.count(n) > 1})
     ]
@@ -172,6 +203,11 @@ def problems(effect: type[Effect]) -> list[str]:
     told = effect.story()
     wrong += [f"its docstring lacks the section {s!r}" for s in SECTIONS if not told.get(s)]
     wrong += [f"parameter {p.name!r} names no source" for p in effect.parameters if not p.source]
+    wrong += [
+        f"general parameter {p.name!r} names no source"
+        for p in effect.general_parameters
+        if not p.source
+    ]
     return wrong
 
 

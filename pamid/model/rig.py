@@ -74,7 +74,13 @@ class Port:
         if isinstance(self.signals, dict) and signal in self.signals:
             return self.signals[signal]
         length = {"N m": "rad", "rad": "rad"}.get(self.unit, "m")
-        return {"position": length, "velocity": f"{length}/s", "load": "N"}.get(signal, "")
+        return {
+            "position": length,
+            "velocity": f"{length}/s",
+            "stretch": length,
+            "load": "N",
+            "time": "s",
+        }.get(signal, "")
 
 
 @dataclass(frozen=True)

@@ -179,7 +179,14 @@ class _Tracer:
         offered: dict[str, Any],
     ) -> Expr:
         where_ = f"effect {effect.name!r} at port {name!r} of {self.rig.name!r}"
-        at = Signals({**offered, "place": place}, where_, self.rig.period_s)
+        aliases = {
+            signal: offered[other]
+            for signal in effect.stand_ins
+            if (other := effect.offered_as(signal, offered)) in offered
+        }
+        kind = self.rig.ports[name].kind
+        values = {**offered, **aliases, "place": place, "kind": kind}
+        at = Signals(values, where_, self.rig.period_s)
         p = Names(
             {q.name: symbol("parameter", f"{owner}:{q.name}") for q in effect.parameters},
             "parameter",

@@ -15,7 +15,7 @@ from markupsafe import Markup
 from pamid.base.errors import PamidError
 from pamid.base.units import quantity_of, split_column
 from pamid.model.attachment import attach
-from pamid.model.bound_parameter import bind
+from pamid.model.bound_parameter import bind, parameters_of
 from pamid.model.effect import Effect
 from pamid.model.registry import catalogue_rig, effects
 from pamid.model.rig import Port
@@ -52,8 +52,8 @@ _LONGEST_PLAIN = 700
 class _NamedSignals:
     """Signals as names; what a rig offers as a function becomes a call of that name."""
 
-    def __init__(self, offered: frozenset[str]) -> None:
-        self._offered = offered
+    def __init__(self, offered: frozenset[str], kind: str) -> None:
+        self._offered, self._kind = offered, kind
 
     def offers(self, signal: str) -> bool:
         return signal in self._offered
@@ -63,6 +63,8 @@ class _NamedSignals:
             raise AttributeError(signal)
         if signal == "place":
             return ""
+        if signal == "kind":
+            return self._kind
         if signal in _CALLED:
             return lambda *arguments: Expr(signal, tuple(map(expression, arguments)))
         return symbol("signal", signal)
@@ -106,11 +108,11 @@ def acting(rig: str, label: str) -> Acting | None:
 
 
 def _acting(effect: Effect, port: Port, port_name: str) -> Acting:
-    at = _NamedSignals(frozenset(port.signals) | {"time", "period"})
+    at = _NamedSignals(frozenset(port.signals) | {"time", "period"}, port.kind)
     letter, what = _TORQUE if quantity_of(port.unit) == "torque" else LETTERS[port.kind]
     found = effect.act(symbol("value", letter), at, _Symbols("parameter"), _Symbols("state"))
     value, rates = found if isinstance(found, tuple) else (found, {})
-    names = {p.name: bind(p, "", port, port_name, {}).name for p in effect.parameters}
+    names = {p.name: bind(p, "", port, port_name, {}).name for p in parameters_of(effect, port)}
     return Acting(
         effect, letter, what, expression(value), {k: expression(v) for k, v in rates.items()}, names
     )

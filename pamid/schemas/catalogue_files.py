@@ -58,8 +58,17 @@ class EffectStory(EffectRow):
 
     story: dict[Text, Text] = Field(description="title and sections")
     signals: ListOf[Text] = Field(description="that it cannot do without")
+    stand_ins: dict[Text, ListOf[Text]] = Field(
+        description="signal -> names under which a port may offer it instead"
+    )
+    roles: ListOf[ListOf[Text]] = Field(
+        description="it acts at several ports together: the signals of each part"
+    )
     unit: Text = Field(description=UNIT)
     parameters: ListOf[ParameterRow]
+    general_parameters: ListOf[ParameterRow] = Field(
+        description="the same parameters at ports of the general catalogue, where they differ"
+    )
     states: ListOf[Text]
     look_alikes: ListOf[Text] = Field(description="effects that it is mistaken for")
     absorbed_by: ListOf[Text] = Field(description="parameters of a rig that can stand in for it")

@@ -215,11 +215,12 @@ def sizes_of(probes: Sequence[tuple[str, str, str]], tables: Sequence[Array]) ->
 
 
 def port_sizes(assembly: Assembly, runs: list[tuple[Array, Array, float]]) -> Sizes:
-    """Sizes at every port over free runs (u, p, period) from the rig's own start: all that is known
-    before anything was measured."""
+    """Sizes at every port over free runs (u, p, period) from the rig's own start, and the longest
+    run's duration: all that is known before anything was measured."""
     probes = port_probes(assembly)
+    time = {("", "time"): max((len(u) * period for u, _, period in runs), default=0.0)}
     if not probes:
-        return {}
+        return time
     program = assembly.program_with({f"{where}.{n}": x for (_, where, n), x in probes.items()})
     tables = []
     for u, p, period in runs:
@@ -227,7 +228,7 @@ def port_sizes(assembly: Assembly, runs: list[tuple[Array, Array, float]]) -> Si
         memory = program.memory(assembly.start(p), stepping=step, period_s=period)
         Y, _, bad = program.run(memory, u, p, period_s=period, stepping=step)
         tables.append((Y[:bad] if bad >= 0 else Y)[:, Y.shape[1] - len(probes) :])
-    return sizes_of(list(probes), tables)
+    return time | sizes_of(list(probes), tables)
 
 
 def state_spread(assembly: Assembly, recording: Recording) -> Array:

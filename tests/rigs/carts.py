@@ -33,6 +33,9 @@ class Carts(Rig):
             BOTH,
             size={"value": 20.0, "position": 0.3, "velocity": 1.0, "load": 20.0},
         ),
+        "cord": Port(
+            "transmission", "N", {"stretch": "m"}, BOTH, size={"value": 10.0, "stretch": 0.3}
+        ),
         "mast": Port(
             "transmission", "N", {"inertia": "kg"}, BOTH, size={"value": 20.0, "position": 0.3}
         ),
@@ -59,7 +62,8 @@ class Carts(Rig):
             position, velocity = getattr(x, f"position_{i}"), getattr(x, f"velocity_{i}")
             force = port("amplifier", getattr(u, f"force_{i}_n"), place=i)
             force = port("drive", force, place=i, position=position, velocity=velocity)
-            force = force - p.viscous * velocity - p.stiffness * position + p.offset
+            cord = port("cord", p.stiffness * position, place=i, stretch=position)
+            force = force - p.viscous * velocity - cord + p.offset
             force = port(
                 "guide", force, place=i, position=position, velocity=velocity, load=9.81 * p.mass
             )

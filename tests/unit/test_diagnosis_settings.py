@@ -163,11 +163,11 @@ def test_how_many_are_refitted() -> None:
         ground = ScreeningBaseline(base, (), (), nothing, 0.0, False, settings)
         tried: Any = [
             Screened(SimpleNamespace(label=str(i)), SimpleNamespace(), {}, 100.0 - i)  # type: ignore[arg-type]
-            for i in range(30)
+            for i in range(40)
         ]
-        return len(promising({str(i): "one" for i in range(30)}, tried, ground))
+        return len(promising({str(i): "one" for i in range(40)}, tried, ground))
 
-    assert refitted(DEFAULT) == DEFAULT.refits and refitted(Settings(refits_all=30)) == 30
+    assert refitted(DEFAULT) == DEFAULT.refits and refitted(Settings(refits_all=40)) == 40
     assert refitted(OTHER) == DEFAULT.refits + 1
     assert refitted(Settings(refits_least=3, refit_share=0.97)) == 3
     assert refitted(DEFAULT, beside=True) == DEFAULT.refits_beside

@@ -1,0 +1,61 @@
+"""A value with limits that differ between its two sides.
+
+What it is
+    A pump that works one way, a single-acting valve, an amplifier on one supply, a sensor mounted
+    near one end of its range: an upper and a lower limit, each where it is. `share` is the part of
+    what lies beyond that is lost (1: hard limits).
+What it looks like
+    Flat tops at one height and flat bottoms at another, or on one side only; inside nothing is
+    changed.
+Looks like it
+    Saturation (the same limit on both sides); rectification (a lower limit at 0); an overflow,
+    which limits what is stored and not what is shown.
+Equation
+    value -= share (max(value - upper, 0) + min(value - lower, 0))
+References
+    Tao, Kokotovic (1996), Adaptive Control of Systems with Actuator and Sensor Nonlinearities,
+    Wiley.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pamid.model.effect import Effect
+from pamid.model.parameter import Parameter
+from pamid.symbolic.vocabulary import Expr, Number, maximum, minimum
+
+
+class AsymmetricSaturation(Effect):
+    """An upper and a lower limit."""
+
+    family = "saturation"
+    general_kinds = ("command", "reading")
+    parameters = (
+        Parameter(
+            "upper",
+            0.8,
+            low=-1.5,
+            high=1.5,
+            spread=0.5,
+            size="value",
+            tries=(0.4,),
+            source="estimate: seen only if it lies below the largest value",
+        ),
+        Parameter(
+            "lower",
+            -0.6,
+            low=-1.5,
+            high=1.5,
+            spread=0.5,
+            size="value",
+            tries=(-0.4, 0.2),
+            source="estimate: seen only if it lies above the smallest value",
+        ),
+        Parameter("share", 1.0, low=0.0, high=1.0, spread=0.1, null=0.0, source="1: hard limits"),
+    )
+    look_alikes = ("saturation", "rectification", "gain-error", "asymmetric-dead-zone")
+
+    def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
+        beyond = maximum(value - p.upper, 0.0) + minimum(value - p.lower, 0.0)
+        return value - p.share * beyond

@@ -1,0 +1,76 @@
+"""Dry friction that differs between the directions.
+
+What it is
+    A lip seal that wipes one way, a worm gear, a chain that climbs its wheel, a piston rod of one
+    side only: it takes more force to slide one way than the other.
+What it looks like
+    The mechanism stops short on both sides, by unequal amounts; the two branches of the loop are
+    not symmetric about the model's.
+Looks like it
+    Coulomb friction with a constant offset (the same while the mechanism slides, apart where it
+    rests: the offset goes on pushing); damping that differs between the directions, which grows
+    with speed; gravity.
+Equation
+    value -= (forward max(s, 0) + backward min(s, 0)), s = stop(position, give) / give
+References
+    Armstrong-Helouvry (1991), Control of Machines with Friction, Kluwer; Duclusaud,
+    Passault, Padois, Ly (2025), Extended friction models for the physics simulation of servo
+    actuators, IEEE Int. Conf. Robotics and Automation.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pamid.model.effect import Effect
+from pamid.model.parameter import Parameter
+from pamid.symbolic.vocabulary import Expr, Number, maximum, minimum, stop
+
+
+class DirectionalFriction(Effect):
+    """Dry friction with a level for each direction."""
+
+    family = "friction"
+    general_kinds = ("motion",)
+    signals = ("position",)
+    parameters = (
+        Parameter(
+            "forward",
+            0.03,
+            low=0.0,
+            high=1.0,
+            spread=0.1,
+            size="value",
+            null=0.0,
+            label="forward_{value}",
+            tries=(0.1,),
+            source="estimate: guides, gears and seals, 1-20 % of the drive's force",
+        ),
+        Parameter(
+            "backward",
+            0.08,
+            low=0.0,
+            high=1.0,
+            spread=0.1,
+            size="value",
+            null=0.0,
+            label="backward_{value}",
+            tries=(0.1,),
+            source="estimate: guides, gears and seals, 1-20 % of the drive's force",
+        ),
+        Parameter(
+            "give",
+            0.001,
+            low=0.0001,
+            high=0.02,
+            spread=3.0,
+            log=True,
+            size="position",
+            source="estimate: presliding of a thousandth of the stroke",
+        ),
+    )
+    look_alikes = ("coulomb-friction", "constant-offset", "directional-damping")
+
+    def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
+        bent = stop(at.position, p.give) * (1.0 / p.give)
+        return value - p.forward * maximum(bent, 0.0) - p.backward * minimum(bent, 0.0)

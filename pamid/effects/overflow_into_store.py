@@ -1,0 +1,85 @@
+"""What spills over the rim of one store is caught by the next.
+
+What it is
+    Two tanks, one above the other: beyond a level the upper one spills, and a share of that falls
+    into the lower one, the rest beside it. Two ports take part: that of the store that spills
+    offers `downstream`, what is stored in the other; that of the store that receives offers
+    `upstream`. Both lose and gain by one law. The share also holds the ratio of their areas.
+What it looks like
+    The upper level hardly rises beyond one height, and just then the lower one rises faster than
+    what flows through between them.
+Looks like it
+    An overflow that is lost (the lower store knows nothing of it); a saturated sensor above; a
+    wider pipe between the two.
+Equation
+    spilt(s) = gain max(s - level, 0); above: value -= spilt(stored); below: value += share
+    spilt(upstream)
+References
+    Schoukens, Mattson, Wigren, Noel (2016), Cascaded tanks benchmark combining soft and hard
+    nonlinearities, Workshop on Nonlinear System Identification Benchmarks, Brussels.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pamid.effects.overflow import TRIED
+from pamid.model.effect import Effect, Hints
+from pamid.model.parameter import Parameter
+from pamid.symbolic.vocabulary import Expr, Number, maximum
+
+
+class OverflowIntoStore(Effect):
+    """A loss above a level in one store, and a share of it gained by another."""
+
+    family = "overflow"
+    general_kinds = ("rate",)
+    roles = (("stored", "downstream"), ("upstream",))
+    parameters = (
+        Parameter(
+            "gain",
+            5.0,
+            low=0.0,
+            high=50.0,
+            spread=10.0,
+            size="value/stored",
+            null=0.0,
+            source="estimate: several times the store's own rate, or the rim would not hold the "
+            "level",
+        ),
+        Parameter(
+            "level",
+            0.8,
+            low=0.1,
+            high=1.2,
+            spread=0.3,
+            size="stored",
+            tries=(0.6,),
+            source="estimate: seen only if it lies below the largest level",
+        ),
+        Parameter(
+            "share",
+            0.7,
+            low=0.0,
+            high=3.0,
+            spread=0.5,
+            source="estimate: a part falls beside; times the ratio of the areas",
+        ),
+    )
+    look_alikes = ("overflow", "orifice-loss", "saturation")
+
+    def starts(self, hints: Hints) -> list[dict[str, float]]:
+        """Levels within what the store that spills reaches."""
+        return [
+            {"level": share * hints.reach["stored"]} for share in TRIED if "stored" in hints.reach
+        ]
+
+    def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
+        def spilt(stored: Expr) -> Expr:
+            return p.gain * maximum(stored - p.level, 0.0)
+
+        if at.offers("downstream"):
+            value = value - spilt(at.stored)
+        if at.offers("upstream"):
+            value = value + p.share * spilt(at.upstream)
+        return value

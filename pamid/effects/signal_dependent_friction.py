@@ -1,0 +1,85 @@
+"""Dry friction whose level follows a signal: a current, a voltage, a pressure, a load.
+
+What it is
+    Something sets how hard the surfaces hold each other: the current of a brake, the voltage at the
+    coil of a damper with a magnetised fluid, the pressure behind a seal, the load on a guide. The
+    level of friction is a part that is always there and a part in proportion to that signal. The
+    port offers the signal under `level`, or under its own name: load, pressure, current, voltage,
+    temperature (the first of these counts).
+What it looks like
+    The width of the loop between motion back and forth differs between stretches at another
+    current, pressure or load; within one stretch it looks like plain dry friction.
+Looks like it
+    Coulomb and Dahl friction (constant width: the signal has to change to tell them apart);
+    load-dependent friction (nothing is left where the load is gone); hysteresis of a spring.
+Equation
+    value -= (base + slope |level|) * stop(position, give) / give
+References
+    Spencer, Dyke, Sain, Carlson (1997), Phenomenological model for magnetorheological dampers,
+    J. Eng. Mech. 123(3), 230-238; Armstrong-Helouvry, Dupont, Canudas de Wit (1994), Automatica
+    30(7).
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+from pamid.model.effect import Effect
+from pamid.model.parameter import Parameter
+from pamid.symbolic.vocabulary import Expr, Number, absolute, stop
+
+
+class SignalDependentFriction(Effect):
+    """Dry friction with a constant level and one in proportion to a signal."""
+
+    family = "friction"
+    general_kinds = ("motion",)
+    signals = ("position", "level")
+    stand_ins: ClassVar[dict[str, tuple[str, ...]]] = {
+        "level": ("load", "pressure", "current", "voltage", "temperature")
+    }
+    parameters = (
+        Parameter(
+            "base",
+            0.03,
+            low=0.0,
+            high=2.0,
+            spread=0.2,
+            size="value",
+            null=0.0,
+            label="base_{value}",
+            source="estimate: guides and seals, 1-15 % of the drive's force",
+        ),
+        Parameter(
+            "slope",
+            0.1,
+            low=0.0,
+            high=3.0,
+            spread=0.4,
+            size="value/level",
+            null=0.0,
+            source="estimate: brakes, dampers with a magnetised fluid and pressed seals, 5-100 % "
+            "of the force at the largest signal",
+        ),
+        Parameter(
+            "give",
+            0.003,
+            low=0.0001,
+            high=0.3,
+            spread=4.0,
+            log=True,
+            size="position",
+            tries=(0.05,),
+            source="estimate: presliding of a thousandth of the stroke, of fluids a tenth",
+        ),
+    )
+    look_alikes = (
+        "load-dependent-friction",
+        "coulomb-friction",
+        "dahl-friction",
+        "bouc-wen-hysteresis",
+    )
+
+    def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
+        level = p.base + p.slope * absolute(at.level)
+        return value - level * stop(at.position, p.give) * (1.0 / p.give)
