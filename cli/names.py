@@ -39,7 +39,7 @@ class Catalogued(click.ParamType):
 
 
 #: folder of the package that is scanned -> what stands in the files that count, and not in others
-BASES = {"rigs": "(Rig)", "effects": "", "networks": "(Network)"}
+BASES = {"rigs": "(Rig)", "effects": "", "networks": "(Network)", "export/forms": "FORM = "}
 
 
 def _package() -> Path:
@@ -83,9 +83,17 @@ def rigs_in(module: str) -> list[str]:
     return [name for name in _entries("rigs") if f'"{name}"' in text]
 
 
-def export_forms() -> list[str]:
-    """The forms that `pamid.export` can write."""
-    return list(_literal(_package() / "export" / "exporting.py", "FORMS"))
+@lru_cache
+def export_forms() -> dict[str, tuple[tuple[str, ...], str]]:
+    """The forms that `pamid.export` can write: further names, and a line about each."""
+    files = _files("export/forms")
+    return {file.stem: (tuple(_literal(file, "ALSO")), _line_of(file)) for file in files}
+
+
+def _line_of(file: Path) -> str:
+    """What the docstring of a file says behind its name."""
+    head = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
+    return head.partition("\n\n")[0].partition(": ")[2].removesuffix(".").replace("\n", " ")
 
 
 @lru_cache

@@ -13,14 +13,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import FileError
-from pamid.base.files import write_together
 from pamid.base.units import NONE, split_column
 from pamid.correction.identified_model import Identified
 from pamid.export.onnx_graph import Graph, graph_of, model_bytes
@@ -35,22 +33,10 @@ Nodes = Callable[[Graph, str, str], tuple[str, str]]
 SCHEMA = "pamid.onnx/1"
 
 
-def write_onnx(model: Identified, path: Path) -> tuple[Path, Path]:
-    """Write a model's run to `path` and its cell beside it, each whole or not at all; both paths.
-    UsageError where its network needs the control loop; FileError where onnx is not installed."""
-    _require_onnx()
-    return _written(onnx_bytes(model), path)
-
-
-def write_network_onnx(trained: TrainedNetwork, path: Path) -> tuple[Path, Path]:
-    """The same for a network by itself, from its inputs to its correction, both in their own
-    units."""
-    _require_onnx()
-    return _written(network_onnx_bytes(trained), path)
-
-
 def onnx_bytes(model: Identified) -> tuple[bytes, bytes]:
-    """A model's run and cell."""
+    """A model's run and cell. UsageError where its network needs the control loop; FileError where
+    onnx is not installed."""
+    _require_onnx()
     network = None if model.network is None else model.network.trained
     in_matrices = network is not None and network.network.in_matrices
     sample = Sampled(step_of(model), network if in_matrices else None)
@@ -146,12 +132,6 @@ def _run_and_cell(
 def _column(name: str) -> dict[str, str]:
     unit = split_column(name)[1]
     return {"name": name, "unit": "" if unit == NONE else unit}
-
-
-def _written(contents: tuple[bytes, bytes], path: Path) -> tuple[Path, Path]:
-    cell = path.with_name(f"{path.stem}-cell.onnx")
-    write_together(dict(zip((path, cell), contents, strict=True)))
-    return path, cell
 
 
 def _require_onnx() -> None:

@@ -8,10 +8,8 @@ where a path is Python code and is run.
 from __future__ import annotations
 
 import hashlib
-import importlib
 import importlib.machinery
 import importlib.util
-import pkgutil
 import sys
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
@@ -20,6 +18,7 @@ from types import MappingProxyType, ModuleType
 from typing import Any
 
 from pamid.base.errors import FileError, PamidError, nearest, quoted
+from pamid.base.scanned import classes_of, modules_of
 from pamid.base.trust import is_code
 from pamid.model.effect import Effect, require_sound
 from pamid.model.rig import Rig, check_rig
@@ -31,25 +30,10 @@ _IN_PROGRAM = (
 )
 
 
-def _classes(module: ModuleType, base: type) -> list[type]:
-    return [
-        v
-        for v in vars(module).values()
-        if isinstance(v, type)
-        and issubclass(v, base)
-        and v is not base
-        and v.__module__ == module.__name__
-    ]
-
-
 @lru_cache
 def _scanned(package: str, base: type) -> dict[str, type]:
-    found: dict[str, type] = {}
-    folder = importlib.import_module(package)
-    for info in sorted(pkgutil.iter_modules(folder.__path__), key=lambda m: m.name):
-        for cls in _classes(importlib.import_module(f"{package}.{info.name}"), base):
-            found[cls.name] = cls  # type: ignore[attr-defined]
-    return found
+    modules = modules_of(package).values()
+    return {cls.name: cls for module in modules for cls in classes_of(module, base)}
 
 
 def effects() -> dict[str, type[Effect]]:
@@ -179,7 +163,7 @@ def catalogue_rig(name: str) -> Rig:
 
 
 def _rig_in(path: Path, sha256: str = "") -> Rig:
-    found = _classes(load_file(path, sha256), Rig)
+    found = classes_of(load_file(path, sha256), Rig)
     if not found:
         raise FileError(f"{path} holds no rig", "a rig is a class that derives from pamid.Rig")
     if len(found) > 1:
@@ -276,7 +260,7 @@ def effects_with(
             continue
         path = _file_of(spec)
         if is_code(path):
-            found = _classes(load_file(Path(path), sha256.get(spec, "")), Effect)
+            found = classes_of(load_file(Path(path), sha256.get(spec, "")), Effect)
             if not found:
                 raise FileError(
                     f"{path} holds no effect", "an effect is a class that derives from pamid.Effect"

@@ -50,6 +50,19 @@ class Line(Network):
     def sweep(self, weights, inputs):
         yield 0, self.simulate(weights, inputs), self.rows(inputs)
 '''
+FORM = '''"""`pamid export --to list`: a list of the states."""
+
+from pamid.export.form import Form, Written
+
+ALSO = ("names",)
+
+
+def write(model, step, files):
+    return Written({file: "\\n".join(step.states).encode() for file in files})
+
+
+FORM = Form(".txt", write)
+'''
 READER = '''"""Numbers, one a line."""
 
 import numpy as np
@@ -75,6 +88,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (place / "pamid_cli" / "say_hello.py").write_text(COMMAND)
     (place / "pamid" / "networks" / "line.py").write_text(NETWORK)
     (place / "pamid" / "ingest" / "readers" / "numbers.py").write_text(READER)
+    (place / "pamid" / "export" / "forms" / "list.py").write_text(FORM)
     for room, theirs, name, mine in (
         ("effects", "coulomb_friction", "CoulombFriction", "MyFriction"),
         ("rigs", "one_dof", "OneDof", "MyJoint"),
@@ -125,6 +139,21 @@ def test_a_reader(copy: Path) -> None:
         "log = read_log(Path('log.num')); print(log.kind, log.channel('x_m').values)"
     )
     assert run(copy, "-c", code) == "numbers [1.5 2.5]\n"
+
+
+def test_a_form_of_export(copy: Path) -> None:
+    said = " ".join(pamid(copy, "export", "--help").split())
+    assert "|list|names|" in said and "; list, also names: a list of the states; " in said
+    code = (
+        "from pathlib import Path; from pamid.correction.identified_model import Identified;"
+        "from pamid.engine.program import Stepping;"
+        "from pamid.export.exporting import export_model;"
+        "from pamid.model.assembly import Assembly; from pamid.model.registry import rig_named;"
+        "rig = Assembly(rig_named('one-dof'), ());"
+        "model = Identified('one-dof', rig, rig.values(), 0.003, Stepping(1));"
+        "(file,) = export_model(model, 'names').files; print(file, file.read_text().split()[0])"
+    )
+    assert run(copy, "-c", code) == "pamid_one_dof.txt angle\n"
 
 
 def test_an_effect_and_a_rig(copy: Path) -> None:
