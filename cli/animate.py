@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from . import frame
-from .progress_bar import ProgressBar
+from .terminal import progress_line
 
 PLACE = 130
 EXAMPLE = """
@@ -79,7 +79,7 @@ def command(
         )
     found = load_run(run)
     motion = motion_of(found, rig_of_run(found, rig), speed / RATE, begin, end)
-    with ProgressBar("animate", motion.time.size) as progress:
+    with progress_line("animate", motion.time.size) as progress:
         gif = gif_of(motion, size, lambda done, of: progress.update(done, "frames"))
     if output is None:
         target = Run.open(run).path(f"{FIGURES_FOLDER}/motion.gif")

@@ -9,8 +9,7 @@ import click
 
 from . import frame
 from .hints import unused
-from .progress_bar import ProgressBar
-from .terminal import quoted
+from .terminal import progress_line, quoted
 
 PLACE = 190
 EXAMPLE = """
@@ -59,13 +58,13 @@ def command(output: Path, seed: int, jobs: int, duration: float, overwrite: bool
         overwrite=overwrite,
         options={"jobs": jobs, "duration_s": duration},
     )
-    with ProgressBar("demo") as progress:
+    with progress_line("demo") as progress:
         found = run_demo(
             run,
             seed=seed,
             jobs=jobs,
             duration_s=duration,
-            progress=lambda text: progress.update(0, text),
+            progress=progress.say,
         )
     return frame.Result(found, demo_text(found, output))
 

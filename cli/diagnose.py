@@ -10,8 +10,7 @@ import click
 from . import frame
 from .job import cluster_option, failed_text, said_of
 from .options import no_check_option, recording_options, run_output_option
-from .progress_bar import ProgressBar
-from .terminal import quoted, warning
+from .terminal import progress_line, quoted, warning
 
 PLACE = 80
 EXAMPLE = """
@@ -70,7 +69,7 @@ def command(
     """
     from pamid.api.diagnosing import diagnose
 
-    with ProgressBar("diagnose") as progress:
+    with progress_line("diagnose") as progress:
         run = diagnose(
             list(recordings),
             rig,

@@ -10,8 +10,7 @@ import click
 from . import frame
 from .job import cluster_option, failed_text, said_of
 from .options import no_check_option, recording_options, run_output_option
-from .progress_bar import ProgressBar
-from .terminal import quoted, warning
+from .terminal import progress_line, quoted, warning
 
 PLACE = 50
 EXAMPLE = """
@@ -92,7 +91,7 @@ def command(
     from pamid.api.fitting import fit
     from pamid.base.run_folder import FIT_FILE
 
-    with ProgressBar("fit") as progress:
+    with progress_line("fit") as progress:
         model = fit(
             list(recordings),
             rig,

@@ -9,8 +9,7 @@ import click
 
 from . import frame, names
 from .options import run_output_option
-from .progress_bar import ProgressBar
-from .terminal import aside, quoted
+from .terminal import aside, progress_line, quoted
 
 PLACE = 70
 EXAMPLE = """
@@ -99,13 +98,13 @@ def command(
         options={"sets": sets, "rig": rig, "held_out": every, "strict": strict},
     )
     try:
-        with ProgressBar("force-law") as progress:
+        with progress_line("force-law") as progress:
             found = judge(
                 points,
                 sets=sets,
                 every=every,
                 seed=seed,
-                progress=lambda text: progress.update(0, text),
+                progress=progress.say,
             )
         if strict and not found.monotone:
             remedies = [

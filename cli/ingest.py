@@ -10,8 +10,7 @@ import click
 from . import frame
 from .hints import unused
 from .options import parse_known
-from .progress_bar import ProgressBar
-from .terminal import aside, quoted
+from .terminal import aside, progress_line, quoted
 
 if TYPE_CHECKING:
     from pamid.ingest.conversion import Conversion
@@ -175,7 +174,7 @@ def _ingest(
         update={"rig": rig_name or parsed.rig, "known": {**parsed.known, **known}}
     )
     made = []
-    with ProgressBar("reading logs", len(logs)) as progress:
+    with progress_line("reading logs", len(logs)) as progress:
         for number, log in enumerate(logs):
             progress.update(number, log.name)
             made.append(convert(read_log(log, kind), parsed, rig, str(mapping), repair or ""))

@@ -39,7 +39,13 @@ class Catalogued(click.ParamType):
 
 
 #: folder of the package that is scanned -> what stands in the files that count, and not in others
-BASES = {"rigs": "(Rig)", "effects": "", "networks": "(Network)", "export/forms": "FORM = "}
+BASES = {
+    "rigs": "(Rig)",
+    "effects": "",
+    "networks": "(Network)",
+    "export/forms": "FORM = ",
+    "replications/papers": "OPTIONS = ",
+}
 
 
 def _package() -> Path:
@@ -88,6 +94,13 @@ def export_forms() -> dict[str, tuple[tuple[str, ...], str]]:
     """The forms that `pamid.export` can write: further names, and a line about each."""
     files = _files("export/forms")
     return {file.stem: (tuple(_literal(file, "ALSO")), _line_of(file)) for file in files}
+
+
+@lru_cache
+def papers() -> dict[str, tuple[tuple[str, ...], str]]:
+    """The papers that can be reproduced: options that only some know, and what is done."""
+    files = _files("replications/papers")
+    return {file.stem: (tuple(_literal(file, "OPTIONS")), _line_of(file)) for file in files}
 
 
 def _line_of(file: Path) -> str:

@@ -8,8 +8,7 @@ from typing import Any
 import click
 
 from . import frame, names
-from .progress_bar import ProgressBar
-from .terminal import aside, quoted
+from .terminal import aside, progress_line, quoted
 
 PLACE = 60
 EXAMPLE = """
@@ -120,7 +119,7 @@ def command(
     from pamid.api.training import train_residual
 
     given = tuple(word.strip() for word in (inputs or "").split(",") if word.strip())
-    with ProgressBar("train-residual", iterations) as progress:
+    with progress_line("train-residual", iterations) as progress:
         found = train_residual(
             run,
             network=network,

@@ -10,8 +10,7 @@ import click
 
 from . import frame, names
 from .job import cluster_option, failed_text
-from .progress_bar import ProgressBar
-from .terminal import quoted
+from .terminal import progress_line, quoted
 
 if TYPE_CHECKING:
     from pamid.base.run_folder import Run
@@ -142,7 +141,7 @@ def command(
             return _share(output, fixed, options, _share_of(index), pool)
         run = _begun(output, fixed, options, resume)
         try:
-            with ProgressBar("trial") as progress:
+            with progress_line("trial") as progress:
                 found = run_trial(
                     output,
                     CaseSelection(part, cases, seed, rig, only or ""),
@@ -192,7 +191,7 @@ def _share(
         options["only"] or "",
     ).draw()
     cases = every_case[number - 1 :: count]
-    with ProgressBar("trial", len(cases)) as progress:
+    with progress_line("trial", len(cases)) as progress:
         results = run_cases(cases, output, pool, done=lambda i, n: progress.update(i, "cases"))
     failed = failed_jobs(results)
     found = {

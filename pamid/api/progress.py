@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from types import TracebackType
 from typing import Literal, Protocol, TextIO, TypeAlias, runtime_checkable
 
 from pamid.base.progress import Progress, silent
@@ -23,74 +24,100 @@ class CountedProgress(Protocol):
 #: what counts steps
 ShowProgress: TypeAlias = Progress | CountedProgress | Literal[False] | None
 
-_EVERY_S = 0.1
+_LIVE_S = 0.1
+_LOG_S = 15.0
 _WIDTH = 100
 
 
 @contextmanager
-def progress_line(wanted: ShowProgress, label: str) -> Iterator[Progress]:
-    """A callback for lines of text. Nothing is shown in log files and pipes, nor of quick work; at
-    the end the line is wiped."""
+def progress_steps(
+    wanted: ShowProgress, label: str, total: int | None = None
+) -> Iterator[tuple[Progress, Callable[[int, str], object]]]:
+    """A callback for lines of text, and one for steps: (how many of the total are done, text)."""
     if isinstance(wanted, CountedProgress):
         counted = wanted
 
-        def text_only(text: str) -> None:
+        def say(text: str) -> None:
             counted.update(0, text)
 
-        yield text_only
-        return
-    if callable(wanted):
-        yield wanted
-        return
-    stream = sys.stderr
-    if wanted is False or stream is None or not _updates(stream):
-        yield silent
-        return
-    line = _Line(stream, label)
-    try:
-        yield line.show
-    finally:
-        line.wipe()
+        yield say, counted.update
+    elif callable(wanted):
+        told = wanted
+        yield told, lambda done, text: told(f"{done}/{total} {text}")
+    elif wanted is False:
+        yield silent, lambda done, text: None
+    else:
+        with ProgressLine(label, total) as line:
+            yield line.say, line.update
 
 
-@contextmanager
-def progress_steps(
-    wanted: ShowProgress, label: str, total: int
-) -> Iterator[tuple[Progress, Callable[[int, str], object]]]:
-    """The same, and beside it a callback for steps of a known number: (how many are done, text)."""
-    with progress_line(wanted, label) as show:
-        if isinstance(wanted, CountedProgress):
-            yield show, wanted.update
-        else:
-            yield show, lambda done, text: show(f"{done}/{total} {text}")
+class ProgressLine:
+    """`with ProgressLine("fitting", 12) as line: line.update(3, "coulomb-friction")`.
 
+    On a terminal and in a notebook a line on stderr that updates itself and is wiped at the end;
+    log files and pipes get a line every 15 s where `in_logs`, else nothing. Quick work says
+    nothing.
+    """
 
-class _Line:
-    def __init__(self, stream: TextIO, label: str) -> None:
-        self._stream, self._label = stream, label
+    def __init__(
+        self,
+        label: str,
+        total: int | None = None,
+        *,
+        in_logs: bool = False,
+        stream: TextIO | None = None,
+    ) -> None:
+        self._label, self._total = label, total
+        self._stream = stream if stream is not None else sys.stderr
+        self._live = self._stream is not None and _updates(self._stream)
+        self._silent = self._stream is None or not (self._live or in_logs)
         self._begun = self._shown = time.monotonic()
         self._length = 0
 
-    def show(self, text: str) -> None:
+    def __enter__(self) -> ProgressLine:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._live and self._length:
+            self._write("\r" + " " * self._length + "\r")
+
+    def say(self, text: str) -> None:
+        """Say what is going on."""
+        self.update(0, text)
+
+    def update(self, done: int, text: str = "") -> None:
+        """Say that `done` of the total are finished; `text` is what is going on. The rest is taken
+        to go as fast, and may not be needed."""
+        if self._silent:
+            return
         now = time.monotonic()
-        if now - self._shown < _EVERY_S:
+        if now - self._shown < (_LIVE_S if self._live else _LOG_S):
             return
         self._shown = now
-        plain = "".join(c if c.isprintable() else " " for c in f"{self._label}: {text}")[:_WIDTH]
-        self._write(f"{plain} ({now - self._begun:.0f} s)")
-
-    def wipe(self) -> None:
-        if self._length:
-            self._write("")
-            with contextlib.suppress(OSError):
-                self._stream.write("\r")
-
-    def _write(self, line: str) -> None:
+        count = f"{done}/{self._total} " if self._total is not None else "" if text else f"{done}"
+        spent = now - self._begun
+        left = (
+            f", at most {spent * (self._total - done) / done:.0f} s left"
+            if self._total and done > 0
+            else ""
+        )
+        said = f"{self._label}: {count}{text}".rstrip()[:_WIDTH]
+        plain = "".join(c if c.isprintable() else " " for c in said)
+        line = f"{plain} ({spent:.0f} s{left})"
         # blanks over the rest of the line before: notebooks do not know the terminal's codes
-        with contextlib.suppress(OSError):
-            self._stream.write("\r" + line.ljust(self._length))
-            self._stream.flush()
+        self._write("\r" + line.ljust(self._length) if self._live else line + "\n")
         self._length = len(line)
+
+    def _write(self, text: str) -> None:
+        with contextlib.suppress(OSError):  # a closed or full stderr stops no work
+            if self._stream is not None:
+                self._stream.write(text)
+                self._stream.flush()
 
 
 def _updates(stream: TextIO) -> bool:

@@ -63,6 +63,34 @@ def write(model, step, files):
 
 FORM = Form(".txt", write)
 '''
+PAPER = '''"""`pamid reproduce-paper --paper coin`: how often a coin falls on its edge."""
+
+from dataclasses import dataclass
+
+OPTIONS = ("iterations",)
+
+
+@dataclass(frozen=True)
+class Plan:
+    seed: int
+    throws: int
+
+
+def plan(*, seed, quick, iterations):
+    return Plan(seed, iterations)
+
+
+def reproduce(run, plan, *, progress):
+    return {"schema": "pamid.text/1", "text": f"0 of {plan.throws}"}
+
+
+def text(found):
+    return found["text"]
+
+
+def converged(found):
+    return True
+'''
 READER = '''"""Numbers, one a line."""
 
 import numpy as np
@@ -89,6 +117,7 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (place / "pamid" / "networks" / "line.py").write_text(NETWORK)
     (place / "pamid" / "ingest" / "readers" / "numbers.py").write_text(READER)
     (place / "pamid" / "export" / "forms" / "list.py").write_text(FORM)
+    (place / "pamid" / "replications" / "papers" / "coin.py").write_text(PAPER)
     for room, theirs, name, mine in (
         ("effects", "coulomb_friction", "CoulombFriction", "MyFriction"),
         ("rigs", "one_dof", "OneDof", "MyJoint"),
@@ -154,6 +183,14 @@ def test_a_form_of_export(copy: Path) -> None:
         "(file,) = export_model(model, 'names').files; print(file, file.read_text().split()[0])"
     )
     assert run(copy, "-c", code) == "pamid_one_dof.txt angle\n"
+
+
+def test_a_paper(copy: Path) -> None:
+    said = " ".join(pamid(copy, "reproduce-paper", "--help").split())
+    assert "[arm|coin|joint]" in said and "every start. (coin or joint)" in said
+    assert "coin: how often a coin falls on its edge." in said
+    words = ("reproduce-paper", "--paper", "coin", "--iterations", "3", "--output", "coin-run")
+    assert pamid(copy, *words) == "0 of 3\n"
 
 
 def test_an_effect_and_a_rig(copy: Path) -> None:
