@@ -103,6 +103,11 @@ def papers() -> dict[str, tuple[tuple[str, ...], str]]:
     return {file.stem: (tuple(_literal(file, "OPTIONS")), _line_of(file)) for file in files}
 
 
+def cures() -> tuple[str, ...]:
+    """How `pamid.ingest` can mend uneven stamps."""
+    return tuple(_literal(_package() / "ingest" / "mapping.py", "Repair"))
+
+
 def _line_of(file: Path) -> str:
     """What the docstring of a file says behind its name."""
     head = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
@@ -116,12 +121,14 @@ def network_sizes() -> dict[str, dict[str, tuple[int, int, str, str]]]:
 
 
 def _literal(file: Path, name: str) -> Any:
-    """The literal that this file, or a class in it, gives to a name; {} where none does."""
+    """The literal that this file, or a class in it, gives to a name, or the values of a
+    `Literal[...]`; {} where none does."""
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.AnnAssign | ast.Assign) and node.value is not None:
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]
             if any(isinstance(one, ast.Name) and one.id == name for one in targets):
-                return ast.literal_eval(node.value)
+                given = node.value.slice if isinstance(node.value, ast.Subscript) else node.value
+                return ast.literal_eval(given)
     return {}
 
 

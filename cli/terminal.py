@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, TextIO
 import click
 
 if TYPE_CHECKING:
-    from pamid.api.progress import ProgressLine
+    from pamid.base.progress import ProgressLine
 
 #: control characters but tab and line end, soft hyphen, marks of direction, of no width and of
 #: tags, half characters
@@ -59,7 +59,7 @@ def warning(text: str) -> None:
 
 def progress_line(label: str, total: int | None = None) -> ProgressLine:
     """Progress on stderr, in log files, too."""
-    from pamid.api.progress import ProgressLine
+    from pamid.base.progress import ProgressLine
 
     return ProgressLine(label, total, in_logs=True)
 

@@ -7,23 +7,21 @@ from collections.abc import Iterable, Sequence
 
 from pamid.api.given import (
     EffectLike,
-    PathLike,
     RecordingLike,
-    RigLike,
     Warn,
     effects_given,
     evidence_of,
     warn_in_python,
 )
-from pamid.api.progress import ShowProgress
 from pamid.api.results import DiagnosisResult, result_of
 from pamid.api.runs import HowToRun, carry_out
 from pamid.base.errors import FileError, UsageError, nearest
-from pamid.base.progress import Progress
+from pamid.base.files import PathLike
+from pamid.base.progress import Progress, ShowProgress
 from pamid.base.run_folder import Run
 from pamid.diagnosis.diagnose import diagnose_into
 from pamid.model.effect import Effect
-from pamid.model.registry import effects_with
+from pamid.model.registry import RigLike, effects_with
 from pamid.parallel.jobs import WorkerPool
 
 

@@ -7,25 +7,23 @@ from pathlib import Path
 
 from pamid.api.given import (
     EffectLike,
-    PathLike,
     RecordingLike,
-    RigLike,
     Warn,
     effects_given,
     evidence_of,
     warn_in_python,
 )
-from pamid.api.progress import ShowProgress
 from pamid.api.results import FitResult, result_of
 from pamid.api.runs import HowToRun, carry_out
 from pamid.base.errors import UsageError
-from pamid.base.files import write_atomically
+from pamid.base.files import PathLike, write_atomically
 from pamid.base.json_file import write_json
-from pamid.base.progress import Progress
+from pamid.base.progress import Progress, ShowProgress
 from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE, Run
 from pamid.estimation.fit_files import fit_json, residual_csv
 from pamid.estimation.grey_box import fit_model
 from pamid.estimation.posterior import read_posterior
+from pamid.model.registry import RigLike
 from pamid.parallel.jobs import WorkerPool
 from pamid.simulation.virtual_rig import attach_specs
 

@@ -8,23 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pamid.api.given import (
-    EffectLike,
-    Given,
-    PathLike,
-    RigLike,
-    effects_given,
-    rig_given,
-)
-from pamid.api.progress import ShowProgress, progress_steps
+from pamid.api.given import EffectLike, Given, effects_given
 from pamid.api.results import FitResult, result_of
 from pamid.api.workers import RunHome, closing, worker_pool
 from pamid.base.errors import UsageError
-from pamid.base.files import write_together
-from pamid.base.progress import Progress
+from pamid.base.files import PathLike, write_together
+from pamid.base.progress import Progress, ShowProgress, progress_steps
 from pamid.base.run_folder import Run
 from pamid.model.effect import Effect
-from pamid.model.registry import code_files, name_of
+from pamid.model.registry import RigLike, code_files, name_of, rig_given
 from pamid.parallel.jobs import WorkerPool
 
 

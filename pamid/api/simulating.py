@@ -5,19 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from pamid.api.given import (
-    EffectLike,
-    PathLike,
-    RecordingLike,
-    RigLike,
-    effects_given,
-    recording_given,
-    rig_given,
-)
+from pamid.api.given import EffectLike, RecordingLike, effects_given, recording_given
 from pamid.api.modelled import MODEL_DIGITS, modelled, recorded
 from pamid.api.results import FitResult
 from pamid.base.errors import FileError, UsageError
-from pamid.model.registry import rig_of
+from pamid.base.files import PathLike
+from pamid.model.registry import RigLike, rig_given, rig_of
 from pamid.recording.recording import SIGNIFICANT_DIGITS, Recording
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 

@@ -9,14 +9,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pamid.api.given import PathLike, RigLike, rig_given
-from pamid.api.progress import ShowProgress, progress_steps
 from pamid.api.results import FitResult
 from pamid.api.workers import RunHome
 from pamid.base.card import Cells, card, html_table, number, paragraph, text_table
 from pamid.base.errors import PamidError, UsageError
+from pamid.base.files import PathLike
 from pamid.base.json_file import read_json
-from pamid.base.progress import Progress
+from pamid.base.progress import Progress, ShowProgress, progress_steps
 from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE, Run
 from pamid.correction.output_network import (
     CHECKPOINT_FILE,
@@ -32,6 +31,7 @@ from pamid.correction.port_network import (
     write_port_correction,
 )
 from pamid.correction.residual_data import ResidualData, read_residual_data
+from pamid.model.registry import RigLike, rig_given
 from pamid.model.rig import Rig
 from pamid.networks.trained_network import NETWORK_FILE
 from pamid.networks.training import TrainingStep

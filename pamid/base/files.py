@@ -18,9 +18,11 @@ import shutil
 import stat
 from collections.abc import Iterator, Mapping
 from pathlib import Path, PurePath
-from typing import NoReturn
+from typing import NoReturn, TypeAlias
 
 from pamid.base.errors import FileError
+
+PathLike: TypeAlias = str | os.PathLike[str]
 
 MIB = 1 << 20
 #: bytes that are read at most of one file of a kind

@@ -10,19 +10,24 @@ from __future__ import annotations
 import hashlib
 import importlib.machinery
 import importlib.util
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType, ModuleType
-from typing import Any
+from typing import Any, TypeAlias
 
-from pamid.base.errors import FileError, PamidError, nearest, quoted
+from pamid.base.errors import FileError, PamidError, UsageError, nearest, quoted
+from pamid.base.files import PathLike
 from pamid.base.scanned import classes_of, modules_of
 from pamid.base.trust import is_code
 from pamid.model.effect import Effect, require_sound
 from pamid.model.rig import Rig, check_rig
 from pamid.recording.recording import Recording
+
+#: a name of the catalogue, the path of a rig file (it is run), or a rig
+RigLike: TypeAlias = PathLike | Rig | type[Rig]
 
 _CODE = "A rig or effect file is code, run only when you name it yourself:"
 _IN_PROGRAM = (
@@ -108,6 +113,20 @@ def _frames(error: BaseException) -> list[Any]:
         out.append(tb)
         tb = tb.tb_next
     return out[::-1]
+
+
+def rig_given(rig: RigLike | None) -> str | Rig | None:
+    """A word for `rig_named`, or the rig itself; UsageError for anything else."""
+    if isinstance(rig, type) and issubclass(rig, Rig):
+        return rig()
+    if rig is None or isinstance(rig, str | Rig):
+        return rig
+    if isinstance(rig, os.PathLike):
+        return as_file(rig)
+    raise UsageError(
+        f"rig={rig!r:.60} is no rig.",
+        "Give a name (see `pamid rigs`), the path of a rig file, or a pamid.Rig.",
+    )
 
 
 def rig_named(name: str | Rig) -> Rig:
@@ -272,3 +291,9 @@ def effects_with(
         else:
             names.append(spec)
     return known, names
+
+
+def as_file(path: os.PathLike[str]) -> str:
+    """A path as a word that is taken for a file's, whatever it holds."""
+    text = os.fspath(path)
+    return text if os.sep in text or text.endswith(".py") else os.path.join(".", text)

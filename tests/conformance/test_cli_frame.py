@@ -17,9 +17,9 @@ import pytest
 from pamid_cli import frame
 from pamid_cli.table import COMMANDS
 
-from pamid.api.progress import ProgressLine
 from pamid.base.errors import ConvergenceError, DataError, FileError, UsageError
 from pamid.base.files import sha256_of
+from pamid.base.progress import ProgressLine
 from pamid.recording.recording import read_recording
 
 HEAVY = ("pamid", "numpy", "scipy", "pandas", "torch", "numba", "matplotlib", "pysindy", "sympy")

@@ -19,9 +19,9 @@ from pamid_cli.table import every_command
 from pamid_cli.terminal import printable, printable_json
 from small_cart import RIG, record_cart
 
-from pamid.api.progress import ProgressLine
 from pamid.base.errors import quoted
 from pamid.base.json_file import read_json, write_json
+from pamid.base.progress import ProgressLine
 from pamid.recording.recording import write_recording
 
 NASTY = (
@@ -124,7 +124,7 @@ def test_progress_is_written_out(monkeypatch: pytest.MonkeyPatch) -> None:
         def isatty(self) -> bool:
             return True
 
-    monkeypatch.setattr("pamid.api.progress._LIVE_S", 0.0)
+    monkeypatch.setattr("pamid.base.progress._LIVE_S", 0.0)
     stream = Terminal()
     with ProgressLine("fit\x1b[2J", stream=stream) as progress:
         progress.update(1, "\x1b]0;x\x07\nmore")

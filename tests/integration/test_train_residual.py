@@ -428,7 +428,7 @@ _HELD = """
 import os, signal, sys, time
 signal.signal(signal.SIGINT, signal.default_int_handler)
 from pamid_cli.frame import main
-from pamid.api.progress import ProgressLine
+from pamid.base.progress import ProgressLine
 said, left, update = int(sys.argv.pop(1)), [int(sys.argv.pop(1))], ProgressLine.update
 def held(*words):
     left[0] -= 1
