@@ -35,7 +35,7 @@ def diagnose(
     seed: int = 0,
     jobs: int = 2,
     cluster: str | None = None,
-    output: PathLike | None = None,
+    output: PathLike | Run | None = None,
     overwrite: bool = False,
     resume: bool = False,
     check: bool = True,
@@ -51,7 +51,8 @@ def diagnose(
     without    effects of the catalogue to leave out, by name
     jobs       processes of this machine; the result does not depend on it
     output     run folder to make. With it an interrupted diagnosis keeps every finished job, and
-               resume=True repeats none of them. Default: a temporary one, which `save` copies
+               resume=True repeats none of them. Default: a temporary one, which `save` copies. Or a
+               run of which this is a further step
 
     Everything else is as in `pamid.fit`.
     """

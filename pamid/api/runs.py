@@ -42,7 +42,7 @@ class HowToRun:
     seed: int
     jobs: int
     cluster: str | None
-    output: PathLike | None
+    output: PathLike | Run | None
     overwrite: bool
     resume: bool
     progress: ShowProgress
@@ -62,18 +62,21 @@ def carry_out(
     """Make the run folder of a fit or a diagnosis, do its work there, and close it with how it
     ended. What is resumed and has come to its end is left as it is. FileError where the folder is
     taken; whatever the work raises."""
-    home = RunHome(None if how.output is None else Path(how.output))
-    folder = None if how.output is None else home.folder
+    further = how.output if isinstance(how.output, Run) else None
+    folder = further.folder if further else None if how.output is None else Path(how.output)  # type: ignore[arg-type]
+    home = RunHome(folder)
     with worker_pool(how.jobs, how.cluster, run_folder=folder) as pool:
-        run = _created(home, given, effects, how, f"pamid.{verb}", options, inputs)
-        if run.record["outcome"] != "done":
-            with closing(run, pool), progress_steps(how.progress, verb) as (show, _):
+        run = _begun(home, further, given, effects, how, f"pamid.{verb}", options, inputs)
+        if further or run.record["outcome"] != "done":
+            steps = progress_steps(how.progress, verb)
+            with closing(run, pool, further=bool(further)), steps as (show, _):
                 work(run, pool, show)
     return home
 
 
-def _created(
+def _begun(
     home: RunHome,
+    further: Run | None,
     given: Given,
     effects: tuple[str | type[Effect], ...],
     how: HowToRun,
@@ -81,7 +84,7 @@ def _created(
     options: Mapping[str, Any],
     inputs: Sequence[Path],
 ) -> Run:
-    """The run folder, with the recordings that came in no file."""
+    """The run, made or as a further step of one, with the recordings that came in no file."""
     if how.overwrite and how.resume:
         raise UsageError(
             "--resume goes on with the earlier run, --overwrite replaces it.", "Give one of them."
@@ -97,15 +100,21 @@ def _created(
         f"rig={rig}",
         *([f"effects={','.join(named)}"] if named else []),
     ]
-    run = Run.create(
-        home.folder,
-        command=how.command or words,
-        seed=how.seed,
-        inputs=[*given.inputs, *code_files(given.rig, effects), *inputs],
-        overwrite=how.overwrite,
-        resume=how.resume,
-        options=noted,
-    )
+    command = how.command or words
+    read = [*given.inputs, *code_files(given.rig, effects), *inputs]
+    if further:
+        run = further
+        run.begin_step(command=command, seed=how.seed, inputs=read, options=noted)
+    else:
+        run = Run.create(
+            home.folder,
+            command=command,
+            seed=how.seed,
+            inputs=read,
+            overwrite=how.overwrite,
+            resume=how.resume,
+            options=noted,
+        )
     if given.kept:
         paths = run.claim(*given.kept)
         write_together(dict(zip(paths, given.kept.values(), strict=True)))

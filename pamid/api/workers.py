@@ -8,6 +8,7 @@ import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from pamid.base.run_folder import JOBS, Run
 from pamid.parallel.jobs import WorkerPool
@@ -43,16 +44,15 @@ def worker_pool(
 
 
 @contextmanager
-def closing(run: Run, pool: WorkerPool) -> Iterator[None]:
-    """Close the run with a word for how it ended, and how many jobs it took; their results go once
-    all are done."""
+def closing(run: Run, pool: WorkerPool, *, further: bool = False) -> Iterator[None]:
+    """Close the run, or a further step of it, with a word for how it ended, and the run with how
+    many jobs it took; their results go once all are done."""
+    counts: dict[str, Any] = {} if further else {"jobs": pool.counts}
     try:
         yield
     except BaseException as error:
-        run.finish(
-            "interrupted" if isinstance(error, KeyboardInterrupt) else "failed", jobs=pool.counts
-        )
+        run.finish("interrupted" if isinstance(error, KeyboardInterrupt) else "failed", **counts)
         raise
-    run.finish("partial" if pool.failed else "done", jobs=pool.counts)
+    run.finish("partial" if pool.failed else "done", **counts)
     if pool.store and not pool.failed:
         pool.store.clear()
