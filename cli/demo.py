@@ -9,6 +9,7 @@ import click
 
 from . import frame
 from .hints import unused
+from .options import jobs_option, seed_option
 from .terminal import progress_line, quoted
 
 PLACE = 190
@@ -25,16 +26,8 @@ pamid demo --output demo-run --seed 1
     show_default=True,
     help="Run folder to make.",
 )
-@click.option(
-    "--seed",
-    type=click.IntRange(0),
-    default=1,
-    show_default=True,
-    help="Draws what is withheld, the excitation and the noise.",
-)
-@click.option(
-    "--jobs", type=click.IntRange(1, 256), default=2, show_default=True, help="Threads to use."
-)
+@seed_option("Draws what is withheld, the excitation and the noise.", 1)
+@jobs_option("Threads to use.")
 @click.option(
     "--duration",
     type=click.FloatRange(15.0, 3600.0),

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from . import frame, names
-from .options import run_output_option
+from .options import run_output_option, seed_option
 from .terminal import aside, progress_line, quoted
 
 PLACE = 70
@@ -35,13 +35,7 @@ pamid check law/rig.py
     show_default=True,
     help="Rig whose muscles get the law.",
 )
-@click.option(
-    "--seed",
-    type=click.IntRange(0),
-    default=0,
-    show_default=True,
-    help="Same map and seed, same law.",
-)
+@seed_option("Same map and seed, same law.")
 @click.option(
     "--held-out",
     "every",

@@ -9,6 +9,7 @@ import click
 from click.core import ParameterSource
 
 from . import frame, names
+from .options import jobs_option, seed_option
 from .terminal import progress_line
 
 PLACE = 90
@@ -52,25 +53,13 @@ def _owners(option: str) -> str:
     show_default=True,
     help=f"Random starts of the network; the best is kept. {_owners('starts')}",
 )
-@click.option(
-    "--seed",
-    type=click.IntRange(0),
-    default=0,
-    show_default=True,
-    help="Of excitation, noise and networks.",
-)
+@seed_option("Of excitation, noise and networks.")
 @click.option(
     "--seconds",
     type=click.FloatRange(12.0, 3600.0),
     help=f"Length of the training record. {_owners('seconds')} [default: 200; 30 with --quick]",
 )
-@click.option(
-    "--jobs",
-    type=click.IntRange(1, 256),
-    default=2,
-    show_default=True,
-    help=f"Processes for the diagnosis. {_owners('jobs')}",
-)
+@jobs_option(f"Processes for the diagnosis. {_owners('jobs')}")
 @click.option(
     "--output",
     type=click.Path(file_okay=False, path_type=Path),

@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from . import frame, names
+from .options import seed_option
 from .terminal import aside, progress_line, quoted
 
 PLACE = 60
@@ -34,13 +35,7 @@ pamid train-residual fitted --at joint --iterations 20
     show_default=True,
     help="Levenberg-Marquardt steps at most, for every start.",
 )
-@click.option(
-    "--seed",
-    type=click.IntRange(0),
-    default=0,
-    show_default=True,
-    help="Same run and seed, same network.",
-)
+@seed_option("Same run and seed, same network.")
 @click.option(
     "--starts",
     type=click.IntRange(1, 1000),

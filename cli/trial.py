@@ -10,6 +10,7 @@ import click
 
 from . import frame, names
 from .job import cluster_option, failed_text
+from .options import jobs_option, seed_option
 from .terminal import progress_line, quoted
 
 if TYPE_CHECKING:
@@ -50,12 +51,8 @@ pamid trial --output trial --cases 4 --part calibration --jobs 2
     show_default=True,
     help="Thresholds may be set on calibration cases, never on test cases.",
 )
-@click.option(
-    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Same seed, same cases."
-)
-@click.option(
-    "--jobs", type=click.IntRange(1, 256), default=2, show_default=True, help="Processes to use."
-)
+@seed_option("Same seed, same cases.")
+@jobs_option()
 @cluster_option
 @click.option(
     "--index",

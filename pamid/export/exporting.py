@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from pamid.base.errors import FileError, UsageError, nearest
-from pamid.base.files import make_folder, write_together
+from pamid.base.errors import UsageError, nearest
+from pamid.base.files import make_folder, require_new, write_together
 from pamid.correction.identified_model import Identified
 from pamid.export.c_source import model_name
 from pamid.export.form import known_forms
@@ -38,13 +38,7 @@ def export_model(
         raise UsageError(f"{form!r} is no form of export.", nearest(form, forms))
     chosen, step = forms[form], step_of(model)
     files = chosen.files(step, path or Path(f"{model_name(step)}{chosen.ending}"))
-    taken = [file for file in files if file.exists()]
-    if taken and not overwrite:
-        raise FileError(
-            f"{taken[0]} exists already.",
-            "Choose another --output, or --overwrite to replace it.",
-            code="exists",
-        )
+    require_new(files, overwrite)
     made = chosen.write(model, step, files)
     for folder in {file.parent for file in files}:
         make_folder(folder)

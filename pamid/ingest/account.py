@@ -16,6 +16,7 @@ from pamid.base.files import (
     make_folder,
     refuse_write,
     replace_together,
+    require_new,
     sha256_of,
     sweep_stages,
     temporary_of,
@@ -86,12 +87,7 @@ def write_conversions(
                 "Choose another --output.",
                 code="exists",
             )
-        if target.exists() and not overwrite:
-            raise FileError(
-                f"{target} exists already.",
-                "Choose another --output, or --overwrite to replace it.",
-                code="exists",
-            )
+    require_new(targets, overwrite)
     accounts = accounts_of(conversions, outputs, mapping_file)
     folder = targets[0].parent
     make_folder(folder)

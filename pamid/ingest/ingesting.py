@@ -11,7 +11,7 @@ from typing import Any, get_args
 
 from pamid.base.card import Cells, card, html_table, paragraph, text_table
 from pamid.base.errors import FileError, UsageError, quoted
-from pamid.base.files import PathLike, write_atomically
+from pamid.base.files import PathLike, require_new, write_atomically
 from pamid.base.progress import ShowProgress, progress_steps
 from pamid.base.trust import is_code
 from pamid.ingest.account import (
@@ -167,12 +167,7 @@ def guess_mapping(
     FileError for a log that cannot be read, or where the output exists (and not overwrite).
     """
     target = None if output is None else Path(output)
-    if target is not None and target.exists() and not overwrite:
-        raise FileError(
-            f"{target} exists already.",
-            "Choose another --output, or --overwrite to replace it.",
-            code="exists",
-        )
+    require_new([target] if target else [], overwrite)
     given = rig_given(rig) or "one-dof"
     made = rig_named(given)
     found = guess_of(read_log(Path(log), kind), name_of(given), made, pressures, known)
