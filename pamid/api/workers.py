@@ -8,7 +8,6 @@ import weakref
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from pamid.base.run_folder import JOBS, Run
 from pamid.parallel.jobs import WorkerPool
@@ -47,12 +46,15 @@ def worker_pool(
 def closing(run: Run, pool: WorkerPool, *, further: bool = False) -> Iterator[None]:
     """Close the run, or a further step of it, with a word for how it ended, and the run with how
     many jobs it took; their results go once all are done."""
-    counts: dict[str, Any] = {} if further else {"jobs": pool.counts}
+
+    def finish(outcome: str) -> None:
+        run.finish(outcome, **({} if further else {"jobs": pool.counts}))
+
     try:
         yield
     except BaseException as error:
-        run.finish("interrupted" if isinstance(error, KeyboardInterrupt) else "failed", **counts)
+        finish("interrupted" if isinstance(error, KeyboardInterrupt) else "failed")
         raise
-    run.finish("partial" if pool.failed else "done", **counts)
+    finish("partial" if pool.failed else "done")
     if pool.store and not pool.failed:
         pool.store.clear()
