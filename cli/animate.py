@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from . import frame
-from .progress_bar import ProgressBar
+from .terminal import progress_line
 
 PLACE = 130
 EXAMPLE = """
@@ -64,23 +64,17 @@ def command(
     Measured dark and thick, the best model over it, the one before it dashed; below, by how much
     they are off. For any rig that has a pose.
     """
-    from pamid.base.errors import FileError
-    from pamid.base.files import make_folder, write_atomically
+    from pamid.base.files import make_folder, require_new, write_atomically
     from pamid.base.run_folder import FIGURES_FOLDER, Run
     from pamid.report.animation import ANIMATION_HZ, gif_of, size_px
     from pamid.report.load import load_run
     from pamid.report.motion import motion_of, rig_of_run
     from pamid.schemas.command_files import WrittenAnimation
 
-    if output is not None and output.exists() and not overwrite:
-        raise FileError(
-            f"{output} exists already.",
-            "Choose another --output, or --overwrite to replace it.",
-            code="exists",
-        )
+    require_new([output] if output else [], overwrite)
     found = load_run(run)
     motion = motion_of(found, rig_of_run(found, rig), speed / ANIMATION_HZ, begin, end)
-    with ProgressBar("animate", motion.time.size) as progress:
+    with progress_line("animate", motion.time.size) as progress:
         gif = gif_of(motion, size, lambda done, of: progress.update(done, "frames"))
     if output is None:
         target = Run.open(run).path(f"{FIGURES_FOLDER}/motion.gif")

@@ -38,21 +38,15 @@ def command(file: Path, rig: str | None, figure: Path | None, overwrite: bool) -
     anything is wrong; notes leave it at 0.
     """
     from pamid.api.checking import check
-    from pamid.base.errors import FileError, UsageError
+    from pamid.base.errors import UsageError
+    from pamid.base.files import make_folder, require_new, write_atomically
 
-    if figure is not None and figure.exists() and not overwrite:
-        raise FileError(
-            f"{figure} exists already.",
-            "Choose another --figure, or --overwrite to replace it.",
-            code="exists",
-        )
+    require_new([figure] if figure else [], overwrite, "--figure")
     found = check(file, rig)
     said, text = found.to_dict(), found.summary()
     if figure is not None and found.kind != "recording":
         raise UsageError("--figure draws recordings.", "Leave it out for a rig or an effect file.")
     if figure is not None and found.recording is not None:
-        from pamid.base.files import make_folder, write_atomically
-
         make_folder(figure.parent)
         write_atomically(figure, found.plot_png())
         said, text = {**said, "figure": str(figure)}, f"{text}\nfigure: {figure}"

@@ -9,8 +9,8 @@ import click
 
 from . import frame
 from .hints import unused
-from .progress_bar import ProgressBar
-from .terminal import quoted
+from .options import jobs_option, seed_option
+from .terminal import progress_line, quoted
 
 PLACE = 190
 EXAMPLE = """
@@ -26,16 +26,8 @@ pamid demo --output demo-run --seed 1
     show_default=True,
     help="Run folder to make.",
 )
-@click.option(
-    "--seed",
-    type=click.IntRange(0),
-    default=1,
-    show_default=True,
-    help="Draws what is withheld, the excitation and the noise.",
-)
-@click.option(
-    "--jobs", type=click.IntRange(1, 256), default=2, show_default=True, help="Threads to use."
-)
+@seed_option("Draws what is withheld, the excitation and the noise.", 1)
+@jobs_option("Threads to use.")
 @click.option(
     "--duration",
     type=click.FloatRange(15.0, 3600.0),
@@ -59,13 +51,13 @@ def command(output: Path, seed: int, jobs: int, duration: float, overwrite: bool
         overwrite=overwrite,
         options={"jobs": jobs, "duration_s": duration},
     )
-    with ProgressBar("demo") as progress:
+    with progress_line("demo") as progress:
         found = run_demo(
             run,
             seed=seed,
             jobs=jobs,
             duration_s=duration,
-            progress=lambda text: progress.update(0, text),
+            progress=progress.say,
         )
     return frame.Result(found, demo_text(found, output))
 

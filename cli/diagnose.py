@@ -9,9 +9,8 @@ import click
 
 from . import frame
 from .job import cluster_option, failed_text, said_of
-from .options import no_check_option, recording_options, run_output_option
-from .progress_bar import ProgressBar
-from .terminal import quoted, warning
+from .options import jobs_option, no_check_option, recording_options, run_output_option, seed_option
+from .terminal import progress_line, quoted, warning
 
 PLACE = 80
 EXAMPLE = """
@@ -29,16 +28,8 @@ pamid diagnose rec.csv --rig one-dof --output run --jobs 2
     help="File with a further effect to consider (it is run).",
 )
 @click.option("--without", multiple=True, help="Effect of the catalogue to leave out.")
-@click.option(
-    "--seed",
-    type=click.IntRange(0),
-    default=0,
-    show_default=True,
-    help="Same inputs and seed, same output.",
-)
-@click.option(
-    "--jobs", type=click.IntRange(1, 256), default=2, show_default=True, help="Processes to use."
-)
+@seed_option("Same inputs and seed, same output.")
+@jobs_option()
 @run_output_option
 @no_check_option
 @cluster_option
@@ -70,7 +61,7 @@ def command(
     """
     from pamid.api.diagnosing import diagnose
 
-    with ProgressBar("diagnose") as progress:
+    with progress_line("diagnose") as progress:
         run = diagnose(
             list(recordings),
             rig,

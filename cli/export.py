@@ -11,6 +11,7 @@ from .options import parse_known
 from .terminal import aside
 
 PLACE = 120
+FORMS = names.export_forms()
 EXAMPLE = """
 pamid export run --to fmu --output joint.fmu
 """
@@ -21,11 +22,10 @@ pamid export run --to fmu --output joint.fmu
 @click.option(
     "--to",
     "form",
-    type=click.Choice(names.export_forms()),
+    type=click.Choice([name for own, (also, _) in FORMS.items() for name in (own, *also)]),
     required=True,
-    help="fmu2, fmu3: FMI 2.0 (also: fmu) or 3.0 for co-simulation, with C sources and a binary "
-    "for this machine; c: header, source and an example; onnx: one sample and a whole run; matlab: "
-    "a function file.",
+    help="; ".join(f"{', also '.join((own, *also))}: {line}" for own, (also, line) in FORMS.items())
+    + ".",
 )
 @click.option(
     "--output",

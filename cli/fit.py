@@ -9,9 +9,8 @@ import click
 
 from . import frame
 from .job import cluster_option, failed_text, said_of
-from .options import no_check_option, recording_options, run_output_option
-from .progress_bar import ProgressBar
-from .terminal import quoted, warning
+from .options import jobs_option, no_check_option, recording_options, run_output_option, seed_option
+from .terminal import progress_line, quoted, warning
 
 PLACE = 50
 EXAMPLE = """
@@ -41,20 +40,8 @@ pamid fit rec.csv --rig one-dof --output fitted
     show_default=True,
     help="Intervals from this many refits on resampled windows instead of the Jacobian.",
 )
-@click.option(
-    "--seed",
-    type=click.IntRange(0),
-    default=0,
-    show_default=True,
-    help="Same inputs and seed, same output.",
-)
-@click.option(
-    "--jobs",
-    type=click.IntRange(1, 256),
-    default=1,
-    show_default=True,
-    help="Processes for the bootstrap.",
-)
+@seed_option("Same inputs and seed, same output.")
+@jobs_option("Processes for the bootstrap.", default=1)
 @run_output_option
 @no_check_option
 @cluster_option
@@ -92,7 +79,7 @@ def command(
     from pamid.api.fitting import fit
     from pamid.base.run_folder import FIT_FILE
 
-    with ProgressBar("fit") as progress:
+    with progress_line("fit") as progress:
         model = fit(
             list(recordings),
             rig,

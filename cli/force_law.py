@@ -8,9 +8,8 @@ from typing import Any
 import click
 
 from . import frame, names
-from .options import run_output_option
-from .progress_bar import ProgressBar
-from .terminal import aside, quoted
+from .options import run_output_option, seed_option
+from .terminal import aside, progress_line, quoted
 
 PLACE = 70
 EXAMPLE = """
@@ -36,13 +35,7 @@ pamid check law/rig.py
     show_default=True,
     help="Rig whose muscles get the law.",
 )
-@click.option(
-    "--seed",
-    type=click.IntRange(0),
-    default=0,
-    show_default=True,
-    help="Same map and seed, same law.",
-)
+@seed_option("Same map and seed, same law.")
 @click.option(
     "--held-out",
     "every",
@@ -99,13 +92,13 @@ def command(
         options={"sets": sets, "rig": rig, "held_out": every, "strict": strict},
     )
     try:
-        with ProgressBar("force-law") as progress:
+        with progress_line("force-law") as progress:
             found = judge(
                 points,
                 sets=sets,
                 every=every,
                 seed=seed,
-                progress=lambda text: progress.update(0, text),
+                progress=progress.say,
             )
         if strict and not found.monotone:
             remedies = [

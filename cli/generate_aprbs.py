@@ -10,6 +10,7 @@ import click
 from . import frame
 from .excite import PlannedExcitation, make, refuse_other_options
 from .hints import unused, why_not_driven
+from .options import seed_option
 from .terminal import quoted
 
 PLACE = 10
@@ -111,9 +112,7 @@ FORMAT_NAMES = ("csv", "mat", "mat-file", "mat-matrix", "st", "h")
     "--clamped", multiple=True, metavar="JOINT", help="Joint that is clamped where it is released."
 )
 @click.option("--payload", type=float, metavar="KG", help="Mass on the tip.")
-@click.option(
-    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Same seed, same signal."
-)
+@seed_option("Same seed, same signal.")
 @click.option(
     "--output",
     type=click.Path(dir_okay=False, path_type=Path),
@@ -160,6 +159,7 @@ def command(
     has to be set to something, a TOML file with it. `pamid simulate` reads CSV and TOML.
     """
     from pamid.base.errors import FileError, UsageError
+    from pamid.base.files import require_new
     from pamid.excitation.writers import format_of
 
     refuse_other_options(request["experiment"], request["signal"])
@@ -176,13 +176,9 @@ def command(
             f"Write --figure {quoted(figure.with_suffix('.png'))}.",
         )
     made = make(request)
-    for path in (output, note, *([sidecar] if made.meta else []), *([figure] if figure else [])):
-        if path.exists() and not overwrite:
-            raise FileError(
-                f"{path} exists already.",
-                "Choose another --output, or --overwrite to replace it.",
-                code="exists",
-            )
+    require_new(
+        (output, note, *([sidecar] if made.meta else []), *([figure] if figure else [])), overwrite
+    )
     return _write(output, form, figure, made, request)
 
 

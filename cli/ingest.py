@@ -3,27 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from . import frame
+from . import frame, names
 from .hints import unused
 from .options import parse_known
-from .progress_bar import ProgressBar
-from .terminal import aside, quoted
-
-if TYPE_CHECKING:
-    from pamid.ingest.conversion import Conversion
-    from pamid.model.rig import Rig
-    from pamid.schemas.ingest_file import RecordingMade
+from .terminal import aside, progress_line, quoted
 
 PLACE = 30
 EXAMPLE = """
 pamid ingest --guess data/example/joint.csv --pressures gauge --output map.toml
 pamid ingest data/example/joint.csv --mapping map.toml --output joint.csv
 """
-CURES = ("ask", "late-stamps", "jittered-sampling", "none")
 
 
 @frame.command("ingest", example=EXAMPLE)
@@ -51,7 +43,7 @@ CURES = ("ask", "late-stamps", "jittered-sampling", "none")
 @click.option(
     "--time-base",
     "repair",
-    type=click.Choice(CURES),
+    type=click.Choice(names.cures()),
     help="How to mend uneven stamps, over the mapping's time.repair.",
 )
 @click.option(
@@ -89,6 +81,7 @@ def command(
     they are never bridged.
     """
     from pamid.base.errors import UsageError
+    from pamid.ingest.ingesting import ingest
 
     if guess:
         if mapping is not None or len(logs) != 1:
@@ -106,9 +99,25 @@ def command(
             f"{missing} is missing.",
             hint if mapping is None else f"For example --output {unused('recording.csv', logs)}.",
         )
-    return _ingest(
-        logs, mapping, rig, pressures, repair, parse_known(known), kind, output, overwrite
-    )
+    with progress_line("reading logs", len(logs)) as progress:
+        made = ingest(
+            logs,
+            mapping,
+            rig=rig,
+            pressures=pressures,
+            repair=repair,
+            known=parse_known(known),
+            kind=kind,
+            output=output,
+            overwrite=overwrite,
+            progress=progress,
+        )
+    for note in made.notes:
+        aside(f"Warning: {note}")
+    first = made.accounts[0].recording
+    assert first is not None
+    text = f"{made.summary()}\nNext: pamid check {quoted(first.path)}{_named(made.rig)}"
+    return frame.Result(made.to_dict(), text)
 
 
 def _guess(
@@ -120,20 +129,12 @@ def _guess(
     output: Path | None,
     overwrite: bool,
 ) -> frame.Result:
-    from pamid.base.errors import FileError
-    from pamid.base.files import write_atomically
-    from pamid.ingest.guessed_mapping import guess_mapping
-    from pamid.ingest.log_reader import read_log
-    from pamid.model.registry import rig_named
+    from pamid.ingest.ingesting import guess_mapping
     from pamid.schemas.command_files import GuessedMappingFile
 
-    if output is not None and output.exists() and not overwrite:
-        raise FileError(
-            f"{output} exists already.",
-            "Choose another --output, or --overwrite to replace it.",
-            code="exists",
-        )
-    found = guess_mapping(read_log(log, kind), rig, rig_named(rig), pressures, known)
+    found = guess_mapping(
+        log, rig, pressures=pressures, known=known, kind=kind, output=output, overwrite=overwrite
+    )
     said = GuessedMappingFile(
         log=str(log),
         output=str(output) if output else None,
@@ -142,7 +143,6 @@ def _guess(
     )
     if output is None:
         return frame.Result(said, found.text)
-    write_atomically(output, found.text.encode())
     to_answer = "".join(f"\n  to be answered: {key}" for key in found.open)
     text = (
         f"{output}: {found.mapped} of {found.channels} channels guessed.{to_answer}\n"
@@ -153,91 +153,8 @@ def _guess(
     return frame.Result(said, text)
 
 
-def _ingest(
-    logs: tuple[Path, ...],
-    mapping: Path,
-    rig_name: str | None,
-    pressures: str | None,
-    repair: str | None,
-    known: dict[str, float],
-    kind: str | None,
-    output: Path,
-    overwrite: bool,
-) -> frame.Result:
-    from pamid.base.errors import FileError
-    from pamid.ingest.account import outputs_for, write_conversions
-    from pamid.ingest.conversion import convert
-    from pamid.ingest.log_reader import read_log
-    from pamid.ingest.mapping import load_mapping
-    from pamid.schemas.ingest_file import IngestFile
-
-    parsed = load_mapping(mapping, pressures)
-    rig = _rig(rig_name or parsed.rig, bool(rig_name), mapping)
-    parsed = parsed.model_copy(
-        update={"rig": rig_name or parsed.rig, "known": {**parsed.known, **known}}
-    )
-    made = []
-    with ProgressBar("reading logs", len(logs)) as progress:
-        for number, log in enumerate(logs):
-            progress.update(number, log.name)
-            made.append(convert(read_log(log, kind), parsed, rig, str(mapping), repair or ""))
-    as_folder = output.is_dir() or not output.suffix  # a Path does not keep a trailing slash
-    if as_folder and output.is_file() or not as_folder and output.suffix != ".csv":
-        raise FileError(
-            f"{output} is neither a .csv file nor a folder.",
-            "A recording's name ends in .csv.",
-            code="write",
-        )
-    accounts = write_conversions(made, outputs_for(made, output, as_folder), mapping, overwrite)
-    warnings = [note for conversion in made for note in conversion.notes]
-    for note in dict.fromkeys(warnings):
-        aside(f"Warning: {note}")
-    said = IngestFile(recordings=tuple(accounts))
-    written = [one.recording for one in accounts if one.recording]
-    return frame.Result(said, _text(made, written, _named(rig_name or parsed.rig or "")))
-
-
-def _rig(name: str | None, named_here: bool, mapping: Path) -> Rig | None:
-    from pamid.base.errors import FileError
-    from pamid.base.trust import is_code
-    from pamid.model.registry import catalogue_rig, rig_named
-
-    if name is None or named_here:
-        return rig_named(name) if name is not None else None
-    if is_code(name):
-        raise FileError(
-            f"{mapping} names the rig file {name!r}.",
-            f"A rig file is code, run only when you name it yourself: add --rig {quoted(name)}.",
-        )
-    return catalogue_rig(name)
-
-
 def _named(rig: str) -> str:
     """The option that names a rig's file: one that a mapping or a recording names is not run."""
     from pamid.base.trust import is_code
 
     return f" --rig {quoted(rig)}" if is_code(rig) else ""
-
-
-def _text(made: list[Conversion], written: list[RecordingMade], rig: str) -> str:
-    lines = [
-        f"{one.path}: {one.samples} samples, {one.sampling_period_s:g} s apart, "
-        f"{one.duration_s:.4g} s: {', '.join(one.columns)}."
-        for one in written
-    ]
-    for conversion in made:
-        lines.append(
-            f"{conversion.log.path.name} ({conversion.log.kind}): "
-            f"{'; '.join(conversion.log.details)}."
-        )
-        for clock in conversion.clocks:
-            if clock.found is not None:
-                cure = "kept" if clock.cure == "none" else f"mended as {clock.cure}"
-                lines.append(f"  {clock.name}: {cure}; {clock.found.why}.")
-            lines += [
-                f"    {repair.detail}" for repair in (*clock.rows.repairs, *clock.base.repairs)
-            ]
-        if abs(conversion.stretch - 1.0) > 1e-6:
-            ppm = 1e6 * (conversion.stretch - 1.0)
-            lines.append(f"    its clock and {conversion.period:g} s differ by {ppm:.0f} ppm")
-    return "\n".join([*lines, f"Next: pamid check {quoted(written[0].path)}{rig}"])

@@ -39,7 +39,13 @@ class Catalogued(click.ParamType):
 
 
 #: folder of the package that is scanned -> what stands in the files that count, and not in others
-BASES = {"rigs": "(Rig)", "effects": "", "networks": "(Network)"}
+BASES = {
+    "rigs": "(Rig)",
+    "effects": "",
+    "networks": "(Network)",
+    "export/forms": "FORM = ",
+    "replications/papers": "OPTIONS = ",
+}
 
 
 def _package() -> Path:
@@ -83,9 +89,29 @@ def rigs_in(module: str) -> list[str]:
     return [name for name in _entries("rigs") if f'"{name}"' in text]
 
 
-def export_forms() -> list[str]:
-    """The forms that `pamid.export` can write."""
-    return list(_literal(_package() / "export" / "exporting.py", "FORMS"))
+@lru_cache
+def export_forms() -> dict[str, tuple[tuple[str, ...], str]]:
+    """The forms that `pamid.export` can write: further names, and a line about each."""
+    files = _files("export/forms")
+    return {file.stem: (tuple(_literal(file, "ALSO")), _line_of(file)) for file in files}
+
+
+@lru_cache
+def papers() -> dict[str, tuple[tuple[str, ...], str]]:
+    """The papers that can be reproduced: options that only some know, and what is done."""
+    files = _files("replications/papers")
+    return {file.stem: (tuple(_literal(file, "OPTIONS")), _line_of(file)) for file in files}
+
+
+def cures() -> tuple[str, ...]:
+    """How `pamid.ingest` can mend uneven stamps."""
+    return tuple(_literal(_package() / "ingest" / "mapping.py", "Repair"))
+
+
+def _line_of(file: Path) -> str:
+    """What the docstring of a file says behind its name."""
+    head = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
+    return head.partition("\n\n")[0].partition(": ")[2].removesuffix(".").replace("\n", " ")
 
 
 @lru_cache
@@ -95,12 +121,14 @@ def network_sizes() -> dict[str, dict[str, tuple[int, int, str, str]]]:
 
 
 def _literal(file: Path, name: str) -> Any:
-    """The literal that this file, or a class in it, gives to a name; {} where none does."""
+    """The literal that this file, or a class in it, gives to a name, or the values of a
+    `Literal[...]`; {} where none does."""
     for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
         if isinstance(node, ast.AnnAssign | ast.Assign) and node.value is not None:
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]
             if any(isinstance(one, ast.Name) and one.id == name for one in targets):
-                return ast.literal_eval(node.value)
+                given = node.value.slice if isinstance(node.value, ast.Subscript) else node.value
+                return ast.literal_eval(given)
     return {}
 
 

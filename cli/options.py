@@ -41,6 +41,20 @@ def noise_factor(text: str) -> float:
     return factor
 
 
+def seed_option(what: str, default: int = 0) -> Callable[..., Any]:
+    """--seed; what: for people, what it settles."""
+    return click.option(
+        "--seed", type=click.IntRange(0), default=default, show_default=True, help=what
+    )
+
+
+def jobs_option(what: str = "Processes to use.", default: int = 2) -> Callable[..., Any]:
+    """--jobs: a number of processes."""
+    return click.option(
+        "--jobs", type=click.IntRange(1, 256), default=default, show_default=True, help=what
+    )
+
+
 no_check_option = click.option(
     "--no-check",
     is_flag=True,

@@ -8,7 +8,7 @@ import click
 
 from . import frame
 from .hints import unused
-from .options import noise_factor, parse_known
+from .options import noise_factor, parse_known, seed_option
 from .terminal import quoted
 
 PLACE = 20
@@ -71,9 +71,7 @@ pamid simulate --model fitted --excitation excitation.csv --noise none --output 
     show_default=True,
     help="default | none | FACTOR on the sensor noise.",
 )
-@click.option(
-    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Same seed, same noise."
-)
+@seed_option("Same seed, same noise.")
 @click.option(
     "--output",
     type=click.Path(dir_okay=False, path_type=Path),

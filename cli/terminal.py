@@ -13,9 +13,12 @@ import errno
 import os
 import re
 import sys
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
 import click
+
+if TYPE_CHECKING:
+    from pamid.base.progress import ProgressLine
 
 #: control characters but tab and line end, soft hyphen, marks of direction, of no width and of
 #: tags, half characters
@@ -52,6 +55,13 @@ def aside(text: str) -> None:
 def warning(text: str) -> None:
     """What is odd but not wrong, beside the result."""
     aside(f"Warning: {text}")
+
+
+def progress_line(label: str, total: int | None = None) -> ProgressLine:
+    """Progress on stderr, in log files, too."""
+    from pamid.base.progress import ProgressLine
+
+    return ProgressLine(label, total, in_logs=True)
 
 
 def hang_up(stream: TextIO | None = None) -> None:

@@ -8,8 +8,8 @@ from typing import Any
 import click
 
 from . import frame, names
-from .progress_bar import ProgressBar
-from .terminal import aside, quoted
+from .options import seed_option
+from .terminal import aside, progress_line, quoted
 
 PLACE = 60
 EXAMPLE = """
@@ -35,13 +35,7 @@ pamid train-residual fitted --at joint --iterations 20
     show_default=True,
     help="Levenberg-Marquardt steps at most, for every start.",
 )
-@click.option(
-    "--seed",
-    type=click.IntRange(0),
-    default=0,
-    show_default=True,
-    help="Same run and seed, same network.",
-)
+@seed_option("Same run and seed, same network.")
 @click.option(
     "--starts",
     type=click.IntRange(1, 1000),
@@ -120,7 +114,7 @@ def command(
     from pamid.api.training import train_residual
 
     given = tuple(word.strip() for word in (inputs or "").split(",") if word.strip())
-    with ProgressBar("train-residual", iterations) as progress:
+    with progress_line("train-residual", iterations) as progress:
         found = train_residual(
             run,
             network=network,

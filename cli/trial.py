@@ -10,8 +10,8 @@ import click
 
 from . import frame, names
 from .job import cluster_option, failed_text
-from .progress_bar import ProgressBar
-from .terminal import quoted
+from .options import jobs_option, seed_option
+from .terminal import progress_line, quoted
 
 if TYPE_CHECKING:
     from pamid.base.run_folder import Run
@@ -51,12 +51,8 @@ pamid trial --output trial --cases 4 --part calibration --jobs 2
     show_default=True,
     help="Thresholds may be set on calibration cases, never on test cases.",
 )
-@click.option(
-    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Same seed, same cases."
-)
-@click.option(
-    "--jobs", type=click.IntRange(1, 256), default=2, show_default=True, help="Processes to use."
-)
+@seed_option("Same seed, same cases.")
+@jobs_option()
 @cluster_option
 @click.option(
     "--index",
@@ -135,7 +131,7 @@ def command(
             return _share(output, fixed, options, _share_of(index), pool)
         run = _begun(output, fixed, options, resume)
         try:
-            with ProgressBar("trial") as progress:
+            with progress_line("trial") as progress:
                 found = run_trial(
                     output,
                     CaseSelection(part, cases, seed, rig, only or ""),
@@ -203,7 +199,7 @@ def _share(
         options["only"] or "",
     ).draw()
     cases = every_case[number - 1 :: count]
-    with ProgressBar("trial", len(cases)) as progress:
+    with progress_line("trial", len(cases)) as progress:
         results = run_cases(cases, output, pool, done=lambda i, n: progress.update(i, "cases"))
     failed = failed_jobs(results)
     found = TrialShare(

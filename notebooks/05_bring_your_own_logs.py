@@ -13,11 +13,9 @@
 #  A bench writes what it likes: semicolons and decimal commas, a preamble, German names, pressures
 # in bar above vacuum, and a clock that the PC reads when it gets round to it.
 # `data/example/bench_log.csv` is such a log, of a joint with something that its data sheet does not
-# know. `pamid ingest` makes a recording of it, in a shell; the rest is asked from here.
+# know.
 
 # %%
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 
@@ -28,30 +26,25 @@ LOG = HERE.parent / "data" / "example" / "bench_log.csv"
 temporary = tempfile.TemporaryDirectory()
 folder = Path(temporary.name)
 
-
-def shell(line: str) -> None:
-    """`pamid ...` as a shell would run it."""
-    words = [sys.executable, "-m", "pamid_cli", *line.replace("LOG", str(LOG)).split()]
-    done = subprocess.run(words, cwd=folder, capture_output=True, text=True)
-    print(f"$ pamid {line}\n{done.stdout or done.stderr}")
-
-
 print("\n".join(LOG.read_text("cp1252").splitlines()[:8]))
 
 # %% [markdown]
 # ## 1. A first mapping
-#  `--guess` reads the log and writes down what it takes each channel for. Two things it never
+#  `guess_mapping` reads the log and writes down what it takes each channel for. Two things it never
 # guesses: whether pressures count from vacuum or from the air around (we say so here), and what is
 # known of the rig (we say the inertia). It also looks at the clock: stamps that come late and
 # samples that were taken late look alike, and the cure of the one makes the other a hundred times
 # worse. The moving signals tell which it is.
 
 # %%
-shell(
-    "ingest --guess LOG --rig one-dof --pressures absolute --known inertia_kg_m2=0.0896 "
-    "--output map.toml"
+guessed = pamid.guess_mapping(
+    LOG,
+    "one-dof",
+    pressures="absolute",
+    known={"inertia_kg_m2": 0.0896},
+    output=folder / "map.toml",
 )
-print((folder / "map.toml").read_text())
+print(guessed.text)
 
 # %% [markdown]
 # ## 2. The recording
@@ -59,8 +52,9 @@ print((folder / "map.toml").read_text())
 # log becomes a recording and an account of all that was done to it.
 
 # %%
-shell("ingest LOG --mapping map.toml --output bench.csv")
-recording = pamid.read_recording(folder / "bench.csv")
+made = pamid.ingest(LOG, folder / "map.toml", output=folder / "bench.csv", progress=False)
+print(made.summary())
+(recording,) = made.recordings
 recording
 
 # %% [markdown]

@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from pamid.base.errors import PamidError
     from pamid.correction.trained_force_law import force_law_of
     from pamid.excitation.aprbs import aprbs, coverage
+    from pamid.ingest.guessed_mapping import GuessedMapping
+    from pamid.ingest.ingesting import IngestResult, guess_mapping, ingest
     from pamid.model.assembly import Assembly
     from pamid.model.background import Gain, SmoothGain, SplitGain
     from pamid.model.effect import Effect, State
@@ -62,7 +64,9 @@ _HOME = {
     "Effect": "pamid.model.effect",
     "FitResult": "pamid.api.results",
     "Gain": "pamid.model.background",
+    "GuessedMapping": "pamid.ingest.guessed_mapping",
     "IdentifiedCause": "pamid.api.results",
+    "IngestResult": "pamid.ingest.ingesting",
     "Loop": "pamid.model.rig",
     "NetworkResult": "pamid.api.training",
     "PamidError": "pamid.base.errors",
@@ -81,6 +85,7 @@ _HOME = {
     "diagnose": "pamid.api.diagnosing",
     "fit": "pamid.api.fitting",
     "force_law_of": "pamid.correction.trained_force_law",
+    "guess_mapping": "pamid.ingest.ingesting",
     "open_run": "pamid.api.runs",
     "pulse_excitation": "pamid.api.exciting",
     "read_recording": "pamid.recording.recording",
@@ -96,7 +101,9 @@ __all__ = [
     "Effect",
     "FitResult",
     "Gain",
+    "GuessedMapping",
     "IdentifiedCause",
+    "IngestResult",
     "Loop",
     "NetworkResult",
     "PamidError",
@@ -116,6 +123,8 @@ __all__ = [
     "diagnose",
     "fit",
     "force_law_of",
+    "guess_mapping",
+    "ingest",
     "open_run",
     "pulse_excitation",
     "read_recording",
@@ -128,8 +137,8 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    if name == "report":  # the package, which can be called
-        return importlib.import_module("pamid.report")
+    if name in ("ingest", "report"):  # packages, which can be called
+        return importlib.import_module(f"pamid.{name}")
     if name not in _HOME:
         raise AttributeError(f"module 'pamid' has no attribute {name!r}")
     return getattr(importlib.import_module(_HOME[name]), name)

@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pamid.api.given import RecordingLike, RigLike, recording_given, rig_given
+from pamid.api.given import RecordingLike, recording_given
 from pamid.base.card import card, html_table
 from pamid.base.errors import UsageError
 from pamid.checks.conformance import CheckOutcome
 from pamid.checks.inspection import Inspection, inspect, inspection_text
 from pamid.checks.recording_quality import QualityIssue
 from pamid.model.effect import Effect
+from pamid.model.registry import RigLike, rig_given
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
 

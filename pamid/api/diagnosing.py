@@ -4,26 +4,25 @@ gap shrinks."""
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 
 from pamid.api.given import (
     EffectLike,
-    PathLike,
     RecordingLike,
-    RigLike,
     Warn,
     effects_given,
     evidence_of,
     warn_in_python,
 )
-from pamid.api.progress_display import ShowProgress, progress_line
 from pamid.api.results import DiagnosisResult, result_of
-from pamid.api.runs import create_run, words_of
-from pamid.api.workers import RunHome, closing, worker_pool
+from pamid.api.runs import HowToRun, carry_out
 from pamid.base.errors import FileError, UsageError, nearest
+from pamid.base.files import PathLike
+from pamid.base.progress import Progress, ShowProgress
+from pamid.base.run_folder import Run
 from pamid.diagnosis.diagnosis_run import diagnose_into
 from pamid.model.effect import Effect
-from pamid.model.registry import effects_with
+from pamid.model.registry import RigLike, effects_with
+from pamid.parallel.jobs import WorkerPool
 
 
 def diagnose(
@@ -36,7 +35,7 @@ def diagnose(
     seed: int = 0,
     jobs: int = 2,
     cluster: str | None = None,
-    output: PathLike | None = None,
+    output: PathLike | Run | None = None,
     overwrite: bool = False,
     resume: bool = False,
     check: bool = True,
@@ -52,29 +51,20 @@ def diagnose(
     without    effects of the catalogue to leave out, by name
     jobs       processes of this machine; the result does not depend on it
     output     run folder to make. With it an interrupted diagnosis keeps every finished job, and
-               resume=True repeats none of them. Default: a temporary one, which `save` copies
+               resume=True repeats none of them. Default: a temporary one, which `save` copies. Or a
+               run of which this is a further step
 
     Everything else is as in `pamid.fit`.
     """
     given = evidence_of(recordings, rig, held_out, check=check, warn=warn)
     further, left_out = effects_given(effects), list(without)
     catalogue = catalogue_of(further, left_out)
-    home = RunHome(None if output is None else Path(output))
-    folder = None if output is None else home.folder
-    with worker_pool(jobs, cluster, run_folder=folder) as pool:
-        run = create_run(
-            home,
-            given,
-            further,
-            command=command or ["pamid.diagnose", *words_of(given, further)],
-            seed=seed,
-            options={"without": left_out},
-            overwrite=overwrite,
-            resume=resume,
-        )
-        if run.record["outcome"] != "done":  # else resumed, and nothing is left to do
-            with closing(run, pool), progress_line(progress, "diagnose") as show:
-                diagnose_into(run, given.evidence, catalogue, seed=seed, progress=show, pool=pool)
+
+    def work(run: Run, pool: WorkerPool, show: Progress) -> None:
+        diagnose_into(run, given.evidence, catalogue, seed=seed, progress=show, pool=pool)
+
+    how = HowToRun(seed, jobs, cluster, output, overwrite, resume, progress, command)
+    home = carry_out("diagnose", given, further, how, work, options={"without": left_out})
     found = result_of(home, given.rig, further)
     if not isinstance(found, DiagnosisResult):
         raise FileError(

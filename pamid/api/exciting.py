@@ -6,9 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from pamid.api.given import RigLike, rig_given
 from pamid.base.errors import UsageError
-from pamid.model.registry import name_of, rig_named
+from pamid.model.registry import RigLike, name_of, rig_given, rig_named
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, recording_of
 from pamid.rigs.muscle_experiments import (

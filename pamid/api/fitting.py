@@ -7,25 +7,24 @@ from pathlib import Path
 
 from pamid.api.given import (
     EffectLike,
-    PathLike,
     RecordingLike,
-    RigLike,
     Warn,
     effects_given,
     evidence_of,
     warn_in_python,
 )
-from pamid.api.progress_display import ShowProgress, progress_line
 from pamid.api.results import FitResult, result_of
-from pamid.api.runs import create_run, words_of
-from pamid.api.workers import RunHome, closing, worker_pool
+from pamid.api.runs import HowToRun, carry_out
 from pamid.base.errors import UsageError
-from pamid.base.files import write_atomically
+from pamid.base.files import PathLike, write_atomically
 from pamid.base.json_file import write_json
-from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE
+from pamid.base.progress import Progress, ShowProgress
+from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE, Run
 from pamid.estimation.fit_files import fit_json, residual_csv
 from pamid.estimation.grey_box import fit_model
 from pamid.estimation.posterior import read_posterior
+from pamid.model.registry import RigLike
+from pamid.parallel.jobs import WorkerPool
 from pamid.simulation.virtual_rig import attach_specs
 
 
@@ -73,34 +72,25 @@ def fit(
     attached = tuple(a for a, _ in attach_specs(given.evidence.rig, named))
     before = _earlier_run(earlier, output)
     posterior = read_posterior(before) if before else None
-    home = RunHome(None if output is None else Path(output))
-    folder = None if output is None else home.folder
-    with worker_pool(jobs, cluster, run_folder=folder) as pool:
-        run = create_run(
-            home,
-            given,
-            named,
-            command=command or ["pamid.fit", *words_of(given, named)],
+
+    def work(run: Run, pool: WorkerPool, show: Progress) -> None:
+        model = fit_model(
+            given.evidence,
+            attached,
             seed=seed,
-            inputs=[before / FIT_FILE] if before else [],
-            options={"bootstrap": bootstrap, **({"from": str(before)} if before else {})},
-            overwrite=overwrite,
-            resume=resume,
+            draws=bootstrap,
+            earlier=posterior,
+            pool=pool,
+            progress=show,
         )
-        if run.record["outcome"] != "done":  # else resumed, and nothing is left to do
-            with closing(run, pool), progress_line(progress, "fit") as show:
-                model = fit_model(
-                    given.evidence,
-                    attached,
-                    seed=seed,
-                    draws=bootstrap,
-                    earlier=posterior,
-                    pool=pool,
-                    progress=show,
-                )
-                found = fit_json(model, seed) | {"failed_jobs": pool.failed_jobs}
-                write_json(run.path(FIT_FILE), found)
-                write_atomically(run.path(RESIDUAL_FILE), residual_csv(model))
+        found = fit_json(model, seed) | {"failed_jobs": pool.failed_jobs}
+        write_json(run.path(FIT_FILE), found)
+        write_atomically(run.path(RESIDUAL_FILE), residual_csv(model))
+
+    how = HowToRun(seed, jobs, cluster, output, overwrite, resume, progress, command)
+    options = {"bootstrap": bootstrap, **({"from": str(before)} if before else {})}
+    inputs = [before / FIT_FILE] if before else []
+    home = carry_out("fit", given, named, how, work, options=options, inputs=inputs)
     return result_of(home, given.rig, named)
 
 

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from pamid.base.errors import PamidError, UsageError, nearest
-from pamid.base.files import sha256_of
+from pamid.base.files import PathLike, sha256_of
 from pamid.checks.inspection import require_sound
 from pamid.model.effect import Effect
-from pamid.model.registry import catalogue_rig, rig_named, rig_of
+from pamid.model.registry import RigLike, as_file, catalogue_rig, rig_given, rig_named, rig_of
 from pamid.model.rig import Rig
 from pamid.recording.recording import (
     EXACT_DIGITS,
@@ -30,11 +30,8 @@ from pamid.simulation.data_split import DataSplit, split_recordings
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-PathLike: TypeAlias = str | os.PathLike[str]
 #: a recording, the path of its CSV file, or a table with the column time_s
 RecordingLike: TypeAlias = "Recording | PathLike | DataFrame"
-#: a name of the catalogue, the path of a rig file (it is run), or a rig
-RigLike: TypeAlias = PathLike | Rig | type[Rig]
 #: NAME or NAME@PORT, the path of an effect file (it is run), or an effect
 EffectLike: TypeAlias = PathLike | type[Effect]
 Warn: TypeAlias = Callable[[str], None]
@@ -61,20 +58,6 @@ class Given:
     kept: dict[str, bytes]
 
 
-def rig_given(rig: RigLike | None) -> str | Rig | None:
-    """A word for `rig_named`, or the rig itself; UsageError for anything else."""
-    if isinstance(rig, type) and issubclass(rig, Rig):
-        return rig()
-    if rig is None or isinstance(rig, str | Rig):
-        return rig
-    if isinstance(rig, os.PathLike):
-        return _as_file(rig)
-    raise UsageError(
-        f"rig={rig!r:.60} is no rig.",
-        "Give a name (see `pamid rigs`), the path of a rig file, or a pamid.Rig.",
-    )
-
-
 def effects_given(effects: EffectLike | Iterable[EffectLike]) -> tuple[str | type[Effect], ...]:
     """Words for `effects_with`, and effects themselves; UsageError for anything else."""
     single = isinstance(effects, str | os.PathLike | type)
@@ -83,7 +66,7 @@ def effects_given(effects: EffectLike | Iterable[EffectLike]) -> tuple[str | typ
         if isinstance(one, str) or isinstance(one, type) and issubclass(one, Effect):
             found.append(one)
         elif isinstance(one, os.PathLike):
-            found.append(_as_file(one))
+            found.append(as_file(one))
         else:
             raise UsageError(
                 f"{one!r:.60} is no effect.",
@@ -215,9 +198,3 @@ def _with_toml(path: Path) -> list[Path]:
     """A recording and the TOML beside it, if there is one."""
     toml = path.with_suffix(".toml")
     return [path, toml] if toml.exists() else [path]
-
-
-def _as_file(path: os.PathLike[str]) -> str:
-    """A path as a word that is taken for a file's, whatever it holds."""
-    text = os.fspath(path)
-    return text if os.sep in text or text.endswith(".py") else os.path.join(".", text)

@@ -9,12 +9,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
-from pamid.api.given import PathLike, RecordingLike, recording_given
+from pamid.api.given import RecordingLike, recording_given
 from pamid.api.modelled import MODEL_DIGITS, modelled, recorded
 from pamid.api.saving import save_run
 from pamid.api.workers import RunHome
 from pamid.base.card import Cells, card, html_table, interval, number, paragraph, text_table
 from pamid.base.errors import FileError, nearest
+from pamid.base.files import PathLike
 from pamid.base.json_file import read_json
 from pamid.base.result_file import read_result
 from pamid.base.units import split_column

@@ -5,19 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from pamid.api.given import (
-    EffectLike,
-    PathLike,
-    RecordingLike,
-    RigLike,
-    effects_given,
-    recording_given,
-    rig_given,
-)
+from pamid.api.given import EffectLike, RecordingLike, effects_given, recording_given
 from pamid.api.modelled import MODEL_DIGITS, modelled, recorded
 from pamid.api.results import FitResult
-from pamid.base.errors import FileError, UsageError
-from pamid.model.registry import rig_of
+from pamid.base.errors import UsageError
+from pamid.base.files import PathLike, require_new
+from pamid.model.registry import RigLike, rig_given, rig_of
 from pamid.recording.recording import SIGNIFICANT_DIGITS, Recording
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 
@@ -56,12 +49,7 @@ def simulate(
     was simulated. PamidError for whatever is wrong with files, data or the call.
     """
     target = None if output is None else Path(output)
-    if target is not None and target.exists() and not overwrite:
-        raise FileError(
-            f"{target} exists already.",
-            "Choose another --output, or --overwrite to replace it.",
-            code="exists",
-        )
+    require_new([target] if target else [], overwrite)
     if not noise >= 0.0:
         raise UsageError(f"noise={noise!r} is no factor of at least 0.")
     source = recording_given(excitation, "excitation")

@@ -9,14 +9,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from pamid.api.given import PathLike, RigLike, rig_given
-from pamid.api.progress_display import ShowProgress, progress_steps
 from pamid.api.results import FitResult
 from pamid.api.workers import RunHome
 from pamid.base.card import Cells, card, html_table, number, paragraph, text_table
 from pamid.base.errors import PamidError, UsageError
+from pamid.base.files import PathLike
 from pamid.base.json_file import read_json
-from pamid.base.progress import Progress
+from pamid.base.progress import Progress, ShowProgress, progress_steps
 from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE, Run
 from pamid.correction.output_network import (
     CHECKPOINT_FILE,
@@ -32,6 +31,7 @@ from pamid.correction.port_network import (
     write_port_correction,
 )
 from pamid.correction.residual_data import ResidualData, read_residual_data
+from pamid.model.registry import RigLike, rig_given
 from pamid.model.rig import Rig
 from pamid.networks.network_training import TrainingStep
 from pamid.networks.trained_network import NETWORK_FILE
@@ -158,30 +158,24 @@ def train_residual(
         raise UsageError(f"evidence={evidence!r}: take {' or '.join(EVIDENCE)}.")
     wanted = NetworkChoice(network, sizes)
     home = run._home if isinstance(run, FitResult) else RunHome(Path(run))
-    named = rig_given(rig)
-    if named is None and at != "output" and isinstance(run, FitResult):
-        named = run.code[0]
     folder = Run.open(home.folder)
-    trainer = _trainer_at(home.folder, at, named) if at != "output" else _at_output
-    if at == "output" and rig is not None:
-        raise UsageError("--rig belongs to --at PORT: at the output no rig is needed.")
+    trainer = _trainer(run, home.folder, at, rig_given(rig))
     leftover = read_residual_data(home.folder, channel, tuple(inputs), replay=at != "output")
-    options = {
-        "network": network,
-        **sizes,
-        "iterations": iterations,
-        "starts": starts,
-        "evidence": evidence,
-        "at": at,
-        "resume": resume,
-        "channel": leftover.channel,
-        "inputs": list(leftover.inputs),
-    }
     folder.begin_step(
         command=command or ["pamid.train_residual", str(home.folder)],
         seed=seed,
         inputs=[home.folder / FIT_FILE, home.folder / RESIDUAL_FILE],
-        options=options,
+        options={
+            "network": network,
+            **sizes,
+            "iterations": iterations,
+            "starts": starts,
+            "evidence": evidence,
+            "at": at,
+            "resume": resume,
+            "channel": leftover.channel,
+            "inputs": list(leftover.inputs),
+        },
     )
     course = TrainingOptions(
         wanted=wanted,
@@ -194,15 +188,48 @@ def train_residual(
         checkpoint=folder.path(CHECKPOINT_FILE),
         resume=resume,
     )
-    try:
-        with progress_steps(progress, "train-residual", iterations) as (show, count):
-            course["progress"] = _steps(count, starts)
-            about, interrupted = trainer(folder, leftover, show, course)
-    except (PamidError, KeyboardInterrupt) as error:
-        folder.finish("failed" if isinstance(error, PamidError) else "interrupted")
-        raise
-    folder.finish("interrupted" if interrupted else "done")
+    about, interrupted = _trained(folder, leftover, trainer, course, progress)
     return _result(home, about, interrupted)
+
+
+def _trainer(run: FitResult | PathLike, folder: Path, at: str, rig: str | Rig | None) -> Trainer:
+    """What trains at the output or at a port. Wrong names are refused here."""
+    if at == "output":
+        if rig is not None:
+            raise UsageError("--rig belongs to --at PORT: at the output no rig is needed.")
+        return _at_output
+    if rig is None and isinstance(run, FitResult):
+        rig = run.code[0]
+    origin = origin_of(folder, rig)
+    entry = entry_of(origin.evidence.rig, at)
+
+    def at_port(
+        run: Run, leftover: ResidualData, show: Progress, course: TrainingOptions
+    ) -> tuple[dict[str, Any], bool]:
+        found = train_at_port(leftover, origin.model(show), entry, show, **course)
+        return write_port_correction(run, found), found.interrupted
+
+    return at_port
+
+
+def _trained(
+    run: Run,
+    leftover: ResidualData,
+    trainer: Trainer,
+    course: TrainingOptions,
+    progress: ShowProgress,
+) -> tuple[dict[str, Any], bool]:
+    """network.json, and whether the training was interrupted; the run is closed with how it
+    ended."""
+    try:
+        with progress_steps(progress, "train-residual", course["iterations"]) as (show, count):
+            course["progress"] = _steps(count, course["starts"])
+            about, interrupted = trainer(run, leftover, show, course)
+    except (PamidError, KeyboardInterrupt) as error:
+        run.finish("failed" if isinstance(error, PamidError) else "interrupted")
+        raise
+    run.finish("interrupted" if interrupted else "done")
+    return about, interrupted
 
 
 def _at_output(
@@ -210,20 +237,6 @@ def _at_output(
 ) -> tuple[dict[str, Any], bool]:
     found = train_correction(leftover, **course)
     return write_correction(run, found), found.interrupted
-
-
-def _trainer_at(folder: Path, at: str, rig: str | Rig | None) -> Trainer:
-    """What trains at a port of the run's model and writes it. Wrong names are refused here."""
-    origin = origin_of(folder, rig)
-    entry = entry_of(origin.evidence.rig, at)
-
-    def train(
-        run: Run, leftover: ResidualData, show: Progress, course: TrainingOptions
-    ) -> tuple[dict[str, Any], bool]:
-        found = train_at_port(leftover, origin.model(show), entry, show, **course)
-        return write_port_correction(run, found), found.interrupted
-
-    return train
 
 
 def _steps(count: Callable[[int, str], object], starts: int) -> Callable[[TrainingStep, int], None]:

@@ -43,16 +43,18 @@ def worker_pool(
 
 
 @contextmanager
-def closing(run: Run, pool: WorkerPool) -> Iterator[None]:
-    """Close the run with a word for how it ended, and how many jobs it took; their results go once
-    all are done."""
+def closing(run: Run, pool: WorkerPool, *, further: bool = False) -> Iterator[None]:
+    """Close the run, or a further step of it, with a word for how it ended, and the run with how
+    many jobs it took; their results go once all are done."""
+
+    def finish(outcome: str) -> None:
+        run.finish(outcome, **({} if further else {"jobs": pool.counts}))
+
     try:
         yield
     except BaseException as error:
-        run.finish(
-            "interrupted" if isinstance(error, KeyboardInterrupt) else "failed", jobs=pool.counts
-        )
+        finish("interrupted" if isinstance(error, KeyboardInterrupt) else "failed")
         raise
-    run.finish("partial" if pool.failed else "done", jobs=pool.counts)
+    finish("partial" if pool.failed else "done")
     if pool.store and not pool.failed:
         pool.store.clear()

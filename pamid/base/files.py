@@ -16,11 +16,13 @@ import re
 import secrets
 import shutil
 import stat
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path, PurePath
-from typing import NoReturn
+from typing import NoReturn, TypeAlias
 
 from pamid.base.errors import FileError
+
+PathLike: TypeAlias = str | os.PathLike[str]
 
 MIB = 1 << 20
 #: bytes that are read at most of one file of a kind
@@ -146,6 +148,18 @@ def write_atomically(path: str | Path, data: bytes) -> None:
     device).
     """
     write_together({Path(path): data})
+
+
+def require_new(paths: Iterable[Path], overwrite: bool, option: str = "--output") -> None:
+    """FileError for the first of these that exists already, unless it may be overwritten; option:
+    by which it was chosen."""
+    for path in paths:
+        if path.exists() and not overwrite:
+            raise FileError(
+                f"{path} exists already.",
+                f"Choose another {option}, or --overwrite to replace it.",
+                code="exists",
+            )
 
 
 def write_together(files: Mapping[Path, bytes]) -> None:

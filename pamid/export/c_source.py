@@ -25,10 +25,14 @@ def model_name(step: SampleStep) -> str:
     return identifier(f"pamid_{step.name}")
 
 
+def file_names(step: SampleStep) -> tuple[str, str, str]:
+    """Of the header, the source and an example of a host."""
+    return f"{model_name(step)}.h", f"{model_name(step)}.c", "main.c"
+
+
 def c_files(step: SampleStep) -> dict[str, str]:
-    """Name -> text of the header, the source and an example of a host."""
-    name = model_name(step)
-    return {f"{name}.h": header(step), f"{name}.c": source(step), "main.c": example(step)}
+    """Name -> text of each."""
+    return dict(zip(file_names(step), (header(step), source(step), example(step)), strict=True))
 
 
 def comment(text: str) -> str:

@@ -20,7 +20,9 @@ from string import Template
 from xml.etree import ElementTree
 
 from pamid.base.units import unit
+from pamid.correction.identified_model import Identified
 from pamid.export.c_source import asset, header, model_name, source
+from pamid.export.form import Written
 from pamid.export.step import SampleStep
 
 _HEADERS = {
@@ -30,6 +32,10 @@ _HEADERS = {
 _FLAGS = ("-shared", "-fPIC", "-std=c99", "-O2", "-Wall", "-Wextra")
 _ENDINGS = {"linux": "so", "darwin": "dylib", "windows": "dll"}
 _DIMENSIONS = ("kg", "m", "s", "A", "K", "rad")
+_HOW_TO_BUILD = (
+    "it holds sources only: build it where it is to run, with `fmpy compile`, Simulink's "
+    "fmudialog.compileFMUSources or the importer's own compiler"
+)
 
 
 @dataclass(frozen=True)
@@ -39,6 +45,15 @@ class Fmu:
     data: bytes
     binary: str
     why: str
+
+
+def write_fmu(
+    model: Identified, step: SampleStep, files: tuple[Path, ...], *, version: int
+) -> Written:
+    """What the file of an FMU is to hold, as a form of export is asked for it."""
+    made = make_fmu(step, version)
+    notes = (f"{made.why}; {_HOW_TO_BUILD}",) if made.why else ()
+    return Written({files[0]: made.data}, made.binary, notes)
 
 
 def make_fmu(step: SampleStep, version: int, *, compiler: str | None = None) -> Fmu:

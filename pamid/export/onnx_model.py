@@ -13,18 +13,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import FileError
-from pamid.base.files import write_together
 from pamid.base.units import NONE, split_column
 from pamid.correction.identified_model import Identified
 from pamid.export.onnx_graph import Graph, graph_of, model_bytes
-from pamid.export.onnx_network import memory_size, network_nodes
 from pamid.export.onnx_step import Sampled
 from pamid.export.step import step_of
 from pamid.networks.trained_network import TrainedNetwork
@@ -36,29 +33,19 @@ Nodes = Callable[[Graph, str, str], tuple[str, str]]
 ONNX_SCHEMA = "pamid.onnx/1"
 
 
-def write_onnx(model: Identified, path: Path) -> tuple[Path, Path]:
-    """Write a model's run to `path` and its cell beside it, each whole or not at all; both paths.
-    UsageError where its network needs the control loop; FileError where onnx is not installed."""
-    _require_onnx()
-    return _written(onnx_bytes(model), path)
-
-
-def write_network_onnx(trained: TrainedNetwork, path: Path) -> tuple[Path, Path]:
-    """The same for a network by itself, from its inputs to its correction, both in their own
-    units."""
-    _require_onnx()
-    return _written(network_onnx_bytes(trained), path)
-
-
 def onnx_bytes(model: Identified) -> tuple[bytes, bytes]:
-    """A model's run and cell."""
-    sample = Sampled(step_of(model), model.network.trained if model.network is not None else None)
+    """A model's run and cell. UsageError where its network needs the control loop; FileError where
+    onnx is not installed."""
+    _require_onnx()
+    network = None if model.network is None else model.network.trained
+    in_matrices = network is not None and network.network.in_matrices
+    sample = Sampled(step_of(model), network if in_matrices else None)
     s = sample.step
     about = {
         "rig": model.name,
         "effects": [a.label for a in model.effects],
         "dt_s": s.period_s,
-        "network": "" if sample.network is None else sample.network.network.kind,
+        "network": "" if network is None else network.network.kind,
         "inputs": [{"name": v.name, "unit": v.unit} for v in s.inputs],
         "outputs": [{"name": v.name, "unit": v.unit} for v in s.outputs],
         "state": sample.sizes,
@@ -71,7 +58,7 @@ def onnx_bytes(model: Identified) -> tuple[bytes, bytes]:
 def network_onnx_bytes(trained: TrainedNetwork) -> tuple[bytes, bytes]:
     """A network's run and cell."""
     network = trained.network
-    memory = memory_size(network)
+    memory = network.memory_size
     low, high = (np.array(ends) for ends in (trained.input_scaling.low, trained.input_scaling.high))
     (bottom,), (top,) = trained.output_scaling.low, trained.output_scaling.high
 
@@ -84,7 +71,7 @@ def network_onnx_bytes(trained: TrainedNetwork) -> tuple[bytes, bytes]:
         )
         given = g.add("Sub", scaled, g.number(1.0))
         first = g.add("Equal", samples, g.number(0.0))
-        value, after = network_nodes(g, network, trained.weights, given, before, first)
+        value, after = network.onnx_nodes(g, trained.weights, given, before, first)
         share = g.add("Mul", g.number(0.5), g.add("Add", value, g.number(1.0)))
         output = g.add("Add", g.number(bottom), g.add("Mul", share, g.number(top - bottom)))
         counted = g.add("Add", samples, g.number(1.0))
@@ -145,12 +132,6 @@ def _run_and_cell(
 def _column(name: str) -> dict[str, str]:
     unit = split_column(name)[1]
     return {"name": name, "unit": "" if unit == NONE else unit}
-
-
-def _written(contents: tuple[bytes, bytes], path: Path) -> tuple[Path, Path]:
-    cell = path.with_name(f"{path.stem}-cell.onnx")
-    write_together(dict(zip((path, cell), contents, strict=True)))
-    return path, cell
 
 
 def _require_onnx() -> None:

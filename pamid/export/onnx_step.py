@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from pamid.correction.identified_model import GIVEN_PREFIX, MEMORY, VALUE
 from pamid.export.onnx_graph import Graph, Symbol, Values
-from pamid.export.onnx_network import memory_size, network_nodes
 from pamid.export.onnx_newton import Implicit
 from pamid.export.step import SampleStep, Update
 from pamid.networks.trained_network import TrainedNetwork
@@ -22,7 +21,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Sampled:
-    """A model's sample, with the network whose cells the step has, if any.
+    """A model's sample, with the network whose cells the step has, if any; not one that is to be
+    written by its equations, as the rest.
 
     The state that a host carries is one vector: the model's states (SI), what its cells and its
     network remember, its delay lines, and last the number of samples so far.
@@ -48,7 +48,7 @@ class Sampled:
     @cached_property
     def sizes(self) -> dict[str, int]:
         """Length of every part of the state vector, in order."""
-        memory = 0 if self.network is None else memory_size(self.network.network)
+        memory = 0 if self.network is None else self.network.network.memory_size
         parts = {
             "states": len(self.step.states),
             "cells": len(self.remembered),
@@ -148,8 +148,8 @@ class Sampled:
         given = g.joined(
             [cells[f"{GIVEN_PREFIX}{i}"] for i in range(len(self.network.input_names))]
         )
-        value, memory = network_nodes(
-            g, self.network.network, self.network.weights, given, part.get("memory", ""), first
+        value, memory = self.network.network.onnx_nodes(
+            g, self.network.weights, given, part.get("memory", ""), first
         )
         if "memory" in part:
             part["memory"] = memory

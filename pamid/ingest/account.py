@@ -16,6 +16,7 @@ from pamid.base.files import (
     make_folder,
     refuse_write,
     replace_together,
+    require_new,
     sha256_of,
     sweep_stages,
     temporary_of,
@@ -86,13 +87,8 @@ def write_conversions(
                 "Choose another --output.",
                 code="exists",
             )
-        if target.exists() and not overwrite:
-            raise FileError(
-                f"{target} exists already.",
-                "Choose another --output, or --overwrite to replace it.",
-                code="exists",
-            )
-    accounts: list[result.IngestFile] = []
+    require_new(targets, overwrite)
+    accounts = accounts_of(conversions, outputs, mapping_file)
     folder = targets[0].parent
     make_folder(folder)
     try:
@@ -102,14 +98,12 @@ def write_conversions(
     except OSError as error:
         refuse_write(folder, error)
     try:
+        following = iter(accounts)
         for conversion, part in zip(conversions, outputs, strict=True):
-            shared = _of_log(conversion, mapping_file)
             for made, path in zip(conversion.recordings, part, strict=True):
-                write_recording(stage / path.name, made.time, made.columns, _tables(conversion))
-                recording = _of_recording(made, path, conversion)
-                accounts.append(shared.model_copy(update={"recording": recording}))
+                write_recording(stage / path.name, made.time, made.columns, tables_of(conversion))
                 file = (stage / path.name).with_suffix(".ingest.json")
-                write_json(file, accounts[-1].as_json())
+                write_json(file, next(following).as_json())
         replace_together({target: stage / target.name for target in targets})
     except OSError as error:
         refuse_write(folder, error)
@@ -118,13 +112,25 @@ def write_conversions(
     return accounts
 
 
+def accounts_of(
+    conversions: Sequence[Conversion], outputs: Sequence[Sequence[Path]], mapping_file: Path
+) -> list[result.IngestFile]:
+    """What was done for each recording, by the files that it is for."""
+    return [
+        shared.model_copy(update={"recording": _of_recording(made, path, conversion)})
+        for conversion, part in zip(conversions, outputs, strict=True)
+        for shared in [_of_log(conversion, mapping_file)]
+        for made, path in zip(conversion.recordings, part, strict=True)
+    ]
+
+
 def _numbered(stem: Path, count: int) -> list[Path]:
     if count == 1:
         return [stem.with_name(stem.name + ".csv")]
     return [stem.with_name(f"{stem.name}-{number}.csv") for number in range(1, count + 1)]
 
 
-def _tables(conversion: Conversion) -> dict[str, Any]:
+def tables_of(conversion: Conversion) -> dict[str, Any]:
     """The tables of a recording's TOML."""
     mapping = conversion.mapping
     about = {"rig": mapping.rig, "loop": mapping.loop, "sampling_period_s": conversion.period}

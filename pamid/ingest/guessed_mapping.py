@@ -33,7 +33,7 @@ _RISING = 0.98  # share of steps up: then a channel may be the time
 
 
 @dataclass(frozen=True)
-class Guess:
+class GuessedMapping:
     """The text of a mapping, the keys that are left open, and how many channels were taken of how
     many."""
 
@@ -56,13 +56,13 @@ class TimeGuess:
     trouble: str = ""
 
 
-def guess_mapping(
+def guess_of(
     log: Log,
     rig_name: str,
     rig: Rig,
     pressures: str | None = None,
     known: Mapping[str, float] | None = None,
-) -> Guess:
+) -> GuessedMapping:
     """A mapping of a log for a rig. pressures: "gauge" or "absolute" for all of them, None leaves
     them open; known: what is known of the rig in these recordings."""
     time = _time(log, rig)
@@ -77,7 +77,7 @@ def guess_mapping(
     for column, channel in chosen.items():
         lines += _signal_lines(column, channel, rig, pressures, left, time)
     lines += _tail(rig, chosen, rest, known or {})
-    return Guess("\n".join(lines) + "\n", tuple(left), len(chosen), len(rest))
+    return GuessedMapping("\n".join(lines) + "\n", tuple(left), len(chosen), len(rest))
 
 
 # ---- which channel is what ---------------------------------------------------------------------

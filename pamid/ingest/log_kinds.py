@@ -6,11 +6,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from importlib import import_module
 from pathlib import Path
-from pkgutil import iter_modules
 
 from pamid.base.errors import FileError, PamidError
+from pamid.base.scanned import modules_of
 from pamid.ingest.channels import Log
 
 
@@ -31,12 +30,7 @@ class Kind:
 @lru_cache
 def known_kinds() -> dict[str, Kind]:
     """Every kind by its name: the `KIND` of each file in `pamid.ingest.readers`."""
-    from pamid.ingest import readers
-
-    modules = [
-        import_module(f"{readers.__name__}.{found.name}")
-        for found in iter_modules(readers.__path__)
-    ]
+    modules = modules_of("pamid.ingest.readers").values()
     return {module.KIND.name: module.KIND for module in modules if hasattr(module, "KIND")}
 
 

@@ -8,22 +8,26 @@ where a path is Python code and is run.
 from __future__ import annotations
 
 import hashlib
-import importlib
 import importlib.machinery
 import importlib.util
-import pkgutil
+import os
 import sys
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType, ModuleType
-from typing import Any
+from typing import Any, TypeAlias
 
-from pamid.base.errors import FileError, PamidError, nearest, quoted
+from pamid.base.errors import FileError, PamidError, UsageError, nearest, quoted
+from pamid.base.files import PathLike
+from pamid.base.scanned import classes_of, modules_of
 from pamid.base.trust import is_code
 from pamid.model.effect import Effect, require_sound
 from pamid.model.rig import Rig, check_rig
 from pamid.recording.recording import Recording
+
+#: a name of the catalogue, the path of a rig file (it is run), or a rig
+RigLike: TypeAlias = PathLike | Rig | type[Rig]
 
 _RUNS_CODE = "A rig or effect file is code, run only when you name it yourself:"
 _IN_PROGRAM = (
@@ -31,25 +35,10 @@ _IN_PROGRAM = (
 )
 
 
-def _classes(module: ModuleType, base: type) -> list[type]:
-    return [
-        v
-        for v in vars(module).values()
-        if isinstance(v, type)
-        and issubclass(v, base)
-        and v is not base
-        and v.__module__ == module.__name__
-    ]
-
-
 @lru_cache
 def _scanned(package: str, base: type) -> dict[str, type]:
-    found: dict[str, type] = {}
-    folder = importlib.import_module(package)
-    for info in sorted(pkgutil.iter_modules(folder.__path__), key=lambda m: m.name):
-        for cls in _classes(importlib.import_module(f"{package}.{info.name}"), base):
-            found[cls.name] = cls  # type: ignore[attr-defined]
-    return found
+    modules = modules_of(package).values()
+    return {cls.name: cls for module in modules for cls in classes_of(module, base)}
 
 
 def effects() -> dict[str, type[Effect]]:
@@ -126,6 +115,20 @@ def _frames(error: BaseException) -> list[Any]:
     return out[::-1]
 
 
+def rig_given(rig: RigLike | None) -> str | Rig | None:
+    """A word for `rig_named`, or the rig itself; UsageError for anything else."""
+    if isinstance(rig, type) and issubclass(rig, Rig):
+        return rig()
+    if rig is None or isinstance(rig, str | Rig):
+        return rig
+    if isinstance(rig, os.PathLike):
+        return as_file(rig)
+    raise UsageError(
+        f"rig={rig!r:.60} is no rig.",
+        "Give a name (see `pamid rigs`), the path of a rig file, or a pamid.Rig.",
+    )
+
+
 def rig_named(name: str | Rig) -> Rig:
     """The rig that a user named: of the catalogue, or by the path of a file that holds one, which
     is run; a rig itself stands for itself."""
@@ -179,7 +182,7 @@ def catalogue_rig(name: str) -> Rig:
 
 
 def _rig_in(path: Path, sha256: str = "") -> Rig:
-    found = _classes(load_file(path, sha256), Rig)
+    found = classes_of(load_file(path, sha256), Rig)
     if not found:
         raise FileError(f"{path} holds no rig", "a rig is a class that derives from pamid.Rig")
     if len(found) > 1:
@@ -278,7 +281,7 @@ def effects_with(
             continue
         path = _file_of(spec)
         if is_code(path):
-            found = _classes(load_file(Path(path), sha256.get(spec, "")), Effect)
+            found = classes_of(load_file(Path(path), sha256.get(spec, "")), Effect)
             if not found:
                 raise FileError(
                     f"{path} holds no effect", "an effect is a class that derives from pamid.Effect"
@@ -290,3 +293,9 @@ def effects_with(
         else:
             names.append(spec)
     return known, names
+
+
+def as_file(path: os.PathLike[str]) -> str:
+    """A path as a word that is taken for a file's, whatever it holds."""
+    text = os.fspath(path)
+    return text if os.sep in text or text.endswith(".py") else os.path.join(".", text)

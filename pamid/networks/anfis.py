@@ -40,6 +40,7 @@ from pamid.base.errors import DataError, UsageError, nearest
 from pamid.networks.bayes import Evidence
 from pamid.networks.network import Network, Records
 from pamid.networks.normal_equations import CHUNK, Rows
+from pamid.networks.onnx_nodes import OnnxNodes, affine
 from pamid.networks.training_problem import Damping, Goals, TrainingProblem
 from pamid.symbolic.memory_cells import Cell
 from pamid.symbolic.vocabulary import ZERO, Expr, clip, exp
@@ -258,6 +259,31 @@ class Anfis(Network):
     ) -> tuple[Expr, tuple[Cell, ...]]:
         """Nothing is remembered."""
         return self.expression(weights, [clip(x, -1.0, 1.0) for x in inputs]), ()
+
+    def onnx_nodes(
+        self, g: OnnxNodes, weights: Array, given: str, memory: str, first: str
+    ) -> tuple[str, str]:
+        sets = self.membership(weights)
+        inside = g.add("Max", g.add("Min", given, g.number(1.0)), g.number(-1.0))
+        away = g.add("Sub", g.add("Reshape", inside, g.index(-1, 1)), g.array(sets.centre))
+        scaled = g.add("Mul", away, g.array(1.0 / sets.width))
+        squares = g.add("Mul", scaled, scaled)
+        if self.shape == "gaussian":
+            members = g.add("Exp", g.add("Mul", squares, g.number(-0.5)))
+        else:
+            grown = g.add("Pow", squares, g.array(sets.slope))
+            members = g.add("Div", g.number(1.0), g.add("Add", grown, g.number(1.0)))
+        shares = g.add("Div", members, g.add("ReduceSum", members, g.index(1), keepdims=1))
+        each = g.parts(g.add("Reshape", shares, g.index(-1)), [self.sets] * self.inputs)
+
+        def crossed(a: str, b: str) -> str:
+            column = g.add("Reshape", a, g.index(-1, 1))
+            return g.add("Reshape", g.add("Mul", column, b), g.index(-1))
+
+        firing = reduce(crossed, each)
+        slopes, constants = self.planes(self.consequents(weights))
+        rules = affine(g, slopes, inside, g.array(constants))
+        return g.add("ReduceSum", g.add("Mul", firing, rules), g.index(0), keepdims=1), memory
 
     def sweep(self, weights: ArrayLike, inputs: ArrayLike) -> Iterator[Rows]:
         """(first sample, y (n,), dy/dw (n, n_weights)) chunk by chunk, exact."""

@@ -39,6 +39,7 @@ from pamid.engine.recurrence_kernels import (
 from pamid.networks.modal_start import find_modes
 from pamid.networks.network import Network, Records, decided_by, weighted
 from pamid.networks.normal_equations import CHUNK, Rows, aligned
+from pamid.networks.onnx_nodes import OnnxNodes, affine
 from pamid.symbolic.expression import symbol
 from pamid.symbolic.memory_cells import Cell
 from pamid.symbolic.vocabulary import Expr, tanh
@@ -212,6 +213,18 @@ class Elman(Network):
         )
         (output,) = weighted(layers.output[None], [c.here for c in cells], [layers.output_bias])
         return output, cells
+
+    @property
+    def memory_size(self) -> int:
+        return self.hidden
+
+    def onnx_nodes(
+        self, g: OnnxNodes, weights: Array, given: str, memory: str, first: str
+    ) -> tuple[str, str]:
+        layers = self.layers(weights)
+        seen = g.joined([memory, given])
+        state = g.add("Tanh", affine(g, layers.units[:, :-1], seen, g.array(layers.bias)))
+        return affine(g, layers.output[None], state, g.number(layers.output_bias)), state
 
     def curvature(
         self, weights: ArrayLike, step: ArrayLike, inputs: ArrayLike, washout: int = 0

@@ -30,6 +30,7 @@ from pamid.base.errors import DataError
 from pamid.engine.feedback_kernels import run_output_sensitivities, run_outputs
 from pamid.networks.network import Network, decided_by, weighted
 from pamid.networks.normal_equations import CHUNK, Rows
+from pamid.networks.onnx_nodes import OnnxNodes, affine
 from pamid.symbolic.expression import symbol
 from pamid.symbolic.memory_cells import Cell
 from pamid.symbolic.vocabulary import ZERO, Expr, tanh
@@ -185,6 +186,36 @@ class Narx(Network):
         for n, u in zip(seen, inputs, strict=True):
             cells += _chain(n, u, before=u, length=self.input_lags * self.stride)
         return symbol("cell", f"{name}_output_0"), tuple(cells)
+
+    @property
+    def memory_size(self) -> int:
+        return self.stride * (self.input_lags * self.inputs + self.output_lags)
+
+    def onnx_nodes(
+        self, g: OnnxNodes, weights: Array, given: str, memory: str, first: str
+    ) -> tuple[str, str]:
+        """Memory: past inputs, sample by sample, then past outputs, the newest first."""
+        layers, m = self.layers(weights), self.inputs
+        reach_in, reach_out = self.input_lags * self.stride, self._reach
+        taps, past_inputs, outputs = given, [], memory
+        if reach_in:
+            inputs, outputs = g.parts(memory, [reach_in * m, reach_out])
+            inputs = g.choose(first, g.add("Tile", given, g.index(reach_in)), inputs)
+            rows = [
+                np.arange(m) + (lag * self.stride - 1) * m for lag in range(1, self.input_lags + 1)
+            ]
+            seen = g.index(*np.concatenate(rows).tolist())
+            taps = g.joined([given, g.add("Gather", inputs, seen, axis=0)])
+            kept = g.parts(inputs, [(reach_in - 1) * m, m])[:1] if reach_in > 1 else []
+            past_inputs = [given, *kept]
+        fed_back = g.index(*(lag * self.stride - 1 for lag in range(1, self.output_lags + 1)))
+        back = g.add("Gather", outputs, fed_back, axis=0)
+        driven = affine(
+            g, layers.feedback, back, affine(g, layers.taps, taps, g.array(layers.bias))
+        )
+        output = affine(g, layers.output[None], g.add("Tanh", driven), g.number(layers.output_bias))
+        older = g.parts(outputs, [reach_out - 1, 1])[:1] if reach_out > 1 else []
+        return output, g.joined([*past_inputs, output, *older])
 
     def sweep(self, weights: ArrayLike, inputs: ArrayLike) -> Iterator[Rows]:
         """Yield (first sample, y, dy/dw) chunk by chunk; the arrays are overwritten by the next

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pamid.base.errors import DataError
 from pamid.networks.normal_equations import Rows, summed
+from pamid.networks.onnx_nodes import OnnxNodes
 from pamid.symbolic.memory_cells import Cell
 from pamid.symbolic.vocabulary import Expr, expression
 
@@ -100,6 +101,26 @@ class Network(ABC):
             f"A network of kind {self.kind!r} has no equations, so that it cannot run beside a "
             "model."
         )
+
+    @property
+    def memory_size(self) -> int:
+        """Numbers that `onnx_nodes` carries from one sample to the next, all zero before the
+        first."""
+        return 0
+
+    def onnx_nodes(
+        self, g: OnnxNodes, weights: Array, given: str, memory: str, first: str
+    ) -> tuple[str, str]:
+        """The same sample in matrices, which ONNX runs faster than equations one by one: scaled
+        output (1,) and next memory (memory_size,), for scaled inputs given (m,); `first` is true at
+        the first sample. Without memory that name is passed on. DataError where a kind of network
+        has only its equations: a model with it is written with those."""
+        raise DataError(f"A network of kind {self.kind!r} by itself cannot be written as ONNX.")
+
+    @property
+    def in_matrices(self) -> bool:
+        """Does it have `onnx_nodes` of its own?"""
+        return type(self).onnx_nodes is not Network.onnx_nodes
 
     def features(self, weights: ArrayLike, inputs: ArrayLike) -> Array:
         """What the weights `linear` multiply (N, number of these)."""

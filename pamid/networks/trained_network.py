@@ -11,9 +11,7 @@ new network is one new file.
 """
 
 import hashlib
-import importlib
 import io
-import pkgutil
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import lru_cache
@@ -27,6 +25,7 @@ from pamid.base.errors import DataError, FileError, PamidError, nearest
 from pamid.base.files import WEIGHTS, read_data, write_together
 from pamid.base.json_file import json_bytes, read_json
 from pamid.base.npz import load_arrays
+from pamid.base.scanned import classes_of, modules_of
 from pamid.networks.network import Network
 from pamid.networks.network_training import Training, train
 from pamid.networks.scaling import Scaling, check_finite, scaling_of
@@ -231,17 +230,8 @@ def load_network(folder: Path | str) -> TrainedNetwork:
 @lru_cache
 def network_kinds() -> dict[str, type[Network]]:
     """Every kind of network by its name: the classes in the files of this package, no others."""
-    names = [info.name for info in pkgutil.iter_modules([str(Path(__file__).parent)])]
-    modules = [importlib.import_module(f"pamid.networks.{name}") for name in names]
-    return {
-        found.kind: found
-        for module in modules
-        for found in vars(module).values()
-        if isinstance(found, type)
-        and issubclass(found, Network)
-        and found is not Network
-        and found.__module__ == module.__name__
-    }
+    modules = modules_of("pamid.networks").values()
+    return {found.kind: found for module in modules for found in classes_of(module, Network)}
 
 
 def _class_of(kind: str, path: Path) -> type[Any]:

@@ -13,19 +13,18 @@ from typing import Any
 
 import numpy as np
 
+from pamid.api.diagnosing import diagnose
+from pamid.api.simulating import simulate
+from pamid.api.training import train_residual
 from pamid.base.json_file import read_json, write_json
 from pamid.base.progress import Progress, silent
-from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE, Run
-from pamid.correction.output_network import CHECKPOINT_FILE, train_correction, write_correction
-from pamid.correction.residual_data import read_residual_data
-from pamid.diagnosis.diagnosis_run import diagnose_into
+from pamid.base.run_folder import Run
 from pamid.excitation.aprbs import aprbs
 from pamid.model.registry import catalogue_rig, effects
-from pamid.recording.recording import read_recording, write_recording
+from pamid.recording.recording import write_recording
 from pamid.report.writing import write_report
 from pamid.schemas.demo_file import DemoOutput, Hit, WithheldFile
-from pamid.simulation.data_split import split_recordings
-from pamid.simulation.virtual_rig import simulate_virtual_rig, split_spec
+from pamid.simulation.virtual_rig import split_spec
 
 RIG = "one-dof"
 PERIOD_S, AMPLITUDE_DEG, HOLD_S = 0.003, 40.0, (0.4, 1.6)
@@ -82,8 +81,8 @@ def write_demo_recording(folder: Path, withheld: Withheld, *, seed: int, duratio
     write_recording(excitation, time, {"reference_deg": reference})
     sheet = {p.outside_name: p.value for p in catalogue_rig(RIG).parameters}
     hidden = {key: sheet[key] * factor for key, factor in withheld.factors.items()}
-    made = simulate_virtual_rig(
-        RIG, read_recording(excitation), (withheld.spec,), {}, hidden, 1.0, seed
+    made = simulate(
+        excitation, RIG, effects=withheld.spec, parameters=hidden, seed=seed, output=recording
     )
     truth = WithheldFile(
         seed=seed,
@@ -94,7 +93,6 @@ def write_demo_recording(folder: Path, withheld: Withheld, *, seed: int, duratio
         over_data_sheet=withheld.factors,
     )
     write_json(folder / TRUTH_FILE, truth.as_json())
-    write_recording(recording, time, made.columns, made.meta)
     return recording
 
 
@@ -145,31 +143,25 @@ def _diagnosed(
     run: Run, recording: Path, seed: int, jobs: int, progress: Progress
 ) -> dict[str, Any]:
     # noted as the command that does just this: with another --output anyone can repeat it
-    run.begin_step(
-        command=[
-            "pamid",
-            "diagnose",
-            str(recording),
-            "--rig",
-            RIG,
-            "--output",
-            str(run.folder),
-            "--seed",
-            str(seed),
-            "--jobs",
-            str(jobs),
-        ],
+    words = ["pamid", "diagnose", str(recording), "--rig", RIG, "--output", str(run.folder)]
+    found = diagnose(
+        recording,
+        RIG,
         seed=seed,
-        inputs=[recording, recording.with_suffix(".toml")],
+        jobs=jobs,
+        output=run,
+        progress=progress,
+        command=[*words, "--seed", str(seed), "--jobs", str(jobs)],
     )
-    evidence = split_recordings(catalogue_rig(RIG), [read_recording(recording)], [])
-    found = diagnose_into(run, evidence, effects(), seed=seed, jobs=jobs, progress=progress)
-    run.finish()
-    return found
+    return found.to_dict()
 
 
 def _trained(run: Run, seed: int, progress: Progress) -> dict[str, Any]:
-    run.begin_step(
+    found = train_residual(
+        run.folder,
+        iterations=ITERATIONS,
+        seed=seed,
+        progress=lambda text: progress(f"training a network, step {text}"),
         command=[
             "pamid",
             "train-residual",
@@ -179,18 +171,7 @@ def _trained(run: Run, seed: int, progress: Progress) -> dict[str, Any]:
             "--seed",
             str(seed),
         ],
-        seed=seed,
-        inputs=[run.path(FIT_FILE), run.path(RESIDUAL_FILE)],
     )
-    found = train_correction(
-        read_residual_data(run.folder),
-        iterations=ITERATIONS,
-        seed=seed,
-        checkpoint=run.path(CHECKPOINT_FILE),
-        progress=lambda step, _: progress(f"training a network, step {step.iteration}"),
-    )
-    about = write_correction(run, found)
-    run.finish("interrupted" if found.interrupted else "done")
     if found.interrupted:
         raise KeyboardInterrupt
-    return about
+    return found.to_dict()

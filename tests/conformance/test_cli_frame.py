@@ -15,11 +15,11 @@ from typing import Any
 import click
 import pytest
 from pamid_cli import frame
-from pamid_cli.progress_bar import ProgressBar
 from pamid_cli.table import COMMANDS
 
 from pamid.base.errors import ConvergenceError, DataError, FileError, UsageError
 from pamid.base.files import sha256_of
+from pamid.base.progress import ProgressLine
 from pamid.recording.recording import read_recording
 
 HEAVY = ("pamid", "numpy", "scipy", "pandas", "torch", "numba", "matplotlib", "pysindy", "sympy")
@@ -235,7 +235,7 @@ def test_progress_on_a_terminal_and_in_a_log(monkeypatch: pytest.MonkeyPatch) ->
     clock = iter([0.0, 5.0, 16.0, 17.0, 40.0])
     monkeypatch.setattr("time.monotonic", lambda: next(clock))
     log = StringIO()
-    with ProgressBar("fitting", 4, stream=log) as progress:
+    with ProgressLine("fitting", 4, in_logs=True, stream=log) as progress:
         for done in range(4):
             progress.update(done, "x")
     assert (
@@ -249,10 +249,10 @@ def test_progress_on_a_terminal_and_in_a_log(monkeypatch: pytest.MonkeyPatch) ->
 
     screen = Terminal()
     clock = iter([0.0, 0.01, 1.0])
-    with ProgressBar("fitting", stream=screen) as progress:
+    with ProgressLine("fitting", stream=screen) as progress:
         progress.update(1)
         progress.update(2)
-    assert screen.getvalue() == "\rfitting: 2 (1 s)\x1b[K\r\x1b[K"
+    assert screen.getvalue() == "\rfitting: 2 (1 s)\r                \r"
 
 
 def _generate(*more: str) -> int:

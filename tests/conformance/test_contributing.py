@@ -51,6 +51,47 @@ class Line(Network):
     def sweep(self, weights, inputs):
         yield 0, self.simulate(weights, inputs), self.rows(inputs)
 '''
+FORM = '''"""`pamid export --to list`: a list of the states."""
+
+from pamid.export.form import Form, Written
+
+ALSO = ("names",)
+
+
+def write(model, step, files):
+    return Written({file: "\\n".join(step.states).encode() for file in files})
+
+
+FORM = Form(".txt", write)
+'''
+PAPER = '''"""`pamid reproduce-paper --paper coin`: how often a coin falls on its edge."""
+
+from dataclasses import dataclass
+
+OPTIONS = ("iterations",)
+
+
+@dataclass(frozen=True)
+class Plan:
+    seed: int
+    throws: int
+
+
+def plan(*, seed, quick, iterations):
+    return Plan(seed, iterations)
+
+
+def reproduce(run, plan, *, progress):
+    return {"schema": "pamid.text/1", "text": f"0 of {plan.throws}"}
+
+
+def text(found):
+    return found["text"]
+
+
+def converged(found):
+    return True
+'''
 READER = '''"""Numbers, one a line."""
 
 import numpy as np
@@ -95,6 +136,8 @@ def copy(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (place / "pamid" / "schemas" / "greeting.py").write_text(OUTPUT)
     (place / "pamid" / "networks" / "line.py").write_text(NETWORK)
     (place / "pamid" / "ingest" / "readers" / "numbers.py").write_text(READER)
+    (place / "pamid" / "export" / "forms" / "list.py").write_text(FORM)
+    (place / "pamid" / "replications" / "papers" / "coin.py").write_text(PAPER)
     for room, theirs, name, mine in (
         ("effects", "coulomb_friction", "CoulombFriction", "MyFriction"),
         ("rigs", "one_dof", "OneDof", "MyJoint"),
@@ -149,6 +192,29 @@ def test_a_reader(copy: Path) -> None:
         "log = read_log(Path('log.num')); print(log.kind, log.channel('x_m').values)"
     )
     assert run(copy, "-c", code) == "numbers [1.5 2.5]\n"
+
+
+def test_a_form_of_export(copy: Path) -> None:
+    said = " ".join(pamid(copy, "export", "--help").split())
+    assert "|list|names|" in said and "; list, also names: a list of the states; " in said
+    code = (
+        "from pathlib import Path; from pamid.correction.identified_model import Identified;"
+        "from pamid.engine.program import Stepping;"
+        "from pamid.export.exporting import export_model;"
+        "from pamid.model.assembly import Assembly; from pamid.model.registry import rig_named;"
+        "rig = Assembly(rig_named('one-dof'), ());"
+        "model = Identified('one-dof', rig, rig.values(), 0.003, Stepping(1));"
+        "(file,) = export_model(model, 'names').files; print(file, file.read_text().split()[0])"
+    )
+    assert run(copy, "-c", code) == "pamid_one_dof.txt angle\n"
+
+
+def test_a_paper(copy: Path) -> None:
+    said = " ".join(pamid(copy, "reproduce-paper", "--help").split())
+    assert "[arm|coin|joint]" in said and "every start. (coin or joint)" in said
+    assert "coin: how often a coin falls on its edge." in said
+    words = ("reproduce-paper", "--paper", "coin", "--iterations", "3", "--output", "coin-run")
+    assert pamid(copy, *words) == "0 of 3\n"
 
 
 def test_an_effect_and_a_rig(copy: Path) -> None:

@@ -109,7 +109,7 @@ def quick(monkeypatch: pytest.MonkeyPatch) -> None:
         "pamid.correction.port_network.fit_model",
         "pamid.api.training.train_correction",
         "pamid.trial.case_runs.examine",
-        "pamid.replications.joint_paper.reproduce",
+        "pamid.replications.papers.joint.reproduce",
         "pamid.replications.demonstration.run_demo",
         "pamid.correction.force_map.judge",
         "pamid.estimation.grey_box.fit_model",

@@ -20,7 +20,7 @@ from virtual_joint import record
 
 from pamid.base.errors import FileError
 from pamid.excitation.writers import FORMATS, SentSignals
-from pamid.ingest.guessed_mapping import guess_mapping
+from pamid.ingest.guessed_mapping import guess_of
 from pamid.ingest.log_reader import read_log
 from pamid.model.registry import catalogue_rig
 from pamid.networks.elman import Elman
@@ -202,7 +202,7 @@ def test_names_of_a_log_cannot_leave_their_place_in_a_mapping(nasty: str, tmp_pa
     (tmp_path / "log.csv").write_text(
         f'time,"angle {quoted} [deg]","{quoted} [{quoted}]"\n{rows}', encoding="utf-8", newline=""
     )
-    found = guess_mapping(read_log(tmp_path / "log.csv"), "one-dof", catalogue_rig("one-dof"))
+    found = guess_of(read_log(tmp_path / "log.csv"), "one-dof", catalogue_rig("one-dof"))
     told = tomllib.loads(found.text)
     assert told["rig"] == "one-dof" and set(told) <= {
         "rig",

@@ -27,8 +27,9 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("trial",),
     ("report",),
     ("correction",),
-    ("export", "replications"),
+    ("export",),
     ("api",),
+    ("replications",),
     ("cli",),
 )
 #: not in a room: what rig files, effect files and scripts import

@@ -45,13 +45,13 @@ MAY_LOAD = {
     "pamid/correction/port_network.py",
     "pamid/simulation/virtual_rig.py",
     "pamid/report/motion.py",
+    "pamid/ingest/ingesting.py",
     "pamid/api/diagnosing.py",
     "pamid/api/exciting.py",
     "pamid/api/given.py",
     "cli/effects.py",
     "cli/excite.py",
     "cli/hints.py",
-    "cli/ingest.py",
     "cli/rigs.py",
 }
 

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 import pytest
 from pamid_cli import frame
-from pamid_cli.reproduce_paper import arm_text
 
 from pamid.base.json_file import read_json
 from pamid.base.metrics import mae
@@ -31,6 +30,7 @@ from pamid.replications.arm_twin import (
     sessions,
     shown_mae,
 )
+from pamid.replications.papers.arm import text as arm_text
 from pamid.rigs.two_link import MUSCLES
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 

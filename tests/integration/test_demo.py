@@ -42,15 +42,15 @@ def test_a_short_demo_names_what_was_withheld(
 ) -> None:
     folder = tmp_path / "demo"
 
-    def blind(run: Any, *given: Any, **options: Any) -> dict[str, Any]:
+    def blind(*given: Any, **options: Any) -> Any:
         """Diagnose with the truth out of reach."""
-        truth = (run.folder / demo.TRUTH_FILE).rename(tmp_path / "elsewhere.json")
-        found = unpatched(run, *given, **options)
-        truth.rename(run.folder / demo.TRUTH_FILE)
-        return dict(found)
+        truth = (folder / demo.TRUTH_FILE).rename(tmp_path / "elsewhere.json")
+        found = unpatched(*given, **options)
+        truth.rename(folder / demo.TRUTH_FILE)
+        return found
 
-    unpatched = demo.diagnose_into
-    monkeypatch.setattr(demo, "diagnose_into", blind)
+    unpatched = demo.diagnose
+    monkeypatch.setattr(demo, "diagnose", blind)
     seed = str(seed_of("valve-dead-band"))
     assert (
         frame.run(["demo", "--output", str(folder), "--seed", seed, "--duration", "15", "--json"])

@@ -21,7 +21,7 @@ from identified_runs import (
     random_network,
 )
 
-from pamid.base.errors import FileError, UsageError
+from pamid.base.errors import DataError, FileError, UsageError
 from pamid.base.files import sha256_of
 from pamid.base.units import as_column, split_column, to_si
 from pamid.correction.identified_model import Identified, load_identified, simulate_identified
@@ -39,7 +39,8 @@ from pamid.simulation.virtual_rig import attach_specs
 onnx = pytest.importorskip("onnx", reason="pip install 'pamid[onnx]'")
 ort = pytest.importorskip("onnxruntime", reason="pip install 'pamid[verify]'")
 
-from pamid.export.onnx_model import network_onnx_bytes, onnx_bytes, write_network_onnx, write_onnx  # noqa: E402
+from pamid.export.exporting import export_model  # noqa: E402
+from pamid.export.onnx_model import network_onnx_bytes, onnx_bytes  # noqa: E402
 
 LONG = 66667  # samples: 200 s at 3 ms
 CLOSE = 1e-9  # of each channel's span
@@ -128,10 +129,10 @@ def test_a_network_over_200_seconds(network: Network, signals: np.ndarray) -> No
     np.testing.assert_allclose(run_cell(cell, signals[:60]), wanted[:60], rtol=0.0, atol=1e-12)
 
 
-def test_what_the_numbers_of_a_network_mean(tmp_path: Path) -> None:
+def test_what_the_numbers_of_a_network_mean() -> None:
     trained = random_network(Elman(5, 3), LOOP, "angle_deg", 2.0)
-    for path in write_network_onnx(trained, tmp_path / "net.onnx"):
-        told = {p.key: p.value for p in onnx.load(path).metadata_props}
+    for content in network_onnx_bytes(trained):
+        told = {p.key: p.value for p in onnx.load_from_string(content).metadata_props}
         assert (told["schema"], told["network"], json.loads(told["dt_s"])) == (
             "pamid.onnx/1",
             "elman",
@@ -140,7 +141,6 @@ def test_what_the_numbers_of_a_network_mean(tmp_path: Path) -> None:
         assert json.loads(told["inputs"])[3] == {"name": "velocity_loop_deg_per_s", "unit": "deg/s"}
         assert json.loads(told["inputs"])[1] == {"name": "command_loop", "unit": ""}
         assert json.loads(told["outputs"]) == [{"name": "angle_deg", "unit": "deg"}]
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["net-cell.onnx", "net.onnx"]
 
 
 # ---- models --------------------
@@ -280,10 +280,25 @@ def test_a_network_in_steps_of_half_a_sample(found: tuple[Path, Recording]) -> N
     assert_close(run_whole(onnx_bytes(model)[0], u)[0], outputs_of(model, u))
 
 
+def test_a_network_with_equations_alone(
+    found: tuple[Path, Recording], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A kind of network that says nothing of ONNX is written by its cells."""
+    folder, recording = found
+    put_network(folder, random_network(Narx(3, 2, 1, 1, 2), SEEN, "angle_deg", 2.0))
+    model, u = load_identified(folder), commands(recording, 100)
+    monkeypatch.setattr(Narx, "onnx_nodes", Network.onnx_nodes)
+    assert_close(run_whole(onnx_bytes(model)[0], u)[0], outputs_of(model, u))
+    with pytest.raises(DataError, match="'narx' by itself cannot be written"):
+        network_onnx_bytes(random_network(Narx(3, 2), SEEN, "angle_deg", 2.0))
+
+
 def test_what_the_numbers_mean(found: tuple[Path, Recording], tmp_path: Path) -> None:
     folder, _ = found
     model = load_identified(folder, which="refitted")
-    for path in write_onnx(model, tmp_path / "joint.onnx"):
+    files = export_model(model, "onnx", tmp_path / "joint.onnx").files
+    assert [path.name for path in files] == ["joint.onnx", "joint-cell.onnx"]
+    for path in files:
         content = onnx.load(path)
         told = {p.key: p.value for p in content.metadata_props}
         assert (told["rig"], told["network"], told["fit_sha256"]) == (
@@ -321,8 +336,8 @@ def test_what_cannot_be_written_is_refused(
     folder, _ = found
     put_network(folder, random_network(Elman(5, 3), LOOP, "angle_deg", 2.0), model="loop")
     with pytest.raises(UsageError, match="its own control loop"):
-        write_onnx(load_identified(folder), tmp_path / "a.onnx")
+        export_model(load_identified(folder), "onnx", tmp_path / "a.onnx")
     monkeypatch.setitem(sys.modules, "onnx", None)
     with pytest.raises(FileError, match=r"pip install 'pamid\[onnx\]'"):
-        write_onnx(load_identified(folder, which="refitted"), tmp_path / "a.onnx")
+        export_model(load_identified(folder, which="refitted"), "onnx", tmp_path / "a.onnx")
     assert not list(tmp_path.iterdir())

@@ -24,6 +24,7 @@ from pamid.model.registry import effects
 
 LEFT_OUT = [name for name in effects() if name not in FEW]
 RESULTS = ("fit.json", "residual.csv", "diagnosis.json")
+BENCH_LOG = Path(__file__).parents[2] / "data" / "example" / "bench_log.csv"
 HOSTILE = "<script>alert(1)</script>"
 
 
@@ -329,6 +330,54 @@ def test_a_card_is_text_whatever_a_file_says(found: pamid.DiagnosisResult, tmp_p
     )
     card = pamid.Recording.from_pandas(table, HOSTILE)._repr_html_()
     assert "<script" not in card and "&lt;script&gt;" in card
+
+
+# ---- raw logs ----------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def bench_mapping(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("logs") / "map.toml"
+    guessed = pamid.guess_mapping(
+        BENCH_LOG, pressures="absolute", known={"inertia_kg_m2": 0.0896}, output=path
+    )
+    assert guessed.text == path.read_text() and not guessed.open and guessed.mapped > 3
+    with pytest.raises(FileError, match="exists already"):
+        pamid.guess_mapping(BENCH_LOG, output=path)
+    return path
+
+
+def test_a_log_becomes_recordings_as_by_the_command(bench_mapping: Path, tmp_path: Path) -> None:
+    words = ["--mapping", str(bench_mapping), "--output", str(tmp_path / "theirs" / "bench.csv")]
+    assert frame.run(["ingest", str(BENCH_LOG), *words]) == 0
+    output = tmp_path / "mine" / "bench.csv"
+    seen: list[str] = []
+    made = pamid.ingest(BENCH_LOG, bench_mapping, output=output, progress=seen.append)
+    assert isinstance(made, pamid.IngestResult) and seen == ["0/1 bench_log.csv"]
+    for theirs in (tmp_path / "theirs").iterdir():
+        mine = output.with_name(theirs.name).read_text()
+        assert mine.replace(str(output.parent), str(theirs.parent)) == theirs.read_text()
+    (recording,) = made.recordings
+    assert recording.known == {"inertia_kg_m2": 0.0896} and made.rig == recording.rig == "one-dof"
+    assert str(output) in made.summary() and str(recording.time.size) in made._repr_html_()
+    assert made.to_dict()["recordings"][0]["recording"]["samples"] == recording.time.size
+    with pytest.raises(FileError, match="exists already"):
+        pamid.ingest([BENCH_LOG], bench_mapping, output=output)
+
+
+def test_a_log_is_read_without_leaving_a_file(
+    bench_mapping: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    made = pamid.ingest([BENCH_LOG], bench_mapping, known={"inertia_kg_m2": 0.1}, progress=False)
+    assert not list(tmp_path.iterdir()) and "IngestResult 1 recording of 1 log" in repr(made)
+    (recording,) = made.recordings
+    written = pamid.ingest([BENCH_LOG], bench_mapping, output=tmp_path / "all", progress=False)
+    for name, values in written.recordings[0].columns.items():
+        np.testing.assert_array_equal(recording.columns[name], values)
+    assert recording.known == {"inertia_kg_m2": 0.1}
+    with pytest.raises(UsageError, match="repair='glue'"):
+        pamid.ingest(BENCH_LOG, bench_mapping, repair="glue")
 
 
 # ---- check, network, report, run folders -------------------------------------------------------

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 from pamid_cli import frame
-from pamid_cli.reproduce_paper import table_text
 
 from pamid.base.json_file import read_json
 from pamid.base.metrics import mae
@@ -33,6 +32,7 @@ from pamid.replications.joint_twin import (
     excitation,
     step_reference,
 )
+from pamid.replications.papers.joint import text as table_text
 from pamid.simulation.virtual_rig import attach_specs
 
 SMALL = (

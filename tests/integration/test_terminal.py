@@ -15,13 +15,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pamid_cli import frame
-from pamid_cli.progress_bar import ProgressBar
 from pamid_cli.table import every_command
 from pamid_cli.terminal import printable, printable_json
 from small_cart import RIG, record_cart
 
 from pamid.base.errors import quoted
 from pamid.base.json_file import read_json, write_json
+from pamid.base.progress import ProgressLine
 from pamid.recording.recording import write_recording
 
 NASTY = (
@@ -124,9 +124,9 @@ def test_progress_is_written_out(monkeypatch: pytest.MonkeyPatch) -> None:
         def isatty(self) -> bool:
             return True
 
-    monkeypatch.setattr("pamid_cli.progress_bar._TERMINAL_S", 0.0)
+    monkeypatch.setattr("pamid.base.progress._LIVE_S", 0.0)
     stream = Terminal()
-    with ProgressBar("fit\x1b[2J", stream=stream) as progress:
+    with ProgressLine("fit\x1b[2J", stream=stream) as progress:
         progress.update(1, "\x1b]0;x\x07\nmore")
     assert (
         "\x1b[2J" not in stream.getvalue()

@@ -428,8 +428,8 @@ _HELD = """
 import os, signal, sys, time
 signal.signal(signal.SIGINT, signal.default_int_handler)
 from pamid_cli.frame import main
-from pamid_cli.progress_bar import ProgressBar
-said, left, update = int(sys.argv.pop(1)), [int(sys.argv.pop(1))], ProgressBar.update
+from pamid.base.progress import ProgressLine
+said, left, update = int(sys.argv.pop(1)), [int(sys.argv.pop(1))], ProgressLine.update
 def held(*words):
     left[0] -= 1
     if left[0] == 0:
@@ -437,7 +437,7 @@ def held(*words):
         while True:
             time.sleep(0.01)    # one long wait would never hear a signal that comes just before it begins
     update(*words)
-ProgressBar.update = held
+ProgressLine.update = held
 main()
 """  # noqa: E501
 Process = subprocess.Popen[bytes]

@@ -1,0 +1,48 @@
+"""What a form of export is, and the forms there are, found by scanning `pamid.export.forms`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+from pamid.base.scanned import modules_of
+from pamid.correction.identified_model import Identified
+from pamid.export.step import SampleStep
+
+
+@dataclass(frozen=True)
+class Written:
+    """What the files are to hold. binary: the platform that an FMU was built for, "" for none;
+    notes: what the user has to know."""
+
+    files: dict[Path, bytes]
+    binary: str = ""
+    notes: tuple[str, ...] = ()
+
+
+def _one_file(step: SampleStep, path: Path) -> tuple[Path, ...]:
+    return (path,)
+
+
+@dataclass(frozen=True)
+class Form:
+    """A form in which a model is handed on. ending: of its file, "" where it is a folder; write:
+    the contents for the model, what one of its samples does, and the files that are to be written;
+    files: these, where they are others than the path that was asked for."""
+
+    ending: str
+    write: Callable[[Identified, SampleStep, tuple[Path, ...]], Written]
+    files: Callable[[SampleStep, Path], tuple[Path, ...]] = _one_file
+
+
+@lru_cache
+def known_forms() -> dict[str, Form]:
+    """Every form by its names: that of its file in `pamid.export.forms`, and those in its `ALSO`.
+    Each file holds a `FORM`; the first line of its docstring is the form's line in the help."""
+    return {
+        name: module.FORM
+        for own, module in modules_of("pamid.export.forms").items()
+        for name in (own, *getattr(module, "ALSO", ()))
+    }

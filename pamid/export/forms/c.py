@@ -1,0 +1,22 @@
+"""`pamid export --to c`: header, source and an example."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pamid.correction.identified_model import Identified
+from pamid.export.c_source import c_files, file_names
+from pamid.export.form import Form, Written
+from pamid.export.step import SampleStep
+
+
+def write(model: Identified, step: SampleStep, files: tuple[Path, ...]) -> Written:
+    texts = c_files(step)
+    return Written({file: texts[file.name].encode() for file in files})
+
+
+def files_in(step: SampleStep, folder: Path) -> tuple[Path, ...]:
+    return tuple(folder / name for name in file_names(step))
+
+
+FORM = Form("", write, files_in)

@@ -1,0 +1,10 @@
+"""`pamid export --to fmu3`: FMI 3.0 for co-simulation, with the same."""
+
+from __future__ import annotations
+
+from functools import partial
+
+from pamid.export.fmu import write_fmu
+from pamid.export.form import Form
+
+FORM = Form(".fmu", partial(write_fmu, version=3))

@@ -1,0 +1,24 @@
+"""`pamid export --to matlab`: a function file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pamid.correction.identified_model import Identified
+from pamid.export.form import Form, Written
+from pamid.export.m_source import m_file
+from pamid.export.statements import identifier
+from pamid.export.step import SampleStep
+
+
+def write(model: Identified, step: SampleStep, files: tuple[Path, ...]) -> Written:
+    (file,) = files
+    return Written({file: m_file(step, file.stem).encode()})
+
+
+def function_file(step: SampleStep, path: Path) -> tuple[Path, ...]:
+    """A function is called by the name of its file."""
+    return (path.with_name(f"{identifier(path.stem)}.m"),)
+
+
+FORM = Form(".m", write, function_file)

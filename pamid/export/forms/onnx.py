@@ -1,0 +1,21 @@
+"""`pamid export --to onnx`: one sample and a whole run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pamid.correction.identified_model import Identified
+from pamid.export.form import Form, Written
+from pamid.export.onnx_model import onnx_bytes
+from pamid.export.step import SampleStep
+
+
+def write(model: Identified, step: SampleStep, files: tuple[Path, ...]) -> Written:
+    return Written(dict(zip(files, onnx_bytes(model), strict=True)))
+
+
+def run_and_cell(step: SampleStep, path: Path) -> tuple[Path, ...]:
+    return path, path.with_name(f"{path.stem}-cell.onnx")
+
+
+FORM = Form(".onnx", write, run_and_cell)

@@ -1,0 +1,233 @@
+"""`pamid.ingest`: raw logs into recordings, and a first mapping of a log."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping as Mapped
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, get_args
+
+from pamid.base.card import Cells, card, html_table, paragraph, text_table
+from pamid.base.errors import FileError, UsageError, quoted
+from pamid.base.files import PathLike, require_new, write_atomically
+from pamid.base.progress import ShowProgress, progress_steps
+from pamid.base.trust import is_code
+from pamid.ingest.account import (
+    accounts_of,
+    outputs_for,
+    tables_of,
+    write_conversions,
+)
+from pamid.ingest.conversion import Conversion, convert
+from pamid.ingest.guessed_mapping import GuessedMapping, guess_of
+from pamid.ingest.log_reader import read_log
+from pamid.ingest.mapping import Repair, load_mapping
+from pamid.model.registry import RigLike, catalogue_rig, name_of, rig_given, rig_named
+from pamid.model.rig import Rig
+from pamid.recording.recording import Recording, read_recording, recording_of
+from pamid.schemas.ingest_file import IngestFile, RecordingMade
+
+CURES = get_args(Repair)
+
+
+@dataclass(frozen=True)
+class IngestResult:
+    """The recordings made of logs, and an account of everything that was done.
+
+    rig: that they name, "" for none; notes: what the user should know; accounts: one per recording,
+    as in its .ingest.json: where it came from, every clock and repair, every column.
+    """
+
+    recordings: tuple[Recording, ...]
+    rig: str
+    notes: tuple[str, ...]
+    accounts: tuple[IngestFile, ...]
+    _conversions: tuple[Conversion, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """What the command prints with --json."""
+        return IngestFile(recordings=self.accounts).as_json()
+
+    def summary(self) -> str:
+        """The recordings, what was read of the logs, and how their clocks were mended, as lines of
+        text."""
+        lines = [
+            f"{about.path}: {about.samples} samples, {about.sampling_period_s:g} s apart, "
+            f"{about.duration_s:.4g} s: {', '.join(about.columns)}."
+            for about in self._made()
+        ]
+        return "\n".join([*lines, *(line for one in self._conversions for line in _lines(one))])
+
+    def _made(self) -> list[RecordingMade]:
+        return [account.recording for account in self.accounts if account.recording]
+
+    def __repr__(self) -> str:
+        return f"<IngestResult {self._headline()}>\n{text_table(self._rows())}"
+
+    def _repr_html_(self) -> str:
+        notes = [paragraph(note) for note in self.notes]
+        return card(self._headline(), html_table(self._rows()), *notes)
+
+    def _headline(self) -> str:
+        logs, made = len(self._conversions), len(self.recordings)
+        return (
+            f"{made} recording{'' if made == 1 else 's'} of {logs} log{'' if logs == 1 else 's'}, "
+            f"{len(self.notes)} notes"
+        )
+
+    def _rows(self) -> Cells:
+        rows = [
+            (
+                about.path,
+                str(about.samples),
+                f"{about.sampling_period_s:g}",
+                ", ".join(about.columns),
+            )
+            for about in self._made()
+        ]
+        return ("recording", "samples", "period in s", "columns"), rows
+
+
+def ingest(
+    logs: PathLike | Sequence[PathLike],
+    mapping: PathLike,
+    *,
+    rig: RigLike | None = None,
+    pressures: str | None = None,
+    repair: str | None = None,
+    known: Mapped[str, float] | None = None,
+    kind: str | None = None,
+    output: PathLike | None = None,
+    overwrite: bool = False,
+    progress: ShowProgress = None,
+) -> IngestResult:
+    """Turn raw logs into recordings: columns, units, signs, gauge pressures, an even time base.
+
+    logs        paths of files; one, or several that one mapping serves
+    mapping     TOML that says which channel becomes which column; `guess_mapping` writes a first
+                one
+    rig         by name, by the path of a rig file (it is run), or a Rig; default: the one that the
+                mapping names
+    pressures   "gauge" or "absolute": what all of them are, where the mapping does not say it
+    repair      how to mend uneven stamps, over the mapping's time.repair: "ask", "late-stamps",
+                "jittered-sampling" or "none"
+    known       parameters of the rig known for these recordings, over the mapping's
+    kind        format of the logs, where their name and content do not tell
+    output      CSV file (several recordings are numbered) or folder; a TOML and an account go
+                beside each, all of them or none; default: nothing is written
+    progress    as in `pamid.fit`
+
+    FileError for what is wrong with a log or the mapping, or where an output exists (and not
+    overwrite); DataError where the data do not decide how to mend the time base, or too little is
+    left; UsageError for what is wrong with the call.
+    """
+    several = [logs] if isinstance(logs, str | os.PathLike) else logs
+    paths = [Path(one) for one in several]
+    if not paths:
+        raise UsageError("There is no log to read.", "Give at least one.")
+    if repair is not None and repair not in CURES:
+        raise UsageError(f"repair={repair!r}: take {', '.join(CURES)}.")
+    file, target = Path(mapping), None if output is None else Path(output)
+    parsed = load_mapping(file, pressures)
+    given = rig_given(rig)
+    named = name_of(given) if given is not None else parsed.rig
+    made = _rig(parsed.rig, file) if given is None else rig_named(given)
+    parsed = parsed.model_copy(
+        update={"rig": named, "known": {**parsed.known, **dict(known or {})}}
+    )
+    conversions = []
+    with progress_steps(progress, "reading logs", len(paths)) as (_, count):
+        for number, path in enumerate(paths):
+            count(number, path.name)
+            conversions.append(convert(read_log(path, kind), parsed, made, str(file), repair or ""))
+    recordings, accounts = _kept(conversions, target, file, overwrite)
+    notes = dict.fromkeys(note for conversion in conversions for note in conversion.notes)
+    return IngestResult(
+        tuple(recordings), named or "", tuple(notes), tuple(accounts), tuple(conversions)
+    )
+
+
+def guess_mapping(
+    log: PathLike,
+    rig: RigLike = "one-dof",
+    *,
+    pressures: str | None = None,
+    known: Mapped[str, float] | None = None,
+    kind: str | None = None,
+    output: PathLike | None = None,
+    overwrite: bool = False,
+) -> GuessedMapping:
+    """A first mapping of a log for a rig, as TOML with comments, to be looked through and
+    corrected.
+
+    pressures   "gauge" or "absolute": what all of them are; it is never guessed
+    known       parameters of the rig known for these recordings
+    kind        format of the log, where its name and content do not tell
+    output      TOML file to write; default: none
+
+    FileError for a log that cannot be read, or where the output exists (and not overwrite).
+    """
+    target = None if output is None else Path(output)
+    require_new([target] if target else [], overwrite)
+    given = rig_given(rig) or "one-dof"
+    made = rig_named(given)
+    found = guess_of(read_log(Path(log), kind), name_of(given), made, pressures, known)
+    if target is not None:
+        write_atomically(target, found.text.encode())
+    return found
+
+
+def _rig(name: str | None, mapping: Path) -> Rig | None:
+    """The rig that a mapping names: only of the catalogue."""
+    if name is None:
+        return None
+    if is_code(name):
+        raise FileError(
+            f"{mapping} names the rig file {name!r}.",
+            f"A rig file is code, run only when you name it yourself: add --rig {quoted(name)}.",
+        )
+    return catalogue_rig(name)
+
+
+def _kept(
+    conversions: list[Conversion], output: Path | None, mapping: Path, overwrite: bool
+) -> tuple[list[Recording], list[IngestFile]]:
+    """The recordings with their accounts, written where there is an output; as their files hold
+    them, whether there are any or not."""
+    if output is None:
+        outputs = [
+            files for one in conversions for files in outputs_for([one], Path(), as_folder=True)
+        ]
+        recordings = [
+            recording_of(made.time, made.columns, tables_of(one), name=path.stem)
+            for one, files in zip(conversions, outputs, strict=True)
+            for made, path in zip(one.recordings, files, strict=True)
+        ]
+        return recordings, accounts_of(conversions, outputs, mapping)
+    as_folder = output.is_dir() or not output.suffix  # a Path does not keep a trailing slash
+    if as_folder and output.is_file() or not as_folder and output.suffix != ".csv":
+        raise FileError(
+            f"{output} is neither a .csv file nor a folder.",
+            "A recording's name ends in .csv.",
+            code="write",
+        )
+    outputs = outputs_for(conversions, output, as_folder)
+    accounts = write_conversions(conversions, outputs, mapping, overwrite)
+    return [read_recording(path) for files in outputs for path in files], accounts
+
+
+def _lines(conversion: Conversion) -> list[str]:
+    """What was read of a log, and how its clocks were mended."""
+    log = conversion.log
+    lines = [f"{log.path.name} ({log.kind}): {'; '.join(log.details)}."]
+    for clock in conversion.clocks:
+        if clock.found is not None:
+            cure = "kept" if clock.cure == "none" else f"mended as {clock.cure}"
+            lines.append(f"  {clock.name}: {cure}; {clock.found.why}.")
+        lines += [f"    {repair.detail}" for repair in (*clock.rows.repairs, *clock.base.repairs)]
+    if abs(conversion.stretch - 1.0) > 1e-6:
+        ppm = 1e6 * (conversion.stretch - 1.0)
+        lines.append(f"    its clock and {conversion.period:g} s differ by {ppm:.0f} ppm")
+    return lines
