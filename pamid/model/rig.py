@@ -101,6 +101,12 @@ class Rig:
     period_s: ClassVar[float] = 0.003
     # usual amplitude of references and commands, column's unit
     excited: ClassVar[dict[str, float]] = {}
+    # what an excitation swings about where that is not 0, column's unit
+    centre: ClassVar[dict[str, float]] = {}
+    # usual shortest and longest time at one level of an excitation, s
+    hold_s: ClassVar[tuple[float, float]] = (0.4, 1.6)
+    # inputs that cannot jump, such as an imposed position: sent in ramps from level to level
+    ramped: ClassVar[tuple[str, ...]] = ()
     # what is driven by itself, such as a muscle -> its command, and the sign that loads it
     actuators: ClassVar[dict[str, tuple[str, float]]] = {}
     # `pamid.excitation.experiments.Experiment`s of its own, offered before the general ones
@@ -112,8 +118,10 @@ class Rig:
             cls.name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", cls.__name__).lower()
 
     def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
-        """Time derivative of every state (SI)."""
-        raise NotImplementedError
+        """Time derivative of every state (SI); a rig without states need not say it."""
+        if self.states:
+            raise NotImplementedError
+        return {}
 
     def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
         """Every output, in the unit declared for it."""
@@ -165,8 +173,6 @@ def check_rig(rig: Rig, where: str) -> None:
         raise FileError(
             f"{kind} has no outputs, so nothing can be compared", 'outputs = {"position_m": "m"}'
         )
-    if not rig.states:
-        raise FileError(f"{kind} has no states", 'states = (State("position", "m"), ...)')
     for name, port in rig.ports.items():
         if port.kind not in KINDS:
             raise FileError(
@@ -182,6 +188,14 @@ def check_rig(rig: Rig, where: str) -> None:
                 f"{kind}: optional input {column!r} is not among the inputs",
                 nearest(column, list(rig.inputs)),
             )
+    for what in ("excited", "centre", "ramped"):
+        sent = {*rig.inputs, *(q.reference for q in rig.loops)}
+        for column in getattr(rig, what):
+            if column not in sent:
+                raise FileError(
+                    f"{kind}: {what} names {column!r}, which is not sent to it",
+                    nearest(column, sorted(sent)) or f"sent to it: {', '.join(sorted(sent))}",
+                )
     for name in rig.background:
         if name not in rig.ports:
             raise FileError(
