@@ -185,6 +185,22 @@ def as_column(name: str, value: float) -> float:
     return float(from_si(float(value), split_column(name)[1]))
 
 
+def size_to_si(value: Any, symbol: str) -> Any:
+    """Convert a difference, an error or a spread to SI: where a scale has its zero does not count
+    (1 degC is 1 K)."""
+    return value * unit(symbol).factor
+
+
+def size_from_si(value: Any, symbol: str) -> Any:
+    """Convert a difference, an error or a spread from SI to `symbol`."""
+    return value / unit(symbol).factor
+
+
+def column_size(name: str, value: float) -> float:
+    """An SI error or spread in the unit of the column `name`: ("temperature_degc", 2.0) -> 2."""
+    return float(size_from_si(float(value), split_column(name)[1]))
+
+
 def compatible(symbol_a: str, symbol_b: str) -> bool:
     """True if values in one unit can be converted to the other."""
     return unit(symbol_a).dimension == unit(symbol_b).dimension

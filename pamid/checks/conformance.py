@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 from pamid.base.errors import PamidError
 from pamid.engine.program import Stepping
 from pamid.excitation.aprbs import aprbs
-from pamid.excitation.experiments import ramps, usual_range
+from pamid.excitation.experiments import usual_range
+from pamid.excitation.waveforms import ramps
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.bound_parameter import Bound, Sizes

@@ -180,15 +180,6 @@ def usual_range(rig: Rig, column: str) -> tuple[float, float] | None:
     return 0.5 * (low + high), 0.5 * (high - low)
 
 
-def ramps(samples: Array) -> Array:
-    """Steps (n,) as ramps: each level is reached where the next one would begin, so that the speed
-    is another from ramp to ramp."""
-    begins = np.flatnonzero(np.diff(samples)) + 1
-    knots = np.concatenate([[0], begins, [len(samples) - 1]])
-    levels = np.concatenate([[samples[0]], samples[begins - 1], [samples[-1]]])
-    return np.interp(np.arange(len(samples)), knots, levels)
-
-
 def torque_columns(rig: Rig) -> dict[str, float]:
     """Columns for a torque or force from outside, with the usual highest value. UsageError where
     there are none."""

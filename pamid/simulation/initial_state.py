@@ -94,6 +94,8 @@ def estimate_initial_state(
     pull remains). Returns the state, and whether it is usable.
     """
     own = Runner(runner.assembly, runner.track, runner.stepping, all_states=runner.all_states)
+    if not own.start_states:
+        return carried, True
     y, seen = runner.track.y[window.start : window.stop], runner.track.seen
     if not seen.all():
         weight, y = np.where(seen, weight, 0.0), np.where(seen, y, 0.0)

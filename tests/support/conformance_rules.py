@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.program import Stepping
-from pamid.excitation.experiments import ramps, usual_range
+from pamid.excitation.experiments import usual_range
+from pamid.excitation.waveforms import ramps
 from pamid.model.assembly import Array, Assembly
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.bound_parameter import Sizes
@@ -23,7 +24,7 @@ from pamid.symbolic.expression import symbol
 TEST_RIGS = sorted(Path(__file__).parents[1].joinpath("rigs").glob("*.py"))
 STEPPING = Stepping(2)
 DURATION_S = 5.0
-FEWEST = 800  # samples, where the rig is slow
+FEWEST = 500  # samples, where the rig is slow
 
 
 @dataclass(frozen=True)
