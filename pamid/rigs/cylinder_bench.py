@@ -8,7 +8,7 @@ What it is
 Equations
     on the rod   F = -(area pressure + preload), what the cylinder does to the rod
     load cell    -F, what the drive does to it
-    No states: what moves is imposed. The velocity is the position's, filtered over 20 ms.
+    No states: what moves is imposed. The velocity is the position's, from sample to sample.
 
     The sign: through the port goes what acts ON the moving part, so that friction opposes its
     velocity there as on any other rig; the load cell turns the sign, after the port. A bench that
@@ -30,9 +30,7 @@ from typing import Any
 
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port, Rig
-from pamid.symbolic.vocabulary import Number, lag
-
-FILTER_S = 0.02
+from pamid.symbolic.vocabulary import Number, rate_of
 
 
 class CylinderBench(Rig):
@@ -63,7 +61,7 @@ class CylinderBench(Rig):
 
     def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
         position = u.position_mm
-        velocity = (position - lag(position, FILTER_S)) / FILTER_S
+        velocity = rate_of(position)
         pressure = port("gauge", u.pressure_bar)
         push = p.area * pressure
         force = port(

@@ -8,7 +8,7 @@ What it is
 Equations
     on the rod   F = -(damping velocity + stiffness position + preload), what the damper does to it
     load cell    -F, what the machine does to it
-    No states: what moves is imposed. The velocity is the position's, filtered over 10 ms.
+    No states: what moves is imposed. The velocity is the position's, from sample to sample.
 
     The sign is that of `cylinder-bench`: through the port goes what acts on the moving rod, the
     load cell turns it after the port. Position and force count the same way.
@@ -29,9 +29,7 @@ from typing import Any
 
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port, Rig
-from pamid.symbolic.vocabulary import Number, lag
-
-FILTER_S = 0.01
+from pamid.symbolic.vocabulary import Number, rate_of
 
 
 class DamperBench(Rig):
@@ -73,7 +71,7 @@ class DamperBench(Rig):
 
     def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
         position = u.position_mm
-        velocity = (position - lag(position, FILTER_S)) / FILTER_S
+        velocity = rate_of(position)
         reaction = p.damping * velocity + p.stiffness * position + p.preload
         force = port(
             "rod",

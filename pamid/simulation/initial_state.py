@@ -94,14 +94,12 @@ def estimate_initial_state(
     pull remains). Returns the state, and whether it is usable.
     """
     own = Runner(runner.assembly, runner.track, runner.stepping, all_states=runner.all_states)
-    if not own.start_states:
-        return carried, True
     y, seen = runner.track.y[window.start : window.stop], runner.track.seen
     if not seen.all():
         weight, y = np.where(seen, weight, 0.0), np.where(seen, y, 0.0)
     known = np.zeros(own.start_states) if jump is None else 1.0 / jump**2
     problem = _InitialState(own, memory, window, p, y, weight, carried, known)
     begun = problem.at(carried.copy())
-    if not np.isfinite(begun.cost):
-        return begun.x, False
+    if not np.isfinite(begun.cost) or not own.start_states:
+        return begun.x, bool(np.isfinite(begun.cost))
     return iterate(problem, Iteration(begun, problem.rule.start), steps).point.x, True
