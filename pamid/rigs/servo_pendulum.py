@@ -21,15 +21,11 @@ References
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
-from pamid.model.rig import Loop, Port, Rig, chain_of_links
+from pamid.model.rig import Loop, Port, Rig
 from pamid.symbolic.vocabulary import Number, sin
 
 GRAVITY = 9.81
@@ -113,7 +109,3 @@ class ServoPendulum(Rig):
 
     def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
         return {"angle_deg": port("encoder", x.angle, rate=x.velocity)}
-
-    def pose(self, y: Mapping[str, NDArray[np.float64]], p: Any) -> dict[str, NDArray[np.float64]]:
-        """The pendulum as seen from the front, hanging at 0."""
-        return {"pendulum": chain_of_links([y["angle_deg"] - 0.5 * np.pi], [p.length])}
