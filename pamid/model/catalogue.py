@@ -73,6 +73,7 @@ def rig_story(rig: Rig, known: Iterable[type[Effect]]) -> dict[str, Any]:
     fit = attachments(rig, known)
     return {
         **rig_row(type(rig)),
+        "story": type(rig).story(),
         "inputs": [
             {"column": c, "unit": unit, "optional": c in rig.optional}
             for c, unit in rig.inputs.items()
@@ -258,6 +259,9 @@ def rig_text(said: dict[str, Any]) -> str:
     lines = [f"{said['name']}: {said['title']}"]
     if said["variants"]:
         lines.append(f"variants: {', '.join(said['name'] + ':' + v for v in said['variants'])}")
+    for section in ("What it is", "Typically missing"):
+        if said["story"].get(section):
+            lines += ["", section, textwrap.indent(said["story"][section], "    ")]
     for part in ("inputs", "outputs"):
         lines += [
             "",
@@ -271,7 +275,7 @@ def rig_text(said: dict[str, Any]) -> str:
     lines += [
         "",
         "States",
-        "    " + ", ".join(f"{s['name']}{_in(s['unit'])}" for s in said["states"]),
+        "    " + (", ".join(f"{s['name']}{_in(s['unit'])}" for s in said["states"]) or "none"),
         "",
         "Ports",
     ]

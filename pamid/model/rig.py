@@ -19,6 +19,7 @@ Inputs and outputs are columns of a recording, with the unit in which the equati
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
@@ -27,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import FileError, nearest
-from pamid.model.effect import KINDS, Effect, State
+from pamid.model.effect import KINDS, RIG_SECTIONS, Effect, State, sections
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Number
 
@@ -145,6 +146,13 @@ class Rig:
         y: outputs by name (SI), one value per sample; p: parameters (SI).
         """
         return {}
+
+    @classmethod
+    def story(cls) -> dict[str, str]:
+        """The docstring of the rig's file, section by section: title, What it is, Equations,
+        Typically missing, References."""
+        module = sys.modules.get(cls.__module__)
+        return sections((module.__doc__ if module else "") or "", RIG_SECTIONS)
 
     def group_of(self, port: str) -> str:
         """The name a port is reported under."""

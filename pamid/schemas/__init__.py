@@ -15,6 +15,7 @@ MODELS = {
     "error": ("error", "ErrorFile"),
     "fit": ("fit", "FitFile"),
     "network": ("network", "NetworkFile"),
+    "new-rig": ("new_rig", "NewRigFile"),
     "run": ("run", "RunFile"),
     "trial": ("trial", "TrialFile"),
 }

@@ -12,6 +12,7 @@ from conformance_rules import (
     cases,
     drawn,
     excitation,
+    one_sided,
     own,
     plain_run,
     rig_names,
@@ -130,11 +131,11 @@ def test_typical_size_is_seen(case: Case) -> None:
         for name, value in start.items():
             points[-1][assembly.keys[f"{case.attachment.label}:{name}"]] = value
     changes = [
-        np.max(
-            np.abs(run(assembly, excitation(case.rig), p)[0] - plain) / np.abs(plain).max(axis=0)
-        )
+        np.max(np.abs(run(assembly, excitation(case.rig), p)[0] - plain) / np.ptp(plain, axis=0))
         for p in points
     ]
+    if case.attachment.effect.family == "saturation" and one_sided(case):
+        return  # a side that never comes cannot be cut off
     assert max(changes) > 1e-5
 
 

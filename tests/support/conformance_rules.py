@@ -118,6 +118,21 @@ def _closed_loop_commands(rig: Rig, rng: np.random.Generator, n: int) -> Array:
 
 
 @cache
+def one_sided(case: Case) -> bool:
+    """Does what passes through the case's port keep its sign throughout?"""
+    plain, name = Assembly(rig_of(case.rig)), case.attachment.ports[0]
+    through = [q.value for q in plain.traced.passages if q.port == name]
+    program = plain.program_with({f"through_{k}": value for k, value in enumerate(through)})
+    p = plain.values()
+    period = plain.rig.period_s
+    memory = program.memory(plain.start(p), stepping=STEPPING, period_s=period)
+    y, _, bad = program.run(memory, excitation(case.rig), p, period_s=period, stepping=STEPPING)
+    values = y[:, -len(through) :]
+    assert bad == -1
+    return bool(values.min() >= 0.0 or values.max() <= 0.0)
+
+
+@cache
 def sizes_of(name: str) -> Sizes:
     """Magnitudes at the ports of a rig that declares none, over its excitation."""
     rig = rig_of(name)
