@@ -19,7 +19,7 @@ SAME_NAME, SHARED_WORD, SAME_MEANING, SAME_UNIT = 1.0, 0.7, 0.5, 0.3
 UNSCALED = 0.4  # less for a sensor's or an amplifier's own signal
 UNUSED = 0.1  # less for a recorded column that a rig has no place for
 NEAR = 0.5  # of the best score: what fits worse is not named beside it
-UNRECORDED = 0.5  # weight of an output that was not recorded
+UNRECORDED = 0.25  # weight of an output that was not recorded
 _RAW = (unit("V").dimension, unit("A").dimension)
 #: what a rig file leans on that can be copied: parts shared between rigs cannot
 _COPIED = ("pamid.model.", "pamid.symbolic.")

@@ -35,7 +35,7 @@ from pamid.recording.noise import noise_level
 from pamid.recording.recording import Recording
 
 _FACE = ("Loop", "Parameter", "Port", "Rig", "State")
-GUESS = 10.0  # a factor by which the example's figures may be off on another machine
+GUESS = 3.0  # a factor by which the figures of the example may well be off on another machine
 SCALE = 1e4  # a gain lies between this part and this multiple of what the ranges say
 _PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
@@ -266,7 +266,8 @@ class RigSource:
                 _short(value * size_to_si(1.0, new) / size_to_si(1.0, old), 4) if gain else value
             )
         most = float(np.abs(self._values(self.by_wanted[loop.command])).max())
-        made["command_limit"] = max(made.get("command_limit", 0.0), _short(1.01 * most, 3))
+        if most > made["command_limit"]:
+            made["command_limit"] = _short(1.01 * most, 3)
         return made
 
     def _gain(self, pair: Pair) -> _Gain | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import ast
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -110,8 +111,8 @@ def test_other_units_are_converted(here: Path) -> None:
     assert rig.excited["position_m"] == pytest.approx(1.0, abs=0.1)
     assert rig.centre == {"pressure_kpa": 300.0}
     sheet = {p.name: p for p in rig.parameters}
-    assert sheet["area"].spread == 10.0 and sheet["area"].source.startswith("GUESS")
-    assert sheet["preload"].spread == 200.0
+    assert sheet["area"].spread == 3.0 and sheet["area"].source.startswith("GUESS")
+    assert sheet["preload"].spread == 60.0
 
 
 def test_a_controller_takes_the_unit_of_its_reading(here: Path) -> None:
@@ -150,7 +151,8 @@ def test_a_raw_signal_gets_a_gain_that_is_fitted(
     assert [c["scaled"] for c in said["columns"]] == [False, True]
     text = Path("tanks.py").read_text()
     assert "# 'comment_n': " in text and "# upper_level_cm: not recorded" in text
-    run(capsys, "fit", "volts.csv", "--rig", "tanks.py", "--output", "run")
+    # nobody knows these tanks' areas, so the fit may end somewhere along a valley, and says so
+    assert frame.run(["fit", "volts.csv", "--rig", "tanks.py", "--output", "run"]) in (0, 5)
     found = json.loads(Path("run/fit.json").read_text())
     assert "level_gain_v_per_m" in found["parameters"]
     assert found["mae"]["level_v"]["refitted"] < 1.5 * found["mae"]["level_v"]["noise_floor"]
@@ -214,15 +216,17 @@ def test_said_columns_are_taken_as_they_are(here: Path) -> None:
 
 @pytest.mark.parametrize("name", ["x); import os #_n", "lambda", '"""_n', "a\nb_n"])
 def test_a_name_that_is_no_word_is_never_code(name: str, here: Path) -> None:
-    """As an input it is refused; where it is not used it stands in a comment, quoted."""
+    """As an input it is refused; where it is not used it stands in a comment, quoted. (Names that
+    no file can hold are put into a recording by hand.)"""
+    plain = small({"force_n": wave(3), "position_1_mm": wave(2)})
+    made = replace(plain, columns={name: wave(1), **plain.columns})
     with pytest.raises((FileError, UsageError)):
         pamid.new_rig(
-            small({name: wave(1), "position_1_mm": wave(2)}),
+            made,
             like="two-masses",
             columns={"force_n": name},
             output=here / "bad.py",
         )
-    made = small({name: wave(1), "force_n": wave(3), "position_1_mm": wave(2)})
     text = pamid.new_rig(made, like="two-masses", output=here / "good.py").text
     tree = ast.parse(text)
     assert name not in {n.value for n in ast.walk(tree) if isinstance(n, ast.Constant)}
