@@ -540,6 +540,7 @@ def test_every_command_that_prints_such_a_line_is_walked() -> None:
         "force_law",
         "generate_aprbs",
         "ingest",
+        "new_rig",
         "simulate",
         "train_residual",
     }
