@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pamid.excitation.aprbs import Coverage
+    from pamid.model.rig import Rig
 
 DUTY = 0.3  # usual highest one of a staircase: what comes after it is no small command
 # on references and commands
@@ -71,6 +72,35 @@ def refuse_other_options(experiment: str, signal: str) -> None:
             )
 
 
+def settled(request: dict[str, Any]) -> dict[str, Any]:
+    """The options with what the rig calls usual in the place of those not given: period, holds
+    and length, which go together."""
+    from pamid.base.errors import PamidError
+    from pamid.excitation.waveforms import SIGNAL_SETTINGS
+    from pamid.model.registry import rig_named
+    from pamid.model.rig import Rig
+
+    try:
+        rig = rig_named(request["rig"])
+    except PamidError:
+        # a rig is only noted for columns that are named by hand; elsewhere it is asked for again
+        if request["column"] is None:
+            raise
+        rig = Rig()
+    slower = rig.hold_s[1] / Rig.hold_s[1]
+    usual: dict[str, Any] = {"period": rig.period_s}
+    if request["experiment"] == "aprbs" and slower != 1.0:
+        settings = SIGNAL_SETTINGS[request["signal"]]
+        if "hold_s" in settings:
+            usual["hold"] = (
+                rig.hold_s
+                if request["signal"] == "aprbs"
+                else tuple(slower * hold for hold in settings["hold_s"])
+            )
+        usual["duration"] = slower * settings.get("duration_s", 0.0) or None
+    return request | {name: value for name, value in usual.items() if request[name] is None}
+
+
 def make(request: dict[str, Any]) -> PlannedExcitation:
     """What the options ask for."""
     return {"aprbs": _signals, "valve-pulses": _pulses, "gravity-test": _gravity}[
@@ -86,9 +116,7 @@ def _signals(request: dict[str, Any]) -> PlannedExcitation:
     from pamid.excitation.aprbs import coverage
     from pamid.excitation.waveforms import SIGNAL_SETTINGS, draw, plan_for
 
-    signal, period, offset, limit = (
-        request[name] for name in ("signal", "period", "offset", "rate_limit")
-    )
+    signal, period, limit = (request[name] for name in ("signal", "period", "rate_limit"))
     asked = {
         "duration_s": request["duration"],
         "hold_s": request["hold"],
@@ -101,17 +129,17 @@ def _signals(request: dict[str, Any]) -> PlannedExcitation:
         signal,
         period,
         rate_limit=limit,
-        offset=offset,
         seed=request["seed"],
         **{name: value for name, value in asked.items() if name in SIGNAL_SETTINGS[signal]},
     )
-    amplitudes = _amplitudes(request)
-    sent = draw(plan, amplitudes)
+    sending = _sending(request)
+    amplitudes, offsets = sending.amplitudes, sending.offsets
+    sent = draw(plan, amplitudes, offsets, sending.ramped)
     each, said, shown = [], [], []
     for column, one in sent.items():
         unit, reach = (
             split_column(column)[1],
-            (offset - amplitudes[column], offset + amplitudes[column]),
+            (offsets[column] - amplitudes[column], offsets[column] + amplitudes[column]),
         )
         excited = one.samples[one.turn]
         covers = coverage(excited, period, span=reach)
@@ -136,6 +164,8 @@ def _signals(request: dict[str, Any]) -> PlannedExcitation:
         )
         said += [f"  {column}:"] if len(sent) > 1 else []
         said += [f"  {sentence}" for sentence in covers.sentences()]
+        if column in sending.ramped:
+            said += [f"  {column} is imposed: it goes from level to level in ramps."]
     columns = {column: one.samples for column, one in sent.items()}
     held, meta = _valves_shut(request, columns) if signal == "torque-loops" else ({}, {})
     settings = {name: value for name, value in plan.settings.items() if name != "duration_s"}
@@ -218,53 +248,60 @@ def _valves_shut(
     )
 
 
-def _columns(
-    request: dict[str, Any],
-) -> tuple[dict[str, float | None], dict[str, tuple[float, float]]]:
-    """The columns to write with their usual amplitudes, and what the rig lets them be."""
-    from pamid.excitation.experiments import bounds_of, excitable, external_columns
+@dataclass(frozen=True)
+class _Sending:
+    """The columns to write: amplitude and centre of each, in its unit, and those that go from level
+    to level in ramps."""
+
+    amplitudes: dict[str, float]
+    offsets: dict[str, float]
+    ramped: tuple[str, ...] = ()
+
+
+def _columns(request: dict[str, Any]) -> tuple[dict[str, float | None], Rig | None]:
+    """The columns to write with their usual amplitudes, and the rig, where they are its own."""
+    from pamid.base.units import NONE, split_column
+    from pamid.excitation.experiments import excitable, external_columns
     from pamid.model.registry import rig_named
 
     if request["column"] is not None:
-        return {request["column"]: None}, {}
+        return {request["column"]: None}, None
     rig = rig_named(request["rig"])
     if request["signal"] == "torque-loops":
-        return dict(external_columns(rig)), {}
-    small = (
-        DUTY
-        if request["signal"] == "staircase" and request["loop"] == "open" and rig.loops
-        else math.inf
-    )
+        return dict(external_columns(rig)), None
     usual = {name: rig.excited.get(name) for name in excitable(rig, request["loop"])}
-    return (
-        {name: None if value is None else min(value, small) for name, value in usual.items()},
-        {name: bounds_of(rig, name) for name in usual},
-    )
+    if request["signal"] == "staircase" and request["loop"] == "open" and rig.loops:
+        duties = [name for name in usual if split_column(name)[1] == NONE]
+        usual |= {name: min(usual[name] or DUTY, DUTY) for name in duties}
+    return usual, rig
 
 
-def _amplitudes(request: dict[str, Any]) -> dict[str, float]:
-    """The columns to write and their amplitudes."""
+def _sending(request: dict[str, Any]) -> _Sending:
+    """What to write, and between which values."""
     from pamid.base.errors import UsageError, nearest
+    from pamid.excitation.experiments import bounds_of
 
     given, offset = _given(request["amplitude"]), request["offset"]
-    columns, bounds = _columns(request)
+    columns, rig = _columns(request)
     for name in given:
         if name and name not in columns:
             raise UsageError(
                 f"--amplitude {name}: the columns are {', '.join(columns)}.", nearest(name, columns)
             )
-    found = {}
+    found, centres = {}, {}
     for name, usual in columns.items():
         amplitude = given.get(name, given.get("", usual))
         if amplitude is None:
             raise UsageError(f"{name} needs an --amplitude.", f"For example --amplitude {name}=1.")
-        low, high = bounds.get(name, (-math.inf, math.inf))
-        if offset - amplitude < low or offset + amplitude > high:
+        low, high = (-math.inf, math.inf) if rig is None else bounds_of(rig, name)
+        usually = 0.0 if rig is None else rig.centre.get(name, 0.0)
+        centre = usually if offset is None else offset
+        if centre - amplitude < low or centre + amplitude > high:
             allowed = f"+-{high:g}" if low == -high else f"{low:g} .. {high:g}"
-            reach = max(offset + amplitude, amplitude - offset)
+            reach = max(centre + amplitude, amplitude - centre)
             raise UsageError(f"{name} lies within {allowed}; amplitude and offset reach {reach:g}.")
-        found[name] = amplitude
-    return found
+        found[name], centres[name] = amplitude, centre
+    return _Sending(found, centres, () if rig is None else rig.ramped)
 
 
 def _given(texts: tuple[str, ...]) -> dict[str, float]:

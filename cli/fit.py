@@ -115,6 +115,8 @@ def fit_text(found: dict[str, Any], output: Path) -> str:
             f"{name:34s} {p['value']:12.5g} {p['low']:12.5g} {p['high']:12.5g}  "
             f"{p['word']}{edge}{strain}"
         )
+    if not found["parameters"]:
+        lines = ["The rig has no parameters to fit: its errors are those of the model as it is."]
     lines += tied_text(found)
     lines += [
         f"From {found['from']['path']}: {remark}"

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from . import frame
-from .excite import PlannedExcitation, make, refuse_other_options
+from .excite import PlannedExcitation, make, refuse_other_options, settled
 from .hints import unused, why_not_driven
 from .options import seed_option
 from .terminal import quoted
@@ -51,10 +51,11 @@ FORMAT_NAMES = ("csv", "mat", "mat-file", "mat-matrix", "st", "h")
 @click.option(
     "--duration",
     type=float,
-    help="Length in s. [default: 200; 20 of a gravity test, one pass of torque loops]",
+    help="Length in s. [default: 200, or 125 of the rig's longest holds; 20 of a gravity test, one "
+    "pass of torque loops]",
 )
 @click.option(
-    "--period", type=float, default=0.003, show_default=True, help="Sampling period in s."
+    "--period", type=float, help="Sampling period in s. [default: the rig's; one-dof: 0.003]"
 )
 @click.option(
     "--amplitude",
@@ -63,14 +64,14 @@ FORMAT_NAMES = ("csv", "mat", "mat-file", "mat-matrix", "st", "h")
     help="Levels lie within +- this, in the unit of the column. [default: the rig's; one-dof: 40 "
     "deg closed, 0.8 open, 0.3 for a staircase; torque loops: 8]",
 )
-@click.option("--offset", type=float, default=0.0, show_default=True, help="Centre of the levels.")
+@click.option("--offset", type=float, help="Centre of the levels. [default: the rig's; one-dof: 0]")
 @click.option(
     "--hold",
     type=float,
     nargs=2,
     metavar="MIN MAX",
-    help="Shortest and longest time at one level in s. [default: 0.4 1.6; prbs: 0.1 1, steps: 2 2, "
-    "staircase: 1 1]",
+    help="Shortest and longest time at one level in s. [default: the rig's; one-dof: 0.4 1.6; "
+    "prbs: 0.1 1, steps: 2 2, staircase: 1 1]",
 )
 @click.option(
     "--levels",
@@ -175,6 +176,7 @@ def command(
             f"--figure {figure}: the picture is a PNG.",
             f"Write --figure {quoted(figure.with_suffix('.png'))}.",
         )
+    request = settled(request)
     made = make(request)
     require_new(
         (output, note, *([sidecar] if made.meta else []), *([figure] if figure else [])), overwrite

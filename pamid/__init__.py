@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from pamid.api.diagnosing import diagnose
     from pamid.api.exciting import pulse_excitation, release_excitation
     from pamid.api.fitting import fit
+    from pamid.api.new_rigs import NewRig, new_rig
     from pamid.api.results import (
         DiagnosisResult,
         FitResult,
@@ -70,6 +71,7 @@ _HOME = {
     "Loop": "pamid.model.rig",
     "NetworkResult": "pamid.api.training",
     "PamidError": "pamid.base.errors",
+    "NewRig": "pamid.api.new_rigs",
     "Parameter": "pamid.model.parameter",
     "ParameterEstimate": "pamid.api.results",
     "ParameterTable": "pamid.api.results",
@@ -86,6 +88,7 @@ _HOME = {
     "fit": "pamid.api.fitting",
     "force_law_of": "pamid.correction.trained_force_law",
     "guess_mapping": "pamid.ingest.ingesting",
+    "new_rig": "pamid.api.new_rigs",
     "open_run": "pamid.api.runs",
     "pulse_excitation": "pamid.api.exciting",
     "read_recording": "pamid.recording.recording",
@@ -107,6 +110,7 @@ __all__ = [
     "Loop",
     "NetworkResult",
     "PamidError",
+    "NewRig",
     "Parameter",
     "ParameterEstimate",
     "ParameterTable",
@@ -125,6 +129,7 @@ __all__ = [
     "force_law_of",
     "guess_mapping",
     "ingest",
+    "new_rig",
     "open_run",
     "pulse_excitation",
     "read_recording",

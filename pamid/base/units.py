@@ -51,6 +51,7 @@ _ATOMS: dict[str, tuple[float, float, Dimension]] = {
     "mA": (1e-3, 0.0, (0, 0, 0, 1, 0, 0)),
     "V": (1.0, 0.0, (1, 2, -3, -1, 0, 0)),
     "mV": (1e-3, 0.0, (1, 2, -3, -1, 0, 0)),
+    "Ohm": (1.0, 0.0, (1, 2, -3, -2, 0, 0)),
     "K": (1.0, 0.0, (0, 0, 0, 0, 1, 0)),
     "degC": (1.0, 273.15, (0, 0, 0, 0, 1, 0)),
     "percent": (1e-2, 0.0, _DIMENSIONLESS),
@@ -80,6 +81,7 @@ _QUANTITIES: tuple[tuple[str, str], ...] = (
     ("kg m2", "moment of inertia"),
     ("V", "voltage"),
     ("A", "current"),
+    ("Ohm", "resistance"),
     ("K", "temperature"),
     ("W", "power"),
     ("N/m", "stiffness"),
@@ -181,6 +183,22 @@ def from_si(value: Any, symbol: str) -> Any:
 def as_column(name: str, value: float) -> float:
     """An SI value in the unit of the column `name`: ("angle_deg", pi) -> 180."""
     return float(from_si(float(value), split_column(name)[1]))
+
+
+def size_to_si(value: Any, symbol: str) -> Any:
+    """Convert a difference, an error or a spread to SI: where a scale has its zero does not count
+    (1 degC is 1 K)."""
+    return value * unit(symbol).factor
+
+
+def size_from_si(value: Any, symbol: str) -> Any:
+    """Convert a difference, an error or a spread from SI to `symbol`."""
+    return value / unit(symbol).factor
+
+
+def column_size(name: str, value: float) -> float:
+    """An SI error or spread in the unit of the column `name`: ("temperature_degc", 2.0) -> 2."""
+    return float(size_from_si(float(value), split_column(name)[1]))
 
 
 def compatible(symbol_a: str, symbol_b: str) -> bool:

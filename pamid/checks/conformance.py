@@ -23,6 +23,8 @@ from numpy.typing import NDArray
 from pamid.base.errors import PamidError
 from pamid.engine.program import Stepping
 from pamid.excitation.aprbs import aprbs
+from pamid.excitation.experiments import usual_range
+from pamid.excitation.waveforms import ramps
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.bound_parameter import Bound, Sizes
@@ -160,18 +162,20 @@ class ExcitedRig:
 
     @cached_property
     def u(self) -> Array:
-        """Inputs (samples x inputs, SI): random steps, optional inputs at their default."""
-        period, names = self.rig.period_s, Assembly(self.rig).traced.inputs
+        """Inputs (samples x inputs, SI): random steps over what the rig calls usual, else within
+        +-0.7 SI; optional inputs at their default where nothing is usual."""
+        rig, period = self.rig, self.rig.period_s
         columns = []
-        for i, name in enumerate(names):
+        for i, name in enumerate(Assembly(rig).traced.inputs):
+            usual = usual_range(rig, name)
+            if usual is None and name in rig.optional:
+                columns.append(np.full(self.samples, rig.optional[name]))
+                continue
+            centre, half = usual or (0.0, 0.7)
             level = aprbs(
-                self.samples * period, period, 0.7, (8 * period, 60 * period), seed=self.seed + i
+                self.samples * period, period, half, (8 * period, 60 * period), seed=self.seed + i
             )
-            columns.append(
-                np.full(self.samples, self.rig.optional[name])
-                if name in self.rig.optional
-                else level
-            )
+            columns.append(centre + (ramps(level) if name in rig.ramped else level))
         return (
             np.ascontiguousarray(np.stack(columns, axis=1))
             if columns

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from pamid.base.errors import DataError
 from pamid.base.metrics import runs_of
-from pamid.base.units import quantity_of, split_column, to_si
+from pamid.base.units import quantity_of, size_to_si, split_column, to_si
 from pamid.checks.channel_quality import (
     CHANCE,
     PLUGGED,
@@ -344,7 +344,7 @@ def _pressures(measured: Sequence[CheckedSignal]) -> list[QualityIssue]:
 def _vented(s: CheckedSignal, y: FloatArray) -> list[QualityIssue]:
     """A floor at one atmosphere, on which the pressure rests again and again."""
     floor = float(np.quantile(y, 0.002))
-    near = max(2e3, 4.0 * float(to_si(s.noise, split_column(s.name)[1])))
+    near = max(2e3, 4.0 * float(size_to_si(s.noise, split_column(s.name)[1])))
     if not VENTED_PA[0] < floor < VENTED_PA[1]:
         return []
     starts, stops = runs_of(y < floor + near)
@@ -432,7 +432,7 @@ def _usual(rig: Rig | None, column: str) -> float:
         return 0.0
     return max(
         (
-            float(to_si(size, split_column(name)[1]))
+            float(size_to_si(size, split_column(name)[1]))
             for name, size in rig.excited.items()
             if match_column([column], name) is not None
         ),

@@ -30,7 +30,15 @@ from pamid.base.files import sha256_of
 from pamid.base.progress import Progress, silent
 from pamid.base.result_file import need_result
 from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE, Run
-from pamid.base.units import NONE, display_unit, from_si, split_column, to_si, with_unit
+from pamid.base.units import (
+    NONE,
+    display_unit,
+    from_si,
+    size_from_si,
+    split_column,
+    to_si,
+    with_unit,
+)
 from pamid.correction.output_network import (
     Correction,
     TrainingOptions,
@@ -146,7 +154,7 @@ class Origin:
             earlier=earlier,
         )
         for c, now in zip(self.evidence.channels, channel_mae(list(found.held_out)), strict=True):
-            now, before = from_si(now, split_column(c)[1]), self.fit.mae[c]["refitted"]
+            now, before = size_from_si(now, split_column(c)[1]), self.fit.mae[c]["refitted"]
             if not np.isclose(now, before, rtol=AGAIN):
                 raise DataError(
                     f"The model fitted again is not the run's: MAE of {c} {now:.4g}, in {FIT_FILE} "

@@ -177,8 +177,11 @@ class SlicedTrack:
         gx[1:] += weighed_jump
         B[:-1] += np.matmul(A.transpose(0, 2, 1), weighed)
         B[1:] -= weighed
-        H = one.H + P.reshape(-1, k).T @ weighed.reshape(-1, k)
-        g = one.g - P.reshape(-1, k).T @ weighed_jump.ravel()
+        # rows by number: there may be no parameters, and then no columns
+        joints, rows = weighed_jump.size, gx.size
+        flat_P = P.reshape(joints, k)
+        H = one.H + flat_P.T @ weighed.reshape(joints, k)
+        g = one.g - flat_P.T @ weighed_jump.ravel()
         D[0] += np.diag(prior.first)
         gx[0] += prior.first * x[0]
         scale = 1.0 / np.sqrt(np.einsum("kii->ki", D) + 1e-300)
@@ -188,9 +191,9 @@ class SlicedTrack:
             D, off, scale[:, :, None] * np.concatenate([B, gx[:, :, None]], axis=2), damping
         )
         z *= scale[:, :, None]
-        X, dx, flat = z[:, :, :k], z[:, :, k], B.reshape(-1, k).T
+        X, dx, flat = z[:, :, :k], z[:, :, k], B.reshape(rows, k).T
         return (
-            H - flat @ X.reshape(-1, k),
+            H - flat @ X.reshape(rows, k),
             g - flat @ dx.ravel(),
             gx,
             X,

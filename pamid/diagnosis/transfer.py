@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pamid.base.units import as_column
+from pamid.base.units import column_size
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.simulation.data_split import Span
 
@@ -36,8 +36,8 @@ def transfer(d: Diagnosis) -> list[dict[str, Any]]:
                 d.cause.absolutes[rows, i].mean(),
             )
             entry[channel] = {
-                "mae_refitted": as_column(channel, was),
-                "mae_with_cause": as_column(channel, now),
+                "mae_refitted": column_size(channel, was),
+                "mae_with_cause": column_size(channel, now),
                 "shrinkage": float(1.0 - now / was),
             }
         out.append(entry)

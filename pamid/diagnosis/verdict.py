@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.metrics import seen_mean
-from pamid.base.units import as_column
+from pamid.base.units import column_size
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.decision import forecast_interval
 from pamid.diagnosis.localise import frequency_band, regimes, worst_windows
@@ -201,8 +201,8 @@ def _ranked(d: Diagnosis, c: CandidateModel, probability: float, seed: int) -> r
     held = {}
     for i, channel in enumerate(d.evidence.channels):
         held[channel] = result.HeldOut(
-            mae_before=as_column(channel, float(seen_mean(d.budget.baseline.absolutes[rows, i]))),
-            mae_after=as_column(channel, float(seen_mean(c.absolutes[rows, i]))),
+            mae_before=column_size(channel, float(seen_mean(d.budget.baseline.absolutes[rows, i]))),
+            mae_after=column_size(channel, float(seen_mean(c.absolutes[rows, i]))),
         )
     return result.Candidate(
         effect=c.attached[-1].label,
@@ -229,11 +229,11 @@ def how_far(d: Diagnosis, i: int, seed: int) -> result.Reach:
     after = (d.cause or b.baseline).absolutes[rows, i]
     low, high = forecast_interval(before, after, seed, d.settings)
     return result.Reach(
-        mae_data_sheet=as_column(channel, b.data_sheet[rows, i].mean()),
-        mae_refitted=as_column(channel, before.mean()),
-        mae_with_cause=as_column(channel, after.mean()),
-        noise_floor=as_column(channel, b.floor[rows, i].mean()),
-        black_box=as_column(channel, b.black_box[rows, i].mean()),
+        mae_data_sheet=column_size(channel, b.data_sheet[rows, i].mean()),
+        mae_refitted=column_size(channel, before.mean()),
+        mae_with_cause=column_size(channel, after.mean()),
+        noise_floor=column_size(channel, b.floor[rows, i].mean()),
+        black_box=column_size(channel, b.black_box[rows, i].mean()),
         shrinkage=float(1.0 - after.mean() / before.mean()),
         low=low,
         high=high,

@@ -52,12 +52,12 @@ def rounding_error(x: Expr) -> Expr:
 
 
 def pulses(duty: Expr, begun_s: Expr, length_s: Number, period_s: Number) -> Expr:
-    """Share of the next `length_s` during which a pulse of duty * period is on, `begun_s` into the
-    period (s)."""
+    """Share of the next `length_s`, which may hold many periods, during which a pulse of
+    duty * period is on, `begun_s` into the period (s)."""
     on = duty * period_s
-    this = minimum(maximum(on - begun_s, 0.0), length_s)
-    following = minimum(maximum(begun_s + length_s - period_s, 0.0), on)
-    return (this + following) / length_s
+    end = begun_s + length_s
+    whole = floor(end / period_s)
+    return (whole * on + minimum(end - whole * period_s, on) - minimum(begun_s, on)) / length_s
 
 
 class PwmQuantisation(Effect):

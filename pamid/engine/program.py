@@ -130,6 +130,8 @@ class Program:
         from pamid.engine.integrator import Inputs, Results, Times, sweep
 
         step = stepping or Stepping()
+        shape = (u.shape[0], len(self.outputs), memory.S.shape[1])
+        asked = (1, 1, 0) if columns is None else shape
         if memory.S.shape[1] == 0:
             columns = None  # the vector loop needs at least one lane
         if columns is not None and not self.sensitive.issuperset(
@@ -138,9 +140,7 @@ class Program:
             raise ValueError(
                 "sensitivities were asked for by parameters that the model was not compiled for"
             )
-        n, ns = u.shape[0], memory.S.shape[1] if columns is not None else 0
-        Y = np.empty((n, len(self.outputs)))
-        JY = np.empty((n, len(self.outputs), ns) if columns is not None else (1, 1, 0))
+        Y, JY = np.empty(shape[:2]), np.empty(asked)
         none = np.full(len(self.parameters), -1, np.int64)
         bad = sweep(
             self._equations,

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.units import as_column, from_si, split_column, with_unit
+from pamid.base.units import column_size, from_si, split_column, with_unit
 from pamid.estimation.closed_loop import closed_loop_figures, loop_columns, loop_names
 from pamid.estimation.grey_box import GreyBox
 from pamid.estimation.identifiable_combinations import IdentifiableCombination, combinations_of
@@ -60,7 +60,7 @@ def fit_json(g: GreyBox, seed: int) -> dict[str, Any]:
             implicit=g.fit.stepping.implicit,
             recheck=g.recheck,
         ),
-        noise={c: as_column(c, e.noise[i]) for i, c in enumerate(e.channels)},
+        noise={c: column_size(c, e.noise[i]) for i, c in enumerate(e.channels)},
         parameters={
             x.name: result.FitParameter(
                 value=x.value,
@@ -79,7 +79,8 @@ def fit_json(g: GreyBox, seed: int) -> dict[str, Any]:
         intervals="block bootstrap" if g.draws is not None else "Jacobian",
         background={k: result.BackgroundPull(pull=v) for k, v in background_pull(g.fit).items()},
         mae={
-            c: {k: as_column(c, v[i]) for k, v in figures.items()} for i, c in enumerate(e.channels)
+            c: {k: column_size(c, v[i]) for k, v in figures.items()}
+            for i, c in enumerate(e.channels)
         },
         closed_loop=closed_loop_figures(g),
         combinations={c.name: _combination(c) for c in combinations},

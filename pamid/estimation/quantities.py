@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.units import NONE, as_column, split_column
+from pamid.base.units import NONE, column_size, split_column
 from pamid.estimation.prior import Coordinates
 from pamid.estimation.problem import Fit, Problem
 from pamid.model.assembly import Assembly
@@ -151,7 +151,7 @@ def declared(assembly: Assembly) -> dict[str, Measure]:
         return assembly.rig.combinations(Names({key: float(p[i]) for key, i in own}, "parameter"))
 
     def measure(name: str) -> Measure:
-        shown = as_column(name, 1.0)
+        shown = column_size(name, 1.0)
         return lambda p: shown * float(read(p)[name])
 
     return {name: measure(name) for name in read(assembly.values())}

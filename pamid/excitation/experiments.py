@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import UsageError
+from pamid.base.units import split_column, to_si
 from pamid.excitation.aprbs import aprbs
 from pamid.excitation.waveforms import (
     APART,
@@ -164,6 +165,17 @@ def bounds_of(rig: Rig, column: str) -> tuple[float, float]:
         if column == q.reference and begins is not None:
             return begins.low, begins.high
     return -math.inf, math.inf
+
+
+def usual_range(rig: Rig, column: str) -> tuple[float, float] | None:
+    """Centre and half range (SI) of what is usually sent in this column; None where the rig does
+    not say."""
+    if column not in rig.excited:
+        return None
+    symbol = split_column(column)[1]
+    centre, half = rig.centre.get(column, 0.0), rig.excited[column]
+    low, high = (float(to_si(centre + side * half, symbol)) for side in (-1.0, 1.0))
+    return 0.5 * (low + high), 0.5 * (high - low)
 
 
 def external_columns(rig: Rig) -> dict[str, float]:

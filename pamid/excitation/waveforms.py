@@ -9,8 +9,9 @@ the others they take turns, the rest of them waiting at the offset, so that what
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -408,9 +409,15 @@ def plan_for(
     )
 
 
-def draw(plan: Plan, amplitudes: Mapping[str, float]) -> dict[str, Sent]:
-    """The columns, each with its amplitude, all of one length; the first one of random signals is
-    what it is alone."""
+def draw(
+    plan: Plan,
+    amplitudes: Mapping[str, float],
+    offsets: Mapping[str, float] = MappingProxyType({}),
+    ramped: Collection[str] = (),
+) -> dict[str, Sent]:
+    """The columns, each with its amplitude and its offset (else the plan's), all of one length; the
+    first one of random signals is what it is alone. ramped: columns that go from level to level in
+    ramps."""
     turns = len(amplitudes) if plan.signal in IN_TURN else 1
     duration = plan.duration_s / turns
     if plan.signal == "torque-loops" and not plan.duration_s:
@@ -418,20 +425,28 @@ def draw(plan: Plan, amplitudes: Mapping[str, float]) -> dict[str, Sent]:
         duration = LOOPS_S * max(1.0, slowed)
     drawn = {}
     for k, (column, amplitude) in enumerate(amplitudes.items()):
-        own = _own(plan, k)
-        wave = _MAKERS[plan.signal](replace(plan, duration_s=duration), amplitude, **own)
+        own, offset = _own(plan, k), offsets.get(column, plan.offset)
+        one = replace(plan, duration_s=duration, offset=offset)
+        wave = _MAKERS[plan.signal](one, amplitude, **own)
+        if column in ramped and plan.signal not in SMOOTH:
+            wave = ramps(wave)
         before, after = (k, turns - 1 - k) if turns > 1 else (0, 0)
         samples = np.concatenate(
-            [
-                np.full(before * len(wave), plan.offset),
-                wave,
-                np.full(after * len(wave), plan.offset),
-            ]
+            [np.full(before * len(wave), offset), wave, np.full(after * len(wave), offset)]
         )
         if plan.rate_limit is not None:
             samples = _within(plan, column, amplitude, samples, plan.rate_limit)
         drawn[column] = Sent(samples, slice(before * len(wave), (before + 1) * len(wave)), own)
     return drawn
+
+
+def ramps(samples: Array) -> Array:
+    """Steps (n,) as ramps: each level is reached where the next one would begin, so that the speed
+    is another from ramp to ramp."""
+    begins = np.flatnonzero(np.diff(samples)) + 1
+    knots = np.concatenate([[0], begins, [len(samples) - 1]])
+    levels = np.concatenate([[samples[0]], samples[begins - 1], [samples[-1]]])
+    return np.interp(np.arange(len(samples)), knots, levels)
 
 
 def _own(plan: Plan, k: int) -> dict[str, Any]:

@@ -41,6 +41,9 @@ from pamid.symbolic.expression import (
 )
 from pamid.symbolic.memory_cells import StateEquations, cell_update, tick
 
+# the state of a model without any, which rests at 0: no language here has vectors of length 0
+STILL = "still"
+
 
 @dataclass(frozen=True)
 class Variable:
@@ -183,8 +186,8 @@ def step_of(model: Identified) -> SampleStep:
         ),
         tuple(_column(name, nan) for name in model.outputs),
         tuple(o.variable(running) for o in owned if o.name in needed),
-        lowered.states,
-        tuple(start),
+        lowered.states or (STILL,),
+        tuple(start) or (ZERO,),
         tuple(derived),
         tuple(
             Update(
@@ -192,7 +195,7 @@ def step_of(model: Identified) -> SampleStep:
             )
             for cell, value, wait in zip(lowered.cells, values, seconds, strict=True)
         ),
-        tuple(rates),
+        tuple(rates) or (ZERO,),
         tuple(readings),
         tuple((row, column, v) for (row, column, _), v in zip(slopes, partials, strict=True)),
         tuple(lines.values()),

@@ -92,6 +92,7 @@ def rig_story(rig: Rig, known: Iterable[type[Effect]]) -> result.RigStory:
     return result.RigStory(
         name=rig.name,
         title=_title(type(rig)),
+        story=type(rig).story(),
         inputs=tuple(
             result.RigInput(column=c, unit=unit, optional=c in rig.optional)
             for c, unit in rig.inputs.items()
@@ -283,6 +284,9 @@ def rig_text(said: result.RigStory) -> str:
     lines = [f"{said.name}: {said.title}"]
     if said.variants:
         lines.append(f"variants: {', '.join(said.name + ':' + v for v in said.variants)}")
+    for section in ("What it is", "Typically missing"):
+        if said.story.get(section):
+            lines += ["", section, textwrap.indent(said.story[section], "    ")]
     for part in ("inputs", "outputs"):
         lines += [
             "",
@@ -296,7 +300,7 @@ def rig_text(said: result.RigStory) -> str:
     lines += [
         "",
         "States",
-        "    " + ", ".join(f"{s.name}{_in(s.unit)}" for s in said.states),
+        "    " + (", ".join(f"{s.name}{_in(s.unit)}" for s in said.states) or "none"),
         "",
         "Ports",
     ]

@@ -159,16 +159,17 @@ class Hints:
     periods: tuple[float, ...] = ()
 
 
+RIG_SECTIONS = ("What it is", "Equations", "Typically missing", "References")
 SECTIONS = ("What it is", "What it looks like", "Looks like it", "Equation", "References")
 
 
-def sections(doc: str) -> dict[str, str]:
-    """Split a docstring into its title and the sections named in SECTIONS."""
+def sections(doc: str, named: tuple[str, ...] = SECTIONS) -> dict[str, str]:
+    """Split a docstring into its title and the sections of these names."""
     lines = inspect.cleandoc(doc).splitlines()
     found: dict[str, list[str]] = {"title": lines[:1]}
     here = ""
     for line in lines[1:]:
-        if line.strip() in SECTIONS:
+        if line.strip() in named:
             here = line.strip()
             found[here] = []
         elif here:

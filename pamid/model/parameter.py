@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from pamid.base.errors import FileError
-from pamid.base.units import suffix_of, to_si
+from pamid.base.units import size_to_si, suffix_of, unit
 
 
 @dataclass(frozen=True)
@@ -71,6 +71,11 @@ class Parameter:
             raise FileError(f"parameter {self.name!r}: a logarithmic prior needs a positive range")
         if self.unit:
             suffix_of(self.unit)  # an unknown unit is refused here, where it is written
+            if unit(self.unit).offset:
+                raise FileError(
+                    f"parameter {self.name!r}: {self.unit} has a zero of its own",
+                    "state it in K; columns of a recording may be in degC",
+                )
 
     @property
     def outside_name(self) -> str:
@@ -82,7 +87,7 @@ class Parameter:
     @property
     def factor(self) -> float:
         """SI value = factor x value."""
-        return to_si(1.0, self.unit) if self.unit else 1.0
+        return float(size_to_si(1.0, self.unit)) if self.unit else 1.0
 
     @property
     def prior_spread(self) -> float:

@@ -23,6 +23,7 @@ Inputs and outputs are columns of a recording, with the unit in which the equati
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
@@ -31,7 +32,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import FileError, nearest
-from pamid.model.effect import KINDS, Effect, State
+from pamid.model.effect import KINDS, RIG_SECTIONS, Effect, State, sections
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Number
 
@@ -116,6 +117,12 @@ class Rig:
     timescale_s: ClassVar[float | None] = None
     # usual amplitude of references and commands, column's unit
     excited: ClassVar[dict[str, float]] = {}
+    # what an excitation swings about where that is not 0, column's unit
+    centre: ClassVar[dict[str, float]] = {}
+    # usual shortest and longest time at one level of an excitation, s
+    hold_s: ClassVar[tuple[float, float]] = (0.4, 1.6)
+    # inputs that cannot jump, such as an imposed position: sent in ramps from level to level
+    ramped: ClassVar[tuple[str, ...]] = ()
     # what is driven by itself -> its command, and the sign that loads it
     actuators: ClassVar[dict[str, tuple[str, float]]] = {}
     # `pamid.excitation.experiments.Experiment`s of its own, offered before the general ones
@@ -136,8 +143,10 @@ class Rig:
             cls.name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "-", cls.__name__).lower()
 
     def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
-        """Time derivative of every state (SI)."""
-        raise NotImplementedError
+        """Time derivative of every state (SI); a rig without states need not say it."""
+        if self.states:
+            raise NotImplementedError
+        return {}
 
     def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
         """Every output, in the unit declared for it."""
@@ -161,6 +170,13 @@ class Rig:
         y: outputs by name (SI), one value per sample; p: parameters (SI).
         """
         return {}
+
+    @classmethod
+    def story(cls) -> dict[str, str]:
+        """The docstring of the rig's file, section by section: title, What it is, Equations,
+        Typically missing, References."""
+        module = sys.modules.get(cls.__module__)
+        return sections((module.__doc__ if module else "") or "", RIG_SECTIONS)
 
     def group_of(self, port: str) -> str:
         """The name a port is reported under."""
@@ -189,8 +205,6 @@ def check_rig(rig: Rig, where: str) -> None:
         raise FileError(
             f"{kind} has no outputs, so nothing can be compared", 'outputs = {"position_m": "m"}'
         )
-    if not rig.states:
-        raise FileError(f"{kind} has no states", 'states = (State("position", "m"), ...)')
     for name, port in rig.ports.items():
         if port.kind not in KINDS:
             raise FileError(
@@ -206,6 +220,14 @@ def check_rig(rig: Rig, where: str) -> None:
                 f"{kind}: optional input {column!r} is not among the inputs",
                 nearest(column, list(rig.inputs)),
             )
+    for what in ("excited", "centre", "ramped"):
+        sent = {*rig.inputs, *(q.reference for q in rig.loops)}
+        for column in getattr(rig, what):
+            if column not in sent:
+                raise FileError(
+                    f"{kind}: {what} names {column!r}, which is not sent to it",
+                    nearest(column, sorted(sent)) or f"sent to it: {', '.join(sorted(sent))}",
+                )
     for name in rig.background:
         if name not in rig.ports:
             raise FileError(

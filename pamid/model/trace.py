@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pamid.base.errors import FileError, PamidError, nearest
-from pamid.base.units import to_si
+from pamid.base.units import size_to_si
 from pamid.model.effect import Effect, Signals
 from pamid.model.rig import Loop, Rig
 from pamid.symbolic.expression import substitute, symbol, symbols
@@ -219,7 +219,7 @@ class _Tracer:
         unit = f"{loop.reading.rsplit('_', 1)[-1]}"
         noise = f"noise_{loop.reading}"
         self.inputs += [loop.reference, noise]
-        scale = to_si(1.0, unit)
+        scale = size_to_si(1.0, unit)
         error = (
             symbol("input", loop.reference) - outputs[loop.reading] - symbol("input", noise)
         ) / scale

@@ -154,6 +154,7 @@ class RigStory(Model):
 
     name: Text
     title: Text
+    story: dict[Text, Text] = Field(description="title and sections")
     inputs: ListOf[RigInput]
     outputs: ListOf[RigOutput]
     variants: ListOf[Text] = Field(description="named as rig:variant")

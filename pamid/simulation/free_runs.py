@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import DataError, FileError, nearest
-from pamid.base.units import from_si, split_column, to_si
+from pamid.base.units import from_si, size_to_si, split_column
 from pamid.engine.program import Memory, Stepping
 from pamid.model.assembly import Assembly
 from pamid.model.bound_parameter import Sizes
@@ -187,7 +187,7 @@ def noisy_inputs(u: Array, names: tuple[str, ...], jitter: dict[str, Array]) -> 
     for i, name in enumerate(names):
         if name.startswith("noise_"):
             reading = name.removeprefix("noise_")
-            u[:, i] = to_si(jitter[reading], split_column(reading)[1])
+            u[:, i] = size_to_si(jitter[reading], split_column(reading)[1])
     return u
 
 

@@ -102,6 +102,6 @@ def estimate_initial_state(
     known = np.zeros(own.start_states) if jump is None else 1.0 / jump**2
     problem = _InitialState(own, memory, window, p, y, weight, carried, known)
     begun = problem.at(carried.copy())
-    if not np.isfinite(begun.cost):
-        return begun.x, False
+    if not np.isfinite(begun.cost) or not own.start_states:
+        return begun.x, bool(np.isfinite(begun.cost))
     return iterate(problem, Iteration(begun, problem.rule.start), steps).point.x, True

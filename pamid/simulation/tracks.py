@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.units import split_column, to_si
+from pamid.base.units import size_to_si, split_column
 from pamid.model.assembly import Assembly
 from pamid.model.rig import Rig
 from pamid.recording.noise import noise_level, sensor_noise
@@ -96,7 +96,7 @@ def stated_noise(rig: Rig, channels: Sequence[str]) -> Array:
     units = [split_column(name)[1] for name in channels]
     return np.array(
         [
-            to_si(rig.noise.get(name, 0.0), unit) - to_si(0.0, unit)
+            size_to_si(rig.noise.get(name, 0.0), unit)
             for name, unit in zip(channels, units, strict=True)
         ]
     )

@@ -15,6 +15,7 @@ of the one before, and h its length:
              one with x linear over the step (first-order hold)
     delay    ring buffer of the integrator, linear between steps
     integral an ordinary state
+    rate     (x_k - x_k-1) / period, k of samples, held over a sample
 
     Krasnosel'skii and Pokrovskii (1989), Systems with Hysteresis
     Brokate and Sprekels (1996), Hysteresis and Phase Transitions
@@ -156,6 +157,18 @@ class _MemoryExpansion:
         self.states.append((name, x))
         return symbol("state", name)
 
+    def rate(self, x: Expr) -> Expr:
+        name = self.name("rate")
+        before, here = symbol("past", f"{name}_input"), symbol("cell", name)
+        change = (x - before) / tick("period")
+        # a state that is set anew has not moved; what is recorded goes on as it is
+        kept = None if _is_held_over_step(x) else symbol("past", name)
+        self.cells += [
+            Cell(f"{name}_input", x, x, sampled=True),
+            Cell(name, change, 0.0 * x, sampled=True, joined=kept),
+        ]
+        return here
+
     def run(self, roots: list[Expr]) -> None:
         for node in walk(roots):
             if node in self.new:
@@ -163,7 +176,7 @@ class _MemoryExpansion:
             args = tuple(self.new[a] for a in node.args)
             if node.op == "delay":
                 self.new[node] = self.delay(args[0], args[1], node.value)
-            elif node.op in ("play", "bristle", "lag", "integral"):
+            elif node.op in ("play", "bristle", "lag", "integral", "rate"):
                 self.new[node] = getattr(self, node.op)(*args)
             else:
                 self.new[node] = rebuild(node, args) if args else node

@@ -1,8 +1,8 @@
 """The vocabulary of equations: written once as plain Python, run on symbols, then printed,
 differentiated, compiled.
 
-Memory is part of the language. `play`, `stop`, `bristle`, `lag`, `delay` and `integral` remember
-their past; the engine gives each one the cells or buffers it needs (see
+Memory is part of the language. `play`, `stop`, `bristle`, `lag`, `delay`, `integral` and `rate_of`
+remember their past; the engine gives each one the cells or buffers it needs (see
 `pamid.symbolic.memory_cells`). All of them are exactly the identity (or zero, for `stop`) at their
 null.
 
@@ -41,6 +41,7 @@ __all__ = [
     "maximum",
     "minimum",
     "play",
+    "rate_of",
     "sign",
     "sin",
     "smooth_step",
@@ -143,3 +144,9 @@ def delay(x: Number, seconds: Number, longest_s: float) -> Expr:
 def integral(x: Number) -> Expr:
     """Time integral of x, zero at the start of a recording."""
     return Expr("integral", (expression(x),))
+
+
+def rate_of(x: Number) -> Expr:
+    """Rate of change of x (per s) over the last sample, 0 in the first one: the velocity of a
+    position that is imposed and recorded, not a state."""
+    return Expr("rate", (expression(x),))

@@ -300,6 +300,22 @@ def _check(trap: Trap, capsys: pytest.CaptureFixture[str], made: Path) -> None:
     recordings(trap, capsys, made, ("check", "rec.csv"))
 
 
+@reads("new-rig")
+def _new_rig(trap: Trap, capsys: pytest.CaptureFixture[str], made: Path) -> None:
+    """Names of columns are written into a program: whatever they are, it is none but the one
+    meant, and it is not run."""
+    time = "".join(f"{0.01 * k:.2f},{k % 7},{k % 5}\n" for k in range(80))
+    wicked = 'x"""; import evil; """_n'
+    for name in ("force_n", "x); import evil #_n", "__import__('evil')_n", "class_n", wicked):
+        (trap.place / "rec.csv").write_text(
+            'time_s,"{}",position_1_mm\n{}'.format(name.replace('"', '""'), time)
+        )
+        for more in ((), ("--like", "two-masses"), ("--column", f"force_n={name}")):
+            ask(capsys, "new-rig", "rec.csv", *more, "--overwrite")
+            trap.require_unsprung((name, more))
+    recordings(trap, capsys, made, ("new-rig", "rec.csv", "--overwrite"))
+
+
 @reads("simulate")
 def _simulate(trap: Trap, capsys: pytest.CaptureFixture[str], made: Path) -> None:
     recordings(

@@ -23,6 +23,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("excitation",),
     ("effects", "rigs", "simulation", "ingest"),
     ("checks", "estimation"),
+    ("authoring",),
     ("diagnosis",),
     ("trial",),
     ("report",),

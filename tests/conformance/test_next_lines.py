@@ -21,6 +21,7 @@ from pamid_cli.demo import demo_text
 from small_cart import others, record_cart
 
 import pamid.trial.case_runs as trial_work
+from pamid.authoring.column_match import examples
 from pamid.base.errors import PamidError
 from pamid.diagnosis.next_experiment import bench_of, sent_with
 from pamid.diagnosis.proposal import NEXT_FILES, Proposal, proposal_result
@@ -37,6 +38,7 @@ TAKEN = 77
 SIGNALS = ("aprbs", "prbs", "multisine", "chirp", "steps", "staircase", "torque-loops")
 LASTING = ("aprbs", "prbs", "multisine", "chirp", "steps", "torque-loops")
 RIGS = ("one-dof", "two-link", "cart.py")
+EXAMPLES = sorted(examples())
 MULTISINE = ("--band", "0.2", "5")
 
 Run = Callable[..., str]
@@ -176,6 +178,23 @@ def test_what_is_generated_is_simulated_checked_and_taken(
     run(*free(diagnose), code=TAKEN)
     (evidence,) = taken
     assert len(evidence.recordings) == 1 and evidence.channels
+
+
+@pytest.mark.parametrize("rig", EXAMPLES)
+def test_a_rig_to_start_from_is_excited_copied_and_taken(
+    rig: str, here: Path, run: Run, taken: list[DataSplit]
+) -> None:
+    """By its name alone, and as the file that `pamid new-rig` makes of its recording."""
+    last = str(20.0 * rig_named(rig).hold_s[1])
+    (simulate,) = lines_of(
+        run("generate-aprbs", "--rig", rig, "--duration", last, "--output", "sent.csv")
+    )
+    (diagnose,) = lines_of(run(*free(simulate)))
+    run(*free(diagnose), code=TAKEN)
+    for check in lines_of(run("new-rig", "rec.csv", "--output", "mine.py")):
+        run(*check)
+    run("diagnose", "rec.csv", "--rig", "mine.py", "--output", "own", code=TAKEN)
+    assert len(taken) == 2
 
 
 def test_names_that_are_taken_are_not_suggested(
@@ -521,6 +540,7 @@ def test_every_command_that_prints_such_a_line_is_walked() -> None:
         "force_law",
         "generate_aprbs",
         "ingest",
+        "new_rig",
         "simulate",
         "train_residual",
     }

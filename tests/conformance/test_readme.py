@@ -87,7 +87,7 @@ def test_effects_and_rigs_named_exist(page: Path) -> None:
     for words in command_lines(page):
         for option, value in zip(words, words[1:], strict=False):
             if option == "--effect" and not value.endswith(".py"):
-                assert split_spec(value)[0] in effects(), value
+                assert split_spec(value)[0].partition("@")[0] in effects(), value
             if option == "--rig" and value.endswith(".py") and not value.startswith("./"):
                 assert (ROOT / value).is_file(), value
             if option == "--rig" and not value.endswith(".py"):

@@ -11,15 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.program import Stepping
+from pamid.excitation.experiments import usual_range
+from pamid.excitation.waveforms import ramps
 from pamid.model.assembly import Array, Assembly
 from pamid.model.attachment import Attachment, attachments
+from pamid.model.bound_parameter import Sizes
 from pamid.model.registry import effects, rig_named, rigs
 from pamid.model.rig import Rig
+from pamid.simulation.free_runs import port_sizes
 from pamid.symbolic.expression import symbol
 
 TEST_RIGS = sorted(Path(__file__).parents[1].joinpath("rigs").glob("*.py"))
 STEPPING = Stepping(2)
 DURATION_S = 5.0
+FEWEST = 500  # samples, where the rig is slow
 
 
 @dataclass(frozen=True)
@@ -73,16 +78,21 @@ def excitation(name: str) -> Array:
     """Inputs (samples x inputs) that move the plain rig through its range at several speeds."""
     rig = rig_of(name)
     rng = np.random.default_rng(7)
-    n = round(DURATION_S / rig.period_s)
+    n = max(FEWEST, round(DURATION_S / rig.period_s))
     if rig.loops:
         return _closed_loop_commands(rig, rng, n)
     columns = []
     for column in rig.inputs:
-        size = next((q.size["value"] for q in rig.ports.values() if q.kind == "command"), 1.0)
-        wave = _steps(rng, n, n // 25, n // 8, 0.7 * size) + 0.2 * size * np.sin(
-            np.arange(n) * rig.period_s * 9.0
+        declared = next(
+            (q.size["value"] for q in rig.ports.values() if q.kind == "command" and q.size), 1.0
         )
-        columns.append(np.zeros(n) if column in rig.optional else 0.4 * size + 0.6 * wave)
+        usual = usual_range(rig, column)
+        centre, half = usual or (0.4 * declared, 0.6 * declared)
+        wave = _steps(rng, n, n // 25, n // 8, 0.7)
+        wave = ramps(wave) if column in rig.ramped else wave
+        wave += 0.2 * np.sin(np.arange(n) * (DURATION_S / n) * 9.0)
+        idle = column in rig.optional and usual is None
+        columns.append(np.full(n, rig.optional[column]) if idle else centre + half * wave)
     return np.column_stack(columns)
 
 
@@ -108,8 +118,33 @@ def _closed_loop_commands(rig: Rig, rng: np.random.Generator, n: int) -> Array:
 
 
 @cache
+def one_sided(case: Case) -> bool:
+    """Does what passes through the case's port keep its sign throughout?"""
+    plain, name = Assembly(rig_of(case.rig)), case.attachment.ports[0]
+    through = [q.value for q in plain.traced.passages if q.port == name]
+    program = plain.program_with({f"through_{k}": value for k, value in enumerate(through)})
+    p = plain.values()
+    period = plain.rig.period_s
+    memory = program.memory(plain.start(p), stepping=STEPPING, period_s=period)
+    y, _, bad = program.run(memory, excitation(case.rig), p, period_s=period, stepping=STEPPING)
+    values = y[:, -len(through) :]
+    assert bad == -1
+    return bool(values.min() >= 0.0 or values.max() <= 0.0)
+
+
+@cache
+def sizes_of(name: str) -> Sizes:
+    """Magnitudes at the ports of a rig that declares none, over its excitation."""
+    rig = rig_of(name)
+    if any(port.size for port in rig.ports.values()):
+        return {}
+    plain = Assembly(rig)
+    return port_sizes(plain, [(excitation(name), plain.values(), rig.period_s)])
+
+
+@cache
 def assembled(case: Case) -> Assembly:
-    return Assembly(rig_of(case.rig), (case.attachment,))
+    return Assembly(rig_of(case.rig), (case.attachment,), sizes=sizes_of(case.rig))
 
 
 def run(

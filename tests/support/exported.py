@@ -117,6 +117,10 @@ CASES = {
     "cart": lambda: made(CART, "dahl-friction@force", "dead-time@sensor"),
     "kettle": lambda: made("kettle"),
     "network": with_network,
+    "no states": lambda: made("cylinder-bench", "gain-error@load_cell"),
+    "no states, memory": lambda: made(
+        "damper-bench", "coulomb-friction", "dead-time", stepping=Stepping(2)
+    ),
 }
 
 

@@ -1,0 +1,70 @@
+"""`pamid new-rig`: Write a rig file from a recording's columns, to go on from."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from . import frame, names
+from .terminal import quoted
+
+PLACE = 45
+EXAMPLE = """
+pamid new-rig rec.csv --output my_rig.py
+pamid new-rig rec.csv --like two-masses --column position_1_mm=x_mm --output my_rig.py
+"""
+
+
+@frame.command("new-rig", example=EXAMPLE)
+@click.argument("recording", type=click.Path(path_type=Path))
+@click.option(
+    "--like",
+    type=names.RIG_NAMES,
+    help="Rig to start from. [default: the one whose columns fit best]",
+)
+@click.option(
+    "--column",
+    "columns",
+    multiple=True,
+    metavar="RIG_COLUMN=COLUMN",
+    help="What a column of the recording is in that rig, where its name does not say it.",
+)
+@click.option(
+    "--output",
+    type=click.Path(dir_okay=False, path_type=Path),
+    default=Path("my_rig.py"),
+    show_default=True,
+    help="Rig file to write; its name becomes the rig's.",
+)
+@frame.overwrite_option("Replace the file if it exists.")
+def command(
+    recording: Path, like: str | None, columns: tuple[str, ...], output: Path, overwrite: bool
+) -> frame.Result:
+    """Write a rig file for RECORDING: the rig of the catalogue (`pamid rigs`) that its columns fit
+    best, with these columns as inputs and outputs, in their units.
+
+    A column is known by its name, by a word of it, or by its unit. A signal that nobody has scaled,
+    such as a level in volts, gets a gain that is fitted. What the recording has beyond that is
+    noted in the file as a comment. The figures are those of the example and its priors are made
+    wide: replace what is marked GUESS by what you know.
+
+    A rig file is code and is run when you name it; this command runs nothing.
+    """
+    from pamid.api.new_rigs import new_rig
+    from pamid.base.errors import UsageError
+
+    said = {}
+    for text in columns:
+        wanted, sign, found = text.partition("=")
+        if not sign or not wanted.strip() or not found.strip():
+            raise UsageError(
+                f"--column {text!r} is not RIG_COLUMN=COLUMN.", "For example force_n=drive_v."
+            )
+        said[wanted.strip()] = found.strip()
+    made = new_rig(recording, like=like, columns=said, output=output, overwrite=overwrite)
+    follow = (
+        f"Next: pamid check {quoted(output)}   or   "
+        f"pamid check {quoted(recording)} --rig {quoted(output)}   (both run that file)"
+    )
+    return frame.Result(made.to_dict(), f"{made.summary()}\n{follow}")

@@ -1,0 +1,136 @@
+"""`pamid.new_rig`: a rig file from a recording's columns and a rig of the catalogue."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pamid.api.given import RecordingLike, recording_given
+from pamid.authoring.column_match import Match, best_match
+from pamid.authoring.rig_source import RigSource, class_name
+from pamid.base.card import card, html_table
+from pamid.base.errors import FileError
+from pamid.base.files import make_folder, write_atomically
+from pamid.base.units import NONE, split_column
+from pamid.schemas import new_rig_file as said
+
+_BY = {
+    "name": "by its name",
+    "word": "by a word of its name",
+    "unit": "by its unit alone",
+    "you": "as you said",
+}
+
+
+@dataclass(frozen=True)
+class NewRig:
+    """A rig file that was written, and what the recording's columns are in it."""
+
+    path: Path
+    name: str
+    like: str
+    text: str
+    _match: Match
+    _others: tuple[Match, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """What the command prints with --json."""
+        match = self._match
+        columns = tuple(
+            said.TakenColumn(
+                column=q.found,
+                unit=_unit(q.found),
+                role=q.role,  # type: ignore[arg-type]
+                stands_for=q.wanted,
+                by=q.by,  # type: ignore[arg-type]
+                scaled=q.scaled,
+            )
+            for q in match.pairs
+        )
+        return said.NewRigFile(
+            output=str(self.path),
+            rig=self.name,
+            like=self.like,
+            score=round(match.score, 4),
+            columns=columns,
+            unrecorded=match.unrecorded,
+            unused=match.unused,
+            also=tuple(
+                said.OtherMatch(rig=m.rig.name, score=round(m.score, 4)) for m in self._others
+            ),
+        ).as_json()
+
+    def summary(self) -> str:
+        """What every column became, as lines of text."""
+        lines = [f"{self.path}: rig {self.name!r}, after {self.like}."]
+        for q in self._match.pairs:
+            scaled = "; a gain stands between the two" if q.scaled else ""
+            lines.append(f"  {q.found:<24} {q.role} {q.wanted}, {_BY[q.by]}{scaled}")
+        lines += [f"  {name:<24} not recorded" for name in self._match.unrecorded]
+        lines += [f"  {name:<24} not used: noted in the file" for name in self._match.unused]
+        if self._others:
+            others = ", ".join(m.rig.name for m in self._others)
+            lines.append(f"  The columns fit {others}, too: --like NAME.")
+        lines.append("  Its figures are the example's: replace those marked GUESS.")
+        return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        return f"<NewRig {self.path} after {self.like}>"
+
+    def _repr_html_(self) -> str:
+        rows = [(q.found, q.role, q.wanted) for q in self._match.pairs]
+        return card(repr(self)[1:-1], html_table((("column", "role", "stands for"), rows)))
+
+
+def new_rig(
+    recording: RecordingLike,
+    *,
+    like: str | None = None,
+    columns: Mapping[str, str] | None = None,
+    output: str | os.PathLike[str] = "my_rig.py",
+    overwrite: bool = False,
+) -> NewRig:
+    """Write a rig file for a recording: the rig of the catalogue that its columns fit best, with
+    these columns in their units.
+
+    like       the rig to start from, by name; default: the best match
+    columns    column of that rig -> recorded column, where the names do not say it
+    output     the file; its name becomes the rig's
+
+    Nothing is run. UsageError for a name that is not there; FileError where no rig fits, where a
+    column's name cannot stand in a program, or for a file that exists and is not to be overwritten.
+    """
+    path = Path(output)
+    if path.suffix != ".py":
+        raise FileError(
+            f"{path}: a rig file is Python.", f"Write --output {path.with_suffix('.py')}."
+        )
+    if path.exists() and not overwrite:
+        raise FileError(
+            f"{path} exists already.",
+            "Choose another --output, or --overwrite to replace it.",
+            code="exists",
+        )
+    name = class_name(path.stem)
+    given = recording_given(recording)
+    match, others = best_match(given.columns, like, columns)
+    text = RigSource(match, given, name, given.path.name).text()
+    make_folder(path.parent)
+    write_atomically(path, text.encode())
+    return NewRig(path, _rig_name(name), match.rig.name, text, match, tuple(others))
+
+
+def _rig_name(name: str) -> str:
+    """What `Rig` calls a class of this name."""
+    from pamid.model.rig import Rig
+
+    made: type[Rig] = type(name, (Rig,), {})
+    return made.name
+
+
+def _unit(column: str) -> str:
+    symbol = split_column(column)[1]
+    return "" if symbol == NONE else symbol

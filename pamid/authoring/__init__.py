@@ -1,0 +1,1 @@
+"""Files that pamid writes for people to go on from."""

@@ -1,0 +1,245 @@
+"""Which column of a recording is which column of a rig, by name and by unit; and the rig of the
+catalogue whose columns a recording's come nearest to."""
+
+from __future__ import annotations
+
+import inspect
+import sys
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from pamid.base.errors import FileError, UsageError, nearest
+from pamid.base.units import NONE, compatible, quantity_of, split_column, unit
+from pamid.ingest.channel_words import meanings, number, tokens
+from pamid.model.registry import rigs
+from pamid.model.rig import Rig
+
+# how well a pair of columns fits
+SAME_NAME, SHARED_WORD, SAME_MEANING, SAME_UNIT = 1.0, 0.7, 0.5, 0.3
+UNSCALED = 0.4  # less for a sensor's or an amplifier's own signal
+UNUSED = 0.1  # less for a recorded column that a rig has no place for
+NEAR = 0.5  # of the best score: what fits worse is not named beside it
+UNRECORDED = 0.25  # weight of an output that was not recorded
+_RAW = (unit("V").dimension, unit("A").dimension)
+#: what a rig file leans on that can be copied: parts shared between rigs cannot
+_COPIED = ("pamid.model.", "pamid.symbolic.")
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A column of a rig and the recorded one that stands for it.
+
+    by: "name", "word", "unit", or "you" where it was said; scaled: it is of another quantity, so
+    that a gain stands between them.
+    """
+
+    wanted: str
+    found: str
+    role: str  # input, output or reference
+    by: str
+    scaled: bool
+    score: float
+
+
+@dataclass(frozen=True)
+class Match:
+    """How a recording's columns fit a rig.
+
+    missing: inputs that the rig cannot do without; unrecorded: outputs and optional inputs that
+    are not there; unused: recorded columns without a place; score: 1 where everything fits by name.
+    """
+
+    rig: type[Rig]
+    pairs: tuple[Pair, ...]
+    missing: tuple[str, ...]
+    unrecorded: tuple[str, ...]
+    unused: tuple[str, ...]
+    score: float
+
+    @property
+    def fits(self) -> bool:
+        """Is there all that its equations need, and something to compare with?"""
+        return not self.missing and any(q.role == "output" for q in self.pairs)
+
+    def why_not(self) -> str:
+        """What is lacking, in words."""
+        if self.missing:
+            return f"no column for {', '.join(map(_told, self.missing))}"
+        return f"none of its outputs: {', '.join(map(_told, self.rig.outputs))}"
+
+
+def _told(column: str) -> str:
+    symbol = split_column(column)[1]
+    return column if symbol == NONE else f"{column} ({quantity_of(symbol)})"
+
+
+def examples() -> dict[str, type[Rig]]:
+    """Rigs of the catalogue that a file of one's own can start from: those written in one file."""
+    return {name: rig for name, rig in rigs().items() if _stands_alone(rig)}
+
+
+def _stands_alone(rig: type[Rig]) -> bool:
+    source = inspect.getsource(sys.modules[rig.__module__])
+    leans = [
+        line.split()[1]
+        for line in source.splitlines()
+        if line.startswith(("from pamid", "import pamid"))
+    ]
+    return all(name.startswith(_COPIED) for name in leans)
+
+
+def example_named(name: str) -> type[Rig]:
+    """One of `examples`; UsageError with the nearest name."""
+    known = examples()
+    if name in known:
+        return known[name]
+    if name in rigs():
+        raise UsageError(
+            f"rig {name!r} is built of parts that several rigs share: it is used as it is.",
+            f"Add --rig {name} to the commands, or start from {', '.join(known)}.",
+        )
+    raise UsageError(
+        f"There is no rig {name!r} to start from.",
+        nearest(name, known) or f"Rigs: {', '.join(known)}.",
+    )
+
+
+def roles_of(rig: type[Rig]) -> dict[str, str]:
+    """Every column that a rig knows, with what it is."""
+    return {
+        **{name: "input" for name in rig.inputs},
+        **{name: "output" for name in rig.outputs},
+        **{loop.reference: "reference" for loop in rig.loops},
+    }
+
+
+def pair_score(found: str, wanted: str) -> tuple[float, str, bool]:
+    """How well a recorded column fits one of a rig (0 not at all), by what, and whether a gain has
+    to stand between them."""
+    (stem, symbol), (wanted_stem, wanted_symbol) = split_column(found), split_column(wanted)
+    same = compatible(symbol, wanted_symbol)
+    if not same and (unit(symbol).dimension not in _RAW or wanted_symbol == NONE):
+        return 0.0, "", False
+    given, asked = number(stem), number(wanted_stem)
+    if given and asked and given != asked:
+        return 0.0, "", False
+    if ("reference" in meanings(stem)) != ("reference" in meanings(wanted_stem)):
+        return 0.0, "", False
+    score, by = 0.0, ""
+    words = {w for w in tokens(stem) if not w.isdigit()}
+    if stem == wanted_stem:
+        score, by = SAME_NAME, "name"
+    elif words & set(tokens(wanted_stem)):
+        score, by = SHARED_WORD, "word"
+    elif meanings(stem) & meanings(wanted_stem):
+        score, by = SAME_MEANING, "word"
+    elif same and wanted_symbol != NONE:
+        score, by = SAME_UNIT, "unit"
+    if not same:
+        score = max(score - UNSCALED, 0.0) if by in ("name", "word") else 0.0
+    return score, by, not same
+
+
+def match_columns(
+    recorded: Iterable[str], rig: type[Rig], said: Mapping[str, str] | None = None
+) -> Match:
+    """The best assignment of recorded columns to those of a rig; said: column of the rig ->
+    recorded column, taken as it is. UsageError for a name on either side that is not there."""
+    recorded, roles, said = list(recorded), roles_of(rig), dict(said or {})
+    for wanted, found in said.items():
+        if wanted not in roles:
+            raise UsageError(
+                f"rig {rig.name!r} has no column {wanted!r}.",
+                nearest(wanted, roles) or f"Its columns: {', '.join(roles)}.",
+            )
+        if found not in recorded:
+            raise UsageError(
+                f"The recording has no column {found!r}.",
+                nearest(found, recorded) or f"Its columns: {', '.join(recorded)}.",
+            )
+    taken = {
+        wanted: Pair(wanted, found, roles[wanted], "you", not _same(found, wanted), 1.0)
+        for wanted, found in said.items()
+    }
+    scored = sorted(
+        ((pair_score(found, wanted), wanted, found) for wanted in roles for found in recorded),
+        key=lambda one: -one[0][0],
+    )
+    for (score, by, scaled), wanted, found in scored:
+        used = {q.found for q in taken.values()}
+        if score > 0.0 and wanted not in taken and found not in used:
+            taken[wanted] = Pair(wanted, found, roles[wanted], by, scaled, score)
+    pairs = tuple(taken[wanted] for wanted in roles if wanted in taken)
+    needed = [name for name in rig.inputs if name not in rig.optional]
+    used = {q.found for q in pairs}
+    unused = tuple(name for name in recorded if name not in used)
+    weights = {
+        **dict.fromkeys(needed, 1.0),
+        **{name: 1.0 if name in taken else UNRECORDED for name in rig.outputs},
+        **{name: 0.1 for name in roles if name in taken and name not in (*needed, *rig.outputs)},
+    }
+    got = sum(w * taken[name].score for name, w in weights.items() if name in taken)
+    return Match(
+        rig,
+        pairs,
+        tuple(name for name in needed if name not in taken),
+        tuple(name for name in (*rig.inputs, *rig.outputs) if name not in (*taken, *needed)),
+        unused,
+        got / sum(weights.values()) - UNUSED * len(unused) / max(1, len(recorded)),
+    )
+
+
+def _is_its_own(recorded: Iterable[str], rig: type[Rig]) -> bool:
+    """Does the recording bear the names of all that a rig needs, and of an output?"""
+    names = set(recorded)
+    return names >= set(rig.inputs) - set(rig.optional) and bool(names & set(rig.outputs))
+
+
+def _same(found: str, wanted: str) -> bool:
+    return compatible(split_column(found)[1], split_column(wanted)[1])
+
+
+def best_match(
+    recorded: Iterable[str], like: str | None = None, said: Mapping[str, str] | None = None
+) -> tuple[Match, list[Match]]:
+    """The rig that fits best, or the one asked for, and the others that fit, best first.
+
+    FileError where none fits, saying what each of them lacks; UsageError for a name that is not
+    there.
+    """
+    recorded = list(recorded)
+    if like is not None:
+        asked = match_columns(recorded, example_named(like), said)
+        if not asked.fits:
+            raise FileError(
+                f"The recording does not fit {like!r}: {asked.why_not()}.",
+                "Say which column it is with --column "
+                f"{(asked.missing or tuple(asked.rig.outputs))[0]}=NAME; the recording has "
+                f"{', '.join(recorded)}.",
+                code="no-match",
+            )
+        return asked, []
+    every = []
+    for rig in examples().values():
+        known = {k: v for k, v in (said or {}).items() if k in roles_of(rig)}
+        if len(known) == len(said or {}):
+            every.append(match_columns(recorded, rig, known))
+    every.sort(key=lambda one: -one.score)
+    fitting = [one for one in every if one.fits]
+    fitting = [one for one in fitting if one.score > NEAR * fitting[0].score]
+    if not fitting:
+        whole = next((name for name, rig in rigs().items() if _is_its_own(recorded, rig)), "")
+        if whole:
+            raise FileError(
+                f"These are the columns of rig {whole!r}, which is used as it is.",
+                f"Add --rig {whole} to the commands.",
+                code="no-match",
+            )
+        near = "; ".join(f"{one.rig.name}: {one.why_not()}" for one in every)
+        raise FileError(
+            f"No rig fits the columns {', '.join(recorded)}"
+            + (f" ({near})." if near else ": none has the columns that were named."),
+            "Name one with --like, and its columns with --column RIG_COLUMN=COLUMN.",
+            code="no-match",
+        )
+    return fitting[0], fitting[1:]

@@ -1,0 +1,365 @@
+"""A rig file made from a rig of the catalogue: its source with the recording's columns in their
+units, its imports from the face, its priors as wide as a guess.
+
+What comes from the recording is names, and they become code: only plain words are taken
+(`require_plain`), and everything else that is quoted is printed as a Python literal.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import keyword
+import re
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pamid.authoring.column_match import Match, Pair
+from pamid.base.errors import FileError
+from pamid.base.metrics import FloatArray
+from pamid.base.units import (
+    NONE,
+    quotient,
+    size_to_si,
+    split_column,
+    suffix_of,
+    to_si,
+)
+from pamid.checks.conformance import ExcitedRig
+from pamid.model.rig import Rig
+from pamid.recording.noise import noise_level
+from pamid.recording.recording import Recording
+
+_FACE = ("Loop", "Parameter", "Port", "Rig", "State")
+GUESS = 3.0  # a factor by which the figures of the example may well be off on another machine
+SCALE = 1e4  # a gain lies between this part and this multiple of what the ranges say
+_PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+
+
+def require_plain(name: str, what: str) -> str:
+    """The name, which is to stand in a program; FileError where it is no plain word of Python."""
+    if not _PLAIN.fullmatch(name) or keyword.iskeyword(name):
+        raise FileError(
+            f"{what} {name!r} cannot stand in a rig file.",
+            "Use letters, digits and underscores, a letter first: rename the column.",
+            code="name",
+        )
+    return name
+
+
+def class_name(stem: str) -> str:
+    """ "my_rig" -> "MyRig"; FileError where a file's name makes no class."""
+    made = "".join(word[:1].upper() + word[1:] for word in re.split(r"[^A-Za-z0-9]+", stem))
+    return require_plain(made, "The name of the output,")
+
+
+@dataclass(frozen=True)
+class _Gain:
+    """A factor between a recorded signal and the quantity that the equations know."""
+
+    name: str
+    value: float
+    symbol: str
+
+
+@dataclass(frozen=True)
+class _Edit:
+    first: int
+    last: int
+    text: str
+
+
+class RigSource:
+    """The source of a rig like another one, for a recording."""
+
+    def __init__(self, match: Match, recording: Recording, name: str, told: str) -> None:
+        self.match, self.recording, self.name, self.told = match, recording, name, told
+        self.rig: Rig = match.rig()
+        self.source = inspect.getsource(sys.modules[match.rig.__module__])
+        self.tree = ast.parse(self.source)
+        self.by_wanted = {pair.wanted: pair for pair in match.pairs}
+        for pair in match.pairs:
+            require_plain(pair.found, "The column")
+        plain = {pair.wanted for pair in match.pairs if not pair.scaled}
+        self.loops = bool(self.rig.loops) and all(
+            {q.reference, q.command, q.reading} <= plain for q in self.rig.loops
+        )
+        lengths = [len(line) for line in self.source.encode().splitlines(keepends=True)]
+        self.begins = np.concatenate([[0], np.cumsum(lengths)])
+
+    def text(self) -> str:
+        """The whole file."""
+        made = self.source.encode()
+        assert made.isascii(), "places in the tree are counted in bytes"
+        for edit in sorted(self._edits(), key=lambda e: -e.first):
+            made = made[: edit.first] + edit.text.encode() + made[edit.last :]
+        text = re.sub(r"  # type: ignore\[[^\]]*\]", "", made.decode())
+        tree = ast.parse(text)
+        imports = [n for n in tree.body if isinstance(n, ast.Import | ast.ImportFrom)]
+        body = "".join(text.splitlines(keepends=True)[imports[-1].end_lineno :])
+        return self._docstring() + self._imports(imports, body) + body.lstrip("\n")
+
+    # ---- what changes ---------------------------------------------------------------------------
+
+    def _edits(self) -> Iterator[_Edit]:
+        kind = next(n for n in self.tree.body if isinstance(n, ast.ClassDef))
+        (named,) = re.finditer(rf"class {kind.name}\(", self.source)
+        yield _Edit(named.start() + 6, named.end() - 1, self.name)
+        settled = self._settled()
+        for node in kind.body:
+            if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
+                yield from self._assignment(node, node.targets[0].id, settled)
+            elif isinstance(node, ast.FunctionDef):
+                yield from self._function(node)
+
+    def _settled(self) -> dict[str, str]:
+        """Class attributes that are written anew."""
+        rig, kept = self.rig, {c: self._found(c) for c in (*self.rig.inputs, *self.rig.outputs)}
+        noise = {kept[c]: self._noise(c) for c in rig.outputs}
+        swings = self._swings()
+        made = {
+            "inputs": {kept[c]: self._unit(c) for c in rig.inputs},
+            "outputs": {kept[c]: self._unit(c) for c in rig.outputs},
+            "optional": {kept[c]: v for c, v in rig.optional.items() if self._may_lack(c)},
+            "noise": {c: v for c, v in noise.items() if v > 0.0},
+            "excited": {c: half for c, (_, half) in swings.items()},
+            "centre": {c: centre for c, (centre, _) in swings.items() if centre},
+            "ramped": tuple(kept[c] for c in rig.ramped),
+            "period_s": _short(self.recording.sampling_period_s),
+        }
+        slower = self.recording.sampling_period_s / rig.period_s
+        made["hold_s"] = tuple(_short(slower * hold) for hold in rig.hold_s)
+        return {name: _literal(value) for name, value in made.items()}
+
+    def _assignment(
+        self, node: ast.Assign, name: str, settled: Mapping[str, str]
+    ) -> Iterator[_Edit]:
+        whole = _Edit(*self._span(node), "")
+        if name in ("loops", "controller") and not self.loops:
+            yield whole
+        elif name == "loops":
+            for text in (n for n in ast.walk(node) if isinstance(n, ast.Constant)):
+                if text.value in self.by_wanted:
+                    yield _Edit(*self._span(text), _literal(self._found(str(text.value))))
+        elif name == "controller":
+            yield _Edit(*self._span(node.value), _literal(self._controller()))
+        elif name in settled:
+            extra = ""
+            if name == "period_s":
+                written = {
+                    n.targets[0].id
+                    for n in ast.walk(self.tree)
+                    if isinstance(n, ast.Assign) and isinstance(n.targets[0], ast.Name)
+                }
+                extra = "".join(
+                    f"\n    {other} = {settled[other]}"
+                    for other in ("excited", "centre", "hold_s")
+                    if other not in written and settled[other] != "{}"
+                )
+            if settled[name] in ("{}", "()"):
+                yield whole
+            else:
+                yield _Edit(*self._span(node.value), settled[name] + extra)
+            if name == "outputs":
+                yield _Edit(whole.last, whole.last, self._left_over())
+        elif name == "parameters":
+            yield from self._parameters(node)
+
+    def _parameters(self, node: ast.Assign) -> Iterator[_Edit]:
+        """What the example's data sheet says is a guess here, and its prior as wide."""
+        assert isinstance(node.value, ast.Tuple)
+        for call in node.value.elts:
+            assert isinstance(call, ast.Call)
+            words = {str(k.arg): k.value for k in call.keywords}
+            if "source" in words:
+                told = f"GUESS, from {self.rig.name}: {ast.literal_eval(words['source'])}"
+                yield _Edit(*self._span(words["source"]), _literal(told))
+            if "spread" in words:
+                spread = float(ast.literal_eval(words["spread"]))
+                wider = max(spread, GUESS) if "log" in words else GUESS * spread
+                yield _Edit(*self._span(words["spread"]), _literal(wider))
+        end = self._span(node.value)[1] - 1
+        for gain in filter(None, map(self._gain, self.match.pairs)):
+            low, high = _short(gain.value / SCALE), _short(gain.value * SCALE)
+            yield _Edit(
+                end,
+                end,
+                f'    Parameter("{gain.name}", {gain.value!r}, {low!r}, {high!r}, "{gain.symbol}", '
+                f'spread={GUESS!r}, log=True, source="GUESS: read the scale of it"),\n    ',
+            )
+
+    def _function(self, function: ast.FunctionDef) -> Iterator[_Edit]:
+        for node in ast.walk(function):
+            if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name):
+                pair = self.by_wanted.get(node.attr) if node.value.id == "u" else None
+                if pair is not None:
+                    gain = self._gain(pair)
+                    read = f"u.{pair.found}"
+                    text = f"(p.{gain.name} * {read})" if gain else read
+                    yield _Edit(*self._span(node), text)
+            elif isinstance(node, ast.Dict):
+                for key, value in zip(node.keys, node.values, strict=True):
+                    pair = (
+                        self.by_wanted.get(str(key.value))
+                        if isinstance(key, ast.Constant)
+                        else None
+                    )
+                    if key is None or pair is None or pair.role != "output":
+                        continue
+                    yield _Edit(*self._span(key), _literal(pair.found))
+                    gain = self._gain(pair)
+                    if gain:
+                        first, last = self._span(value)
+                        yield _Edit(first, first, f"p.{gain.name} * (")
+                        yield _Edit(last, last, ")")
+
+    # ---- columns --------------------------------------------------------------------------------
+
+    def _found(self, column: str) -> str:
+        return self.by_wanted[column].found if column in self.by_wanted else column
+
+    def _unit(self, column: str) -> str:
+        """SI symbol of a column as the equations see it."""
+        pair, own = self.by_wanted.get(column), {**self.rig.inputs, **self.rig.outputs}[column]
+        if pair is None or not pair.scaled:
+            return own
+        symbol = split_column(pair.found)[1]
+        return "" if symbol == NONE else _si_symbol(symbol)
+
+    def _may_lack(self, column: str) -> bool:
+        return column not in self.by_wanted
+
+    def _values(self, pair: Pair) -> FloatArray:
+        return self.recording.columns[pair.found]
+
+    def _noise(self, column: str) -> float:
+        """Of a recorded output what it shows, in its unit; of another what the example says."""
+        pair = self.by_wanted.get(column)
+        if pair is None:
+            return self.rig.noise.get(column, 0.0)
+        return _short(float(noise_level(self._values(pair)[:, None])[0]), 1)
+
+    def _swings(self) -> dict[str, tuple[float, float]]:
+        """Centre and half range of what was sent, per recorded column, in its unit."""
+        made = {}
+        for pair in self.match.pairs:
+            if pair.role == "output" or (pair.role == "reference" and not self.loops):
+                continue
+            low, high = np.quantile(self._values(pair), (0.01, 0.99))
+            half, centre = _short(0.5 * float(high - low)), 0.5 * float(high + low)
+            if half > 0.0:
+                made[pair.found] = (_short(centre) if abs(centre) > 0.2 * half else 0.0, half)
+        return made
+
+    def _controller(self) -> dict[str, float]:
+        """The example's controller in the unit of the recorded reading."""
+        (loop, *_), made = self.rig.loops, dict[str, float]()
+        old, new = (split_column(c)[1] for c in (loop.reading, self._found(loop.reading)))
+        for key, value in self.rig.controller.items():
+            gain = key.endswith(f"_per_{suffix_of(old)}")
+            name = key.removesuffix(suffix_of(old)) + suffix_of(new) if gain else key
+            made[name] = (
+                _short(value * size_to_si(1.0, new) / size_to_si(1.0, old), 4) if gain else value
+            )
+        most = float(np.abs(self._values(self.by_wanted[loop.command])).max())
+        if most > made["command_limit"]:
+            made["command_limit"] = _short(1.01 * most, 3)
+        return made
+
+    def _gain(self, pair: Pair) -> _Gain | None:
+        """What stands between a column and the quantity of the example; its value from the ranges
+        of both."""
+        if not pair.scaled:
+            return None
+        symbol, own = (
+            _si_symbol(split_column(pair.found)[1]),
+            {**self.rig.inputs, **self.rig.outputs}[pair.wanted],
+        )
+        span = float(np.ptp(to_si(self._values(pair), split_column(pair.found)[1]))) or 1.0
+        usual = self._usual_span(pair.wanted) or 1.0
+        above, below = (own, symbol) if pair.role == "input" else (symbol, own)
+        ratio = usual / span if pair.role == "input" else span / usual
+        name = f"{split_column(pair.found)[0]}_gain"
+        made = quotient(above or NONE, below or NONE)
+        return _Gain(name, _short(ratio), "" if made == NONE else made)
+
+    def _usual_span(self, column: str) -> float:
+        """What a column of the example spans (SI), on its usual excitation."""
+        trial = ExcitedRig(self.rig)
+        if column in self.rig.inputs:
+            return float(np.ptp(trial.u[:, list(self.rig.inputs).index(column)]))
+        y = trial.run(trial.assembly.values())
+        return float(np.ptp(y[:, list(self.rig.outputs).index(column)]))
+
+    # ---- words ----------------------------------------------------------------------------------
+
+    def _left_over(self) -> str:
+        """Comments on what was not recorded, and on what was and has no place."""
+        lines = [f"    # {name}: not recorded, and done without" for name in self.match.unrecorded]
+        for name in self.match.unused:
+            values = self.recording.columns[name]
+            lines.append(
+                f"    # {ascii(name)}: {values.min():.4g} .. {values.max():.4g}, not used: "
+                "an input, an output, or of no interest?"
+            )
+        return "".join(f"\n{line}" for line in lines)
+
+    def _docstring(self) -> str:
+        story = ast.get_docstring(self.tree) or ""
+        title = f"{self.name}: a rig that `pamid new-rig` wrote after {self.rig.name}"
+        mine = re.sub(r"[^A-Za-z0-9 ._/-]", "?", self.told)
+        return (
+            f'"""{title}, with the columns of {mine}.\n\n'
+            "Look through the figures marked GUESS: they are another machine's, with wide priors.\n"
+            f"What follows is the story of {self.rig.name}.\n\n{story}\n"
+            '"""\n\n'
+        )
+
+    def _imports(self, nodes: list[ast.Import | ast.ImportFrom], body: str) -> str:
+        """The imports that the body needs, pamid's own from its face."""
+        words = set(re.findall(r"\b[A-Za-z_]+\b", re.sub(r'"[^"\n]*"', "", body)))
+        blocks: dict[str, list[str]] = {"__future__": ["from __future__ import annotations"]}
+        for node in nodes:
+            module = node.module or "" if isinstance(node, ast.ImportFrom) else ""
+            used = [alias.name for alias in node.names if alias.name in words]
+            if module.startswith("pamid.symbolic"):
+                blocks["equations"] = [f"from pamid.equations import {', '.join(used)}"]
+            elif not module.startswith("pamid.") and module != "__future__":
+                blocks.setdefault("library", []).append(ast.unparse(node))
+        face = [name for name in _FACE if name in words]
+        mine = [f"from pamid import {', '.join(face)}", *blocks.pop("equations", [])]
+        return "\n\n".join("\n".join(lines) for lines in (*blocks.values(), mine)) + "\n\n\n"
+
+    def _span(self, node: ast.AST) -> tuple[int, int]:
+        """First and last place of a node in the source."""
+        assert isinstance(node, ast.expr | ast.stmt)
+        assert node.end_lineno is not None and node.end_col_offset is not None
+        return (
+            int(self.begins[node.lineno - 1]) + node.col_offset,
+            int(self.begins[node.end_lineno - 1]) + node.end_col_offset,
+        )
+
+
+def _si_symbol(symbol: str) -> str:
+    """The SI symbol of a raw signal: "mV" -> "V"."""
+    return {"mV": "V", "mA": "A"}.get(symbol, "" if symbol == NONE else symbol)
+
+
+def _short(value: float, digits: int = 2) -> float:
+    return float(f"{value:.{digits}g}")
+
+
+def _literal(value: Any) -> str:
+    """A value as Python writes it, with the quotation marks of the house."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{_literal(k)}: {_literal(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, tuple):
+        inside = ", ".join(map(_literal, value))
+        return f"({inside},)" if len(value) == 1 else f"({inside})"
+    if isinstance(value, str):
+        return '"' + repr(value)[1:-1].replace('"', '\\"') + '"'
+    return repr(value)

@@ -1,0 +1,108 @@
+"""Two tanks, one above the other.
+
+What it is
+    A pump fills the upper tank, which runs out through a hole into the lower one, and that into the
+    basin. The level of the lower tank is measured, that of the upper one where there is a sensor.
+
+Equations
+    upper    A1 dh1/dt = gain voltage - hole1 sqrt(2 g h1)
+    lower    A2 dh2/dt = hole1 sqrt(2 g h1) - hole2 sqrt(2 g h2)
+
+Typically missing
+    A tank that spills over its rim, the upper one partly into the lower (upper, lower); losses of
+    pipe and hole beside the orifice, a leak (upper, lower); a pump that starts at a voltage of its
+    own, saturates or lags (pump); a level sensor with a zero, a gain or waves of its own.
+
+References
+    Schoukens, Mattson, Wigren, Noel (2016), Cascaded tanks benchmark combining soft and hard
+    nonlinearities, Workshop on Nonlinear System Identification Benchmarks, Brussels.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pamid.model.effect import State
+from pamid.model.parameter import Parameter
+from pamid.model.rig import Port, Rig
+from pamid.symbolic.vocabulary import Expr, Number, maximum, sqrt
+
+GRAVITY = 9.81
+EMPTY_M = 1e-4  # below it the outflow turns laminar, and its slope stays finite
+
+
+def outflow(hole: Expr, level: Expr) -> Expr:
+    """Torricelli's flow through a hole at this level, m3/s."""
+    above = maximum(level, 0.0)
+    return hole * (2.0 * GRAVITY) ** 0.5 * above / sqrt(above + EMPTY_M)
+
+
+class CascadedTanks(Rig):
+    """Two tanks in a cascade: voltage of the pump in, levels out."""
+
+    inputs = {"pump_v": "V"}
+    outputs = {"level_cm": "m", "upper_level_cm": "m"}
+    ports = {
+        "pump": Port("command", "V"),
+        "inlet": Port("flow", "m3/s", {"level": "m"}),
+        "pipe": Port("flow", "m3/s", {"level": "m"}),
+        "upper": Port("rate", "m/s", {"stored": "m", "inflow": "m/s"}),
+        "lower": Port("rate", "m/s", {"stored": "m", "inflow": "m/s"}),
+        "gauge": Port("reading", "m", {"rate": "m/s"}),
+        "upper_gauge": Port("reading", "m", {"rate": "m/s"}),
+    }
+    states = (State("upper", "m", 0.05), State("lower", "m", 0.05))
+    parameters = (
+        Parameter(
+            "gain",
+            10.0,
+            0.1,
+            1e3,
+            "cm3/(s V)",
+            spread=1.3,
+            log=True,
+            source="bucket and clock: flow of the pump over its voltage",
+        ),
+        Parameter("upper_area", 50.0, 1.0, 1e4, "cm2", spread=1.1, log=True, source="ruler, A1"),
+        Parameter("lower_area", 50.0, 1.0, 1e4, "cm2", spread=1.1, log=True, source="ruler, A2"),
+        Parameter(
+            "upper_hole", 0.2, 0.001, 50.0, "cm2", spread=1.4, log=True, source="drill, hole1"
+        ),
+        Parameter(
+            "lower_hole", 0.2, 0.001, 50.0, "cm2", spread=1.4, log=True, source="drill, hole2"
+        ),
+    )
+    noise = {"level_cm": 0.05, "upper_level_cm": 0.05}
+    period_s = 2.0
+    excited = {"pump_v": 1.5}
+    centre = {"pump_v": 3.0}
+    hold_s = (20.0, 120.0)
+
+    def changes(self, x: Any, u: Any, p: Any, port: Any) -> tuple[Expr, Expr]:
+        """Rates of the two levels, m/s."""
+        filling = port("inlet", p.gain * port("pump", u.pump_v), level=x.upper)
+        between = port("pipe", outflow(p.upper_hole, x.upper), level=x.upper)
+        upper = port(
+            "upper",
+            (filling - between) / p.upper_area,
+            stored=x.upper,
+            inflow=filling / p.upper_area,
+        )
+        lower = port(
+            "lower",
+            (between - outflow(p.lower_hole, x.lower)) / p.lower_area,
+            stored=x.lower,
+            inflow=between / p.lower_area,
+        )
+        return upper, lower
+
+    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        upper, lower = self.changes(x, u, p, port)
+        return {"upper": upper, "lower": lower}
+
+    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        upper, lower = self.changes(x, u, p, port)
+        return {
+            "level_cm": port("gauge", x.lower, rate=lower),
+            "upper_level_cm": port("upper_gauge", x.upper, rate=upper),
+        }

@@ -1,0 +1,106 @@
+"""A DC motor that turns a load through a gearbox.
+
+What it is
+    A brushed motor (or a brushless one with its own commutation), a gearbox, and a load on its
+    output shaft: a drive axis, a conveyor, a robot's joint. The amplifier sets a voltage, the
+    encoder sits on the output shaft, the current is measured where the amplifier tells it.
+
+Equations
+    current   i = (voltage - k N w)/R, the winding's own lag left out
+    shaft     J dw/dt = N k i - b w + external torque, J and b of motor and load as the output sees
+              them
+
+Typically missing
+    Dry friction of gears and brushes, and friction that grows with the load on the teeth
+    (shaft); play between motor and load (gear); torque ripple and cogging (shaft, position);
+    dead time and dead zone of the amplifier; an encoder that is late or off centre.
+
+References
+    Krause, Wasynczuk, Sudhoff (2002), Analysis of Electric Machinery and Drive Systems, Wiley;
+    Dohring, Lee, Newman (1993), A load-dependent transmission friction model, IEEE Int. Conf.
+    Robotics and Automation.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from pamid.model.effect import State
+from pamid.model.parameter import Parameter
+from pamid.model.rig import Loop, Port, Rig
+from pamid.symbolic.vocabulary import Expr, Number
+
+
+class DcMotor(Rig):
+    """A DC motor with gearbox and load: voltage in, angle of the load and current out."""
+
+    inputs = {"voltage_v": "V", "external_torque_nm": "N m"}
+    optional = {"external_torque_nm": 0.0}
+    outputs = {"angle_deg": "rad", "current_a": "A"}
+    ports = {
+        "amplifier": Port("command", "V"),
+        "shaft": Port(
+            "motion",
+            "N m",
+            {"position": "rad", "velocity": "rad/s", "load": "N m", "current": "A"},
+        ),
+        "gear": Port(
+            "transmission", "N m", {"position": "rad", "velocity": "rad/s", "inertia": "kg m2"}
+        ),
+        "encoder": Port("reading", "rad", {"rate": "rad/s"}),
+        "ammeter": Port("reading", "A"),
+    }
+    states = (State("angle", "rad"), State("velocity", "rad/s"))
+    parameters = (
+        Parameter(
+            "resistance", 1.0, 0.05, 50.0, "Ohm", spread=1.3, log=True, source="data sheet, cold"
+        ),
+        Parameter(
+            "constant", 0.05, 0.002, 1.0, "N m/A", spread=1.1, log=True, source="data sheet, k"
+        ),
+        Parameter("ratio", 20.0, 0.1, 1e4, fitted=False, source="counted teeth, N"),
+        Parameter(
+            "inertia",
+            0.03,
+            1e-5,
+            10.0,
+            "kg m2",
+            spread=1.5,
+            log=True,
+            source="drawing of the load, plus ratio squared times the rotor's",
+        ),
+        Parameter(
+            "viscous", 0.05, 0.0, 5.0, "N m s", spread=0.05, source="estimate: bearings and grease"
+        ),
+    )
+    loops = (Loop("voltage_v", "reference_deg", "angle_deg"),)
+    controller = {
+        "kp_per_deg": 0.4,
+        "kd_s_per_deg": 0.01,
+        "derivative_filter_s": 0.006,
+        "command_limit": 24.0,
+    }
+    noise = {"angle_deg": 0.02, "current_a": 0.02}
+    period_s = 0.002
+    excited = {"reference_deg": 60.0, "voltage_v": 12.0}
+
+    def currents(self, x: Any, u: Any, p: Any, port: Any) -> Expr:
+        """Current of the motor, A."""
+        voltage = port("amplifier", u.voltage_v)
+        return (voltage - p.constant * p.ratio * x.velocity) / p.resistance  # type: ignore[no-any-return]
+
+    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        current = self.currents(x, u, p, port)
+        driving = p.ratio * p.constant * current
+        torque = driving - p.viscous * x.velocity + u.external_torque_nm
+        torque = port(
+            "shaft", torque, position=x.angle, velocity=x.velocity, load=driving, current=current
+        )
+        torque = port("gear", torque, position=x.angle, velocity=x.velocity, inertia=p.inertia)
+        return {"angle": x.velocity, "velocity": torque / p.inertia}
+
+    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        return {
+            "angle_deg": port("encoder", x.angle, rate=x.velocity),
+            "current_a": port("ammeter", self.currents(x, u, p, port)),
+        }

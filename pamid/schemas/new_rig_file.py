@@ -1,0 +1,46 @@
+"""What `pamid new-rig` has made of a recording's columns."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import ConfigDict, Field
+
+from pamid.schemas.estimates import UNIT
+from pamid.schemas.model import Flag, ListOf, Model, Number, Text
+
+
+class TakenColumn(Model):
+    """A recorded column and what it is in the rig."""
+
+    column: Text = Field(description="as recorded")
+    unit: Text = Field(description=UNIT)
+    role: Literal["input", "output", "reference"]
+    stands_for: Text = Field(description="the column of the rig that was started from")
+    by: Literal["name", "word", "unit", "you"] = Field(
+        description="what it was recognised by; you: --column"
+    )
+    scaled: Flag = Field(description="another quantity: a gain to be fitted stands between")
+
+
+class OtherMatch(Model):
+    """Another rig that the columns fit."""
+
+    rig: Text
+    score: Number = Field(description="1 where everything fits by name")
+
+
+class NewRigFile(Model):
+    """The rig file, and where its columns come from."""
+
+    model_config = ConfigDict(title="pamid new-rig: a rig file from a recording's columns")
+
+    schema_: Literal["pamid.new-rig/1"] = Field(default="pamid.new-rig/1", alias="schema")
+    output: Text = Field(description="the rig file")
+    rig: Text = Field(description="its name")
+    like: Text = Field(description="the rig of the catalogue that it was started from")
+    score: Number = Field(description="1 where everything fits by name")
+    columns: ListOf[TakenColumn]
+    unrecorded: ListOf[Text] = Field(description="columns of the rig that were not recorded")
+    unused: ListOf[Text] = Field(description="recorded columns that the rig has no place for")
+    also: ListOf[OtherMatch] = Field(description="other rigs that fit, best first")

@@ -1,0 +1,243 @@
+"""Rigs to start from: each is excited, simulated and checked by name alone; `pamid new-rig` makes a
+file of one's own of them."""
+
+from __future__ import annotations
+
+import ast
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pamid_cli import frame
+
+import pamid
+from pamid.authoring.column_match import best_match, examples, pair_score
+from pamid.base.errors import FileError, UsageError
+from pamid.model.effect import RIG_SECTIONS
+from pamid.model.registry import rig_named
+from pamid.recording.recording import Recording, read_recording, recording_of, write_recording
+
+EXAMPLES = sorted(examples())
+
+
+def test_there_are_these_to_start_from() -> None:
+    assert EXAMPLES == [
+        "cascaded-tanks",
+        "cylinder-bench",
+        "damper-bench",
+        "dc-motor",
+        "servo-pendulum",
+        "thermal-block",
+        "two-masses",
+    ]
+
+
+def run(capsys: pytest.CaptureFixture[str], *words: str, code: int = 0) -> dict[str, Any]:
+    capsys.readouterr()
+    found = frame.run([*words, "--json"])
+    said: dict[str, Any] = json.loads(capsys.readouterr().out)
+    assert found == code, said
+    return said
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def record(rig: str, capsys: pytest.CaptureFixture[str]) -> Recording:
+    """A virtual recording as a newcomer makes one: nothing said but the rig."""
+    hold = rig_named(rig).hold_s[1]
+    run(capsys, "generate-aprbs", "--rig", rig, "--duration", f"{20 * hold}", "--output", "u.csv")
+    run(capsys, "simulate", "--rig", rig, "--excitation", "u.csv", "--output", "rec.csv")
+    return read_recording("rec.csv")
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_each_tells_its_story(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    story = run(capsys, "rigs", name)["rig"]["story"]
+    assert all(len(story[section]) > 30 for section in RIG_SECTIONS)
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_a_file_like_the_rig_is_the_rig(
+    name: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """From the rig's own virtual recording: the right rig, every column by its name, the file is
+    sound, the recording fits it, and it says what the rig says."""
+    recording = record(name, capsys)
+    assert recording.sampling_period_s == pytest.approx(rig_named(name).period_s)
+    assert run(capsys, "check", "rec.csv", "--rig", name)["ok"]
+    said = run(capsys, "new-rig", "rec.csv")
+    assert (said["like"], said["rig"], said["unused"]) == (name, "my-rig", [])
+    assert {c["by"] for c in said["columns"]} == {"name"}
+    assert not any(c["scaled"] for c in said["columns"])
+    assert run(capsys, "check", "my_rig.py")["ok"]
+    assert run(capsys, "check", "rec.csv", "--rig", "my_rig.py")["ok"]
+    for rig in (name, "my_rig.py"):
+        run(
+            capsys,
+            *("simulate", "--rig", rig, "--excitation", "u.csv", "--noise", "none"),
+            *("--output", "again.csv", "--overwrite"),
+        )
+        found = read_recording("again.csv")
+        if rig == name:
+            first = found
+    for column in rig_named(name).outputs:
+        np.testing.assert_allclose(found.columns[column], first.columns[column], rtol=1e-9)
+
+
+def small(columns: dict[str, np.ndarray], period: float = 0.01) -> Recording:
+    count = len(next(iter(columns.values())))
+    return recording_of(period * np.arange(count), columns, name="small")
+
+
+def wave(seed: int) -> np.ndarray:
+    return np.repeat(np.random.default_rng(seed).uniform(-1.0, 1.0, 20), 20)
+
+
+def test_other_units_are_converted(here: Path) -> None:
+    """A bench in metres, pascals and kilonewtons, its controller and noise in these units."""
+    given = small({"position_m": wave(1), "pressure_kpa": 300.0 + wave(2), "force_kn": wave(3)})
+    made = pamid.new_rig(given, output=here / "bench.py")
+    assert made.like == "cylinder-bench" and made.name == "bench"
+    rig = rig_named(str(here / "bench.py"))
+    assert rig.inputs == {"position_m": "m", "pressure_kpa": "Pa"}
+    assert rig.outputs == {"force_kn": "N"} and rig.ramped == ("position_m",)
+    assert rig.excited["position_m"] == pytest.approx(1.0, abs=0.1)
+    assert rig.centre == {"pressure_kpa": 300.0}
+    sheet = {p.name: p for p in rig.parameters}
+    assert sheet["area"].spread == 3.0 and sheet["area"].source.startswith("GUESS")
+    assert sheet["preload"].spread == 60.0
+
+
+def test_a_controller_takes_the_unit_of_its_reading(here: Path) -> None:
+    given = small({"voltage_v": 30.0 * wave(1), "angle_rad": wave(2), "reference_rad": wave(3)})
+    pamid.new_rig(given, like="servo-pendulum", output=here / "servo.py")
+    rig = rig_named(str(here / "servo.py"))
+    assert rig.controller["kp_per_rad"] == pytest.approx(0.4 * 180.0 / np.pi, rel=1e-3)
+    assert "kp_per_deg" not in rig.controller
+    assert rig.controller["command_limit"] >= np.abs(given.columns["voltage_v"]).max()
+    assert rig.loops[0].reference == "reference_rad" and rig.loops[0].reading == "angle_rad"
+
+
+def test_without_a_reference_there_is_no_loop(here: Path) -> None:
+    given = small({"voltage_v": wave(1), "angle_deg": wave(2)})
+    pamid.new_rig(given, like="servo-pendulum", output=here / "servo.py")
+    rig = rig_named(str(here / "servo.py"))
+    assert rig.loops == () and rig.controller == {} and set(rig.excited) == {"voltage_v"}
+
+
+def test_a_raw_signal_gets_a_gain_that_is_fitted(
+    here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Levels in volts: the same tanks behind a sensor of 0.2 V/cm are fitted to their noise."""
+    recording = record("cascaded-tanks", capsys)
+    volts = {
+        "pump_v": recording.columns["pump_v"],
+        "level_v": 0.2 * recording.columns["level_cm"],
+        "comment_n": wave(4)[: len(recording)]
+        if len(recording) <= 400
+        else np.resize(wave(4), len(recording)),
+    }
+    write_recording("volts.csv", recording.time, volts)
+    said = run(capsys, "new-rig", "volts.csv", "--output", "tanks.py")
+    assert said["like"] == "cascaded-tanks" and said["unrecorded"] == ["upper_level_cm"]
+    assert said["unused"] == ["comment_n"]
+    assert [c["scaled"] for c in said["columns"]] == [False, True]
+    text = Path("tanks.py").read_text()
+    assert "# 'comment_n': " in text and "# upper_level_cm: not recorded" in text
+    # nobody knows these tanks' areas, so the fit may end somewhere along a valley, and says so
+    assert frame.run(["fit", "volts.csv", "--rig", "tanks.py", "--output", "run"]) in (0, 5)
+    found = json.loads(Path("run/fit.json").read_text())
+    assert "level_gain_v_per_m" in found["parameters"]
+    assert found["mae"]["level_v"]["refitted"] < 1.5 * found["mae"]["level_v"]["noise_floor"]
+
+
+def test_what_is_there_is_kept(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    write_recording(
+        "rec.csv", 0.01 * np.arange(400), {"force_n": wave(1), "position_1_mm": wave(2)}
+    )
+    Path("my_rig.py").write_text("mine")
+    assert run(capsys, "new-rig", "rec.csv", code=3)["code"] == "exists"
+    assert Path("my_rig.py").read_text() == "mine"
+    assert run(capsys, "new-rig", "rec.csv", "--overwrite")["like"] == "two-masses"
+    assert run(capsys, "new-rig", "rec.csv", "--output", "rig.txt", code=3)["code"] == "file"
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "hint"),
+    [
+        (("--like", "two-mases"), 2, "'two-masses'"),
+        (("--like", "one-dof"), 2, "--rig one-dof"),
+        (("--like", "thermal-block"), 3, "--column power_w=NAME"),
+        (("--like", "two-masses", "--column", "force=force_n"), 2, "'force_n'"),
+        (("--like", "two-masses", "--column", "force_n=forse_n"), 2, "'force_n'"),
+        (("--column", "force_n"), 2, "force_n=drive_v"),
+    ],
+)
+def test_a_wrong_name_is_met_with_the_right_one(
+    words: tuple[str, ...], code: int, hint: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    write_recording(
+        "rec.csv", 0.01 * np.arange(400), {"force_n": wave(1), "position_1_mm": wave(2)}
+    )
+    assert hint in run(capsys, "new-rig", "rec.csv", *words, code=code)["hint"]
+    assert not Path("my_rig.py").exists()
+
+
+def test_what_fits_no_rig_says_what_each_lacks() -> None:
+    with pytest.raises(FileError, match="thermal-block: no column for power_w") as caught:
+        best_match(["drive_v", "response_v"])
+    assert "--like" in caught.value.hint
+    with pytest.raises(FileError, match="columns of rig 'one-dof'") as caught:
+        best_match(["command", "angle_deg"])
+    assert "--rig one-dof" in caught.value.hint
+
+
+def test_said_columns_are_taken_as_they_are(here: Path) -> None:
+    given = small({"drive_v": wave(1), "response_v": 1e-3 * wave(2)})
+    made = pamid.new_rig(
+        given,
+        like="two-masses",
+        columns={"force_n": "drive_v", "position_2_mm": "response_v"},
+        output=here / "silver.py",
+    )
+    said = made.to_dict()
+    assert [c["by"] for c in said["columns"]] == ["you", "you"]
+    rig = rig_named(str(here / "silver.py"))
+    assert {"drive_gain", "response_gain"} <= {p.name for p in rig.parameters}
+    assert pamid.check(here / "silver.py").ok
+
+
+@pytest.mark.parametrize("name", ["x); import os #_n", "lambda", '"""_n', "a\nb_n"])
+def test_a_name_that_is_no_word_is_never_code(name: str, here: Path) -> None:
+    """As an input it is refused; where it is not used it stands in a comment, quoted. (Names that
+    no file can hold are put into a recording by hand.)"""
+    plain = small({"force_n": wave(3), "position_1_mm": wave(2)})
+    made = replace(plain, columns={name: wave(1), **plain.columns})
+    with pytest.raises((FileError, UsageError)):
+        pamid.new_rig(
+            made,
+            like="two-masses",
+            columns={"force_n": name},
+            output=here / "bad.py",
+        )
+    text = pamid.new_rig(made, like="two-masses", output=here / "good.py").text
+    tree = ast.parse(text)
+    assert name not in {n.value for n in ast.walk(tree) if isinstance(n, ast.Constant)}
+    assert sum(isinstance(n, ast.Import) for n in ast.walk(tree)) == 0
+
+
+def test_pairs_are_judged_by_name_and_unit() -> None:
+    assert pair_score("angle_rad", "angle_deg") == (1.0, "name", False)
+    assert pair_score("motor_voltage_v", "voltage_v")[1:] == ("word", False)
+    assert pair_score("drive_v", "voltage_v")[1:] == ("unit", False)
+    assert pair_score("level_v", "level_cm")[2]
+    assert pair_score("position_2_mm", "position_1_mm")[0] == 0.0
+    assert pair_score("reference_deg", "angle_deg")[0] == 0.0
+    assert pair_score("force_n", "level_cm")[0] == 0.0
