@@ -144,7 +144,7 @@ class Identified:
     def lowered(self) -> StateEquations:
         """The same without memory operators."""
         e = self.equations
-        return expand_memory(e.rates, e.outputs, e.cells)
+        return expand_memory(e.rates, e.outputs, e.cells, e.linear)
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -181,8 +181,11 @@ class Identified:
     def program_with(self, extra: Mapping[str, Expr]) -> Program:
         """Compiled, with further outputs behind the model's own."""
         e, names = self.equations, (*self.outputs, *extra)
-        lowered = expand_memory(e.rates, {**e.outputs, **extra}, e.cells) if extra else self.lowered
-        return build_program(lowered, self.inputs, tuple(self.constants), names, frozenset())
+        outputs = {**e.outputs, **extra}
+        lowered = expand_memory(e.rates, outputs, e.cells, e.linear) if extra else self.lowered
+        return build_program(
+            lowered, self.inputs, tuple(self.constants), names, frozenset(), e.linear
+        )
 
     def knowing(self, known: Mapping[str, float]) -> Identified:
         """The same model where these parameters (outside names and units) are known to be

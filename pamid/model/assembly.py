@@ -148,5 +148,7 @@ class Assembly:
         """Compiled equations with further outputs, in the order of `extra`, after the rig's own."""
         t = self.traced
         outputs = {**{k: t.outputs[k] for k in self.outputs or t.outputs}, **extra}
-        lowered = expand_memory(t.rates, outputs, t.cells)
-        return build_program(lowered, t.inputs, tuple(self.keys), tuple(outputs), self.sensitive)
+        lowered = expand_memory(t.rates, outputs, t.cells, t.linear)
+        return build_program(
+            lowered, t.inputs, tuple(self.keys), tuple(outputs), self.sensitive, t.linear
+        )

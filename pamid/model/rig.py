@@ -93,6 +93,11 @@ class Rig:
     inputs: ClassVar[dict[str, str]] = {}
     # inputs that may be missing in a recording, with their value
     optional: ClassVar[dict[str, float]] = {}
+    # what an input does between two samples: "held" (the default) or "linear"; a recording's TOML
+    # may say otherwise under [between]
+    between: ClassVar[dict[str, str]] = {}
+    # what an input can be, in the unit of its column: (lowest, highest)
+    ranges: ClassVar[dict[str, tuple[float, float]]] = {}
     outputs: ClassVar[dict[str, str]] = {}
     ports: ClassVar[dict[str, Port]] = {}
     states: ClassVar[tuple[State, ...]] = ()
