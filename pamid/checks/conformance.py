@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import PamidError
+from pamid.base.units import split_column, to_si
 from pamid.engine.program import Stepping
 from pamid.excitation.aprbs import aprbs
 from pamid.model.assembly import Assembly
@@ -151,6 +152,9 @@ class ExcitedRig:
             level = aprbs(
                 self.samples * period, period, 0.7, (8 * period, 60 * period), seed=self.seed + i
             )
+            if name in self.rig.ranges:
+                low, high = (to_si(x, split_column(name)[1]) for x in self.rig.ranges[name])
+                level = 0.5 * (low + high) + 0.5 * (high - low) * level
             columns.append(
                 np.full(self.samples, self.rig.optional[name])
                 if name in self.rig.optional

@@ -14,9 +14,13 @@ import numpy as np
 from pamid.base.errors import DataError, FileError, PamidError, nearest
 from pamid.base.files import read_lines
 from pamid.base.units import NONE, is_unit, split_column
+from pamid.checks.between_samples import figures as between_json
+from pamid.checks.between_samples import tried_both_ways
 from pamid.checks.conformance import Finding, effect_findings, rig_findings
 from pamid.checks.recording_quality import Issue, blocking, channel_figures, examine
 from pamid.model import registry as library
+from pamid.model.assembly import Assembly
+from pamid.model.between_samples import as_recorded
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig, check_rig
 from pamid.recording.file_checks import (
@@ -125,6 +129,14 @@ def _recording(
     name = rig_name or recording.rig
     rig, against = _against_rig(recording, rig_name) if name else (None, [])
     issues = examine(recording, rig)
+    between = (
+        []
+        if rig is None or any(i.severity == "wrong" for i in issues)
+        else tried_both_ways(recording, rig)
+    )
+    found += [
+        Finding("between", not one.wrong, one.text(recording), advice=one.wrong) for one in between
+    ]
     found += against + [
         Finding(i.kind, False, i.text, advice=i.severity == "advice") for i in issues
     ]
@@ -149,6 +161,7 @@ def _recording(
             "channels": channel_figures(recording, rig),
             "issues": [asdict(issue) for issue in issues],
         },
+        **({"between": between_json(between)} if between else {}),
     }
     return about, found, issues
 
@@ -189,6 +202,7 @@ def _against_rig(
             if rig_name
             else library.catalogue_rig(library.rig_of([recording]))
         )
+        rig = as_recorded(rig, [recording])
         wanted = {c: match_column(recording.columns, c) for c in (*rig.inputs, *rig.outputs)}
     except PamidError as error:
         return None, [Finding("rig", False, str(error))]
@@ -230,7 +244,8 @@ def _against_rig(
         )
         for c in strange
     ]
-    known = [f"{p.outside_name}" for p in rig.parameters]
+    plain = Assembly(rig)
+    known = [p.outside_name for p in rig.parameters]
     found += [
         Finding(
             "known",
@@ -238,7 +253,7 @@ def _against_rig(
             f"[known] {key!r} is no parameter of rig {rig.name!r}. {nearest(key, known)}".rstrip(),
         )
         for key in recording.known
-        if key not in known
+        if not plain.knows(key)
     ]
     if not missing and seen:
         try:

@@ -33,6 +33,7 @@ from pamid.engine.program import Program, Stepping, build_program
 from pamid.estimation.closed_loop import loop_motion, loop_names
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attach
+from pamid.model.between_samples import stated
 from pamid.model.effect import Effect
 from pamid.model.registry import effects_again, name_of, rig_again
 from pamid.model.rig import Rig
@@ -192,10 +193,10 @@ class Identified:
         otherwise."""
 
         def put(assembly: Assembly, values: Array) -> Array:
-            by_index = {assembly.index_of(name): value for name, value in known.items()}
             out = values.copy()
-            for i, value in by_index.items():
-                out[i] = value * assembly.parameters[i].factor
+            for name, value in known.items():
+                i, factor = assembly.place_of(name)
+                out[i] = value * factor
             return out
 
         beside = None if self.beside is None else (self.beside[0], put(*self.beside))
@@ -280,6 +281,7 @@ def record_identified(
     }
     meta |= {"known": known} if known else {}
     meta |= {"controller": settings} if closed else {}
+    meta |= {"between": excitation.between} if excitation.between else {}
     return VirtualRecording(columns, meta, [a.label for a in model.effects])
 
 
@@ -362,6 +364,7 @@ def _model(
     rig: Rig, fit: dict[str, Any], part: str, catalogue: dict[str, type[Effect]], path: Path
 ) -> Identified:
     saved = fit[part]
+    rig = stated(rig, {str(k): str(v) for k, v in saved.get("between", {}).items()})
     assembly = Assembly(
         rig,
         tuple(attach(rig, str(label), catalogue) for label in saved["effects"]),

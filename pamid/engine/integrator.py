@@ -8,10 +8,10 @@ the start of every sample it reads the outputs, and it moves the states by one s
             stiff models (see `_sdirk2`)
 
 with every input held over the sample or linear in time over it (`pamid.symbolic.memory_cells`
-writes the latter with the ticks `part` and `along`, which are set for every stage). On request it carries exact forward sensitivities of that
-recursion (not of the differential equation): with z = (states, cells) and z(k+1) = F(z(k), p), the
-columns S = dz/dp follow S(k+1) = dF/dz S(k) + dF/dp, so that they are the derivative of what was
-computed.
+writes the latter with the ticks `part` and `along`, which are set for every stage). On request it
+carries exact forward sensitivities of that recursion (not of the differential equation): with z =
+(states, cells) and z(k+1) = F(z(k), p), the columns S = dz/dp follow S(k+1) = dF/dz S(k) + dF/dp,
+so that they are the derivative of what was computed.
 
     Alexander (1977), SIAM J. Numer. Anal. 14(6), 1006-1021
     Deuflhard (2004), Newton Methods for Nonlinear Problems, section 3.3

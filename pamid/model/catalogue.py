@@ -7,6 +7,7 @@ import textwrap
 from collections.abc import Iterable
 from typing import Any
 
+from pamid.base.units import NONE
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.effect import KINDS, SECTIONS, Effect
@@ -132,7 +133,7 @@ def _parameter(p: Parameter) -> dict[str, Any]:
         "name": p.outside_name,
         "value": p.value,
         **finite,
-        "unit": p.unit,
+        "unit": "" if p.unit == NONE else p.unit,
         "multiple_of": p.size,
         "null": p.null,
         "fitted": p.fitted,

@@ -70,6 +70,19 @@ class SignalQuality(Model):
     issues: ListOf[Issue]
 
 
+class BetweenSamples(Model):
+    """An input tried both ways: held between samples, and linear to the next one."""
+
+    column: Text
+    taken: Literal["held", "linear"] = Field(description="as rig or recording say; held by default")
+    stated: Flag = Field(description="whether they say it")
+    better: Text = Field(description="the way that fits clearly better; empty where neither does")
+    channel: Text = Field(description="the output that shows it most")
+    rms_held: Number = Field(description="its error over the windows, in its unit")
+    rms_linear: Number = Field(description="likewise")
+    windows: Count
+
+
 class CheckFile(Model):
     """What is wrong with a recording, a rig file or an effect file."""
 
@@ -95,6 +108,9 @@ class CheckFile(Model):
     controller: Sometimes[dict[Text, Number]] = Field(default=None, description="its settings")
     columns: Sometimes[MapOf[Column]] = Field(default=None, description="by name")
     quality: Sometimes[SignalQuality] = None
+    between: Sometimes[ListOf[BetweenSamples]] = Field(
+        default=None, description="inputs, tried held and linear between samples"
+    )
     ok: Flag = Field(description="whether every check passed, advice aside")
     code: Sometimes[Text] = Field(default=None, description="of the error, where there is one")
     message: Sometimes[Text] = Field(default=None, description="the first thing that is wrong")

@@ -203,9 +203,7 @@ class _MemoryExpansion:
         h, along = tick("step"), tick("along")
         rise, _ = self.rise(name, x)
         self.cells.append(
-            Cell(
-                f"{name}_end", now, now, buffer_s=longest_s, seconds=maximum(seconds - h, 0.0)
-            )
+            Cell(f"{name}_end", now, now, buffer_s=longest_s, seconds=maximum(seconds - h, 0.0))
         )
         end = symbol("cell", f"{name}_end") + maximum(1.0 - seconds / h, 0.0) * rise
         return x + (1.0 - along) * (out - now) + along * (end - now - rise)
