@@ -22,6 +22,7 @@ from pamid.model import registry as library
 from pamid.model.assembly import Assembly
 from pamid.model.between_samples import as_recorded
 from pamid.model.effect import Effect
+from pamid.model.port_guide import ports_of, ports_text
 from pamid.model.rig import Rig, check_rig
 from pamid.recording.file_checks import (
     check_header,
@@ -362,24 +363,31 @@ def _classes(path: Path, own: list[type]) -> tuple[dict[str, Any], list[Finding]
                     advice=True,
                 )
             )
+    ports: list[dict[str, Any]] = []
     for rig in rigs:
-        found += _rig(path, rig, {**catalogue, **{e.name: e for e in effects}})
-    return about, found
+        said, rows = _rig(path, rig, {**catalogue, **{e.name: e for e in effects}})
+        found, ports = found + said, ports + rows
+    return {**about, **({"ports": ports} if ports else {})}, found
 
 
-def _rig(path: Path, kind: type[Rig], effects: dict[str, type[Effect]]) -> list[Finding]:
+def _rig(
+    path: Path, kind: type[Rig], effects: dict[str, type[Effect]]
+) -> tuple[list[Finding], list[dict[str, Any]]]:
+    """What is found in the rig, and its ports where its equations can be built."""
     try:
         rig = kind()
         check_rig(rig, str(path))
     except PamidError as error:
-        return [Finding("declarations", False, str(error))]
+        return [Finding("declarations", False, str(error))], []
     except Exception as error:  # a rig's own __init__ may do anything
         return [
             Finding(
                 "declarations", False, f"{kind.__name__}() failed: {type(error).__name__}: {error}"
             )
-        ]
-    return _named(rig.name, rig_findings(rig, effects.values()))
+        ], []
+    found = rig_findings(rig, effects.values())
+    built = not any(f.wrong and f.check == "equations" for f in found)
+    return _named(rig.name, found), ports_of(rig, effects.values()) if built else []
 
 
 def _named(name: str, found: list[Finding]) -> list[Finding]:
@@ -411,6 +419,7 @@ def inspection_text(said: dict[str, Any]) -> str:
         ("note   ", lambda f: not f["ok"] and f["advice"]),
     ):
         lines += [f"{title}{f['check']}: {f['detail']}" for f in said["findings"] if chosen(f)]
+    lines += ports_text(said.get("ports", []))
     fine: dict[str, list[str]] = {}
     for f in said["findings"]:
         if f["ok"]:

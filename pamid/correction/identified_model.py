@@ -364,10 +364,11 @@ def _model(
     rig: Rig, fit: dict[str, Any], part: str, catalogue: dict[str, type[Effect]], path: Path
 ) -> Identified:
     saved = fit[part]
+    labels = [str(label) for label in saved["effects"]]
     rig = stated(rig, {str(k): str(v) for k, v in saved.get("between", {}).items()})
     assembly = Assembly(
         rig,
-        tuple(attach(rig, str(label), catalogue) for label in saved["effects"]),
+        tuple(attach(rig, label, catalogue) for label in labels),
         background=True,
     )
     values = {str(key): float(value) for key, value in saved["values"].items()}

@@ -17,6 +17,12 @@ from pamid.symbolic.expression import rebuild, symbol, text, walk
 from pamid.symbolic.vocabulary import Expr, Number
 
 WIDTH = 110
+SIGN = (
+    "a value counts along its port's own position: pass what acts on the moving part, and an "
+    "effect takes friction off along the velocity. Where a bench imposes the motion and reads "
+    "the force, the reading is the opposite of what passes. `pamid check RIG.py` says it for "
+    "every port."
+)
 LONG = 6  # nodes: an expression used twice and larger than this is given a name of its own
 
 
@@ -284,6 +290,7 @@ def rig_text(said: dict[str, Any]) -> str:
             + (f"; offers {signals}" if signals else "")
         )
         lines += _wrapped(f"effects: {', '.join(port['effects']) or 'none'}", 8)
+    lines += ["", *_wrapped(f"Sign: {SIGN}", 0)]
     lines += ["", "Parameters", *_parameter_lines(said["parameters"])]
     if said["background"]:
         lines += ["", "Background (tolerance-sized, in every model compared)"]

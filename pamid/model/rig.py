@@ -50,6 +50,13 @@ Array = NDArray[np.float64]
 class Port:
     """A named place where physics may be added.
 
+    Sign: a value counts along the port's own `position`. What dissipates is taken off along
+    `velocity`, what holds along `position`, what is lost from what fills a store. So pass what
+    acts ON the moving part, in the direction in which position counts. A bench that imposes the
+    motion and reads the reaction reads the opposite of that: pass everything but the force that is
+    read, and give its negative to the sensor (`data/rigs/piston_bench.py`). With the other sign
+    every friction would drive the motion, and its fit ends at its null.
+
     kind, unit (SI)  what passes through
     signals          what the rig offers there: names, or names with their SI units
     places           several like places that share an effect's parameters (muscle 1 and 2); () is
@@ -59,7 +66,8 @@ class Port:
     kin              a name that like ports share: an effect may act at one of them or, with one set
                      of parameters, at all of them
     size             typical magnitude of "value" and of the signals, SI; found from the recording
-                     where absent
+                     where absent. Effects begin at, and are bounded by, shares of it: state it
+                     where the data sheet's run does not show it (the model rests, a value of 0)
     general          False on rigs with a catalogue of their own: the general catalogue stays away
     """
 

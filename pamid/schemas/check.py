@@ -83,6 +83,29 @@ class BetweenSamples(Model):
     windows: Count
 
 
+class Unlocked(Model):
+    """Effects that could act at a port if it offered these signals beside its own."""
+
+    signals: ListOf[Text]
+    effects: ListOf[Text]
+
+
+class RigPort(Model):
+    """A port of a rig file: what passes, its sign, and what can act there."""
+
+    rig: Text
+    port: Text
+    kind: Text
+    unit: Text = Field(description="SI, of the value; empty for none")
+    signals: dict[Text, Text] = Field(description="offered there, with their SI units")
+    passes: Text
+    sign: Text = Field(description="which way it counts")
+    imposed: Flag = Field(description="whether an input imposes its position or velocity")
+    size: dict[Text, Number] = Field(description="what the rig states, SI; else it is found")
+    effects: ListOf[Text] = Field(description="that can act there now")
+    unlocks: ListOf[Unlocked] = Field(description="what further signals would let act")
+
+
 class CheckFile(Model):
     """What is wrong with a recording, a rig file or an effect file."""
 
@@ -95,6 +118,9 @@ class CheckFile(Model):
     kind: Text = Field(description="recording, rig, effect, or python: neither of these")
     rigs: Sometimes[ListOf[Text]] = Field(default=None, description="names of the rigs in it")
     effects: Sometimes[ListOf[Text]] = Field(default=None, description="names of the effects in it")
+    ports: Sometimes[ListOf[RigPort]] = Field(
+        default=None, description="of the rigs in it, where their equations can be built"
+    )
     samples: Sometimes[Count] = None
     duration_s: Sometimes[Number] = None
     sampling_period_s: Sometimes[Number] = None
