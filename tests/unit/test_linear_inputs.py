@@ -10,10 +10,18 @@ from compiled import PERIOD_S, begin, parameter
 from numpy.typing import NDArray
 
 from pamid.base.errors import FileError
+from pamid.checks.conformance import (
+    NULL_TOLERANCE,
+    SAME_SLOPE,
+    EveryPortRig,
+    null_error,
+    sensitivity_error,
+)
 from pamid.engine.program import Program, Stepping, build_program
 from pamid.model.assembly import Assembly
+from pamid.model.attachment import attachments
 from pamid.model.between_samples import as_recorded
-from pamid.model.registry import rig_named
+from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, recording_of
 from pamid.simulation.tracks import track_of
 from pamid.simulation.windows import Runner, Window
@@ -150,3 +158,19 @@ def test_a_recording_says_it_for_its_rig() -> None:
         as_recorded(rig, [recorded("linear"), recorded("held")])
     with pytest.raises(FileError, match="stepwise"):
         recorded("stepwise")
+
+
+class LinearBench(EveryPortRig):
+    """The small machine with a port of every kind, its command linear between samples."""
+
+    name = "linear-bench"
+    between = {"command": "linear"}
+
+
+@pytest.mark.parametrize("spec", ["dead-time", "first-order-lag", "dead-zone", "two-mass"])
+def test_effects_vanish_and_slope_exactly_there_too(spec: str) -> None:
+    rig = LinearBench()
+    fit = [a for a in attachments(rig, effects().values()) if a.effect.name == spec]
+    attachment = min(fit, key=lambda a: a.ports != ("command",))
+    assert null_error(rig, attachment, draws=1) < NULL_TOLERANCE
+    assert sensitivity_error(rig, attachment) < SAME_SLOPE
