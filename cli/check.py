@@ -32,9 +32,11 @@ def command(file: Path, rig: str | None, figure: Path | None, overwrite: bool) -
 
     A recording (.csv): sampling, range, rest, noise and step of every column; what is clipped,
     frozen, lost, bridged, spiked, coarse or hardly excited; with a rig, columns exchanged, of the
-    opposite sign, in another unit or late. A rig (.py): its equations build, every port is used,
-    nothing blows up over the bounds, sensitivities are exact, which effects fit. An effect (.py):
-    its data sheet is complete, its null is exact, and it behaves wherever it fits. Exit code 3 if
+    opposite sign, in another unit or late, inputs beyond their range, and whether each input is
+    held or linear between samples. A rig (.py): its equations build, every port is used, nothing
+    blows up over the bounds, sensitivities are exact; for every port what passes, its sign, which
+    effects can act there and which others each further signal would let act. An effect (.py): its
+    data sheet is complete, its null is exact, and it behaves wherever it fits. Exit code 3 if
     anything is wrong; notes leave it at 0.
     """
     from pamid.api.checking import check

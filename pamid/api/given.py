@@ -13,6 +13,7 @@ import numpy as np
 
 from pamid.base.errors import PamidError, UsageError, nearest
 from pamid.base.files import PathLike, sha256_of
+from pamid.checks.between_samples import tried_both_ways, unstated
 from pamid.checks.inspection import require_sound
 from pamid.model.effect import Effect
 from pamid.model.registry import RigLike, as_file, catalogue_rig, rig_given, rig_named, rig_of
@@ -123,9 +124,12 @@ def evidence_of(
         for text in (*recording.warnings, *unknown_columns(made, recording)):
             warn(f"{recording.path}: {text}")
     evidence = split_recordings(made, read[: len(fitted)], read[len(fitted) :])
+    made = evidence.rig
     for recording in evidence.recordings:
         if check:
             require_sound(recording, made)
+        for text in _between_remarks(made, recording) if check else ():
+            warn(text)
         if lacks := evidence.lacking(recording):
             warn(
                 f"{recording.path} lacks {', '.join(lacks)}, which other recordings have; each is "
@@ -154,6 +158,13 @@ def unknown_columns(rig: Rig, recording: Recording) -> list[str]:
     ]
 
 
+def _between_remarks(rig: Rig, recording: Recording) -> list[str]:
+    """A sentence per input of which nobody says what it does between samples, and which fits
+    clearly better otherwise than held."""
+    tried = tried_both_ways(recording, rig, unstated(rig))
+    return [f"{recording.path}: {one.text(recording)}." for one in tried if one.wrong]
+
+
 def _taken(given: RecordingLike, number: int) -> tuple[Recording, dict[str, bytes]]:
     """The recording, and the files that hold it where no file of the user's does: a table, a
     simulation, a part of a recording. Then it is what these files hold, to the last bit."""
@@ -168,6 +179,7 @@ def _taken(given: RecordingLike, number: int) -> tuple[Recording, dict[str, byte
     meta: dict[str, Any] = {"recording": {k: v for k, v in about.items() if v is not None}}
     meta |= {"known": recording.known} if recording.known else {}
     meta |= {"controller": recording.controller} if recording.controller else {}
+    meta |= {"between": recording.between} if recording.between else {}
     name = f"{number + 1}-{Path(recording.path).stem}"
     path = Path(RECORDINGS_FOLDER, f"{name}.csv")
     files = recording_files(path, recording.time, recording.columns, meta, digits=EXACT_DIGITS)
@@ -185,7 +197,7 @@ def _is_its_file(recording: Recording) -> bool:
         found = read_recording(recording.path)
     except (PamidError, OSError):
         return False
-    same = ("rig", "loop", "known", "controller", "sampling_period_s")
+    same = ("rig", "loop", "known", "controller", "between", "sampling_period_s")
     return (
         all(getattr(found, name) == getattr(recording, name) for name in same)
         and np.array_equal(found.time, recording.time)

@@ -164,6 +164,46 @@ def with_unit(stem: str, symbol: str) -> str:
     return f"{stem}_{suffix}" if suffix else stem
 
 
+def named_with(name: str, symbol: str) -> str:
+    """The name with this unit at its end, written once: ("mass", "kg") and ("mass_kg", "kg") are
+    both "mass_kg"."""
+    written = split_column(name)[1]
+    if NONE in (written, symbol or NONE) or not _same_size(written, symbol):
+        return with_unit(name, symbol)
+    return name
+
+
+def si_symbol(symbol: str) -> str:
+    """The SI unit of the same quantity, "bar" -> "Pa", "cm2" -> "m2"; "" where it has no name."""
+    found = unit(symbol)
+    if found.dimension == _DIMENSIONLESS:
+        return ""
+    names = (known for known, _ in _QUANTITIES if _dimension_of(known) == found.dimension)
+    return next(names, symbol if found.factor == 1.0 and not found.offset else "")
+
+
+def _same_size(symbol_a: str, symbol_b: str) -> bool:
+    a, b = unit(symbol_a), unit(symbol_b)
+    close = abs(a.factor - b.factor) <= 1e-12 * abs(b.factor)
+    return a.dimension == b.dimension and close and a.offset == b.offset
+
+
+def check_named_unit(what: str, name: str, symbol: str) -> None:
+    """FileError where a name ends in a unit and `symbol`, stated beside it, is another one.
+
+    what: leads the message, such as "parameter".
+    """
+    stem, written = split_column(name)
+    if written == NONE or _same_size(written, symbol or NONE):
+        return
+    raise FileError(
+        f"{what} {name!r} ends in {written!r}, but its unit is stated as {symbol or 'none'!r}",
+        f"Drop unit={symbol!r}, which the name says already, or call it {with_unit(stem, symbol)!r}"
+        f" or {stem!r}.",
+        code="unit",
+    )
+
+
 def to_si(value: Any, symbol: str) -> Any:
     """Convert a number or array from `symbol` to SI (radians, pascals, metres, kelvin ...)."""
     kind = unit(symbol)

@@ -14,10 +14,15 @@ import numpy as np
 from pamid.base.errors import DataError, FileError, PamidError, nearest
 from pamid.base.files import read_lines
 from pamid.base.units import NONE, is_unit, split_column
+from pamid.checks.between_samples import figures as between_json
+from pamid.checks.between_samples import tried_both_ways
 from pamid.checks.conformance import CheckOutcome, effect_findings, rig_findings
 from pamid.checks.recording_quality import QualityIssue, blocking, channel_figures, examine
 from pamid.model import registry as library
+from pamid.model.assembly import Assembly
+from pamid.model.between_samples import as_recorded
 from pamid.model.effect import Effect
+from pamid.model.port_guide import ports_of, ports_text
 from pamid.model.rig import Rig, check_rig
 from pamid.recording.file_checks import (
     check_header,
@@ -125,6 +130,15 @@ def _recording(
     name = rig_name or recording.rig
     rig, against = _against_rig(recording, rig_name) if name else (None, [])
     issues = examine(recording, rig)
+    between = (
+        []
+        if rig is None or any(i.severity == "wrong" for i in issues)
+        else tried_both_ways(recording, rig)
+    )
+    found += [
+        CheckOutcome("between", not one.wrong, one.text(recording), advice=one.wrong)
+        for one in between
+    ]
     found += against + [
         CheckOutcome(i.kind, False, i.text, advice=i.severity == "advice") for i in issues
     ]
@@ -149,6 +163,7 @@ def _recording(
             "channels": channel_figures(recording, rig),
             "issues": [asdict(issue) for issue in issues],
         },
+        **({"between": between_json(between)} if between else {}),
     }
     return about, found, issues
 
@@ -189,12 +204,14 @@ def _against_rig(
             if rig_name
             else library.catalogue_rig(library.rig_of([recording]))
         )
+        rig = as_recorded(rig, [recording])
         wanted = {c: match_column(recording.columns, c) for c in (*rig.inputs, *rig.outputs)}
     except PamidError as error:
         return None, [CheckOutcome("rig", False, str(error))]
     found = _column_findings(recording, rig, wanted)
     runs = not any(f.wrong for f in found)
-    known = [f"{p.outside_name}" for p in rig.parameters]
+    plain = Assembly(rig)
+    known = [p.outside_name for p in rig.parameters]
     found += [
         CheckOutcome(
             "known",
@@ -202,7 +219,7 @@ def _against_rig(
             f"[known] {key!r} is no parameter of rig {rig.name!r}. {nearest(key, known)}".rstrip(),
         )
         for key in recording.known
-        if key not in known
+        if not plain.knows(key)
     ]
     if runs:
         try:
@@ -361,24 +378,31 @@ def _classes(path: Path, own: list[type]) -> tuple[dict[str, Any], list[CheckOut
                     advice=True,
                 )
             )
+    ports: list[dict[str, Any]] = []
     for rig in rigs:
-        found += _rig(path, rig, {**catalogue, **{e.name: e for e in effects}})
-    return about, found
+        said, rows = _rig(path, rig, {**catalogue, **{e.name: e for e in effects}})
+        found, ports = found + said, ports + rows
+    return {**about, **({"ports": ports} if ports else {})}, found
 
 
-def _rig(path: Path, kind: type[Rig], effects: dict[str, type[Effect]]) -> list[CheckOutcome]:
+def _rig(
+    path: Path, kind: type[Rig], effects: dict[str, type[Effect]]
+) -> tuple[list[CheckOutcome], list[dict[str, Any]]]:
+    """What is found in the rig, and its ports where its equations can be built."""
     try:
         rig = kind()
         check_rig(rig, str(path))
     except PamidError as error:
-        return [CheckOutcome("declarations", False, str(error))]
+        return [CheckOutcome("declarations", False, str(error))], []
     except Exception as error:  # a rig's own __init__ may do anything
         return [
             CheckOutcome(
                 "declarations", False, f"{kind.__name__}() failed: {type(error).__name__}: {error}"
             )
-        ]
-    return _named(rig.name, rig_findings(rig, effects.values()))
+        ], []
+    found = rig_findings(rig, effects.values())
+    built = not any(f.wrong and f.check == "equations" for f in found)
+    return _named(rig.name, found), ports_of(rig, effects.values()) if built else []
 
 
 def _named(name: str, found: list[CheckOutcome]) -> list[CheckOutcome]:
@@ -410,6 +434,7 @@ def inspection_text(said: dict[str, Any]) -> str:
         ("note   ", lambda f: not f["ok"] and f["advice"]),
     ):
         lines += [f"{title}{f['check']}: {f['detail']}" for f in said["findings"] if chosen(f)]
+    lines += ports_text(said.get("ports", []))
     fine: dict[str, list[str]] = {}
     for f in said["findings"]:
         if f["ok"]:

@@ -40,6 +40,7 @@ from pamid.checks.channel_quality import (
     spikes,
     windows_of,
 )
+from pamid.checks.input_ranges import beyond_range
 from pamid.excitation.aprbs import coverage
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording, match_column
@@ -78,6 +79,7 @@ def examine(recording: Recording, rig: Rig | None = None) -> tuple[QualityIssue,
     if rig is not None:
         against, judged = _against(recording, rig, thorough=True)
         found = [f for f in found if not judged.get(f.kind, set()) & set(f.columns)] + against
+        found += beyond_range(recording, rig)
     return tuple(
         sorted(
             found, key=lambda issue: (issue.severity != "wrong", -issue.figures.get("share", 1.0))

@@ -166,11 +166,7 @@ def _evidence(recording: Recording, rig: Rig) -> SheetComparison | None:
     assembly = Assembly(rig, outputs=names)
     p, _ = known_values(
         assembly,
-        {
-            k: v
-            for k, v in recording.known.items()
-            if k in {b.full_name for b in assembly.parameters}
-        },
+        {k: v for k, v in recording.known.items() if assembly.knows(k)},
     )
     u, y = (
         input_table(assembly, recording)[:MOST_COMPARED_SAMPLES],

@@ -34,6 +34,7 @@ from pamid.engine.program import Program, Stepping, build_program
 from pamid.estimation.closed_loop import loop_motion, loop_names
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attach
+from pamid.model.between_samples import stated
 from pamid.model.effect import Effect
 from pamid.model.registry import effects_again, name_of, rig_again
 from pamid.model.rig import Rig
@@ -147,7 +148,7 @@ class Identified:
     def lowered(self) -> StateEquations:
         """The same without memory operators."""
         e = self.equations
-        return expand_memory(e.rates, e.outputs, e.cells)
+        return expand_memory(e.rates, e.outputs, e.cells, e.linear)
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -184,18 +185,21 @@ class Identified:
     def program_with(self, extra: Mapping[str, Expr]) -> Program:
         """Compiled, with further outputs behind the model's own."""
         e, names = self.equations, (*self.outputs, *extra)
-        lowered = expand_memory(e.rates, {**e.outputs, **extra}, e.cells) if extra else self.lowered
-        return build_program(lowered, self.inputs, tuple(self.constants), names, frozenset())
+        outputs = {**e.outputs, **extra}
+        lowered = expand_memory(e.rates, outputs, e.cells, e.linear) if extra else self.lowered
+        return build_program(
+            lowered, self.inputs, tuple(self.constants), names, frozenset(), e.linear
+        )
 
     def knowing(self, known: Mapping[str, float]) -> Identified:
         """The same model where these parameters (outside names and units) are known to be
         otherwise."""
 
         def put(assembly: Assembly, values: Array) -> Array:
-            by_index = {assembly.index_of(name): value for name, value in known.items()}
             out = values.copy()
-            for i, value in by_index.items():
-                out[i] = value * assembly.parameters[i].factor
+            for name, value in known.items():
+                i, factor = assembly.place_of(name)
+                out[i] = value * factor
             return out
 
         beside = None if self.beside is None else (self.beside[0], put(*self.beside))
@@ -280,6 +284,7 @@ def record_identified(
     }
     meta |= {"known": known} if known else {}
     meta |= {"controller": settings} if closed else {}
+    meta |= {"between": excitation.between} if excitation.between else {}
     return VirtualRecording(columns, meta, [a.label for a in model.effects])
 
 
@@ -364,6 +369,7 @@ def _model(
     catalogue: dict[str, type[Effect]],
     path: Path,
 ) -> Identified:
+    rig = stated(rig, dict(saved.between or {}))
     assembly = Assembly(
         rig, tuple(attach(rig, label, catalogue) for label in saved.effects), background=True
     )

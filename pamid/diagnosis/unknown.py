@@ -238,6 +238,7 @@ def _signals(program: Program, runner: Runner, x: Array, p: Array, over: Window)
         period_s=track.period_s,
         stepping=runner.stepping,
         time_s=(track.first + over.start) * track.period_s,
+        after=track.u[over.stop] if over.stop < len(track.u) else None,
     )[0].mean(axis=0)
 
 

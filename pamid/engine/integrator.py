@@ -7,10 +7,11 @@ the start of every sample it reads the outputs, and it moves the states by one s
     SDIRK2  the L-stable, singly diagonally implicit method of order 2 of Alexander (1977), for
             stiff models (see `_sdirk2`)
 
-with the inputs held over the sample. On request it carries exact forward sensitivities of that
-recursion (not of the differential equation): with z = (states, cells) and z(k+1) = F(z(k), p), the
-columns S = dz/dp follow S(k+1) = dF/dz S(k) + dF/dp, so that they are the derivative of what was
-computed.
+with every input held over the sample or linear in time over it (`pamid.symbolic.memory_cells`
+writes the latter with the ticks `part` and `along`, which are set for every stage). On request it
+carries exact forward sensitivities of that recursion (not of the differential equation): with z =
+(states, cells) and z(k+1) = F(z(k), p), the columns S = dz/dp follow S(k+1) = dF/dz S(k) + dF/dp,
+so that they are the derivative of what was computed.
 
     Alexander (1977), SIAM J. Numer. Anal. 14(6), 1006-1021
     Deuflhard (2004), Newton Methods for Nonlinear Problems, section 3.3
@@ -122,7 +123,7 @@ class SweepScratch(NamedTuple):
 
     out                 values of a function, then its partials
     D                   its partials times S
-    ticks (6,)          as in `pamid.symbolic.memory_cells.TICKS`
+    ticks (8,)          as in `pamid.symbolic.memory_cells.TICKS`
     x0, S0              state and sensitivities at the start of the step
     slope, slope_S      their weighted sums (RK4) or first slopes (SDIRK2)
     M, pivots           LU of Newton's matrix
@@ -228,6 +229,7 @@ def _rk4(equations, memory, inputs, row, h, work):  # type: ignore[no-untyped-de
     s, d, s0, total = S.ravel(), work.D.ravel(), work.S0.ravel(), work.slope_S.ravel()
     nx = x.shape[0]
     size = nx * S.shape[1]
+    begun, share = t[6], h / t[2]
     for i in range(nx):
         x0[i] = x[i]
         acc[i] = 0.0
@@ -238,6 +240,8 @@ def _rk4(equations, memory, inputs, row, h, work):  # type: ignore[no-untyped-de
     for stage in range(4):
         weight = h / 6.0 if stage == 0 or stage == 3 else h / 3.0
         reach = 0.5 * h if stage < 2 else h
+        t[7] = 0.0 if stage == 0 else (0.5 if stage < 3 else 1.0)
+        t[6] = begun + t[7] * share
         call(address[1 if sensitive else 0], x, c, b, u, row, p, t, out)
         if sensitive:
             _rows(equations, RATES, nx, inputs, S, work)
@@ -331,6 +335,8 @@ def _sdirk2(equations, memory, inputs, row, h, work):  # type: ignore[no-untyped
     out, M, pivots = work.out, work.M, work.pivots
     nx, ns = x.shape[0], S.shape[1]
     gh = GAMMA * h
+    t = work.ticks
+    begun, share = t[6], h / t[2]
     x0[:] = x
     k1[:] = 0.0
     if sensitive:
@@ -338,6 +344,8 @@ def _sdirk2(equations, memory, inputs, row, h, work):  # type: ignore[no-untyped
         A[:] = 0.0
     for stage in range(2):
         carry = 0.0 if stage == 0 else (1.0 - GAMMA) * h
+        t[7] = GAMMA if stage == 0 else 1.0
+        t[6] = begun + t[7] * share
         for i in range(nx):
             work.base[i] = x0[i] + carry * k1[i]
         if not _newton(equations, memory, inputs, row, gh, work):
@@ -383,7 +391,7 @@ def _work(equations, memory, n_outputs):  # type: ignore[no-untyped-def]
     return SweepScratch(
         np.zeros(width + equations.columns.shape[0] + 2),
         np.zeros((width, ns)),
-        np.zeros(6),
+        np.zeros(8),
         np.zeros(nx),
         np.zeros(nx),
         np.zeros((nx, ns)),
@@ -447,6 +455,8 @@ def sweep(equations, memory, inputs, times, results):  # type: ignore[no-untyped
             t[3] = 1.0 if sub == 0 else 0.0
             t[4] = 1.0 if times.begin and first else 0.0
             t[5] = 1.0 if times.join and first else 0.0
+            t[6] = sub / times.substeps
+            t[7] = 0.0
             if nc > 0:
                 _update_cells(equations, memory, inputs, row, work)
             if sub == 0:
@@ -472,11 +482,11 @@ def prepare(address, p, derived):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def rate_matrix(equations, memory, u, p, time_s, step_s, period_s):  # type: ignore[no-untyped-def]
-    """df/dx at one point, nx x nx, at the held input u (inputs,)."""
+    """df/dx at one point, nx x nx, at the input u (inputs,)."""
     pointer, columns = equations.pointer, equations.columns
     nx = memory.x.shape[0]
     out = np.zeros(nx + columns.shape[0] + 2)
-    t = np.array([time_s, step_s, period_s, 1.0, 0.0, 0.0])
+    t = np.array([time_s, step_s, period_s, 1.0, 0.0, 0.0, 0.0, 0.0])
     call(equations.address[1], memory.x, memory.cells, memory.past, u, 0, p, t, out)
     M = np.zeros((nx, nx))
     for i in range(nx):

@@ -16,7 +16,10 @@ from pamid.symbolic.expression import Expr, substitute, symbol, walk
 from pamid.symbolic.operators import OPERATORS
 
 SPACES = ("state", "cell", "past", "input", "parameter", "tick")
-_ARRAY = {space: i for i, space in enumerate(SPACES)} | {"derived": SPACES.index("parameter")}
+_ARRAY = {space: i for i, space in enumerate(SPACES)} | {
+    "derived": SPACES.index("parameter"),
+    "rise": SPACES.index("input"),
+}
 LANES = 8  # sensitivity columns handled at once; matrices are padded to a multiple of it
 
 

@@ -85,6 +85,7 @@ class Program:
     operations: int
     derived: int
     sensitive: frozenset[str]
+    linear: tuple[int, ...]  # places of the inputs that are linear over a sample; others are held
     _equations: CompiledEquations = field(repr=False)
 
     def memory(
@@ -118,9 +119,12 @@ class Program:
         stepping: Stepping | None = None,
         columns: NDArray[np.int64] | None = None,
         weights: Array | None = None,
+        after: Array | None = None,
     ) -> tuple[Array, Array, int]:
         """Simulate over the rows of u (samples x inputs), carrying `memory` on.
 
+        after: the inputs (inputs,) one sample behind the last row, where there are any: inputs that
+        are linear over a sample lead there; without it the last row is held.
         columns: for each parameter its sensitivity column or -1; None runs without sensitivities.
         The Jacobian is as wide as the memory's (padded) sensitivities. weights: factor per output
         on its sensitivities. Returns outputs (samples x outputs), their sensitivities (samples x
@@ -146,7 +150,7 @@ class Program:
             self._equations,
             memory.arrays(sensitive=columns is not None),
             Inputs(
-                np.ascontiguousarray(u, float),
+                self._with_rises(u, after),
                 self._prepared(p),
                 none if columns is None else columns,
                 columns is not None,
@@ -167,17 +171,28 @@ class Program:
     def rate_matrix(
         self, memory: Memory, u: Array, p: Array, *, period_s: float, time_s: float = 0.0
     ) -> Array:
-        """df/dx (nx x nx) where `memory` stands, at the held input u (inputs,)."""
+        """df/dx (nx x nx) where `memory` stands, at the input u (inputs,)."""
         from pamid.engine.integrator import rate_matrix
 
         return rate_matrix(
             self._equations,
             memory.arrays(),
-            np.ascontiguousarray(u, float),
+            self._with_rises(u[None, :], None)[0],
             self._prepared(p),
             time_s,
             period_s,
             period_s,
+        )
+
+    def _with_rises(self, u: Array, after: Array | None) -> Array:
+        """u and, behind it, by how much every linear input rises over each sample."""
+        plain = np.ascontiguousarray(u, float)
+        if not self.linear:
+            return plain
+        moving = plain[:, self.linear]
+        end = moving[-1:] if after is None else np.asarray(after, float)[None, list(self.linear)]
+        return np.ascontiguousarray(
+            np.concatenate([plain, np.diff(moving, axis=0, append=end)], axis=1)
         )
 
     def _prepared(self, p: Array) -> Array:
@@ -196,11 +211,14 @@ def build_program(
     parameters: tuple[str, ...],
     outputs: tuple[str, ...],
     sensitive: frozenset[str] | None = None,
+    linear: tuple[str, ...] = (),
 ) -> Program:
     """Compile equations (from the cache on disk where they were compiled before; in one
     process only once).
 
     sensitive: parameters that sensitivities may be asked for (default: all); fewer are cheaper.
+    linear: the inputs that the equations were lowered for as linear over a sample
+    (`expand_memory`).
     """
     # LLVM is loaded when a model is compiled, not with the package
     from pamid.engine.integrator import CompiledEquations
@@ -209,7 +227,7 @@ def build_program(
     phases, phase_n, phase_first, phase_delay, delays = _phases(equations)
     code = _module_code(
         [list(equations.rates), list(equations.outputs), *phases],
-        _Layout.of(equations, inputs, parameters),
+        _Layout.of(equations, inputs, parameters, linear),
         sensitive,
     )
     address = addresses("\n".join(code.parts), code.names)
@@ -229,6 +247,7 @@ def build_program(
         code.parts[1].count("\n"),
         code.derived,
         frozenset(parameters) if sensitive is None else sensitive,
+        tuple(inputs.index(n) for n in linear),
         CompiledEquations(
             int_array(address),
             int_array(phase_n),
@@ -252,7 +271,11 @@ class _Layout:
 
     @classmethod
     def of(
-        cls, equations: StateEquations, inputs: tuple[str, ...], parameters: tuple[str, ...]
+        cls,
+        equations: StateEquations,
+        inputs: tuple[str, ...],
+        parameters: tuple[str, ...],
+        linear: tuple[str, ...],
     ) -> _Layout:
         nx, nc = len(equations.states), len(equations.cells)
         place = {("state", n): i for i, n in enumerate(equations.states)}
@@ -260,6 +283,7 @@ class _Layout:
             (space, c.name): i for i, c in enumerate(equations.cells) for space in ("cell", "past")
         }
         place |= {("input", n): i for i, n in enumerate(inputs)}
+        place |= {("rise", n): len(inputs) + i for i, n in enumerate(linear)}
         place |= {("parameter", n): i for i, n in enumerate(parameters)}
         place |= {("tick", n): i for i, n in enumerate(TICKS)}
         return cls(place, {"state": 0, "cell": nx, "past": nx + nc, "parameter": nx + 2 * nc})

@@ -16,6 +16,7 @@ from pamid.estimation.posterior import posterior_of, started_from
 from pamid.estimation.problem import Fit
 from pamid.estimation.quantities import agreed
 from pamid.model.assembly import Assembly
+from pamid.model.between_samples import between_of
 from pamid.recording.recording import Recording
 from pamid.schemas import fit_file as result
 from pamid.simulation.data_split import DataSplit
@@ -118,11 +119,15 @@ def model_json(a: Assembly, fitted: Fit) -> dict[str, Any]:
 def fitted_model(a: Assembly, fitted: Fit) -> result.FittedModel:
     """What rebuilds a fitted model to the last bit: its effects, every parameter (SI) by key, and
     its steps."""
-    return result.FittedModel(
+    found = result.FittedModel(
         effects=tuple(one.label for one in a.attachments),
         stepping=result.Steps(substeps=fitted.stepping.substeps, implicit=fitted.stepping.implicit),
         values={b.key: float(v) for b, v in zip(a.parameters, agreed(fitted), strict=True)},
     )
+    if not a.rig.between:
+        return found
+    ways = {column: between_of(a.rig, column) for column in a.rig.inputs}
+    return found.model_copy(update={"between": ways})
 
 
 def _role(e: DataSplit, recording: Recording) -> str:

@@ -141,6 +141,13 @@ def step_of(model: Identified) -> SampleStep:
             "This network corrects the model in its own control loop, not on given commands.",
             "Leave it out with --which refitted.",
         )
+    if moving := model.equations.linear:
+        raise UsageError(
+            f"{', '.join(moving)} leads in a straight line from one sample to the next in this "
+            "model, and an exported step is not given the next one.",
+            "Run it with `pamid simulate --model`, or fit with the input held: "
+            f'between = {{"{moving[0]}": "held"}} in the rig file, or [between] in the TOML.',
+        )
     stepping, lowered, owned = model.stepping, model.lowered, _owned(model)
     h = model.period_s / stepping.substeps
     outside = {symbol("parameter", o.key): o.surface for o in owned}

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import FileError, nearest
+from pamid.base.units import NONE, compatible, split_column, to_si
 from pamid.engine.program import Program, build_program
 from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import (
@@ -111,20 +112,39 @@ class Assembly:
         (outside units)."""
         p = np.array([b.value for b in self.parameters])
         for name, value in (known or {}).items():
-            i = self.index_of(name)
-            p[i] = value * self.parameters[i].factor
+            i, factor = self.place_of(name)
+            p[i] = value * factor
         return p
 
     def index_of(self, name: str) -> int:
-        """Place of a parameter given as outside name, `label:outside_name` or key."""
+        """Place of a parameter; see `place_of`."""
+        return self.place_of(name)[0]
+
+    def place_of(self, name: str) -> tuple[int, float]:
+        """Place of a parameter given as outside name, `label:outside_name` or key, and the factor
+        to SI of a number in the unit of that name: "area_mm2" names area_cm2 as well, as columns
+        do. FileError where there is none."""
         for i, b in enumerate(self.parameters):
             if name in (b.key, b.full_name):
-                return i
+                return i, b.factor
+        stem, symbol = split_column(name)
+        for i, b in enumerate(self.parameters):
+            own, unit = split_column(b.full_name)
+            if own == stem and symbol != NONE and unit != NONE and compatible(symbol, unit):
+                return i, to_si(1.0, symbol) - to_si(0.0, symbol)
         names = [b.full_name for b in self.parameters]
         raise FileError(
             f"rig {self.rig.name!r} has no parameter {name!r}",
             nearest(name, names) or f"parameters: {', '.join(names)}",
         )
+
+    def knows(self, name: str) -> bool:
+        """Is there a parameter of this name? See `place_of`."""
+        try:
+            self.place_of(name)
+        except FileError:
+            return False
+        return True
 
     def start(self, p: Array) -> Array:
         """Initial state of a recording at parameters p, states of effects included (zero)."""
@@ -164,5 +184,7 @@ class Assembly:
         """Compiled equations with further outputs, in the order of `extra`, after the rig's own."""
         t = self.traced
         outputs = {**{k: t.outputs[k] for k in self.outputs or t.outputs}, **extra}
-        lowered = expand_memory(t.rates, outputs, t.cells)
-        return build_program(lowered, t.inputs, tuple(self.keys), tuple(outputs), self.sensitive)
+        lowered = expand_memory(t.rates, outputs, t.cells, t.linear)
+        return build_program(
+            lowered, t.inputs, tuple(self.keys), tuple(outputs), self.sensitive, t.linear
+        )

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from pamid.base.units import NONE, quantity_of, quotient, to_si
+from pamid.base.units import NONE, named_with, quantity_of, quotient, to_si
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port
@@ -94,21 +94,13 @@ def bind(
             "{value}", quantity_of(port.unit).replace(" ", "_").replace("dimensionless", "value")
         )
     factor = 1.0 if parameter.size else parameter.factor
-    shown = Parameter(
-        parameter.name,
-        parameter.value,
-        unit=unit,
-        label=label,
-        low=parameter.low,
-        high=parameter.high,
-    )
     si = factor * scale
     spread = parameter.prior_spread * (1.0 if parameter.log else si)
     return Bound(
         f"{owner}:{parameter.name}" if owner else parameter.name,
         owner,
-        shown.outside_name,
-        unit,
+        named_with(parameter.name if "{" in label else label, unit),
+        "" if unit == NONE else unit,
         to_si(1.0, unit) if unit else 1.0,
         parameter.value * si,
         parameter.low * si,

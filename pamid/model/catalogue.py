@@ -7,6 +7,7 @@ import textwrap
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from pamid.base.units import NONE
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.effect import KINDS, SECTIONS, Effect
@@ -17,6 +18,12 @@ from pamid.symbolic.expression import rebuild, symbol, text, walk
 from pamid.symbolic.vocabulary import Expr, Number
 
 WIDTH = 110
+SIGN = (
+    "a value counts along its port's own position: pass what acts on the moving part, and an "
+    "effect takes friction off along the velocity. Where a bench imposes the motion and reads "
+    "the force, the reading is the opposite of what passes. `pamid check RIG.py` says it for "
+    "every port."
+)
 LONG = 6  # nodes: an expression used twice and larger than this is given a name of its own
 
 
@@ -147,7 +154,7 @@ def _parameter(p: Parameter) -> result.ParameterRow:
         value=p.value,
         low=low,
         high=high,
-        unit=p.unit,
+        unit="" if p.unit == NONE else p.unit,
         multiple_of=p.size,
         null=p.null,
         fitted=p.fitted,
@@ -312,6 +319,7 @@ def rig_text(said: result.RigStory) -> str:
             + (f"; offers {signals}" if signals else "")
         )
         lines += _wrapped(f"effects: {', '.join(port.effects) or 'none'}", 8)
+    lines += ["", *_wrapped(f"Sign: {SIGN}", 0)]
     lines += ["", "Parameters", *_parameter_lines(said.parameters)]
     if said.background:
         lines += ["", "Background (tolerance-sized, in every model compared)"]

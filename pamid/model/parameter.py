@@ -6,19 +6,23 @@ import math
 from dataclasses import dataclass
 
 from pamid.base.errors import FileError
-from pamid.base.units import size_to_si, suffix_of, unit
+from pamid.base.units import NONE, check_named_unit, named_with, size_to_si, split_column
+from pamid.base.units import unit as unit_of
 
 
 @dataclass(frozen=True)
 class Parameter:
     """One number of a model.
 
-    name       as the equations read it, `p.<name>`
+    name       as the equations read it, `p.<name>`; one that ends in a unit, as columns do
+               ("area_cm2"), has this unit
     value      data-sheet value (prior mean); for an effect the typical size used when nothing else
                is said
-    unit       unit of value, low, high, spread and null; with a unit the equations see SI and the
-               outside sees `<name>_<suffix>` ("inertia" in "kg m2" -> inertia_kg_m2); without one
-               the number is used as written
+    unit       unit of value, low, high, spread and null. The equations see SI, p.area_cm2 = 5e-4
+               for 5 cm2, and the outside sees `<name>_<suffix>` ("inertia" in "kg m2" ->
+               inertia_kg_m2; "area_cm2" stays as it is). Without one, here and in the name, the
+               number is used as written; "1" says that it has none although the name seems to end
+               in one ("side_l")
     low, high  bounds
     spread     one standard deviation of the prior (default: a quarter of the range); with log=True
                a factor
@@ -69,20 +73,40 @@ class Parameter:
             )
         if self.log and not (self.low > 0.0 or (self.low == 0.0 and self.value > 0.0)):
             raise FileError(f"parameter {self.name!r}: a logarithmic prior needs a positive range")
-        if self.unit:
-            suffix_of(self.unit)  # an unknown unit is refused here, where it is written
-            if unit(self.unit).offset:
+        self._settle_unit()
+
+    def _settle_unit(self) -> None:
+        """One rule for all names: the unit at the end of the name is that of the value, and another
+        one beside it is refused, as is one that is unknown or counts from another zero."""
+        named = split_column(self.name)[1]
+        if self.size:
+            if named != NONE:
                 raise FileError(
-                    f"parameter {self.name!r}: {self.unit} has a zero of its own",
-                    "state it in K; columns of a recording may be in degC",
+                    f"parameter {self.name!r} ends in {named!r}, but it scales with the port's "
+                    f"{self.size!r} and has the port's unit",
+                    f"Call it {split_column(self.name)[0]!r}.",
+                    code="unit",
                 )
+            return
+        if self.unit and self.unit != NONE:
+            check_named_unit("parameter", self.name, self.unit)
+        elif not self.unit and named != NONE:
+            object.__setattr__(self, "unit", named)
+        if unit_of(self.unit).offset:
+            raise FileError(
+                f"parameter {self.name!r} is in {self.unit}, which counts from another zero than "
+                "the equations",
+                "Give it in K.",
+                code="unit",
+            )
 
     @property
     def outside_name(self) -> str:
         """Name in files, on the command line and in JSON: the label (or name) with the unit's
         suffix."""
-        name = self.name if not self.label or "{" in self.label else self.label
-        return f"{name}_{suffix_of(self.unit)}" if self.unit and suffix_of(self.unit) else name
+        return named_with(
+            self.name if not self.label or "{" in self.label else self.label, self.unit
+        )
 
     @property
     def factor(self) -> float:

@@ -17,7 +17,13 @@
         def measure(self, x, u, p, port):
             return {"position_m": port("sensor", x.position)}
 
-Inputs and outputs are columns of a recording, with the unit in which the equations see them.
+Inputs and outputs are columns of a recording, with the SI unit in which the equations see them: a
+name ends in the unit of its column, "pressure_bar": "Pa". Parameters likewise: `mass_kg` is stated
+in kg, `area_cm2` in cm2, and p.area_cm2 is in m2.
+
+`between = {"drive_v": "linear"}` says that an input leads from one sample to the next in a straight
+line (a measured force, a filtered voltage) instead of being held (what a converter sends);
+`ranges = {"valve": (0.0, 1.0)}` what an input can be, in the unit of its column.
 """
 
 from __future__ import annotations
@@ -32,8 +38,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import FileError, nearest
+from pamid.base.units import NONE, compatible, si_symbol, split_column, unit, with_unit
 from pamid.model.effect import KINDS, RIG_SECTIONS, Effect, State, sections
 from pamid.model.parameter import Parameter
+from pamid.recording.file_checks import BETWEEN
 from pamid.symbolic.vocabulary import Number
 
 Array = NDArray[np.float64]
@@ -42,6 +50,13 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True)
 class Port:
     """A named place where physics may be added.
+
+    Sign: a value counts along the port's own `position`. What dissipates is taken off along
+    `velocity`, what holds along `position`, what is lost from what fills a store. So pass what
+    acts ON the moving part, in the direction in which position counts. A bench that imposes the
+    motion and reads the reaction reads the opposite of that: pass everything but the force that is
+    read, and give its negative to the sensor (`data/rigs/piston_bench.py`). With the other sign
+    every friction would drive the motion, and its fit ends at its null.
 
     kind, unit (SI)  what passes through
     signals          what the rig offers there: names, or names with their SI units
@@ -52,7 +67,8 @@ class Port:
     kin              a name that like ports share: an effect may act at one of them or, with one set
                      of parameters, at all of them
     size             typical magnitude of "value" and of the signals, SI; found from the recording
-                     where absent
+                     where absent. Effects begin at, and are bounded by, shares of it: state it
+                     where the data sheet's run does not show it (the model rests, a value of 0)
     general          False on rigs with a catalogue of their own: the general catalogue stays away
     called           what people call a signal where it has another name than here
     """
@@ -100,6 +116,11 @@ class Rig:
     inputs: ClassVar[dict[str, str]] = {}
     # inputs that may be missing in a recording, with their value
     optional: ClassVar[dict[str, float]] = {}
+    # what an input does between two samples: "held" (the default) or "linear"; a recording's TOML
+    # may say otherwise under [between]
+    between: ClassVar[dict[str, str]] = {}
+    # what an input can be, in the unit of its column: (lowest, highest)
+    ranges: ClassVar[dict[str, tuple[float, float]]] = {}
     outputs: ClassVar[dict[str, str]] = {}
     ports: ClassVar[dict[str, Port]] = {}
     states: ClassVar[tuple[State, ...]] = ()
@@ -205,6 +226,7 @@ def check_rig(rig: Rig, where: str) -> None:
         raise FileError(
             f"{kind} has no outputs, so nothing can be compared", 'outputs = {"position_m": "m"}'
         )
+    _check_inputs(rig, kind)
     for name, port in rig.ports.items():
         if port.kind not in KINDS:
             raise FileError(
@@ -234,3 +256,49 @@ def check_rig(rig: Rig, where: str) -> None:
                 f"{kind}: background names the port {name!r}, which it does not have",
                 nearest(name, list(rig.ports)),
             )
+
+
+def _check_inputs(rig: Rig, kind: str) -> None:
+    """Refuse units that the columns' names contradict, and what is said of inputs there are not."""
+    for what in ("inputs", "outputs"):
+        for column, declared in getattr(rig, what).items():
+            _check_column(f"{kind}: {what[:-1]} {column!r}", column, declared)
+    for what, stated in (("between", rig.between), ("ranges", rig.ranges)):
+        for column in stated:
+            if column not in rig.inputs:
+                raise FileError(
+                    f"{kind}: {what} names {column!r}, which is not among the inputs",
+                    nearest(column, list(rig.inputs)) or f"inputs: {', '.join(rig.inputs)}",
+                )
+    for column, way in rig.between.items():
+        if way not in BETWEEN:
+            raise FileError(
+                f"{kind}: between says {way!r} of {column!r}",
+                f'between = {{"{column}": "linear"}}, or "held"',
+            )
+    for column, limits in rig.ranges.items():
+        sound = isinstance(limits, tuple | list) and len(limits) == 2
+        if not sound or not float(limits[0]) < float(limits[1]):
+            raise FileError(
+                f"{kind}: the range of {column!r} is {limits!r:.60}",
+                f'ranges = {{"{column}": (lowest, highest)}}, in the unit of the column',
+            )
+
+
+def _check_column(what: str, column: str, declared: str) -> None:
+    stem, written = split_column(column)
+    if not isinstance(declared, str):
+        raise FileError(f"{what} is declared as {declared!r:.40}", f'"{column}": "SI unit"')
+    seen = unit(declared)
+    if written == NONE and seen.symbol != NONE:
+        raise FileError(
+            f"{what} has no unit in its name, but is declared in {declared!r}",
+            f'name the column "{with_unit(stem, declared)}"',
+            code="unit",
+        )
+    if not compatible(written, declared) or seen.factor != 1.0 or seen.offset:
+        raise FileError(
+            f"{what} ends in {written!r}, but is declared in {declared!r}: the equations see SI",
+            f'"{column}": "{si_symbol(written)}"',
+            code="unit",
+        )

@@ -63,6 +63,7 @@ class Traced:
     cells: tuple[Cell, ...]
     inputs: tuple[str, ...]
     passages: tuple[Passage, ...]
+    linear: tuple[str, ...] = ()  # inputs that are linear over a sample; the others are held
 
 
 class _Tracer:
@@ -94,6 +95,7 @@ class _Tracer:
             tuple(self.cells),
             tuple(self.inputs),
             tuple(self.passages.values()),
+            tuple(c for c in self.inputs if self.rig.between.get(c) == "linear"),
         )
 
     def _call(
@@ -285,7 +287,7 @@ def beside(own: Traced, other: Traced, prefix: str) -> Traced:
     rates = {prefix + name: next(told) for name in own.rates}
     outputs = {name: next(told) for name in own.outputs}
     made = tuple(c for c in other.cells if c.name in own.inputs)
-    return Traced(rates, outputs, made, other.inputs, ())
+    return Traced(rates, outputs, made, other.inputs, (), other.linear)
 
 
 def fed(own: Traced, before: Traced, name: str, value: Expr, cells: tuple[Cell, ...]) -> Traced:
@@ -304,4 +306,5 @@ def fed(own: Traced, before: Traced, name: str, value: Expr, cells: tuple[Cell, 
         (*made, *cells),
         tuple(i for i in own.inputs if i != name),
         (),
+        tuple(i for i in own.linear if i != name),
     )

@@ -37,7 +37,9 @@ _KEYS: dict[str, tuple[str, ...] | None] = {  # None: any key
     "recording": ("rig", "loop", "sampling_period_s"),
     "known": None,
     "controller": ("kp_per_deg", "kd_s_per_deg", "derivative_filter_s", "command_limit"),
+    "between": None,
 }
+BETWEEN = ("held", "linear")  # what an input may do from one sample to the next
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,7 @@ class Sidecar:
     rig: str | None
     known: dict[str, float]
     controller: dict[str, float]
+    between: dict[str, str]
     warnings: tuple[str, ...]
 
 
@@ -233,7 +236,29 @@ def sidecar_of(path: Path, names: Sequence[str], time: NDArray[np.float64]) -> S
     period = _period(source, about, time)
     known = _numbers(source, "known", tables.get("known", {}))
     controller = _numbers(source, "controller", tables.get("controller", {}))
-    return Sidecar(period, loop, _text(source, about, "rig"), known, controller, tuple(warnings))
+    between = _between(source, tables.get("between", {}), names)
+    return Sidecar(
+        period, loop, _text(source, about, "rig"), known, controller, between, tuple(warnings)
+    )
+
+
+def _between(path: Path, table: dict[str, Any], names: Sequence[str]) -> dict[str, str]:
+    """[between]: column -> "held" or "linear"."""
+    for column, way in table.items():
+        if column not in names:
+            raise FileError(
+                f"{path}: [between] {column!r} is no column of the recording.",
+                nearest(column, names) or f"Its columns: {', '.join(names[1:])}.",
+                code="toml",
+            )
+        if way not in BETWEEN:
+            raise FileError(
+                f"{path}: [between] {column} is {way!r:.60}.",
+                'Write "held" (each value stays until the next sample) or "linear" (a straight '
+                "line to the next one).",
+                code="toml",
+            )
+    return dict(table)
 
 
 def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:

@@ -99,6 +99,8 @@ class Recording:
     known             parameters of the rig known for this recording, by full name, in the unit of
                       the name
     controller        the controller's settings, by full name
+    between           "held" or "linear": what an input does from one sample to the next, by column,
+                      where the recording says so; else it is as the rig says
     warnings          what was odd but not wrong
     effects           labels of the effects that a simulated recording was made with, with their
                       values; no file tells them
@@ -116,6 +118,7 @@ class Recording:
     controller: dict[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     effects: tuple[str, ...] = ()
+    between: dict[str, str] = field(default_factory=dict)
 
     @classmethod
     def from_pandas(
@@ -127,6 +130,7 @@ class Recording:
         loop: str | None = None,
         known: Mapping[str, float] | None = None,
         controller: Mapping[str, float] | None = None,
+        between: Mapping[str, str] | None = None,
     ) -> Recording:
         """A recording out of a table with the column time_s and one column per signal, its unit at
         the end of its name (angle_deg); the rest is what a recording's TOML says.
@@ -148,6 +152,7 @@ class Recording:
             "recording": {k: v for k, v in (("rig", rig), ("loop", loop)) if v is not None},
             "known": dict(known or {}),
             "controller": dict(controller or {}),
+            "between": dict(between or {}),
         }
         return recording_of(arrays.pop(TIME), arrays, tables, name=name, digits=EXACT_DIGITS)
 
@@ -264,6 +269,7 @@ def read_recording(path: str | Path) -> Recording:
         side.known,
         side.controller,
         side.warnings,
+        between=side.between,
     )
 
 

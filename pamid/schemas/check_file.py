@@ -70,6 +70,42 @@ class SignalQuality(Model):
     issues: ListOf[Issue]
 
 
+class BetweenSamples(Model):
+    """An input tried both ways: held between samples, and linear to the next one."""
+
+    column: Text
+    taken: Literal["held", "linear"] = Field(description="as rig or recording say; held by default")
+    stated: Flag = Field(description="whether they say it")
+    better: Text = Field(description="the way that fits clearly better; empty where neither does")
+    channel: Text = Field(description="the output that shows it most")
+    rms_held: Number = Field(description="its error over the windows, in its unit")
+    rms_linear: Number = Field(description="likewise")
+    windows: Count
+
+
+class Unlocked(Model):
+    """Effects that could act at a port if it offered these signals beside its own."""
+
+    signals: ListOf[Text]
+    effects: ListOf[Text]
+
+
+class RigPort(Model):
+    """A port of a rig file: what passes, its sign, and what can act there."""
+
+    rig: Text
+    port: Text
+    kind: Text
+    unit: Text = Field(description="SI, of the value; empty for none")
+    signals: dict[Text, Text] = Field(description="offered there, with their SI units")
+    passes: Text
+    sign: Text = Field(description="which way it counts")
+    imposed: Flag = Field(description="whether an input imposes its position or velocity")
+    size: dict[Text, Number] = Field(description="what the rig states, SI; else it is found")
+    effects: ListOf[Text] = Field(description="that can act there now")
+    unlocks: ListOf[Unlocked] = Field(description="what further signals would let act")
+
+
 class CheckFile(Model):
     """What is wrong with a recording, a rig file or an effect file."""
 
@@ -82,6 +118,9 @@ class CheckFile(Model):
     kind: Text = Field(description="recording, rig, effect, or python: neither of these")
     rigs: Sometimes[ListOf[Text]] = Field(default=None, description="names of the rigs in it")
     effects: Sometimes[ListOf[Text]] = Field(default=None, description="names of the effects in it")
+    ports: Sometimes[ListOf[RigPort]] = Field(
+        default=None, description="of the rigs in it, where their equations can be built"
+    )
     samples: Sometimes[Count] = None
     duration_s: Sometimes[Number] = None
     sampling_period_s: Sometimes[Number] = None
@@ -95,6 +134,9 @@ class CheckFile(Model):
     controller: Sometimes[dict[Text, Number]] = Field(default=None, description="its settings")
     columns: Sometimes[MapOf[Column]] = Field(default=None, description="by name")
     quality: Sometimes[SignalQuality] = None
+    between: Sometimes[ListOf[BetweenSamples]] = Field(
+        default=None, description="inputs, tried held and linear between samples"
+    )
     ok: Flag = Field(description="whether every check passed, advice aside")
     code: Sometimes[Text] = Field(default=None, description="of the error, where there is one")
     message: Sometimes[Text] = Field(default=None, description="the first thing that is wrong")

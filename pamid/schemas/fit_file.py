@@ -135,6 +135,11 @@ class FittedModel(Model):
     effects: ListOf[Text] = Field(description=EFFECTS)
     stepping: Steps
     values: dict[Text, Number] = Field(description="every parameter, SI, by key")
+    between: Sometimes[dict[Text, Text]] = Field(
+        default=None,
+        description="what inputs do from one sample to the next, held or linear, by column; "
+        "without it all are held",
+    )
 
 
 class StartedFrom(Model):

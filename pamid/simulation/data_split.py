@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pamid.base.errors import DataError, FileError
 from pamid.base.metrics import seen_mean
 from pamid.model.assembly import Assembly
+from pamid.model.between_samples import as_recorded
 from pamid.model.rig import Rig
 from pamid.recording.noise import noise_level
 from pamid.recording.overlap import require_apart
@@ -94,8 +95,9 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
     DataError where the recordings cannot answer: too short, nothing moves, or two hold the same
     samples. An input or a channel may rest, as long as another one moves.
     """
-    plain = Assembly(rig)
     everything = [*recordings, *held_out]
+    rig = as_recorded(rig, everything)
+    plain = Assembly(rig)
     require_apart(tuple(rig.outputs), recordings, held_out)
     seen = {id(r): measured_outputs(plain, r) for r in everything}
     channels = tuple(

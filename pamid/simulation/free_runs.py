@@ -101,6 +101,7 @@ def choose_stepping(assembly: Assembly, u: Array, p: Array, period_s: float, x: 
                 period_s=period_s,
                 time_s=i * period_s,
                 stepping=careful,
+                after=u[i + block] if i + block < len(u) else None,
             )[2]
             >= 0
         ):

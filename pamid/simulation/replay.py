@@ -177,6 +177,7 @@ def run_windows(
                 period_s=track.period_s,
                 time_s=(track.first + w.start) * track.period_s,
                 stepping=stepping,
+                after=track.u[w.stop] if w.stop < len(track.u) else None,
             )[0]
         )
     return np.nan_to_num(np.concatenate(rows))

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pamid.base.errors import FileError, UsageError, nearest
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attach
+from pamid.model.between_samples import as_recorded
 from pamid.model.effect import Effect
 from pamid.model.registry import effects_with, name_of, rig_named
 from pamid.model.rig import Rig
@@ -94,7 +95,7 @@ def simulate_virtual_rig(
     """Simulate. Effects without given values act at their typical size; `known` goes before what
     the excitation knows.
     """
-    rig = rig_named(rig_name)
+    rig = as_recorded(rig_named(rig_name), [excitation])
     chosen = attach_specs(rig, specs)
     known = {**excitation.known, **known}
     closed = in_its_loop(rig, excitation)
@@ -132,4 +133,6 @@ def simulate_virtual_rig(
         meta["known"] = known
     if closed:
         meta["controller"] = settings
+    if excitation.between:
+        meta["between"] = excitation.between
     return VirtualRecording(columns, meta, labels)

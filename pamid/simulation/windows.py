@@ -104,7 +104,7 @@ class Runner:
     ) -> tuple[Array, Array, bool]:
         """Outputs, Jacobian (samples x channels, padded columns) times weights per channel; did all
         stay finite?"""
-        t = self.track
+        t, behind = self.track, window.stop
         Y, J, bad = self.assembly.program.run(
             memory,
             t.u[window.start : window.stop],
@@ -114,6 +114,7 @@ class Runner:
             stepping=self.stepping,
             columns=self.columns if sensitivities else None,
             weights=weights,
+            after=t.u[behind] if behind < len(t.u) else None,
         )
         return (
             Y,

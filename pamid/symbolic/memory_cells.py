@@ -14,6 +14,10 @@ of the one before, and h its length:
     lag      tau dy/dt = x - y, solved exactly: for a held x as the mean over the step, for a moving
              one with x linear over the step (first-order hold)
     delay    ring buffer of the integrator, linear between steps
+    input    held over the sample, or linear from one sample to the next: its value plus what it
+             rises over the sample times the share of the sample that has gone by. What depends on
+             such inputs and on no state is known over the whole step: there a lag takes the slope
+             of the step itself, and a delay reads its buffer at both ends of it
     integral an ordinary state
     rate     (x_k - x_k-1) / period, k of samples, held over a sample
 
@@ -29,12 +33,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pamid.symbolic.expression import rebuild, symbol, symbols, text, walk
+from pamid.symbolic.expression import rebuild, substitute, symbol, symbols, text, walk
 from pamid.symbolic.vocabulary import EquationError, Expr, exp, maximum, minimum, where
 
-TICKS = ("time", "step", "period", "fresh", "begin", "join")
+TICKS = ("time", "step", "period", "fresh", "begin", "join", "part", "along")
 # s, s, s; 1 at the first step of a sample, at the very first step, at the first one after the state
-# was set anew
+# was set anew; share of the sample, and of the step, that has gone by at the integrator's stage
 
 
 def tick(name: str) -> Expr:
@@ -74,9 +78,36 @@ class StateEquations:
     cells: tuple[Cell, ...]  # in the order they have to be updated
 
 
+_AT_STAGE = {("tick", "part"), ("tick", "along")}  # what moves within a step beside the states
+
+
 def _is_held_over_step(node: Expr) -> bool:
     """Does the value stay put over a step?"""
-    return all(space != "state" for space, _ in symbols([node]))
+    found = symbols([node])
+    return all(space != "state" for space, _ in found) and not found & _AT_STAGE
+
+
+def _is_driven(node: Expr) -> bool:
+    """Does the value move over a step with linear inputs alone, so that its end is known at its
+    start?"""
+    found = symbols([node])
+    return all(space != "state" for space, _ in found) and bool(found & _AT_STAGE)
+
+
+def _at_step_end(node: Expr) -> Expr:
+    """What a driven value, read at the start of a step, will be at its end."""
+    part, along = tick("part"), tick("along")
+    ends = {part: part + tick("step") / tick("period"), along: along + 1.0}
+    (end,) = substitute([node], ends)
+    return end
+
+
+def _linear_inputs(roots: list[Expr], linear: tuple[str, ...]) -> list[Expr]:
+    """The roots with these inputs linear over a sample instead of held."""
+    moving = {
+        symbol("input", n): symbol("input", n) + tick("part") * symbol("rise", n) for n in linear
+    }
+    return substitute(roots, moving) if moving else roots
 
 
 class _MemoryExpansion:
@@ -127,6 +158,19 @@ class _MemoryExpansion:
             # the cell holds y_k; mean over the step of y(t) = x + (y_k - x) exp(-t / tau)
             cell = Cell(name, before + (y - before) * decay, x)
             out = x + (cell.here - x) * (tau / h) * (1.0 - decay)
+        elif _is_driven(x):
+            rise, ended = self.rise(name, x)
+            slope = symbol("past", f"{name}_rise") / h
+            cell = Cell(
+                name,
+                before + slope * (h - tau) + (y - before + slope * tau) * decay,
+                x,
+            )
+            slope, begun = rise / h, symbol("cell", f"{name}_input")
+            passed, mean = exp(-tick("along") * h / tau), (tau / h) * (1.0 - decay)
+            # a jump at the start of the step counts by its mean, as where the input is held
+            out = x - slope * tau + (cell.here - ended + slope * tau) * passed
+            out = out - (begun - ended) * mean
         else:
             # over the step that has ended x = before + slope t, and so its end
             # y_k = x_k - slope tau + (y_k-1 - before + slope tau) exp(-h / tau);
@@ -142,6 +186,13 @@ class _MemoryExpansion:
         self.cells += [Cell(f"{name}_input", x, x), cell]
         return out
 
+    def rise(self, name: str, x: Expr) -> tuple[Expr, Expr]:
+        """By how much a driven value rises over this step, and where it ended the one before."""
+        rises = _at_step_end(x) - x
+        ended = symbol("past", f"{name}_input") + symbol("past", f"{name}_rise")
+        self.cells += [Cell(f"{name}_rise", rises, rises), Cell(f"{name}_ended", ended, x)]
+        return symbol("cell", f"{name}_rise"), symbol("cell", f"{name}_ended")
+
     def delay(self, x: Expr, seconds: Expr, longest_s: float) -> Expr:
         name = self.name("delay")
         now = symbol("cell", f"{name}_input")
@@ -150,7 +201,17 @@ class _MemoryExpansion:
             Cell(name, now, now, buffer_s=longest_s, seconds=seconds),
         ]
         out = symbol("cell", name)
-        return out if _is_held_over_step(x) else x + (out - now)
+        if _is_held_over_step(x):
+            return out
+        if not _is_driven(x):
+            return x + (out - now)
+        h, along = tick("step"), tick("along")
+        rise, _ = self.rise(name, x)
+        self.cells.append(
+            Cell(f"{name}_end", now, now, buffer_s=longest_s, seconds=maximum(seconds - h, 0.0))
+        )
+        end = symbol("cell", f"{name}_end") + maximum(1.0 - seconds / h, 0.0) * rise
+        return x + (1.0 - along) * (out - now) + along * (end - now - rise)
 
     def integral(self, x: Expr) -> Expr:
         name = self.name("integral")
@@ -212,15 +273,23 @@ def _ordered(cells: list[Cell]) -> tuple[Cell, ...]:
 
 
 def expand_memory(
-    rates: dict[str, Expr], outputs: dict[str, Expr], cells: tuple[Cell, ...] = ()
+    rates: dict[str, Expr],
+    outputs: dict[str, Expr],
+    cells: tuple[Cell, ...] = (),
+    linear: tuple[str, ...] = (),
 ) -> StateEquations:
-    """Replace every memory operator by cells; adds a state per integral."""
+    """Replace every memory operator by cells; adds a state per integral.
+
+    linear: inputs that lead from one sample to the next in a straight line; the others are held.
+    """
     work = _MemoryExpansion()
     explicit = [e for c in cells for e in (c.update, c.start)]
-    work.run([*rates.values(), *outputs.values(), *explicit])
-    done = [Cell(c.name, work.new[c.update], work.new[c.start], c.sampled) for c in cells]
-    rate_nodes = [work.new[e] for e in rates.values()]
-    out_nodes = [work.new[e] for e in outputs.values()]
+    roots = _linear_inputs([*rates.values(), *outputs.values(), *explicit], linear)
+    work.run(roots)
+    found = iter([work.new[e] for e in roots])
+    rate_nodes = [next(found) for _ in rates]
+    out_nodes = [next(found) for _ in outputs]
+    done = [Cell(c.name, next(found), next(found), c.sampled) for c in cells]
     return StateEquations(
         (*rates, *(n for n, _ in work.states)),
         (*rate_nodes, *(e for _, e in work.states)),

@@ -23,6 +23,7 @@ PAGES = [
     ROOT / "CONTRIBUTING.md",
     ROOT / "SECURITY.md",
     ROOT / "data" / "README.md",
+    ROOT / "data" / "rigs" / "README.md",
 ]
 VERDICTS = {"explained", "ambiguous", "unknown-effect", "no-structural-gap"}
 #: hyphenated words in backquotes that are neither commands nor members of the catalogue

@@ -42,10 +42,10 @@ class Piston(Rig):
     outputs = {"force_n": "N"}
     ports = {"rod": Port("actuator-force", "N", {"pressure": "Pa"}), "cell": Port("reading", "N")}
     states = (State("force", "N"),)
-    parameters = (Parameter("area_cm2", 5.0, low=0.1, high=100.0, source="calliper"),
+    parameters = (Parameter("area", 5.0, low=0.1, high=100.0, source="calliper"),
                   Parameter("lag", 20.0, 1.0, 50.0, "ms", fitted=False, source="data sheet"))
     def rates(self, x, u, p, port):
-        push = port("rod", p.area_cm2 * u.pressure_bar, pressure=u.pressure_bar)
+        push = port("rod", p.area * u.pressure_bar, pressure=u.pressure_bar)
         return {"force": (push - x.force) / p.lag}
     def measure(self, x, u, p, port):
         return {"force_n": port("cell", x.force)}
@@ -226,10 +226,7 @@ def test_a_data_sheet_that_is_far_off_is_told_with_the_slip(piston: tuple[Record
     recording, rig = piston
     (issue,) = [i for i in examine(recording, rig_named(rig)) if i.kind == "far-off"]
     assert issue.severity == "advice" and issue.figures["error"] > 1e3
-    assert (
-        "Check units and signs" in issue.hint
-        and "the parameter area_cm2 times 0.0001" in issue.hint
-    )
+    assert "Check units and signs" in issue.hint and "the parameter area times 0.0001" in issue.hint
     assert not blocking(recording, rig_named(rig)), "what is only likely stops nothing"
 
 
@@ -240,10 +237,10 @@ def test_far_off_after_the_refit_explains_nothing(piston: tuple[Recording, str])
     base = candidate_from(model.assembly, model.fit, model.held_out)
     found = scale_doubt(evidence, base, None)
     assert found is not None and found["error_over_spread"]["force_n"] > 10.0
-    assert {"kind": "parameter", "name": "area_cm2", "factor": 1e-4} in found["slips"]
+    assert {"kind": "parameter", "name": "area", "factor": 1e-4} in found["slips"]
     chosen = np.ones(len(base.squares), bool)
     told = Diagnosis(evidence, None, chosen, "unknown-effect", units=found)  # type: ignore[arg-type]
-    assert "Check units and signs: " in sentence(told, None) and "area_cm2" in sentence(told, None)
+    assert "Check units and signs: " in sentence(told, None) and "area" in sentence(told, None)
 
 
 def test_a_good_fit_is_in_no_doubt(pushed: Recording) -> None:

@@ -1,0 +1,359 @@
+"""Is an input held between samples, or does it lead in a straight line to the next one?
+
+Both are tried: a short fit of the rig's parameters and of a start state for each of some windows,
+with the input the one way and the other, everything else alike. What a hold and a straight line
+differ by is half a sample of delay and what lies between samples; a parameter cannot make up for
+it where the rig answers within few samples, and then the error says which one is right. A delay
+of half a sample that the rig does not have looks alike.
+
+    cost        sum over windows |W (y(x_w, p) - y_measured)|^2 + |(p - p_sheet)/spread|^2
+    W           1/sigma per channel, sigma its noise and at least LEAST_SIGMA of its spread
+    better      an error at most BETTER times the other's, smaller in SURE of the windows
+
+The start states are eliminated window by window (variable projection by block elimination: Golub,
+Pereyra 2003, Inverse Problems 19, R1-R26).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.base.errors import PamidError
+from pamid.base.units import NONE, split_column, to_si
+from pamid.engine.damped_gauss_newton import DampingRule, Iteration, LeastSquares, iterate
+from pamid.model.assembly import Assembly
+from pamid.model.between_samples import HELD, LINEAR, between_of, other, stated
+from pamid.model.rig import Rig
+from pamid.recording.recording import Recording, match_column
+from pamid.simulation.free_runs import choose_stepping, measured_outputs
+from pamid.simulation.tracks import Track, noise_of, stated_noise, track_of
+from pamid.simulation.windows import Runner, Window
+from pamid.symbolic.expression import symbol
+
+Array = NDArray[np.float64]
+
+MOST_WINDOWS, FEWEST_WINDOWS = 40, 6
+LONG, SHORT = 60, 20  # samples of a window
+LEAST_SIGMA = 0.01  # of a channel's spread: the weight of one without noise
+STEPS = 30
+BETTER, SURE = 0.9, 0.7
+SETTLED = 1e-5  # relative gain of a step
+
+
+@dataclass(frozen=True)
+class BetweenSamples:
+    """One input tried both ways.
+
+    taken      "held" or "linear", as the rig or the recording states it; stated: whether it does
+    better     the way that fits clearly better, "" where neither does
+    channel    the output that shows it most; held, linear: its root mean square error over the
+               windows, in its unit; windows: how many
+    """
+
+    column: str
+    taken: str
+    stated: bool
+    better: str
+    channel: str
+    held: float
+    linear: float
+    windows: int
+
+    @property
+    def wrong(self) -> bool:
+        """Does the other way than the one that is taken fit clearly better?"""
+        return self.better not in ("", self.taken)
+
+    def text(self, recording: Recording) -> str:
+        """What was found, and what to write where."""
+        unit = split_column(self.channel)[1]
+        unit = "" if unit == NONE else f" {unit}"
+        by = {HELD: self.held, LINEAR: self.linear}
+        way, rest = (self.better or self.taken), other(self.better or self.taken)
+        said = {HELD: "held between samples", LINEAR: "linear between samples"}
+        figures = (
+            f"{self.channel} {by[way]:.3g}{unit} RMS against {by[rest]:.3g} {rest}, over "
+            f"{self.windows} windows"
+        )
+        if not self.better:
+            return (
+                f"{self.column} is taken as {said[self.taken]}; this recording does not tell "
+                f"({figures})"
+            )
+        if not self.wrong:
+            return f"{self.column} is {said[self.taken]}, which fits better ({figures})"
+        own = match_column(recording.columns, self.column)
+        return (
+            f"{self.column} is taken as {said[self.taken]}, but {self.better} fits clearly better: "
+            f'{figures}. Write between = {{"{self.column}": "{self.better}"}} into the rig file, '
+            f'or [between] {own} = "{self.better}" into '
+            f"{recording.path.with_suffix('.toml').name}"
+        )
+
+
+def tried_both_ways(
+    recording: Recording, rig: Rig, columns: Iterable[str] | None = None
+) -> list[BetweenSamples]:
+    """The recording's inputs (of these, if they are named) held and linear; none where the rig
+    cannot be run on it. A command that a controller sends is held, and is not tried.
+
+    rig: with what the recording states (`as_recorded`).
+    """
+    try:
+        trial = _trial_of(recording, rig)
+        names = _worth_trying(recording, rig, rig.inputs if columns is None else columns)
+        if trial is None or not names:
+            return []
+        return _tried(trial, names)
+    except (PamidError, FloatingPointError, np.linalg.LinAlgError):
+        return []
+
+
+def unstated(rig: Rig) -> list[str]:
+    """Inputs of which neither rig nor recording says what they do between samples."""
+    return [column for column in rig.inputs if column not in rig.between]
+
+
+def _worth_trying(recording: Recording, rig: Rig, columns: Iterable[str]) -> list[str]:
+    sent = {loop.command for loop in rig.loops}
+    return [
+        c
+        for c in columns
+        if c not in sent and recording.has(c) and float(np.ptp(recording.signal(c))) > 0.0
+    ]
+
+
+def _tried(trial: _Trial, names: list[str]) -> list[BetweenSamples]:
+    """Every input the other way; where several fit better so, the best first and the others
+    beside it."""
+    found: dict[str, BetweenSamples] = {}
+    base = trial.fitted(trial.rig)
+    while True:
+        tried = {c: trial.compared(base, c) for c in names if c not in found}
+        wrong = [c for c, (one, _) in tried.items() if one.wrong]
+        if len(wrong) < 2:
+            found |= {c: one for c, (one, _) in tried.items()}
+            return [found[c] for c in names]
+        best = min(wrong, key=lambda c: tried[c][1].error)
+        found[best], base = tried[best]
+
+
+# ---- a short fit ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Point:
+    """Scaled parameters s and states x at the windows' starts (windows x states); cost, half its
+    Hessian and gradient in s with the states eliminated, and what gives their steps; errors:
+    squared weighted residuals, windows x channels."""
+
+    s: Array
+    x: Array
+    cost: float
+    H: Array
+    g: Array
+    gains: Array  # windows x states x parameters: how the start states follow s
+    own: Array  # windows x states: their steps where s stays
+    errors: Array
+
+
+@dataclass(frozen=True, eq=False)
+class _Fitted:
+    """A fit with the inputs of `rig` as they are there."""
+
+    rig: Rig
+    point: _Point
+
+    @property
+    def error(self) -> float:
+        return float(np.sqrt(self.point.errors.mean()))
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """What both fits share: the recording's windows, weights and free parameters."""
+
+    rig: Rig
+    names: tuple[str, ...]
+    track: Track
+    windows: tuple[Window, ...]
+    weight: Array
+
+    def fitted(self, rig: Rig, begin: _Point | None = None) -> _Fitted:
+        problem = _ShortFit.of(self, rig)
+        start = problem.sheet() if begin is None else problem.at(begin.s, begin.x)
+        return _Fitted(rig, iterate(problem, Iteration(start, problem.rule.start), STEPS).point)
+
+    def compared(self, base: _Fitted, column: str) -> tuple[BetweenSamples, _Fitted]:
+        """The input the one way and the other, each from where the other one led as well."""
+        taken = between_of(base.rig, column)
+        turned = self.fitted(stated(base.rig, {column: other(taken)}), base.point)
+        again = self.fitted(base.rig, turned.point)
+        here = again if again.error < base.error else base
+        gain = turned.point.errors.mean(axis=0) / here.point.errors.mean(axis=0)
+        shows = int(np.argmax(np.abs(np.log(gain))))
+        both = {taken: here, other(taken): turned}
+        rms = {way: self._rms(one, shows) for way, one in both.items()}
+        better = next((way for way in both if _clear(both[way], both[other(way)])), "")
+        return (
+            BetweenSamples(
+                column,
+                taken,
+                column in base.rig.between,
+                better,
+                self.names[shows],
+                rms[HELD],
+                rms[LINEAR],
+                len(self.windows),
+            ),
+            turned,
+        )
+
+    def _rms(self, one: _Fitted, channel: int) -> float:
+        symbol_ = split_column(self.names[channel])[1]
+        mean = float(np.sqrt(one.point.errors[:, channel].mean())) / self.weight[channel]
+        return mean / float(to_si(1.0, symbol_) - to_si(0.0, symbol_))
+
+
+def _clear(one: _Fitted, rest: _Fitted) -> bool:
+    """Does one fit clearly better than the other?"""
+    if not np.isfinite(one.error) or one.error > BETTER * rest.error:
+        return False
+    smaller = one.point.errors.sum(axis=1) < rest.point.errors.sum(axis=1)
+    return float(smaller.mean()) >= SURE
+
+
+def _trial_of(recording: Recording, rig: Rig) -> _Trial | None:
+    names = measured_outputs(Assembly(rig), recording)
+    names = tuple(n for n in names if float(np.ptp(recording.signal(n))) > 0.0)
+    if not names:
+        return None
+    assembly = Assembly(rig, outputs=names)
+    track = track_of(assembly, recording, names)
+    windows = _windows(track)
+    if len(windows) < FEWEST_WINDOWS:
+        return None
+    noise = noise_of((track,), stated_noise(rig, names))
+    weight = 1.0 / np.maximum(noise, LEAST_SIGMA * track.y.std(axis=0))
+    return _Trial(rig, names, track, windows, weight)
+
+
+def _windows(track: Track) -> tuple[Window, ...]:
+    """The windows in which inputs change most from sample to sample."""
+    length = min(LONG, len(track) // FEWEST_WINDOWS)
+    if length < SHORT:
+        return ()
+    count = len(track) // length
+    moves = np.abs(np.diff(track.u, axis=0, prepend=track.u[:1]))
+    size = moves.mean(axis=0)
+    moved = (moves / np.where(size > 0.0, size, 1.0)).sum(axis=1)
+    busy = moved[: count * length].reshape(count, length).sum(axis=1)
+    chosen = np.sort(np.argsort(-busy, kind="stable")[:MOST_WINDOWS])
+    return tuple(Window(int(k) * length, int(k + 1) * length) for k in chosen)
+
+
+@dataclass(frozen=True, eq=False)
+class _ShortFit(LeastSquares[_Point, Array]):
+    """Parameters and start states of the windows by damped Gauss-Newton."""
+
+    trial: _Trial
+    runner: Runner
+    rule = DampingRule(1e-3, falls=0.2, least=1e-9, rises=10.0, most=1e8)
+
+    @classmethod
+    def of(cls, trial: _Trial, rig: Rig) -> _ShortFit:
+        a = Assembly(rig, outputs=trial.names).for_fitting()
+        t = trial.track
+        step = choose_stepping(a, t.u, t.p, t.period_s, a.start(t.p))
+        free = tuple(
+            i
+            for i, b in enumerate(a.parameters)
+            if b.fitted and i not in t.known and np.isfinite(b.spread) and b.spread > 0.0
+        )
+        return cls(trial, Runner(a, t, step, free))
+
+    def sheet(self) -> _Point:
+        """The data sheet's parameters, and the states to which its run leads."""
+        a, t = self.runner.assembly, self.trial.track
+        n = self.runner.start_states
+        program = a.program_with({f"state.{s.name}": symbol("state", s.name) for s in a.rig.states})
+        memory = program.memory(a.start(t.p), stepping=self.runner.stepping, period_s=t.period_s)
+        Y, _, _ = program.run(memory, t.u, t.p, period_s=t.period_s, stepping=self.runner.stepping)
+        led = Y[[w.start for w in self.trial.windows]][:, Y.shape[1] - n :]
+        x = np.where(np.isfinite(led), led, a.start(t.p)[:n])
+        return self.at(np.zeros(len(self.runner.free)), x)
+
+    def parameters(self, s: Array) -> tuple[Array, Array]:
+        """Values (SI) at scaled parameters s, within their bounds, and their slopes by s."""
+        p, slopes = self.trial.track.p.copy(), np.zeros(len(s))
+        for k, (i, scaled) in enumerate(zip(self.runner.free, s, strict=True)):
+            b = self.runner.assembly.parameters[i]
+            value = p[i] * np.exp(b.spread * scaled) if b.log else p[i] + b.spread * scaled
+            p[i] = min(max(value, b.low), b.high)
+            inside = p[i] == value
+            slopes[k] = (b.spread * p[i] if b.log else b.spread) if inside else 0.0
+        return p, slopes
+
+    def at(self, s: Array, x: Array) -> _Point:
+        runner, trial, weight = self.runner, self.trial, self.trial.weight
+        m, n, channels = len(s), runner.start_states, len(self.trial.names)
+        p, slopes = self.parameters(s)
+        H, g = np.eye(m), s.copy()
+        cost = float(s @ s)
+        gains, own = np.zeros((len(x), n, m)), np.zeros((len(x), n))
+        errors = np.zeros((len(x), channels))
+        for k, window in enumerate(trial.windows):
+            memory = runner.memory(p)
+            runner.enter(memory, x[k])
+            Y, J, fine = runner.run(memory, window, p, True, weight)
+            if not fine or not np.isfinite(J).all():
+                return _Point(s, x, np.inf, H, g, gains, own, np.full_like(errors, np.inf))
+            left = (Y - trial.track.y[window.start : window.stop]) * weight
+            A, B, r = J[:, :m] * slopes, J[:, m : m + n], left.ravel()
+            inner = B.T @ B
+            scale = np.sqrt(inner.diagonal())
+            scale[scale == 0.0] = 1.0
+            root = np.linalg.pinv(inner / np.outer(scale, scale), rcond=1e-12)
+            solve = root / np.outer(scale, scale)
+            gains[k], own[k] = -solve @ (B.T @ A), -solve @ (B.T @ r)
+            H += A.T @ A + A.T @ B @ gains[k]
+            g += A.T @ r + A.T @ B @ own[k]
+            errors[k] = (left**2).mean(axis=0)
+            cost += float(r @ r)
+        return _Point(s, x, cost, H, g, gains, own, errors)
+
+    def step(self, at: _Point, damping: float) -> Array | None:
+        if not np.isfinite(at.cost):
+            return None
+        scale = np.maximum(at.H.diagonal(), 1.0)
+        s = np.linalg.lstsq(at.H + np.diag(damping * scale), -at.g, rcond=None)[0]
+        x = at.own + at.gains @ s
+        return np.concatenate([s, x.ravel()])
+
+    def moved(self, at: _Point, step: Array, last: bool) -> _Point:
+        m = len(at.s)
+        return self.at(at.s + step[:m], at.x + step[m:].reshape(at.x.shape))
+
+    def settled(self, gain: float, before: _Point, after: _Point) -> bool:
+        return gain < SETTLED * after.cost
+
+
+def figures(found: Sequence[BetweenSamples]) -> list[dict[str, object]]:
+    """The same as plain data."""
+    return [
+        {
+            "column": one.column,
+            "taken": one.taken,
+            "stated": one.stated,
+            "better": one.better,
+            "channel": one.channel,
+            "rms_held": one.held,
+            "rms_linear": one.linear,
+            "windows": one.windows,
+        }
+        for one in found
+    ]

@@ -1,0 +1,57 @@
+"""What inputs do between two samples: held, or in a straight line to the next one.
+
+A zero-order hold is what a converter sends; what is measured, or comes out of a filter, moves
+between samples. A straight line through its samples follows it to second order, where the hold lags
+by half a sample. The rig says which (`between = {"drive_v": "linear"}`), and a recording's TOML
+may say otherwise for its own ([between]); what nobody states is held.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterable, Mapping
+
+from pamid.base.errors import FileError
+from pamid.model.rig import Rig
+from pamid.recording.recording import Recording, match_column
+
+HELD, LINEAR = "held", "linear"
+
+
+def between_of(rig: Rig, column: str) -> str:
+    """ "held" or "linear": what this input does between two samples."""
+    return rig.between.get(column, HELD)
+
+
+def other(way: str) -> str:
+    return HELD if way == LINEAR else LINEAR
+
+
+def stated(rig: Rig, ways: Mapping[str, str]) -> Rig:
+    """The rig with these inputs held or linear, whatever it says itself; the same one where nothing
+    changes."""
+    if all(between_of(rig, column) == way for column, way in ways.items()):
+        return rig
+    changed = copy.copy(rig)
+    vars(changed)["between"] = {**rig.between, **ways}
+    return changed
+
+
+def as_recorded(rig: Rig, recordings: Iterable[Recording]) -> Rig:
+    """The rig with inputs held or linear as the recordings' TOML files say; FileError where two of
+    them differ: a model is fitted one way."""
+    ways: dict[str, str] = {}
+    by: dict[str, Recording] = {}
+    for recording in recordings:
+        for column in rig.inputs:
+            found = match_column(recording.columns, column) if recording.between else None
+            if (way := recording.between.get(found or "")) is None:
+                continue
+            if ways.setdefault(column, way) != way:
+                raise FileError(
+                    f"{by[column].path} says that {column} is {ways[column]} between samples, "
+                    f"{recording.path} that it is {way}.",
+                    "Fit recordings of one kind together, or state it in the rig alone.",
+                )
+            by[column] = recording
+    return stated(rig, ways)

@@ -1,0 +1,206 @@
+"""What every kind of port passes, with which sign, and which signals let which effects act
+there: for `pamid check RIG.py`, and for the page `data/rigs/README.md`, which is made of it."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any
+
+from pamid.model.assembly import Assembly
+from pamid.model.attachment import attachments
+from pamid.model.effect import KINDS, Effect
+from pamid.model.rig import Port, Rig
+from pamid.symbolic.expression import symbols
+from pamid.symbolic.vocabulary import Expr
+
+WIDTH = 110
+
+
+@dataclass(frozen=True)
+class KindOfPort:
+    """passes: what goes through it; sign: which way it counts."""
+
+    passes: str
+    sign: str
+
+
+GUIDE = {
+    "command": KindOfPort(
+        "what is sent, before the machine has answered: a voltage, a valve's opening, a wanted "
+        "pressure",
+        "as it is sent; effects delay, clip, scale or shift it, whatever its sign",
+    ),
+    "flow": KindOfPort(
+        "the flow through one valve or pump, of a volume or of a mass",
+        "positive into the store that it feeds",
+    ),
+    "rate": KindOfPort(
+        "the rate at which a store fills: all that flows in, less all that flows out",
+        "positive fills it; `outflow` is positive where something leaves; losses are taken off",
+    ),
+    "actuator-force": KindOfPort(
+        "the force or torque that an actuator makes, before it meets the mechanism",
+        "along its own `position`: a muscle's pull with its contraction, a cylinder's push with "
+        "its stroke. What the actuator loses in itself is taken off against that motion",
+    ),
+    "motion": KindOfPort(
+        "the force (N) or torque (N m) that is left to accelerate a coordinate",
+        "along `position`: a positive value accelerates it upwards. Friction and drag are taken "
+        "off along `velocity`, stiffness along `position`",
+    ),
+    "transmission": KindOfPort(
+        "the force or torque that a shaft, a chain or a belt hands on",
+        "along `position`, as at a motion port; `inertia` is all that it drives",
+    ),
+    "reading": KindOfPort(
+        "what a sensor is about to return, in the SI unit of its column",
+        "as the sensor counts; `rate` is its rate of change, with the same sign",
+    ),
+}
+
+#: what a signal of the catalogue stands for
+SIGNALS = {
+    "position": "the coordinate along which the port counts; its zero is free",
+    "velocity": "the rate of `position`; where it is offered, `position` need not be",
+    "load": "what presses a sliding contact together, positive",
+    "pressure": "of the fluid behind the value, gauge",
+    "inertia": "mass or moment of inertia of what the port drives",
+    "stored": "what is in the store: pressure, level, temperature",
+    "outflow": "what leaves the store by itself, in the value's unit, positive",
+    "side": "1 or -1: which of two opposed actuators or directions it is",
+    "law": "the actuator's own force law, as a function of position and pressure",
+    "rate": "rate of change of the reading",
+    "supply": "pressure of the supply",
+    "drawn": "flow that all consumers draw from the supply",
+    "fill": "opening of the filling valve",
+    "force": "force of the actuator that the store drives",
+}
+
+IMPOSED = (
+    "`position` or `velocity` here is an input: the bench imposes the motion. Pass what acts on "
+    "the moving part along `position`, all but the force that moves it; a sensor that reads that "
+    "force shows the opposite of what passes. With the other sign every friction would drive, "
+    "and its fit ends at its null"
+)
+
+
+def reachable(
+    port: Port, effects: Iterable[type[Effect]], *, any_unit: bool = False
+) -> dict[tuple[str, ...], list[str]]:
+    """What can act at the port by the signals that it would have to offer beyond those it does: ()
+    what acts there now. any_unit: whatever the port's unit."""
+    offered = set(port.signals) | ({"position"} if "velocity" in port.signals else set())
+    found: dict[tuple[str, ...], list[str]] = {(): []}
+    for effect in effects:
+        home = port.kind in effect.kinds or (port.general and port.kind in effect.general_kinds)
+        if home and (any_unit or effect.unit in ("", port.unit)):
+            lacking = set(effect.signals) - offered
+            if "velocity" in lacking:
+                lacking.discard("position")
+            found.setdefault(tuple(sorted(lacking)), []).append(effect.name)
+    order = sorted(found, key=lambda signals: (len(signals), signals))
+    return {signals: sorted(found[signals]) for signals in order}
+
+
+def ports_of(rig: Rig, effects: Iterable[type[Effect]]) -> list[dict[str, Any]]:
+    """Every port of the rig: what passes, its sign, what acts there, and what each further signal
+    would let act."""
+    known = list(effects)
+    fit = attachments(rig, known)
+    driven = _imposed(rig)
+    rows = []
+    for name, port in rig.ports.items():
+        more = reachable(port, known)
+        more.pop(())
+        rows.append(
+            {
+                "rig": rig.name,
+                "port": name,
+                "kind": port.kind,
+                "unit": port.unit,
+                "signals": {s: port.unit_of(s) for s in port.signals},
+                "passes": GUIDE[port.kind].passes,
+                "sign": GUIDE[port.kind].sign,
+                "imposed": name in driven,
+                "size": dict(port.size),
+                "effects": sorted({a.effect.name for a in fit if name in a.ports}),
+                "unlocks": [{"signals": list(s), "effects": names} for s, names in more.items()],
+            }
+        )
+    return rows
+
+
+def _imposed(rig: Rig) -> set[str]:
+    """Ports of motion and actuators whose position or velocity follows from inputs directly."""
+    found = set()
+    for passage in Assembly(rig).traced.passages:
+        if rig.ports[passage.port].kind not in ("motion", "actuator-force"):
+            continue
+        for name, value in passage.signals:
+            moves = symbols([value]) if isinstance(value, Expr) else set()
+            if name in ("position", "velocity") and any(space == "input" for space, _ in moves):
+                found.add(passage.port)
+    return found
+
+
+# ---- text ----------------------------------------------------------------------------------------
+
+
+def ports_text(rows: list[dict[str, Any]]) -> list[str]:
+    """`ports_of` for people, as lines."""
+    lines = []
+    for row in rows:
+        offers = ", ".join(f"{s} [{unit}]" if unit else s for s, unit in row["signals"].items())
+        unit = f" [{row['unit']}]" if row["unit"] else ""
+        lines.append(f"port   {row['port']}: {row['kind']}{unit}, offers {offers or 'no signals'}")
+        lines += _folded("passes", row["passes"]) + _folded("sign", row["sign"])
+        lines += _folded("!", IMPOSED) if row["imposed"] else []
+        lines += _folded("acts", ", ".join(row["effects"]) or "nothing of the catalogue")
+        for further in row["unlocks"]:
+            lines += _folded(
+                f"with {' and '.join(further['signals'])}", ", ".join(further["effects"])
+            )
+    return lines
+
+
+def _folded(title: str, words: str) -> list[str]:
+    return textwrap.wrap(
+        f"{title}: {words.replace('`', '')}" if title != "!" else f"! {words.replace('`', '')}",
+        WIDTH,
+        initial_indent=" " * 9,
+        subsequent_indent=" " * 13,
+        break_on_hyphens=False,
+    )
+
+
+def page_section(effects: Iterable[type[Effect]]) -> str:
+    """The part of `data/rigs/README.md` that follows from the catalogue, in Markdown."""
+    known, lines = list(effects), []
+    for kind in KINDS:
+        lines += [
+            f"### `{kind}`",
+            "",
+            f"Passes {GUIDE[kind].passes}.",
+            f"Sign: {GUIDE[kind].sign}.",
+            "",
+            "| the port offers | what can act there |",
+            "|---|---|",
+        ]
+        for signals, names in reachable(Port(kind), known, any_unit=True).items():
+            home = [_worded(name, kind, known) for name in names]
+            offers = ", ".join(f"`{s}`" for s in signals) or "nothing"
+            lines += [f"| {offers} | {', '.join(home)} |"] if home else []
+        lines.append("")
+    used = sorted({s for effect in known for s in effect.signals})
+    lines += ["### Signals", "", "| signal | what it is |", "|---|---|"]
+    lines += [f"| `{s}` | {SIGNALS.get(s, 'see the effects that ask for it')} |" for s in used]
+    return "\n".join(lines)
+
+
+def _worded(name: str, kind: str, effects: list[type[Effect]]) -> str:
+    effect = next(e for e in effects if e.name == name)
+    unit = f" (in {effect.unit})" if effect.unit else ""
+    own = "" if kind in effect.kinds else "*"
+    return f"`{name}`{unit}{own}"
