@@ -168,12 +168,16 @@ def bounds_of(rig: Rig, column: str) -> tuple[float, float]:
 
 
 def usual_range(rig: Rig, column: str) -> tuple[float, float] | None:
-    """Centre and half range (SI) of what is usually sent in this column; None where the rig does
-    not say."""
-    if column not in rig.excited:
-        return None
+    """Centre and half range (SI) of what is usually sent in this column, or of all that can be;
+    None where the rig does not say."""
     symbol = split_column(column)[1]
-    centre, half = rig.centre.get(column, 0.0), rig.excited[column]
+    if column in rig.excited:
+        centre, half = rig.centre.get(column, 0.0), rig.excited[column]
+    elif column in rig.ranges:
+        least, most = rig.ranges[column]
+        centre, half = 0.5 * (least + most), 0.5 * (most - least)
+    else:
+        return None
     low, high = (float(to_si(centre + side * half, symbol)) for side in (-1.0, 1.0))
     return 0.5 * (low + high), 0.5 * (high - low)
 
