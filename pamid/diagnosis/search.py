@@ -320,6 +320,53 @@ def indistinguishable_from_first(
     return tuple(out)
 
 
+def carried_on(search: Search, models: list[CandidateModel]) -> list[CandidateModel]:
+    """The models, those whose fit had used up its iterations fitted on from where they ended."""
+    open_ended = [c for c in models if not c.fit.converged and c.fit.residuals]
+    if not open_ended:
+        return models
+    work = _CarryingOn(search.evidence, search.settings)
+    done = search.pool.run(work, open_ended, search.progress)
+    better = {
+        id(c): found
+        for c, found in zip(open_ended, done, strict=True)
+        if not isinstance(found, Failed) and found.finite
+    }
+    return [better.get(id(c), c) for c in models]
+
+
+@dataclass(frozen=True, eq=False)
+class _CarryingOn(ObjectWork[CandidateModel, CandidateModel]):
+    """A fit carried on, and the model replayed."""
+
+    what = "fitting on"
+    evidence: DataSplit
+    settings: Settings
+
+    def result(self, item: CandidateModel) -> CandidateModel:
+        f = item.fit
+        done = fit(
+            f.problem,
+            p=f.p,
+            starts=f.starts,
+            weights=f.weights,
+            continuity=f.continuity,
+            stepping=f.stepping,
+            iterations=self.settings.carried_on_iterations,
+            tolerance=self.settings.refit_tolerance,
+        )
+        return replayed(self.evidence, item.assembly, done)
+
+    def plain_form(self, item: CandidateModel, found: CandidateModel) -> Plain:
+        return candidate_plain(found)
+
+    def restored(self, item: CandidateModel, found: Plain) -> CandidateModel:
+        return candidate_restored(self.evidence, item.assembly, found)
+
+    def name(self, item: CandidateModel) -> str:
+        return item.label
+
+
 def with_finer_steps(search: Search, best: CandidateModel) -> CandidateModel:
     """The model with integration steps so fine that halving them changes nothing, refitted where
     they were not."""

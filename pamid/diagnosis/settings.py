@@ -160,6 +160,12 @@ class Settings:
     # ---- refit and ranking (contender, search)
 
     refit_iterations: int = _setting(15, "Gauss-Newton steps", "of a refit at most", COST)
+    carried_on_iterations: int = _setting(
+        60,
+        "Gauss-Newton steps",
+        "more of a refit that had used up its steps, before nothing known is said to explain a gap",
+        COST,
+    )
     refit_tolerance: float = _setting(
         2e-2, "share of the cost", "a step that gains less ends a refit", COST
     )

@@ -28,6 +28,7 @@ from pamid.diagnosis.naive_forecast import explains_nothing
 from pamid.diagnosis.port_evidence import PortEvidence, locate
 from pamid.diagnosis.search import (
     Search,
+    carried_on,
     indistinguishable_from_first,
     opposite_signs,
     ranked,
@@ -136,8 +137,9 @@ def diagnose(
         rest = [s for s in first.passed_over if _acts_where(located, s.attachment, settings)]
         models, more = refit_screened(search, base, rest)
         failed = failed + more
-        if models:
-            judged = _judged(search, located, [*first.models, *models])
+        everything = carried_on(search, [*first.models, *models])
+        if everything != first.models:
+            judged = _judged(search, located, everything)
     opposite: list[tuple[CandidateModel, float]] = []
     if judged.decision.verdict == "unknown-effect":
         opposite = opposite_signs(search, list(judged.ranking))

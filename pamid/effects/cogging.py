@@ -63,10 +63,12 @@ class Cogging(Effect):
             "period",
             0.3,
             low=0.001,
-            high=2.0,
+            # two periods within the travel: a longer one is a spring's curve, not a pattern
+            high=1.0,
             spread=4.0,
             log=True,
             size="position",
+            hard=True,
             source="estimate: pole pitches, screw leads and teeth, a thousandth of the stroke and "
             "more; the lines of the gap's spectrum over the position are tried first",
         ),

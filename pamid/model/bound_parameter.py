@@ -111,7 +111,7 @@ def bind(
         parameter.fitted,
         tuple(t * si for t in parameter.tries),
         parameter.source,
-        bool(parameter.size),
+        bool(parameter.size) and not parameter.hard,
     )
 
 

@@ -32,6 +32,8 @@ class Parameter:
                size and its unit is the signal's; "timescale", "1/timescale", "period": of the
                correlation time of the recordings, of its inverse, of the rig's sampling period
     tries      further starting values for the fit, where one basin is not enough
+    hard       effects only: the bounds are physics, or tell the effect from another; where a fit
+               ends at one it is not widened
     fitted     False: held at its value unless a fit is told otherwise
     """
 
@@ -46,6 +48,7 @@ class Parameter:
     size: str = ""
     tries: tuple[float, ...] = ()
     fitted: bool = True
+    hard: bool = False
     label: str = ""
     source: str = ""
 

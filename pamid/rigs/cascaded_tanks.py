@@ -46,8 +46,8 @@ class CascadedTanks(Rig):
         "pump": Port("command", "V"),
         "inlet": Port("flow", "m3/s", {"level": "m"}),
         "pipe": Port("flow", "m3/s", {"level": "m"}),
-        "upper": Port("rate", "m/s", {"stored": "m", "inflow": "m/s"}),
-        "lower": Port("rate", "m/s", {"stored": "m", "inflow": "m/s"}),
+        "upper": Port("rate", "m/s", {"stored": "m", "inflow": "m/s", "downstream": "m"}),
+        "lower": Port("rate", "m/s", {"stored": "m", "inflow": "m/s", "upstream": "m"}),
         "gauge": Port("reading", "m", {"rate": "m/s"}),
         "upper_gauge": Port("reading", "m", {"rate": "m/s"}),
     }
@@ -87,12 +87,14 @@ class CascadedTanks(Rig):
             (filling - between) / p.upper_area,
             stored=x.upper,
             inflow=filling / p.upper_area,
+            downstream=x.lower,
         )
         lower = port(
             "lower",
             (between - outflow(p.lower_hole, x.lower)) / p.lower_area,
             stored=x.lower,
             inflow=between / p.lower_area,
+            upstream=x.upper,
         )
         return upper, lower
 
