@@ -29,13 +29,12 @@ from pamid.simulation.replay import Replay
 from pamid.simulation.tracks import Track, noise_of, stated_noise, track_of
 
 Array = NDArray[np.float64]
-FEWEST = 100  # samples of a recording
+FEWEST = 200  # samples of a recording
 HELD_OUT_SHARE = 0.3
 LEAD = 10.0  # correlation times before a held-out part, to find the state it begins in
 # correlation times of the windows that a fit is cut into, and of the shortest that are replayed
 FIT_WINDOW, REPLAY_WINDOW = 2.5, 1.7
-# fewer held out say little of what another recording would show; and the fewest at all
-FEW_WINDOWS, LEAST_WINDOWS = 12, 6
+FEW_WINDOWS, LEAST_WINDOWS = 12, 6  # wanted where the envelope counts, and to fit in any case
 DEALS = 64  # ways tried to deal held-out windows out to choosing and reporting
 VISIBLE = 3.0  # times its noise: a signal that moves
 # of the first half's motion: what is left in the second half of a motion that dies away
@@ -165,7 +164,8 @@ def _timescale_s(
     noise: Array,
     parts: tuple[list[Span], list[Span]],
 ) -> float:
-    """Correlation time of the recordings, at most what leaves enough windows of either part."""
+    """Correlation time of the recordings, at most what leaves enough windows to fit; as far as it
+    is that of the envelope, of either part."""
     tables = [
         (track_of(plain, r, channels, timescale_s=1.0).y, noise, r.sampling_period_s)
         for r in recordings
@@ -173,8 +173,8 @@ def _timescale_s(
     fitted, held = (
         sum((s.stop - s.start) * s.recording.sampling_period_s for s in part) for part in parts
     )
-    longest = min(fitted / FIT_WINDOW, held / REPLAY_WINDOW)
-    return timescale_of(tables, longest / LEAST_WINDOWS, longest / FEW_WINDOWS)
+    longest, ringing = fitted / FIT_WINDOW, min(fitted / FIT_WINDOW, held / REPLAY_WINDOW)
+    return timescale_of(tables, longest / LEAST_WINDOWS, ringing / FEW_WINDOWS)
 
 
 def require_informative(rig: Rig, recording: Recording) -> set[str]:

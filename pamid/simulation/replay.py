@@ -30,11 +30,12 @@ WARM_UP = 0.15  # share of a window that only serves to find its start
 
 
 def replay_windows(track: Track) -> list[Window]:
-    """Windows of 3.8 correlation times, shorter (to 1.7) where the record would not give 16."""
+    """Windows of 3.8 correlation times, shorter (to 1.7) where the record would not give 16; at
+    least 6 of them."""
     own = len(track) / ENOUGH
     scale = track.timescale_s / track.period_s
     length = round(min(LONGEST * scale, max(SHORTEST * scale, own)))
-    return cut(len(track), max(FEWEST, min(length, len(track) // 4)))
+    return cut(len(track), max(FEWEST, min(length, len(track) // 6)))
 
 
 @dataclass(frozen=True, eq=False)

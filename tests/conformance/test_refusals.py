@@ -85,7 +85,7 @@ BROKEN: dict[str, Files] = {
     "uneven": clock(lambda k: 0.003 * k + 0.0005 * (k % 2)),
     "stamps x 1e300": clock(lambda k: 1e300 * k),
     "too short": table(HEAD, *ROWS[:40]),
-    "too short to fit": table(HEAD, *ROWS[:200]),
+    "too short to fit": table(HEAD, *ROWS[:199]),
     "at rest": table(HEAD, *(f"{r.split(',')[0]},0,{r.split(',')[2]},1" for r in ROWS)),
     "no outputs": table("time_s,command", *(",".join(r.split(",")[:2]) for r in ROWS)),
     "no input": table("time_s,angle_deg", *(",".join(r.split(",")[::2]) for r in ROWS)),

@@ -38,6 +38,8 @@ class Pendulum(Rig):
     )
     noise = {"angle_deg": 0.05}
     period_s = 0.01
+    # windows of one length, however many swings are fitted together: what they tell is compared
+    timescale_s = 0.6
 
     def start(self, p: Any) -> dict[str, float]:
         return {"angle": p.initial_angle}
