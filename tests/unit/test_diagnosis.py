@@ -270,6 +270,6 @@ def test_the_measured_drive_rubs() -> None:
     assert {"quadratic-drag", "cubic-drag"} <= set(others), (
         "the tempting wrong ones stand beside it"
     )
-    # thirteen windows of two seconds: the interval itself is wide (16 .. 84 % when this was written,
-    # 62 % against the 45 % of a hysteresis that slips at once)
+    # thirteen windows of two seconds: the interval itself is wide (16 .. 84 % when this was
+    # written, 62 % against the 45 % of a hysteresis that slips at once)
     assert max(others.values()) < named["shrinkage"] - 0.1, "no other family removes as much"
