@@ -16,6 +16,7 @@ from test_missing_term import missing
 
 import pamid.diagnosis
 from pamid.base.errors import UsageError
+from pamid.diagnosis import ranges
 from pamid.diagnosis.budget import Budget, _BlackBox
 from pamid.diagnosis.candidate_model import resamples
 from pamid.diagnosis.decision import at_noise_floor, decide, is_confirmed
@@ -233,6 +234,19 @@ def test_what_a_trajectory_may_jump_by() -> None:
     inside, opening, _ = joints(DEFAULT)
     assert joints(Settings(latent_stiffness=1e-3))[0] == pytest.approx(1e-2 * inside)
     assert joints(Settings(latent_window_jump=1e2))[1] == pytest.approx(1e2 * opening)
+
+
+def test_how_hard_a_fit_presses_against_a_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+    bound = SimpleNamespace(owner="play", sized=True, low=0.0, high=1.0, name="gap")
+    ended = SimpleNamespace(bound=bound, at_bound="high")
+    monkeypatch.setattr(ranges, "estimates", lambda fitted: [ended])
+    fitted = SimpleNamespace(
+        residuals=(np.zeros(1),), held=np.array([5.0]), problem=SimpleNamespace(free=(0,))
+    )
+    assembly = SimpleNamespace(attachments=(SimpleNamespace(label="play"),))
+    model: Any = SimpleNamespace(assembly=assembly, fit=fitted)
+    assert ranges.at_bounds(model) == ("gap",)
+    assert ranges.at_bounds(model, Settings(pressed=6.0)) == ()
 
 
 def test_when_a_smoothing_ends_and_how_it_is_damped() -> None:
