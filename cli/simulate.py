@@ -131,8 +131,9 @@ def command(
 
 
 def _follow(output: Path, samples: int, rig: str) -> str:
-    from pamid.simulation.data_split import FEWEST
+    from pamid.simulation.data_split import FEWEST_SAMPLES
 
-    if samples < FEWEST:
-        return f"pamid check {quoted(output)} --rig {quoted(rig)}   (a fit needs {FEWEST} samples)"
+    if samples < FEWEST_SAMPLES:
+        why = f"(a fit needs {FEWEST_SAMPLES} samples)"
+        return f"pamid check {quoted(output)} --rig {quoted(rig)}   {why}"
     return f"pamid diagnose {quoted(output)} --rig {quoted(rig)} --output {unused('run')}"

@@ -13,7 +13,7 @@ import numpy as np
 
 from pamid.base.errors import PamidError, UsageError, nearest
 from pamid.base.files import PathLike, sha256_of
-from pamid.checks.between_samples import tried_both_ways, unstated
+from pamid.checks.hold_or_line import tried_both_ways, unstated
 from pamid.checks.inspection import require_sound
 from pamid.model.effect import Effect
 from pamid.model.registry import RigLike, as_file, catalogue_rig, rig_given, rig_named, rig_of

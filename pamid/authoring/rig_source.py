@@ -37,12 +37,12 @@ from pamid.recording.recording import Recording
 _FACE = ("Loop", "Parameter", "Port", "Rig", "State")
 GUESS = 3.0  # a factor by which the figures of the example may well be off on another machine
 SCALE = 1e4  # a gain lies between this part and this multiple of what the ranges say
-_PLAIN = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
+_PLAIN_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
 def require_plain(name: str, what: str) -> str:
     """The name, which is to stand in a program; FileError where it is no plain word of Python."""
-    if not _PLAIN.fullmatch(name) or keyword.iskeyword(name):
+    if not _PLAIN_NAME.fullmatch(name) or keyword.iskeyword(name):
         raise FileError(
             f"{what} {name!r} cannot stand in a rig file.",
             "Use letters, digits and underscores, a letter first: rename the column.",

@@ -14,9 +14,9 @@ import numpy as np
 from pamid.base.errors import DataError, FileError, PamidError, nearest
 from pamid.base.files import read_lines
 from pamid.base.units import NONE, is_unit, split_column
-from pamid.checks.between_samples import figures as between_json
-from pamid.checks.between_samples import tried_both_ways
 from pamid.checks.conformance import CheckOutcome, effect_findings, rig_findings
+from pamid.checks.hold_or_line import figures as between_json
+from pamid.checks.hold_or_line import tried_both_ways
 from pamid.checks.recording_quality import QualityIssue, blocking, channel_figures, examine
 from pamid.model import registry as library
 from pamid.model.assembly import Assembly

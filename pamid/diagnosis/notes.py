@@ -47,7 +47,7 @@ def _fits(d: Diagnosis) -> list[str]:
 
 def _bounds(d: Diagnosis) -> list[str]:
     named = d.cause or (d.ranking[0] if d.ranking else None)
-    held = at_bounds(named) if named is not None else ()
+    held = at_bounds(named, d.settings) if named is not None else ()
     if named is None or not held:
         return []
     return [

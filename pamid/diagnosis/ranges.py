@@ -20,8 +20,6 @@ from pamid.estimation.problem import Fit
 from pamid.model.assembly import Assembly
 from pamid.model.bound_parameter import Bound, Range
 
-PRESSED = 3.0  # nats per prior spread that a fit would still gain beyond a bound
-
 
 def widened(assembly: Assembly, fitted: Fit, settings: Settings = DEFAULT) -> Assembly | None:
     """The model with wider ranges of what its last effect's parameters ended at; None where there
@@ -37,11 +35,11 @@ def widened(assembly: Assembly, fitted: Fit, settings: Settings = DEFAULT) -> As
     return replace(assembly, ranges={**assembly.ranges, **found}) if found else None
 
 
-def at_bounds(model: CandidateModel) -> tuple[str, ...]:
+def at_bounds(model: CandidateModel, settings: Settings = DEFAULT) -> tuple[str, ...]:
     """Parameters of the model's last effect that are pressed against a bound which physics did not
     set, by their names outside."""
     found = _at_guesses(model.assembly, model.fit)
-    return tuple(e.bound.name for e, pressed in found if pressed > PRESSED)
+    return tuple(e.bound.name for e, pressed in found if pressed > settings.pressed)
 
 
 def _at_guesses(assembly: Assembly, fitted: Fit) -> list[tuple[FittedParameter, float]]:

@@ -271,12 +271,12 @@ def _simplest(search: Search, ranking: list[CandidateModel]) -> CandidateModel:
     at a bound that physics did not set, any model counts as simpler whose parameters did not: such
     an end says that the form is another."""
     best = ranking[0]
-    forced = bool(at_bounds(best))
+    forced = bool(at_bounds(best, search.settings))
     same_family = [
         c
         for c in ranking[1:]
         if (c.family == best.family and _complexity(c) < _complexity(best))
-        or (forced and not at_bounds(c))
+        or (forced and not at_bounds(c, search.settings))
     ]
     if not same_family:
         return best

@@ -10,12 +10,12 @@ longer calibrated.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
 from pamid.base.errors import UsageError, nearest
+from pamid.diagnosis.setting_kinds import require_like
 
 #: what speaks for a value that has no source of its own
 JUDGEMENT = (
@@ -176,6 +176,12 @@ class Settings:
         "two of four: sixteen times a guess that was made from a typical magnitude",
     )
     wider: float = _setting(4.0, "ratio", "... by this")
+    pressed: float = _setting(
+        3.0,
+        "nats per prior spread",
+        "what a fit would still gain beyond a bound for its end there to say that the form is "
+        "another",
+    )
     mirrored_share: float = _setting(
         0.2,
         "share of the error",
@@ -461,7 +467,7 @@ class Settings:
 
     def __post_init__(self) -> None:
         for f in fields(self):
-            _require_like(f.name, getattr(self, f.name), f.default)
+            require_like(f.name, getattr(self, f.name), f.default)
 
 
 def settings_from(given: Mapping[str, Any]) -> Settings:
@@ -480,23 +486,6 @@ def settings_from(given: Mapping[str, Any]) -> Settings:
 def described() -> list[dict[str, Any]]:
     """name, default, unit, meaning and evidence of every setting."""
     return [{"name": f.name, "default": f.default, **f.metadata} for f in fields(Settings)]
-
-
-def _require_like(name: str, value: Any, default: Any) -> None:
-    if isinstance(default, tuple):
-        fine = isinstance(value, tuple) and len(value) > 0
-        pairs = isinstance(default[0], tuple)
-        numbers = [x for one in value for x in (one if pairs else (one,))] if fine else []
-        fine = fine and all(isinstance(x, int | float) and 0 < x < math.inf for x in numbers)
-        kind = "a tuple of pairs" if pairs else "a tuple of numbers above 0"
-    else:
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        fine = number and math.isfinite(value) and value >= 0
-        kind = "a number from 0 on"
-        if isinstance(default, int):
-            fine, kind = fine and isinstance(value, int) and value >= 1, "a whole number from 1 on"
-    if not fine:
-        raise UsageError(f"setting {name!r} is {value!r}", f"It takes {kind}.")
 
 
 DEFAULT = Settings()

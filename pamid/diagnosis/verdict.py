@@ -216,7 +216,7 @@ def _ranked(d: Diagnosis, c: CandidateModel, probability: float, seed: int) -> r
         converged=c.fit.converged,
         why=c.fit.why,
         parameters=_parameters(c, c.attached[-1].label),
-        at_bound=at_bounds(c),
+        at_bound=at_bounds(c, d.settings),
     )
 
 

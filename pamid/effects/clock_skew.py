@@ -27,7 +27,7 @@ from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, delay, maximum, where
 
-LONGEST = 80.0  # sampling periods
+LONGEST_LATE = 80.0  # sampling periods
 
 
 class ClockSkew(Effect):
@@ -63,7 +63,7 @@ class ClockSkew(Effect):
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         late = p.start + p.skew_ppm * 1e-6 * at.time
-        after = delay(value, maximum(late, 0.0), LONGEST * at.rig_period_s)
+        after = delay(value, maximum(late, 0.0), LONGEST_LATE * at.rig_period_s)
         # the past is remembered, the future is not: a reading that is early is led by its own
         # slope, where it is known
         early = value - at.rate * late if at.offers("rate") else value

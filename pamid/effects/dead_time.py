@@ -26,7 +26,7 @@ from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, delay
 
-LONGEST = 20.0  # sampling periods
+LONGEST_DELAY = 20.0  # sampling periods
 
 
 class DeadTime(Effect):
@@ -41,7 +41,7 @@ class DeadTime(Effect):
             "delay",
             4.0,
             low=0.0,
-            high=LONGEST,
+            high=LONGEST_DELAY,
             spread=6.7,
             size="period",
             null=0.0,
@@ -52,4 +52,4 @@ class DeadTime(Effect):
     look_alikes = ("tube-lag", "angle-sensor-lag")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
-        return delay(value, p.delay, LONGEST * at.rig_period_s)
+        return delay(value, p.delay, LONGEST_DELAY * at.rig_period_s)

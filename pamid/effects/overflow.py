@@ -23,7 +23,7 @@ from pamid.model.effect import Effect, Hints
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, maximum
 
-TRIED = (0.95, 0.8)  # of the largest level that the recordings reach
+TRIED_LEVELS = (0.95, 0.8)  # of the largest level that the recordings reach
 
 
 class Overflow(Effect):
@@ -61,7 +61,9 @@ class Overflow(Effect):
         """Levels within what the store reaches: above it nothing spills, and no slope leads
         back."""
         return [
-            {"level": share * hints.reach["stored"]} for share in TRIED if "stored" in hints.reach
+            {"level": share * hints.reach["stored"]}
+            for share in TRIED_LEVELS
+            if "stored" in hints.reach
         ]
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from pamid.effects.overflow import TRIED
+from pamid.effects.overflow import TRIED_LEVELS
 from pamid.model.effect import Effect, Hints
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, maximum
@@ -71,7 +71,9 @@ class OverflowIntoStore(Effect):
     def starts(self, hints: Hints) -> list[dict[str, float]]:
         """Levels within what the store that spills reaches."""
         return [
-            {"level": share * hints.reach["stored"]} for share in TRIED if "stored" in hints.reach
+            {"level": share * hints.reach["stored"]}
+            for share in TRIED_LEVELS
+            if "stored" in hints.reach
         ]
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:

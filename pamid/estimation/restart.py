@@ -20,7 +20,7 @@ from pamid.estimation.weights import residual_weights
 
 Array = NDArray[np.float64]
 
-DRAWS = 4  # starting parameters drawn from the priors for a fit that failed
+RESTARTS = 4  # starting parameters drawn from the priors for a fit that failed
 DRAW_STEPS = 8  # that each is given
 # of the cost: what a fit from new starts must come below for the old one to have been a trap
 TRAPPED = 0.5
@@ -83,7 +83,7 @@ def fit_from_draws(fitted: Fit, noise: Array, seed: int) -> Fit:
     random = np.random.default_rng(seed)
     weights = fitted.weights
     best, least = fitted, fitted.cost if fitted.residuals else np.inf
-    for k in range(DRAWS + 1):
+    for k in range(RESTARTS + 1):
         p = problem.start()
         if k:
             s = random.standard_normal(len(problem.free))

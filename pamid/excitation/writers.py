@@ -37,7 +37,7 @@ Array = NDArray[np.float64]
 
 MATRIX = "excitation"
 MAT_HEADER = b"MATLAB 5.0 MAT-file, written by pamid"  # without a date: same request, same bytes
-HELD = "held until the next sample (zero-order hold)"
+HELD_WORDS = "held until the next sample (zero-order hold)"
 PER_LINE = 8
 
 
@@ -106,7 +106,7 @@ def write_excitation(
 
     generator = f"pamid {version('pamid')} generate-aprbs"
     made = [f"{word} {about[word]}" for word in ("signal", "experiment", "seed") if word in about]
-    signals = SentSignals(columns, period_s, path.stem, ", ".join([generator, *made, HELD]))
+    signals = SentSignals(columns, period_s, path.stem, ", ".join([generator, *made, HELD_WORDS]))
     # first: it refuses what is not finite
     files = recording_files(path, signals.time, signals.columns, meta)
     chosen = FORMATS[form]

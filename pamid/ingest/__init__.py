@@ -10,7 +10,7 @@ from types import ModuleType
 from typing import Any
 
 
-class _CallablePackage(ModuleType):
+class _CallableIngest(ModuleType):
     def __call__(self, *logs_and_mapping: Any, **options: Any) -> Any:
         """Turn raw logs into recordings; see `pamid.ingest.ingesting.ingest`."""
         from pamid.ingest.ingesting import ingest
@@ -18,4 +18,4 @@ class _CallablePackage(ModuleType):
         return ingest(*logs_and_mapping, **options)
 
 
-sys.modules[__name__].__class__ = _CallablePackage
+sys.modules[__name__].__class__ = _CallableIngest

@@ -23,7 +23,7 @@ Complex = NDArray[np.complex128]
 POOL = 80  # poles drawn, of which a few are chosen
 TURN = (0.003, 0.5)  # rad per sample: from slowest to fastest oscillation
 QUALITY = (0.3, 30.0)  # memory (samples) times turn: from overdamped to ringing
-LONGEST = 3000.0  # samples: no longer memory
+LONGEST_MEMORY = 3000.0  # samples: no longer memory
 # samples that choose: more would change the time it takes, not the choice
 MOST_SCAN_ROWS = 7000
 # of a feature's mean square, on the residues: keeps cancelling pairs small
@@ -88,7 +88,7 @@ def _random_poles(random: np.random.Generator) -> Complex:
     turn, quality = (
         low * (high / low) ** random.uniform(size=POOL) for low, high in (TURN, QUALITY)
     )
-    return np.exp(-1.0 / np.minimum(quality / turn, LONGEST) + 1j * turn)
+    return np.exp(-1.0 / np.minimum(quality / turn, LONGEST_MEMORY) + 1j * turn)
 
 
 def _mode_responses(inputs: Array, pole: complex) -> Array:

@@ -45,7 +45,9 @@ SIGNIFICANT_DIGITS = 9
 EXACT_DIGITS = 17  # any double comes back as it was
 TIME_DIGITS = 12  # a stamp late in a long record needs more: 9 digits are 10 us after 1000 s
 
-_PLAIN = "Every cell holds one number with a decimal point; `pamid ingest` reads other dialects."
+_PLAIN_CELLS = (
+    "Every cell holds one number with a decimal point; `pamid ingest` reads other dialects."
+)
 
 #: words that people write for units pamid does not read; they tell "wrong unit" from "another
 #: signal"
@@ -425,12 +427,12 @@ def _read_cells(path: Path, names: Sequence[str]) -> FloatArray:
     except (ValueError, OSError, pandas.errors.ParserWarning) as error:
         explain_cells(path, names)
         raise FileError(
-            f"{path} cannot be read as comma-separated numbers: {error}.", _PLAIN
+            f"{path} cannot be read as comma-separated numbers: {error}.", _PLAIN_CELLS
         ) from error
     table = frame.to_numpy()
     if table.shape[0] == 0 or not np.isfinite(table).all():
         explain_cells(path, names)
-        raise FileError(f"{path}: there are no finite numbers to read.", _PLAIN)
+        raise FileError(f"{path}: there are no finite numbers to read.", _PLAIN_CELLS)
     return np.asarray(table, dtype=np.float64)
 
 

@@ -26,7 +26,7 @@ from pamid.report.writing import write_report
 from pamid.schemas.demo_file import DemoOutput, Hit, WithheldFile
 from pamid.simulation.virtual_rig import split_spec
 
-RIG = "one-dof"
+DEMO_RIG = "one-dof"
 PERIOD_S, AMPLITUDE_DEG, HOLD_S = 0.003, 40.0, (0.4, 1.6)
 #: effects that a minute of motion brings to light clearly, with their size
 WITHHELD_EFFECTS = (
@@ -79,10 +79,10 @@ def write_demo_recording(folder: Path, withheld: Withheld, *, seed: int, duratio
     time = PERIOD_S * np.arange(reference.size)
     excitation, recording = folder / EXCITATION_FILE, folder / RECORDING_FILES[0]
     write_recording(excitation, time, {"reference_deg": reference})
-    sheet = {p.outside_name: p.value for p in catalogue_rig(RIG).parameters}
+    sheet = {p.outside_name: p.value for p in catalogue_rig(DEMO_RIG).parameters}
     hidden = {key: sheet[key] * factor for key, factor in withheld.factors.items()}
     made = simulate(
-        excitation, RIG, effects=withheld.spec, parameters=hidden, seed=seed, output=recording
+        excitation, DEMO_RIG, effects=withheld.spec, parameters=hidden, seed=seed, output=recording
     )
     truth = WithheldFile(
         seed=seed,
@@ -143,10 +143,10 @@ def _diagnosed(
     run: Run, recording: Path, seed: int, jobs: int, progress: Progress
 ) -> dict[str, Any]:
     # noted as the command that does just this: with another --output anyone can repeat it
-    words = ["pamid", "diagnose", str(recording), "--rig", RIG, "--output", str(run.folder)]
+    words = ["pamid", "diagnose", str(recording), "--rig", DEMO_RIG, "--output", str(run.folder)]
     found = diagnose(
         recording,
-        RIG,
+        DEMO_RIG,
         seed=seed,
         jobs=jobs,
         output=run,

@@ -46,9 +46,9 @@ from pamid.replications.joint_twin import (
     ANGLE_COLUMN,
     HOLD_S,
     PERIOD_S,
-    RIG,
     TRAINED,
     TWIN_INERTIAS,
+    TWIN_RIG,
     UNSEEN,
     Twin,
     analytic_loop,
@@ -303,7 +303,7 @@ def explain(
     """The refitted model and the named causes, from the training record alone; writes
     diagnosis.json."""
     begun = time.perf_counter()
-    evidence = split_recordings(catalogue_rig(RIG), [records.training], [])
+    evidence = split_recordings(catalogue_rig(TWIN_RIG), [records.training], [])
     grey = fit_model(evidence, seed=plan.seed, jobs=plan.jobs, progress=progress)
     rows = [records.row_of(REFITTED, grey, grey.fit.p, time.perf_counter() - begun)]
     begun = time.perf_counter()

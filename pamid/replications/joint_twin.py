@@ -24,7 +24,7 @@ from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 Array = NDArray[np.float64]
 
-RIG, PERIOD_S = "one-dof", 0.003
+TWIN_RIG, PERIOD_S = "one-dof", 0.003
 REFERENCE_COLUMN, COMMAND, ANGLE_COLUMN = "reference_deg", "command", "angle_deg"
 AMPLITUDE_DEG, HOLD_S = 40.0, (0.4, 1.6)
 STEPS_DEG, FIRST_STEP_S, STEP_S, STEP_SAMPLES = (
@@ -79,7 +79,7 @@ class Twin:
         }
         return {
             p.outside_name: p.value * shares[p.outside_name]
-            for p in catalogue_rig(RIG).parameters
+            for p in catalogue_rig(TWIN_RIG).parameters
             if p.outside_name in shares
         }
 
@@ -89,7 +89,7 @@ class Twin:
         """columns (samples,) in their own units and the meta of a recording on this reference
         (deg)."""
         made = simulate_virtual_rig(
-            RIG,
+            TWIN_RIG,
             excitation(reference),
             self.effects(inertia),
             {"inertia_kg_m2": inertia},
@@ -129,7 +129,9 @@ def analytic_loop(recording: Recording) -> dict[str, Array]:
     """Reference, command, angle, velocity and acceleration (deg, s) of the data-sheet model in its
     own loop."""
     reference = recording.signal(REFERENCE_COLUMN)
-    made = simulate_virtual_rig(RIG, excitation(reference), (), recording.known, {}, 0.0, 0).columns
+    made = simulate_virtual_rig(
+        TWIN_RIG, excitation(reference), (), recording.known, {}, 0.0, 0
+    ).columns
     velocity = np.gradient(made[ANGLE_COLUMN], PERIOD_S)
     unit = split_column(ANGLE_COLUMN)[1]
     return {

@@ -14,7 +14,7 @@ from types import ModuleType
 from typing import Any
 
 
-class _CallablePackage(ModuleType):
+class _CallableReport(ModuleType):
     def __call__(
         self,
         run: Any,
@@ -36,4 +36,4 @@ class _CallablePackage(ModuleType):
         )
 
 
-sys.modules[__name__].__class__ = _CallablePackage
+sys.modules[__name__].__class__ = _CallableReport

@@ -52,8 +52,8 @@ _LONGEST_PLAIN = 700
 class _NamedSignals:
     """Signals as names; what a rig offers as a function becomes a call of that name."""
 
-    def __init__(self, offered: frozenset[str], kind: str) -> None:
-        self._offered, self._kind = offered, kind
+    def __init__(self, offered: frozenset[str], kind: str, rig_period_s: float) -> None:
+        self._offered, self._kind, self.rig_period_s = offered, kind, rig_period_s
 
     def offers(self, signal: str) -> bool:
         return signal in self._offered
@@ -102,13 +102,13 @@ def acting(rig: str, label: str) -> Acting | None:
         of = catalogue_rig(rig)
         where = attach(of, label, effects())
         port = of.ports[where.ports[0]]
-        return _acting(where.effect, port, where.ports[0])
+        return _acting(where.effect, port, where.ports[0], of.period_s)
     except PamidError:
         return None
 
 
-def _acting(effect: Effect, port: Port, port_name: str) -> Acting:
-    at = _NamedSignals(frozenset(port.signals) | {"time", "period"}, port.kind)
+def _acting(effect: Effect, port: Port, port_name: str, rig_period_s: float) -> Acting:
+    at = _NamedSignals(frozenset(port.signals) | {"time", "period"}, port.kind, rig_period_s)
     letter, what = _TORQUE if quantity_of(port.unit) == "torque" else LETTERS[port.kind]
     found = effect.act(symbol("value", letter), at, _Symbols("parameter"), _Symbols("state"))
     value, rates = found if isinstance(found, tuple) else (found, {})

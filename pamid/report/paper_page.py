@@ -17,7 +17,7 @@ from pamid.report.document import (
     table,
 )
 from pamid.report.load import RunData
-from pamid.report.papers import Paper, Still, Topic
+from pamid.report.papers import PaperStory, Still, Topic
 from pamid.report.run_page import answer_sections
 from pamid.report.style import Picture
 from pamid.report.tables import provenance
@@ -25,7 +25,7 @@ from pamid.schemas.run_file import Step
 
 
 def paper_document(
-    paper: Paper,
+    paper: PaperStory,
     steps: tuple[Step, ...],
     run: RunData | None,
     rows: tuple[ChannelErrors, ...],

@@ -84,7 +84,7 @@ class Still:
 
 
 @dataclass(frozen=True)
-class Paper:
+class PaperStory:
     """lead: what came out, in a sentence."""
 
     subtitle: str
@@ -94,7 +94,7 @@ class Paper:
     stills: tuple[Still, ...]
 
 
-def read_paper(folder: Path) -> Paper | None:
+def read_paper(folder: Path) -> PaperStory | None:
     """The reproduced paper in a folder; None where there is none, FileError where its file is
     damaged."""
     joint = read_result(folder / JOINT_FILE, PaperFile)
@@ -127,7 +127,7 @@ def _stills(folder: Path, names: Iterable[str]) -> tuple[Still, ...]:
 # ---- the first paper ---------------------------------------------------------------------------
 
 
-def _joint(paper: PaperFile, stills: tuple[Still, ...]) -> Paper:
+def _joint(paper: PaperFile, stills: tuple[Still, ...]) -> PaperStory:
     rows, cases = paper.rows, list(paper.rows[0].mae)
     training = [("", *_JOINT_TRAINING.values())]
     for name, one in (("published", paper.published.training), ("here", paper.training)):
@@ -149,7 +149,7 @@ def _joint(paper: PaperFile, stills: tuple[Still, ...]) -> Paper:
         _hidden(paper.twin.model_extra or {}),
         _notes(paper),
     )
-    return Paper(
+    return PaperStory(
         "The first paper: a joint", _joint_lead(rows, cases), _warnings(paper), sections, stills
     )
 
@@ -211,7 +211,7 @@ def _cause_rows(causes: Sequence[Cause]) -> tuple[tuple[str, ...], ...]:
 # ---- the second paper --------------------------------------------------------------------------
 
 
-def _arm(paper: ArmPaperFile, stills: tuple[Still, ...]) -> Paper:
+def _arm(paper: ArmPaperFile, stills: tuple[Still, ...]) -> PaperStory:
     target = paper.target
     reached = "lie" if target.reached else "do not lie"
     lead = (
@@ -254,7 +254,7 @@ def _arm(paper: ArmPaperFile, stills: tuple[Still, ...]) -> Paper:
     stuck = [
         f"Not converged: {name}: {one.why}" for name, one in paper.fits.items() if not one.converged
     ]
-    return Paper(
+    return PaperStory(
         "The second paper: an arm of two links", lead, (*_warnings(paper), *stuck), sections, stills
     )
 

@@ -29,7 +29,7 @@ from pamid.report.figures import (
 )
 from pamid.report.load import RunData, load_run, read_steps
 from pamid.report.paper_page import paper_document
-from pamid.report.papers import Paper, read_paper
+from pamid.report.papers import PaperStory, read_paper
 from pamid.report.pdf import CREATOR, pdf_of
 from pamid.report.run_page import run_document
 from pamid.report.style import Drawing, Picture, render
@@ -138,7 +138,7 @@ def content_of(run_folder: Path) -> Content:
     return Content(rows, drawings_of(run, rows), partial(run_document, run, rows))
 
 
-def _paper_content(run_folder: Path, paper: Paper, steps: tuple[Step, ...]) -> Content:
+def _paper_content(run_folder: Path, paper: PaperStory, steps: tuple[Step, ...]) -> Content:
     """The paper's own pictures stay as they are; those of the diagnosis of its record are drawn,
     where there is one."""
     if not (run_folder / "diagnosis.json").exists():

@@ -90,7 +90,7 @@ class Unlocked(Model):
     effects: ListOf[Text]
 
 
-class RigPort(Model):
+class CheckedPort(Model):
     """A port of a rig file: what passes, its sign, and what can act there."""
 
     rig: Text
@@ -118,7 +118,7 @@ class CheckFile(Model):
     kind: Text = Field(description="recording, rig, effect, or python: neither of these")
     rigs: Sometimes[ListOf[Text]] = Field(default=None, description="names of the rigs in it")
     effects: Sometimes[ListOf[Text]] = Field(default=None, description="names of the effects in it")
-    ports: Sometimes[ListOf[RigPort]] = Field(
+    ports: Sometimes[ListOf[CheckedPort]] = Field(
         default=None, description="of the rigs in it, where their equations can be built"
     )
     samples: Sometimes[Count] = None

@@ -25,8 +25,8 @@ Array = NDArray[np.float64]
 
 FORGOTTEN = float(np.exp(-1.0))
 STAYS = 3  # times the lag over which the correlation stays below
-FEWEST = 10.0  # samples: no horizon can follow a faster one
-LONGEST = 0.125  # of a recording: slower is drift, which a recording this long cannot show
+LEAST_LAG = 10.0  # samples: no horizon can follow a faster one
+LONGEST_SHARE = 0.125  # of a recording: slower is drift, which a recording this long cannot show
 
 
 def correlation_samples(y: Array, noise: float = 0.0) -> tuple[float, float]:
@@ -35,7 +35,7 @@ def correlation_samples(y: Array, noise: float = 0.0) -> tuple[float, float]:
     where nothing but noise moves."""
     y = y - y.mean()
     n = len(y)
-    most = max(FEWEST, LONGEST * n)
+    most = max(LEAST_LAG, LONGEST_SHARE * n)
     power = float(y @ y) - n * noise**2
     if power <= n * noise**2 or power <= 0.0:
         return float("nan"), float("nan")
@@ -48,7 +48,7 @@ def correlation_samples(y: Array, noise: float = 0.0) -> tuple[float, float]:
     upto = np.concatenate([remembered, [n]])
     settled = after[STAYS * after < upto]
     plain, ringing = (float(lags[0]) if len(lags) else most for lags in (below, settled))
-    return min(max(plain, FEWEST), most), min(max(ringing, FEWEST), most)
+    return min(max(plain, LEAST_LAG), most), min(max(ringing, LEAST_LAG), most)
 
 
 def timescale_of(
@@ -69,6 +69,6 @@ def timescale_of(
                 found.append((np.log(plain * period_s), np.log(ringing * period_s)))
                 weight.append(len(column) * period_s)
     if not found:
-        return min(LONGEST * max(len(y) * period_s for y, _, period_s in parts), most_s)
+        return min(LONGEST_SHARE * max(len(y) * period_s for y, _, period_s in parts), most_s)
     plain, ringing = np.exp(np.average(found, axis=0, weights=weight))
     return float(max(min(plain, most_s), min(ringing, most_ringing_s)))

@@ -29,7 +29,7 @@ from pamid.simulation.replay import Replay
 from pamid.simulation.tracks import Track, noise_of, stated_noise, track_of
 
 Array = NDArray[np.float64]
-FEWEST = 200  # samples of a recording
+FEWEST_SAMPLES = 200  # samples of a recording
 HELD_OUT_SHARE = 0.3
 LEAD = 10.0  # correlation times before a held-out part, to find the state it begins in
 # correlation times of the windows that a fit is cut into, and of the shortest that are replayed
@@ -121,11 +121,12 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
     for r in everything:
         moving |= require_informative(rig, r)
         seconds = len(r) * r.sampling_period_s
-        if len(r) < FEWEST:
+        if len(r) < FEWEST_SAMPLES:
             raise DataError(
                 f"{r.path}: {len(r)} samples ({seconds:.2f} s) are too few to fit and judge a "
                 "model",
-                f"at least {FEWEST} samples are needed; 20 s and more are sensible on a 3 ms rig",
+                f"at least {FEWEST_SAMPLES} samples are needed; 20 s and more are sensible on a "
+                "3 ms rig",
             )
     channels = tuple(c for c in channels if c in moving)
     if held_out:

@@ -23,8 +23,8 @@ from pamid.simulation.windows import Runner, Window, cut
 
 Array = NDArray[np.float64]
 
-LONGEST, SHORTEST = 3.8, 1.7  # correlation times of the recordings
-FEWEST = 40  # samples of a window
+LONGEST_WINDOW, SHORTEST_WINDOW = 3.8, 1.7  # correlation times of the recordings
+FEWEST_WINDOW_SAMPLES = 40  # samples of a window
 ENOUGH = 16  # windows wanted: verdicts are resampled over them
 WARM_UP = 0.15  # share of a window that only serves to find its start
 
@@ -34,8 +34,8 @@ def replay_windows(track: Track) -> list[Window]:
     least 6 of them."""
     own = len(track) / ENOUGH
     scale = track.timescale_s / track.period_s
-    length = round(min(LONGEST * scale, max(SHORTEST * scale, own)))
-    return cut(len(track), max(FEWEST, min(length, len(track) // 6)))
+    length = round(min(LONGEST_WINDOW * scale, max(SHORTEST_WINDOW * scale, own)))
+    return cut(len(track), max(FEWEST_WINDOW_SAMPLES, min(length, len(track) // 6)))
 
 
 @dataclass(frozen=True, eq=False)

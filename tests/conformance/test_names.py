@@ -21,7 +21,11 @@ SCANNED = {
     "EXAMPLE": "cli/",
     "PLACE": "cli/",
     "KIND": "pamid/ingest/readers/",
+    "FORM": "pamid/export/forms/",
+    "OPTIONS": "pamid/replications/papers/",
 }
+#: scanned folders whose files are named as users name them, of which MATLAB is read and written
+NAMED_BY_USERS = ("pamid/export/forms/", "pamid/ingest/readers/")
 
 Places = dict[str, dict[str, str]]  # name -> where -> what stands there
 
@@ -41,12 +45,16 @@ def classes(sources: dict[str, ast.Module]) -> dict[str, list[str]]:
 
 
 def modules(files: list[str]) -> dict[str, list[str]]:
-    """Names that several files bear."""
+    """Names that several files bear, other than one in each of the folders named by users."""
     found: Places = defaultdict(dict)
     for file in files:
         if not file.endswith("/__init__.py"):
             found[Path(file).stem][file] = ""
-    return _several(found)
+    return {
+        name: places
+        for name, places in _several(found).items()
+        if not all(place.startswith(NAMED_BY_USERS) for place in places)
+    }
 
 
 def constants(sources: dict[str, ast.Module]) -> dict[str, list[str]]:
@@ -124,3 +132,5 @@ def test_classes_and_files_of_one_name_are_found() -> None:
     assert list(modules(["pamid/x/a.py", "cli/a.py", "pamid/__init__.py", "cli/__init__.py"])) == [
         "a"
     ]
+    both = [f"{folder}a.py" for folder in NAMED_BY_USERS]
+    assert modules(both) == {} and list(modules([*both, "cli/a.py"])) == ["a"]

@@ -99,7 +99,7 @@ def test_every_effect_is_drawn_and_parameters_are_off_by_10_to_20_percent() -> N
 
 
 def test_the_list_is_of_the_catalogue() -> None:
-    rig = rig_named(demo.RIG)
+    rig = rig_named(demo.DEMO_RIG)
     names = {p.outside_name for p in rig.parameters if p.fitted}
     assert set(demo.MISTUNED) <= names
     assert {a.effect.name for a, _ in attach_specs(rig, demo.WITHHELD_EFFECTS)} == {

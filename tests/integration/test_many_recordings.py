@@ -16,7 +16,7 @@ from pamid.base.json_file import read_json
 from pamid.excitation.aprbs import aprbs
 from pamid.model.registry import rig_named
 from pamid.recording.recording import read_recording, write_recording
-from pamid.simulation.data_split import FEWEST, DataSplit
+from pamid.simulation.data_split import FEWEST_SAMPLES, DataSplit
 from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 
@@ -24,9 +24,11 @@ def recorded(folder: Path, count: int) -> list[str]:
     """Paths of recordings of a cart with friction that its model lacks."""
     paths = []
     for k in range(count):
-        path, time = folder / f"rec-{k}.csv", PERIOD_S * np.arange(FEWEST)
+        path, time = folder / f"rec-{k}.csv", PERIOD_S * np.arange(FEWEST_SAMPLES)
         write_recording(
-            path, time, {"force_n": aprbs(FEWEST * PERIOD_S, PERIOD_S, 4.0, (0.1, 0.4), seed=k)}
+            path,
+            time,
+            {"force_n": aprbs(FEWEST_SAMPLES * PERIOD_S, PERIOD_S, 4.0, (0.1, 0.4), seed=k)},
         )
         made = simulate_virtual_rig(
             RIG, read_recording(path), ("coulomb-friction",), {}, {"mass_kg": 1.2}, 1.0, k

@@ -24,8 +24,8 @@ from pamid.replications.joint_twin import (
     AMPLITUDE_DEG,
     HOLD_S,
     PERIOD_S,
-    RIG,
     TWIN_INERTIAS,
+    TWIN_RIG,
     Twin,
     analytic_loop,
     calibration,
@@ -108,7 +108,7 @@ def test_the_paper_s_arithmetic() -> None:
 
 
 def test_another_load_leaves_spring_and_inboard_inertia() -> None:
-    rig, twin = rig_named(RIG), Twin()
+    rig, twin = rig_named(TWIN_RIG), Twin()
     values = {}
     for case, inertia in TWIN_INERTIAS.items():
         attached = attach_specs(rig, twin.effects(inertia))

@@ -141,5 +141,5 @@ def test_errors_in_degrees_are_differences(
 
 
 def test_a_parameter_in_degrees_celsius_is_refused() -> None:
-    with pytest.raises(pamid.PamidError, match="zero of its own"):
+    with pytest.raises(pamid.PamidError, match="another zero than the equations.*Give it in K"):
         pamid.Parameter("room", 20.0, unit="degC")

@@ -523,11 +523,13 @@ def test_what_is_planted_stands_where_it_should() -> None:
 # ---- cases --------------------
 
 
+# But for `removed` these are the cases of a44c9df, compared field by field: the catalogue has grown
+# since, and 13 or 14 withheld cases of 200 leave out what is new and of kin, too.
 DIGESTS = {
-    ("test", 0): "472b8badf7d367d4",
-    ("calibration", 0): "da1fdf204a338b4f",
-    ("test", 1): "71fffc2ffea9feb4",
-    ("calibration", 1): "e5f39e34b2b58605",
+    ("test", 0): "7eb163c1de84bb66",
+    ("calibration", 0): "36369dd23d50ffcb",
+    ("test", 1): "fc9f8d59a9e7f653",
+    ("calibration", 1): "fc4506d018aa8dfa",
 }
 
 

@@ -91,6 +91,7 @@ def test_keeps_the_contract(rubbing: tuple[Path, Recording, dict[str, Any]]) -> 
         "parameters",
         "background",
         "unknown",
+        "notes",
     }
     assert sum(p["share"] for p in stored["where"]["ports"]) == pytest.approx(1.0)
     assert {p["port"] for p in stored["where"]["ports"]} == {
@@ -120,6 +121,8 @@ def test_keeps_the_contract(rubbing: tuple[Path, Recording, dict[str, Any]]) -> 
             "high",
             "converged",
             "why",
+            "parameters",
+            "at_bound",
         }
     assert set(stored["how_far"]["angle_deg"]) == {
         "mae_data_sheet",

@@ -16,6 +16,7 @@ from test_missing_term import missing
 
 import pamid.diagnosis
 from pamid.base.errors import UsageError
+from pamid.diagnosis import ranges
 from pamid.diagnosis.budget import Budget, _BlackBox
 from pamid.diagnosis.candidate_model import resamples
 from pamid.diagnosis.decision import at_noise_floor, decide, is_confirmed
@@ -25,7 +26,7 @@ from pamid.diagnosis.screening import Screened, ScreeningBaseline, promising
 from pamid.diagnosis.search import Refitting, _Screening, _StepRefinement
 from pamid.diagnosis.settings import DEFAULT, Settings, described, settings_from
 from pamid.diagnosis.smoothed_trajectory import SlicedTrack, slices_of
-from pamid.diagnosis.smoother import Smoother, SmoothingProblem, _near
+from pamid.diagnosis.smoother import Smoother, SmoothingProblem
 from pamid.diagnosis.starting_hints import spectrum_peaks
 from pamid.diagnosis.unknown import _Describing, missing_csv, parity, regressors
 from pamid.parallel.jobs import Work
@@ -80,7 +81,7 @@ def test_an_unknown_name_is_refused_with_the_nearest() -> None:
         {"refits": 2.5},
         {"refits": 0},
         {"latent_sizes": ()},
-        {"latent_times_s": (0.1, 0.0)},
+        {"latent_times": (0.1, 0.0)},
         {"experiment_ways": ((1.0, "2"),)},
     ],
 )
@@ -201,18 +202,22 @@ def test_rows_and_parity_of_a_missing_term() -> None:
 
 
 def test_sizes_and_times_of_a_latent_value() -> None:
-    near = _near(0.03, DEFAULT)
-    assert {size for size, _ in near} == {0.01, 0.03, 0.1}
-    assert {time_s for _, time_s in near} == set(DEFAULT.latent_times_s)
-    assert _near(0.03, Settings(latent_reach=2.0, latent_times_s=(0.5,))) == [(0.03, 0.5)]
+    def near(settings: Settings) -> list[tuple[float, float]]:
+        evidence: Any = SimpleNamespace(timescale_s=2.0)
+        return Smoother(evidence, nothing, (), settings)._near(0.03)
+
+    assert {size for size, _ in near(DEFAULT)} == {0.01, 0.03, 0.1}
+    assert {time_s for _, time_s in near(DEFAULT)} == {2.0 * t for t in DEFAULT.latent_times}
+    assert near(Settings(latent_reach=2.0, latent_times=(0.5,))) == [(0.03, 1.0)]
 
 
 def test_slices_of_a_trajectory() -> None:
     replay: Any = SimpleNamespace(
-        track=SimpleNamespace(period_s=0.01), windows=[SimpleNamespace(start=0, stop=60)]
+        track=SimpleNamespace(period_s=0.01, timescale_s=0.6),
+        windows=[SimpleNamespace(start=0, stop=60)],
     )
     assert [s.stop - s.start for s in slices_of(replay)[0]] == [10] * 6
-    assert len(slices_of(replay, Settings(latent_slice_s=0.3))[0]) == 2
+    assert len(slices_of(replay, Settings(latent_slice=0.5))[0]) == 2
     assert len(slices_of(replay, Settings(latent_slice_samples=20))[0]) == 3
 
 
@@ -229,6 +234,19 @@ def test_what_a_trajectory_may_jump_by() -> None:
     inside, opening, _ = joints(DEFAULT)
     assert joints(Settings(latent_stiffness=1e-3))[0] == pytest.approx(1e-2 * inside)
     assert joints(Settings(latent_window_jump=1e2))[1] == pytest.approx(1e2 * opening)
+
+
+def test_how_hard_a_fit_presses_against_a_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+    bound = SimpleNamespace(owner="play", sized=True, low=0.0, high=1.0, name="gap")
+    ended = SimpleNamespace(bound=bound, at_bound="high")
+    monkeypatch.setattr(ranges, "estimates", lambda fitted: [ended])
+    fitted = SimpleNamespace(
+        residuals=(np.zeros(1),), held=np.array([5.0]), problem=SimpleNamespace(free=(0,))
+    )
+    assembly = SimpleNamespace(attachments=(SimpleNamespace(label="play"),))
+    model: Any = SimpleNamespace(assembly=assembly, fit=fitted)
+    assert ranges.at_bounds(model) == ("gap",)
+    assert ranges.at_bounds(model, Settings(pressed=6.0)) == ()
 
 
 def test_when_a_smoothing_ends_and_how_it_is_damped() -> None:

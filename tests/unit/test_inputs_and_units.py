@@ -9,8 +9,8 @@ import pytest
 
 import pamid
 from pamid.base.errors import FileError, PamidError, UsageError
-from pamid.checks.between_samples import tried_both_ways
 from pamid.checks.conformance import ExcitedRig
+from pamid.checks.hold_or_line import tried_both_ways
 from pamid.checks.recording_quality import examine
 from pamid.model.assembly import Assembly
 from pamid.model.parameter import Parameter
@@ -207,7 +207,8 @@ def test_equations_see_si_and_known_values_any_unit() -> None:
 
 def test_a_model_with_a_linear_input_is_run_and_not_exported(tmp_path: Path) -> None:
     from pamid.correction.identified_model import load_identified
-    from pamid.export.exporting import FORMS, export_model
+    from pamid.export.exporting import export_model
+    from pamid.export.form import known_forms
 
     recording = pamid.Recording.from_pandas(
         recorded("linear", 0.002).to_pandas(), between={"force_n": "linear"}
@@ -218,7 +219,8 @@ def test_a_model_with_a_linear_input_is_run_and_not_exported(tmp_path: Path) -> 
     again = pamid.simulate(recording, model=tmp_path / "run", rig=Oscillator, noise=0.0)
     off = again.columns["position_mm"] - recording.columns["position_mm"]
     assert np.abs(off[200:]).max() < 0.02 * np.ptp(recording.columns["position_mm"])
-    for form in FORMS:
+    assert known_forms()
+    for form in known_forms():
         with pytest.raises(UsageError, match="held"):
             export_model(model, form, tmp_path / "out")
 

@@ -146,7 +146,7 @@ def test_no_outputs_show_nothing_and_any_sensor_helps() -> None:
 
 def test_uncoupled_sides_do_not_hide_behind_each_other() -> None:
     found = isolability(Carts(), ("position_1_m", "position_2_m"))
-    names = ("amplifier", "drive", "guide", "mast", "ruler")
+    names = ("amplifier", "drive", "guide", "cord", "mast", "ruler")
     assert found.places == tuple(tuple(f"{n}_{i}" for n in names) for i in "12")
     assert found.groups == (names,)
     one = isolability(Carts(), ("position_1_m",))

@@ -36,16 +36,16 @@ from pamid.symbolic.expression import symbol
 
 Array = NDArray[np.float64]
 
-MOST_WINDOWS, FEWEST_WINDOWS = 40, 6
-LONG, SHORT = 60, 20  # samples of a window
+COMPARED_WINDOWS, FEWEST_WINDOWS = 40, 6
+WINDOW_SAMPLES, LEAST_WINDOW_SAMPLES = 60, 20  # samples of a window
 LEAST_SIGMA = 0.01  # of a channel's spread: the weight of one without noise
 STEPS = 30
 BETTER, SURE = 0.9, 0.7
-SETTLED = 1e-5  # relative gain of a step
+SETTLED_GAIN = 1e-5  # relative gain of a step
 
 
 @dataclass(frozen=True)
-class BetweenSamples:
+class HoldOrLine:
     """One input tried both ways.
 
     taken      "held" or "linear", as the rig or the recording states it; stated: whether it does
@@ -97,7 +97,7 @@ class BetweenSamples:
 
 def tried_both_ways(
     recording: Recording, rig: Rig, columns: Iterable[str] | None = None
-) -> list[BetweenSamples]:
+) -> list[HoldOrLine]:
     """The recording's inputs (of these, if they are named) held and linear; none where the rig
     cannot be run on it. A command that a controller sends is held, and is not tried.
 
@@ -127,10 +127,10 @@ def _worth_trying(recording: Recording, rig: Rig, columns: Iterable[str]) -> lis
     ]
 
 
-def _tried(trial: _Trial, names: list[str]) -> list[BetweenSamples]:
+def _tried(trial: _TriedOn, names: list[str]) -> list[HoldOrLine]:
     """Every input the other way; where several fit better so, the best first and the others
     beside it."""
-    found: dict[str, BetweenSamples] = {}
+    found: dict[str, HoldOrLine] = {}
     base = trial.fitted(trial.rig)
     while True:
         tried = {c: trial.compared(base, c) for c in names if c not in found}
@@ -174,7 +174,7 @@ class _Fitted:
 
 
 @dataclass(frozen=True, eq=False)
-class _Trial:
+class _TriedOn:
     """What both fits share: the recording's windows, weights and free parameters."""
 
     rig: Rig
@@ -188,7 +188,7 @@ class _Trial:
         start = problem.sheet() if begin is None else problem.at(begin.s, begin.x)
         return _Fitted(rig, iterate(problem, Iteration(start, problem.rule.start), STEPS).point)
 
-    def compared(self, base: _Fitted, column: str) -> tuple[BetweenSamples, _Fitted]:
+    def compared(self, base: _Fitted, column: str) -> tuple[HoldOrLine, _Fitted]:
         """The input the one way and the other, each from where the other one led as well."""
         taken = between_of(base.rig, column)
         turned = self.fitted(stated(base.rig, {column: other(taken)}), base.point)
@@ -200,7 +200,7 @@ class _Trial:
         rms = {way: self._rms(one, shows) for way, one in both.items()}
         better = next((way for way in both if _clear(both[way], both[other(way)])), "")
         return (
-            BetweenSamples(
+            HoldOrLine(
                 column,
                 taken,
                 column in base.rig.between,
@@ -227,7 +227,7 @@ def _clear(one: _Fitted, rest: _Fitted) -> bool:
     return float(smaller.mean()) >= SURE
 
 
-def _trial_of(recording: Recording, rig: Rig) -> _Trial | None:
+def _trial_of(recording: Recording, rig: Rig) -> _TriedOn | None:
     names = measured_outputs(Assembly(rig), recording)
     names = tuple(n for n in names if float(np.ptp(recording.signal(n))) > 0.0)
     if not names:
@@ -239,20 +239,20 @@ def _trial_of(recording: Recording, rig: Rig) -> _Trial | None:
         return None
     noise = noise_of((track,), stated_noise(rig, names))
     weight = 1.0 / np.maximum(noise, LEAST_SIGMA * track.y.std(axis=0))
-    return _Trial(rig, names, track, windows, weight)
+    return _TriedOn(rig, names, track, windows, weight)
 
 
 def _windows(track: Track) -> tuple[Window, ...]:
     """The windows in which inputs change most from sample to sample."""
-    length = min(LONG, len(track) // FEWEST_WINDOWS)
-    if length < SHORT:
+    length = min(WINDOW_SAMPLES, len(track) // FEWEST_WINDOWS)
+    if length < LEAST_WINDOW_SAMPLES:
         return ()
     count = len(track) // length
     moves = np.abs(np.diff(track.u, axis=0, prepend=track.u[:1]))
     size = moves.mean(axis=0)
     moved = (moves / np.where(size > 0.0, size, 1.0)).sum(axis=1)
     busy = moved[: count * length].reshape(count, length).sum(axis=1)
-    chosen = np.sort(np.argsort(-busy, kind="stable")[:MOST_WINDOWS])
+    chosen = np.sort(np.argsort(-busy, kind="stable")[:COMPARED_WINDOWS])
     return tuple(Window(int(k) * length, int(k + 1) * length) for k in chosen)
 
 
@@ -260,12 +260,12 @@ def _windows(track: Track) -> tuple[Window, ...]:
 class _ShortFit(LeastSquares[_Point, Array]):
     """Parameters and start states of the windows by damped Gauss-Newton."""
 
-    trial: _Trial
+    trial: _TriedOn
     runner: Runner
     rule = DampingRule(1e-3, falls=0.2, least=1e-9, rises=10.0, most=1e8)
 
     @classmethod
-    def of(cls, trial: _Trial, rig: Rig) -> _ShortFit:
+    def of(cls, trial: _TriedOn, rig: Rig) -> _ShortFit:
         a = Assembly(rig, outputs=trial.names).for_fitting()
         t = trial.track
         step = choose_stepping(a, t.u, t.p, t.period_s, a.start(t.p))
@@ -339,10 +339,10 @@ class _ShortFit(LeastSquares[_Point, Array]):
         return self.at(at.s + step[:m], at.x + step[m:].reshape(at.x.shape))
 
     def settled(self, gain: float, before: _Point, after: _Point) -> bool:
-        return gain < SETTLED * after.cost
+        return gain < SETTLED_GAIN * after.cost
 
 
-def figures(found: Sequence[BetweenSamples]) -> list[dict[str, object]]:
+def figures(found: Sequence[HoldOrLine]) -> list[dict[str, object]]:
     """The same as plain data."""
     return [
         {
