@@ -13,6 +13,7 @@ from pamid.base.metrics import seen_mean
 from pamid.model.assembly import Assembly
 from pamid.model.between_samples import as_recorded
 from pamid.model.rig import Rig
+from pamid.model.sampling import as_sampled
 from pamid.recording.noise import noise_level
 from pamid.recording.overlap import require_apart
 from pamid.recording.recording import Recording, require_excited
@@ -37,6 +38,7 @@ FIT_WINDOW, REPLAY_WINDOW = 2.5, 1.7
 # fewer held out say little of what another recording would show; and the fewest at all
 FEW_WINDOWS, LEAST_WINDOWS = 12, 6
 DEALS = 64  # ways tried to deal held-out windows out to choosing and reporting
+ALIKE_DIGITS = 9  # decimals to which two ways of dealing are compared
 VISIBLE = 3.0  # times its noise: a signal that moves
 # of the first half's motion: what is left in the second half of a motion that dies away
 DECAYED = 0.5
@@ -96,7 +98,7 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
     samples. An input or a channel may rest, as long as another one moves.
     """
     everything = [*recordings, *held_out]
-    rig = as_recorded(rig, everything)
+    rig = as_sampled(as_recorded(rig, everything), [r.sampling_period_s for r in everything])
     plain = Assembly(rig)
     require_apart(tuple(rig.outputs), recordings, held_out)
     seen = {id(r): measured_outputs(plain, r) for r in everything}
@@ -270,7 +272,8 @@ def selection_part(replays: list[Replay], losses: Array) -> NDArray[np.bool_]:
         if many % 2:
             first[-1] = True
         dealt.append(first[blocks])
-    return min(dealt, key=lambda chosen: _imbalance(losses, chosen))
+    # swapped halves are as balanced as before: the first dealt, whatever unit the last digit is in
+    return min(dealt, key=lambda chosen: round(_imbalance(losses, chosen), ALIKE_DIGITS))
 
 
 def _imbalance(losses: Array, chosen: NDArray[np.bool_]) -> float:
