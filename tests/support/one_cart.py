@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from pamid.base.units import NONE, from_si, split_column
 from pamid.model.effect import State
 from pamid.model.parameter import Parameter
 from pamid.model.rig import Port, Rig
@@ -23,19 +24,26 @@ HOLD = (12, 70)  # samples that a push lasts
 MASS, SPRING, DAMPING, FRICTION = 1.3, 50.0, 3.0, 1.2  # kg, N/m, N s/m, N
 GIVE = 2e-3  # m, over which the machine's friction builds up
 NOISE = 1e-4  # m
+SI = {"": "", NONE: "", "mm": "m", "kN": "N"}
 FINE = 10  # steps of the machine per sample
 
 
 @dataclass(frozen=True)
 class Written:
     """How the model is written and the recording kept: how many of the unit in use make up a metre,
-    a newton, a second; the sign of the coordinate; the state beside the position."""
+    a newton, a second, of which neither knows; what a column's own unit makes of these; the sign of
+    the coordinate; the state beside the position."""
 
     length: float = 1.0
     force: float = 1.0
     time: float = 1.0
+    place: str = "place"
+    push: str = "push"
     sign: float = 1.0
     state: str = "velocity"
+
+
+PLAIN = Written()
 
 
 @cache
@@ -65,22 +73,32 @@ def machine() -> tuple[Array, Array]:
     return push, position + NOISE * random.standard_normal(len(position))
 
 
-def recorded(written: Written = Written(), every: int = 2, **more: Array) -> Recording:
+def recorded(written: Written = PLAIN, every: int = 2, **more: Array) -> Recording:
     """The machine's recording as `written`, one sample of `every` PERIOD_S / 2; more: columns."""
+    w = written
     push, position = machine()
     time = 0.5 * PERIOD_S * written.time * np.arange(len(push))
-    columns = {"push": written.force * push, "place": written.sign * written.length * position}
+    columns = {
+        w.push: from_si(w.force * push, split_column(w.push)[1]),
+        w.place: from_si(w.sign * w.length * position, split_column(w.place)[1]),
+    }
     kept = {name: column[::every] for name, column in columns.items()}
     return recording_of(time[::every], kept | more, name="cart")
 
 
 def part(recording: Recording, start: int, stop: int, name: str) -> Recording:
     """Samples start..stop in a file of their own, its time from 0."""
-    columns = {n: recording.columns[n][start:stop] for n in ("push", "place")}
+    columns = {title: column[start:stop] for title, column in recording.columns.items()}
     return recording_of(recording.time[start:stop] - recording.time[start], columns, name=name)
 
 
-def cart(written: Written = Written()) -> Rig:
+def turned_about(recording: Recording) -> Recording:
+    """The same with its columns in the opposite order."""
+    columns = dict(reversed(recording.columns.items()))
+    return recording_of(recording.time, columns, name=recording.name)
+
+
+def cart(written: Written = PLAIN) -> Rig:
     """The model as `written`; off from the machine as data sheets are."""
     force, speed = written.force, written.length / written.time
 
@@ -91,8 +109,8 @@ def cart(written: Written = Written()) -> Rig:
     class OneCart(Rig):
         """Push to position."""
 
-        inputs = {"push": ""}
-        outputs = {"place": ""}
+        inputs = {written.push: SI[split_column(written.push)[1]]}
+        outputs = {written.place: SI[split_column(written.place)[1]]}
         ports = {
             "amplifier": Port("command"),
             "guide": Port("motion", "", ("position", "velocity")),
@@ -108,7 +126,7 @@ def cart(written: Written = Written()) -> Rig:
         def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
             moving = getattr(x, written.state)
             velocity = moving / p.mass if written.state == "momentum" else moving
-            push = written.sign * port("amplifier", u.push) - p.spring * x.place
+            push = written.sign * port("amplifier", getattr(u, written.push)) - p.spring * x.place
             push = port("guide", push - p.damping * velocity, position=x.place, velocity=velocity)
             share = 1.0 if written.state == "momentum" else 1.0 / p.mass
             return {"place": velocity, written.state: share * push}
@@ -116,6 +134,6 @@ def cart(written: Written = Written()) -> Rig:
         def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
             moving = getattr(x, written.state)
             rate = moving / p.mass if written.state == "momentum" else moving
-            return {"place": port("ruler", x.place, rate=rate)}
+            return {written.place: port("ruler", x.place, rate=rate)}
 
     return OneCart()
