@@ -38,7 +38,7 @@ FIT_WINDOW, REPLAY_WINDOW = 2.5, 1.7
 # fewer held out say little of what another recording would show; and the fewest at all
 FEW_WINDOWS, LEAST_WINDOWS = 12, 6
 DEALS = 64  # ways tried to deal held-out windows out to choosing and reporting
-ALIKE_DIGITS = 9  # decimals to which two ways of dealing are compared
+ALIKE_DIGITS = 9  # decimals to which recordings and ways of dealing are compared
 VISIBLE = 3.0  # times its noise: a signal that moves
 # of the first half's motion: what is left in the second half of a motion that dies away
 DECAYED = 0.5
@@ -138,10 +138,10 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
         edges = [round((1.0 - HELD_OUT_SHARE) * len(r)) for r in recordings]
         fit = [Span(r, 0, e) for r, e in zip(recordings, edges, strict=True)]
         held = [Span(r, e, len(r)) for r, e in zip(recordings, edges, strict=True)]
-    # names and order must not matter
-    order = sorted(range(len(fit)), key=lambda i: fit[i].recording.sha256)
-    # a sum depends on its order in the last digit
-    by_content = sorted(everything, key=lambda r: r.sha256)
+    # names and order must not matter, a sum depends on its order in the last digit
+    place = {id(r): _place(rig, r) for r in everything}
+    order = sorted(range(len(fit)), key=lambda i: place[id(fit[i].recording)])
+    by_content = sorted(everything, key=lambda r: place[id(r)])
     stated = stated_noise(rig, channels)
     noise = np.sqrt(
         seen_mean(
@@ -152,12 +152,26 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
     return DataSplit(
         rig,
         tuple(fit[i] for i in order),
-        tuple(sorted(held, key=lambda s: (s.recording.sha256, s.start))),
+        tuple(sorted(held, key=lambda s: (*place[id(s.recording)], s.start))),
         channels,
         noise,
         jump,
         rig.timescale_s or _timescale_s(plain, by_content, channels, noise, (fit, held)),
     )
+
+
+def _place(rig: Rig, recording: Recording) -> tuple[float, str]:
+    """By what recordings are put in order: when they move most, added up over the rig's columns,
+    which no unit and no sign changes, nor the order of the columns, nor one that is not used."""
+    total = 0.0
+    for name in sorted({*rig.inputs, *rig.outputs}):
+        if recording.has(name):
+            moved = (recording.signal(name) - recording.signal(name).mean()) ** 2
+            most = float(moved.max())
+            if most > 0.0:
+                moved = moved / most
+                total += float(np.linspace(0.0, 1.0, len(moved)) @ moved / moved.sum())
+    return round(total, ALIKE_DIGITS), recording.sha256
 
 
 def _timescale_s(
