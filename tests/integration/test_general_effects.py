@@ -46,6 +46,9 @@ BENCH: dict[str, Callable[..., Rig]] = {
     "orifice-loss@upper_balance": tanks,
     "overflow-into-store": tanks,
     "overflow@upper_balance": tanks,
+    "pwm-quantisation": carts,
+    "dead-time@amplifier": carts,
+    "external-vibration": carts,
 }
 each = pytest.mark.parametrize("label", BENCH)
 SAMPLES = 1500
@@ -95,6 +98,7 @@ TURNED: dict[str, Callable[[dict[str, float]], dict[str, float]]] = {
     "directional-damping": swapped("forward", "backward"),
     "cogging": negated("cosine"),
     "full-wave-rectification": negated("fold"),
+    "external-vibration": lambda p: p | {"sine": -p["sine"], "cosine": -p["cosine"]},
     "asymmetric-saturation": lambda p: p | {"upper": -p["lower"], "lower": -p["upper"]},
     "asymmetric-dead-zone": swapped("above", "below"),
 }

@@ -8,19 +8,23 @@ diagnosed as it is and once more.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
+from effect_bench import carts, inputs_of, tanks
 from one_cart import FRICTION, PLAIN, SAMPLES, Written, cart, part, recorded, turned_about
 
 from pamid.api.given import evidence_of
 from pamid.diagnosis.tournament import diagnose
 from pamid.diagnosis.verdict import diagnosis_file
 from pamid.model.registry import effects
-from pamid.recording.recording import Recording
+from pamid.model.rig import Rig
+from pamid.recording.recording import Recording, recording_of
 from pamid.schemas.diagnosis_file import DiagnosisFile
+from pamid.simulation.virtual_rig import simulate_virtual_rig
 
 #: one of every kind of size: of the value, of the position, of the velocity, of the time that the
 #: recordings remember, of the sampling period
@@ -29,6 +33,8 @@ FEW = ("coulomb-friction", "quadratic-drag", "linear-stiffness", "first-order-la
 SAME = 0.005
 #: of what is planted: how near the level of the friction comes, whatever it is fitted to
 NEAR = 0.05
+FEWER = 3000  # samples of the other benches
+SPECIMEN = {carts: {"mass": 1.6, "damping": 3.6}, tanks: {"fill": 0.33, "outlet": 0.14}}
 
 
 def diagnosed(recordings: list[Recording], written: Written = PLAIN) -> DiagnosisFile:
@@ -46,6 +52,23 @@ def plain() -> DiagnosisFile:
 @cache
 def in_two() -> DiagnosisFile:
     return diagnosed([half(0), half(1)])
+
+
+@cache
+def elsewhere(
+    bench: Callable[..., Rig], effect: str, catalogue: tuple[str, ...], time: float
+) -> DiagnosisFile:
+    """Of a bench with that effect, recorded once and kept in a unit of which so many make up a
+    second; its rig says nothing of a sampling period."""
+    rig = bench()
+    stamps = rig.period_s * np.arange(FEWER)
+    sent = recording_of(stamps, dict(zip(rig.inputs, inputs_of(rig, FEWER).T, strict=True)))
+    made = simulate_virtual_rig(rig, sent, (effect,), {}, SPECIMEN[bench], 1.0, 4)
+    kept = bench(time=time)
+    del type(kept).period_s
+    given = evidence_of([recording_of(time * stamps, made.columns)], kept, warn=lambda _: None)
+    known = {name: effects()[name] for name in catalogue}
+    return diagnosis_file(diagnose(given.evidence, known), None, 0)
 
 
 def half(k: int) -> Recording:
@@ -68,18 +91,23 @@ def require_alike(one: DiagnosisFile, other: DiagnosisFile, force: float = 1.0) 
 
 
 def require_same(one: DiagnosisFile, other: DiagnosisFile, force: float = 1.0) -> None:
-    """Beyond that: every candidate as good, every port as likely, to a hundredth of either
-    interval's usual width."""
+    """Beyond that: every candidate as good, every port as likely, the same interval: nothing is
+    drawn or dealt anew."""
     require_alike(one, other, force)
+    require_same_figures(one, other)
+
+
+def require_same_figures(one: DiagnosisFile, other: DiagnosisFile) -> None:
     a, b = ({c.effect: c.shrinkage for c in found.ranking} for found in (one, other))
     assert a == pytest.approx(b, abs=SAME)
     a, b = ({p.port: p.share for p in found.where.ports} for found in (one, other))
     assert a == pytest.approx(b, abs=SAME)
-    ((far, last),) = zip(one.how_far.values(), other.how_far.values(), strict=True)
-    for name in ("shrinkage", "low", "high"):
-        assert getattr(far, name) == pytest.approx(getattr(last, name), abs=SAME)
-    ratios = [far_.mae_refitted / far_.noise_floor for far_ in (far, last)]
-    assert ratios[0] == pytest.approx(ratios[1], rel=SAME)
+    for channel, far in one.how_far.items():
+        last = other.how_far[channel]
+        for name in ("shrinkage", "low", "high"):
+            assert getattr(far, name) == pytest.approx(getattr(last, name), abs=SAME)
+        floors = [reach.mae_refitted / reach.noise_floor for reach in (far, last)]
+        assert floors[0] == pytest.approx(floors[1], rel=SAME)
 
 
 @pytest.mark.parametrize(
@@ -117,3 +145,44 @@ def test_another_sampling_says_the_same() -> None:
 def test_other_states_say_the_same() -> None:
     written = replace(PLAIN, state="momentum")
     require_alike(plain(), diagnosed([recorded(written)], written))
+
+
+LEAKS = ("orifice-loss", "first-order-loss", "overflow")
+
+
+@pytest.mark.parametrize("time", [200.0, 1.0 / 200.0])
+@pytest.mark.parametrize(
+    ("bench", "effect", "catalogue", "family"),
+    [
+        pytest.param(
+            tanks, "orifice-loss@upper_balance:loss=0.05,ambient=0", LEAKS, "leak", id="tanks"
+        ),
+        pytest.param(
+            tanks,
+            "orifice-loss@upper_balance:loss=0.05,ambient=0",
+            (*LEAKS, "leak"),
+            "leak",
+            id="tanks-any-leak",
+            marks=pytest.mark.xfail(
+                reason="leak:share is up to 0.2 per second where no outflow is offered: with time "
+                "over 200 it removes 42 % instead of 95 %",
+                strict=True,
+            ),
+        ),
+        pytest.param(
+            carts,
+            "external-vibration",
+            ("external-vibration", "coulomb-friction"),
+            "external-disturbance",
+            id="vibration",
+        ),
+    ],
+)
+def test_no_pace_is_special(
+    bench: Callable[..., Rig], effect: str, catalogue: tuple[str, ...], family: str, time: float
+) -> None:
+    """A line of a spectrum, a rate of loss: what has a time in its parameters."""
+    one, other = (elsewhere(bench, effect, catalogue, unit) for unit in (1.0, time))
+    for found in (one, other):
+        assert [c.family for c in found.causes] == [family], found.sentence
+    require_same_figures(one, other)
