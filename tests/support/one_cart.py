@@ -19,7 +19,7 @@ from pamid.symbolic.vocabulary import Number
 
 Array = NDArray[np.float64]
 
-SAMPLES, PERIOD_S = 3000, 0.01
+SAMPLES, PERIOD_S = 2400, 0.01
 HOLD = (12, 70)  # samples that a push lasts
 MASS, SPRING, DAMPING, FRICTION = 1.3, 50.0, 3.0, 1.2  # kg, N/m, N s/m, N
 GIVE = 2e-3  # m, over which the machine's friction builds up
