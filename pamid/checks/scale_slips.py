@@ -19,6 +19,7 @@ from pamid.base.units import NONE, from_si, split_column
 from pamid.checks.channel_quality import PLUGGED, QualityIssue
 from pamid.checks.rig_consistency import SheetComparison, recorded_as, shapes
 from pamid.model.rig import Rig
+from pamid.model.sampling import stated_period
 from pamid.recording.noise import noise_level
 from pamid.recording.recording import Recording
 
@@ -81,18 +82,6 @@ def size_of(error: Array) -> float:
 
 
 # ---- the clock ---------------------------------------------------------------------------------
-
-
-def stated_period(rig: Rig) -> float | None:
-    """The sampling period (s) that a rig says is usual for it; None where it says nothing."""
-    return next(
-        (
-            float(kind.__dict__["period_s"])
-            for kind in type(rig).__mro__
-            if kind is not Rig and "period_s" in kind.__dict__
-        ),
-        None,
-    )
 
 
 def clock(recording: Recording, rig: Rig, evidence: SheetComparison | None) -> list[QualityIssue]:

@@ -38,6 +38,7 @@ from pamid.model.between_samples import stated
 from pamid.model.effect import Effect
 from pamid.model.registry import effects_again, name_of, rig_again
 from pamid.model.rig import Rig
+from pamid.model.sampling import as_sampled
 from pamid.model.trace import Traced, beside, fed, signals_of
 from pamid.networks.trained_network import NETWORK_FILE, TrainedNetwork, load_network
 from pamid.recording.recording import Recording
@@ -369,7 +370,8 @@ def _model(
     catalogue: dict[str, type[Effect]],
     path: Path,
 ) -> Identified:
-    rig = stated(rig, dict(saved.between or {}))
+    periods = [one.period_s for one in recordings if one.period_s]
+    rig = as_sampled(stated(rig, dict(saved.between or {})), periods)
     assembly = Assembly(
         rig, tuple(attach(rig, label, catalogue) for label in saved.effects), background=True
     )

@@ -3,6 +3,7 @@ reach, and, where a motion port of the general catalogue offers its position, th
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -22,14 +23,17 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True)
 class GapHints:
     """peaks_hz: strongest first; reach: largest magnitude of every signal at every port (SI);
-    periods: by motion port, of the gap over the position there (SI), strongest first."""
+    periods: by motion port, of the gap over the position there (SI), strongest first; timescale_s:
+    correlation time of the recordings."""
 
     peaks_hz: tuple[float, ...]
     reach: dict[str, dict[str, float]]
     periods: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    timescale_s: float = math.nan
 
     def at(self, port: str) -> Hints:
-        return Hints(self.peaks_hz, self.reach.get(port, {}), self.periods.get(port, ()))
+        reach, periods = self.reach.get(port, {}), self.periods.get(port, ())
+        return Hints(self.peaks_hz, reach, periods, self.timescale_s)
 
 
 def gather_hints(
@@ -37,7 +41,8 @@ def gather_hints(
 ) -> GapHints:
     """From the windows of a model's fit and its held-out replays."""
     peaks = spectrum_peaks(list(base.replays), evidence.noise, settings)
-    return GapHints(peaks, _reach(base), _periods(base, evidence.noise, settings))
+    periods = _periods(base, evidence.noise, settings)
+    return GapHints(peaks, _reach(base), periods, evidence.timescale_s)
 
 
 def _reach(base: CandidateModel) -> dict[str, dict[str, float]]:

@@ -27,6 +27,7 @@ from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, delay
 
 LONGEST_DELAY = 20.0  # sampling periods
+WIDENED = 16.0  # times that: the past is kept as far as a fit that ends there may widen its range
 
 
 class DeadTime(Effect):
@@ -52,4 +53,4 @@ class DeadTime(Effect):
     look_alikes = ("tube-lag", "angle-sensor-lag")
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
-        return delay(value, p.delay, LONGEST_DELAY * at.rig_period_s)
+        return delay(value, p.delay, WIDENED * LONGEST_DELAY * at.rig_period_s)

@@ -78,5 +78,7 @@ class ExternalVibration(Effect):
         """One start per peak of the gap's spectrum: a frequency off by more than 1/duration never
         finds its way."""
         frequency = next(q for q in self.parameters if q.name == "frequency")
-        inside = [f for f in hints.peaks_hz if frequency.low <= f <= frequency.high]
+        low, high = frequency.low / hints.timescale_s, frequency.high / hints.timescale_s
+        # not known how long the recordings remember: nothing lies outside
+        inside = [f for f in hints.peaks_hz if not (f < low or f > high)]
         return [{"frequency": f} for f in inside[:TRIED_PEAKS]]

@@ -39,7 +39,7 @@ from pamid.symbolic.vocabulary import (
     where,
 )
 
-LONGEST_PERIOD_S = 0.1
+USUAL_PULSE, LONGEST_PULSE = 10.0, 100.0 / 3.0  # sampling periods
 RISER = 0.2  # share of a step taken by its riser
 
 
@@ -106,10 +106,10 @@ class PwmQuantisation(Effect):
         ),
         Parameter(
             "pulse_period",
-            0.03,
-            low=0.01,
-            high=LONGEST_PERIOD_S,
-            unit="s",
+            USUAL_PULSE,
+            low=USUAL_PULSE / 3.0,
+            high=LONGEST_PULSE,
+            size="period",
             fitted=False,
             source="estimate: ten samples of 3 ms",
         ),
@@ -121,7 +121,7 @@ class PwmQuantisation(Effect):
         duty = value - step * rounding_error(value / maximum(step, 1e-6 * p.full))
         turns = expression(at.time) / p.pulse_period + p.phase
         begun = (turns - floor(turns)) * p.pulse_period
-        latched = delay(duty, begun, LONGEST_PERIOD_S)
+        latched = delay(duty, begun, LONGEST_PULSE * at.rig_period_s)
         on = (
             sign(latched)
             * p.full

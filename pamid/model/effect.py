@@ -23,6 +23,7 @@ Three things beyond that are said where they are needed, as class attributes:
 from __future__ import annotations
 
 import inspect
+import math
 import re
 import sys
 from collections.abc import Collection, Mapping
@@ -151,12 +152,14 @@ class Hints:
 
     peaks_hz: of the gap's spectrum, strongest first; reach: largest magnitude of each signal at the
     port where the model's states are those of the recording (SI); periods: of the gap's spectrum
-    over the position at the port, strongest first (unit of the position).
+    over the position at the port, strongest first (unit of the position); timescale_s: correlation
+    time of the recordings, of which parameters in time are multiples (nan: not known).
     """
 
     peaks_hz: tuple[float, ...] = ()
     reach: Mapping[str, float] = field(default_factory=dict)
     periods: tuple[float, ...] = ()
+    timescale_s: float = math.nan
 
 
 RIG_SECTIONS = ("What it is", "Equations", "Typically missing", "References")

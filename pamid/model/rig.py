@@ -132,6 +132,7 @@ class Rig:
     controller: ClassVar[dict[str, float]] = {}
     # standard deviation of each output's noise, column's unit
     noise: ClassVar[dict[str, float]] = {}
+    # usual sampling period, s; that of the recordings where a rig states none
     period_s: ClassVar[float] = 0.003
     # how long a recording remembers, s; found from the recordings where absent. Windows of a fit,
     # of a replay and of a smoother are multiples of it

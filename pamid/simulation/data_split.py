@@ -13,6 +13,7 @@ from pamid.base.metrics import seen_mean
 from pamid.model.assembly import Assembly
 from pamid.model.between_samples import as_recorded
 from pamid.model.rig import Rig
+from pamid.model.sampling import as_sampled
 from pamid.recording.noise import noise_level
 from pamid.recording.overlap import require_apart
 from pamid.recording.recording import Recording, require_excited
@@ -36,6 +37,7 @@ LEAD = 10.0  # correlation times before a held-out part, to find the state it be
 FIT_WINDOW, REPLAY_WINDOW = 2.5, 1.7
 FEW_WINDOWS, LEAST_WINDOWS = 12, 6  # wanted where the envelope counts, and to fit in any case
 DEALS = 64  # ways tried to deal held-out windows out to choosing and reporting
+ALIKE_DIGITS = 9  # decimals to which recordings and ways of dealing are compared
 VISIBLE = 3.0  # times its noise: a signal that moves
 # of the first half's motion: what is left in the second half of a motion that dies away
 DECAYED = 0.5
@@ -95,7 +97,7 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
     samples. An input or a channel may rest, as long as another one moves.
     """
     everything = [*recordings, *held_out]
-    rig = as_recorded(rig, everything)
+    rig = as_sampled(as_recorded(rig, everything), [r.sampling_period_s for r in everything])
     plain = Assembly(rig)
     require_apart(tuple(rig.outputs), recordings, held_out)
     seen = {id(r): measured_outputs(plain, r) for r in everything}
@@ -136,10 +138,10 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
         edges = [round((1.0 - HELD_OUT_SHARE) * len(r)) for r in recordings]
         fit = [Span(r, 0, e) for r, e in zip(recordings, edges, strict=True)]
         held = [Span(r, e, len(r)) for r, e in zip(recordings, edges, strict=True)]
-    # names and order must not matter
-    order = sorted(range(len(fit)), key=lambda i: fit[i].recording.sha256)
-    # a sum depends on its order in the last digit
-    by_content = sorted(everything, key=lambda r: r.sha256)
+    # names and order must not matter, a sum depends on its order in the last digit
+    place = {id(r): _place(rig, r) for r in everything}
+    order = sorted(range(len(fit)), key=lambda i: place[id(fit[i].recording)])
+    by_content = sorted(everything, key=lambda r: place[id(r)])
     stated = stated_noise(rig, channels)
     noise = np.sqrt(
         seen_mean(
@@ -150,12 +152,26 @@ def split_recordings(rig: Rig, recordings: list[Recording], held_out: list[Recor
     return DataSplit(
         rig,
         tuple(fit[i] for i in order),
-        tuple(sorted(held, key=lambda s: (s.recording.sha256, s.start))),
+        tuple(sorted(held, key=lambda s: (*place[id(s.recording)], s.start))),
         channels,
         noise,
         jump,
         rig.timescale_s or _timescale_s(plain, by_content, channels, noise, (fit, held)),
     )
+
+
+def _place(rig: Rig, recording: Recording) -> tuple[float, str]:
+    """By what recordings are put in order: when they move most, added up over the rig's columns,
+    which no unit and no sign changes, nor the order of the columns, nor one that is not used."""
+    total = 0.0
+    for name in sorted({*rig.inputs, *rig.outputs}):
+        if recording.has(name):
+            moved = (recording.signal(name) - recording.signal(name).mean()) ** 2
+            most = float(moved.max())
+            if most > 0.0:
+                moved = moved / most
+                total += float(np.linspace(0.0, 1.0, len(moved)) @ moved / moved.sum())
+    return round(total, ALIKE_DIGITS), recording.sha256
 
 
 def _timescale_s(
@@ -271,7 +287,8 @@ def selection_part(replays: list[Replay], losses: Array) -> NDArray[np.bool_]:
         if many % 2:
             first[-1] = True
         dealt.append(first[blocks])
-    return min(dealt, key=lambda chosen: _imbalance(losses, chosen))
+    # swapped halves are as balanced as before: the first dealt, whatever unit the last digit is in
+    return min(dealt, key=lambda chosen: round(_imbalance(losses, chosen), ALIKE_DIGITS))
 
 
 def _imbalance(losses: Array, chosen: NDArray[np.bool_]) -> float:

@@ -15,6 +15,7 @@ from pamid.model.between_samples import as_recorded
 from pamid.model.effect import Effect
 from pamid.model.registry import effects_with, name_of, rig_named
 from pamid.model.rig import Rig
+from pamid.model.sampling import as_sampled
 from pamid.recording.recording import Recording
 from pamid.simulation.free_runs import input_table, port_sizes, virtual_recording
 
@@ -96,6 +97,7 @@ def simulate_virtual_rig(
     the excitation knows.
     """
     rig = as_recorded(rig_named(rig_name), [excitation])
+    rig = as_sampled(rig, [excitation.sampling_period_s])
     chosen = attach_specs(rig, specs)
     known = {**excitation.known, **known}
     closed = in_its_loop(rig, excitation)

@@ -64,10 +64,13 @@ def test_starts_are_admissible(effect: type[Effect]) -> None:
     """Starting values name the effect's own parameters and keep to their bounds, whatever the
     spectrum shows."""
     bounds = {p.name: p for p in effect.parameters}
+    pace_s = 0.25
+    unit = {p.name: 1.0 / pace_s if p.size == "1/timescale" else 1.0 for p in effect.parameters}
     for peaks in ((), (1e-3, 3.0, 0.7, 1e4), tuple(np.linspace(0.01, 200.0, 50))):
-        for start in effect().starts(Hints(peaks, {})):
+        for start in effect().starts(Hints(peaks, {}, (), pace_s)):
             assert start
-            assert all(bounds[k].low <= v <= bounds[k].high for k, v in start.items())
+            for k, v in start.items():
+                assert bounds[k].low <= v / unit[k] <= bounds[k].high
     for start in effect().starts(Hints((3.0,), {"position": 0.5, "force": 900.0})):
         assert set(start) <= set(bounds)
     for q in effect.parameters:

@@ -14,6 +14,7 @@ from effect_bench import carts, inputs_of, recorded, tanks
 from pamid.base.errors import FileError
 from pamid.diagnosis.candidate_model import candidate_from, refit
 from pamid.diagnosis.screening import ScreeningBaseline, screen
+from pamid.diagnosis.settings import DEFAULT
 from pamid.diagnosis.starting_hints import gather_hints, spatial_periods
 from pamid.estimation.grey_box import fit_model
 from pamid.model.assembly import Assembly
@@ -46,6 +47,9 @@ BENCH: dict[str, Callable[..., Rig]] = {
     "orifice-loss@upper_balance": tanks,
     "overflow-into-store": tanks,
     "overflow@upper_balance": tanks,
+    "pwm-quantisation": carts,
+    "dead-time@amplifier": carts,
+    "external-vibration": carts,
 }
 each = pytest.mark.parametrize("label", BENCH)
 SAMPLES = 1500
@@ -95,6 +99,7 @@ TURNED: dict[str, Callable[[dict[str, float]], dict[str, float]]] = {
     "directional-damping": swapped("forward", "backward"),
     "cogging": negated("cosine"),
     "full-wave-rectification": negated("fold"),
+    "external-vibration": lambda p: p | {"sine": -p["sine"], "cosine": -p["cosine"]},
     "asymmetric-saturation": lambda p: p | {"upper": -p["lower"], "lower": -p["upper"]},
     "asymmetric-dead-zone": swapped("above", "below"),
 }
@@ -239,3 +244,18 @@ def test_general_parameters_keep_the_names_and_widen_the_bounds() -> None:
         assert home.high < 0.5 < general.high
         assert effect.family_at("motion") == "hysteresis"
         assert effect.family_at("actuator-force") == "muscle-hysteresis"
+
+
+def test_a_dead_time_acts_as_far_as_its_range_may_be_widened() -> None:
+    """What is kept of the past would otherwise end it at the first guess of a range."""
+    assembly, u = assembled("dead-time@amplifier"), inputs_of(carts(), SAMPLES)
+    place = assembly.keys["dead-time@amplifier:delay"]
+    widest = DEFAULT.wider**DEFAULT.widenings * assembly.parameters[place].high
+    late, there = assembly.values(), assembly.values()
+    late[place], there[place] = widest, 0.0
+    samples = round(widest / assembly.rig.period_s)
+    shifted = u.copy()
+    shifted[samples:, 0] = u[:-samples, 0]
+    shifted[:samples, 0] = u[0, 0]
+    y, z = run(assembly, u, late)[0], run(assembly, shifted, there)[0]
+    np.testing.assert_allclose(y, z, rtol=0.0, atol=1e-6 * np.abs(z).max())

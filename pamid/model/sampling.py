@@ -1,0 +1,35 @@
+"""The usual sampling period of a rig: what its file states, or else that of its recordings.
+
+Some effects are sized by it (a dead time of a few samples), and a rig that is sampled every four
+seconds is not one of 3 ms because its file says nothing.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Sequence
+from statistics import median
+
+from pamid.model.rig import Rig
+
+
+def stated_period(rig: Rig) -> float | None:
+    """The sampling period (s) that a rig says is usual for it; None where it says nothing."""
+    return next(
+        (
+            float(kind.__dict__["period_s"])
+            for kind in type(rig).__mro__
+            if kind is not Rig and "period_s" in kind.__dict__
+        ),
+        None,
+    )
+
+
+def as_sampled(rig: Rig, periods_s: Sequence[float]) -> Rig:
+    """The rig with the median of its recordings' sampling periods (s) where it states none; the
+    same one where it does, or where there is no recording."""
+    if not periods_s or stated_period(rig) is not None:
+        return rig
+    changed = copy.copy(rig)
+    vars(changed)["period_s"] = float(median(periods_s))
+    return changed

@@ -1,0 +1,192 @@
+"""What is a matter of writing changes no diagnosis: units of time, length and force, the unit of a
+column, the sign of a coordinate, the order of columns and recordings, where a recording is cut, how
+fast it is sampled, a column that says nothing, which states the model is written in.
+
+A sprung cart with dry friction of another form than the catalogue's (tests/support/one_cart.py) is
+diagnosed as it is and once more.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from effect_bench import carts, inputs_of, tanks
+from one_cart import FRICTION, PLAIN, SAMPLES, Written, cart, part, recorded, turned_about
+
+from pamid.api.given import evidence_of
+from pamid.diagnosis.tournament import diagnose
+from pamid.diagnosis.verdict import diagnosis_file
+from pamid.model.registry import effects
+from pamid.model.rig import Rig
+from pamid.recording.recording import Recording, recording_of
+from pamid.schemas.diagnosis_file import DiagnosisFile
+from pamid.simulation.virtual_rig import simulate_virtual_rig
+
+#: one of every kind of size: of the value, of the position, of the velocity, of the time that the
+#: recordings remember, of the sampling period
+FEW = ("coulomb-friction", "quadratic-drag", "linear-stiffness", "first-order-lag", "dead-time")
+#: share of the error: nothing differs but the digits that a file keeps, which a fit ends by
+SAME = 0.005
+#: of what is planted: how near the level of the friction comes, whatever it is fitted to
+NEAR = 0.05
+FEWER = 3000  # samples of the other benches
+SPECIMEN = {carts: {"mass": 1.6, "damping": 3.6}, tanks: {"fill": 0.33, "outlet": 0.14}}
+
+
+def diagnosed(recordings: list[Recording], written: Written = PLAIN) -> DiagnosisFile:
+    """As `pamid.diagnose` does it, checks included, without what to measure next."""
+    given = evidence_of(recordings, cart(written), warn=lambda _: None)
+    catalogue = {name: effects()[name] for name in FEW}
+    return diagnosis_file(diagnose(given.evidence, catalogue), None, 0)
+
+
+@cache
+def plain() -> DiagnosisFile:
+    return diagnosed([recorded()])
+
+
+@cache
+def in_two() -> DiagnosisFile:
+    return diagnosed([half(0), half(1)])
+
+
+@cache
+def elsewhere(
+    bench: Callable[..., Rig], effect: str, catalogue: tuple[str, ...], time: float
+) -> DiagnosisFile:
+    """Of a bench with that effect, recorded once and kept in a unit of which so many make up a
+    second; its rig says nothing of a sampling period."""
+    rig = bench()
+    stamps = rig.period_s * np.arange(FEWER)
+    sent = recording_of(stamps, dict(zip(rig.inputs, inputs_of(rig, FEWER).T, strict=True)))
+    made = simulate_virtual_rig(rig, sent, (effect,), {}, SPECIMEN[bench], 1.0, 4)
+    kept = bench(time=time)
+    del type(kept).period_s
+    given = evidence_of([recording_of(time * stamps, made.columns)], kept, warn=lambda _: None)
+    known = {name: effects()[name] for name in catalogue}
+    return diagnosis_file(diagnose(given.evidence, known), None, 0)
+
+
+def half(k: int) -> Recording:
+    middle = SAMPLES // 2
+    return part(recorded(), k * middle, (k + 1) * middle, f"part-{k}")
+
+
+def require_alike(one: DiagnosisFile, other: DiagnosisFile, force: float = 1.0) -> None:
+    """The same family at the same port, a level near what was planted (`force`: of the other's unit
+    in a newton), and a shrinkage that either interval holds: 95 % of what other windows would
+    show."""
+    for found, unit in ((one, 1.0), (other, force)):
+        assert found.verdict == "explained", found.sentence
+        (cause,) = found.causes
+        assert (cause.family, cause.port, found.where.port) == ("friction", "guide", "guide")
+        level = next(p.value for name, p in cause.parameters.items() if not name.startswith("give"))
+        assert level == pytest.approx(unit * FRICTION, rel=NEAR)
+    ((a,), (b,)) = (tuple(found.how_far.values()) for found in (one, other))
+    assert a.low <= b.shrinkage <= a.high and b.low <= a.shrinkage <= b.high
+
+
+def require_same(one: DiagnosisFile, other: DiagnosisFile, force: float = 1.0) -> None:
+    """Beyond that: every candidate as good, every port as likely, the same interval: nothing is
+    drawn or dealt anew."""
+    require_alike(one, other, force)
+    require_same_figures(one, other)
+
+
+def require_same_figures(one: DiagnosisFile, other: DiagnosisFile) -> None:
+    a, b = ({c.effect: c.shrinkage for c in found.ranking} for found in (one, other))
+    assert a == pytest.approx(b, abs=SAME)
+    a, b = ({p.port: p.share for p in found.where.ports} for found in (one, other))
+    assert a == pytest.approx(b, abs=SAME)
+    for far, last in zip(one.how_far.values(), other.how_far.values(), strict=True):
+        for name in ("shrinkage", "low", "high"):
+            assert getattr(far, name) == pytest.approx(getattr(last, name), abs=SAME)
+        floors = [reach.mae_refitted / reach.noise_floor for reach in (far, last)]
+        assert floors[0] == pytest.approx(floors[1], rel=SAME)
+
+
+@pytest.mark.parametrize(
+    "written",
+    [
+        pytest.param(Written(time=200.0), id="time-x-200"),
+        pytest.param(Written(length=1000.0), id="length-x-1000"),
+        pytest.param(Written(force=1000.0), id="force-x-1000"),
+        pytest.param(Written(place="place_mm", push="push_kn"), id="mm-and-kN"),
+        pytest.param(Written(sign=-1.0), id="sign-turned"),
+    ],
+)
+def test_no_unit_and_no_sign_is_special(written: Written) -> None:
+    other = diagnosed([recorded(written)], written)
+    require_same(plain(), other, written.force)
+
+
+def test_a_column_that_says_nothing_changes_nothing() -> None:
+    require_same(plain(), diagnosed([recorded(room=np.full(SAMPLES, 21.5))]))
+
+
+def test_columns_and_recordings_come_in_any_order() -> None:
+    require_same(in_two(), diagnosed([turned_about(half(1)), turned_about(half(0))]))
+
+
+def test_a_recording_cut_in_two_says_the_same() -> None:
+    require_alike(plain(), in_two())
+
+
+def test_another_sampling_says_the_same() -> None:
+    require_alike(plain(), diagnosed([recorded(every=1)]))
+
+
+def test_other_states_say_the_same() -> None:
+    written = replace(PLAIN, state="momentum")
+    require_alike(plain(), diagnosed([recorded(written)], written))
+
+
+LEAKS = ("orifice-loss", "first-order-loss", "overflow")
+
+
+@pytest.mark.parametrize(
+    ("bench", "effect", "catalogue", "family", "time"),
+    [
+        pytest.param(
+            tanks,
+            "orifice-loss@upper_balance:loss=0.05,ambient=0",
+            LEAKS,
+            "leak",
+            200.0,
+            id="tanks",
+        ),
+        pytest.param(
+            tanks,
+            "orifice-loss@upper_balance:loss=0.05,ambient=0",
+            (*LEAKS, "leak"),
+            "leak",
+            1.0 / 200.0,
+            id="tanks-any-leak",
+            marks=pytest.mark.xfail(
+                reason="leak:share is up to 0.2 per second where no outflow is offered: with time "
+                "over 200 it removes 42 % instead of 95 %",
+                strict=True,
+            ),
+        ),
+        pytest.param(
+            carts,
+            "external-vibration",
+            ("external-vibration", "coulomb-friction"),
+            "external-disturbance",
+            200.0,
+            id="vibration",
+        ),
+    ],
+)
+def test_no_pace_is_special(
+    bench: Callable[..., Rig], effect: str, catalogue: tuple[str, ...], family: str, time: float
+) -> None:
+    """A line of a spectrum, a rate of loss: what has a time in its parameters."""
+    one, other = (elsewhere(bench, effect, catalogue, unit) for unit in (1.0, time))
+    for found in (one, other):
+        assert [c.family for c in found.causes] == [family], found.sentence
+    require_same_figures(one, other)
