@@ -197,6 +197,11 @@ def bootstrap_losses(
     return out
 
 
+def in_errors(draws: Array) -> float:
+    """Mean of bootstrap draws in their standard deviations."""
+    return float(draws.mean() / max(draws.std(), 1e-6))
+
+
 def _drawn_means(squares: Array, rows: NDArray[np.intp]) -> Array:
     """Mean per draw and channel; where no window of a draw has recorded a channel, its mean over
     all windows; 1 (log loss 0) where none has at all."""

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from pamid.base.metrics import moving_block_interval, seen_mean, shrinkage_interval
 from pamid.diagnosis.budget import Budget
-from pamid.diagnosis.candidate_model import CandidateModel, bootstrap_losses
+from pamid.diagnosis.candidate_model import CandidateModel, bootstrap_losses, in_errors
 from pamid.diagnosis.port_evidence import PortEvidence
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.estimation.intervals import background_pull, estimates
@@ -60,6 +60,10 @@ class VerdictStatistics:
     strain: float  # largest strain of a parameter of the rig in the best model
     pull: float  # largest pull of the background in the best model
     channels: int  # measured
+    # with the best model: error over the floor and over the signal's standard deviation, worst
+    # channel
+    remaining: float
+    remaining_of_signal: float
 
 
 def at_noise_floor(budget: Budget, seed: int) -> bool:
@@ -133,6 +137,10 @@ def verdict_statistics(
         strain=max(strains, default=0.0),
         pull=max(background_pull(model.fit).values(), default=0.0),
         channels=channels,
+        remaining=float(
+            np.nanmax(seen_mean(model.absolutes[rows]) / seen_mean(budget.floor[rows]))
+        ),
+        remaining_of_signal=float(np.nanmax(seen_mean(model.absolutes[rows]) / spread)),
     )
 
 
@@ -145,11 +153,6 @@ def is_confirmed(
     most = 1.0 - budget.settings.least_shrinkage
     own = not reporting.any() or after[reporting].sum() < most * before[reporting].sum()
     return own and (len(before) < 2 or shrinkage_interval(before, after, seed=seed)[0] > 0.0)
-
-
-def in_errors(draws: Array) -> float:
-    """Mean of bootstrap draws in their standard deviations."""
-    return float(draws.mean() / max(draws.std(), 1e-6))
 
 
 def features(g: VerdictStatistics) -> dict[str, float]:

@@ -19,8 +19,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from pamid.diagnosis.candidate_model import CandidateModel, transferred
-from pamid.diagnosis.decision import calibration, decades, in_errors, within
+from pamid.diagnosis.candidate_model import CandidateModel, in_errors, transferred
+from pamid.diagnosis.decision import calibration, decades, within
 from pamid.diagnosis.port_evidence import PortEvidence, locate
 from pamid.diagnosis.search import RefitStart, Refitting, Search, run_round, with_finer_steps
 from pamid.estimation.grey_box import model_with
@@ -156,7 +156,7 @@ def _backward_check(search: Search, best: CandidateModel) -> CandidateModel:
     model itself where every one is needed."""
     worth = search.settings.worth * search.excess(search.budget.baseline)
     for a in best.attached[:-1]:
-        smaller = _refitted(search, tuple(k for k in best.attached if k is not a), best)
+        smaller = refitted_with(search, tuple(k for k in best.attached if k is not a), best)
         lost = search.excess(smaller) - search.excess(best)
         if smaller.finite and lost < worth:
             return smaller
@@ -173,13 +173,13 @@ def _best_first(
     rivals = [c for c in ranking[1:] if c.family not in taken][: search.settings.rivals]
     options = [
         best,
-        *(_refitted(search, (*r.attached, *best.attached[1:]), r, best) for r in rivals),
+        *(refitted_with(search, (*r.attached, *best.attached[1:]), r, best) for r in rivals),
     ]
     stable = [c for c in options if c.finite]
     return stable[int(np.argmin(search.losses(stable).mean(axis=1)))]
 
 
-def _refitted(
+def refitted_with(
     search: Search, attached: tuple[Attachment, ...], *found: CandidateModel
 ) -> CandidateModel:
     """A model with these effects, refitted from what these others have found, the last of them

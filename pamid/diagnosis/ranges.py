@@ -35,19 +35,23 @@ def widened(assembly: Assembly, fitted: Fit, settings: Settings = DEFAULT) -> As
     return replace(assembly, ranges={**assembly.ranges, **found}) if found else None
 
 
-def at_bounds(model: CandidateModel, settings: Settings = DEFAULT) -> tuple[str, ...]:
-    """Parameters of the model's last effect that are pressed against a bound which physics did not
-    set, by their names outside."""
-    found = _at_guesses(model.assembly, model.fit)
+def at_bounds(
+    model: CandidateModel, settings: Settings = DEFAULT, label: str = ""
+) -> tuple[str, ...]:
+    """Parameters of one of the model's effects (default: the last) that are pressed against a
+    bound which physics did not set, by their names outside."""
+    found = _at_guesses(model.assembly, model.fit, label)
     return tuple(e.bound.name for e, pressed in found if pressed > settings.pressed)
 
 
-def _at_guesses(assembly: Assembly, fitted: Fit) -> list[tuple[FittedParameter, float]]:
+def _at_guesses(
+    assembly: Assembly, fitted: Fit, label: str = ""
+) -> list[tuple[FittedParameter, float]]:
     """What ended at the end of a range that is a guess, and how hard it presses (nats per prior
     spread)."""
     if not fitted.residuals or not assembly.attachments:
         return []
-    own = assembly.attachments[-1].label
+    own = label or assembly.attachments[-1].label
     held = fitted.held if fitted.held.size else [0.0] * len(fitted.problem.free)
     return [
         (e, abs(float(g)))

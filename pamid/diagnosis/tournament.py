@@ -36,6 +36,7 @@ from pamid.diagnosis.search import (
     run_round,
 )
 from pamid.diagnosis.settings import DEFAULT, Settings
+from pamid.diagnosis.signature import Signature, signed
 from pamid.diagnosis.starting_hints import gather_hints
 from pamid.estimation.restart import escape_local_minimum
 from pamid.model.attachment import Attachment, attachments
@@ -73,6 +74,10 @@ class Diagnosis:
     units: dict[str, Any] | None = None  # why units and signs are in doubt
     # effects that remove much with the opposite sign, and the share of the error that they remove
     opposite: tuple[tuple[CandidateModel, float], ...] = ()
+    # what speaks for each of the ranking, alone, and for each effect of the best model, beside the
+    # others
+    signatures: tuple[Signature, ...] = ()
+    members: tuple[tuple[Attachment, Signature], ...] = ()
 
     @property
     def cause(self) -> CandidateModel | None:
@@ -162,6 +167,7 @@ def diagnose(
         judged.empty,
         judged.units,
         tuple(opposite),
+        *signed(search, judged.ranking, judged.best, located),
     )
 
 

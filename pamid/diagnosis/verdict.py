@@ -15,12 +15,13 @@ from pamid.diagnosis.localise import frequency_band, regimes, worst_windows
 from pamid.diagnosis.notes import notes
 from pamid.diagnosis.proposal import Proposal, proposal_result
 from pamid.diagnosis.ranges import at_bounds
+from pamid.diagnosis.signature import Signature
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.diagnosis.transfer import transfer
 from pamid.estimation.intervals import background_pull, estimates
 from pamid.model.isolability import isolability
 from pamid.schemas import diagnosis_file as result
-from pamid.schemas.grounds import Confidence, Further, Grounds
+from pamid.schemas import grounds
 
 Array = NDArray[np.float64]
 
@@ -47,8 +48,20 @@ def diagnosis_file(
         remark=remark(d),
         causes=tuple(causes(d)),
         ranking=(
-            *(_ranked(d, c, p, seed) for c, p in zip(d.ranking, d.probability, strict=True)),
+            *(
+                _ranked(d, c, p, signature, seed)
+                for c, p, signature in zip(d.ranking, d.probability, d.signatures, strict=True)
+            ),
             *(_unfitted(label, why) for label, why in d.failed),
+        ),
+        members=tuple(
+            result.Member(
+                effect=a.label,
+                family=a.family(d.evidence.rig),
+                port=a.group(d.evidence.rig),
+                signature=grounds.SignatureFigures(**vars(signature)),
+            )
+            for a, signature in d.members
         ),
         where=result.Where(
             port=port,
@@ -83,10 +96,12 @@ def diagnosis_file(
         background=_background(d, final),
         unknown=result.Unknown(**unknown) if unknown else None,
         units=result.UnitsInDoubt(**d.units) if d.units else None,
-        further=tuple(Further(**vars(n)) for n in d.forward_steps),
-        grounds=Grounds(**vars(d.grounds)) if d.grounds else None,
+        further=tuple(grounds.Further(**vars(n)) for n in d.forward_steps),
+        grounds=grounds.Grounds(**vars(d.grounds)) if d.grounds else None,
         notes=tuple(notes(d)),
-        confidence=Confidence(gap=d.decision.gap, known=d.decision.known, first=d.decision.first)
+        confidence=grounds.Confidence(
+            gap=d.decision.gap, known=d.decision.known, first=d.decision.first
+        )
         if d.decision
         else None,
     )
@@ -188,10 +203,13 @@ def _unfitted(label: str, why: str) -> result.Candidate:
         why=why,
         parameters={},
         at_bound=(),
+        signature=None,
     )
 
 
-def _ranked(d: Diagnosis, c: CandidateModel, probability: float, seed: int) -> result.Candidate:
+def _ranked(
+    d: Diagnosis, c: CandidateModel, probability: float, signature: Signature, seed: int
+) -> result.Candidate:
     rows = d.reporting if d.reporting.any() else d.chosen
     losses, base = (
         d.budget.channel_losses(c.absolutes),
@@ -217,6 +235,7 @@ def _ranked(d: Diagnosis, c: CandidateModel, probability: float, seed: int) -> r
         why=c.fit.why,
         parameters=_parameters(c, c.attached[-1].label),
         at_bound=at_bounds(c, d.settings),
+        signature=grounds.SignatureFigures(**vars(signature)),
     )
 
 

@@ -19,7 +19,7 @@ from pamid.schemas.estimates import (
     FailedJob,
     Interval,
 )
-from pamid.schemas.grounds import Confidence, Further, Grounds
+from pamid.schemas.grounds import Confidence, Further, Grounds, SignatureFigures
 from pamid.schemas.model import (
     Count,
     Figures,
@@ -83,6 +83,18 @@ class Candidate(Model):
     parameters: MapOf[CauseParameter] = Field({}, description="of the effect, by name with unit")
     at_bound: ListOf[Text] = Field(
         (), description="of these, those at a bound that physics did not set"
+    )
+    signature: SignatureFigures | None = Field(None, description="what speaks for it, alone")
+
+
+class Member(Model):
+    """An effect of the best model, whatever the verdict."""
+
+    effect: Text = Field(description="label, effect@port where the place is not unique")
+    family: Text = Field("", description="of effects that are mistaken for each other")
+    port: Text = Field("", description="group of ports that it acts on")
+    signature: SignatureFigures | None = Field(
+        None, description="what speaks for it, beside the others"
     )
 
 
@@ -275,6 +287,9 @@ class DiagnosisFile(Model):
     )
     ranking: ListOf[Candidate] = Field(
         (), description="every candidate that was refitted, best first"
+    )
+    members: ListOf[Member] = Field(
+        (), description="effects of the best model, whether or not the verdict names them"
     )
     where: Written[Where] = Field(None, description="where the gap enters")
     how_far: MapOf[Reach] = Field({}, description="by channel")

@@ -26,6 +26,41 @@ class Further(Model):
     taken: Flag = Field(description="whether it is part of the answer")
 
 
+class SignatureFigures(NumbersByKey):
+    """What speaks for an effect, beside the others of its model, on fitted data and on the
+    held-out windows that choose."""
+
+    removed: Written[Number] = Field(None, description="share of the gap that it removes")
+    of_left: Written[Number] = Field(None, description="the same of what is left without it")
+    sure: Written[Number] = Field(None, description="gain in log squared error, in standard errors")
+    steady: Written[Number] = Field(
+        None, description="share of the windows in which the error is smaller with it"
+    )
+    lead: Written[Number] = Field(
+        None, description="share of the gap that the best model of another family leaves more"
+    )
+    lead_sure: Written[Number] = Field(None, description="the lead in its standard errors")
+    wins: Written[Number] = Field(None, description="share of resamples won by its family")
+    at_port: Written[Number] = Field(
+        None, description="evidence at its port over the largest at any"
+    )
+    evidence: Written[Number] = Field(
+        None, description="log evidence that it gains on the fitted data, priors counted, nats"
+    )
+    eased: Written[Number] = Field(
+        None, description="squared strains and pulls that it takes off the rig and the background"
+    )
+    left: Written[Number] = Field(None, description="share of the gap that remains with it")
+    remaining: Written[Number] = Field(
+        None, description="error with it over the noise floor, in the worst channel"
+    )
+    bounds: Written[Number] = Field(
+        None, description="its parameters at a bound that physics did not set"
+    )
+    converged: Written[Number] = Field(None, description="1 or 0")
+    beside: Written[Number] = Field(None, description="other effects in its model")
+
+
 class Grounds(NumbersByKey):
     """What the verdict rests on, all on the held-out windows that choose."""
 
@@ -74,6 +109,12 @@ class Grounds(NumbersByKey):
         None, description="largest of the background in the best model, in tolerances"
     )
     channels: Written[Count] = Field(None, description="that are measured")
+    remaining: Written[Number] = Field(
+        None, description="error of the best model over the noise floor, in the worst channel"
+    )
+    remaining_of_signal: Written[Number] = Field(
+        None, description="the same over the signal's standard deviation"
+    )
 
 
 class Confidence(NumbersByKey):

@@ -1,0 +1,144 @@
+"""What speaks for an effect being there: its signature.
+
+All figures are dimensionless, come from fitted data and from the held-out windows that choose, and
+compare the model with the effect to the one without it, in the company of the same other effects.
+They are what the probability of a cause is learnt from (`pamid.diagnosis.decision`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from pamid.base.metrics import seen_mean
+from pamid.diagnosis.candidate_model import CandidateModel, in_errors
+from pamid.diagnosis.forward_selection import refitted_with
+from pamid.diagnosis.port_evidence import PortEvidence
+from pamid.diagnosis.ranges import at_bounds
+from pamid.diagnosis.search import Search
+from pamid.estimation.problem import Fit
+from pamid.estimation.weights import Weights
+from pamid.model.attachment import Attachment
+
+
+@dataclass(frozen=True)
+class Signature:
+    """What speaks for one effect, beside the others of its model."""
+
+    removed: float  # share of the gap that it removes
+    of_left: float  # ... of what is left without it
+    sure: float  # gain in log squared error, in standard errors
+    steady: float  # share of the windows in which the error is smaller with it
+    lead: float  # share of the gap that the best model of another family leaves more
+    lead_sure: float  # ... in log squared error, in standard errors; negative: it is behind
+    wins: float  # share of resamples won by its family
+    at_port: float  # latent evidence at its port over the largest one
+    evidence: float  # log evidence that it gains on the fitted data, priors counted, nats
+    eased: float  # squared strains and pulls that it takes off the rig and the background
+    left: float  # share of the gap that remains with it
+    remaining: float  # error with it over the floor, worst channel
+    bounds: float  # parameters that ended at a bound which physics did not set
+    converged: float  # 1 or 0
+    beside: float  # number of other effects in its model
+
+
+def signature(
+    search: Search,
+    effect: Attachment,
+    model: CandidateModel,
+    without: CandidateModel,
+    rival: CandidateModel,
+    wins: float,
+    located: PortEvidence,
+) -> Signature:
+    """Of an effect of `model`; without: the model less it; rival: the best of another
+    family, or the model without; located: latent evidence before any effect."""
+    gap = max(search.excess(search.budget.baseline), 1e-9)
+    before, after = search.excess(without), search.excess(model)
+    losses = search.losses([without, model, rival])
+    rows = search.chosen
+    smaller = (
+        search.budget.channel_losses(model.absolutes)[rows]
+        < search.budget.channel_losses(without.absolutes)[rows]
+    )
+    most = located.most
+    return Signature(
+        removed=(before - after) / gap,
+        of_left=(before - after) / max(before, 1e-9),
+        sure=in_errors(losses[0] - losses[1]),
+        steady=float(smaller.mean()),
+        lead=(search.excess(rival) - after) / gap,
+        lead_sure=in_errors(losses[2] - losses[1]),
+        wins=wins,
+        at_port=max(located.gains[p] for p in effect.ports) / most if most > 0.0 else 1.0,
+        evidence=log_evidence(model.fit, search.budget.baseline.fit.weights)
+        - log_evidence(without.fit, search.budget.baseline.fit.weights),
+        eased=_strain(without) - _strain(model),
+        left=after / gap,
+        remaining=float(
+            np.nanmax(seen_mean(model.absolutes[rows]) / seen_mean(search.budget.floor[rows]))
+        ),
+        bounds=float(len(at_bounds(model, search.settings, effect.label))),
+        converged=float(model.fit.converged),
+        beside=float(len(model.attached) - 1),
+    )
+
+
+def signed(
+    search: Search,
+    ranking: tuple[CandidateModel, ...],
+    best: CandidateModel | None,
+    located: PortEvidence,
+) -> tuple[tuple[Signature, ...], tuple[tuple[Attachment, Signature], ...]]:
+    """Signatures of the ranking, each effect alone, and of the effects of the best model, each
+    beside the others."""
+    base = search.budget.baseline
+    if not ranking or best is None:
+        return (), ()
+    losses = search.losses(list(ranking))
+    order = losses.mean(axis=1).argsort()
+    winner = [ranking[i].family for i in losses.argmin(axis=0)]
+
+    def alone(c: CandidateModel) -> Signature:
+        rival = next((ranking[i] for i in order if ranking[i].family != c.family), base)
+        return signature(
+            search, c.attached[-1], c, base, rival, winner.count(c.family) / len(winner), located
+        )
+
+    signatures = tuple(alone(c) for c in ranking)
+    if len(best.attached) == 1:
+        return signatures, ((best.attached[0], alone(best)),)
+    members = []
+    for a in best.attached:
+        others = tuple(k for k in best.attached if k is not a)
+        without = next((c for c in ranking if c.attached == others), None) or refitted_with(
+            search, others, best
+        )
+        members.append((a, signature(search, a, best, without, without, 1.0, located)))
+    return signatures, tuple(members)
+
+
+def log_evidence(fitted: Fit, weights: Weights) -> float:
+    """Laplace's approximation (MacKay 1992, Neural Computation 4:415), up to a constant:
+
+        log Z = -1/2 sum r^2 / (sigma^2 tau) - 1/2 |s|^2 + 1/2 log det C
+
+    with the residuals r, the parameters s in prior spreads around the data sheet, their covariance
+    C. weights: sigma and tau, the same for all models that are compared.
+    """
+    free = list(fitted.problem.free)
+    s = fitted.problem.scale.inside(fitted.p[free])
+    misfit = sum(float(np.nansum((r * weights.root) ** 2)) for r in fitted.residuals)
+    sign, volume = np.linalg.slogdet(fitted.covariance) if free else (1.0, 0.0)
+    found = -0.5 * (misfit + float(s @ s)) + (0.5 * float(volume) if sign > 0 else 0.0)
+    return found if np.isfinite(found) else 0.0
+
+
+def _strain(c: CandidateModel) -> float:
+    """Sum of squares of what the rig's parameters and the background were moved by, in prior
+    spreads; those of its effects do not count."""
+    a, free = c.assembly, list(c.fit.problem.free)
+    own = np.array([not a.parameters[i].owner or a.parameters[i].nuisance for i in free], bool)
+    s = c.fit.problem.scale.inside(c.fit.p[free])[own]
+    return float(s @ s)
