@@ -74,8 +74,14 @@ pamid trial --output trial --cases 4 --part calibration --jobs 2
     "--calibrate",
     type=click.Path(dir_okay=False, path_type=Path),
     default=None,
-    help="Write what the finished calibration cases of the one-dof teach "
+    help="Write what the finished calibration cases teach "
     "(pamid/diagnosis/calibration.json) to this file.",
+)
+@click.option(
+    "--also",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    multiple=True,
+    help="With --calibrate: learn from the trial in this folder, too, of the same or another rig.",
 )
 def command(
     output: Path,
@@ -89,13 +95,14 @@ def command(
     resume: bool,
     only: str | None,
     calibrate: Path | None,
+    also: tuple[Path, ...],
 ) -> frame.Result:
     """Try the diagnosis on a virtual machine built on other equations than its own: one effect,
     two, none, one taken out of the catalogue, one that never was in it. It sees recordings only;
     the scorer alone opens the labels.
 
     On the arm a fault also has a place: one of two joints, one of four muscles, or all of them.
-    What the diagnosis says of probabilities was learned on the one-dof.
+    What the diagnosis says of probabilities was learned from the calibration parts.
 
     Writes labels.json, a result per case and trial.json. With --resume the same command on the same
     folder goes on where it was interrupted, or draws more cases; after a change of pamid itself
@@ -114,12 +121,12 @@ def command(
     """
     from pamid.api.workers import worker_pool
     from pamid.base.json_file import write_json
-    from pamid.trial.calibration import calibrated_from
+    from pamid.trial.calibration import calibration_json, learnt_text, lesson_of
     from pamid.trial.case_runs import CaseSelection, run_trial
     from pamid.trial.figure_table import trial_text
 
     if calibrate is not None:
-        _require_calibration(part, rig)
+        _require_calibration(part)
     fixed = (
         {"part": part, "seed": seed}
         if rig == "one-dof"
@@ -141,26 +148,24 @@ def command(
         except BaseException as error:
             run.finish("interrupted" if isinstance(error, KeyboardInterrupt) else "failed")
             raise
+    lines = [trial_text(found)]
     if calibrate is not None:
-        write_json(calibrate, calibrated_from(output))
+        lessons = [lesson_of(folder) for folder in (output, *also)]
+        write_json(calibrate, calibration_json(lessons))
+        lines.append(learnt_text(lessons))
     failed = bool(found["failed_jobs"])
     run.finish("partial" if failed else "done")
-    return frame.Result(found, trial_text(found), 6 if failed else 0)
+    return frame.Result(found, "\n".join(lines), 6 if failed else 0)
 
 
-def _require_calibration(part: str, rig: str) -> None:
-    """UsageError for cases that may not teach the probabilities: of another part, where they would
-    judge themselves, or of another rig."""
+def _require_calibration(part: str) -> None:
+    """UsageError for cases of another part: they would judge themselves."""
     from pamid.base.errors import UsageError
 
     if part != "calibration":
         raise UsageError(
             "--calibrate: only the calibration part may teach the judgement",
             "add --part calibration",
-        )
-    if rig != "one-dof":
-        raise UsageError(
-            f"--calibrate: the judgement is taught by the one-dof, not by {rig}", "leave out --rig"
         )
 
 

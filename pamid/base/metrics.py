@@ -69,6 +69,24 @@ def block_sums(loss: ArrayLike, block: int) -> FloatArray:
     return np.add.reduceat(values, starts)
 
 
+PROBABILITY_BINS = 10
+
+
+def probability_bin(probability: ArrayLike) -> NDArray[np.intp]:
+    """Which tenth of 0 .. 1 a probability falls into."""
+    place = (np.asarray(probability, dtype=float) * PROBABILITY_BINS).astype(np.intp)
+    return np.minimum(place, PROBABILITY_BINS - 1)
+
+
+def calibration_error(said: ArrayLike, right: ArrayLike) -> float:
+    """Expected calibration error: sum over tenths of share of cases x |mean probability - share
+    right|. said: probabilities, right: 1 or 0, both (n,). Naeini, Cooper and Hauskrecht (2015),
+    AAAI."""
+    p, yes = np.asarray(said, dtype=float), np.asarray(right, dtype=float)
+    gaps = np.bincount(probability_bin(p), p - yes, PROBABILITY_BINS)
+    return float(np.abs(gaps).sum() / len(p))
+
+
 def moving_block_interval(
     numerator: ArrayLike,
     denominator: ArrayLike,

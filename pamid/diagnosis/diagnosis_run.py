@@ -12,7 +12,7 @@ from pamid.base.run_folder import FIT_FILE, RESIDUAL_FILE, Run
 from pamid.diagnosis.next_experiment import Proposing
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.tournament import Diagnosis, diagnose
-from pamid.diagnosis.unknown import described, find_missing, missing_csv
+from pamid.diagnosis.unknown import described, find_missing, left_over, missing_csv
 from pamid.diagnosis.verdict import diagnosis_json
 from pamid.estimation.fit_files import fit_json, model_json, residual_csv
 from pamid.model.effect import Effect
@@ -41,7 +41,7 @@ def diagnose_into(
         evidence, catalogue, seed=seed, progress=progress, pool=pool, settings=settings
     )
     unknown, missing = None, None
-    if found.verdict == "unknown-effect" and not found.empty:
+    if left_over(found):
         progress("describing the missing term")
         missing = find_missing(found, seed=seed, pool=pool)
         unknown = described(found, missing)

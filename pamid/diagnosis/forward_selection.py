@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from pamid.diagnosis.candidate_model import CandidateModel, in_errors, transferred
-from pamid.diagnosis.decision import calibration, decades, within
+from pamid.diagnosis.judgement import calibration, decades, within
 from pamid.diagnosis.port_evidence import PortEvidence, locate
 from pamid.diagnosis.search import RefitStart, Refitting, Search, run_round, with_finer_steps
 from pamid.estimation.grey_box import model_with

@@ -242,27 +242,17 @@ def _start(s: Screened, base: CandidateModel) -> RefitStart:
     return RefitStart(s.assembly.attachments, p, s.first, assembly=s.assembly)
 
 
-def ranked(
-    search: Search, models: list[CandidateModel]
-) -> tuple[tuple[CandidateModel, ...], list[float]]:
-    """Contenders in order, and the share of resamples that each wins (not yet a probability).
-
-    Order is by mean bootstrapped log loss, but a simpler member of the first one's family goes
-    before it where `_simplest` prefers it; what the first has won then counts for the simpler one.
-    Shares of bootstrap wins are bagged model weights: Huggins and Miller (2023), Bayesian Analysis
-    18:79.
-    """
+def ranked(search: Search, models: list[CandidateModel]) -> tuple[CandidateModel, ...]:
+    """Contenders by mean bootstrapped log loss; a simpler member of the first one's family goes
+    before it where `_simplest` prefers it."""
     if not models:
-        return (), []
-    losses = search.losses(models)
-    order = sorted(range(len(models)), key=lambda i: (losses[i].mean(), models[i].label))
-    wins = np.bincount(losses.argmin(axis=0), minlength=len(models)) / losses.shape[1]
-    ranking, share = [models[i] for i in order], [float(wins[i]) for i in order]
-    i = ranking.index(_simplest(search, ranking))
-    if i:
-        share[i], share[0] = share[i] + share[0], 0.0
-    order = [i, *(k for k in range(len(ranking)) if k != i)]
-    return tuple(ranking[k] for k in order), [share[k] for k in order]
+        return ()
+    losses = search.losses(models).mean(axis=1)
+    ranking = [
+        models[i] for i in sorted(range(len(models)), key=lambda i: (losses[i], models[i].label))
+    ]
+    first = _simplest(search, ranking)
+    return (first, *(c for c in ranking if c is not first))
 
 
 def _simplest(search: Search, ranking: list[CandidateModel]) -> CandidateModel:

@@ -67,12 +67,11 @@ class Settings:
     least_shrinkage: float = _setting(
         0.02, "share of the error", "what a cause has to remove to be named at all"
     )
-    unbacked_probability: float = _setting(
-        0.5,
-        "probability",
-        "most that is given to a cause that the held-out windows do not back",
-        "even odds; below `yes` of the questions known and first in calibration.json, so that no "
-        "cause is named",
+    port_negligible: float = _setting(
+        0.01,
+        "share of the gap",
+        "a cause whose port, with the ports that the sensors cannot tell from it, carries less is "
+        "not named",
     )
     black_box_samples: int = _setting(
         120, "samples per window", "the black box sees the replay thinned to these", COST

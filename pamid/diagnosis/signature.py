@@ -13,7 +13,7 @@ import numpy as np
 
 from pamid.base.metrics import seen_mean
 from pamid.diagnosis.candidate_model import CandidateModel, in_errors
-from pamid.diagnosis.forward_selection import refitted_with
+from pamid.diagnosis.judgement import calibration, decades, signed_decades, within
 from pamid.diagnosis.port_evidence import PortEvidence
 from pamid.diagnosis.ranges import at_bounds
 from pamid.diagnosis.search import Search
@@ -41,6 +41,27 @@ class Signature:
     bounds: float  # parameters that ended at a bound which physics did not set
     converged: float  # 1 or 0
     beside: float  # number of other effects in its model
+
+    def features(self) -> dict[str, float]:
+        """As the logistic function takes them: within the range of the trial, what spans decades
+        as a signed logarithm."""
+        return {
+            "removed": within(self.removed, -0.2, 1.0),
+            "of_left": within(self.of_left, -0.2, 1.0),
+            "sure": within(self.sure, -5.0, 20.0) / 10.0,
+            "steady": self.steady,
+            "lead": within(self.lead, -1.0, 1.0),
+            "lead_sure": within(self.lead_sure, -20.0, 20.0) / 10.0,
+            "wins": self.wins,
+            "at_port": self.at_port,
+            "evidence": signed_decades(self.evidence),
+            "eased": signed_decades(self.eased),
+            "left": within(self.left, 0.0, 1.2),
+            "remaining": decades(self.remaining, 1.0, 100.0),
+            "bounds": within(self.bounds, 0.0, 1.0),
+            "converged": self.converged,
+            "beside": within(self.beside, 0.0, 1.0),
+        }
 
 
 def signature(
@@ -85,38 +106,28 @@ def signature(
     )
 
 
-def signed(
-    search: Search,
-    ranking: tuple[CandidateModel, ...],
-    best: CandidateModel | None,
-    located: PortEvidence,
-) -> tuple[tuple[Signature, ...], tuple[tuple[Attachment, Signature], ...]]:
-    """Signatures of the ranking, each effect alone, and of the effects of the best model, each
-    beside the others."""
+def alone(
+    search: Search, ranking: tuple[CandidateModel, ...], located: PortEvidence
+) -> tuple[Signature, ...]:
+    """Of models with one effect each, against the refitted model."""
+    if not ranking:
+        return ()
     base = search.budget.baseline
-    if not ranking or best is None:
-        return (), ()
     losses = search.losses(list(ranking))
     order = losses.mean(axis=1).argsort()
     winner = [ranking[i].family for i in losses.argmin(axis=0)]
 
-    def alone(c: CandidateModel) -> Signature:
+    def of(c: CandidateModel) -> Signature:
         rival = next((ranking[i] for i in order if ranking[i].family != c.family), base)
-        return signature(
-            search, c.attached[-1], c, base, rival, winner.count(c.family) / len(winner), located
-        )
+        wins = winner.count(c.family) / len(winner)
+        return signature(search, c.attached[-1], c, base, rival, wins, located)
 
-    signatures = tuple(alone(c) for c in ranking)
-    if len(best.attached) == 1:
-        return signatures, ((best.attached[0], alone(best)),)
-    members = []
-    for a in best.attached:
-        others = tuple(k for k in best.attached if k is not a)
-        without = next((c for c in ranking if c.attached == others), None) or refitted_with(
-            search, others, best
-        )
-        members.append((a, signature(search, a, best, without, without, 1.0, located)))
-    return signatures, tuple(members)
+    return tuple(of(c) for c in ranking)
+
+
+def cause_probability(s: Signature) -> float:
+    """That an effect of this family is really there."""
+    return calibration().lines["cause"].probability(s.features())
 
 
 def log_evidence(fitted: Fit, weights: Weights) -> float:

@@ -4,84 +4,77 @@ ranking, forward selection, verdict."""
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from itertools import zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.progress import Progress, silent
 from pamid.diagnosis.budget import Budget, gap_budget
-from pamid.diagnosis.candidate_model import CandidateModel, replayed
-from pamid.diagnosis.decision import (
-    Decision,
-    VerdictStatistics,
-    at_noise_floor,
-    decide,
-    is_confirmed,
-    probabilities,
-    verdict_statistics,
-)
-from pamid.diagnosis.forward_selection import ForwardSelection, ForwardStep, select_forward
-from pamid.diagnosis.look_alikes import look_alike_classes
-from pamid.diagnosis.misfit_beyond_range import scale_doubt
+from pamid.diagnosis.candidate_model import CandidateModel
+from pamid.diagnosis.decision import CAUSED, Share, at_noise_floor, gap_share
+from pamid.diagnosis.judging import Judged, judge
 from pamid.diagnosis.naive_forecast import explains_nothing
 from pamid.diagnosis.port_evidence import PortEvidence, locate
 from pamid.diagnosis.search import (
     Search,
     carried_on,
-    indistinguishable_from_first,
     opposite_signs,
-    ranked,
     refit_screened,
     run_round,
 )
 from pamid.diagnosis.settings import DEFAULT, Settings
-from pamid.diagnosis.signature import Signature, signed
 from pamid.diagnosis.starting_hints import gather_hints
-from pamid.estimation.restart import escape_local_minimum
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.effect import Effect
 from pamid.parallel.jobs import WorkerPool
 from pamid.simulation.data_split import DataSplit, selection_part
 
-CAUSED = ("explained", "ambiguous")  # verdicts that name a cause
-
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """Everything found. ranking: models best first, with probabilities; cause: the chosen
-    model, or None.
-
-    best: the best model whatever the verdict; located: where something is missing before it.
-    """
+    """Everything found. located: where something is missing before any effect; judged: what came
+    of the candidates; neither where the refitted model is at the noise floor."""
 
     evidence: DataSplit
     budget: Budget
     chosen: NDArray[np.bool_]  # held-out windows that chose; the others report
-    verdict: str
-    ranking: tuple[CandidateModel, ...] = ()
-    probability: tuple[float, ...] = ()
-    failed: tuple[tuple[str, str], ...] = ()  # candidates that could not be fitted, and why
-    tied: tuple[CandidateModel, ...] = ()
-    best: CandidateModel | None = None
-    located: PortEvidence | None = None
-    grounds: VerdictStatistics | None = None
-    decision: Decision | None = None
-    classes: tuple[tuple[str, ...], ...] = ()
-    screened: str = ""  # family that the screen alone would have named
-    forward_steps: tuple[ForwardStep, ...] = ()  # effects tried beside the first
+    seed: int = 0
     empty: bool = False  # the best model predicts no better than a guess without a model
-    units: dict[str, Any] | None = None  # why units and signs are in doubt
+    located: PortEvidence | None = None
+    judged: Judged | None = None
+    failed: tuple[tuple[str, str], ...] = ()  # candidates that could not be fitted, and why
+    screened: str = ""  # family that the screen alone would have named
     # effects that remove much with the opposite sign, and the share of the error that they remove
     opposite: tuple[tuple[CandidateModel, float], ...] = ()
-    # what speaks for each of the ranking, alone, and for each effect of the best model, beside the
-    # others
-    signatures: tuple[Signature, ...] = ()
-    members: tuple[tuple[Attachment, Signature], ...] = ()
+
+    @property
+    def verdict(self) -> str:
+        if self.judged is None:
+            return "cannot-tell" if self.empty else "no-structural-gap"
+        return self.judged.decision.verdict
 
     @property
     def cause(self) -> CandidateModel | None:
-        return self.best if self.verdict in CAUSED else None
+        """The model with the causes that the verdict names."""
+        return self.judged.best if self.judged and self.verdict in CAUSED else None
+
+    @property
+    def removed(self) -> Share | None:
+        """Share of the gap that the causes remove together."""
+        if self.cause is None:
+            return None
+        base = self.budget.baseline
+        return gap_share(self.budget, base, self.cause, self.reporting, self.seed)
+
+    @property
+    def left_at(self) -> PortEvidence | None:
+        """Where something is missing beside the causes; where there are none, at all."""
+        return self.judged.after if self.judged and self.cause else self.located
+
+    @property
+    def ranking(self) -> tuple[CandidateModel, ...]:
+        return self.judged.ranking if self.judged else ()
 
     @property
     def settings(self) -> Settings:
@@ -89,7 +82,8 @@ class Diagnosis:
 
     @property
     def reporting(self) -> NDArray[np.bool_]:
-        return ~self.chosen
+        """Held-out windows that had no say in the choice; all where every one had."""
+        return ~self.chosen if not self.chosen.all() else self.chosen
 
     @property
     def singles(self) -> dict[str, CandidateModel]:
@@ -114,13 +108,7 @@ def diagnose(
     base = budget.baseline
     chosen = selection_part(list(base.replays), budget.channel_losses(base.absolutes))
     if at_noise_floor(budget, seed):
-        return Diagnosis(
-            evidence,
-            budget,
-            chosen,
-            "no-structural-gap",
-            empty=explains_nothing(budget, base, seed),
-        )
+        return Diagnosis(evidence, budget, chosen, seed, explains_nothing(budget, base, seed))
     search = Search(
         evidence,
         budget,
@@ -134,107 +122,31 @@ def diagnose(
     progress("looking where something is missing")
     located = locate(evidence, base, pool, settings=settings)
     first = run_round(search, base, candidates_to_screen(search.candidates, located, settings))
-    judged = _judged(search, located, first.models)
+    judged = judge(search, located, first.models)
     failed = first.failed
-    if judged.decision.verdict == "unknown-effect":
+    opposite: list[tuple[CandidateModel, float]] = []
+    if not judged.decision.named and judged.decision.verdict != "no-structural-gap":
         # before it is said that nothing known explains it, everything known that acts there is
         # fitted: a few steps of screening are no verdict
         rest = [s for s in first.passed_over if _acts_where(located, s.attachment, settings)]
         models, more = refit_screened(search, base, rest)
         failed = failed + more
         everything = carried_on(search, [*first.models, *models])
-        if everything != first.models:
-            judged = _judged(search, located, everything)
-    opposite: list[tuple[CandidateModel, float]] = []
-    if judged.decision.verdict == "unknown-effect":
-        opposite = opposite_signs(search, list(judged.ranking))
+        if any(a is not b for a, b in zip_longest(everything, first.models)):
+            judged = judge(search, located, everything)
+        if not judged.decision.named:
+            opposite = opposite_signs(search, list(judged.ranking))
     return Diagnosis(
         evidence,
         budget,
         chosen,
-        judged.verdict,
-        judged.ranking,
-        tuple(probabilities(judged.decision, judged.wins)),
-        tuple(failed),
-        judged.tied,
-        judged.best,
-        located,
-        judged.grounds,
-        judged.decision,
-        tuple(tuple(k) for k in judged.classes),
-        first.first_family,
-        judged.forward_steps,
+        seed,
         judged.empty,
-        judged.units,
+        located,
+        judged,
+        tuple(failed),
+        first.first_family,
         tuple(opposite),
-        *signed(search, judged.ranking, judged.best, located),
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class _Judged:
-    """What is said of models that were refitted."""
-
-    verdict: str
-    decision: Decision
-    grounds: VerdictStatistics
-    ranking: tuple[CandidateModel, ...]
-    wins: list[float]
-    tied: tuple[CandidateModel, ...]
-    best: CandidateModel | None
-    classes: list[list[str]]
-    forward_steps: tuple[ForwardStep, ...]
-    empty: bool
-    units: dict[str, Any] | None
-
-
-def _judged(search: Search, located: PortEvidence, models: list[CandidateModel]) -> _Judged:
-    """Ranking, further effects and verdict."""
-    evidence, budget, chosen, seed = search.evidence, search.budget, search.chosen, search.seed
-    base, settings = budget.baseline, search.settings
-    ranking, wins = ranked(search, models)
-    classes = look_alike_classes(evidence, base, list(ranking[: settings.compared]), settings)
-    found = select_forward(search, ranking, located) if ranking else ForwardSelection(base, located)
-    best = _freed(evidence, found.best) if ranking else None
-    ranking, wins = _with_best(ranking, wins, best)
-    grounds = verdict_statistics(budget, chosen, ranking, best, located, found.after, seed)
-    tied = indistinguishable_from_first(search, ranking, classes)
-    empty = explains_nothing(budget, best or base, seed)
-    decision = _decided(search, grounds, best, tied, empty)
-    units = scale_doubt(evidence, base, best, settings)
-    # a cause found against a misread channel may be an artefact of the slip
-    doubted = units and decision.verdict in CAUSED
-    return _Judged(
-        "unknown-effect" if doubted else decision.verdict,
-        decision,
-        grounds,
-        ranking,
-        wins,
-        tied,
-        best,
-        classes,
-        found.forward_steps,
-        empty,
-        units,
-    )
-
-
-def _decided(
-    search: Search,
-    grounds: VerdictStatistics,
-    best: CandidateModel | None,
-    tied: tuple[CandidateModel, ...],
-    empty: bool,
-) -> Decision:
-    """The decision on a best model; "ambiguous" can only be one with a single effect, as ties are
-    sought among single effects."""
-    single = best is not None and len(best.attached) == 1
-    return decide(
-        grounds,
-        ambiguous=single and len({c.family for c in tied}) > 1,
-        confirmed=best is None or is_confirmed(search.budget, best, ~search.chosen, search.seed),
-        empty=empty,
-        settings=search.settings,
     )
 
 
@@ -242,16 +154,6 @@ def _acts_where(located: PortEvidence, a: Attachment, settings: Settings) -> boo
     """Does it act at a port at which something is missing?"""
     most = settings.port_reach * located.most
     return max(located.gains[port] for port in a.ports) >= most
-
-
-def _freed(evidence: DataSplit, best: CandidateModel) -> CandidateModel:
-    """The best model, refitted from new window starts where its fit had ended in a local
-    minimum."""
-    fitted = escape_local_minimum(best.fit, evidence.noise)
-    if fitted is best.fit:
-        return best
-    better = replayed(evidence, best.assembly, fitted)
-    return better if better.finite else best
 
 
 def candidates_to_screen(
@@ -265,25 +167,3 @@ def candidates_to_screen(
     there = [max(located.gains[port] for port in a.ports) for a in candidates]
     enough = min(settings.port_reach * located.most, sorted(there)[-many // 2])
     return [a for a, gain in zip(candidates, there, strict=True) if gain >= enough]
-
-
-def _with_best(
-    ranking: tuple[CandidateModel, ...], wins: list[float], best: CandidateModel | None
-) -> tuple[tuple[CandidateModel, ...], list[float]]:
-    """The ranking led by the best model's first effect: by the best model itself where it has one
-    effect (the backward check may have chosen one that was not first), else by the model with its
-    first effect alone."""
-    if best is None:
-        return ranking, wins
-    if len(best.attached) > 1:
-        label = best.attached[0].label
-        best = next((c for c in ranking if c.label == label), ranking[0])
-    order = sorted(range(len(ranking)), key=lambda i: ranking[i].label != best.label)
-    known = ranking[order[0]].label == best.label
-    rest = [ranking[i] for i in (order[1:] if known else order)]
-    share = (
-        wins
-        if known and order[0] == 0
-        else [max(wins), *(wins[i] for i in (order[1:] if known else order))]
-    )
-    return (best, *rest), share

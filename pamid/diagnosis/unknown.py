@@ -50,20 +50,29 @@ class Missing:
     fit: float
 
 
+def left_over(d: Diagnosis) -> bool:
+    """Is more than noise and tolerances left, with the causes or because there is none?"""
+    j = d.judged
+    return j is not None and (
+        d.verdict == "unknown-effect" or (d.cause is not None and j.decision.remainder_real)
+    )
+
+
 def describe_unknown(d: Diagnosis, *, seed: int = 0) -> dict[str, Any] | None:
-    """`described` of what `find_missing` finds; None where nothing is missing anywhere."""
-    return described(d, find_missing(d, seed=seed))
+    """`described` of what `find_missing` finds; None where no more is left than tolerances."""
+    return described(d, find_missing(d, seed=seed)) if left_over(d) else None
 
 
 def find_missing(d: Diagnosis, *, seed: int = 0, pool: WorkerPool | None = None) -> Missing | None:
-    """The missing term at the port with the largest latent evidence; of ports that the recordings
-    cannot tell apart, at the one whose own signals describe it best. None where nothing is missing,
-    or no function of these signals fits."""
-    if d.located is None or d.located.most <= 0.0:
+    """The missing term beside the causes, at the port with the largest latent evidence; of ports
+    that the recordings cannot tell apart, at the one whose own signals describe it best. None where
+    nothing is missing, or no function of these signals fits."""
+    located = d.left_at
+    if located is None or located.most <= 0.0:
         return None
-    names = list(d.located.classes[0])
-    base = d.located.smoothers[names[0]].base
-    work = _Describing(d.evidence, base, seed, d.settings, d.located.smoothers)
+    names = list(located.classes[0])
+    base = located.smoothers[names[0]].base
+    work = _Describing(d.evidence, base, seed, d.settings, located.smoothers)
     found = [
         m
         for m in (pool or WorkerPool()).run(work, names)
@@ -96,12 +105,13 @@ class _Describing(Work[str, Missing | None]):
 def described(d: Diagnosis, best: Missing | None) -> dict[str, Any] | None:
     """Port, formula, variables, inclusion frequency, parity, dissipation and memory of the missing
     term."""
-    if d.located is None or d.located.most <= 0.0:
+    located = d.left_at
+    if located is None or located.most <= 0.0:
         return None
     rig = d.evidence.rig
     if best is None:
         return {
-            "port": rig.group_of(d.located.port),
+            "port": rig.group_of(located.port),
             "formula": "",
             "variables": [],
             "inclusion": 0.0,

@@ -1,4 +1,4 @@
-"""A diagnosis as the contract's JSON, and as the sentence that opens the report."""
+"""A diagnosis as the contract's JSON."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from pamid.base.metrics import seen_mean
 from pamid.base.units import column_size
 from pamid.diagnosis.candidate_model import CandidateModel
-from pamid.diagnosis.decision import forecast_interval
+from pamid.diagnosis.decision import Share
+from pamid.diagnosis.judgement import forecast_interval
+from pamid.diagnosis.judging import Judged, Member
 from pamid.diagnosis.localise import frequency_band, regimes, worst_windows
 from pamid.diagnosis.notes import notes
 from pamid.diagnosis.proposal import Proposal, proposal_result
@@ -18,6 +20,8 @@ from pamid.diagnosis.ranges import at_bounds
 from pamid.diagnosis.signature import Signature
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.diagnosis.transfer import transfer
+from pamid.diagnosis.unknown import left_over
+from pamid.diagnosis.verdict_words import remark, sentence
 from pamid.estimation.intervals import background_pull, estimates
 from pamid.model.isolability import isolability
 from pamid.schemas import diagnosis_file as result
@@ -36,75 +40,94 @@ def diagnosis_json(
 def diagnosis_file(
     d: Diagnosis, unknown: dict[str, Any] | None, seed: int, proposal: Proposal | None = None
 ) -> result.DiagnosisFile:
-    """The same as the model that describes it."""
-    base = d.budget.baseline
-    after = list(d.cause.replays) if d.cause else None
+    """The same as the model that describes it. unknown: of what is missing beside the causes, or
+    altogether where none is named (`pamid.diagnosis.unknown`)."""
     shares = _where_shares(d)
-    final = d.cause or base
-    port = d.cause.group if d.cause else (unknown or {}).get("port") or shares[0].port
+    causes = _causes(d)
+    rest = _remainder(d, unknown)
+    port = _leading_port(d, shares, causes)
     return result.DiagnosisFile(
         verdict=cast(result.Verdict, d.verdict),
-        sentence=sentence(d, unknown),
+        sentence=sentence(d, causes, rest, port),
         remark=remark(d),
-        causes=tuple(causes(d)),
-        ranking=(
-            *(
-                _ranked(d, c, p, signature, seed)
-                for c, p, signature in zip(d.ranking, d.probability, d.signatures, strict=True)
-            ),
-            *(_unfitted(label, why) for label, why in d.failed),
-        ),
-        members=tuple(
-            result.Member(
-                effect=a.label,
-                family=a.family(d.evidence.rig),
-                port=a.group(d.evidence.rig),
-                signature=grounds.SignatureFigures(**vars(signature)),
-            )
-            for a, signature in d.members
-        ),
-        where=result.Where(
-            port=port,
-            ports=shares,
-            **_isolable(d),
-            regimes=tuple(regimes(d.evidence, base, d.cause, d.settings)),
-            frequency_hz=tuple(
-                frequency_band(list(base.replays), after, d.evidence.noise, d.settings)
-            ),
-            windows_s=tuple(
-                (begin, end) for begin, end in worst_windows(list(base.replays), d.budget)
-            ),
-        ),
+        causes=causes,
+        remainder=rest,
+        ranking=(*_ranking(d, seed), *(_unfitted(label, why) for label, why in d.failed)),
+        where=_where(d, port, shares),
         how_far={c: how_far(d, i, seed) for i, c in enumerate(d.evidence.channels)},
         transfer=tuple(result.Transfer(**one) for one in transfer(d)),
-        look_alikes=d.classes,
         next_experiment=proposal_result(proposal),
-        parameters={
-            e.name: result.Estimate(
-                value=e.value,
-                low=e.low,
-                high=e.high,
-                prior=e.prior,
-                strain=e.strain,
-                unit=e.bound.unit,
-                word=e.word,
-                at_bound=e.at_bound,
-            )
-            for e in estimates(final.fit)
-            if not e.bound.owner
-        },
-        background=_background(d, final),
-        unknown=result.Unknown(**unknown) if unknown else None,
-        units=result.UnitsInDoubt(**d.units) if d.units else None,
-        further=tuple(grounds.Further(**vars(n)) for n in d.forward_steps),
-        grounds=grounds.Grounds(**vars(d.grounds)) if d.grounds else None,
+        parameters=_rig_parameters(d.cause or d.budget.baseline),
+        background=_background(d, d.cause or d.budget.baseline),
+        unknown=result.Unknown(**unknown) if unknown and d.cause is None else None,
         notes=tuple(notes(d)),
-        confidence=grounds.Confidence(
-            gap=d.decision.gap, known=d.decision.known, first=d.decision.first
-        )
-        if d.decision
-        else None,
+        **(_judgement(d, d.judged) if d.judged else {}),
     )
+
+
+def _judgement(d: Diagnosis, j: Judged) -> dict[str, Any]:
+    """What stands in the file where candidates were judged."""
+    rig = d.evidence.rig
+    return {
+        "members": tuple(
+            result.BestMember(
+                effect=m.effect.label,
+                family=m.effect.family(rig),
+                port=m.effect.group(rig),
+                probability=m.probability,
+                removes=_share(m.removes),
+                signature=grounds.SignatureFigures(**vars(m.signature)),
+            )
+            for m in j.members
+        ),
+        "look_alikes": j.classes,
+        "units": result.UnitsInDoubt(**j.units) if j.units else None,
+        "further": tuple(grounds.Further(**vars(n)) for n in j.forward_steps),
+        "grounds": grounds.Grounds(**vars(j.grounds)),
+        "confidence": grounds.Confidence(
+            gap=j.decision.gap,
+            known=j.decision.known,
+            first=j.probability[0] if j.probability else 0.0,
+        ),
+    }
+
+
+def _rig_parameters(model: CandidateModel) -> dict[str, result.Estimate]:
+    return {
+        e.name: result.Estimate(
+            value=e.value,
+            low=e.low,
+            high=e.high,
+            prior=e.prior,
+            strain=e.strain,
+            unit=e.bound.unit,
+            word=e.word,
+            at_bound=e.at_bound,
+        )
+        for e in estimates(model.fit)
+        if not e.bound.owner
+    }
+
+
+def _where(d: Diagnosis, port: str, shares: tuple[result.PortShare, ...]) -> result.Where:
+    base = d.budget.baseline
+    after = list(d.cause.replays) if d.cause else None
+    return result.Where(
+        port=port,
+        ports=shares,
+        **_isolable(d),
+        regimes=tuple(regimes(d.evidence, base, d.cause, d.settings)),
+        frequency_hz=tuple(frequency_band(list(base.replays), after, d.evidence.noise, d.settings)),
+        windows_s=tuple((begin, end) for begin, end in worst_windows(list(base.replays), d.budget)),
+    )
+
+
+def _leading_port(
+    d: Diagnosis, shares: tuple[result.PortShare, ...], causes: tuple[result.Cause, ...]
+) -> str:
+    """The port of the cause that removes most, which carries most of the gap among those that the
+    sensors cannot tell from it; without a cause the one with the largest share."""
+    return causes[0].port if causes else shares[0].port
 
 
 def groups(d: Diagnosis) -> list[str]:
@@ -124,21 +147,18 @@ def _where_shares(d: Diagnosis) -> tuple[result.PortShare, ...]:
     return tuple(result.PortShare(port=g, share=v) for g, v in ordered)
 
 
-def causes(d: Diagnosis) -> list[result.Cause]:
-    """What the verdict adds, strongest first; for "ambiguous" the members that cannot be told
+def _causes(d: Diagnosis) -> tuple[result.Cause, ...]:
+    """What the verdict names, strongest first; for "ambiguous" the members that cannot be told
     apart."""
-    if d.cause is None:
-        return []
+    j = d.judged
+    if d.cause is None or j is None:
+        return ()
     if d.verdict == "ambiguous":
-        first_of_family = list({c.family: c for c in reversed(d.tied)}.values())[::-1]
-        return [
-            _cause(c, c.attached[-1].label, 1.0 / len(first_of_family)) for c in first_of_family
-        ]
-    labels = [a.label for a in d.cause.attached]
-    shares = _cause_shares(d, labels)
-    return [
-        _cause(d.cause, label, shares[label]) for label in sorted(labels, key=lambda k: -shares[k])
-    ]
+        tied = [one for one in j.tied if one[1].effect.label in j.decision.named]
+        return tuple(_cause(c, m, 1.0 / len(tied)) for c, m in tied)
+    shares = _cause_shares(d, [m.effect.label for m in j.members])
+    ordered = sorted(j.members, key=lambda m: -shares[m.effect.label])
+    return tuple(_cause(d.cause, m, shares[m.effect.label]) for m in ordered)
 
 
 def _cause_shares(d: Diagnosis, labels: list[str]) -> dict[str, float]:
@@ -165,15 +185,49 @@ def _cause_shares(d: Diagnosis, labels: list[str]) -> dict[str, float]:
     return {k: v / total if total > 0 else 1.0 / len(labels) for k, v in phi.items()}
 
 
-def _cause(c: CandidateModel, label: str, share: float) -> result.Cause:
-    attached = next(a for a in c.attached if a.label == label)
+def _cause(c: CandidateModel, m: Member, share: float) -> result.Cause:
     rig = c.assembly.rig
     return result.Cause(
-        effect=label,
-        family=attached.family(rig),
-        port=attached.group(rig),
-        parameters=_parameters(c, label),
+        effect=m.effect.label,
+        family=m.effect.family(rig),
+        port=m.effect.group(rig),
+        parameters=_parameters(c, m.effect.label),
+        probability=m.probability,
+        removes=_share(m.removes),
         share=share,
+    )
+
+
+def _share(s: Share) -> result.GapShare:
+    return result.GapShare(share=s.share, low=s.low, high=s.high)
+
+
+def _remainder(d: Diagnosis, unknown: dict[str, Any] | None) -> result.Remainder | None:
+    """What is left of the gap with the causes; the gap itself where there are none."""
+    j = d.judged
+    if j is None:
+        return None
+    removed = d.removed
+    rest = removed.rest if removed else Share(1.0, 1.0, 1.0)
+    misfit = j.grounds.after(j.forward_steps) if d.cause else j.grounds.before
+    chance, p_value = (
+        (j.decision.remainder, j.decision.remainder_p_value)
+        if d.cause
+        else (j.decision.gap, j.decision.gap_p_value)
+    )
+    real = left_over(d)
+    described = unknown or {}
+    return result.Remainder(
+        share=rest.share,
+        low=rest.low,
+        high=rest.high,
+        floors=misfit.floors,
+        probability=chance,
+        p_value=p_value,
+        real=real,
+        port=described.get("port", "") if real else "",
+        formula=described.get("formula", "") if real else "",
+        family="",
     )
 
 
@@ -186,6 +240,16 @@ def _parameters(c: CandidateModel, label: str) -> dict[str, result.CauseParamete
         for e in estimates(c.fit)
         if e.bound.owner == label
     }
+
+
+def _ranking(d: Diagnosis, seed: int) -> tuple[result.Candidate, ...]:
+    j = d.judged
+    if j is None:
+        return ()
+    return tuple(
+        _ranked(d, c, chance, own, seed)
+        for c, chance, own in zip(j.ranking, j.probability, j.signatures, strict=True)
+    )
 
 
 def _unfitted(label: str, why: str) -> result.Candidate:
@@ -210,7 +274,7 @@ def _unfitted(label: str, why: str) -> result.Candidate:
 def _ranked(
     d: Diagnosis, c: CandidateModel, probability: float, signature: Signature, seed: int
 ) -> result.Candidate:
-    rows = d.reporting if d.reporting.any() else d.chosen
+    rows = d.reporting
     losses, base = (
         d.budget.channel_losses(c.absolutes),
         d.budget.channel_losses(d.budget.baseline.absolutes),
@@ -266,7 +330,10 @@ def _isolable(d: Diagnosis) -> dict[str, Any]:
     together = [list(g) for g in found.groups if len(g) > 1]
     port = d.evidence.rig.group_of
     leading = d.located.classes[0] if d.located else ()
-    for tied in ([c.group for c in d.tied], [port(name) for name in leading]):
+    for tied in (
+        [c.group for c, _ in (d.judged.tied if d.judged else ())],
+        [port(name) for name in leading],
+    ):
         if len(set(tied)) > 1 and not any(set(tied) <= set(g) for g in together):
             together.append(list(dict.fromkeys(tied)))
     return {
@@ -291,48 +358,3 @@ def _background(d: Diagnosis, final: CandidateModel) -> dict[str, result.Pull]:
         k: result.Pull(pull=v, share_of_gap=gained * v**2 / everything if everything > 0 else 0.0)
         for k, v in pulls.items()
     }
-
-
-def remark(d: Diagnosis) -> str:
-    """What is wrong with the recordings, or with how they were read, where no verdict on the model
-    means anything."""
-    if d.units and (d.units["slips"] or not d.empty):
-        channel, share = max(d.units["error_over_spread"].items(), key=lambda pair: pair[1])
-        return (
-            f"The refitted model misses {channel} by {share:.2g} times what it moves. "
-            f"{d.units['advice']}"
-        )
-    if not d.empty:
-        return ""
-    return (
-        "The recordings show nothing that this model could have made of its input: it predicts "
-        "them no better than their own mean or a straight line does. Check that every column is "
-        "the channel that it is named after, that all were recorded together on one clock, and "
-        "that the input acted on the rig."
-    )
-
-
-def sentence(d: Diagnosis, unknown: dict[str, Any] | None) -> str:
-    """The verdict in one sentence; a remark goes before it."""
-    if said := remark(d):
-        return said
-    if d.verdict == "no-structural-gap":
-        return (
-            "Nothing beyond retuned parameters and ordinary tolerances: no structural gap was "
-            "found."
-        )
-    if d.verdict == "unknown-effect" or d.cause is None:
-        where = f" It enters at the {unknown['port']}." if unknown else ""
-        return (
-            "Something material is missing from the model, and no effect of the catalogue "
-            f"explains it.{where}"
-        )
-    rows = d.reporting if d.reporting.any() else d.chosen
-    share = 100.0 * d.budget.shrinkage(d.cause.absolutes, rows)
-    if d.verdict == "ambiguous":
-        names = " or ".join(dict.fromkeys(c.attached[-1].label for c in d.tied))
-        return f"The gap shrinks by {share:.0f} %, but these recordings cannot tell {names} apart."
-    names = " and ".join(a.label for a in d.cause.attached)
-    place = "" if "@" in names else f" at the {d.cause.group}"
-    verb = "explains" if len(d.cause.attached) == 1 else "explain"
-    return f"{names}{place} {verb} the gap: the held-out error shrinks by {share:.0f} %."

@@ -143,7 +143,16 @@ def model_equations(run: RunData) -> tuple[Equation, ...]:
         }
         found.append(
             _cause_equation(
-                run.rig, Cause(effect=label, family="", port="", parameters=own, share=None)
+                run.rig,
+                Cause(
+                    effect=label,
+                    family="",
+                    port="",
+                    parameters=own,
+                    probability=None,
+                    removes=None,
+                    share=None,
+                ),
             )
         )
     return _known(found)

@@ -35,7 +35,14 @@ from pamid.schemas.model import (
     expected,
 )
 
-Verdict = Literal["explained", "ambiguous", "unknown-effect", "no-structural-gap"]
+Verdict = Literal[
+    "explained",
+    "partly-explained",
+    "ambiguous",
+    "unknown-effect",
+    "no-structural-gap",
+    "cannot-tell",
+]
 ERROR = "mean absolute error, in the unit of the channel"
 
 
@@ -46,6 +53,14 @@ class CauseParameter(Interval):
     word: Text = Field("", description=WORD)
 
 
+class GapShare(Model):
+    """A share of the gap, on held-out data that chose nothing."""
+
+    share: Number = Field(description=SHARE)
+    low: Number = Field(description=LOW)
+    high: Number = Field(description=HIGH)
+
+
 class Cause(Model):
     """An effect that the verdict adds."""
 
@@ -53,9 +68,38 @@ class Cause(Model):
     family: Text = Field("", description="of effects that are mistaken for each other")
     port: Text = Field("", description="group of ports that it acts on")
     parameters: MapOf[CauseParameter] = Field({}, description="by name with unit")
+    probability: Number | None = Field(
+        None, description="calibrated frequency with which such a cause is there, 0 to 1"
+    )
+    removes: GapShare | None = Field(
+        None, description="share of the gap that it removes beside the other causes"
+    )
     share: Number | None = Field(
         None, description="Shapley share of the shrinkage among the causes, 0 to 1"
     )
+
+
+class Remainder(Model):
+    """What is left of the gap with the causes; without a cause, the gap itself."""
+
+    share: Written[Number] = Field(None, description=SHARE)
+    low: Written[Number] = Field(None, description=LOW)
+    high: Written[Number] = Field(None, description=HIGH)
+    floors: Written[Number] = Field(
+        None, description="error that is left over the noise floor, in the worst channel"
+    )
+    probability: Written[Number] = Field(
+        None, description="that it is more than noise and ordinary tolerances, 0 to 1"
+    )
+    p_value: Written[Number] = Field(
+        None,
+        description="how often noise and tolerances alone leave as much, among machines on which "
+        "nothing else was missing",
+    )
+    real: Flag = Field(True, description="whether it counts as more than noise and tolerances")
+    port: Text = Field("", description="group of ports at which it enters; empty where not real")
+    formula: Text = Field("", description="what is missing there, in the signals at the port")
+    family: Text = Field("", description="whose free form would take it up; empty where none does")
 
 
 class HeldOut(Model):
@@ -87,12 +131,14 @@ class Candidate(Model):
     signature: SignatureFigures | None = Field(None, description="what speaks for it, alone")
 
 
-class Member(Model):
+class BestMember(Model):
     """An effect of the best model, whatever the verdict."""
 
     effect: Text = Field(description="label, effect@port where the place is not unique")
     family: Text = Field("", description="of effects that are mistaken for each other")
     port: Text = Field("", description="group of ports that it acts on")
+    probability: Number | None = Field(None, description="that it is there, 0 to 1")
+    removes: GapShare | None = Field(None, description="share of the gap, beside the others")
     signature: SignatureFigures | None = Field(
         None, description="what speaks for it, beside the others"
     )
@@ -272,7 +318,7 @@ class DiagnosisFile(Model):
 
     not_read: ClassVar = ("units", "further")
 
-    schema_: Literal["pamid.diagnosis/1"] = Field(default="pamid.diagnosis/1", alias="schema")
+    schema_: Literal["pamid.diagnosis/2"] = Field(default="pamid.diagnosis/2", alias="schema")
     verdict: Verdict
     sentence: Text = Field("", description="the verdict in words")
     remark: Text = Field(
@@ -285,10 +331,13 @@ class DiagnosisFile(Model):
         description="effects that the verdict adds, strongest first; for ambiguous the members "
         "that cannot be told from each other",
     )
+    remainder: Remainder | None = Field(
+        None, description="what is left; null where nothing was there to explain"
+    )
     ranking: ListOf[Candidate] = Field(
         (), description="every candidate that was refitted, best first"
     )
-    members: ListOf[Member] = Field(
+    members: ListOf[BestMember] = Field(
         (), description="effects of the best model, whether or not the verdict names them"
     )
     where: Written[Where] = Field(None, description="where the gap enters")

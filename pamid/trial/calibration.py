@@ -1,202 +1,288 @@
 """Calibration: the logistic functions behind a verdict, and how wide an interval has to be.
 
 The probabilities are those of Platt's calibration (1999, Advances in Large Margin Classifiers),
-with several features in the place of one score: of cases with features z (in standard deviations)
-and answers y = -1 or 1, the weights minimise
-    sum log(1 + exp(-y (w0 + w z))) + PRIOR_PRECISION |w|^2 / 2
-The penalty keeps them finite where the cases can be separated without error. From which
-probability on an answer is given (`yes`) follows from the rates of error that are allowed below.
-Only the statistics and labels of the calibration part are used; the test part stays unseen.
+with several features in the place of one score: logistic regression with a ridge penalty, which
+keeps the weights finite where the cases can be separated without error (le Cessie and van
+Houwelingen 1992, Applied Statistics 41:191). From which probability on an answer is given (`yes`)
+follows from the rates of error that are allowed below. Only the statistics and labels of
+calibration parts are used, of any number of machines; test parts stay unseen.
 """
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from pamid.base.errors import DataError
 from pamid.base.json_file import read_json
-from pamid.diagnosis.decision import Line, VerdictStatistics, features
+from pamid.base.metrics import calibration_error
 from pamid.diagnosis.forward_selection import ForwardStep
+from pamid.diagnosis.judgement import QUESTIONS, Line
 from pamid.diagnosis.settings import DEFAULT
+from pamid.diagnosis.signature import Signature
+from pamid.diagnosis.verdict_grounds import VerdictStatistics
+from pamid.trial.machines import ONE_DOF
 from pamid.trial.marking import Marked
 
 Array = NDArray[np.float64]
+Features = dict[str, float]
 
 CALIBRATION_SCHEMA = "pamid.calibration/1"
-PRIOR_PRECISION = 1.0  # prior precision of every weight, features in their standard deviations
-#: question -> features it may look at
-LOOKS_AT = {
-    "gap": ("visible", "missing", "of_signal", "sure"),
-    "known": (
-        "left",
-        "shrinkage",
-        "sure",
-        "margin_sure",
-        "at_port",
-        "unexplained",
-        "visible",
-        "missing",
-    ),
-    "first": ("left", "sure", "margin", "margin_sure", "wins", "at_port", "unexplained"),
-    "further": ("of_left", "sure"),
-}
-# rates of error that the thresholds aim at: the targets in figure_table.py, of false alarms less
-# than the 3 % there, since the test cases are others
-FALSE_ALARMS, WRONG_ABSTENTIONS, MISSED_UNKNOWNS = 0.02, 0.10, 0.15
+RIDGE = 1.0  # prior precision of every weight, features in their standard deviations
+FALSE_ALARMS = 0.02  # of models that leave nothing but noise and tolerances: figure_table.py
+EVEN_ODDS = 0.5  # what is less probable than not is no cause
+FAMILIES = 3  # leading families of a ranking from which it is learnt what no cause looks like
 COVERAGE = 0.95  # of the intervals of the shrinkage
 
 
-def calibrated_from(folder: Path) -> dict[str, Any]:
-    """calibration.json from the finished cases in the folder of a trial's calibration part."""
+@dataclass(frozen=True)
+class Example:
+    """What a question was asked of, and the right answer. machine: it was seen on; case: its
+    number."""
+
+    features: Features
+    yes: bool
+    machine: str
+    case: tuple[str, int]
+
+
+@dataclass(frozen=True)
+class Lesson:
+    """The finished calibration cases of a machine, marked."""
+
+    machine: str
+    seed: int
+    digest: str
+    cases: tuple[Marked, ...]
+
+
+def lesson_of(folder: Path) -> Lesson:
+    """The finished cases in the folder of a trial's calibration part. DataError for another
+    part."""
     labels = read_json(folder / "labels.json")
     results = [read_json(path) for path in sorted((folder / "cases").glob("*.json"))]
-    drawn = {label["number"] for label in labels["cases"]}
-    return calibration_json(
+    return lesson(
         labels["cases"],
-        [r for r in results if r["case"] in drawn],
+        results,
+        machine=str(labels.get("rig", ONE_DOF)),
         seed=int(labels["seed"]),
         digest=str(labels["cases_sha256"]),
     )
 
 
-def calibration_json(
-    labels: Sequence[dict[str, Any]], results: Sequence[dict[str, Any]], *, seed: int, digest: str
-) -> dict[str, Any]:
-    """calibration.json from the labels and results of a trial's calibration part. DataError for any
-    other part."""
+def lesson(
+    labels: Sequence[dict[str, Any]],
+    results: Sequence[dict[str, Any]],
+    *,
+    machine: str,
+    seed: int,
+    digest: str,
+) -> Lesson:
+    """The same from labels and results."""
     if any(label["part"] != "calibration" for label in labels):
         raise DataError(
             "the probabilities of a verdict are fitted to the calibration part alone",
             "give the folder of a trial with --part calibration",
         )
     known = {label["number"]: label for label in labels}
-    everything = [Marked(known[r["case"]], r) for r in results if not r["failed"]]
-    cases = [m for m in everything if m.found.get("grounds") and (m.visible or not m.truth)]
-    silent = sum(not m.truth for m in everything) - sum(not m.truth for m in cases)
-    x = [features(VerdictStatistics(**m.found["grounds"])) for m in cases]
-    gap, right, exact = (
-        np.array([bool(f(m)) for m in cases]) for f in (lambda m: m.truth, _right, _exact_right)
-    )
-    real = np.flatnonzero(gap)
-    lines = {
-        "gap": _line(x, gap, LOOKS_AT["gap"]),
-        "known": _line([x[i] for i in real], right[real], LOOKS_AT["known"]),
-        "first": _line(x, exact, LOOKS_AT["first"]),
-    }
-    said = {q: np.array([line.probability(row) for row in x]) for q, line in lines.items()}
-    yes = {
-        "gap": _alarm_from(said["gap"][~gap], silent),
-        "known": _known_from(said["known"][real], right[real]),
-        "first": max(
-            _alarm_from(said["first"][~gap], silent), _alarm_from(said["first"][real][~right[real]])
+    return Lesson(
+        machine,
+        seed,
+        digest,
+        tuple(
+            Marked(known[r["case"]], r) for r in results if r["case"] in known and not r["failed"]
         ),
+    )
+
+
+def calibration_json(lessons: Sequence[Lesson]) -> dict[str, Any]:
+    """calibration.json: lines learnt from all of these machines."""
+    examples = {q: _examples(lessons, q) for q in QUESTIONS}
+    lines = {q: learnt(found) for q, found in examples.items()}
+    silent = [lines["missing"].probability(e.features) for e in examples["missing"] if not e.yes]
+    # a refitted model at the noise floor was not even asked
+    silent += [0.0] * sum(not m.truth and not _grounds(m) for k in lessons for m in k.cases)
+    yes = {
+        "missing": _reached_by(silent),
+        "cause": max(EVEN_ODDS, _reached_by(_named_in_vain(lessons, lines["cause"]))),
+        "further": _most_right(examples["further"], lines["further"]),
     }
-    lines = {q: replace(line, yes=yes[q]) for q, line in lines.items()} | {
-        "further": _further(everything)
-    }
+    digests = "".join(k.digest for k in lessons)
     return {
         "schema": CALIBRATION_SCHEMA,
-        "cases": {"part": "calibration", "seed": seed, "sha256": digest, "used": len(cases)},
-        "lines": {q: asdict(line) for q, line in lines.items()},
-        "spread": _spread(cases),
+        "cases": {
+            "part": "calibration",
+            "sha256": hashlib.sha256(digests.encode()).hexdigest(),
+            "used": sum(len(k.cases) for k in lessons),
+            "machines": [
+                {"rig": k.machine, "seed": k.seed, "sha256": k.digest, "used": len(k.cases)}
+                for k in lessons
+            ],
+        },
+        "lines": {q: asdict(replace(line, yes=yes[q])) for q, line in lines.items()},
+        "silent": sorted(silent),
+        "spread": _spread([m for k in lessons for m in k.cases]),
     }
 
 
-def _right(m: Marked) -> bool:
-    """Is the first of the ranking of a planted family, or like a planted effect?"""
-    return _exact_right(m) or (
-        m.stratum in ("single", "double")
-        and m.families[:1] != []
-        and m.families[0] in {t["family"] for t in m.truth}
-    )
-
-
-def _exact_right(m: Marked) -> bool:
-    return m.stratum in ("single", "double") and m.exact_first
-
-
-def _further(cases: list[Marked]) -> Line:
-    """Is a further effect, weighed beside a first one, of a planted family?"""
-    weighings = [(m, weighing) for m in cases for weighing in m.found["further"]]
-    real = [
-        m.stratum in ("single", "double") and weighing["family"] in {t["family"] for t in m.truth}
-        for m, weighing in weighings
+def learnt_text(lessons: Sequence[Lesson]) -> str:
+    """What was learnt from how many cases, and how well calibrated it is on machines that it was
+    not learnt from."""
+    rows = [
+        "",
+        f"{'learnt from':24s}{'examples':>10s}{'yes':>8s}"
+        + "".join(f"{k:>18s}" for k in dict.fromkeys(k.machine for k in lessons)),
     ]
-    x = [ForwardStep(**weighing).features() for _, weighing in weighings]
-    line = _line(x, np.array(real, bool), LOOKS_AT["further"])
-    return replace(
-        line, yes=_most_right(np.array([line.probability(row) for row in x]), np.array(real, bool))
+    for q in QUESTIONS:
+        found = _examples(lessons, q)
+        errors = leave_one_machine_out(lessons, q)
+        rows.append(
+            f"{q:24s}{len(found):10d}{sum(e.yes for e in found):8d}"
+            + "".join(
+                f"{errors[k]:18.3f}" if k in errors else f"{'-':>18s}"
+                for k in dict.fromkeys(k.machine for k in lessons)
+            )
+        )
+    rows.append("calibration error on each machine, learnt from the others alone")
+    return "\n".join(rows)
+
+
+def leave_one_machine_out(lessons: Sequence[Lesson], question: str) -> dict[str, float]:
+    """Expected calibration error of a question on every machine, by a line that was learnt from
+    the others; machines whose answers are all the same, or whose others are, are left out."""
+    found = {}
+    for own in dict.fromkeys(k.machine for k in lessons):
+        train = _examples([k for k in lessons if k.machine != own], question)
+        test = _examples([k for k in lessons if k.machine == own], question)
+        if len({e.yes for e in train}) == 2 and test:
+            line = learnt(train)
+            found[own] = calibration_error(
+                [line.probability(e.features) for e in test], [e.yes for e in test]
+            )
+    return found
+
+
+def learnt(examples: Sequence[Example]) -> Line:
+    """Weights of the features as they are; `yes` is even odds until it is chosen. DataError where
+    the examples all have one answer."""
+    from sklearn.linear_model import LogisticRegression
+
+    answers = np.array([e.yes for e in examples])
+    if len(set(answers.tolist())) < 2:
+        raise DataError(
+            "a judgement cannot be learnt from cases that all have the same answer",
+            "draw more cases: pamid trial --part calibration --cases 60",
+        )
+    names = sorted(examples[0].features)
+    table = np.array([[e.features[k] for k in names] for e in examples])
+    centre, spread = table.mean(axis=0), np.maximum(table.std(axis=0), 1e-6)
+    model = LogisticRegression(C=1.0 / RIDGE, tol=1e-8, max_iter=10_000)
+    model.fit((table - centre) / spread, answers)
+    weights = model.coef_[0] / spread
+    return Line(
+        float(model.intercept_[0] - weights @ centre),
+        dict(zip(names, (float(w) for w in weights), strict=True)),
+        EVEN_ODDS,
     )
 
 
-def _most_right(p: Array, right: NDArray[np.bool_]) -> float:
+def _examples(lessons: Sequence[Lesson], question: str) -> list[Example]:
+    asked = {"missing": _missing_in, "cause": _causes_in, "further": _further_in}[question]
+    return [
+        Example(features, yes, k.machine, (k.digest, m.label["number"]))
+        for k in lessons
+        for m in k.cases
+        for features, yes in asked(m)
+    ]
+
+
+def _grounds(m: Marked) -> VerdictStatistics | None:
+    found = m.found.get("grounds")
+    return VerdictStatistics(**found) if found else None
+
+
+def _missing_in(m: Marked) -> list[tuple[Features, bool]]:
+    """Is what a model leaves more than noise and tolerances? The refitted model of a case with a
+    fault that shows, and of one without any; the best model where it has all of the planted faults,
+    or one of two that both show."""
+    g = _grounds(m)
+    if g is None or (m.truth and not m.visible):
+        return []
+    found = [(g.before.features(), bool(m.truth))]
+    right = {str(one["family"]) for one in m.found["members"] if m.is_right(one)}
+    steps = [ForwardStep(**one) for one in m.found["further"]]
+    if m.stratum in ("single", "double") and right and len(right) == len(m.found["members"]):
+        planted = {str(t["family"]) for t in m.truth}
+        if right == planted:
+            found.append((g.after(steps).features(), False))
+        elif m.each_visible:
+            found.append((g.after(steps).features(), True))
+    return found
+
+
+def _causes_in(m: Marked) -> list[tuple[Features, bool]]:
+    """Is an effect really there? Asked of every effect of the best model, and of the best of the
+    leading families of the ranking."""
+    leading: dict[str, dict[str, Any]] = {}
+    for one in m.ranking:
+        leading.setdefault(str(one["family"]), one)
+    weighed = [*list(leading.values())[:FAMILIES]]
+    if len(m.found["members"]) > 1:
+        weighed += m.found["members"]
+    return [
+        (Signature(**one["signature"]).features(), m.is_right(one))
+        for one in weighed
+        if one.get("signature")
+    ]
+
+
+def _further_in(m: Marked) -> list[tuple[Features, bool]]:
+    """Is an effect, weighed beside a first one, of a planted family?"""
+    planted = {t["family"] for t in m.truth} if m.stratum in ("single", "double") else set()
+    return [(ForwardStep(**one).features(), one["family"] in planted) for one in m.found["further"]]
+
+
+def _named_in_vain(lessons: Sequence[Lesson], line: Line) -> list[float]:
+    """The largest probability of any effect in every case in which nothing was planted."""
+    return [
+        max((line.probability(f) for f, _ in _causes_in(m)), default=0.0)
+        for k in lessons
+        for m in k.cases
+        if not m.truth
+    ]
+
+
+def _reached_by(wrong: Sequence[float]) -> float:
+    """The lowest probability that no more than 2 % of the cases reach in which it should not be."""
+    if not wrong:
+        return EVEN_ODDS
+    quiet = np.sort(wrong)
+    last = quiet[int(np.ceil((1.0 - FALSE_ALARMS) * len(quiet))) - 1]
+    return float(np.clip(last + 1e-6, 0.2, 0.98))
+
+
+def _most_right(examples: Sequence[Example], line: Line) -> float:
     """The probability from which on rights outnumber wrongs by most."""
+    p = np.array([line.probability(e.features) for e in examples])
+    right = np.array([e.yes for e in examples])
     grid = np.linspace(0.05, 0.95, 91)
     won = np.array([(np.where(right, 1, -1) * (p >= t)).sum() for t in grid])
     return float(grid[won == won.max()].mean())
 
 
-def _line(x: list[dict[str, float]], yes: NDArray[np.bool_], names: tuple[str, ...]) -> Line:
-    """Logistic regression with a ridge penalty on the weights of the standardised features z, none
-    on the bias b:
-
-        min over b, w:  sum_i log(1 + exp(-y_i (b + w.z_i))) + RIDGE/2 |w|^2,   y_i = 1 or -1
-
-    le Cessie and van Houwelingen (1992), Applied Statistics 41:191. Returned are the weights of the
-    features before standardisation; `yes` is even odds until it is chosen.
-    """
-    table = np.array([[row[k] for k in names] for row in x])
-    centre, spread = table.mean(axis=0), np.maximum(table.std(axis=0), 1e-6)
-    z, y = (table - centre) / spread, np.where(yes, 1.0, -1.0)
-
-    def loss(w: Array) -> float:
-        return float(
-            np.logaddexp(0.0, -y * (w[0] + z @ w[1:])).sum()
-            + 0.5 * PRIOR_PRECISION * (w[1:] ** 2).sum()
-        )
-
-    w = minimize(loss, np.zeros(1 + len(names)), method="BFGS").x
-    weights = w[1:] / spread
-    return Line(
-        float(w[0] - weights @ centre), dict(zip(names, weights.tolist(), strict=True)), 0.5
-    )
-
-
-def _alarm_from(wrong: Array, silent: int = 0) -> float:
-    """The lowest probability that is reached by no more than 2 % of the cases in which it should
-    not be; of `silent` further ones it is 0."""
-    quiet = np.sort(np.concatenate([np.zeros(silent), wrong]))
-    return float(
-        np.clip(quiet[int(np.ceil((1.0 - FALSE_ALARMS) * len(quiet))) - 1] + 1e-6, 0.2, 0.98)
-    )
-
-
-def _known_from(p: Array, right: NDArray[np.bool_]) -> float:
-    """Where wrong abstentions and missed unknowns are, each against what is allowed, equally
-    rare."""
-    grid = np.linspace(0.05, 0.95, 91)
-    worst = [
-        max((p[right] < t).mean() / WRONG_ABSTENTIONS, (p[~right] >= t).mean() / MISSED_UNKNOWNS)
-        for t in grid
-    ]
-    best = np.flatnonzero(np.array(worst) <= min(worst) + 1e-12)
-    return float(grid[best].mean())
-
-
-def _spread(cases: list[Marked]) -> float:
+def _spread(cases: Sequence[Marked]) -> float:
     """What, times the root of the shrinkage and added in squares to the half-widths of the
     moving-block intervals (logarithm of the error ratio), lets them cover 95 % of the cases."""
     need = []
     for m in cases:
         s = m.result["shrinkage"]
-        if m.verdict != "explained" or s is None:
+        if m.verdict == "ambiguous" or s is None:
             continue
         middle, low, high, got = (
             np.log(max(1.0 - s[k], 1e-9)) for k in ("predicted", "raw_high", "raw_low", "achieved")

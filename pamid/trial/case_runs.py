@@ -23,7 +23,7 @@ from pamid.base.files import make_folder, sweep
 from pamid.base.json_file import read_json, write_json
 from pamid.base.metrics import shrinkage_interval
 from pamid.diagnosis.candidate_model import replayed
-from pamid.diagnosis.decision import forecast_interval
+from pamid.diagnosis.judgement import forecast_interval
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.diagnosis.unknown import describe_unknown
 from pamid.diagnosis.verdict import diagnosis_json
@@ -213,8 +213,7 @@ def diagnosed(
     """The tool under trial: it is given this and nothing else."""
     pool = WorkerPool()
     d = diagnose(evidence, catalogue, pool=pool)
-    unknown = describe_unknown(d) if d.verdict == "unknown-effect" else None
-    return d, diagnosis_json(d, unknown, 0) | {"failed_jobs": pool.failed_jobs}
+    return d, diagnosis_json(d, describe_unknown(d), 0) | {"failed_jobs": pool.failed_jobs}
 
 
 @dataclass(frozen=True)

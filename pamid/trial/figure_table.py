@@ -28,24 +28,33 @@ class FigureRow:
 
 
 JOINT_ROWS = (
-    FigureRow("rates", "family_first", "family named first", 92.0),
+    FigureRow("rates", "family_first", "family named first", 90.0),
+    FigureRow("rates", "family_first_slight", "... where the gap adds 10 to 30 %", 60.0),
     FigureRow("rates", "family_first_two", "family among the first two", 97.0),
     FigureRow("rates", "exact_first", "effect, or one measured to look alike, named first", 80.0),
     FigureRow(
         "rates", "family_first_of_ranking", "family first in the ranking, whatever the verdict"
     ),
-    FigureRow("rates", "port", "port of the gap right", 97.0),
+    FigureRow("rates", "port", "port of the gap right", 95.0),
     FigureRow("rates", "ambiguous_holds", '"cannot tell A from B": the truth is among them'),
     FigureRow("rates", "wrong_abstention", "known effect called unknown", 10.0, upward=False),
     FigureRow("rates", "missed", "visible effect called no gap"),
     FigureRow("rates", "extra_causes", "one effect explained by two and more"),
-    FigureRow("rates", "both_of_two", "both of two effects found, their common gap visible", 65.0),
-    FigureRow("rates", "both_seen", "... each of them visible beside the other"),
+    FigureRow("rates", "both_of_two", "both of two effects found, their common gap visible"),
+    FigureRow("rates", "both_seen", "... each of them visible beside the other", 65.0),
     FigureRow("rates", "one_of_two", "at least one of two effects found", 95.0),
+    FigureRow(
+        "rates",
+        "wrong_beside_right",
+        "a wrong cause with P > 0.5 beside a right one",
+        3.0,
+        upward=False,
+    ),
     FigureRow("rates", "false_alarm", "alarm where nothing is planted", 3.0, upward=False),
+    FigureRow("rates", "named_in_vain", "... a cause named", 2.0, upward=False),
     FigureRow("rates", "false_alarm_clean", "... without background"),
     FigureRow("rates", "false_alarm_background", "... with background"),
-    FigureRow("rates", "abstains", "effect outside the catalogue called unknown", 85.0),
+    FigureRow("rates", "abstains", "effect outside the catalogue called unknown", 88.0),
     FigureRow("rates", "abstains_plain", "... where its gap is twice the rest"),
     FigureRow("rates", "abstains_withheld", "... withheld from the catalogue"),
     FigureRow("rates", "abstains_nameless", "... never in any catalogue"),
@@ -58,7 +67,7 @@ JOINT_ROWS = (
         "figures",
         "shrinkage_error",
         "predicted shrinkage off by (median)",
-        5.0,
+        4.0,
         upward=False,
         unit="pp",
     ),
@@ -70,10 +79,10 @@ JOINT_ROWS = (
     FigureRow("baselines", "screening", "first choice of the screen alone"),
     FigureRow("baselines", "shuffled_labels", "labels dealt out at random"),
 )
-_ARM_TARGETS = {"family_first": 80.0, "port_exact": 85.0}
+_ARM_TARGETS = {"family_first": 88.0, "port_exact": 85.0, "ece": 0.08}
 _ARM_ROWS = [replace(row, target=_ARM_TARGETS.get(row.key)) for row in JOINT_ROWS]
 _ARM_ROWS.insert(
-    5,
+    next(i for i, row in enumerate(_ARM_ROWS) if row.key == "port") + 1,
     FigureRow(
         "rates",
         "port_exact",

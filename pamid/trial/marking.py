@@ -1,7 +1,6 @@
 """One case of the trial marked: its label beside the answer that the diagnosis wrote.
 
-A case names a cause where its verdict is "explained" or "ambiguous"; a ranking below an abstention
-names nothing.
+A case names a cause where its verdict has causes; a ranking below an abstention names nothing.
 """
 
 from __future__ import annotations
@@ -9,6 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
+
+from pamid.diagnosis.decision import CAUSED
 
 LEAST_VISIBILITY = 1.1  # visibility from which a fault has to be named
 
@@ -62,15 +63,38 @@ class Marked:
 
     @property
     def names(self) -> bool:
-        return self.verdict in ("explained", "ambiguous")
+        return self.verdict in CAUSED
 
     @property
     def alarms(self) -> bool:
-        return self.verdict != "no-structural-gap"
+        return self.verdict not in ("no-structural-gap", "cannot-tell")
 
     @property
     def abstains(self) -> bool:
         return self.verdict == "unknown-effect"
+
+    @property
+    def causes(self) -> list[dict[str, Any]]:
+        """Effects that the verdict names, the strongest first."""
+        found: list[dict[str, Any]] = self.found["causes"]
+        return found
+
+    def is_right(self, one: dict[str, Any]) -> bool:
+        """Is an effect (with its family and port) planted, or one of the same family at the same
+        port? An exact equivalent may act elsewhere, unless the fault has a place (fault@place)."""
+        return any(
+            (one["family"] == t["family"] and one["port"] == t["port"])
+            or ("@" not in t["fault"] and _bare(one["effect"]) in t["exact"])
+            for t in self.truth
+            if self.stratum in ("single", "double")
+        )
+
+    @cached_property
+    def wrong_beside_right(self) -> bool:
+        """Is there a wrong cause that is called probable beside a right one?"""
+        right = [self.is_right(c) for c in self.causes]
+        likely = [float(c["probability"]) > 0.5 for c in self.causes]
+        return any(right) and any(p and not r for r, p in zip(right, likely, strict=True))
 
     @cached_property
     def ranking(self) -> list[dict[str, Any]]:
@@ -85,8 +109,10 @@ class Marked:
     @property
     def answer(self) -> str:
         """The family named first, or how naming one was avoided."""
-        if self.names and self.families:
-            return self.families[0]
+        if self.names:
+            return str(self.causes[0]["family"])
+        if self.verdict == "cannot-tell":
+            return "(cannot tell)"
         return "(unknown effect)" if self.abstains else "(no gap)"
 
     @cached_property
@@ -99,7 +125,7 @@ class Marked:
         top = self.ranking[0]["effect"]
         alike = {top, *(m for k in self.found["look_alikes"] if top in k for m in k)}
         if self.verdict == "ambiguous":
-            alike |= {c["effect"] for c in self.found["causes"]}
+            alike |= {c["effect"] for c in self.causes}
         return bool(exact & {_bare(name) for name in alike})
 
     @property
@@ -120,8 +146,7 @@ class Marked:
             *(p for group in where["indistinguishable"] if where["port"] in group for p in group),
         }
         twin = "@" not in truth["fault"] and any(
-            c["port"] == where["port"] and _bare(c["effect"]) in truth["exact"]
-            for c in self.found["causes"]
+            c["port"] == where["port"] and _bare(c["effect"]) in truth["exact"] for c in self.causes
         )
         return truth["port"] in same or twin
 
@@ -135,7 +160,7 @@ class Marked:
     @cached_property
     def caught(self) -> int:
         """How many of the planted families are among the causes."""
-        return len({t["family"] for t in self.truth} & {c["family"] for c in self.found["causes"]})
+        return len({t["family"] for t in self.truth} & {c["family"] for c in self.causes})
 
 
 def _bare(effect: str) -> str:

@@ -13,14 +13,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.metrics import wilson_interval
+from pamid.base.metrics import (
+    PROBABILITY_BINS,
+    calibration_error,
+    probability_bin,
+    wilson_interval,
+)
 from pamid.schemas.estimates import FailedJob
 from pamid.schemas.trial_file import Bin, Figure, Rate, TrialFile
 from pamid.trial.machines import ONE_DOF
 from pamid.trial.marking import LEAST_VISIBILITY, Marked
 
+SLIGHT_VISIBILITY = 1.3  # ... below which it adds 10 to 30 % to the error
 PLAIN_VISIBILITY = 2.0  # visibility from which a fault is plain to see
-RELIABILITY_BINS = 10
 DRAWS = 1000
 Array = NDArray[np.float64]
 
@@ -49,7 +54,7 @@ def score_cases(
     figures, covered = _forecasts(marked, seed)
     rates["shrinkage_covered"] = covered
     sure, reliability = _calibration(
-        [m for m in marked if m.names and m.ranking and (m.visible or not m.truth)], seed
+        [m for m in marked if m.names and (m.visible or not m.truth)], seed
     )
     visible = [m for m in singles if m.visible]
     return TrialFile(
@@ -112,6 +117,9 @@ def _naming(singles: list[Marked]) -> dict[str, Rate]:
         ),
         "wrong_abstention": _rate(seen, lambda m: m.abstains),
         "missed": _rate(seen, lambda m: not m.alarms),
+        "family_first_slight": _rate(
+            (m for m in seen if m.visibility < SLIGHT_VISIBILITY), lambda m: m.answer == m.family
+        ),
     }
 
 
@@ -123,6 +131,7 @@ def _refusing(marked: list[Marked]) -> dict[str, Rate]:
     unknown = [m for m in marked if m.stratum in ("withheld", "nameless") and m.visible]
     return {
         "false_alarm": _rate(quiet, lambda m: m.alarms),
+        "named_in_vain": _rate(quiet, lambda m: m.names),
         "false_alarm_clean": _rate(clean, lambda m: m.alarms),
         "false_alarm_background": _rate(rough, lambda m: m.alarms),
         "abstains": _rate(unknown, lambda m: m.abstains),
@@ -142,19 +151,25 @@ def _refusing(marked: list[Marked]) -> dict[str, Rate]:
 def _doubles(marked: list[Marked], singles: list[Marked]) -> dict[str, Rate]:
     """Two faults at once, and one taken for two."""
     doubles = [m for m in marked if m.stratum == "double" and m.visible]
-    one = [m for m in singles if m.visible and m.verdict == "explained"]
+    one = [m for m in singles if m.visible and m.names and m.verdict != "ambiguous"]
     return {
         "both_of_two": _rate(doubles, lambda m: m.caught == 2),
         "both_seen": _rate((m for m in doubles if m.each_visible), lambda m: m.caught == 2),
         "one_of_two": _rate(doubles, lambda m: m.caught >= 1),
-        "extra_causes": _rate(one, lambda m: len(m.found["causes"]) > 1),
+        "wrong_beside_right": _rate(
+            (m for m in [*doubles, *singles] if m.visible), lambda m: m.wrong_beside_right
+        ),
+        "extra_causes": _rate(one, lambda m: len(m.causes) > 1),
     }
 
 
 def _forecasts(marked: list[Marked], seed: int) -> tuple[dict[str, Figure], Rate]:
     """Predicted against achieved shrinkage of explained cases, and the time a diagnosis took."""
     forecasts = [
-        s for m in marked if m.verdict == "explained" and (s := m.result["shrinkage"]) is not None
+        s
+        for m in marked
+        if m.verdict in ("explained", "partly-explained")
+        and (s := m.result["shrinkage"]) is not None
     ]
     error = np.array([abs(s["predicted"] - s["achieved"]) for s in forecasts])
     bias = np.array([s["predicted"] - s["achieved"] for s in forecasts])
@@ -188,26 +203,21 @@ def _figure(rows: Array, figure: Callable[[Array], Any], seed: int) -> Figure:
 
 
 def _calibration(answers: list[Marked], seed: int) -> tuple[dict[str, Figure], tuple[Bin, ...]]:
-    """The first candidate's probability against being right, wherever a cause was named, rightly or
-    not: expected calibration error, Brier score, its skill against always saying the share that is
-    right, area under the curve of risk over coverage, and the reliability bins (empty ones left
-    out)."""
+    """The probability of every cause that was named against its being right: expected calibration
+    error, Brier score, its skill against always saying the share that is right, area under the
+    curve of risk over coverage, and the reliability bins (empty ones left out)."""
     rows = np.array(
-        [
-            (m.ranking[0]["probability"], m.exact_first and m.stratum in ("single", "double"))
-            for m in answers
-        ],
-        float,
+        [(c["probability"], m.is_right(c)) for m in answers for c in m.causes], float
     ).reshape(-1, 2)
     bins = []
-    place = _bin(rows[:, 0])
-    for k in range(RELIABILITY_BINS):
+    place = probability_bin(rows[:, 0])
+    for k in range(PROBABILITY_BINS):
         inside = rows[place == k]
         if len(inside):
             bins.append(
                 Bin(
-                    low=k / RELIABILITY_BINS,
-                    high=(k + 1) / RELIABILITY_BINS,
+                    low=k / PROBABILITY_BINS,
+                    high=(k + 1) / PROBABILITY_BINS,
                     said=inside[:, 0].mean(),
                     right=_share(int(inside[:, 1].sum()), len(inside)),
                 )
@@ -223,15 +233,8 @@ def _calibration(answers: list[Marked], seed: int) -> tuple[dict[str, Figure], t
     )
 
 
-def _bin(probability: Array) -> NDArray[np.intp]:
-    return np.minimum((probability * RELIABILITY_BINS).astype(np.intp), RELIABILITY_BINS - 1)
-
-
 def _ece(rows: Array) -> float:
-    """Sum over bins of share of cases x |mean probability - share right|; rows of (probability,
-    right)."""
-    gaps = np.bincount(_bin(rows[:, 0]), rows[:, 0] - rows[:, 1], RELIABILITY_BINS)
-    return float(np.abs(gaps).sum() / len(rows))
+    return calibration_error(rows[:, 0], rows[:, 1])
 
 
 def _brier(rows: Array) -> float:

@@ -1,0 +1,204 @@
+"""Refitted models, judged: ranking, further effects, what speaks for every one, verdict."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from pamid.diagnosis.candidate_model import CandidateModel, replayed
+from pamid.diagnosis.decision import Decision, Share, Weighed, decide, gap_share
+from pamid.diagnosis.forward_selection import (
+    ForwardSelection,
+    ForwardStep,
+    refitted_with,
+    select_forward,
+)
+from pamid.diagnosis.look_alikes import look_alike_classes
+from pamid.diagnosis.misfit_beyond_range import scale_doubt
+from pamid.diagnosis.naive_forecast import explains_nothing
+from pamid.diagnosis.port_evidence import PortEvidence, locate
+from pamid.diagnosis.ranges import at_bounds
+from pamid.diagnosis.search import Search, indistinguishable_from_first, ranked
+from pamid.diagnosis.signature import Signature, alone, cause_probability, signature
+from pamid.diagnosis.verdict_grounds import VerdictStatistics, verdict_statistics
+from pamid.estimation.restart import escape_local_minimum
+from pamid.model.attachment import Attachment
+from pamid.simulation.data_split import DataSplit
+
+
+@dataclass(frozen=True, eq=False)
+class Member:
+    """An effect of a model: what speaks for it beside the others, how probable it is, and what it
+    removes of the gap."""
+
+    effect: Attachment
+    signature: Signature
+    probability: float
+    removes: Share
+
+
+Tied = tuple[CandidateModel, Member]
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """What is said of models that were refitted. ranking: each with one effect, best first, with
+    what speaks for it and its probability; best: the best model, with as many effects as it takes,
+    and its members; after: where something is missing beside it; tied: the first of the ranking and
+    the models that these recordings cannot tell from it."""
+
+    decision: Decision
+    grounds: VerdictStatistics
+    ranking: tuple[CandidateModel, ...]
+    signatures: tuple[Signature, ...]
+    probability: tuple[float, ...]
+    best: CandidateModel
+    members: tuple[Member, ...]
+    after: PortEvidence
+    tied: tuple[Tied, ...]
+    classes: tuple[tuple[str, ...], ...]
+    forward_steps: tuple[ForwardStep, ...]
+    empty: bool  # the best model predicts no better than a guess without a model
+    units: dict[str, Any] | None  # why units and signs are in doubt
+
+
+def judge(search: Search, located: PortEvidence, models: list[CandidateModel]) -> Judged:
+    """Ranking, further effects and verdict. located: where something is missing before any
+    effect."""
+    base, settings = search.budget.baseline, search.settings
+    ranking = ranked(search, models)
+    found = select_forward(search, ranking, located) if ranking else ForwardSelection(base, located)
+    best, after = _freed(search.evidence, found.best) if ranking else base, found.after
+    ranking = _with_best(ranking, best)
+    classes = look_alike_classes(
+        search.evidence, base, list(ranking[: settings.compared]), settings
+    )
+    signatures = alone(search, ranking, located)
+    units = scale_doubt(search.evidence, base, best, settings)
+    empty = explains_nothing(search.budget, best, search.seed)
+    doubt = "units" if units else "empty" if empty else ""
+    while True:
+        grounds = verdict_statistics(
+            search.budget, search.chosen, ranking, best, located, after, search.seed
+        )
+        members = _members(search, ranking, signatures, best, located)
+        alike = indistinguishable_from_first(search, ranking, classes)
+        tied = tuple(
+            (c, _member(search, c.attached[0], c, base, s))
+            for c, s in zip(ranking, signatures, strict=True)
+            if c in alike
+        )
+        decision = decide(
+            grounds.before,
+            grounds.after(found.forward_steps),
+            [_weighed(search, located, best, m) for m in members],
+            [_weighed(search, located, c, m) for c, m in _of_families(tied, best)],
+            doubt=doubt,
+            settings=settings,
+        )
+        if len(members) == 1 or not 0 < len(decision.named) < len(members):
+            break
+        # what may not be named does not stay in the model that the figures are of
+        kept = tuple(a for a in best.attached if a.label in decision.named)
+        best = _alone_or_refitted(search, ranking, kept, best)
+        leaders = [k[0] for k in located.classes]
+        after = locate(search.evidence, best, search.pool, leaders, settings=settings)
+    return Judged(
+        decision,
+        grounds,
+        ranking,
+        signatures,
+        tuple(cause_probability(s) for s in signatures),
+        best,
+        members,
+        after,
+        tied,
+        tuple(tuple(k) for k in classes),
+        found.forward_steps,
+        empty,
+        units,
+    )
+
+
+def _members(
+    search: Search,
+    ranking: tuple[CandidateModel, ...],
+    signatures: tuple[Signature, ...],
+    best: CandidateModel,
+    located: PortEvidence,
+) -> tuple[Member, ...]:
+    """The effects of the best model, each beside the others."""
+    base = search.budget.baseline
+    if len(best.attached) == 1:
+        place = next(i for i, c in enumerate(ranking) if c.label == best.label)
+        return (_member(search, best.attached[0], best, base, signatures[place]),)
+    found = []
+    for a in best.attached:
+        others = tuple(k for k in best.attached if k is not a)
+        without = _alone_or_refitted(search, ranking, others, best)
+        own = signature(search, a, best, without, without, 1.0, located)
+        found.append(_member(search, a, best, without, own))
+    return tuple(found)
+
+
+def _member(
+    search: Search, a: Attachment, model: CandidateModel, without: CandidateModel, own: Signature
+) -> Member:
+    rows = ~search.chosen if not search.chosen.all() else search.chosen
+    removes = gap_share(search.budget, without, model, rows, search.seed)
+    return Member(a, own, cause_probability(own), removes)
+
+
+def _weighed(search: Search, located: PortEvidence, model: CandidateModel, m: Member) -> Weighed:
+    rig = search.evidence.rig
+    group = m.effect.group(rig)
+    return Weighed(
+        m.effect.label,
+        m.effect.family(rig),
+        m.probability,
+        m.removes,
+        at_bounds(model, search.settings, m.effect.label),
+        located.shares(rig, group)[group],
+    )
+
+
+def _alone_or_refitted(
+    search: Search,
+    ranking: tuple[CandidateModel, ...],
+    attached: tuple[Attachment, ...],
+    source: CandidateModel,
+) -> CandidateModel:
+    """The model with these effects: of the ranking where it is there, else refitted."""
+    own = next((c for c in ranking if c.attached == attached), None)
+    return own or refitted_with(search, attached, source)
+
+
+def _of_families(tied: tuple[Tied, ...], best: CandidateModel) -> list[Tied]:
+    """The first of every family among the tied, where the best model has a single effect: ties are
+    sought among single effects."""
+    first = {c.family: c for c, _ in reversed(tied)}
+    return [(c, m) for c, m in tied if first[c.family] is c] if len(best.attached) == 1 else []
+
+
+def _freed(evidence: DataSplit, best: CandidateModel) -> CandidateModel:
+    """The best model, refitted from new window starts where its fit had ended in a local
+    minimum."""
+    fitted = escape_local_minimum(best.fit, evidence.noise)
+    if fitted is best.fit:
+        return best
+    better = replayed(evidence, best.assembly, fitted)
+    return better if better.finite else best
+
+
+def _with_best(
+    ranking: tuple[CandidateModel, ...], best: CandidateModel
+) -> tuple[CandidateModel, ...]:
+    """The ranking led by the best model's first effect: by the best model itself where it has one
+    effect (the backward check may have chosen one that was not first), else by the model with its
+    first effect alone."""
+    if not best.attached:
+        return ranking
+    if len(best.attached) > 1:
+        label = best.attached[0].label
+        best = next((c for c in ranking if c.label == label), ranking[0])
+    return (best, *(c for c in ranking if c.label != best.label))
