@@ -166,11 +166,6 @@ LEAKS = ("orifice-loss", "first-order-loss", "overflow")
             "leak",
             1.0 / 200.0,
             id="tanks-any-leak",
-            marks=pytest.mark.xfail(
-                reason="leak:share is up to 0.2 per second where no outflow is offered: with time "
-                "over 200 it removes 42 % instead of 95 %",
-                strict=True,
-            ),
         ),
         pytest.param(
             carts,
