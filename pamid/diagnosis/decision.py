@@ -230,10 +230,12 @@ def decide(
     ambiguous: bool,
     confirmed: bool = True,
     empty: bool = False,
+    steady: bool = True,
     settings: Settings = DEFAULT,
 ) -> Decision:
     """The verdict; ambiguous: members of several families are tied; confirmed: see `is_confirmed`;
-    empty: the best model predicts no better than a guess without a model.
+    empty: the best model predicts no better than a guess without a model; steady: either half of
+    the held-out windows chooses it, or what it cannot be told from.
 
     A first candidate that is as good as certain is named even where the evidence for a gap would
     not raise an alarm by itself. No cause is named that held-out windows do not confirm, nor in
@@ -244,6 +246,8 @@ def decide(
     # what no held-out window bears out is no better than a guess, whatever the statistics say
     most = 0.0 if empty else 1.0 if confirmed else settings.unbacked_probability
     known, first = min(known, most), min(first, most)
+    if not steady:  # another name on other windows: neither is more than even odds
+        first = min(first, settings.unbacked_probability)
     certain = first >= c.lines["first"].yes
     if gap < c.lines["gap"].yes and not certain:
         verdict = "no-structural-gap"

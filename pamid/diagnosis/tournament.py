@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pamid.base.progress import Progress, silent
 from pamid.diagnosis.budget import Budget, gap_budget
 from pamid.diagnosis.candidate_model import CandidateModel, replayed
+from pamid.diagnosis.cross_fitting import Crossed, crossed, reported
 from pamid.diagnosis.decision import (
     Decision,
     VerdictStatistics,
@@ -43,6 +44,8 @@ from pamid.model.effect import Effect
 from pamid.parallel.jobs import WorkerPool
 from pamid.simulation.data_split import DataSplit, selection_part
 
+Array = NDArray[np.float64]
+
 CAUSED = ("explained", "ambiguous")  # verdicts that name a cause
 
 
@@ -56,7 +59,7 @@ class Diagnosis:
 
     evidence: DataSplit
     budget: Budget
-    chosen: NDArray[np.bool_]  # held-out windows that chose; the others report
+    chosen: NDArray[np.bool_]  # held-out windows that chose
     verdict: str
     ranking: tuple[CandidateModel, ...] = ()
     probability: tuple[float, ...] = ()
@@ -73,6 +76,7 @@ class Diagnosis:
     units: dict[str, Any] | None = None  # why units and signs are in doubt
     # effects that remove much with the opposite sign, and the share of the error that they remove
     opposite: tuple[tuple[CandidateModel, float], ...] = ()
+    crossed: Crossed | None = None  # what the other windows would have chosen
 
     @property
     def cause(self) -> CandidateModel | None:
@@ -82,9 +86,9 @@ class Diagnosis:
     def settings(self) -> Settings:
         return self.budget.settings
 
-    @property
-    def reporting(self) -> NDArray[np.bool_]:
-        return ~self.chosen
+    def reported(self, c: CandidateModel) -> tuple[Array, NDArray[np.bool_]]:
+        """Errors of a model per held-out window and channel, and the windows that report them."""
+        return reported(self.crossed, self.chosen, c)
 
     @property
     def singles(self) -> dict[str, CandidateModel]:
@@ -162,6 +166,7 @@ def diagnose(
         judged.empty,
         judged.units,
         tuple(opposite),
+        judged.crossed,
     )
 
 
@@ -180,6 +185,7 @@ class _Judged:
     forward_steps: tuple[ForwardStep, ...]
     empty: bool
     units: dict[str, Any] | None
+    crossed: Crossed | None
 
 
 def _judged(search: Search, located: PortEvidence, models: list[CandidateModel]) -> _Judged:
@@ -194,7 +200,11 @@ def _judged(search: Search, located: PortEvidence, models: list[CandidateModel])
     grounds = verdict_statistics(budget, chosen, ranking, best, located, found.after, seed)
     tied = indistinguishable_from_first(search, ranking, classes)
     empty = explains_nothing(budget, best or base, seed)
-    decision = _decided(search, grounds, best, tied, empty)
+    halves = crossed(search, ranking, best, tied, classes)
+    steady = halves is None or halves.steady
+    if halves is not None and not steady:
+        tied = (*tied, halves.other)
+    decision = _decided(search, grounds, best, tied, empty, steady)
     units = scale_doubt(evidence, base, best, settings)
     # a cause found against a misread channel may be an artefact of the slip
     doubted = units and decision.verdict in CAUSED
@@ -210,6 +220,7 @@ def _judged(search: Search, located: PortEvidence, models: list[CandidateModel])
         found.forward_steps,
         empty,
         units,
+        halves,
     )
 
 
@@ -219,6 +230,7 @@ def _decided(
     best: CandidateModel | None,
     tied: tuple[CandidateModel, ...],
     empty: bool,
+    steady: bool,
 ) -> Decision:
     """The decision on a best model; "ambiguous" can only be one with a single effect, as ties are
     sought among single effects."""
@@ -228,6 +240,7 @@ def _decided(
         ambiguous=single and len({c.family for c in tied}) > 1,
         confirmed=best is None or is_confirmed(search.budget, best, ~search.chosen, search.seed),
         empty=empty,
+        steady=steady,
         settings=search.settings,
     )
 

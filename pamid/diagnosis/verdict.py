@@ -192,9 +192,9 @@ def _unfitted(label: str, why: str) -> result.Candidate:
 
 
 def _ranked(d: Diagnosis, c: CandidateModel, probability: float, seed: int) -> result.Candidate:
-    rows = d.reporting if d.reporting.any() else d.chosen
+    left, rows = d.reported(c)
     losses, base = (
-        d.budget.channel_losses(c.absolutes),
+        d.budget.channel_losses(left),
         d.budget.channel_losses(d.budget.baseline.absolutes),
     )
     low, high = forecast_interval(base[rows], losses[rows], seed, d.settings)
@@ -202,7 +202,7 @@ def _ranked(d: Diagnosis, c: CandidateModel, probability: float, seed: int) -> r
     for i, channel in enumerate(d.evidence.channels):
         held[channel] = result.HeldOut(
             mae_before=column_size(channel, float(seen_mean(d.budget.baseline.absolutes[rows, i]))),
-            mae_after=column_size(channel, float(seen_mean(c.absolutes[rows, i]))),
+            mae_after=column_size(channel, float(seen_mean(left[rows, i]))),
         )
     return result.Candidate(
         effect=c.attached[-1].label,
@@ -210,7 +210,7 @@ def _ranked(d: Diagnosis, c: CandidateModel, probability: float, seed: int) -> r
         port=c.group,
         probability=probability,
         held_out=held,
-        shrinkage=d.budget.shrinkage(c.absolutes, rows),
+        shrinkage=d.budget.shrinkage(left, rows),
         low=low,
         high=high,
         converged=c.fit.converged,
@@ -221,12 +221,12 @@ def _ranked(d: Diagnosis, c: CandidateModel, probability: float, seed: int) -> r
 
 
 def how_far(d: Diagnosis, i: int, seed: int) -> result.Reach:
-    """One channel's errors on the windows that only report, in the column's unit."""
+    """One channel's errors on windows that had no part in the choice, in the column's unit."""
     channel, b = d.evidence.channels[i], d.budget
     seen = ~np.isnan(b.floor[:, i])
-    rows = d.reporting & seen if (d.reporting & seen).any() else seen
-    before = b.baseline.absolutes[rows, i]
-    after = (d.cause or b.baseline).absolutes[rows, i]
+    left, rows = d.reported(d.cause or b.baseline)
+    rows = rows & seen if (rows & seen).any() else seen
+    before, after = b.baseline.absolutes[rows, i], left[rows, i]
     low, high = forecast_interval(before, after, seed, d.settings)
     return result.Reach(
         mae_data_sheet=column_size(channel, b.data_sheet[rows, i].mean()),
@@ -308,8 +308,7 @@ def sentence(d: Diagnosis, unknown: dict[str, Any] | None) -> str:
             "Something material is missing from the model, and no effect of the catalogue "
             f"explains it.{where}"
         )
-    rows = d.reporting if d.reporting.any() else d.chosen
-    share = 100.0 * d.budget.shrinkage(d.cause.absolutes, rows)
+    share = 100.0 * d.budget.shrinkage(*d.reported(d.cause))
     if d.verdict == "ambiguous":
         names = " or ".join(dict.fromkeys(c.attached[-1].label for c in d.tied))
         return f"The gap shrinks by {share:.0f} %, but these recordings cannot tell {names} apart."
