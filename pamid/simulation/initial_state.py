@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 # what the squared residuals have to fall by for a sign to be turned that no reading shows: as three
 # standard deviations would say it
-SIGN = 9.0
+TURNED = 9.0
 CARRIED_INFORMATION = 1e-5  # information of a carried state against what a window says by itself
 
 
@@ -117,5 +117,5 @@ def estimate_initial_state(
         begun = turned.at(x)
         if np.isfinite(begun.cost):
             other = iterate(turned, Iteration(begun, turned.rule.start), steps).point
-            best = other if other.cost < best.cost - SIGN else best
+            best = other if other.cost < best.cost - TURNED else best
     return best.x, True
