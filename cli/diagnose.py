@@ -99,7 +99,7 @@ def diagnosis_text(found: dict[str, Any], output: Path) -> str:
         )
     lines = [found["sentence"], "", *_where(found["where"]), *_which(found["causes"])]
     lines += _how_far(found)
-    lines.append("          (on the half of the held-out windows that did not choose the effect)")
+    lines.append("          (each half of the held-out windows as the other half has chosen)")
     lines += ["", f"{'effect':36s} {'family':20s} {'P':>5s} {'shrinkage':>10s} {'95 %':>16s}"]
     lines += [
         f"{r['effect']:36s} {r['family']:20s} {r['probability']:5.2f} {100 * r['shrinkage']:8.1f} "

@@ -14,7 +14,8 @@ are distinguished by their difference, whose sign an exchange turns.
                        COMPARABLE_CORRELATION
     absolute-pressure  median of y - m within ATMOSPHERE_RANGE_PA
     delay              lag of the largest cross-correlation of the rates, at least LATE_SAMPLES and
-                       LATE_S, that raises the correlation by LAG_GAIN
+                       LATE correlation times of the recording, that raises the correlation by
+                       LAG_GAIN
 """
 
 from __future__ import annotations
@@ -34,6 +35,7 @@ from pamid.model.assembly import Assembly
 from pamid.model.rig import Rig
 from pamid.recording.noise import noise_level
 from pamid.recording.recording import Recording, match_column
+from pamid.simulation.correlation_time import timescale_of
 from pamid.simulation.free_runs import (
     free_run,
     input_table,
@@ -55,7 +57,9 @@ ATMOSPHERE_RANGE_PA = (80e3, 125e3)  # by which absolute pressures lie above gau
 STIR = 2.0  # times its noise: what stirs less in the model, too, is at rest
 # samples: rates are compared, since they show more sharply when something happens
 RATE_OVER = 8
-LATE_SAMPLES, LATE_S, LONGEST_LAG_S = 3, 0.005, 0.4
+LATE_SAMPLES = 3
+# correlation times of the recording: what counts as late, and how far is looked
+LATE, LONGEST_LAG = 0.008, 0.5
 LAG_GAIN = 0.005  # by which a delay must raise the correlation
 
 
@@ -380,12 +384,14 @@ def _offsets(e: SheetComparison, recording: Recording, rig: Rig) -> list[Quality
 def _delays(e: SheetComparison, recording: Recording, rig: Rig) -> list[QualityIssue]:
     """Channels that answer earlier or later than the data sheet's model."""
     period = recording.sampling_period_s
+    timescale_s = rig.timescale_s or timescale_of([(e.y, noise_level(e.y), period)])
+    most = max(LATE_SAMPLES, round(LONGEST_LAG * timescale_s / period))
     late: dict[int, list[str]] = {}
     for name, ours, theirs in zip(e.names, e.y.T, e.model.T, strict=True):
-        lag, at_once, shifted = _lag(ours, theirs, max(1, round(LONGEST_LAG_S / period)))
+        lag, at_once, shifted = _lag(ours, theirs, most)
         if (
             abs(lag) >= LATE_SAMPLES
-            and abs(lag) * period >= LATE_S
+            and abs(lag) * period >= LATE * timescale_s
             and shifted > COMPARABLE_CORRELATION
             and shifted - at_once > max(LAG_GAIN, 0.5 * (1.0 - shifted))
         ):

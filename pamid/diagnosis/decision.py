@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from pamid.base.metrics import moving_block_interval
 from pamid.diagnosis.budget import Budget
-from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.judgement import calibration
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.verdict_grounds import Misfit
@@ -112,25 +111,17 @@ def at_noise_floor(budget: Budget, seed: int) -> bool:
 
 
 def gap_share(
-    budget: Budget,
-    without: CandidateModel,
-    model: CandidateModel,
-    rows: NDArray[np.bool_],
-    seed: int,
+    budget: Budget, without: Array, model: Array, rows: NDArray[np.bool_], seed: int
 ) -> Share:
-    """Share of the gap that a model removes beside another one, channels weighed by their floors,
+    """Share of the gap that a model removes beside another one (errors per held-out window and
+    channel), channels weighed by their floors,
 
         sum (L_without - L_model) / sum (L_baseline - L_floor)
 
     over the windows, with the moving-block interval of the numerator."""
     base, floor, one, other = (
         budget.channel_losses(x)[rows]
-        for x in (
-            budget.baseline.absolutes,
-            budget.floor,
-            model.absolutes,
-            without.absolutes,
-        )
+        for x in (budget.baseline.absolutes, budget.floor, model, without)
     )
     gap = float(base.sum() - floor.sum())
     if gap <= 0.0 or len(base) < 2:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from pamid.diagnosis.candidate_model import CandidateModel, replayed
+from pamid.diagnosis.cross_fitting import Crossed, crossed, reported
 from pamid.diagnosis.decision import Decision, Share, Weighed, decide, gap_share
 from pamid.diagnosis.forward_selection import (
     ForwardSelection,
@@ -56,6 +57,7 @@ class Judged:
     members: tuple[Member, ...]
     after: PortEvidence
     tied: tuple[Tied, ...]
+    halves: Crossed | None  # what the other half of the held-out windows would have chosen
     classes: tuple[tuple[str, ...], ...]
     forward_steps: tuple[ForwardStep, ...]
     empty: bool  # the best model predicts no better than a guess without a model
@@ -81,13 +83,14 @@ def judge(search: Search, located: PortEvidence, models: list[CandidateModel]) -
         grounds = verdict_statistics(
             search.budget, search.chosen, ranking, best, located, after, search.seed
         )
-        members = _members(search, ranking, signatures, best, located)
         alike = indistinguishable_from_first(search, ranking, classes)
+        halves = crossed(search, ranking, best, alike, classes)
         tied = tuple(
-            (c, _member(search, c.attached[0], c, base, s))
+            (c, _member(search, c.attached[0], c, base, s, halves))
             for c, s in zip(ranking, signatures, strict=True)
-            if c in alike
+            if c in alike or (halves and not halves.steady and c is halves.other)
         )
+        members = _members(search, ranking, signatures, best, located, halves)
         decision = decide(
             grounds.before,
             grounds.after(found.forward_steps),
@@ -113,6 +116,7 @@ def judge(search: Search, located: PortEvidence, models: list[CandidateModel]) -
         members,
         after,
         tied,
+        halves,
         tuple(tuple(k) for k in classes),
         found.forward_steps,
         empty,
@@ -126,27 +130,36 @@ def _members(
     signatures: tuple[Signature, ...],
     best: CandidateModel,
     located: PortEvidence,
+    halves: Crossed | None,
 ) -> tuple[Member, ...]:
     """The effects of the best model, each beside the others."""
     base = search.budget.baseline
     if len(best.attached) == 1:
         place = next(i for i, c in enumerate(ranking) if c.label == best.label)
-        return (_member(search, best.attached[0], best, base, signatures[place]),)
+        return (_member(search, best.attached[0], best, base, signatures[place], halves),)
     found = []
     for a in best.attached:
         others = tuple(k for k in best.attached if k is not a)
         without = _alone_or_refitted(search, ranking, others, best)
         own = signature(search, a, best, without, without, 1.0, located)
-        found.append(_member(search, a, best, without, own))
+        found.append(_member(search, a, best, without, own, halves))
     return tuple(found)
 
 
 def _member(
-    search: Search, a: Attachment, model: CandidateModel, without: CandidateModel, own: Signature
+    search: Search,
+    a: Attachment,
+    model: CandidateModel,
+    without: CandidateModel,
+    own: Signature,
+    halves: Crossed | None,
 ) -> Member:
-    rows = ~search.chosen if not search.chosen.all() else search.chosen
-    removes = gap_share(search.budget, without, model, rows, search.seed)
-    return Member(a, own, cause_probability(own), removes)
+    """What is said of an effect of a model; halves: what either half of the held-out windows
+    chooses. Where that differs, the name hangs on which windows were asked."""
+    left, rows = reported(halves, search.chosen, model)
+    removes = gap_share(search.budget, without.absolutes, left, rows, search.seed)
+    most = 1.0 if halves is None or halves.steady else search.settings.unbacked_probability
+    return Member(a, own, min(cause_probability(own), most), removes)
 
 
 def _weighed(search: Search, located: PortEvidence, model: CandidateModel, m: Member) -> Weighed:

@@ -9,7 +9,7 @@ from pamid.estimation.observed_sizes import unsized
 
 def notes(d: Diagnosis) -> list[str]:
     """Sentences, the most important first."""
-    return [*_signs(d), *_windows(d), *_fits(d), *_bounds(d), *_sizes(d)]
+    return [*_signs(d), *_halves(d), *_windows(d), *_fits(d), *_bounds(d), *_sizes(d)]
 
 
 def _signs(d: Diagnosis) -> list[str]:
@@ -19,6 +19,17 @@ def _signs(d: Diagnosis) -> list[str]:
         "against its position and velocity. A force that opposes the motion lowers the value "
         "there; of a reaction that is read, pass its negative."
         for c, removed in d.opposite[:1]
+    ]
+
+
+def _halves(d: Diagnosis) -> list[str]:
+    halves = d.judged.halves if d.judged else None
+    if halves is None or halves.steady or d.cause is None:
+        return []
+    first, other = halves.best.label, halves.other.label
+    return [
+        f"Half of the held-out windows choose {first}, the other half {other}: the name hangs on "
+        "which windows are asked. A longer recording may settle it."
     ]
 
 

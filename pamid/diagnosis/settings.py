@@ -67,6 +67,12 @@ class Settings:
     least_shrinkage: float = _setting(
         0.02, "share of the error", "what a cause has to remove to be named at all"
     )
+    unbacked_probability: float = _setting(
+        0.5,
+        "probability",
+        "most that is given to a cause where the other half of what is held out chooses another",
+        "even odds",
+    )
     port_negligible: float = _setting(
         0.01,
         "share of the gap",

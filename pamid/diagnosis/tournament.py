@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pamid.base.progress import Progress, silent
 from pamid.diagnosis.budget import Budget, gap_budget
 from pamid.diagnosis.candidate_model import CandidateModel
+from pamid.diagnosis.cross_fitting import reported
 from pamid.diagnosis.decision import CAUSED, Share, at_noise_floor, gap_share
 from pamid.diagnosis.judging import Judged, judge
 from pamid.diagnosis.naive_forecast import explains_nothing
@@ -30,6 +31,8 @@ from pamid.model.effect import Effect
 from pamid.parallel.jobs import WorkerPool
 from pamid.simulation.data_split import DataSplit, selection_part
 
+Array = NDArray[np.float64]
+
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
@@ -38,7 +41,7 @@ class Diagnosis:
 
     evidence: DataSplit
     budget: Budget
-    chosen: NDArray[np.bool_]  # held-out windows that chose; the others report
+    chosen: NDArray[np.bool_]  # held-out windows that chose
     seed: int = 0
     empty: bool = False  # the best model predicts no better than a guess without a model
     located: PortEvidence | None = None
@@ -64,8 +67,8 @@ class Diagnosis:
         """Share of the gap that the causes remove together."""
         if self.cause is None:
             return None
-        base = self.budget.baseline
-        return gap_share(self.budget, base, self.cause, self.reporting, self.seed)
+        left, rows = self.reported(self.cause)
+        return gap_share(self.budget, self.budget.baseline.absolutes, left, rows, self.seed)
 
     @property
     def left_at(self) -> PortEvidence | None:
@@ -80,10 +83,9 @@ class Diagnosis:
     def settings(self) -> Settings:
         return self.budget.settings
 
-    @property
-    def reporting(self) -> NDArray[np.bool_]:
-        """Held-out windows that had no say in the choice; all where every one had."""
-        return ~self.chosen if not self.chosen.all() else self.chosen
+    def reported(self, c: CandidateModel) -> tuple[Array, NDArray[np.bool_]]:
+        """Errors of a model per held-out window and channel, and the windows that report them."""
+        return reported(self.judged.halves if self.judged else None, self.chosen, c)
 
     @property
     def singles(self) -> dict[str, CandidateModel]:

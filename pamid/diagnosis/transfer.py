@@ -15,15 +15,16 @@ from pamid.simulation.data_split import Span
 
 def transfer(d: Diagnosis) -> list[dict[str, Any]]:
     """One entry per held-out recording under other conditions: the head of its sha256, what differs
-    and, per channel, the errors in its unit and the shrinkage. Windows that chose the effect are
-    left out."""
+    and, per channel, the errors in its unit and the shrinkage, by windows that had no part in the
+    choice."""
     if d.cause is None:
         return []
     out, at = [], 0
+    left, reporting = d.reported(d.cause)
     for span, before in zip(d.evidence.held_out, d.budget.baseline.replays, strict=True):
         rows = np.arange(at, at + len(before.windows))
         at += len(before.windows)
-        rows = rows[d.reporting[rows]]
+        rows = rows[reporting[rows]]
         new = differences(d, span)
         if not new or not len(rows):
             continue
@@ -33,7 +34,7 @@ def transfer(d: Diagnosis) -> list[dict[str, Any]]:
                 continue
             was, now = (
                 d.budget.baseline.absolutes[rows, i].mean(),
-                d.cause.absolutes[rows, i].mean(),
+                left[rows, i].mean(),
             )
             entry[channel] = {
                 "mae_refitted": column_size(channel, was),

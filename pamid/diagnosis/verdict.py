@@ -274,9 +274,9 @@ def _unfitted(label: str, why: str) -> result.Candidate:
 def _ranked(
     d: Diagnosis, c: CandidateModel, probability: float, signature: Signature, seed: int
 ) -> result.Candidate:
-    rows = d.reporting
+    left, rows = d.reported(c)
     losses, base = (
-        d.budget.channel_losses(c.absolutes),
+        d.budget.channel_losses(left),
         d.budget.channel_losses(d.budget.baseline.absolutes),
     )
     low, high = forecast_interval(base[rows], losses[rows], seed, d.settings)
@@ -284,7 +284,7 @@ def _ranked(
     for i, channel in enumerate(d.evidence.channels):
         held[channel] = result.HeldOut(
             mae_before=column_size(channel, float(seen_mean(d.budget.baseline.absolutes[rows, i]))),
-            mae_after=column_size(channel, float(seen_mean(c.absolutes[rows, i]))),
+            mae_after=column_size(channel, float(seen_mean(left[rows, i]))),
         )
     return result.Candidate(
         effect=c.attached[-1].label,
@@ -292,7 +292,7 @@ def _ranked(
         port=c.group,
         probability=probability,
         held_out=held,
-        shrinkage=d.budget.shrinkage(c.absolutes, rows),
+        shrinkage=d.budget.shrinkage(left, rows),
         low=low,
         high=high,
         converged=c.fit.converged,
@@ -304,12 +304,12 @@ def _ranked(
 
 
 def how_far(d: Diagnosis, i: int, seed: int) -> result.Reach:
-    """One channel's errors on the windows that only report, in the column's unit."""
+    """One channel's errors on windows that had no part in the choice, in the column's unit."""
     channel, b = d.evidence.channels[i], d.budget
     seen = ~np.isnan(b.floor[:, i])
-    rows = d.reporting & seen if (d.reporting & seen).any() else seen
-    before = b.baseline.absolutes[rows, i]
-    after = (d.cause or b.baseline).absolutes[rows, i]
+    left, rows = d.reported(d.cause or b.baseline)
+    rows = rows & seen if (rows & seen).any() else seen
+    before, after = b.baseline.absolutes[rows, i], left[rows, i]
     low, high = forecast_interval(before, after, seed, d.settings)
     return result.Reach(
         mae_data_sheet=column_size(channel, b.data_sheet[rows, i].mean()),

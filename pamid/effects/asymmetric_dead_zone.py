@@ -19,11 +19,24 @@ References
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, clip
+
+ABOVE = Parameter(
+    "above",
+    0.05,
+    low=0.0,
+    high=0.9,
+    spread=0.15,
+    size="value",
+    null=0.0,
+    tries=(0.2,),
+    source="estimate: overlapped spools 2-10 % of the command, single-acting valves 30 %",
+)
 
 
 class AsymmetricDeadZone(Effect):
@@ -32,28 +45,9 @@ class AsymmetricDeadZone(Effect):
     family = "saturation"
     general_kinds = ("command", "reading")
     parameters = (
-        Parameter(
-            "above",
-            0.05,
-            low=0.0,
-            high=0.9,
-            spread=0.15,
-            size="value",
-            null=0.0,
-            tries=(0.2,),
-            source="estimate: overlapped spools 2-10 % of the command, single-acting valves 30 %",
-        ),
-        Parameter(
-            "below",
-            0.12,
-            low=0.0,
-            high=0.9,
-            spread=0.15,
-            size="value",
-            null=0.0,
-            tries=(0.2,),
-            source="estimate: overlapped spools 2-10 % of the command, single-acting valves 30 %",
-        ),
+        ABOVE,
+        # unequal to begin with: of equal widths it is a dead zone
+        replace(ABOVE, name="below", value=0.12),
     )
     look_alikes = ("dead-zone", "offset", "asymmetric-saturation", "quantisation")
 

@@ -25,6 +25,17 @@ from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, stop
 
+PRESLIDING = Parameter(
+    "give",
+    0.001,
+    low=0.0001,
+    high=0.02,
+    spread=3.0,
+    log=True,
+    size="position",
+    source="presliding of a thousandth of the stroke; 0.5-2 mrad on a joint",
+)
+
 
 class CoulombFriction(Effect):
     """Constant friction that sticks."""
@@ -44,16 +55,7 @@ class CoulombFriction(Effect):
             label="{value}",
             source="shaft bearings and chain: 0.05-1 N m on a 10 N m joint",
         ),
-        Parameter(
-            "give",
-            0.001,
-            low=0.0001,
-            high=0.02,
-            spread=3.0,
-            log=True,
-            size="position",
-            source="presliding of 0.5-2 mrad",
-        ),
+        PRESLIDING,
     )
     look_alikes = (
         "stribeck-friction",

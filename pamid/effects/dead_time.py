@@ -26,7 +26,9 @@ from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, delay
 
-LONGEST_DELAY = 20.0  # sampling periods
+# sampling periods: of computing and buses, which keep pace with the log; a fit that ends there is
+# widened, so that how fast a log is sampled does not decide how long a delay may be
+LONGEST_DELAY = 20.0
 WIDENED = 16.0  # times that: the past is kept as far as a fit that ends there may widen its range
 
 

@@ -20,11 +20,26 @@ References
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
+from pamid.effects.coulomb_friction import PRESLIDING
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, maximum, minimum, stop
+
+FORWARD = Parameter(
+    "forward",
+    0.03,
+    low=0.0,
+    high=1.0,
+    spread=0.1,
+    size="value",
+    null=0.0,
+    label="forward_{value}",
+    tries=(0.1,),
+    source="estimate: guides, gears and seals, 1-20 % of the drive's force",
+)
 
 
 class DirectionalFriction(Effect):
@@ -34,40 +49,10 @@ class DirectionalFriction(Effect):
     general_kinds = ("motion",)
     signals = ("position",)
     parameters = (
-        Parameter(
-            "forward",
-            0.03,
-            low=0.0,
-            high=1.0,
-            spread=0.1,
-            size="value",
-            null=0.0,
-            label="forward_{value}",
-            tries=(0.1,),
-            source="estimate: guides, gears and seals, 1-20 % of the drive's force",
-        ),
-        Parameter(
-            "backward",
-            0.08,
-            low=0.0,
-            high=1.0,
-            spread=0.1,
-            size="value",
-            null=0.0,
-            label="backward_{value}",
-            tries=(0.1,),
-            source="estimate: guides, gears and seals, 1-20 % of the drive's force",
-        ),
-        Parameter(
-            "give",
-            0.001,
-            low=0.0001,
-            high=0.02,
-            spread=3.0,
-            log=True,
-            size="position",
-            source="estimate: presliding of a thousandth of the stroke",
-        ),
+        FORWARD,
+        # unequal to begin with: of equal levels it is Coulomb friction
+        replace(FORWARD, name="backward", value=0.08, label="backward_{value}"),
+        PRESLIDING,
     )
     look_alikes = ("coulomb-friction", "constant-offset", "directional-damping")
 

@@ -24,6 +24,16 @@ from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number
 
+AMBIENT = Parameter(
+    "ambient",
+    0.0,
+    low=-1.0,
+    high=1.0,
+    spread=0.3,
+    size="stored",
+    source="estimate: where the loss ends; zero for a level above the outlet or a gauge pressure",
+)
+
 
 class FirstOrderLoss(Effect):
     """A loss in proportion to the store."""
@@ -42,16 +52,7 @@ class FirstOrderLoss(Effect):
             null=0.0,
             source="estimate: 1 / time constant, a tenth of the store's own rate",
         ),
-        Parameter(
-            "ambient",
-            0.0,
-            low=-1.0,
-            high=1.0,
-            spread=0.3,
-            size="stored",
-            source="estimate: where the loss ends; zero for a level above the outlet or a gauge "
-            "pressure",
-        ),
+        AMBIENT,
     )
     look_alikes = ("leak", "overflow", "gain-error")
 

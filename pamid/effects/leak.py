@@ -12,15 +12,17 @@ Looks like it
     pressure stays. A minute of holding with shut valves settles it.
 Equation
     rate -= share * outflow, or share * reference * s / sqrt(s + 0.01) with s = stored / reference
-    (share per second)
+    (share of the reference per unit of time)
 References
     ISO 6358-1:2013; Beater (2007), Pneumatic Drives, Springer.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
+from pamid.effects.orifice_loss import REFERENCE, OrificeLoss
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, maximum, sqrt
@@ -32,6 +34,7 @@ class Leak(Effect):
     family = "leak"
     kinds = ("rate",)
     signals = ("stored",)
+    home_signals = ("outflow",)
     parameters = (
         Parameter(
             "share",
@@ -41,18 +44,14 @@ class Leak(Effect):
             spread=0.02,
             null=0.0,
             tries=(0.05,),
-            source="1e-4 to 2e-2 of an open vent (1e-2 empties a muscle in 30 s); of the stored "
-            "quantity per s",
+            source="1e-4 to 2e-2 of an open vent (1e-2 empties a muscle in 30 s)",
         ),
-        Parameter(
-            "reference",
-            1.0,
-            low=0.1,
-            high=10.0,
-            size="stored",
-            fitted=False,
-            source="typical stored quantity; only sets the scale of the orifice law",
-        ),
+        REFERENCE,
+    )
+    # an outflow of its own: as fast as the store itself is filled and emptied
+    general_parameters = (
+        replace(OrificeLoss.parameters[0], name="share", size="value/stored"),
+        REFERENCE,
     )
     look_alikes = ("heat-transfer", "muscle-creep", "first-order-loss", "overflow")
 

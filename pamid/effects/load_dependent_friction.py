@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from pamid.effects.coulomb_friction import PRESLIDING
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, absolute, stop
@@ -44,16 +45,7 @@ class LoadDependentFriction(Effect):
             null=0.0,
             source="estimate: sliding pairs 0.05-0.3, rolling pairs 0.001-0.01 of the normal force",
         ),
-        Parameter(
-            "give",
-            0.001,
-            low=0.0001,
-            high=0.02,
-            spread=3.0,
-            log=True,
-            size="position",
-            source="estimate: presliding of a thousandth of the stroke",
-        ),
+        PRESLIDING,
     )
     look_alikes = ("coulomb-friction", "maxwell-slip-hysteresis")
 

@@ -22,9 +22,20 @@ from __future__ import annotations
 
 from typing import Any
 
+from pamid.effects.first_order_loss import AMBIENT
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, absolute, sqrt
+
+REFERENCE = Parameter(
+    "reference",
+    1.0,
+    low=0.1,
+    high=10.0,
+    size="stored",
+    fitted=False,
+    source="typical stored quantity; only sets the scale of the orifice law",
+)
 
 
 class OrificeLoss(Effect):
@@ -44,25 +55,8 @@ class OrificeLoss(Effect):
             null=0.0,
             source="estimate: a tenth of the store's own rate",
         ),
-        Parameter(
-            "ambient",
-            0.0,
-            low=-1.0,
-            high=1.0,
-            spread=0.3,
-            size="stored",
-            source="estimate: where the loss ends; zero for a level above the outlet or a gauge "
-            "pressure",
-        ),
-        Parameter(
-            "reference",
-            1.0,
-            low=0.1,
-            high=10.0,
-            size="stored",
-            fitted=False,
-            source="typical stored quantity; only sets the scale of the orifice law",
-        ),
+        AMBIENT,
+        REFERENCE,
     )
     look_alikes = ("first-order-loss", "leak", "overflow", "gain-error")
 

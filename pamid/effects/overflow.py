@@ -26,6 +26,13 @@ from pamid.symbolic.vocabulary import Expr, Number, maximum
 TRIED_LEVELS = (0.95, 0.8)  # of the largest level that the recordings reach
 
 
+def tried_levels(hints: Hints) -> list[dict[str, float]]:
+    """Rims within what the store reaches; none where nobody knows that."""
+    if "stored" not in hints.reach:
+        return []
+    return [{"level": share * hints.reach["stored"]} for share in TRIED_LEVELS]
+
+
 class Overflow(Effect):
     """A loss above a level."""
 
@@ -60,11 +67,7 @@ class Overflow(Effect):
     def starts(self, hints: Hints) -> list[dict[str, float]]:
         """Levels within what the store reaches: above it nothing spills, and no slope leads
         back."""
-        return [
-            {"level": share * hints.reach["stored"]}
-            for share in TRIED_LEVELS
-            if "stored" in hints.reach
-        ]
+        return tried_levels(hints)
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         return value - p.gain * maximum(at.stored - p.level, 0.0)

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from pamid.effects.overflow import TRIED_LEVELS
+from pamid.effects.overflow import Overflow, tried_levels
 from pamid.model.effect import Effect, Hints
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, maximum
@@ -36,27 +36,7 @@ class OverflowIntoStore(Effect):
     general_kinds = ("rate",)
     roles = (("stored", "downstream"), ("upstream",))
     parameters = (
-        Parameter(
-            "gain",
-            5.0,
-            low=0.0,
-            high=50.0,
-            spread=10.0,
-            size="value/stored",
-            null=0.0,
-            source="estimate: several times the store's own rate, or the rim would not hold the "
-            "level",
-        ),
-        Parameter(
-            "level",
-            0.8,
-            low=0.1,
-            high=1.2,
-            spread=0.3,
-            size="stored",
-            tries=(0.6,),
-            source="estimate: seen only if it lies below the largest level",
-        ),
+        *Overflow.parameters,
         Parameter(
             "share",
             0.7,
@@ -70,11 +50,7 @@ class OverflowIntoStore(Effect):
 
     def starts(self, hints: Hints) -> list[dict[str, float]]:
         """Levels within what the store that spills reaches."""
-        return [
-            {"level": share * hints.reach["stored"]}
-            for share in TRIED_LEVELS
-            if "stored" in hints.reach
-        ]
+        return tried_levels(hints)
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         def spilt(stored: Expr) -> Expr:

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from pamid.effects.first_order_lag import FirstOrderLag
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, lag
@@ -31,6 +32,7 @@ class TubeLag(Effect):
 
     family = "tube-lag"
     kinds = ("flow",)
+    home_signals = ("supply",)
     parameters = (
         Parameter(
             "time_constant",
@@ -44,6 +46,8 @@ class TubeLag(Effect):
             source="estimate: two volumes and a resistance, 5-30 ms",
         ),
     )
+    # a pipe between stores of another kind is as slow as these let it be seen
+    general_parameters = FirstOrderLag.parameters
     look_alikes = ("dead-time", "pressure-sensor-lag")
     absorbed_by = ("conductance_in", "conductance_out")
 

@@ -29,6 +29,9 @@ from pamid.symbolic.vocabulary import Expr, Number, absolute, maximum, minimum, 
 JUMP_WIDTH = 0.02  # of duty, over which the jumps are spread: keeps the fit's derivatives finite
 
 
+SAMPLE_MS = 3.0  # of the rigs whose valves the sources tell of; other rigs are sampled otherwise
+
+
 class ValveSwitching(Effect):
     """Duty of an on-off valve after its switching delays."""
 
@@ -37,22 +40,24 @@ class ValveSwitching(Effect):
     parameters = (
         Parameter(
             "t_on",
-            0.002,
+            2.0 / SAMPLE_MS,
             low=0.0,
-            high=0.008,
-            spread=0.002,
-            unit="s",
+            high=8.0 / SAMPLE_MS,
+            spread=2.0 / SAMPLE_MS,
+            size="period",
+            hard=True,
             null=0.0,
-            tries=(0.0005, 0.004),
+            tries=(0.5 / SAMPLE_MS, 4.0 / SAMPLE_MS),
             source="fast on-off valves: about 1 ms with speed-up driver, 2-4 ms without",
         ),
         Parameter(
             "t_off",
-            0.001,
+            1.0 / SAMPLE_MS,
             low=0.0,
-            high=0.008,
-            spread=0.002,
-            unit="s",
+            high=8.0 / SAMPLE_MS,
+            spread=2.0 / SAMPLE_MS,
+            size="period",
+            hard=True,
             null=0.0,
             source="fast on-off valves: about 1 ms with speed-up driver, 2-4 ms without",
         ),
@@ -67,10 +72,11 @@ class ValveSwitching(Effect):
         ),
         Parameter(
             "pulse_period",
-            0.03,
-            low=0.01,
-            high=0.1,
-            unit="s",
+            30.0 / SAMPLE_MS,
+            low=10.0 / SAMPLE_MS,
+            high=100.0 / SAMPLE_MS,
+            size="period",
+            hard=True,
             fitted=False,
             source="estimate: ten samples of 3 ms",
         ),

@@ -17,7 +17,7 @@ from pamid.estimation.weights import Weights
 from pamid.model.assembly import Assembly
 from pamid.model.bound_parameter import Sizes
 from pamid.simulation.data_split import DataSplit
-from pamid.simulation.free_runs import port_probes, port_sizes, sizes_of
+from pamid.simulation.free_runs import longest_time, port_probes, port_sizes, sizes_of
 from pamid.simulation.replay import run_windows
 from pamid.simulation.windows import Runner
 
@@ -28,7 +28,9 @@ def observed_sizes(evidence: DataSplit) -> Sizes:
     plain = Assembly(evidence.rig, outputs=evidence.channels)
     p, probes = plain.values(), port_probes(plain)
     problem = Problem(plain, evidence.tracks(plain), ())
-    time = {("", "timescale"): evidence.timescale_s}
+    time = {("", "timescale"): evidence.timescale_s} | longest_time(
+        [len(t) * t.period_s for t in problem.tracks]
+    )
     if not probes:
         return time
     stepping = careful_stepping(problem, p)
@@ -40,11 +42,10 @@ def observed_sizes(evidence: DataSplit) -> Sizes:
         for track, x in zip(problem.tracks, starts, strict=True)
     ]
     found = sizes_of(list(probes), [t[:, t.shape[1] - len(probes) :] for t in tables])
-    free = port_sizes(
-        plain,
-        [(t.u, Runner(plain, t, Stepping()).parameters(p), t.period_s) for t in problem.tracks],
-    )
-    return free | found | time
+    if all((port, name) in found for port, _, name in probes):
+        return found | time
+    runs = [(t.u, Runner(plain, t, Stepping()).parameters(p), t.period_s) for t in problem.tracks]
+    return port_sizes(plain, runs) | found | time
 
 
 def unsized(evidence: DataSplit, sizes: Sizes) -> list[str]:

@@ -138,6 +138,7 @@ def tables_of(conversion: Conversion) -> dict[str, Any]:
         "recording": {key: value for key, value in about.items() if value is not None},
         "known": mapping.known,
         "controller": mapping.controller,
+        "between": mapping.between,
     }
     return {title: table for title, table in tables.items() if table}
 

@@ -369,6 +369,7 @@ def _tail(
     lines += [
         "# [atmosphere]                # taken off absolute pressures",
         "# pressure_kpa = 101.325",
+        '# [between]                   # inputs: "held" until the next sample, or "linear" to it',
         f"{'' if known else '# '}[known]  # parameters of the rig known for these recordings",
         *(f"{key} = {value!r}" for key, value in known.items()),
     ]

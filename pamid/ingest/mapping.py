@@ -31,6 +31,7 @@ from pamid.recording.recording import TIME, match_column
 
 UNANSWERED = "?"  # what a guessed mapping writes where only the user can answer
 Interpolation = Literal["hold", "smooth"]
+Between = Literal["held", "linear"]
 Repair = Literal["ask", "late-stamps", "jittered-sampling", "none"]
 _COLUMN = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
@@ -70,7 +71,7 @@ class Atmosphere(_Table):
 
 
 class Mapping(_Table):
-    """A whole mapping; known and controller go to the recording's TOML as they are."""
+    """A whole mapping; known, controller and between go to the recording's TOML as they are."""
 
     rig: str | None = None
     loop: Literal["open", "closed"] | None = None
@@ -79,6 +80,7 @@ class Mapping(_Table):
     atmosphere: Atmosphere = Atmosphere()
     known: dict[str, float] = {}
     controller: dict[str, float] = {}
+    between: dict[str, Between] = {}
 
 
 @dataclass(frozen=True)
@@ -161,6 +163,13 @@ def mapping_of(tables: dict[str, Any], where: str) -> Mapping:
                     "Names are letters, digits and _.",
                     code="mapping",
                 )
+    for column in found.between:
+        if column not in found.signals:
+            raise FileError(
+                f"{where}: between.{column} is no column that the mapping makes.",
+                nearest(column, list(found.signals)) or f"Columns: {', '.join(found.signals)}.",
+                code="mapping",
+            )
     return found
 
 
@@ -183,6 +192,8 @@ def settle(
         hold = column in held or (
             rig is None and split_column(column)[0].split("_")[0] in ("command", "reference")
         )
+        if (way := mapping.between.get(column)) is not None:
+            hold = way == "held"
         hold = hold if one.interpolation is None else one.interpolation == "hold"
         made.append(_settle_one(column, one, hold, units.get(one.source, ""), where))
     return tuple(made)

@@ -32,6 +32,8 @@ from pamid.symbolic.vocabulary import Expr
 
 Array = NDArray[np.float64]
 
+EVEN_DRAWS = 3  # points at which outputs are asked whether they show a sign
+
 
 def nuisance_owner(term: Effect, place: str) -> str:
     """Owner of a background term's parameters: background.force_map_1."""
@@ -179,6 +181,32 @@ class Assembly:
     @cached_property
     def program(self) -> Program:
         return self.program_with({})
+
+    @cached_property
+    def even_states(self) -> tuple[int, ...]:
+        """Places of the rig's own states whose size the outputs show, but not their sign: the speed
+        behind a reading |v|. Found by trying it, at points drawn at random."""
+        n, random = len(self.rig.states), np.random.default_rng(0)
+        even, shown = np.ones(n, bool), np.zeros(n, bool)
+        for _ in range(EVEN_DRAWS):
+            x = random.standard_normal(n)
+            u = random.standard_normal(len(self.traced.inputs))
+            here = self._read(x, u)
+            for i in range(n):
+                turned, larger = x.copy(), x.copy()
+                turned[i], larger[i] = -x[i], 2.0 * x[i]
+                even[i] &= bool(np.allclose(self._read(turned, u), here, rtol=1e-9, atol=0.0))
+                shown[i] |= not np.allclose(self._read(larger, u), here, rtol=1e-6, atol=0.0)
+        return tuple(int(i) for i in np.flatnonzero(even & shown))
+
+    def _read(self, x: Array, u: Array) -> Array:
+        """Outputs in these states of the rig, at the data sheet's parameters and inputs u."""
+        p = self.values()
+        begun = self.start(p)
+        begun[: len(x)] = x
+        memory = self.program.memory(begun, period_s=self.rig.period_s)
+        outputs: Array = self.program.run(memory, u[None, :], p, period_s=self.rig.period_s)[0]
+        return outputs[0]
 
     def program_with(self, extra: dict[str, Expr]) -> Program:
         """Compiled equations with further outputs, in the order of `extra`, after the rig's own."""

@@ -16,7 +16,7 @@ from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, Number, clip, where
 
 LEVEL = 0.3  # of the tolerance: what a single place may be off as a whole
-DRIFT_S = 60.0
+HALF_WARM = 0.3  # of the longest recording: where nobody says how long the machine warms up
 FULL_TOLERANCE_DEGREE = 3  # degree up to which a bend may take the whole tolerance
 REACH = 3.0  # tolerances a nuisance term may go to: what lies beyond is structure
 
@@ -51,7 +51,8 @@ class SmoothGain(Background):
     fourth on their
              tolerance falls with the degree, as a measured map's roughness does
     along    (signal, low, high): two such terms
-    drift    a change as the machine warms up, half of it within DRIFT_S of the recording's start
+    drift    a change as the machine warms up, half of it within `warming_s` of the recording's
+             start; where that is not said, within a share of the longest recording
     """
 
     def __init__(
@@ -64,6 +65,7 @@ class SmoothGain(Background):
         along: tuple[str, float, float] | None = None,
         level: bool = False,
         drift: bool = False,
+        warming_s: float | None = None,
     ) -> None:
         self.over, self.along, self.degree, self.level, self.drift = (
             over,
@@ -79,6 +81,18 @@ class SmoothGain(Background):
         }
         terms |= {f"along_{i}": tolerance for i in (1, 2)} if along else {}
         super().__init__(name, terms | ({"drift": tolerance} if drift else {}))
+        self.warming_s = warming_s
+        if drift and warming_s is None:
+            warming = Parameter(
+                "warming",
+                HALF_WARM,
+                low=0.1 * HALF_WARM,
+                high=1.0,
+                size="time",
+                fitted=False,
+                source="estimate: a machine that warms up shows it within the recording",
+            )
+            self.parameters = (*self.parameters, warming)  # type: ignore[misc]
 
     def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
         total: Number = p.level if self.level else 0.0
@@ -88,7 +102,8 @@ class SmoothGain(Background):
         if self.along:
             total = total + _chebyshev(at, self.along, [p.along_1, p.along_2])
         if self.drift:
-            total = total + p.drift * (at.time / (at.time + DRIFT_S))
+            half = p.warming if self.warming_s is None else self.warming_s
+            total = total + p.drift * (at.time / (at.time + half))
         return value * (1.0 + total)
 
 

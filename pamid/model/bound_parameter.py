@@ -77,7 +77,7 @@ def parameters_of(effect: Effect, port: Port) -> tuple[Parameter, ...]:
     offered = set(port.signals)
     return tuple(
         replace(p, size="/".join(effect.offered_as(s, offered) for s in p.size.split("/")))
-        for p in effect.parameters_at(port.kind)
+        for p in effect.parameters_at(port.kind, offered)
     )
 
 

@@ -58,6 +58,7 @@ def effect_story(
         roles=tuple(tuple(role) for role in effect.roles),
         unit=effect.unit,
         parameters=tuple(map(_parameter, effect.parameters)),
+        home_signals=effect.home_signals,
         general_parameters=tuple(map(_parameter, effect.general_parameters)),
         states=tuple(s.name for s in effect.states),
         look_alikes=effect.look_alikes,
@@ -267,6 +268,8 @@ def effect_text(said: result.EffectStory) -> str:
     lines += ["", "Parameters", *_parameter_lines(said.parameters)]
     if said.general_parameters:
         where = ", ".join(k for k in said.general if k not in said.home)
+        if said.home_signals:
+            where = f"{', '.join(said.home)} without {', '.join(said.home_signals)}"
         lines += ["", f"At port {where}", *_parameter_lines(said.general_parameters)]
     for key, title in (("look_alikes", "Look-alikes"), ("absorbed_by", "Absorbed by a rig's")):
         if names := getattr(said, key):

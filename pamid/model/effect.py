@@ -14,7 +14,8 @@
 (SI) and `z` the effect's own states. `act` returns the new value, or (value, {state: rate}).
 
 Three things beyond that are said where they are needed, as class attributes:
-    general_parameters  other sizes and bounds at ports of `general_kinds`, under the same names
+    general_parameters  other sizes and bounds at ports of `general_kinds`, or at those that offer
+                        none of the `home_signals`, under the same names
     stand_ins           a signal that ports may offer under other names: {"level": ("load", ...)}
     roles               the effect acts at several ports together, each of which plays a part: the
                         signals of every part, ("stored", "downstream") and ("upstream",)
@@ -95,6 +96,8 @@ class Effect:
     unit: ClassVar[str] = ""  # only at ports of this SI unit
     everywhere: ClassVar[bool] = False  # one copy acts on all matching ports together
     parameters: ClassVar[tuple[Parameter, ...]] = ()
+    # signals that make a port its home: without them the port is one of general_kinds
+    home_signals: ClassVar[tuple[str, ...]] = ()
     # the same names with the sizes and bounds that hold at ports of general_kinds
     general_parameters: ClassVar[tuple[Parameter, ...]] = ()
     # signal -> names under which a port may offer it instead; the first offered is taken
@@ -125,10 +128,10 @@ class Effect:
         return cls.families.get(kind, cls.family)
 
     @classmethod
-    def parameters_at(cls, kind: str) -> tuple[Parameter, ...]:
-        """Its parameters at a port of this kind."""
-        at_home = kind in cls.kinds or not cls.general_parameters
-        return cls.parameters if at_home else cls.general_parameters
+    def parameters_at(cls, kind: str, offered: Collection[str] = ()) -> tuple[Parameter, ...]:
+        """Its parameters at a port of this kind that offers these signals."""
+        at_home = kind in cls.kinds and set(cls.home_signals) <= set(offered)
+        return cls.parameters if at_home or not cls.general_parameters else cls.general_parameters
 
     @classmethod
     def offered_as(cls, signal: str, offered: Collection[str]) -> str:

@@ -1,15 +1,19 @@
 """What a channel's own samples tell of its measurement: the step it is quantised in, and its noise.
 
 Noise is estimated from differences (Gasser, Sroka and Jennen-Steinmetz 1986, Biometrika 73(3)):
-fourth differences take away what a cubic follows, and of white noise of deviation sigma they have
-variance (1 + 16 + 36 + 16 + 1) sigma^2 = 70 sigma^2. Their median absolute value over 0.6745 is the
-robust estimate of their deviation (Hampel 1974, JASA 69). Rounding to steps adds the deviation of a
+those of order k take away what a polynomial of degree k - 1 follows, and of white noise of
+deviation sigma they have variance binomial(2k, k) sigma^2. Of a motion at w rad per sample they
+leave (2 sin(w/2))^k, which grows slower with k than that of the noise: every order says at most too
+much, and the least of them is nearest (Hall, Kay and Titterington 1990, Biometrika 77(3), on the
+order). Their median absolute value over 0.6745 is the robust estimate of their deviation (Hampel
+1974, JASA 69). Rounding to steps adds the deviation of a
 uniform variable, step/sqrt(12). Both results are in the channel's unit: the same samples in another
 unit give the same answer, scaled.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -33,7 +37,8 @@ BLOCK = 40  # samples over which differences are squared
 LEAST_BELIEVED = 1e-6  # of the standard deviation: less noise than this is not believed
 MAY_BE_NOISE = 1.5 * LEAST_BELIEVED  # more than this may be noise
 UNIFORM = 1.0 / np.sqrt(12.0)  # standard deviation of what rounding to steps adds, in steps
-FOURTH = np.sqrt(70.0)  # standard deviation of fourth differences of white noise of 1
+#: order of the differences -> their standard deviation in white noise of 1
+ORDERS = {k: math.sqrt(math.comb(2 * k, k)) for k in (4, 6, 8, 12)}
 MEDIAN = 0.6745  # median absolute value of a normal variable of deviation 1: its upper quartile
 
 
@@ -91,10 +96,10 @@ def noise_level(y: Array) -> Array:
     """Noise of every channel of y (samples x channels): its white noise, at least that of its step,
     at least 1e-6 of the spread.
 
-    White noise is read from fourth differences, robustly: of white noise they have variance 70
-    sigma^2, smooth motion contributes next to nothing. A quantised channel that moves slowly rests
-    at a level and shows no noise below its step; its readings are off by step/sqrt(12) all the
-    same, which is then the least.
+    White noise is read from differences, robustly, of the order that shows least of it: smooth
+    motion contributes next to nothing, a tone the less the higher the order. A quantised channel
+    that moves slowly rests at a level and shows no noise below its step; its readings are off by
+    step/sqrt(12) all the same, which is then the least.
     """
     return _noise_and_steps(y)[0]
 
@@ -121,9 +126,12 @@ def sensor_noise(parts: Sequence[Array], stated: Array) -> Array:
 
 
 def is_white(values: Array) -> bool:
-    """Do fourth differences look like white noise throughout (and not like curvature that comes and
-    goes)?"""
-    d = np.diff(values, n=4)
+    """Do differences of some order look like white noise throughout (and not like curvature that
+    comes and goes)?"""
+    return any(_like_white(np.diff(values, n=k), k) for k in ORDERS)
+
+
+def _like_white(d: Array, order: int) -> bool:
     if d.size < 80:
         return False
     sizes = [float(np.median(np.abs(part))) for part in np.array_split(d, 40)]
@@ -131,27 +139,29 @@ def is_white(values: Array) -> bool:
     if not 0.0 < 0.3 * usual < float(np.quantile(sizes, 0.25)):
         return False
     bounded = np.clip(d, -6.0 * usual, 6.0 * usual)  # a spike says nothing of the colour
-    # the autocorrelation of fourth differences of white noise at lag 1 is -56/70 = -0.8
-    return float(bounded[1:] @ bounded[:-1]) < -0.6 * float(bounded @ bounded)
+    # the autocorrelation of differences of white noise at lag 1: -0.8 of fourth ones
+    alone = -order / (order + 1.0)
+    return float(bounded[1:] @ bounded[:-1]) < 0.75 * alone * float(bounded @ bounded)
 
 
 def _noise_and_steps(y: Array) -> tuple[Array, Array]:
-    d = np.abs(np.diff(y, n=4, axis=0))
-    sigma = np.median(d, axis=0) / (MEDIAN * FOURTH)
+    # in units of the white noise that would show such differences
+    every = [np.abs(np.diff(y, n=k, axis=0)) / gain for k, gain in ORDERS.items()]
+    sigma = np.min([np.median(d, axis=0) for d in every], axis=0) / MEDIAN
     # where more than half of the samples rest the median is zero: the mean square then, of all but
     # the largest tenth, which are the motion
-    pooled = np.sqrt(np.mean(np.minimum(d, np.quantile(d, 0.9, axis=0)) ** 2, axis=0)) / FOURTH
-    noise = np.where(sigma > 0.0, sigma, pooled)
+    pooled = np.min(
+        [np.mean(np.minimum(d, np.quantile(d, 0.9, axis=0)) ** 2, axis=0) for d in every], axis=0
+    )
+    noise = np.where(sigma > 0.0, sigma, np.sqrt(pooled))
     steps = np.array([quantisation_step(c) for c in y.T])
     for c in np.flatnonzero(sigma < steps):
-        noise[c] = max(_square_noise(d[:, c]), UNIFORM * steps[c])
+        noise[c] = max(min(_square_noise(d[:, c]) for d in every), UNIFORM * steps[c])
     return np.maximum(noise, LEAST_BELIEVED * y.std(axis=0) + 1e-300), steps
 
 
 def _square_noise(d: Array) -> float:
-    """White noise of one channel from the squares of its fourth differences: their median takes few
-    values below a step. The median over blocks passes over jumps."""
+    """White noise of one channel from the squares of its differences: their median takes few values
+    below a step. The median over blocks passes over jumps."""
     blocks = max(1, d.size // BLOCK)
-    return float(
-        np.sqrt(np.median([np.mean(part**2) for part in np.array_split(d, blocks)]))
-    ) / float(FOURTH)
+    return float(np.sqrt(np.median([np.mean(part**2) for part in np.array_split(d, blocks)])))

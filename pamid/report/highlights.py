@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from pamid.base.metrics import runs_of
 from pamid.base.units import split_column
+from pamid.diagnosis.settings import DEFAULT
 from pamid.report import formatting
 from pamid.report.captions import regime_label
 from pamid.report.formatting import channel_label, channel_unit
@@ -18,10 +19,10 @@ from pamid.report.load import Residual, RunData
 from pamid.report.reading import FloatArray
 from pamid.report.samples import Stretch, channels_of, inputs_of
 from pamid.schemas.diagnosis_file import Regime
+from pamid.simulation.correlation_time import correlation_samples
 
 WORST = 5
 MOST_BANDS = 2000
-_SMOOTH_S = 0.015  # over which the diagnosis takes the rate of a measured signal
 
 
 @dataclass(frozen=True)
@@ -165,8 +166,12 @@ def _signal(residual: Residual, name: str, rows: NDArray[np.int64]) -> FloatArra
         return None
     time, values = residual.columns["time_s"][rows], residual.columns[stems[of]][rows]
     period = float(np.median(np.diff(time)))
-    length = max(5, 2 * round(_SMOOTH_S / period) + 1)
-    if values.size < length or not np.isfinite(values).all():
+    if not np.isfinite(values).all():
+        return None
+    # as far as the diagnosis smooths it, by how long this signal remembers
+    remembered, _ = correlation_samples(values)
+    length = max(5, 2 * round(DEFAULT.smoothed * np.nan_to_num(remembered)) + 1)
+    if values.size < length:
         return None
     return np.asarray(savgol_filter(values, length, 2, deriv=1, delta=period))
 

@@ -99,6 +99,9 @@ ATTACHING = (
 )
 
 
+WARMING_S = 60.0  # until a muscle has drifted by half of what it will: estimate
+
+
 def force_map(name: str = "force_map") -> SmoothGain:
     """What a specimen's force map differs from its law by."""
     return SmoothGain(
@@ -109,6 +112,7 @@ def force_map(name: str = "force_map") -> SmoothGain:
         along=("pressure", 0.0, 6e5),
         level=True,
         drift=True,
+        warming_s=WARMING_S,
     )
 
 

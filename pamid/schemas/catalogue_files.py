@@ -66,6 +66,9 @@ class EffectStory(EffectRow):
     )
     unit: Text = Field(description=UNIT)
     parameters: ListOf[ParameterRow]
+    home_signals: ListOf[Text] = Field(
+        description="signals without which a port is one of the general catalogue"
+    )
     general_parameters: ListOf[ParameterRow] = Field(
         description="the same parameters at ports of the general catalogue, where they differ"
     )

@@ -61,6 +61,9 @@ class MappingUsed(InputFile):
         default=None, description="known parameters of the rig, by name with unit"
     )
     controller: Sometimes[dict[Text, Number]] = Field(default=None, description="its settings")
+    between: Sometimes[dict[Text, Text]] = Field(
+        default=None, description="held or linear between samples, by column"
+    )
 
 
 class ClockWitness(Model):

@@ -260,13 +260,14 @@ def _rms_spread(spreads: list[Array]) -> Array:
 
 
 def selection_part(replays: list[Replay], losses: Array) -> NDArray[np.bool_]:
-    """Which held-out windows choose the effect (True); the others only report. losses: of the model
-    without effects, one per window.
+    """The half of the held-out windows (True) whose choice of an effect is named; the other half
+    confirms it, and chooses for this one to report. losses: of the model without effects, one per
+    window.
 
     Pairs of neighbouring windows go to either half together. Of many ways to deal them out, in
     which the halves are as large as each other, the one whose halves hold most nearly the same
-    error and the same largest error: a transient that falls into one half alone would make choosing
-    or reporting blind to it. What the effects do plays no part.
+    error and the same largest error: a transient that falls into one half alone would make one of
+    the choices blind to it. What the effects do plays no part.
     """
     count = sum(len(r.windows) for r in replays)
     # both parts are spread over everything held out, so that neither is of other conditions; in

@@ -215,11 +215,16 @@ def sizes_of(probes: Sequence[tuple[str, str, str]], tables: Sequence[Array]) ->
     return sizes
 
 
+def longest_time(durations_s: Sequence[float]) -> Sizes:
+    """The duration of the longest recording, of which what drifts over one is a multiple."""
+    return {("", "time"): max(durations_s, default=0.0)}
+
+
 def port_sizes(assembly: Assembly, runs: list[tuple[Array, Array, float]]) -> Sizes:
     """Sizes at every port over free runs (u, p, period) from the rig's own start, and the longest
     run's duration: all that is known before anything was measured."""
     probes = port_probes(assembly)
-    time = {("", "time"): max((len(u) * period for u, _, period in runs), default=0.0)}
+    time = longest_time([len(u) * period for u, _, period in runs])
     if not probes:
         return time
     program = assembly.program_with({f"{where}.{n}": x for (_, where, n), x in probes.items()})

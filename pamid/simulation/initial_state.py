@@ -9,7 +9,7 @@ Rawlings and Mayne (2003), IEEE Trans. Autom. Control 48(2), 246-258.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +21,9 @@ from pamid.simulation.windows import Runner, Window
 
 Array = NDArray[np.float64]
 
+# what the squared residuals have to fall by for a sign to be turned that no reading shows: as three
+# standard deviations would say it
+TURNED = 9.0
 CARRIED_INFORMATION = 1e-5  # information of a carried state against what a window says by itself
 
 
@@ -93,7 +96,9 @@ def estimate_initial_state(
 
     memory is left untouched. weight: 1/sigma per channel. jump: by what each state may depart from
     the carried value (standard deviation; None or infinite where nothing is known of it: a weak
-    pull remains). Returns the state, and whether it is usable.
+    pull remains). Where a reading does not show the sign of a state (a speed read as |v|), both
+    signs are tried: no derivative leads from one to the other. Returns the state, and whether it is
+    usable.
     """
     own = Runner(runner.assembly, runner.track, runner.stepping, all_states=runner.all_states)
     y, seen = runner.track.y[window.start : window.stop], runner.track.seen
@@ -104,4 +109,13 @@ def estimate_initial_state(
     begun = problem.at(carried.copy())
     if not np.isfinite(begun.cost) or not own.start_states:
         return begun.x, bool(np.isfinite(begun.cost))
-    return iterate(problem, Iteration(begun, problem.rule.start), steps).point.x, True
+    best = iterate(problem, Iteration(begun, problem.rule.start), steps).point
+    for i in runner.assembly.even_states:
+        x, from_there = best.x.copy(), carried.copy()
+        x[i], from_there[i] = -x[i], -from_there[i]
+        turned = replace(problem, carried=from_there)
+        begun = turned.at(x)
+        if np.isfinite(begun.cost):
+            other = iterate(turned, Iteration(begun, turned.rule.start), steps).point
+            best = other if other.cost < best.cost - TURNED else best
+    return best.x, True

@@ -275,7 +275,7 @@ def _shrinkage(d: Diagnosis, verdict: dict[str, Any], fresh: Recording) -> Shrin
     """Shrinkage predicted (with its interval) and achieved on a fresh recording, overall and by
     channel; None where a model became unstable on it."""
     assert d.cause is not None
-    rows = d.reporting if d.reporting.any() else d.chosen
+    left, rows = d.reported(d.cause)
     other = replace(
         split_recordings(d.evidence.rig, [fresh], []), held_out=(Span(fresh, 0, len(fresh)),)
     )
@@ -284,10 +284,10 @@ def _shrinkage(d: Diagnosis, verdict: dict[str, Any], fresh: Recording) -> Shrin
         return None
     errors = [m.absolutes.mean(axis=0) for m in (before, after)]
     floor = d.budget.floor.mean(axis=0)
-    was, now = (d.budget.channel_losses(m.absolutes)[rows] for m in (d.budget.baseline, d.cause))
+    was, now = (d.budget.channel_losses(a)[rows] for a in (d.budget.baseline.absolutes, left))
     raw, (low, high) = shrinkage_interval(was, now), forecast_interval(was, now)
     return ShrinkageForecast(
-        predicted=d.budget.shrinkage(d.cause.absolutes, rows),
+        predicted=d.budget.shrinkage(left, rows),
         low=low,
         high=high,
         raw_low=raw[0],

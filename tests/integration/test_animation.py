@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 from pamid_cli.frame import run as run_command
 from PIL import Image
+from report_pages import scripts_of
 from synthetic_run import fit_json, make_run, run_json
-from test_report import scripts_of
 
 from pamid.base.errors import DataError
 from pamid.report.animation import ANIMATION_HZ, gif_of

@@ -19,9 +19,10 @@ from pamid.diagnosis.starting_hints import gather_hints, spatial_periods
 from pamid.estimation.grey_box import fit_model
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import attach, attachments
+from pamid.model.bound_parameter import parameters_of
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
-from pamid.model.registry import effects
+from pamid.model.registry import effects, rig_named
 from pamid.model.rig import Rig
 from pamid.simulation.free_runs import port_sizes
 
@@ -45,6 +46,7 @@ BENCH: dict[str, Callable[..., Rig]] = {
     "asymmetric-dead-zone@amplifier": carts,
     "asymmetric-dead-zone@ruler": carts,
     "orifice-loss@upper_balance": tanks,
+    "leak@upper_balance": tanks,
     "overflow-into-store": tanks,
     "overflow@upper_balance": tanks,
     "pwm-quantisation": carts,
@@ -244,6 +246,38 @@ def test_general_parameters_keep_the_names_and_widen_the_bounds() -> None:
         assert home.high < 0.5 < general.high
         assert effect.family_at("motion") == "hysteresis"
         assert effect.family_at("actuator-force") == "muscle-hysteresis"
+
+
+@pytest.mark.parametrize(
+    "name", ["cascaded-tanks", "dc-motor", "servo-pendulum", "thermal-block", "two-masses"]
+)
+def test_no_number_of_a_joint_with_muscles_is_tried_on_another_machine(name: str) -> None:
+    """Where an effect may act, its bounds follow the recordings: none is a number of seconds, of
+    volts or of newtons."""
+    rig = rig_named(name)
+    fixed = [
+        f"{a.label}:{p.name} in {p.unit}"
+        for a in attachments(rig, effects().values())
+        for p in parameters_of(a.effect, rig.ports[a.ports[0]])
+        if p.unit not in ("", "1") and not p.size
+    ]
+    assert not fixed
+
+
+def test_a_leak_is_as_fast_as_its_store_unless_an_outflow_is_offered() -> None:
+    """A share of an outflow has no time in it, a share of the store is one per unit of time."""
+    leak = effects()["leak"]
+    of_outflow, of_store = (
+        leak.parameters_at("rate", offered)[0]
+        for offered in ({"stored", "outflow"}, {"stored", "downstream"})
+    )
+    assert (of_outflow.name, of_outflow.size, of_outflow.high) == ("share", "", 0.2)
+    assert (of_store.name, of_store.size) == ("share", "value/stored")
+    fastest = [
+        assembled("leak@upper_balance", time=time).parameters[-2].high for time in (1.0, 256.0)
+    ]
+    assert fastest[0] == pytest.approx(256.0 * fastest[1], rel=1e-6)
+    assert fastest[0] > BENCH["leak@upper_balance"]().parameters[0].value  # than it is filled
 
 
 def test_a_dead_time_acts_as_far_as_its_range_may_be_widened() -> None:

@@ -126,6 +126,21 @@ def require_plant(made: Recording, t: FloatArray) -> None:
 # ---- there and back --------------------
 
 
+@pytest.mark.parametrize("way", ["held", "linear"])
+def test_what_inputs_do_between_samples_is_handed_on(
+    way: str, here: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The recording's TOML says it, and a column on another clock is filled in the same way."""
+    prepare()
+    text = Path("map.toml").read_text() + f'[between]\ncommand = "{way}"\n'
+    Path("map.toml").write_text(text)
+    code, said = ran(capsys, "log.csv", "--mapping", "map.toml", "--output", "rec.csv")
+    assert code == 0 and said["recordings"][0]["mapping"]["between"] == {"command": way}
+    assert read_recording("rec.csv").between == {"command": way}
+    used = said["recordings"][0]["signals"]["command"]["interpolation"]
+    assert used == {"held": "hold", "linear": "smooth"}[way]
+
+
 def test_a_recording_comes_back_from_raw_form(
     here: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

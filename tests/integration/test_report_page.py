@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import CHROMIUM, Browser, Page, browser
+from report_pages import flat
 from synthetic_run import CHANNELS, WINDOW_ROWS, make_run, make_trial
-from test_report import flat
 
 from pamid.report.channel_errors import errors_of
 from pamid.report.formatting import number

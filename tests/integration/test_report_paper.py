@@ -15,8 +15,8 @@ from markupsafe import Markup
 from pamid_cli.frame import run as run_command
 from PIL import Image
 from pypdf import PdfReader
+from report_pages import flat, outline_of, scripts_of
 from synthetic_run import make_run, make_trial, run_json
-from test_report import flat, outline_of, scripts_of
 
 from pamid.base.errors import FileError
 from pamid.report.document import (

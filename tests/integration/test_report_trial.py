@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from pamid_cli.frame import run as run_command
+from report_pages import flat, outline_of, scripts_of
 from synthetic_run import make_trial, share_json, trial_json
-from test_report import flat, outline_of, scripts_of
 
 from pamid.base.errors import FileError
 from pamid.report.trial_figures import (

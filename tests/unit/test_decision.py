@@ -113,6 +113,14 @@ def test_a_cause_that_the_held_out_windows_do_not_back_is_not_named() -> None:
     assert decide(QUIET, ambiguous=False, confirmed=False).verdict == "no-structural-gap"
 
 
+def test_a_name_that_hangs_on_the_windows_is_no_more_than_even_odds() -> None:
+    sure = decide(CLEAR, ambiguous=False)
+    found = decide(CLEAR, ambiguous=True, steady=False)
+    assert found.verdict == "ambiguous" and found.first <= 0.5 < sure.first
+    # that something known is missing does not hang on its name
+    assert (found.gap, found.known) == (sure.gap, sure.known)
+
+
 def test_held_out_windows_back_a_cause_or_do_not() -> None:
     """Eight windows that chose and eight that report; losses of the refitted model are 1 to 2."""
     before = np.random.default_rng(2).uniform(1.0, 2.0, (16, 1))

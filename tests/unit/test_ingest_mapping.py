@@ -53,6 +53,10 @@ WRONG_KEYS = {
     ANGLE
     + "[time]\nmax_gap = 1": "time.max_gap is not a key of a mapping. Did you mean 'max_gap_s'?",
     ANGLE + "[known]\ninertia_kg_m2 = 'x'": 'known.inertia_kg_m2 is "x"; a number is needed.',
+    ANGLE + "[between]\nangel_deg = 'held'": "between.angel_deg is no column that the mapping "
+    "makes. Did you mean 'angle_deg'?",
+    ANGLE + "[between]\nangle_deg = 'straight'": 'between.angle_deg is "straight"; allowed: '
+    '"held", "linear".',
     "[signals.angle_deg]\nunit = 'deg'": "signals.angle_deg.source is missing.",
     "signals = 3": "signals is 3; a table is needed.",
     PRESSURE

@@ -83,6 +83,23 @@ def test_white_noise_is_found_where_nothing_is_quantised(motion: str) -> None:
     assert noise_level(digits(y)[:, None])[0] == pytest.approx(0.05, rel=0.1)
 
 
+#: rad per sample: a swing of 70 Hz that is sampled at 610 Hz is at 0.72
+@pytest.mark.parametrize("pace", [0.0, 0.01, 0.2, 0.72])
+@pytest.mark.parametrize("share", [0.0, 2.0])
+@pytest.mark.parametrize("samples", [1000, 20000])
+def test_a_tone_is_no_noise(pace: float, share: float, samples: int) -> None:
+    """White noise alone, beside a slow and a fast swing, in a converter of twice its size."""
+    random = np.random.default_rng(11)
+    noise, swing = 0.01, 50.0 * np.sin(pace * np.arange(samples) + 0.4)
+    y = swing + noise * random.standard_normal(samples)
+    off = noise
+    if share:
+        y = np.round(y / (share * noise)) * share * noise
+        off = noise * np.hypot(1.0, share * ROUNDING)
+    assert noise_level(y[:, None])[0] == pytest.approx(off, rel=0.2)
+    assert sensor_noise([y[:, None]], np.array([1.0]))[0] == pytest.approx(off, rel=0.2)
+
+
 def test_smooth_motion_has_no_steps() -> None:
     """Neither equations solved without noise, nor a line, nor what repeats itself exactly."""
     line = np.abs((0.0123456789 * np.arange(SAMPLES)) % 2.0 - 1.0)

@@ -9,8 +9,8 @@ from typing import get_args
 
 import pytest
 from matplotlib.figure import Figure
+from report_pages import VERDICTS, text_of
 from synthetic_run import diagnosis_json, fit_json, make_run, network_json, run_json
-from test_report import VERDICTS, text_of
 
 from pamid.report.captions import ports_title
 from pamid.report.channel_errors import errors_of

@@ -33,6 +33,9 @@ class Progress:
     cause: Any
     reporting: Any = field(default=None)
 
+    def reported(self, c: Any) -> Any:
+        return c.absolutes, self.reporting
+
 
 @dataclass
 class Windows:

@@ -1,0 +1,109 @@
+"""A drive whose sensor reads its speed without the sign: where windows begin, either may be it."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from pamid.engine.program import Stepping
+from pamid.estimation.multiple_shooting import initial_states
+from pamid.estimation.problem import Problem
+from pamid.estimation.weights import Weights
+from pamid.excitation.aprbs import aprbs
+from pamid.model.assembly import Assembly
+from pamid.model.effect import State
+from pamid.model.parameter import Parameter
+from pamid.model.registry import rig_named
+from pamid.model.rig import Port, Rig
+from pamid.recording.recording import Recording, recording_of
+from pamid.simulation.data_split import split_recordings
+from pamid.simulation.free_runs import free_run
+from pamid.simulation.replay import replay_track
+from pamid.symbolic.vocabulary import Number, absolute
+
+Array = NDArray[np.float64]
+
+PERIOD_S, SAMPLES, NOISE = 0.01, 1600, 0.01
+INERTIA, FRICTION = 1.3, 0.8  # of the machine; its data sheet says 1
+
+
+class Drive(Rig):
+    """Torque to speed, read by a tachometer behind a rectifier."""
+
+    inputs = {"torque": ""}
+    outputs = {"read": ""}
+    ports = {"shaft": Port("motion", "", ("velocity",))}
+    states = (State("speed"), State("warmth"))
+    parameters = (
+        Parameter("inertia", 1.0, 0.3, 3.0, spread=0.5, source="bench"),
+        Parameter("viscous", 1.0, 0.1, 5.0, spread=0.5, source="bench"),
+    )
+    period_s = PERIOD_S
+
+    def rates(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        torque = port("shaft", u.torque - p.viscous * x.speed, velocity=x.speed)
+        return {"speed": torque / p.inertia, "warmth": x.speed * x.speed - x.warmth}
+
+    def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+        return {"read": absolute(x.speed)}
+
+
+@cache
+def driven(begun: float) -> tuple[Recording, Array]:
+    """A recording that begins in the middle of a motion that its drive does not explain, and the
+    speed with its sign."""
+    torque = aprbs(SAMPLES * PERIOD_S, PERIOD_S, 1.0, (0.3, 1.2), seed=4)[:SAMPLES]
+
+    class Signed(Drive):
+        """The same with the sign."""
+
+        def measure(self, x: Any, u: Any, p: Any, port: Any) -> dict[str, Number]:
+            return {"read": x.speed}
+
+    machine = Assembly(Signed())
+    p = machine.values({"inertia": INERTIA, "viscous": FRICTION})
+    speed = free_run(machine, torque[:, None], p, PERIOD_S, start=np.array([begun, 0.0])).outputs[
+        :, 0
+    ]
+    noise = NOISE * np.random.default_rng(5).standard_normal(SAMPLES)
+    read = np.abs(speed) + noise
+    time = PERIOD_S * np.arange(SAMPLES)
+    return recording_of(time, {"torque": torque, "read": read}, name="drive"), speed
+
+
+def test_only_what_is_read_without_its_sign_is_even() -> None:
+    """Neither a state that is read with its sign nor one that is not read at all."""
+    assert Assembly(Drive()).even_states == (0,)
+    assert Assembly(rig_named("one-dof")).even_states == ()
+
+
+@pytest.mark.parametrize("begun", [-2.5, 2.5])
+def test_windows_begin_with_the_sign_of_the_motion(begun: float) -> None:
+    recording, speed = driven(begun)
+    evidence = split_recordings(Drive(), [recording], [])
+    assembly = Assembly(evidence.rig)
+    problem = Problem(assembly, evidence.tracks(assembly), ())
+    weights = Weights(evidence.noise, np.ones(1))
+    p = assembly.values({"inertia": INERTIA, "viscous": FRICTION})
+    (starts,) = initial_states(problem, p, weights, Stepping(2))
+    true = speed[[w.start for w in problem.windows(problem.tracks[0])]]
+    np.testing.assert_allclose(starts[:, 0], true, atol=10.0 * NOISE)
+    # and the same where windows are replayed, each from its own beginning alone
+    (track,) = evidence.tracks(assembly, held_out=True)
+    replay = replay_track(assembly, p, track, Stepping(2), evidence.noise)
+    assert np.abs(replay.residual[replay.scored]).mean() < 2.0 * NOISE
+
+
+@pytest.mark.parametrize("begun", [-2.5, 2.5])
+def test_a_fit_comes_out_alike_whichever_way_the_motion_goes(begun: float) -> None:
+    from pamid.estimation.grey_box import fit_model
+
+    recording, _ = driven(begun)
+    found = fit_model(split_recordings(Drive(), [recording], []))
+    values = dict(zip(found.assembly.keys, found.fit.p, strict=True))
+    assert values["inertia"] == pytest.approx(INERTIA, rel=0.02)
+    assert values["viscous"] == pytest.approx(FRICTION, rel=0.02)
