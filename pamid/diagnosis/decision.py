@@ -23,7 +23,7 @@ from pamid.base.metrics import moving_block_interval
 from pamid.diagnosis.budget import Budget
 from pamid.diagnosis.judgement import calibration
 from pamid.diagnosis.settings import DEFAULT, Settings
-from pamid.diagnosis.verdict_grounds import Misfit
+from pamid.diagnosis.verdict_grounds import LeftOver
 
 Array = NDArray[np.float64]
 
@@ -134,8 +134,8 @@ def gap_share(
 
 
 def decide(
-    before: Misfit,
-    after: Misfit,
+    before: LeftOver,
+    after: LeftOver,
     weighed: Sequence[Weighed],
     tied: Sequence[Weighed] = (),
     *,

@@ -253,24 +253,6 @@ class Settings:
         0.5, "standard deviations of the noise", "... or by less than this"
     )
 
-    # ---- before measuring (power)
-
-    power_sizes: tuple[float, ...] = _setting(
-        (0.1, 0.3, 1.0, 3.0),
-        "usual sizes",
-        "of an effect at which an experiment is tried; 1 is one of them",
-        SHOWN_ONLY,
-    )
-    power_sure: float = _setting(
-        3.0,
-        "standard errors",
-        "an experiment says nothing of an effect that is smaller, nor tells two apart by less",
-        SHOWN_ONLY,
-    )
-    power_rows: int = _setting(
-        6000, "rows", "residuals of an experiment, thinned evenly, at most", COST
-    )
-
     # ---- further effects (forward_selection)
 
     effects_most: int = _setting(

@@ -19,7 +19,7 @@ from pamid.simulation.replay import spread_of
 
 
 @dataclass(frozen=True)
-class Misfit:
+class LeftOver:
     """What a model leaves, on the windows that choose: the refitted model a gap, the best model a
     remainder."""
 
@@ -70,14 +70,14 @@ class VerdictStatistics:
     remaining_of_signal: float
 
     @property
-    def before(self) -> Misfit:
+    def before(self) -> LeftOver:
         """Of the refitted model."""
-        return Misfit(self.visible, self.of_signal, self.missing, self.sure, self.shrinkage)
+        return LeftOver(self.visible, self.of_signal, self.missing, self.sure, self.shrinkage)
 
-    def after(self, steps: Sequence[ForwardStep]) -> Misfit:
+    def after(self, steps: Sequence[ForwardStep]) -> LeftOver:
         """Of the best model; steps: the effects that were tried beside those found."""
         next_one = next((s for s in reversed(steps) if not s.taken), None)
-        return Misfit(
+        return LeftOver(
             self.remaining,
             self.remaining_of_signal,
             self.unexplained,

@@ -25,7 +25,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("checks", "estimation"),
     ("authoring",),
     ("diagnosis",),
-    ("trial",),
+    ("planning", "trial"),
     ("report",),
     ("correction",),
     ("export",),

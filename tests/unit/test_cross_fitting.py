@@ -47,6 +47,7 @@ def uneven(seed: int) -> Array:
 def search_of(floor: float = 0.1) -> Search:
     level = np.full((WINDOWS, 1), floor)
     base = model("baseline", 2.0 * uneven(0))
+    base.__dict__["attached"] = ()
     budget = Budget(cast(Any, None), base, level, level, level)
     evidence = cast(Any, SimpleNamespace(rig=None))
     return Search(evidence, budget, HALF, [], cast(Any, None), 0, cast(Any, None), silent)
@@ -54,7 +55,7 @@ def search_of(floor: float = 0.1) -> Search:
 
 def both_halves(*models: CandidateModel) -> tuple[Search, Any]:
     search = search_of()
-    ranking, _ = ranked(search, list(models))
+    ranking = ranked(search, list(models))
     tied = indistinguishable_from_first(search, ranking, [])
     return search, crossed(search, ranking, ranking[0], tied, [])
 
@@ -94,6 +95,7 @@ def test_two_of_a_family_and_what_nobody_can_tell_apart_are_one_name() -> None:
 def test_where_one_half_is_empty_the_other_reports() -> None:
     friction = model("friction", 0.5 * uneven(1))
     every = np.ones(WINDOWS, bool)
-    assert crossed(search_of(), (), None, (), []) is None
+    search = search_of()
+    assert crossed(search, (), search.budget.baseline, (), []) is None
     assert reported(None, every, friction)[1].all()
     assert (reported(None, HALF, friction)[1] == ~HALF).all()

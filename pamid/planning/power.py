@@ -33,7 +33,6 @@ from numpy.typing import NDArray
 
 from pamid.base.progress import Progress, silent
 from pamid.diagnosis.candidate_model import transferred
-from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.estimation.grey_box import model_with
 from pamid.estimation.linear_rows import LinearRows, linear_rows
 from pamid.estimation.multiple_shooting import fit_robustly
@@ -48,6 +47,26 @@ from pamid.parallel.result_store import Plain
 from pamid.simulation.data_split import DataSplit
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PowerSettings:
+    """sizes: multiples of an effect's usual size at which the experiment is tried, 1 among them;
+    margin: by how much more than the noise floor the error has to be (a diagnosis calls less no
+    gap: `gap_margin`); sure: standard errors below which nothing is said of an effect, nor two told
+    apart; alike: share of an effect that is left where another is taken for it (`alike_share` of
+    the look-alikes); rows: residuals at most, thinned evenly; finer: times that the steps are
+    halved where an effect is too stiff."""
+
+    sizes: tuple[float, ...] = (0.1, 0.3, 1.0, 3.0)
+    margin: float = 0.10
+    sure: float = 3.0
+    alike: float = 0.25
+    rows: int = 6000
+    finer: int = 3
+
+
+DEFAULT = PowerSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +141,7 @@ def experiment_power(
     *,
     pool: WorkerPool | None = None,
     progress: Progress = silent,
-    settings: Settings = DEFAULT,
+    settings: PowerSettings = DEFAULT,
 ) -> Power:
     """What the fitted part of the evidence would show of every effect: recordings of a rig that has
     none of them. Whatever can act at a port of the rig is tried."""
@@ -146,8 +165,8 @@ def experiment_power(
     own = {c: of == k for k, c in enumerate(channels)}
     only = {c: _Projected.of(ground, rows | (of < 0)) for c, rows in own.items()}
     samples = {c: float(sum(t.seen[k] * len(t) for t in tracks)) for k, c in enumerate(channels)}
-    usual = settings.power_sizes.index(1.0)
-    inner = _inner(everything, responses, usual, len(settings.power_sizes))
+    usual = settings.sizes.index(1.0)
+    inner = _inner(everything, responses, usual, len(settings.sizes))
     effects = []
     for a, r in zip(candidates, found, strict=True):
         about = (
@@ -160,7 +179,7 @@ def experiment_power(
             why = r.why if isinstance(r, Failed) else "the rig with it becomes unstable"
             effects.append(EffectPower(*about, failed=why))
             continue
-        tried = [everything(r[:, k]) for k in range(len(settings.power_sizes))]
+        tried = [everything(r[:, k]) for k in range(len(settings.sizes))]
         effects.append(
             EffectPower(
                 *about,
@@ -174,9 +193,7 @@ def experiment_power(
             )
         )
     seconds = sum(len(t) * t.period_s for t in tracks)
-    return Power(
-        tuple(effects), settings.power_sizes, channels, 1.0 + settings.gap_margin, float(seconds)
-    )
+    return Power(tuple(effects), settings.sizes, channels, 1.0 + settings.margin, float(seconds))
 
 
 def visibility(changed: Array, samples: float) -> float:
@@ -192,14 +209,14 @@ class _Responding(Work[Attachment, Array]):
     evidence: DataSplit
     base: Fit
     sizes: Sizes
-    settings: Settings
+    settings: PowerSettings
 
     def rows(self, assembly: Assembly, p: Array) -> LinearRows:
         """With finer steps where an effect is too stiff for those of the rig."""
         tracks = self.evidence.tracks(assembly)
         problem = Problem(assembly, tracks, free_parameters(assembly, tracks))
         b, stepping = self.base, self.base.stepping
-        for _ in range(self.settings.stepping_rounds):
+        for _ in range(self.settings.finer):
             with np.errstate(over="ignore", invalid="ignore"):
                 found = linear_rows(
                     problem,
@@ -208,7 +225,7 @@ class _Responding(Work[Attachment, Array]):
                     b.weights,
                     b.continuity,
                     stepping,
-                    self.settings.power_rows,
+                    self.settings.rows,
                 )
             if found.finite:
                 break
@@ -220,7 +237,7 @@ class _Responding(Work[Attachment, Array]):
         ground = self.rows(self.base.problem.assembly, self.base.p)
         own = [b for b in assembly.parameters if b.owner == item.label]
         columns, tangents = list[Array](), np.zeros((len(ground.away), 0))
-        for size in self.settings.power_sizes:
+        for size in self.settings.sizes:
             p = transferred(assembly, (self.base.problem.assembly, self.base.p))
             for b in _amounts(own):
                 usual = b.null + size * (b.value - b.null) if b.null is not None else b.value
@@ -286,10 +303,10 @@ class _Projected:
         return np.asarray(own - self.spanned @ (self.spanned.T @ own))
 
 
-def _channel_of_rows(base: Fit, ground: LinearRows, settings: Settings) -> NDArray[np.intp]:
+def _channel_of_rows(base: Fit, ground: LinearRows, settings: PowerSettings) -> NDArray[np.intp]:
     """Channel of every row; -1 for joints between windows and the data sheet."""
     problem, channels = base.problem, base.problem.tracks[0].y.shape[1]
-    every = max(1, -(-sum(t.y.size for t in problem.tracks) // settings.power_rows))
+    every = max(1, -(-sum(t.y.size for t in problem.tracks) // settings.rows))
     found = list[NDArray[np.intp]]()
     for track, starts in zip(problem.tracks, base.starts, strict=True):
         windows = problem.windows(track)
@@ -323,12 +340,12 @@ def _confused(
     candidates: Sequence[Attachment],
     inner: dict[str, tuple[Array, Array]],
     a: Attachment,
-    settings: Settings,
+    settings: PowerSettings,
 ) -> tuple[str, ...]:
     """Effects of other families that leave little of this one, the least first."""
     response = inner[a.label][0]
     whole = float(np.linalg.norm(response))
-    if whole < settings.power_sure:
+    if whole < settings.sure:
         return ()
     left = {
         other.label: float(np.linalg.norm(response - base @ (base.T @ response)))
@@ -336,6 +353,6 @@ def _confused(
         if other.label in inner and other.family(evidence.rig) != a.family(evidence.rig)
         for base in [inner[other.label][1]]
     }
-    least = max(settings.power_sure, settings.alike_share * whole)
+    least = max(settings.sure, settings.alike * whole)
     alike = [k for k, v in left.items() if v < least]
     return tuple(sorted(alike, key=lambda k: left[k]))
