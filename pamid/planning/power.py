@@ -66,7 +66,7 @@ class PowerSettings:
     finer: int = 3
 
 
-DEFAULT = PowerSettings()
+USUAL = PowerSettings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +141,7 @@ def experiment_power(
     *,
     pool: WorkerPool | None = None,
     progress: Progress = silent,
-    settings: PowerSettings = DEFAULT,
+    settings: PowerSettings = USUAL,
 ) -> Power:
     """What the fitted part of the evidence would show of every effect: recordings of a rig that has
     none of them. Whatever can act at a port of the rig is tried."""
