@@ -32,10 +32,10 @@ pamid trial --output trial --cases 4 --part calibration --jobs 2
 )
 @click.option(
     "--rig",
-    type=click.Choice(names.rigs_in("trial/machines.py")),
+    type=click.Choice(names.machines()),
     default="one-dof",
     show_default=True,
-    help="The machine to try it on: one joint, or an arm of two links.",
+    help="The rig whose machine it is tried on.",
 )
 @click.option(
     "--cases",

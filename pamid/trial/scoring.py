@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pamid.base.metrics import wilson_interval
 from pamid.schemas.estimates import FailedJob
 from pamid.schemas.trial_file import Bin, Figure, Rate, TrialFile
-from pamid.trial.machines import ONE_DOF
+from pamid.trial.machine import ONE_DOF
 from pamid.trial.marking import LEAST_VISIBILITY, Marked
 
 PLAIN_VISIBILITY = 2.0  # visibility from which a fault is plain to see
