@@ -8,10 +8,17 @@ parameters take up whole (a gain, a linear damper where there is one): it leaves
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from pamid.trial.faults import Draw, Fault, around, between, either
 
+#: what takes both signs to show, or to differ from another effect
+TWO_SIDED = (
+    "asymmetric-dead-zone",
+    "asymmetric-saturation",
+    "rectification",
+    "full-wave-rectification",
+)
 NONE = 1e30  # where a limit is that is never reached
 
 
@@ -19,11 +26,13 @@ NONE = 1e30  # where a limit is that is never reached
 class SignalSizes:
     """What becomes of a signal on its way; the defaults pass it on as it is.
 
-    full, timescale_s: its usual size, and how fast what it belongs to is; the others in its unit
+    full, timescale_s: its usual size, and how fast what it belongs to is; one_sided: it is never
+    negative; the others in its unit
     """
 
     full: float
     timescale_s: float
+    one_sided: bool = False
     delay_s: float = 0.0
     half_gap: float = 0.0  # before it is taken along
     gap_s: float = 1.0  # in which it is
@@ -40,6 +49,7 @@ class SignalSizes:
     lag_s: float = 0.0  # of a filter of second order
     warming: float = 0.0  # relative change of the gain
     warm_s: float = 1.0  # in which it comes about
+    gain: float = 0.0  # off by so much, less at its full size
     zero: float = 0.0  # which moves by a tenth as it warms
 
 
@@ -75,6 +85,7 @@ class ForceSizes:
     stick: float = 0.0  # a true stick, with an exponential fall
     stick_peak: float = 0.0
     stick_speed: float = 1.0
+    grease: float = 0.0  # damping that thins with speed
     damping_forward: float = 0.0
     damping_backward: float = 0.0
     square_drag: float = 0.0  # at the usual speed, with its power of 1.9
@@ -178,11 +189,19 @@ def signal_faults(
             {"warming": either(0.12), "warm_s": between(0.1 * seconds, 0.5 * seconds)},
             (),
         ),
-        ("offset", "sensor-offset", {"zero": either(0.05 * s.full)}, ()),
+        ("gain-error", "sensor-gain", {"gain": either(0.08)}, ()),
+        ("offset", "offset" if sent else "sensor-offset", {"zero": either(0.05 * s.full)}, ()),
     ]
-    kept = [row for row in rows if row[0] not in leave_out]
-    return [
+    kept = [row for row in rows if row[0] not in (*leave_out, *(TWO_SIDED if s.one_sided else ()))]
+    found = [
         known_fault(name, family, port, sizes, *amounts) for name, family, sizes, amounts in kept
+    ]
+    # below zero there is nothing that could tell them apart
+    return [
+        replace(f, exact=f.exact | {f"asymmetric-{name}" for name in f.exact})
+        if s.one_sided and f.name.startswith(("dead-zone@", "saturation@"))
+        else f
+        for f in found
     ]
 
 
@@ -234,13 +253,13 @@ def force_faults(port: str, s: ForceSizes, leave_out: Iterable[str] = ()) -> lis
         ),
         (
             "maxwell-slip-hysteresis",
-            "muscle-hysteresis",
+            "hysteresis",
             {"spread": around(0.08 * force), "spread_reach": around(0.1 * travel)},
             (),
         ),
         (
             "bouc-wen-hysteresis",
-            "muscle-hysteresis",
+            "hysteresis",
             {
                 "loop": around(0.08 * force),
                 "loop_reach": around(0.05 * travel),
@@ -248,6 +267,7 @@ def force_faults(port: str, s: ForceSizes, leave_out: Iterable[str] = ()) -> lis
             },
             (),
         ),
+        ("viscous-friction", "friction", {"grease": around(0.15 * force / speed)}, ()),
         ("quadratic-drag", "drag", {"square_drag": around(0.15 * force)}, ()),
         ("cubic-drag", "drag", {"steep_drag": around(0.1 * force)}, ()),
         ("cubic-stiffness", "stiffness", {"harden": around(0.2 * force)}, ()),

@@ -83,6 +83,7 @@ def passed_on(signal: Array, f: Any, h: float) -> Array:
         t = k * h
         warm = 1.0 - 0.6 * np.exp(-t / f.warm_s) - 0.4 * np.exp(-4.0 * t / f.warm_s)
         v *= 1.0 + f.warming * warm
+        v *= 1.0 + f.gain * (1.0 - 0.15 * min(abs(v) / f.full, 1.0))
         out[k] = v + f.zero * (1.0 + 0.1 * warm)
     return out
 
@@ -127,6 +128,7 @@ def resisted(
 ) -> float:
     """All forces that are planted against a motion, but for the true stick; q: position."""
     force = bristles(v, load, level, z, f, h)
+    force += f.grease * v / (1.0 + 0.2 * abs(v) / f.speed)
     force += (f.damping_forward if v > 0.0 else f.damping_backward) * v
     force += f.square_drag * np.sign(v) * (abs(v) / f.speed) ** 1.9
     bent = 2.0 * v / f.speed
@@ -160,6 +162,12 @@ def arrested(free: float, v: float, f: Any, h: float, mass: float) -> float:
     if f.stick <= 0.0:
         return free
     return np.sign(free) * max(0.0, abs(free) - h * stick(v, f) / mass)
+
+
+@njit(cache=True)
+def sliding(v: float, f: Any) -> float:
+    """The same dry friction where the motion is imposed, and nothing can be stopped."""
+    return stick(v, f) * np.tanh(20.0 * v / f.stick_speed)
 
 
 @njit(cache=True)

@@ -1,8 +1,9 @@
 """A machine behind a starter rig: stated in one file, drawn, driven and logged here.
 
-What is sent passes the ports of its columns, drives the machine's own equations at a fine step, and
-what they give passes the ports of the readings, each by `starter_kernel.passed_on`; then come the
-logger's clock, noise and steps. Nothing is shared with the rig, the effects or the engine.
+What is sent, or imposed, is logged and passes the ports of its columns; it drives the machine's own
+equations at a fine step, and what they give passes the ports of the readings, each by
+`starter_kernel.passed_on`; then come the logger's clock, noise and steps. Nothing is shared with the
+rig, the effects or the engine.
 """
 
 from __future__ import annotations
@@ -42,6 +43,12 @@ class Column:
     steps: tuple[float, float] = (0.0, 0.0)
     port: str = ""
 
+    def written(self, x: Array, jitter: Array, step: float) -> Array:
+        """The column for what the sensor shows (SI), with its noise (in standard deviations) and
+        the step of its converter, 0 for none."""
+        shown = (x - self.shift) * self.per_si + self.noise * jitter
+        return np.floor(shown / step + 0.5) * step if step > 0.0 else shown
+
 
 @dataclass(frozen=True)
 class Sent:
@@ -68,7 +75,6 @@ class StarterMachine:
     parameters  true constants, SI, as they are drawn
     ports       place -> what is there when nothing is planted; `inside`: those that `run` takes
     maps        half ranges over which the errors of the machine's maps run, SI
-    averaged    readings are means over the sample that ends, not the value at its end
     without     columns of which a case may lack one
     """
 
@@ -85,7 +91,6 @@ class StarterMachine:
     listed: Sequence[Fault]
     maps: tuple[float, ...]
     run: Run
-    averaged: bool = False
     without: tuple[str, ...] = ()
     controller: Mapping[str, float] = field(default_factory=dict)
 
@@ -144,7 +149,7 @@ class StarterMachine:
     def planted(self, faults: Mapping[str, Mapping[str, float]]) -> dict[str, Any]:
         """What is at every place, with the sizes by fault. UsageError for a fault there is not, or
         two that set the same size."""
-        places, taken = dict(self.ports) | {CLOCK: ClockSizes()}, set()
+        places, taken = {**self.ports, CLOCK: ClockSizes()}, set()
         for name, sizes in faults.items():
             if name not in self.faults:
                 raise UsageError(
@@ -164,7 +169,7 @@ class StarterMachine:
 
     def _place(self, fault: Fault, key: str) -> str:
         """Where a size of a fault counts: at its port, or wherever else there is such a size."""
-        places = self.ports | {CLOCK: ClockSizes()}
+        places = {**self.ports, CLOCK: ClockSizes()}
         having = [p for p, there in places.items() if key in {f.name for f in fields(there)}]
         return fault.port if fault.port in having else having[-1]
 
@@ -190,13 +195,14 @@ class StarterMachine:
         h = self.period_s / steps
         there = {k: packed(**asdict(one)) for k, one in places.items()}
         fine = {k: _fine(signal[k], steps, one.ramped) for k, one in self.sent.items()}
-        driving = [
-            passed_on(x, there[self.log[k].port], h) if self.log[k].port in self.sent_through else x
-            for k, x in fine.items()
-        ]
+
+        def through(column: str, x: Array) -> Array:
+            port = self.log[column].port
+            return passed_on(np.ascontiguousarray(x), there[port], h) if port else x
+
         y = np.zeros((n * steps, len(self.logged)))
         self.run(
-            np.stack(driving, axis=1),
+            np.stack([through(k, x) for k, x in fine.items()], axis=1),
             packed(**true),
             tuple(there[p] for p in self.inside),
             maps,
@@ -210,27 +216,15 @@ class StarterMachine:
             )
         time = np.arange(n, dtype=np.float64) * self.period_s
         clock = places[CLOCK]
+        when = time + clock.early_s - clock.skew_ppm * 1e-6 * time
         random = np.random.default_rng(seed)
-        columns = {"time_s": time}
-        for k, x in (*fine.items(), *zip(self.logged, y.T, strict=True)):
-            one = self.log[k]
-            if k in self.logged or one.port not in self.sent_through:
-                x = passed_on(np.ascontiguousarray(x), there[one.port], h) if one.port else x
-                x = _means(x, steps) if self.averaged and k in self.logged else x[::steps]
-                when = time + clock.early_s - clock.skew_ppm * 1e-6 * time
-                x = np.interp(when, time, x) if clock.early_s or clock.skew_ppm else x
-            else:
-                x = x[::steps]
-            shown = (x - one.shift) * one.per_si
-            shown = shown + noise * one.noise * random.standard_normal(n)
-            step = converter[k]
-            columns[k] = np.floor(shown / step + 0.5) * step if step > 0.0 else shown
-        return columns
-
-    @property
-    def sent_through(self) -> set[str]:
-        """Ports of columns that are sent as they are logged; the others are readings."""
-        return {self.log[k].port for k in self.sent if self.log[k].noise == 0.0} - {""}
+        shown = {k: np.asarray(signal[k]) for k in fine}
+        for k, x in zip(self.logged, y.T, strict=True):
+            shown[k] = np.interp(when, time, through(k, x)[::steps])
+        return {"time_s": time} | {
+            k: self.log[k].written(x, noise * random.standard_normal(n), converter[k])
+            for k, x in shown.items()
+        }
 
 
 def draw_map(random: np.random.Generator, rms: float, span: float) -> Array:
@@ -288,9 +282,3 @@ def _fine(signal: Array, steps: int, ramped: bool) -> Array:
         return np.repeat(signal, steps)
     at = np.arange(len(signal) * steps) / steps
     return np.interp(at, np.arange(len(signal)), signal)
-
-
-def _means(x: Array, steps: int) -> Array:
-    """Means over the sample that ends with each reading."""
-    means = x.reshape(-1, steps).mean(axis=1)
-    return np.concatenate([x[:1], means[:-1]])

@@ -122,8 +122,10 @@ MACHINE = StarterMachine(
     },
     inside=("shaft", "gear"),
     listed=(
-        *signal_faults("amplifier", AMPLIFIER, SECONDS, True, ("full-wave-rectification",)),
-        *force_faults("shaft", SHAFT),
+        *signal_faults(
+            "amplifier", AMPLIFIER, SECONDS, True, ("gain-error", "full-wave-rectification")
+        ),
+        *force_faults("shaft", SHAFT, ("viscous-friction",)),
         load_friction("shaft", SHAFT, 2.0),
         level_friction("shaft", SHAFT, 2.0),
         known_fault(
@@ -156,9 +158,10 @@ MACHINE = StarterMachine(
                 "rectification",
                 "full-wave-rectification",
                 "offset",
+                "gain-error",
             ),
         ),
-        *signal_faults("ammeter", AMMETER, SECONDS, False, ("play",)),
+        *signal_faults("ammeter", AMMETER, SECONDS, False, ("play", "gain-error")),
         clock_fault("encoder", PERIOD_S),
         nameless_fault("bent-damping", "shaft", {"bent_damping": around(0.4)}),
         nameless_fault("armature-reaction", "shaft", {"fade": around(0.15)}),
