@@ -114,16 +114,22 @@ class ClockSizes:
 
 
 def known_fault(
-    name: str, family: str, port: str, sizes: Mapping[str, Draw], *amounts: str
+    name: str,
+    family: str,
+    port: str,
+    sizes: Mapping[str, Draw],
+    *amounts: str,
+    also: tuple[str, ...] = (),
 ) -> Fault:
-    """An effect of the catalogue at one port; without `amounts` the first size is the only one."""
+    """An effect of the catalogue at one port; without `amounts` the first size is the only one.
+    also: other names of the very same."""
     return Fault(
         f"{name}@{port}",
         family,
         port,
         sizes,
         amounts or (next(iter(sizes)),),
-        frozenset((name,)),
+        frozenset((name, *also)),
     )
 
 

@@ -2,8 +2,8 @@
 
 What is sent, or imposed, is logged and passes the ports of its columns; it drives the machine's own
 equations at a fine step, and what they give passes the ports of the readings, each by
-`starter_kernel.passed_on`; then come the logger's clock, noise and steps. Nothing is shared with the
-rig, the effects or the engine.
+`starter_kernel.passed_on`; then come the logger's clock, noise and steps. Nothing is shared with
+the rig, the effects or the engine.
 """
 
 from __future__ import annotations
