@@ -19,7 +19,7 @@ TWO_SIDED = (
     "rectification",
     "full-wave-rectification",
 )
-NONE = 1e30  # where a limit is that is never reached
+NEVER = 1e30  # where a limit is that is never reached
 
 
 @dataclass(frozen=True)
@@ -57,13 +57,16 @@ class SignalSizes:
 class ForceSizes:
     """What acts against a motion; the defaults are no force at all.
 
-    force, travel, speed: what is usual where it acts; the others in units of force, position and
+    force, travel, speed: what is usual where it acts; load, level: what presses the surfaces
+    together there, and a current or pressure (0: none); the others in units of force, position and
     velocity
     """
 
     force: float
     travel: float
     speed: float
+    load: float = 0.0
+    level: float = 0.0
     dahl: float = 0.0  # dry friction of steep bristles
     load_share: float = 0.0  # the same, per unit of load
     level_share: float = 0.0  # the same, per unit of a current or pressure
@@ -93,7 +96,7 @@ class ForceSizes:
     harden: float = 0.0  # a spring that hardens, then is straight
     tether: float = 0.0  # a spring that softens
     stop_stiffness: float = 0.0
-    stop_at: float = NONE
+    stop_at: float = NEVER
     weight: float = 0.0  # of what is out of balance
     weight_at: float = 0.0
     pull: float = 0.0  # constant, but for a tenth
@@ -212,7 +215,7 @@ def signal_faults(
 
 
 def force_faults(port: str, s: ForceSizes, leave_out: Iterable[str] = ()) -> list[Fault]:
-    """What can act against a motion, without what needs a load or a level."""
+    """What can act against a motion."""
     force, travel, speed = s.force, s.travel, s.speed
     steep = {"dahl_reach": around(1e-3 * travel)}
     peak = between(0.3, 1.0)
@@ -274,6 +277,22 @@ def force_faults(port: str, s: ForceSizes, leave_out: Iterable[str] = ()) -> lis
             (),
         ),
         ("viscous-friction", "friction", {"grease": around(0.15 * force / speed)}, ()),
+        (
+            "load-dependent-friction",
+            "friction",
+            {"load_share": around(0.08 * force / s.load if s.load else 0.0), **steep},
+            (),
+        ),
+        (
+            "signal-dependent-friction",
+            "friction",
+            {
+                "level_share": around(0.1 * force / s.level if s.level else 0.0),
+                "level_knee": between(0.05 * s.level, 0.2 * s.level),
+                **steep,
+            },
+            (),
+        ),
         ("quadratic-drag", "drag", {"square_drag": around(0.15 * force)}, ()),
         ("cubic-drag", "drag", {"steep_drag": around(0.1 * force)}, ()),
         ("cubic-stiffness", "stiffness", {"harden": around(0.2 * force)}, ()),
@@ -315,34 +334,8 @@ def force_faults(port: str, s: ForceSizes, leave_out: Iterable[str] = ()) -> lis
             (),
         ),
     ]
-    kept = [row for row in rows if row[0] not in leave_out]
+    lacking = {"load-dependent-friction": s.load, "signal-dependent-friction": s.level}
+    kept = [row for row in rows if row[0] not in leave_out and lacking.get(row[0], 1.0)]
     return [
         known_fault(name, family, port, sizes, *amounts) for name, family, sizes, amounts in kept
     ]
-
-
-def load_friction(port: str, s: ForceSizes, usual_load: float) -> Fault:
-    """Dry friction that grows with the load; usual_load in its own unit."""
-    return known_fault(
-        "load-dependent-friction",
-        "friction",
-        port,
-        {
-            "load_share": around(0.08 * s.force / usual_load),
-            "dahl_reach": around(1e-3 * s.travel),
-        },
-    )
-
-
-def level_friction(port: str, s: ForceSizes, usual_level: float) -> Fault:
-    """Dry friction that grows with a current or a pressure, slower at first."""
-    return known_fault(
-        "signal-dependent-friction",
-        "friction",
-        port,
-        {
-            "level_share": around(0.1 * s.force / usual_level),
-            "level_knee": between(0.05 * usual_level, 0.2 * usual_level),
-            "dahl_reach": around(1e-3 * s.travel),
-        },
-    )

@@ -19,8 +19,9 @@ from pamid.engine.numba_cache import njit
 Array = NDArray[np.float64]
 
 STOPS = 16  # elements of a bundle
-BRISTLE, LOOP, PLASTIC, ROUND, SPREAD = 0, 1, 2, 3, 3 + STOPS
-MEMORY = SPREAD + STOPS  # of the forces at one port
+BRISTLE, LOOP, PLASTIC, ROUND = range(4)
+SPREAD = ROUND + STOPS
+FORCE_MEMORY = SPREAD + STOPS  # of the forces at one port
 
 
 @njit(cache=True)
@@ -33,6 +34,20 @@ def bundle(z: Array, step: float, reach: float, decades: float) -> float:
         weight = np.exp(-width / reach)
         z[j] = min(max(z[j] + step, -width), width)
         total += weight * z[j] / width
+        weights += weight
+    return total / weights
+
+
+@njit(cache=True)
+def swallowed(z: Array, step: float, reach: float) -> float:
+    """What a bundle of plays of even widths has swallowed of a signal after a step; wide ones
+    weaker."""
+    total = weights = 0.0
+    for j in range(STOPS):
+        width = 3.0 * reach * (j + 0.5) / STOPS
+        weight = np.exp(-width / reach)
+        z[j] = min(max(z[j] + step, -width), width)
+        total += weight * z[j]
         weights += weight
     return total / weights
 
@@ -65,7 +80,7 @@ def passed_on(signal: Array, f: Any, h: float) -> Array:
             v = follower
         if f.swallowed > 0.0:
             step, before = v - before, v
-            v -= f.swallowed * f.swallowed_reach * bundle(stops, step, f.swallowed_reach, 2.0)
+            v -= f.swallowed * swallowed(stops, step, f.swallowed_reach)
         v = worn_band(v, f.band_up if v > 0.0 else f.band_down)
         v = soft_limit(v, f.cap_up if v > 0.0 else f.cap_down)
         if f.blocked > 0.0:  # what should be negative is passed in part only

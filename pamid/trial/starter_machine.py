@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,14 @@ from pamid.trial.conditions import ALL, Conditions, StarterConditions, draw_star
 from pamid.trial.faults import Draw, Fault
 from pamid.trial.joint_plant import packed
 from pamid.trial.machine import Record
-from pamid.trial.starter_faults import ClockSizes
+from pamid.trial.starter_faults import (
+    ClockSizes,
+    ForceSizes,
+    SignalSizes,
+    clock_fault,
+    force_faults,
+    signal_faults,
+)
 
 Array = NDArray[np.float64]
 #: fine inputs (steps, columns), constants, what is planted at the ports of `inside`, errors of the
@@ -32,7 +40,7 @@ WAVES = 6  # half waves of a map's error, at most
 
 
 @dataclass(frozen=True)
-class Column:
+class LoggedColumn:
     """A column as it is logged: `per_si` of its unit are one of the SI unit, after `shift` is
     taken off; noise and the steps of the converter in its own unit; port: what it passes on its
     way."""
@@ -51,7 +59,7 @@ class Column:
 
 
 @dataclass(frozen=True)
-class Sent:
+class SentLevels:
     """What is sent in one column: levels in a range (SI), held for so long (s).
 
     paired  every level is followed by its opposite about the middle, as what integrates it needs
@@ -74,6 +82,10 @@ class StarterMachine:
     sent, logged  input and output columns in the order of `run`; log: how each is written
     parameters  true constants, SI, as they are drawn
     ports       place -> what is there when nothing is planted; `inside`: those that `run` takes
+    further     faults beside those that every way of a signal and every motion can have; of these,
+                leave_out names what leaves no gap at a port, or cannot be
+    commands    ports of what is sent, not read; clock: the name of all readings together, where
+                they can have a clock of their own
     maps        half ranges over which the errors of the machine's maps run, SI
     without     columns of which a case may lack one
     """
@@ -82,21 +94,33 @@ class StarterMachine:
     period_s: float
     seconds: float
     steps: int
-    sent: Mapping[str, Sent]
+    sent: Mapping[str, SentLevels]
     logged: tuple[str, ...]
-    log: Mapping[str, Column]
+    log: Mapping[str, LoggedColumn]
     parameters: Mapping[str, Draw]
     ports: Mapping[str, Any]
     inside: tuple[str, ...]
-    listed: Sequence[Fault]
+    further: tuple[Fault, ...]
     maps: tuple[float, ...]
     run: Run
+    commands: tuple[str, ...] = ()
+    clock: str = ""
+    leave_out: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     without: tuple[str, ...] = ()
     controller: Mapping[str, float] = field(default_factory=dict)
 
-    @property
+    @cached_property
     def faults(self) -> Mapping[str, Fault]:
-        return {f.name: f for f in self.listed}
+        """What can be planted, port by port."""
+        found: list[Fault] = []
+        for port, there in self.ports.items():
+            less = self.leave_out.get(port, ())
+            if isinstance(there, SignalSizes):
+                found += signal_faults(port, there, self.seconds, port in self.commands, less)
+            elif isinstance(there, ForceSizes):
+                found += force_faults(port, there, less)
+        found += [clock_fault(self.clock, self.period_s)] if self.clock else []
+        return {f.name: f for f in (*found, *self.further)}
 
     @property
     def withheld_columns(self) -> Mapping[str, tuple[str, ...]]:
@@ -241,7 +265,7 @@ def draw_map(random: np.random.Generator, rms: float, span: float) -> Array:
 
 
 def _levels(
-    sent: Sent, amplitude: float, count: int, period_s: float, random: np.random.Generator
+    sent: SentLevels, amplitude: float, count: int, period_s: float, random: np.random.Generator
 ) -> Array:
     """Random levels for the first half, then a slow sweep, then small steps."""
     middle, reach = 0.5 * (sent.low + sent.high), 0.5 * (sent.high - sent.low)

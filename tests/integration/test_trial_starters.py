@@ -1,5 +1,5 @@
-"""The machines behind the starter rigs: healthy ones are their rigs, every fault shows and vanishes,
-and the questions stay the same."""
+"""The machines behind the starter rigs: healthy ones are their rigs, every fault shows and
+vanishes, and the questions stay the same."""
 
 from __future__ import annotations
 

@@ -11,19 +11,16 @@ from numpy.typing import NDArray
 from pamid.engine.numba_cache import njit
 from pamid.trial.faults import around, between
 from pamid.trial.starter_faults import (
-    NONE,
+    NEVER,
     SignalSizes,
-    clock_fault,
     known_fault,
     nameless_fault,
-    signal_faults,
 )
 from pamid.trial.starter_kernel import rough
-from pamid.trial.starter_machine import Column, Sent, StarterMachine
+from pamid.trial.starter_machine import LoggedColumn, SentLevels, StarterMachine
 
 Array = NDArray[np.float64]
 
-PERIOD_S, SECONDS = 2.0, 3000.0
 GRAVITY = 9.81
 START_M = 0.05
 SHALLOW_M = 1e-4  # below it the outflow dies away with the level
@@ -41,7 +38,7 @@ class TankSizes:
 
     crack: float = 0.0
     seep: float = 0.0
-    rim: float = NONE
+    rim: float = NEVER
     weir: float = 0.0
     caught: float = 0.0
     tapered: float = 0.0
@@ -103,22 +100,20 @@ def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float,
         )
 
 
-PUMP = SignalSizes(full=5.0, timescale_s=40.0, one_sided=True)
-GAUGE = SignalSizes(full=0.2, timescale_s=40.0, one_sided=True)
 RIM = between(0.09, 0.13)
 WEIR = around(1.5e-3)
 
 MACHINE = StarterMachine(
     name="cascaded-tanks",
-    period_s=PERIOD_S,
-    seconds=SECONDS,
+    period_s=2.0,
+    seconds=3000.0,
     steps=40,
-    sent={"pump_v": Sent(0.0, 5.0, (15.0, 150.0))},
+    sent={"pump_v": SentLevels(0.0, 5.0, (15.0, 150.0))},
     logged=("level_cm", "upper_level_cm"),
     log={
-        "pump_v": Column(port="pump"),
-        "level_cm": Column(1e2, noise=0.05, steps=(0.01, 0.05), port="gauge"),
-        "upper_level_cm": Column(1e2, noise=0.05, steps=(0.01, 0.05), port="upper_gauge"),
+        "pump_v": LoggedColumn(port="pump"),
+        "level_cm": LoggedColumn(1e2, noise=0.05, steps=(0.01, 0.05), port="gauge"),
+        "upper_level_cm": LoggedColumn(1e2, noise=0.05, steps=(0.01, 0.05), port="upper_gauge"),
     },
     parameters={
         "gain": around(1e-5, 1.0 / 1.2, 1.2),
@@ -128,16 +123,22 @@ MACHINE = StarterMachine(
         "lower_hole": around(2e-5, 1.0 / 1.15, 1.15),
     },
     ports={
-        "pump": PUMP,
+        "pump": SignalSizes(full=5.0, timescale_s=40.0, one_sided=True),
         "upper": TankSizes(),
         "lower": TankSizes(),
         "pipe": PipeSizes(),
-        "gauge": GAUGE,
-        "upper_gauge": GAUGE,
+        "gauge": SignalSizes(full=0.2, timescale_s=40.0, one_sided=True),
+        "upper_gauge": SignalSizes(full=0.2, timescale_s=40.0, one_sided=True),
     },
     inside=("upper", "lower", "pipe"),
-    listed=(
-        *signal_faults("pump", PUMP, SECONDS, True, ("gain-error",)),
+    commands=("pump",),
+    clock="gauge",
+    leave_out={
+        "pump": ("gain-error",),
+        "gauge": ("dead-zone",),
+        "upper_gauge": ("dead-zone",),
+    },
+    further=(
         known_fault("tube-lag", "tube-lag", "pipe", {"fall_s": around(8.0)}),
         # at the lower tank it is a wider hole
         known_fault("leak", "leak", "upper", {"crack": around(2e-6)}, also=("orifice-loss",)),
@@ -151,9 +152,6 @@ MACHINE = StarterMachine(
             "upper",
             {"weir": WEIR, "rim": RIM, "caught": between(0.5, 0.9)},
         ),
-        *signal_faults("gauge", GAUGE, SECONDS, False, ("dead-zone",)),
-        *signal_faults("upper_gauge", GAUGE, SECONDS, False, ("dead-zone",)),
-        clock_fault("gauge", PERIOD_S),
         nameless_fault("tapered-wall", "lower", {"tapered": around(0.15, 0.6, 2.0)}),
         nameless_fault("swirl", "pipe", {"swirl": around(0.2)}),
         nameless_fault(

@@ -13,17 +13,12 @@ from pamid.trial.faults import around, between
 from pamid.trial.starter_faults import (
     ForceSizes,
     SignalSizes,
-    force_faults,
-    level_friction,
     nameless_fault,
-    signal_faults,
 )
-from pamid.trial.starter_kernel import MEMORY, resisted, rough, sliding
-from pamid.trial.starter_machine import Column, Sent, StarterMachine
+from pamid.trial.starter_kernel import FORCE_MEMORY, resisted, rough, sliding
+from pamid.trial.starter_machine import LoggedColumn, SentLevels, StarterMachine
 
 Array = NDArray[np.float64]
-
-PERIOD_S, SECONDS = 0.02, 60.0
 
 
 @dataclass(frozen=True)
@@ -44,7 +39,7 @@ class BarrelSizes:
 def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float, y: Array) -> None:
     """What the drive has to push with; the speed is that of the way just made."""
     piston, barrel = f
-    z = np.zeros(MEMORY)
+    z = np.zeros(FORCE_MEMORY)
     before = u[0, 0]
     for k in range(u.shape[0]):
         way, pressure = u[k, 0], u[k, 1]
@@ -58,38 +53,38 @@ def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float,
         y[k, 0] = force + sliding(speed, piston) + rubbing * np.tanh(speed / 5e-4)
 
 
-PISTON = ForceSizes(force=120.0, travel=0.04, speed=0.06)
-GAUGE = SignalSizes(full=6e5, timescale_s=0.5, one_sided=True)
-CELL = SignalSizes(full=350.0, timescale_s=0.3, one_sided=True)
-
 MACHINE = StarterMachine(
     name="cylinder-bench",
-    period_s=PERIOD_S,
-    seconds=SECONDS,
+    period_s=0.02,
+    seconds=60.0,
     steps=10,
     sent={
-        "position_mm": Sent(-0.02, 0.02, (0.4, 2.0), ramped=True),
-        "pressure_bar": Sent(1.5e5, 6.5e5, (0.8, 4.0), ramped=True),
+        "position_mm": SentLevels(-0.02, 0.02, (0.4, 2.0), ramped=True),
+        "pressure_bar": SentLevels(1.5e5, 6.5e5, (0.8, 4.0), ramped=True),
     },
     logged=("force_n",),
     log={
-        "position_mm": Column(1e3, noise=2e-3, steps=(1e-3, 5e-3)),
-        "pressure_bar": Column(1e-5, noise=5e-4, steps=(2e-4, 1e-3), port="gauge"),
-        "force_n": Column(noise=0.5, steps=(0.05, 0.5), port="load_cell"),
+        "position_mm": LoggedColumn(1e3, noise=2e-3, steps=(1e-3, 5e-3)),
+        "pressure_bar": LoggedColumn(1e-5, noise=5e-4, steps=(2e-4, 1e-3), port="gauge"),
+        "force_n": LoggedColumn(noise=0.5, steps=(0.05, 0.5), port="load_cell"),
     },
     parameters={"area": around(5e-4, 1.0 / 1.15, 1.15), "preload": between(-15.0, 15.0)},
-    ports={"gauge": GAUGE, "piston": PISTON, "barrel": BarrelSizes(), "load_cell": CELL},
+    ports={
+        "gauge": SignalSizes(full=6e5, timescale_s=0.5, one_sided=True),
+        "piston": ForceSizes(force=120.0, travel=0.04, speed=0.06, level=4e5),
+        "barrel": BarrelSizes(),
+        "load_cell": SignalSizes(full=350.0, timescale_s=0.3, one_sided=True),
+    },
     inside=("piston", "barrel"),
-    listed=(
-        # One clock for pressure and force is left out: the pressure is what the rig is given, so
-        # what is early there is late in the force.
-        # A zero and a gain are the preload and the area; the pressure never comes near zero
-        *signal_faults("gauge", GAUGE, SECONDS, False, ("dead-zone", "gain-error", "offset")),
-        *force_faults("piston", PISTON, ("gravity", "constant-offset")),
-        level_friction("piston", PISTON, 4e5),
-        *signal_faults(
-            "load_cell", CELL, SECONDS, False, ("dead-zone", "gain-error", "offset", "play")
-        ),
+    # One clock for pressure and force is left out: the pressure is what the rig is given, so what
+    # is early there is late in the force. A zero and a gain are the preload and the area; the
+    # pressure never comes near zero.
+    leave_out={
+        "gauge": ("dead-zone", "gain-error", "offset"),
+        "piston": ("gravity", "constant-offset"),
+        "load_cell": ("dead-zone", "gain-error", "offset", "play"),
+    },
+    further=(
         nameless_fault("barrel", "piston", {"barrel": around(0.05)}),
         nameless_fault("lip", "piston", {"lip": around(15.0)}),
         nameless_fault("side-load", "piston", {"side": around(400.0)}),

@@ -13,19 +13,12 @@ from pamid.trial.faults import around, between
 from pamid.trial.starter_faults import (
     ForceSizes,
     SignalSizes,
-    clock_fault,
-    force_faults,
-    level_friction,
-    load_friction,
     nameless_fault,
-    signal_faults,
 )
-from pamid.trial.starter_kernel import MEMORY, resisted, rough, sliding
-from pamid.trial.starter_machine import Column, Sent, StarterMachine
+from pamid.trial.starter_kernel import FORCE_MEMORY, resisted, rough, sliding
+from pamid.trial.starter_machine import LoggedColumn, SentLevels, StarterMachine
 
 Array = NDArray[np.float64]
-
-PERIOD_S, SECONDS = 0.005, 15.0
 
 
 @dataclass(frozen=True)
@@ -48,7 +41,7 @@ class FluidSizes:
 def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float, y: Array) -> None:
     """What the machine has to push with; the speed is that of the way just made."""
     rod, fluid = f
-    z = np.zeros(MEMORY)
+    z = np.zeros(FORCE_MEMORY)
     heat = since = 0.0
     before, last = u[0, 0], 0.0
     for k in range(u.shape[0]):
@@ -69,45 +62,38 @@ def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float,
         y[k, 0] = force + sliding(speed, rod)
 
 
-ROD = ForceSizes(force=350.0, travel=0.02, speed=0.2)
-CELL = SignalSizes(full=400.0, timescale_s=0.04)
-
 MACHINE = StarterMachine(
     name="damper-bench",
-    period_s=PERIOD_S,
-    seconds=SECONDS,
+    period_s=0.005,
+    seconds=15.0,
     steps=20,
     sent={
-        "position_mm": Sent(-0.01, 0.01, (0.08, 0.6), ramped=True),
-        "current_a": Sent(0.0, 1.0, (0.5, 2.0), ramped=True),
+        "position_mm": SentLevels(-0.01, 0.01, (0.08, 0.6), ramped=True),
+        "current_a": SentLevels(0.0, 1.0, (0.5, 2.0), ramped=True),
     },
     logged=("force_n",),
     log={
-        "position_mm": Column(1e3, noise=2e-4, steps=(1e-4, 5e-4)),
-        "current_a": Column(noise=0.002, steps=(5e-4, 2e-3)),
-        "force_n": Column(noise=2.0, steps=(0.2, 2.0), port="load_cell"),
+        "position_mm": LoggedColumn(1e3, noise=2e-4, steps=(1e-4, 5e-4)),
+        "current_a": LoggedColumn(noise=0.002, steps=(5e-4, 2e-3)),
+        "force_n": LoggedColumn(noise=2.0, steps=(0.2, 2.0), port="load_cell"),
     },
     parameters={
         "damping": around(2000.0, 1.0 / 1.5, 1.5),
         "stiffness": around(1000.0),
         "preload": between(-80.0, 80.0),
     },
-    ports={"rod": ROD, "fluid": FluidSizes(), "load_cell": CELL},
+    ports={
+        "rod": ForceSizes(force=350.0, travel=0.02, speed=0.2, load=200.0, level=0.5),
+        "fluid": FluidSizes(),
+        "load_cell": SignalSizes(full=400.0, timescale_s=0.04),
+    },
     inside=("rod", "fluid"),
-    listed=(
-        *force_faults(
-            "rod", ROD, ("gravity", "viscous-friction", "linear-stiffness", "constant-offset")
-        ),
-        load_friction("rod", ROD, 200.0),
-        level_friction("rod", ROD, 0.5),
-        *signal_faults(
-            "load_cell",
-            CELL,
-            SECONDS,
-            False,
-            ("play", "gain-error", "offset", "full-wave-rectification"),
-        ),
-        clock_fault("load_cell", PERIOD_S),
+    clock="load_cell",
+    leave_out={
+        "rod": ("gravity", "viscous-friction", "linear-stiffness", "constant-offset"),
+        "load_cell": ("play", "gain-error", "offset", "full-wave-rectification"),
+    },
+    further=(
         nameless_fault("blow-off", "rod", {"blow_off": between(0.3, 0.8)}),
         nameless_fault(
             "thinning", "rod", {"thinning": around(0.3), "thinning_s": between(1.0, 5.0)}

@@ -13,20 +13,13 @@ from pamid.trial.faults import around, between, fixed
 from pamid.trial.starter_faults import (
     ForceSizes,
     SignalSizes,
-    clock_fault,
-    force_faults,
     known_fault,
-    level_friction,
-    load_friction,
     nameless_fault,
-    signal_faults,
 )
-from pamid.trial.starter_kernel import MEMORY, arrested, resisted, rough
-from pamid.trial.starter_machine import Column, Sent, StarterMachine
+from pamid.trial.starter_kernel import FORCE_MEMORY, arrested, resisted, rough
+from pamid.trial.starter_machine import LoggedColumn, SentLevels, StarterMachine
 
 Array = NDArray[np.float64]
-
-PERIOD_S, SECONDS = 0.002, 8.0
 
 
 @dataclass(frozen=True)
@@ -53,7 +46,7 @@ class GearSizes:
 def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float, y: Array) -> None:
     """Angle and current; trapezoidal in what damps, so that the step's error is of second order."""
     shaft, gear = f
-    z = np.zeros(MEMORY)
+    z = np.zeros(FORCE_MEMORY)
     angle = speed = heat = 0.0
     load_angle = load_speed = 0.0
     for k in range(u.shape[0]):
@@ -88,23 +81,17 @@ def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float,
         speed = free
 
 
-SHAFT = ForceSizes(force=4.0, travel=6.0, speed=7.0)
-AMPLIFIER = SignalSizes(full=9.0, timescale_s=0.03)
-ENCODER = SignalSizes(full=3.0, timescale_s=0.03)
-AMMETER = SignalSizes(full=6.0, timescale_s=0.03)
-FLEXIBLE = "flexible-transmission"
-
 MACHINE = StarterMachine(
     name="dc-motor",
-    period_s=PERIOD_S,
-    seconds=SECONDS,
+    period_s=0.002,
+    seconds=8.0,
     steps=40,
-    sent={"voltage_v": Sent(-9.0, 9.0, (0.03, 0.5), paired=True)},
+    sent={"voltage_v": SentLevels(-9.0, 9.0, (0.03, 0.5), paired=True)},
     logged=("angle_deg", "current_a"),
     log={
-        "voltage_v": Column(port="amplifier"),
-        "angle_deg": Column(180.0 / np.pi, noise=0.02, steps=(0.01, 0.04), port="encoder"),
-        "current_a": Column(noise=0.02, steps=(0.002, 0.02), port="ammeter"),
+        "voltage_v": LoggedColumn(port="amplifier"),
+        "angle_deg": LoggedColumn(180.0 / np.pi, noise=0.02, steps=(0.01, 0.04), port="encoder"),
+        "current_a": LoggedColumn(noise=0.02, steps=(0.002, 0.02), port="ammeter"),
     },
     parameters={
         "resistance": around(1.0, 1.0 / 1.2, 1.2),
@@ -114,55 +101,50 @@ MACHINE = StarterMachine(
         "viscous": between(0.01, 0.09),
     },
     ports={
-        "amplifier": AMPLIFIER,
-        "shaft": SHAFT,
+        "amplifier": SignalSizes(full=9.0, timescale_s=0.03),
+        "shaft": ForceSizes(force=4.0, travel=6.0, speed=7.0, load=2.0, level=2.0),
         "gear": GearSizes(),
-        "encoder": ENCODER,
-        "ammeter": AMMETER,
+        "encoder": SignalSizes(full=3.0, timescale_s=0.03),
+        "ammeter": SignalSizes(full=6.0, timescale_s=0.03),
     },
     inside=("shaft", "gear"),
-    listed=(
-        *signal_faults(
-            "amplifier", AMPLIFIER, SECONDS, True, ("gain-error", "full-wave-rectification")
+    commands=("amplifier",),
+    clock="encoder",
+    leave_out={
+        "amplifier": ("gain-error", "full-wave-rectification"),
+        "shaft": ("viscous-friction",),
+        # an encoder that counts from anywhere has no zero, sign or limit to lose
+        "encoder": (
+            "dead-zone",
+            "asymmetric-dead-zone",
+            "saturation",
+            "asymmetric-saturation",
+            "rectification",
+            "full-wave-rectification",
+            "offset",
+            "gain-error",
         ),
-        *force_faults("shaft", SHAFT, ("viscous-friction",)),
-        load_friction("shaft", SHAFT, 2.0),
-        level_friction("shaft", SHAFT, 2.0),
+        "ammeter": ("play", "gain-error"),
+    },
+    further=(
         known_fault(
             "two-mass",
-            FLEXIBLE,
+            "flexible-transmission",
             "gear",
             {"outboard": between(0.4, 0.8), "outboard_hz": around(15.0, 0.6, 1.6)},
         ),
         known_fault(
             "backlash",
-            FLEXIBLE,
+            "flexible-transmission",
             "gear",
             {
                 "outboard": between(0.4, 0.8),
                 "outboard_hz": around(30.0, 0.7, 1.5),
                 "play": around(0.03),
             },
+            "outboard",
+            "play",
         ),
-        # an encoder that counts from anywhere has no zero, sign or limit to lose
-        *signal_faults(
-            "encoder",
-            ENCODER,
-            SECONDS,
-            False,
-            (
-                "dead-zone",
-                "asymmetric-dead-zone",
-                "saturation",
-                "asymmetric-saturation",
-                "rectification",
-                "full-wave-rectification",
-                "offset",
-                "gain-error",
-            ),
-        ),
-        *signal_faults("ammeter", AMMETER, SECONDS, False, ("play", "gain-error")),
-        clock_fault("encoder", PERIOD_S),
         nameless_fault("bent-damping", "shaft", {"bent_damping": around(0.4)}),
         nameless_fault("armature-reaction", "shaft", {"fade": around(0.15)}),
         nameless_fault(

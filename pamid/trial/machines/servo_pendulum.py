@@ -13,19 +13,14 @@ from pamid.trial.faults import around, between, fixed
 from pamid.trial.starter_faults import (
     ForceSizes,
     SignalSizes,
-    clock_fault,
-    force_faults,
     known_fault,
-    load_friction,
     nameless_fault,
-    signal_faults,
 )
-from pamid.trial.starter_kernel import MEMORY, arrested, resisted, rough
-from pamid.trial.starter_machine import Column, Sent, StarterMachine
+from pamid.trial.starter_kernel import FORCE_MEMORY, arrested, resisted, rough
+from pamid.trial.starter_machine import LoggedColumn, SentLevels, StarterMachine
 
 Array = NDArray[np.float64]
 
-PERIOD_S, SECONDS = 0.005, 20.0
 GRAVITY = 9.81
 
 
@@ -53,7 +48,7 @@ class HornSizes:
 def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float, y: Array) -> None:
     """The angle of the gear; trapezoidal in what damps."""
     gear, horn = f
-    z = np.zeros(MEMORY)
+    z = np.zeros(FORCE_MEMORY)
     angle = speed = load_angle = load_speed = spent = 0.0
     whole = m.mass * m.length * m.length + m.rotor
     for k in range(u.shape[0]):
@@ -86,21 +81,16 @@ def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float,
         speed = free
 
 
-DRIVER = SignalSizes(full=5.0, timescale_s=0.1)
-GEAR = ForceSizes(force=0.4, travel=2.0, speed=2.5)
-ENCODER = SignalSizes(full=0.8, timescale_s=0.1)
-FLEXIBLE = "flexible-transmission"
-
 MACHINE = StarterMachine(
     name="servo-pendulum",
-    period_s=PERIOD_S,
-    seconds=SECONDS,
+    period_s=0.005,
+    seconds=20.0,
     steps=40,
-    sent={"voltage_v": Sent(-5.0, 5.0, (0.1, 1.0), paired=True)},
+    sent={"voltage_v": SentLevels(-5.0, 5.0, (0.1, 1.0), paired=True)},
     logged=("angle_deg",),
     log={
-        "voltage_v": Column(port="driver"),
-        "angle_deg": Column(180.0 / np.pi, noise=0.05, steps=(0.02, 0.09), port="encoder"),
+        "voltage_v": LoggedColumn(port="driver"),
+        "angle_deg": LoggedColumn(180.0 / np.pi, noise=0.05, steps=(0.02, 0.09), port="encoder"),
     },
     parameters={
         "mass": fixed(0.3),
@@ -109,32 +99,39 @@ MACHINE = StarterMachine(
         "damping": around(0.22, 1.0 / 1.3, 1.3),
         "rotor": around(0.005, 1.0 / 1.6, 1.6),
     },
-    ports={"driver": DRIVER, "gear": GEAR, "horn": HornSizes(), "encoder": ENCODER},
+    ports={
+        "driver": SignalSizes(full=5.0, timescale_s=0.1),
+        "gear": ForceSizes(force=0.4, travel=2.0, speed=2.5, load=0.3),
+        "horn": HornSizes(),
+        "encoder": SignalSizes(full=0.8, timescale_s=0.1),
+    },
     inside=("gear", "horn"),
-    listed=(
-        *signal_faults("driver", DRIVER, SECONDS, True, ("gain-error", "full-wave-rectification")),
-        *force_faults("gear", GEAR, ("viscous-friction",)),
-        load_friction("gear", GEAR, 0.3),
+    commands=("driver",),
+    clock="encoder",
+    leave_out={
+        "driver": ("gain-error", "full-wave-rectification"),
+        "gear": ("viscous-friction",),
+        "encoder": ("rectification", "full-wave-rectification"),
+    },
+    further=(
         known_fault(
             "two-mass",
-            FLEXIBLE,
+            "flexible-transmission",
             "horn",
             {"outboard": between(0.4, 0.8), "outboard_hz": around(6.0, 0.6, 1.6)},
         ),
         known_fault(
             "backlash",
-            FLEXIBLE,
+            "flexible-transmission",
             "horn",
             {
                 "outboard": between(0.4, 0.8),
                 "outboard_hz": around(12.0, 0.7, 1.5),
                 "play": around(0.04),
             },
+            "outboard",
+            "play",
         ),
-        *signal_faults(
-            "encoder", ENCODER, SECONDS, False, ("rectification", "full-wave-rectification")
-        ),
-        clock_fault("encoder", PERIOD_S),
         nameless_fault("bent-damping", "gear", {"bent_damping": around(0.15)}),
         nameless_fault(
             "tired-servo", "driver", {"tired": around(0.3), "tired_s": between(1.0, 5.0)}

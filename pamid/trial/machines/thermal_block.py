@@ -11,19 +11,16 @@ from numpy.typing import NDArray
 from pamid.engine.numba_cache import njit
 from pamid.trial.faults import around, between
 from pamid.trial.starter_faults import (
-    NONE,
+    NEVER,
     SignalSizes,
-    clock_fault,
     known_fault,
     nameless_fault,
-    signal_faults,
 )
 from pamid.trial.starter_kernel import rough
-from pamid.trial.starter_machine import Column, Sent, StarterMachine
+from pamid.trial.starter_machine import LoggedColumn, SentLevels, StarterMachine
 
 Array = NDArray[np.float64]
 
-PERIOD_S, SECONDS = 10.0, 24000.0
 ROOM_K = 293.15
 
 
@@ -38,7 +35,7 @@ class BlockSizes:
     """
 
     draught: float = 0.0
-    boils: float = NONE
+    boils: float = NEVER
     boiling: float = 0.0
     glow: float = 0.0
     core: float = 0.0
@@ -70,38 +67,41 @@ def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float,
         warm += h * (u[k, 0] * (1.0 + rough(maps[1], u[k, 0] - 50.0)) - loss - inward) / capacity
 
 
-HEATER = SignalSizes(full=100.0, timescale_s=400.0, one_sided=True)
-SENSOR = SignalSizes(full=100.0, timescale_s=400.0, one_sided=True)
-
 MACHINE = StarterMachine(
     name="thermal-block",
-    period_s=PERIOD_S,
-    seconds=SECONDS,
+    period_s=10.0,
+    seconds=24000.0,
     steps=20,
     sent={
-        "power_w": Sent(0.0, 100.0, (200.0, 1500.0)),
-        "ambient_degc": Sent(ROOM_K - 3.0, ROOM_K + 3.0, (1500.0, 5000.0), ramped=True),
+        "power_w": SentLevels(0.0, 100.0, (200.0, 1500.0)),
+        "ambient_degc": SentLevels(ROOM_K - 3.0, ROOM_K + 3.0, (1500.0, 5000.0), ramped=True),
     },
     logged=("temperature_degc",),
     log={
-        "power_w": Column(port="heater"),
-        "ambient_degc": Column(shift=273.15, noise=0.02, steps=(0.01, 0.06)),
-        "temperature_degc": Column(noise=0.05, shift=-20.0, steps=(0.01, 0.06), port="sensor"),
+        "power_w": LoggedColumn(port="heater"),
+        "ambient_degc": LoggedColumn(shift=273.15, noise=0.02, steps=(0.01, 0.06)),
+        "temperature_degc": LoggedColumn(
+            noise=0.05, shift=-20.0, steps=(0.01, 0.06), port="sensor"
+        ),
     },
     parameters={
         "capacity": around(400.0, 1.0 / 1.2, 1.2),
         "loss": around(0.8, 1.0 / 1.3, 1.3),
     },
-    ports={"heater": HEATER, "block": BlockSizes(), "sensor": SENSOR},
+    ports={
+        "heater": SignalSizes(full=100.0, timescale_s=400.0, one_sided=True),
+        "block": BlockSizes(),
+        "sensor": SignalSizes(full=100.0, timescale_s=400.0, one_sided=True),
+    },
     inside=("block",),
-    listed=(
-        *signal_faults("heater", HEATER, SECONDS, True, ("gain-error",)),
+    commands=("heater",),
+    clock="sensor",
+    leave_out={"heater": ("gain-error",), "sensor": ("gain-error",)},
+    further=(
         known_fault("leak", "leak", "block", {"draught": around(8.0)}, also=("orifice-loss",)),
         known_fault(
             "overflow", "overflow", "block", {"boiling": around(0.3), "boils": between(45.0, 65.0)}
         ),
-        *signal_faults("sensor", SENSOR, SECONDS, False, ("gain-error",)),
-        clock_fault("sensor", PERIOD_S),
         nameless_fault("glow", "block", {"glow": around(0.2)}),
         nameless_fault(
             "core", "block", {"core": between(0.2, 0.5), "core_s": between(150.0, 500.0)}

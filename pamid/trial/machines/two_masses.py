@@ -13,17 +13,12 @@ from pamid.trial.faults import around, between
 from pamid.trial.starter_faults import (
     ForceSizes,
     SignalSizes,
-    clock_fault,
-    force_faults,
     nameless_fault,
-    signal_faults,
 )
-from pamid.trial.starter_kernel import MEMORY, arrested, resisted, rough
-from pamid.trial.starter_machine import Column, Sent, StarterMachine
+from pamid.trial.starter_kernel import FORCE_MEMORY, arrested, resisted, rough
+from pamid.trial.starter_machine import LoggedColumn, SentLevels, StarterMachine
 
 Array = NDArray[np.float64]
-
-PERIOD_S, SECONDS = 0.005, 20.0
 
 
 @dataclass(frozen=True)
@@ -45,7 +40,7 @@ class RailSizes:
 def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float, y: Array) -> None:
     """Both positions; speeds first, then positions."""
     spring, first, second, rail = f
-    z = np.zeros((3, MEMORY))
+    z = np.zeros((3, FORCE_MEMORY))
     x_1 = v_1 = x_2 = v_2 = given = 0.0
     for k in range(u.shape[0]):
         y[k, 0], y[k, 1] = x_1, x_2
@@ -68,10 +63,6 @@ def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float,
         x_2 += h * v_2
 
 
-DRIVE = SignalSizes(full=15.0, timescale_s=0.15)
-SPRING = ForceSizes(force=8.0, travel=0.03, speed=0.2)
-CARRIAGE = ForceSizes(force=12.0, travel=0.3, speed=0.8)
-RULER = SignalSizes(full=0.15, timescale_s=0.15)
 # a force between positions: neither gravity nor a stick of its own; its stiffness and damping are
 # the rig's own parameters
 SPRINGY = ("gravity", "stribeck-friction", "viscous-friction", "linear-stiffness")
@@ -79,15 +70,15 @@ UPRIGHT = ("rectification", "full-wave-rectification")  # a ruler counts both wa
 
 MACHINE = StarterMachine(
     name="two-masses",
-    period_s=PERIOD_S,
-    seconds=SECONDS,
+    period_s=0.005,
+    seconds=20.0,
     steps=40,
-    sent={"force_n": Sent(-15.0, 15.0, (0.1, 1.0))},
+    sent={"force_n": SentLevels(-15.0, 15.0, (0.1, 1.0))},
     logged=("position_1_mm", "position_2_mm"),
     log={
-        "force_n": Column(port="drive"),
-        "position_1_mm": Column(1e3, noise=0.05, steps=(0.01, 0.05), port="ruler_1"),
-        "position_2_mm": Column(1e3, noise=0.05, steps=(0.01, 0.05), port="ruler_2"),
+        "force_n": LoggedColumn(port="drive"),
+        "position_1_mm": LoggedColumn(1e3, noise=0.05, steps=(0.01, 0.05), port="ruler_1"),
+        "position_2_mm": LoggedColumn(1e3, noise=0.05, steps=(0.01, 0.05), port="ruler_2"),
     },
     parameters={
         "mass_1": around(2.0, 1.0 / 1.15, 1.15),
@@ -99,23 +90,29 @@ MACHINE = StarterMachine(
         "viscous_2": between(1.5, 5.0),
     },
     ports={
-        "drive": DRIVE,
-        "spring": SPRING,
-        "carriage_1": CARRIAGE,
-        "carriage_2": CARRIAGE,
-        "ruler_1": RULER,
-        "ruler_2": RULER,
+        "drive": SignalSizes(full=15.0, timescale_s=0.15),
+        "spring": ForceSizes(force=8.0, travel=0.03, speed=0.2),
+        "carriage_1": ForceSizes(force=12.0, travel=0.3, speed=0.8),
+        "carriage_2": ForceSizes(force=12.0, travel=0.3, speed=0.8),
+        "ruler_1": SignalSizes(full=0.15, timescale_s=0.15),
+        "ruler_2": SignalSizes(full=0.15, timescale_s=0.15),
         "rail": RailSizes(),
     },
     inside=("spring", "carriage_1", "carriage_2", "rail"),
-    listed=(
-        *signal_faults("drive", DRIVE, SECONDS, True, ("gain-error", "full-wave-rectification")),
-        *force_faults("spring", SPRING, SPRINGY),
-        *force_faults("carriage_1", CARRIAGE, ("gravity", "viscous-friction", "linear-stiffness")),
-        *force_faults("carriage_2", CARRIAGE, ("gravity", "viscous-friction")),
-        *signal_faults("ruler_1", RULER, SECONDS, False, UPRIGHT),
-        *signal_faults("ruler_2", RULER, SECONDS, False, UPRIGHT),
-        clock_fault("ruler", PERIOD_S),
+    commands=("drive",),
+    clock="ruler",
+    leave_out={
+        "drive": ("gain-error", "full-wave-rectification"),
+        # between two masses nothing has a weight or a stick of its own; stiffness and damping are
+        # the rig's parameters
+        "spring": ("gravity", "stribeck-friction", "viscous-friction", "linear-stiffness"),
+        "carriage_1": ("gravity", "viscous-friction", "linear-stiffness"),
+        "carriage_2": ("gravity", "viscous-friction"),
+        # a ruler counts both ways
+        "ruler_1": ("rectification", "full-wave-rectification"),
+        "ruler_2": ("rectification", "full-wave-rectification"),
+    },
+    further=(
         nameless_fault("slack-coupling", "coupling", {"slack": around(0.002)}),
         nameless_fault("tight-rail", "carriage_1", {"bent_damping": around(15.0)}),
         nameless_fault(
