@@ -18,10 +18,10 @@ from pamid.engine.numba_cache import njit
 
 Array = NDArray[np.float64]
 
-STOPS = 16  # elements of a bundle
+BUNDLE = 16  # elements of a bundle
 BRISTLE, LOOP, PLASTIC, ROUND = range(4)
-SPREAD = ROUND + STOPS
-FORCE_MEMORY = SPREAD + STOPS  # of the forces at one port
+SPREAD = ROUND + BUNDLE
+FORCE_MEMORY = SPREAD + BUNDLE  # of the forces at one port
 
 
 @njit(cache=True)
@@ -29,8 +29,8 @@ def bundle(z: Array, step: float, reach: float, decades: float) -> float:
     """Share (-1 to 1) of what a bundle of elastic stops can hold after a step; their widths run
     over so many decades about `reach`, the wide ones weaker."""
     total = weights = 0.0
-    for j in range(STOPS):
-        width = reach * 10.0 ** (decades * (j / (STOPS - 1) - 0.7))
+    for j in range(BUNDLE):
+        width = reach * 10.0 ** (decades * (j / (BUNDLE - 1) - 0.7))
         weight = np.exp(-width / reach)
         z[j] = min(max(z[j] + step, -width), width)
         total += weight * z[j] / width
@@ -43,8 +43,8 @@ def swallowed(z: Array, step: float, reach: float) -> float:
     """What a bundle of plays of even widths has swallowed of a signal after a step; wide ones
     weaker."""
     total = weights = 0.0
-    for j in range(STOPS):
-        width = 3.0 * reach * (j + 0.5) / STOPS
+    for j in range(BUNDLE):
+        width = 3.0 * reach * (j + 0.5) / BUNDLE
         weight = np.exp(-width / reach)
         z[j] = min(max(z[j] + step, -width), width)
         total += weight * z[j]
@@ -55,6 +55,8 @@ def swallowed(z: Array, step: float, reach: float) -> float:
 @njit(cache=True)
 def soft_limit(value: float, most: float) -> float:
     """A limit with a round shoulder; most: 1/limit, 0 for none."""
+    if most <= 0.0:
+        return value
     return value / (1.0 + (most * abs(value)) ** 6) ** (1.0 / 6.0)
 
 
@@ -68,7 +70,7 @@ def worn_band(value: float, half: float) -> float:
 def passed_on(signal: Array, f: Any, h: float) -> Array:
     """A signal, one value per h seconds, as it arrives behind what is planted on its way."""
     out = np.empty_like(signal)
-    stops = np.zeros(STOPS)
+    stops = np.zeros(BUNDLE)
     before, follower, smooth, slope = signal[0], signal[0], signal[0], 0.0
     late = int(round(f.delay_s / h))
     for k in range(len(signal)):

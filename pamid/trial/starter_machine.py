@@ -36,7 +36,6 @@ Array = NDArray[np.float64]
 Run = Callable[[Array, Any, tuple[Any, ...], tuple[Array, ...], float, Array], None]
 
 CLOCK = "clock"  # the place of what is planted in the logger
-WAVES = 6  # half waves of a map's error, at most
 
 
 @dataclass(frozen=True)
@@ -222,7 +221,9 @@ class StarterMachine:
 
         def through(column: str, x: Array) -> Array:
             port = self.log[column].port
-            return passed_on(np.ascontiguousarray(x), there[port], h) if port else x
+            if places.get(port) is self.ports.get(port):
+                return x  # nothing is planted there
+            return np.asarray(passed_on(np.ascontiguousarray(x), there[port], h))
 
         y = np.zeros((n * steps, len(self.logged)))
         self.run(
@@ -252,15 +253,16 @@ class StarterMachine:
 
 
 def draw_map(random: np.random.Generator, rms: float, span: float) -> Array:
-    """The relative error of a map over -span to span: 1 to 6 half waves, rms in all."""
-    count = int(random.integers(1, WAVES + 1))
+    """The relative error of a map over -span to span, rms in all: 3 to 6 waves of about equal size,
+    the longest of three halves. Fewer would be a cubic spring or cogging, which have names."""
+    count = int(random.integers(3, 7))
     waves = np.zeros((count, 3))
-    waves[:, 0] = random.uniform(0.5, 1.0, count) / np.arange(1, count + 1)
-    waves[:, 1] = 0.5 * np.pi * np.arange(1, count + 1) / span
+    waves[:, 0] = random.uniform(0.5, 1.0, count)
+    waves[:, 1] = 0.5 * np.pi * (3.0 + np.arange(count) + random.uniform(-0.4, 0.4, count)) / span
     waves[:, 2] = random.uniform(0.0, 2.0 * np.pi, count)
     s = np.linspace(-span, span, 401)
     error = (waves[:, 0] * np.cos(np.outer(s, waves[:, 1]) + waves[:, 2])).sum(axis=1)
-    waves[:, 0] *= rms / max(float(np.sqrt(np.mean(error**2))), 1e-12)
+    waves[:, 0] *= rms / float(np.sqrt(np.mean(error**2)))
     return waves
 
 

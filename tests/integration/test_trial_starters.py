@@ -4,6 +4,7 @@ vanishes, and the questions stay the same."""
 from __future__ import annotations
 
 from functools import cache
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -140,11 +141,10 @@ def test_a_fault_is_what_the_catalogue_calls_it(name: str, fault: str) -> None:
 @pytest.mark.parametrize("name", STARTERS)
 def test_two_faults_never_set_the_same_size(name: str) -> None:
     own = machine(name)
-    for one in own.faults.values():
-        for other in own.faults.values():
-            if one.family != other.family:
-                both = {one.name: sizes(name, one.name), other.name: sizes(name, other.name)}
-                own.planted(both)
+    drawn = {fault: sizes(name, fault) for fault in own.faults}
+    for one, other in combinations(own.faults.values(), 2):
+        if one.family != other.family:
+            own.planted({f.name: drawn[f.name] for f in (one, other)})
 
 
 @pytest.mark.parametrize("name", STARTERS)
