@@ -85,6 +85,7 @@ class StarterMachine:
                 leave_out names what leaves no gap at a port, or cannot be
     commands    ports of what is sent, not read; clock: the name of all readings together, where
                 they can have a clock of their own
+    twins       fault -> effect of another port that is the very same here
     maps        half ranges over which the errors of the machine's maps run, SI
     without     columns of which a case may lack one
     """
@@ -105,6 +106,7 @@ class StarterMachine:
     commands: tuple[str, ...] = ()
     clock: str = ""
     leave_out: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    twins: Mapping[str, str] = field(default_factory=dict)
     without: tuple[str, ...] = ()
     controller: Mapping[str, float] = field(default_factory=dict)
 
@@ -119,7 +121,10 @@ class StarterMachine:
             elif isinstance(there, ForceSizes):
                 found += force_faults(port, there, less)
         found += [clock_fault(self.clock, self.period_s)] if self.clock else []
-        return {f.name: f for f in (*found, *self.further)}
+        return {
+            f.name: replace(f, exact=f.exact | {self.twins[f.name]}) if f.name in self.twins else f
+            for f in (*found, *self.further)
+        }
 
     @property
     def withheld_columns(self) -> Mapping[str, tuple[str, ...]]:

@@ -113,6 +113,7 @@ MACHINE = StarterMachine(
         "gear": ("viscous-friction",),
         "encoder": ("rectification", "full-wave-rectification"),
     },
+    twins={"constant-offset@gear": "offset", "offset@driver": "constant-offset"},
     further=(
         known_fault(
             "two-mass",

@@ -112,6 +112,7 @@ MACHINE = StarterMachine(
         "ruler_1": ("rectification", "full-wave-rectification"),
         "ruler_2": ("rectification", "full-wave-rectification"),
     },
+    twins={"constant-offset@carriage_1": "offset", "offset@drive": "constant-offset"},
     further=(
         nameless_fault("slack-coupling", "coupling", {"slack": around(0.002)}),
         nameless_fault("tight-rail", "carriage_1", {"bent_damping": around(15.0)}),
