@@ -82,8 +82,8 @@ _ARM_ROWS.insert(
     ),
 )
 _ROWS_OF = {ONE_DOF: JOINT_ROWS, TWO_LINK: tuple(_ARM_ROWS)}
-# what was aimed for was said of the joint and of the arm
-_OTHER_ROWS = tuple(replace(row, target=None) for row in JOINT_ROWS)
+_STARTER_TARGETS = {"family_first": 85.0, "port": 92.0, "false_alarm": 3.0}
+_STARTER_ROWS = tuple(replace(row, target=_STARTER_TARGETS.get(row.key)) for row in JOINT_ROWS)
 TABLE_HEAD = ("", "measured", "95 %", "of", "target")
 TITLES = {
     "family_first": "family first",
@@ -95,7 +95,7 @@ TITLES = {
 
 def rows_of(found: Mapping[str, Any]) -> tuple[FigureRow, ...]:
     """The rows of the trial of this rig; a trial.json without one is of the joint."""
-    return _ROWS_OF.get(found.get("rig", ONE_DOF), _OTHER_ROWS)
+    return _ROWS_OF.get(found.get("rig", ONE_DOF), _STARTER_ROWS)
 
 
 def trial_text(found: dict[str, Any]) -> str:
