@@ -49,7 +49,8 @@ class TankSizes:
 @dataclass(frozen=True)
 class PipeSizes:
     """Between the tanks. fall_s: time that water is under way, spread over a filter of second
-    order; swirl: share of the flow lost at a level of 0.2 m."""
+    order; swirl: twice the share of the flow lost at a level of
+    0.2 m."""
 
     fall_s: float = 0.0
     swirl: float = 0.0
@@ -75,7 +76,7 @@ def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float,
         above, below = max(high, 0.0), max(low, 0.0)
         hole_1 = m.upper_hole * (1.0 + rough(maps[1], above - 0.1))
         hole_1 *= 1.0 - upper.clogging * (1.0 - np.exp(-k * h / upper.clogging_s))
-        hole_1 /= 1.0 + pipe.swirl * (above / 0.2) ** 2
+        hole_1 *= 1.0 - pipe.swirl * above * above / (above * above + 0.04)
         hole_2 = m.lower_hole * (1.0 + rough(maps[2], below - 0.1))
         hole_2 *= 1.0 - lower.clogging * (1.0 - np.exp(-k * h / lower.clogging_s))
         out = hole_1 * np.sqrt(2.0 * GRAVITY) * above / np.sqrt(above + SHALLOW_M)
@@ -153,7 +154,7 @@ MACHINE = StarterMachine(
             {"weir": WEIR, "rim": RIM, "caught": between(0.5, 0.9)},
         ),
         nameless_fault("tapered-wall", "lower", {"tapered": around(0.15, 0.6, 2.0)}),
-        nameless_fault("swirl", "pipe", {"swirl": around(0.2)}),
+        nameless_fault("swirl", "pipe", {"swirl": around(0.25)}),
         nameless_fault(
             "clogging", "lower", {"clogging": around(0.12), "clogging_s": between(500.0, 1500.0)}
         ),

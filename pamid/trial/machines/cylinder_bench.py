@@ -71,7 +71,7 @@ MACHINE = StarterMachine(
     parameters={"area": around(5e-4, 1.0 / 1.15, 1.15), "preload": between(-15.0, 15.0)},
     ports={
         "gauge": SignalSizes(full=6e5, timescale_s=0.5, one_sided=True),
-        "piston": ForceSizes(force=120.0, travel=0.04, speed=0.06, level=4e5),
+        "piston": ForceSizes(force=120.0, travel=0.04, speed=0.1, level=4e5),
         "barrel": BarrelSizes(),
         "load_cell": SignalSizes(full=350.0, timescale_s=0.3, one_sided=True),
     },

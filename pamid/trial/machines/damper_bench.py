@@ -26,7 +26,7 @@ class FluidSizes:
     """What no catalogue has a name for at this rig.
 
     blow_off: share of the damping that a valve takes off beyond a force of 200 N; thinning,
-    thinning_s: share of it lost to the heat of 40 W in the end, and how soon; gulp: share of it
+    thinning_s: share of it lost to the heat of 15 W in the end, and how soon; gulp: share of it
     missing while air is pushed through the piston after a turn, over gulp_m of the way
     """
 
@@ -56,7 +56,7 @@ def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float,
         force = thick * speed / (1.0 + fluid.thinning * heat)
         beyond = max(abs(force) - 200.0, 0.0)
         force -= fluid.blow_off * np.sign(force) * beyond * beyond / (beyond + 50.0)
-        heat += h / fluid.thinning_s * (abs(force * speed) / 40.0 - heat)
+        heat += h / fluid.thinning_s * (abs(force * speed) / 15.0 - heat)
         force += m.stiffness * u[k, 0] + m.preload
         force += resisted(u[k, 0], speed, force, abs(u[k, 1]), z, rod, k * h, h)
         y[k, 0] = force + sliding(speed, rod)
@@ -83,7 +83,7 @@ MACHINE = StarterMachine(
         "preload": between(-80.0, 80.0),
     },
     ports={
-        "rod": ForceSizes(force=350.0, travel=0.02, speed=0.2, load=200.0, level=0.5),
+        "rod": ForceSizes(force=350.0, travel=0.02, speed=0.3, load=200.0, level=0.5),
         "fluid": FluidSizes(),
         "load_cell": SignalSizes(full=400.0, timescale_s=0.04),
     },
