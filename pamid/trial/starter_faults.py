@@ -257,7 +257,7 @@ def force_faults(port: str, s: ForceSizes, leave_out: Iterable[str] = ()) -> lis
         (
             "directional-damping",
             "friction",
-            {"damping_forward": around(0.1 * force / speed)},
+            {"damping_forward": around(0.2 * force / speed)},
             (),
         ),
         (

@@ -111,7 +111,8 @@ MACHINE = StarterMachine(
     leave_out={
         "driver": ("gain-error", "full-wave-rectification"),
         "gear": ("viscous-friction",),
-        "encoder": ("rectification", "full-wave-rectification"),
+        # but for large angles a gain of it is one of the drive
+        "encoder": ("gain-error", "rectification", "full-wave-rectification"),
     },
     twins={"constant-offset@gear": "offset", "offset@driver": "constant-offset"},
     further=(
