@@ -94,8 +94,9 @@ def command(
     two, none, one taken out of the catalogue, one that never was in it. It sees recordings only;
     the scorer alone opens the labels.
 
-    On the arm a fault also has a place: one of two joints, one of four muscles, or all of them.
-    What the diagnosis says of probabilities was learned on the one-dof.
+    On the arm a fault also has a place: one of two joints, one of four muscles, or all of them;
+    behind a starter rig it is one of the rig's ports, and the loop is open. What the diagnosis says
+    of probabilities was learned on the one-dof.
 
     Writes labels.json, a result per case and trial.json. With --resume the same command on the same
     folder goes on where it was interrupted, or draws more cases; after a change of pamid itself

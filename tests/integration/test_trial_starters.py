@@ -3,6 +3,7 @@ vanishes, and the questions stay the same."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from itertools import combinations
 from typing import Any
@@ -176,4 +177,5 @@ DIGESTS: dict[str, str] = {}
 @pytest.mark.parametrize("name", STARTERS)
 def test_the_questions_are_the_same_everywhere(name: str) -> None:
     """But for `removed`, which follows the catalogue."""
-    assert cases_sha256(draw_cases("test", 30, 0, name)).startswith(DIGESTS[name])
+    asked = [replace(c, removed=()) for c in draw_cases("test", 30, 0, name)]
+    assert cases_sha256(asked).startswith(DIGESTS[name])
