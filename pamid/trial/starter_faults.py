@@ -46,6 +46,8 @@ class SignalSizes:
     unsigned: float = 0.0  # share of it that passes with the other sign
     knee: float = 1.0  # of both
     coarse: float = 0.0  # steps
+    pulse_s: float = 0.0  # of pulses of the full size, instead of the value
+    ticks: float = 10.0  # of which a pulse is a whole number long
     lag_s: float = 0.0  # of a filter of second order
     warming: float = 0.0  # relative change of the gain
     warm_s: float = 1.0  # in which it comes about

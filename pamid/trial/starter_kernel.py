@@ -72,6 +72,7 @@ def passed_on(signal: Array, f: Any, h: float) -> Array:
     out = np.empty_like(signal)
     stops = np.zeros(BUNDLE)
     before, follower, smooth, slope = signal[0], signal[0], signal[0], 0.0
+    pulse, share = -1.0, 0.0
     late = int(round(f.delay_s / h))
     for k in range(len(signal)):
         v = signal[max(k - late, 0)]
@@ -92,6 +93,12 @@ def passed_on(signal: Array, f: Any, h: float) -> Array:
         if f.coarse > 0.0:  # steps that are not quite even
             level = np.floor(v / f.coarse + 0.5)
             v = f.coarse * (level + 0.1 * np.sin(2.4 * level))
+        if f.pulse_s > 0.0:  # the share of a pulse is settled as it begins
+            turn = k * h / f.pulse_s
+            if np.floor(turn) != pulse:
+                pulse = np.floor(turn)
+                share = np.floor(abs(v) / f.full * f.ticks + 0.5) / f.ticks
+            v = np.sign(v) * f.full if turn - pulse < share else 0.0
         if f.lag_s > 0.0:
             corner = 1.4 / f.lag_s
             slope += h * corner * (corner * (v - smooth) - 1.4 * slope)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.engine.numba_cache import njit
-from pamid.trial.faults import around, between
+from pamid.trial.faults import around, between, one_of
 from pamid.trial.starter_faults import (
     NEVER,
     SignalSizes,
@@ -102,6 +102,12 @@ MACHINE = StarterMachine(
         known_fault("leak", "leak", "block", {"draught": around(8.0)}, also=("orifice-loss",)),
         known_fault(
             "overflow", "overflow", "block", {"boiling": around(0.3), "boils": between(45.0, 65.0)}
+        ),
+        known_fault(
+            "pwm-quantisation",
+            "valve-dead-band",
+            "heater",
+            {"pulse_s": between(60.0, 150.0), "ticks": one_of(6.0, 8.0, 12.0)},
         ),
         nameless_fault("glow", "block", {"glow": around(0.2)}),
         nameless_fault(
