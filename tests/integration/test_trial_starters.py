@@ -171,7 +171,15 @@ def test_a_case_depends_on_its_number_alone(name: str) -> None:
     assert [c.stratum for c in few] == [c.stratum for c in draw_cases("test", 7, 3)]
 
 
-DIGESTS: dict[str, str] = {}
+DIGESTS: dict[str, str] = {
+    "cascaded-tanks": "b57f3587ce82bfdc",
+    "cylinder-bench": "3871b27dfe87e97e",
+    "damper-bench": "72ac4a91ae3576d6",
+    "dc-motor": "def1601883ba5983",
+    "servo-pendulum": "4265e9062f023748",
+    "thermal-block": "ada26a6792c48bff",
+    "two-masses": "0c50a121cbc64fd6",
+}
 
 
 @pytest.mark.parametrize("name", STARTERS)
