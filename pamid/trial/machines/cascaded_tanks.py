@@ -77,7 +77,7 @@ def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float,
         hole_1 = m.upper_hole * (1.0 + rough(maps[1], above - 0.1))
         hole_1 *= 1.0 - upper.clogging * (1.0 - np.exp(-k * h / upper.clogging_s))
         hole_1 *= 1.0 - pipe.swirl * above * above / (above * above + 0.04)
-        hole_2 = m.lower_hole * (1.0 + rough(maps[2], below - 0.1))
+        hole_2 = m.lower_hole * (1.0 + rough(maps[1], below - 0.1))
         hole_2 *= 1.0 - lower.clogging * (1.0 - np.exp(-k * h / lower.clogging_s))
         out = hole_1 * np.sqrt(2.0 * GRAVITY) * above / np.sqrt(above + SHALLOW_M)
         out_low = hole_2 * np.sqrt(2.0 * GRAVITY) * below / np.sqrt(below + SHALLOW_M)
@@ -136,8 +136,9 @@ MACHINE = StarterMachine(
     clock="gauge",
     leave_out={
         "pump": ("gain-error",),
-        "gauge": ("dead-zone",),
-        "upper_gauge": ("dead-zone",),
+        # a gain of a level is one of areas and holes
+        "gauge": ("dead-zone", "gain-error"),
+        "upper_gauge": ("dead-zone", "gain-error"),
     },
     further=(
         known_fault("tube-lag", "tube-lag", "pipe", {"fall_s": around(8.0)}),
@@ -159,7 +160,7 @@ MACHINE = StarterMachine(
             "clogging", "lower", {"clogging": around(0.12), "clogging_s": between(500.0, 1500.0)}
         ),
     ),
-    maps=(2.5, 0.1, 0.1),
+    maps=(2.5, 0.1),
     run=run,
     without=("upper_level_cm",),
 )
