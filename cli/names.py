@@ -45,6 +45,7 @@ BASES = {
     "networks": "(Network)",
     "export/forms": "FORM = ",
     "replications/papers": "OPTIONS = ",
+    "trial/machines": "MACHINE = ",
 }
 
 
@@ -83,10 +84,9 @@ def rigs_with(attribute: str) -> list[str]:
     ]
 
 
-def rigs_in(module: str) -> list[str]:
-    """Rigs of the catalogue for which this file of the package has something, by their name."""
-    text = (_package() / module).read_text(encoding="utf-8")
-    return [name for name in _entries("rigs") if f'"{name}"' in text]
+def machines() -> list[str]:
+    """Rigs for which the blind trial has a machine."""
+    return _entries("trial/machines")
 
 
 @lru_cache

@@ -32,10 +32,10 @@ pamid trial --output trial --cases 4 --part calibration --jobs 2
 )
 @click.option(
     "--rig",
-    type=click.Choice(names.rigs_in("trial/machines.py")),
+    type=click.Choice(names.machines()),
     default="one-dof",
     show_default=True,
-    help="The machine to try it on: one joint, or an arm of two links.",
+    help="The rig whose machine it is tried on.",
 )
 @click.option(
     "--cases",
@@ -101,8 +101,9 @@ def command(
     two, none, one taken out of the catalogue, one that never was in it. It sees recordings only;
     the scorer alone opens the labels.
 
-    On the arm a fault also has a place: one of two joints, one of four muscles, or all of them.
-    What the diagnosis says of probabilities was learned from the calibration parts.
+    On the arm a fault also has a place: one of two joints, one of four muscles, or all of them;
+    behind a starter rig it is one of the rig's ports, and the loop is open. What the diagnosis says
+    of probabilities was learned from the calibration parts.
 
     Writes labels.json, a result per case and trial.json. With --resume the same command on the same
     folder goes on where it was interrupted, or draws more cases; after a change of pamid itself

@@ -12,7 +12,8 @@ from pamid.base.result_file import damaged, read_result
 from pamid.report import formatting
 from pamid.report.formatting import effect_label, percent
 from pamid.schemas.trial_file import Bin, Figure, Rate, TrialFile
-from pamid.trial.figure_table import ROWS_OF, TITLES, FigureRow, cells, rows_of
+from pamid.trial.figure_table import TITLES, FigureRow, cells, rows_of
+from pamid.trial.machine import machine_names
 
 
 @dataclass(frozen=True)
@@ -57,8 +58,8 @@ def read_trial(path: Path) -> Trial | None:
     found = read_result(path, TrialFile)
     if found is None:
         return None
-    if found.rig not in ROWS_OF:
-        raise damaged(path, "rig", " or ".join(map(repr, ROWS_OF)), f"{found.rig!r:.60}")
+    if found.rig not in (known := machine_names()):
+        raise damaged(path, "rig", " or ".join(map(repr, known)), f"{found.rig!r:.60}")
     for name in ("failed", "unseen"):
         if name not in found.rates:
             raise damaged(path, f"rates.{name}", "a rate", "missing")

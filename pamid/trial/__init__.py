@@ -1,2 +1,2 @@
-"""The blind trial: a virtual joint of its own, faults planted in it, and the scoring of what is
-said about them."""
+"""The blind trial: virtual machines of their own, faults planted in them, and the scoring of what
+is said about them."""

@@ -27,7 +27,7 @@ from pamid.diagnosis.judgement import QUESTIONS, Line
 from pamid.diagnosis.settings import DEFAULT
 from pamid.diagnosis.signature import Signature
 from pamid.diagnosis.verdict_grounds import VerdictStatistics
-from pamid.trial.machines import ONE_DOF
+from pamid.trial.machine import ONE_DOF
 from pamid.trial.marking import Marked
 
 Array = NDArray[np.float64]

@@ -44,8 +44,7 @@ from pamid.schemas.trial_case_files import (
 )
 from pamid.simulation.data_split import DataSplit, Span, split_recordings
 from pamid.trial.cases import Case, cases_sha256, draw_cases
-from pamid.trial.joint_plant import PERIOD_S
-from pamid.trial.machines import ONE_DOF, Machine, Record, machine_named
+from pamid.trial.machine import ONE_DOF, Machine, Record, machine_named
 from pamid.trial.scoring import score_cases
 
 Array = NDArray[np.float64]
@@ -233,13 +232,10 @@ class CaseMachine:
         return cls(case, machine, machine.build(random, case.conditions), seeds)
 
     def run(self, faults: dict[str, dict[str, float]], *, fresh: bool = False) -> dict[str, Array]:
-        """Columns of a recording. Open loop: the commands that the machine without a fault would
-        have used."""
+        """Columns of a recording, or of a fresh one."""
         c = self.case.conditions
         first, noise = self.seeds[2:] if fresh else self.seeds[:2]
-        signal = self.machine.reference(c, first)
-        if c.loop == "open":
-            signal = self.machine.commands(self.record({}, signal, noise))
+        signal = self.machine.excitation(c, self.record, first, noise)
         return self.record(faults, signal, noise)
 
 
@@ -249,7 +245,7 @@ def _written(case: Case, columns: dict[str, Array], path: Path) -> Recording:
     c, machine = case.conditions, machine_named(case.rig)
     hidden = machine.withheld_columns[c.channels]
     meta: dict[str, Any] = {
-        "recording": {"rig": case.rig, "loop": c.loop, "sampling_period_s": PERIOD_S},
+        "recording": {"rig": case.rig, "loop": c.loop, "sampling_period_s": machine.period_s},
         "known": machine.known(c),
     }
     if c.loop == "closed":

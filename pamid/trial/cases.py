@@ -21,7 +21,7 @@ from pamid.model.effect import Effect
 from pamid.model.registry import effects
 from pamid.trial.conditions import Conditions
 from pamid.trial.faults import Fault
-from pamid.trial.machines import ONE_DOF, Machine, machine_named
+from pamid.trial.machine import ONE_DOF, TWO_LINK, Machine, machine_named
 
 TRIAL_PARTS = ("calibration", "test")
 STRATA = {"single": 0.45, "double": 0.12, "no-gap": 0.23, "withheld": 0.12, "nameless": 0.08}
@@ -49,8 +49,9 @@ class Case:
 
     @property
     def sha256(self) -> str:
-        # the conditions of no two rigs are alike
-        fields = {k: v for k, v in asdict(self).items() if k != "rig"}
+        fields = asdict(self)
+        if self.rig in (ONE_DOF, TWO_LINK):  # their conditions tell them apart
+            del fields["rig"]
         return hashlib.sha256(json_text(fields).encode()).hexdigest()
 
     def label(self) -> dict[str, Any]:

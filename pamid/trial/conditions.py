@@ -49,7 +49,20 @@ class ArmConditions:
     hold_s: tuple[float, float]
 
 
-Conditions = JointConditions | ArmConditions
+@dataclass(frozen=True)
+class StarterConditions:
+    """How a case of a machine behind a starter rig is recorded: always in an open loop. channels:
+    "all", or the column that is left out; amplitude: share of the usual range of what is sent."""
+
+    loop: str
+    channels: str
+    noise: float
+    background: float
+    seconds: float
+    amplitude: float
+
+
+Conditions = JointConditions | ArmConditions | StarterConditions
 
 
 def draw_joint_conditions(
@@ -86,6 +99,24 @@ def draw_arm_conditions(
         amplitude_1_deg=float(25.0 + 5.0 * u[5] if wide else 15.0 + 15.0 * u[5]),
         amplitude_2_deg=float(34.0 + 6.0 * u[7] if wide else 20.0 + 20.0 * u[7]),
         hold_s=_holds(u[6], needs),
+    )
+
+
+def draw_starter_conditions(
+    random: np.random.Generator, channels: Sequence[str], seconds: float, clean: bool
+) -> StarterConditions:
+    """channels: those that a case may have, all of them first, which half of the cases have."""
+    u = random.random(4)
+    rest = channels[1:]
+    return StarterConditions(
+        loop="open",
+        channels=channels[0]
+        if u[0] < 0.5 or not rest
+        else rest[int((2.0 * u[0] - 1.0) * len(rest))],
+        noise=_noise(u[1]),
+        background=_background(u[2], clean),
+        seconds=seconds,
+        amplitude=float(0.8 + 0.4 * u[3]),
     )
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from pamid.trial.machines import ONE_DOF, TWO_LINK
+from pamid.trial.machine import ONE_DOF, TWO_LINK
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,9 @@ _ARM_ROWS.insert(
         _ARM_TARGETS["port_exact"],
     ),
 )
-ROWS_OF = {ONE_DOF: JOINT_ROWS, TWO_LINK: tuple(_ARM_ROWS)}
+_ROWS_OF = {ONE_DOF: JOINT_ROWS, TWO_LINK: tuple(_ARM_ROWS)}
+_STARTER_TARGETS = {"family_first": 85.0, "port": 92.0, "false_alarm": 3.0}
+_STARTER_ROWS = tuple(replace(row, target=_STARTER_TARGETS.get(row.key)) for row in JOINT_ROWS)
 TABLE_HEAD = ("", "measured", "95 %", "of", "target")
 TITLES = {
     "family_first": "family first",
@@ -102,7 +104,7 @@ TITLES = {
 
 def rows_of(found: Mapping[str, Any]) -> tuple[FigureRow, ...]:
     """The rows of the trial of this rig; a trial.json without one is of the joint."""
-    return ROWS_OF[found.get("rig", ONE_DOF)]
+    return _ROWS_OF.get(found.get("rig", ONE_DOF), _STARTER_ROWS)
 
 
 def trial_text(found: dict[str, Any]) -> str:

@@ -34,6 +34,7 @@ KNOWN = {"radius": 0.030, "length": 0.250, "supply_pressure": 701325.0, "hold_pr
 JOINT_CHANNELS = ("angle_deg", "pressure_1_kpa", "pressure_2_kpa", "force_1_n", "force_2_n")
 JOINT_NOISE = np.array([np.radians(0.05), 1e3, 1e3, 3.0, 3.0])  # SI, at factor 1
 JOINT_TO_COLUMN = np.array([180.0 / np.pi, 1e-3, 1e-3, 1.0, 1.0])
+PRESSURES_KPA = {"supply_pressure_kpa": 600.0, "initial_pressure_kpa": 550.0}
 SUBSTEPS = 30  # per sample
 AHEAD = 32  # samples run on after the end, for readings stamped early
 STROKE, LOW_PA, HIGH_PA = 0.20, 1e5, 6e5  # over which the error of the force map has its size

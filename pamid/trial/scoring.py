@@ -21,7 +21,7 @@ from pamid.base.metrics import (
 )
 from pamid.schemas.estimates import FailedJob
 from pamid.schemas.trial_file import Bin, Figure, Rate, TrialFile
-from pamid.trial.machines import ONE_DOF
+from pamid.trial.machine import ONE_DOF
 from pamid.trial.marking import LEAST_VISIBILITY, Marked
 
 SLIGHT_VISIBILITY = 1.3  # ... below which it adds 10 to 30 % to the error

@@ -23,9 +23,16 @@ SCANNED = {
     "KIND": "pamid/ingest/readers/",
     "FORM": "pamid/export/forms/",
     "OPTIONS": "pamid/replications/papers/",
+    "MACHINE": "pamid/trial/machines/",
 }
-#: scanned folders whose files are named as users name them, of which MATLAB is read and written
-NAMED_BY_USERS = ("pamid/export/forms/", "pamid/ingest/readers/")
+#: scanned folders whose files are named as users name them: MATLAB is read and written, a rig has a
+#: machine in the trial
+NAMED_BY_USERS = (
+    "pamid/export/forms/",
+    "pamid/ingest/readers/",
+    "pamid/rigs/",
+    "pamid/trial/machines/",
+)
 
 Places = dict[str, dict[str, str]]  # name -> where -> what stands there
 

@@ -1,0 +1,93 @@
+"""A machine of the trial: which faults it can have, how it is drawn and how it is recorded.
+
+There is one file for each in `pamid.trial.machines`, named after the rig that it stands for, with
+the machine as its `MACHINE`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
+from pkgutil import iter_modules
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.base.errors import UsageError, nearest
+from pamid.trial.conditions import Conditions
+from pamid.trial.faults import Fault
+
+Array = NDArray[np.float64]
+#: planted sizes by fault (or fault@place), excitation, seed of the noise -> columns of a recording
+Record = Callable[[Mapping[str, Mapping[str, float]], Any, int], dict[str, Array]]
+
+ONE_DOF, TWO_LINK = "one-dof", "two-link"
+_FOLDER = "pamid.trial.machines"
+
+
+class Machine(Protocol):
+    """The machine that stands for a rig, in equations of its own.
+
+    name              of the rig
+    period_s          between two samples
+    faults            what can be planted, by name
+    controller        [controller] of its closed loop
+    withheld_columns  channels of a case -> how the columns begin that its recordings do not have
+    """
+
+    @property
+    def name(self) -> str: ...
+    @property
+    def period_s(self) -> float: ...
+    @property
+    def faults(self) -> Mapping[str, Fault]: ...
+    @property
+    def controller(self) -> Mapping[str, float]: ...
+    @property
+    def withheld_columns(self) -> Mapping[str, tuple[str, ...]]: ...
+
+    def draw_conditions(
+        self, random: np.random.Generator, faults: Sequence[Fault], clean: bool
+    ) -> Conditions:
+        """How a case with these faults is recorded; clean: without background."""
+        ...
+
+    def plant(self, fault: str, random: np.random.Generator) -> tuple[str, dict[str, float]]:
+        """Where the fault is planted (its name, or fault@place), and its sizes (SI)."""
+        ...
+
+    def truth(self, site: str) -> dict[str, Any]:
+        """What counts as the right answer to a planted fault."""
+        ...
+
+    def known(self, c: Any) -> dict[str, float]:
+        """[known] of a recording."""
+        ...
+
+    def excitation(self, c: Any, record: Record, seed: int, noise: int) -> Any:
+        """What a closed loop is asked to follow, or what is sent in an open one: that may be what
+        this machine without a fault would have used. noise: the seed of its readings'."""
+        ...
+
+    def build(self, random: np.random.Generator, c: Any) -> Record:
+        """A drawn machine, recorded under these conditions."""
+        ...
+
+
+def machine_names() -> list[str]:
+    """The rigs for which there is a machine."""
+    folder = import_module(_FOLDER)
+    return sorted(found.name.replace("_", "-") for found in iter_modules(folder.__path__))
+
+
+def machine_named(rig: str) -> Machine:
+    """The machine that stands for this rig. UsageError for a rig that the trial has none for."""
+    known = machine_names()
+    if rig not in known:
+        raise UsageError(
+            f"the trial has no machine for the rig {rig!r}",
+            nearest(rig, known) or f"rigs: {', '.join(known)}",
+        )
+    found: Machine = import_module(f"{_FOLDER}.{rig.replace('-', '_')}").MACHINE
+    return found

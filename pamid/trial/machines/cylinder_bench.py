@@ -1,0 +1,94 @@
+"""A pneumatic cylinder on a force bench: its rod is moved, its force is read."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.engine.numba_cache import njit
+from pamid.trial.faults import around, between
+from pamid.trial.starter_faults import (
+    ForceSizes,
+    SignalSizes,
+    nameless_fault,
+)
+from pamid.trial.starter_kernel import FORCE_MEMORY, resisted, rough, sliding
+from pamid.trial.starter_machine import LoggedColumn, SentLevels, StarterMachine
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class BarrelSizes:
+    """What no catalogue has a name for at this rig.
+
+    barrel: relative change of the bore's area over 20 mm of the way; lip: N, friction of a lip that
+    the pressure lifts off the wall at 4 bar; side: N per m, friction of a rod that bends sideways
+    the further it is out
+    """
+
+    barrel: float = 0.0
+    lip: float = 0.0
+    side: float = 0.0
+
+
+@njit
+def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float, y: Array) -> None:
+    """What the drive has to push with; the speed is that of the way just made."""
+    piston, barrel = f
+    z = np.zeros(FORCE_MEMORY)
+    before = u[0, 0]
+    for k in range(u.shape[0]):
+        way, pressure = u[k, 0], u[k, 1]
+        speed = (way - before) / h
+        before = way
+        area = m.area * (1.0 + rough(maps[0], way)) * (1.0 + rough(maps[1], pressure - 4e5))
+        area *= 1.0 + barrel.barrel * np.sin(way / 0.02)
+        push = area * pressure
+        force = push + m.preload + resisted(way, speed, push, abs(pressure), z, piston, k * h, h)
+        rubbing = barrel.lip * np.exp(-((pressure / 4e5) ** 2)) + barrel.side * max(way + 0.02, 0.0)
+        y[k, 0] = force + sliding(speed, piston) + rubbing * np.tanh(speed / 5e-4)
+
+
+MACHINE = StarterMachine(
+    name="cylinder-bench",
+    period_s=0.02,
+    seconds=60.0,
+    steps=10,
+    sent={
+        "position_mm": SentLevels(-0.02, 0.02, (0.4, 2.0), ramped=True),
+        "pressure_bar": SentLevels(1.5e5, 6.5e5, (0.8, 4.0), ramped=True),
+    },
+    logged=("force_n",),
+    log={
+        "position_mm": LoggedColumn(1e3, noise=2e-3, steps=(1e-3, 5e-3)),
+        "pressure_bar": LoggedColumn(1e-5, noise=5e-4, steps=(2e-4, 1e-3), port="gauge"),
+        "force_n": LoggedColumn(noise=0.5, steps=(0.05, 0.5), port="load_cell"),
+    },
+    parameters={"area": around(5e-4, 1.0 / 1.15, 1.15), "preload": between(-15.0, 15.0)},
+    ports={
+        "gauge": SignalSizes(full=6e5, timescale_s=0.5, one_sided=True),
+        "piston": ForceSizes(force=120.0, travel=0.04, speed=0.1, level=4e5),
+        "barrel": BarrelSizes(),
+        "load_cell": SignalSizes(full=350.0, timescale_s=0.3, one_sided=True),
+    },
+    inside=("piston", "barrel"),
+    # One clock for pressure and force is left out: the pressure is what the rig is given, so what
+    # is early there is late in the force. A zero and a gain are the preload and the area; the
+    # pressure never comes near zero.
+    leave_out={
+        "gauge": ("dead-zone", "gain-error", "offset"),
+        "piston": ("gravity", "constant-offset"),
+        "load_cell": ("dead-zone", "gain-error", "offset", "play"),
+    },
+    further=(
+        nameless_fault("barrel", "piston", {"barrel": around(0.05)}),
+        nameless_fault("lip", "piston", {"lip": around(15.0)}),
+        nameless_fault("side-load", "piston", {"side": around(400.0)}),
+    ),
+    maps=(0.025, 2.5e5),
+    run=run,
+)

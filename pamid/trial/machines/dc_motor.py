@@ -1,0 +1,157 @@
+"""A geared DC motor with a load, driven by a voltage."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.engine.numba_cache import njit
+from pamid.trial.faults import around, between, fixed
+from pamid.trial.starter_faults import (
+    ForceSizes,
+    SignalSizes,
+    known_fault,
+    nameless_fault,
+)
+from pamid.trial.starter_kernel import FORCE_MEMORY, arrested, resisted, rough
+from pamid.trial.starter_machine import LoggedColumn, SentLevels, StarterMachine
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class GearSizes:
+    """What is planted between the shaft and the load, and in the motor itself.
+
+    outboard: share of the inertia that hangs behind a spring; outboard_hz: its frequency with the
+    shaft held; play: half gap before the spring, rad; bent_damping: N m s, damping that comes and
+    goes with the angle; fade: share of the constant that a current of 5 A takes off; warmth: share
+    by which the winding's resistance grows at 100 W
+    """
+
+    outboard: float = 0.0
+    outboard_hz: float = 15.0
+    outboard_ratio: float = 0.03
+    play: float = 0.0
+    bent_damping: float = 0.0
+    fade: float = 0.0
+    warmth: float = 0.0
+    warmth_s: float = 2.0
+
+
+@njit
+def run(u: Array, m: Any, f: tuple[Any, ...], maps: tuple[Array, ...], h: float, y: Array) -> None:
+    """Angle and current; trapezoidal in what damps, so that the step's error is of second order."""
+    shaft, gear = f
+    z = np.zeros(FORCE_MEMORY)
+    angle = speed = heat = 0.0
+    load_angle = load_speed = 0.0
+    for k in range(u.shape[0]):
+        constant = m.constant * m.ratio * (1.0 + rough(maps[0], angle))
+        resistance = m.resistance * (1.0 + gear.warmth * heat)
+        current = (u[k, 0] - constant * speed) / resistance
+        constant /= 1.0 + gear.fade * (current / 5.0) ** 2
+        y[k, 0], y[k, 1] = angle, (u[k, 0] - constant * speed) / resistance
+        heat += h / gear.warmth_s * (resistance * y[k, 1] ** 2 / 100.0 - heat)
+        inertia = m.inertia * (1.0 - gear.outboard)
+        driving = constant * u[k, 0] / resistance
+        push = driving - resisted(
+            angle, speed, constant * y[k, 1], abs(y[k, 1]), z, shaft, k * h, h
+        )
+        if gear.outboard > 0.0:
+            load = m.inertia * gear.outboard
+            swing = 2.0 * np.pi * gear.outboard_hz
+            twist = angle - load_angle
+            beyond = twist - min(max(twist, -gear.play), gear.play)
+            link = load * swing * swing * beyond * (1.0 + (beyond / 0.3) ** 2)
+            if beyond != 0.0:
+                link += 2.0 * gear.outboard_ratio * load * swing * (speed - load_speed)
+            push -= link
+            load_speed += h * link / load
+            load_angle += h * load_speed
+        damped = m.viscous + constant * constant / resistance
+        damped += gear.bent_damping * np.sin(0.8 * angle + 0.5) ** 2
+        c = 0.5 * h * damped / inertia
+        free = (speed * (1.0 - c) + h * push / inertia) / (1.0 + c)
+        free = arrested(free, speed, shaft, h, inertia)
+        angle += 0.5 * h * (speed + free)
+        speed = free
+
+
+MACHINE = StarterMachine(
+    name="dc-motor",
+    period_s=0.002,
+    seconds=8.0,
+    steps=40,
+    sent={"voltage_v": SentLevels(-9.0, 9.0, (0.03, 0.5), paired=True)},
+    logged=("angle_deg", "current_a"),
+    log={
+        "voltage_v": LoggedColumn(port="amplifier"),
+        "angle_deg": LoggedColumn(180.0 / np.pi, noise=0.02, steps=(0.01, 0.04), port="encoder"),
+        "current_a": LoggedColumn(noise=0.02, steps=(0.002, 0.02), port="ammeter"),
+    },
+    parameters={
+        "resistance": around(1.0, 1.0 / 1.2, 1.2),
+        "constant": around(0.05, 1.0 / 1.1, 1.1),
+        "ratio": fixed(20.0),
+        "inertia": around(0.03, 1.0 / 1.4, 1.4),
+        "viscous": between(0.01, 0.09),
+    },
+    ports={
+        "amplifier": SignalSizes(full=9.0, timescale_s=0.03),
+        "shaft": ForceSizes(force=4.0, travel=6.0, speed=7.0, load=2.0, level=2.0),
+        "gear": GearSizes(),
+        "encoder": SignalSizes(full=3.0, timescale_s=0.03),
+        "ammeter": SignalSizes(full=6.0, timescale_s=0.03),
+    },
+    inside=("shaft", "gear"),
+    commands=("amplifier",),
+    clock="encoder",
+    leave_out={
+        "amplifier": ("gain-error", "full-wave-rectification"),
+        "shaft": ("viscous-friction",),
+        # an encoder that counts from anywhere has no zero, sign or limit to lose
+        "encoder": (
+            "dead-zone",
+            "asymmetric-dead-zone",
+            "saturation",
+            "asymmetric-saturation",
+            "rectification",
+            "full-wave-rectification",
+            "offset",
+            "gain-error",
+        ),
+        "ammeter": ("play", "gain-error"),
+    },
+    further=(
+        known_fault(
+            "two-mass",
+            "flexible-transmission",
+            "gear",
+            {"outboard": between(0.4, 0.8), "outboard_hz": around(15.0, 0.6, 1.6)},
+        ),
+        known_fault(
+            "backlash",
+            "flexible-transmission",
+            "gear",
+            {
+                "outboard": between(0.4, 0.8),
+                "outboard_hz": around(30.0, 0.7, 1.5),
+                "play": around(0.03),
+            },
+            "outboard",
+            "play",
+        ),
+        nameless_fault("bent-damping", "shaft", {"bent_damping": around(0.4)}),
+        nameless_fault("armature-reaction", "shaft", {"fade": around(0.15)}),
+        nameless_fault(
+            "hot-winding", "amplifier", {"warmth": around(0.8), "warmth_s": between(0.5, 2.0)}
+        ),
+    ),
+    maps=(8.0,),
+    run=run,
+    without=("current_a",),
+)

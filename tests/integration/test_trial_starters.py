@@ -1,0 +1,189 @@
+"""The machines behind the starter rigs: healthy ones are their rigs, every fault shows and
+vanishes, and the questions stay the same."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import pamid
+from pamid.base.errors import UsageError
+from pamid.base.units import unit
+from pamid.model.attachment import attachments
+from pamid.model.registry import catalogue_rig, effects
+from pamid.recording.recording import TIME, Recording, read_recording, write_recording
+from pamid.trial.cases import NAMELESS, cases_sha256, draw_cases
+from pamid.trial.conditions import StarterConditions
+from pamid.trial.machine import machine_named, machine_names
+from pamid.trial.starter_machine import StarterMachine, draw_map
+
+Array = NDArray[np.float64]
+SEED = 5
+STARTERS = [name for name in machine_names() if isinstance(machine_named(name), StarterMachine)]
+FAULTS = [(name, fault) for name in STARTERS for fault in machine_named(name).faults]
+
+
+class Middle:
+    """Draws the middle of every range, and the last of every choice."""
+
+    def uniform(self, low: float, high: float) -> float:
+        return 0.5 * (low + high)
+
+    def choice(self, values: tuple[float, ...]) -> float:
+        return values[-1]
+
+
+def machine(name: str) -> StarterMachine:
+    found = machine_named(name)
+    assert isinstance(found, StarterMachine)
+    return found
+
+
+@cache
+def signal(name: str) -> dict[str, Array]:
+    own = machine(name)
+    plain = StarterConditions("open", "all", 1.0, 0.0, own.seconds, 1.0)
+    sent: dict[str, Array] = own.excitation(plain, lambda *_: {}, SEED, SEED)
+    return sent
+
+
+@cache
+def constants(name: str) -> dict[str, float]:
+    random = np.random.default_rng(SEED)
+    return {k: draw(random) for k, draw in machine(name).parameters.items()}
+
+
+def recorded(
+    name: str, planted: dict[str, dict[str, float]], *, noise: float = 0.0, steps: int = 0
+) -> dict[str, Array]:
+    own = machine(name)
+    random = np.random.default_rng(SEED)
+    flat = tuple(draw_map(random, 0.0, span) for span in own.maps)
+    exact = dict.fromkeys(own.log, 0.0)
+    return own.record(
+        constants(name), flat, exact, planted, signal(name), noise=noise, seed=SEED, steps=steps
+    )
+
+
+@cache
+def healthy(name: str) -> dict[str, Array]:
+    return recorded(name, {})
+
+
+def change(name: str, one: dict[str, Array], other: dict[str, Array]) -> float:
+    """RMS difference in standard deviations of the noise, in the reading of the largest."""
+    own = machine(name)
+    return max(
+        float(np.sqrt(np.mean((one[c] - other[c]) ** 2))) / own.log[c].noise
+        for c in one
+        if c in own.log and own.log[c].noise > 0.0
+    )
+
+
+def sizes(name: str, fault: str) -> dict[str, float]:
+    return machine(name).plant(fault, Middle())[1]  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("name", STARTERS)
+def test_a_healthy_machine_is_its_rig(name: str, tmp_path: Any) -> None:
+    """Signs, units and conventions: the rig with the machine's own constants makes the same
+    recording, to a few times the noise."""
+    rig = catalogue_rig(name)
+    columns = healthy(name)
+    meta = {"recording": {"rig": name, "sampling_period_s": machine(name).period_s}}
+    path = tmp_path / "healthy.csv"
+    write_recording(path, columns[TIME], {k: v for k, v in columns.items() if k != TIME}, meta)
+    source: Recording = read_recording(path)
+    true = {
+        p.name: constants(name)[p.name] / unit(p.unit).factor for p in rig.parameters if p.fitted
+    }
+    made = pamid.simulate(source, name, parameters=true, noise=0.0)
+    for column in machine(name).logged:
+        noise = machine(name).log[column].noise
+        apart = made.columns[column] - columns[column]
+        assert np.sqrt(np.mean(apart**2)) < 2.0 * noise, column
+        assert np.ptp(columns[column]) > 50.0 * noise, "there is something to reproduce"
+
+
+@pytest.mark.parametrize("name", STARTERS)
+def test_half_the_step_changes_next_to_nothing(name: str) -> None:
+    own = machine(name)
+    assert change(name, healthy(name), recorded(name, {}, steps=2 * own.steps)) < 1.0
+
+
+@pytest.mark.parametrize(("name", "fault"), FAULTS)
+def test_a_fault_shows_and_vanishes(name: str, fault: str) -> None:
+    planted = sizes(name, fault)
+    assert change(name, healthy(name), recorded(name, {fault: planted})) > 2.0
+    none = dict.fromkeys(machine(name).faults[fault].amounts, 0.0)
+    without = recorded(name, {fault: {**planted, **none}})
+    assert all(np.array_equal(without[c], healthy(name)[c]) for c in without)
+
+
+@pytest.mark.parametrize(("name", "fault"), FAULTS)
+def test_a_fault_is_what_the_catalogue_calls_it(name: str, fault: str) -> None:
+    """Effect, family and port are those under which a diagnosis could name it."""
+    rig, planted = catalogue_rig(name), machine(name).faults[fault]
+    if fault.startswith(NAMELESS):
+        assert planted.port in {rig.group_of(p) for p in rig.ports} and not planted.exact
+        return
+    name_of, _, port = fault.partition("@")
+    assert port == planted.port and name_of in planted.exact
+    ways = [a for a in attachments(rig, effects().values()) if a.effect.name in planted.exact]
+    assert (planted.family, planted.port) in {(a.family(rig), a.group(rig)) for a in ways}
+
+
+@pytest.mark.parametrize("name", STARTERS)
+def test_two_faults_never_set_the_same_size(name: str) -> None:
+    own = machine(name)
+    drawn = {fault: sizes(name, fault) for fault in own.faults}
+    for one, other in combinations(own.faults.values(), 2):
+        if one.family != other.family:
+            own.planted({f.name: drawn[f.name] for f in (one, other)})
+
+
+@pytest.mark.parametrize("name", STARTERS)
+def test_what_cannot_be_planted_is_said(name: str) -> None:
+    with pytest.raises(UsageError, match="cannot be planted"):
+        machine(name).planted({"leek": {}})
+
+
+@pytest.mark.parametrize("name", STARTERS)
+def test_noise_steps_and_channels(name: str) -> None:
+    """The logger's noise has its size, and a column that a case may lack is one that is logged."""
+    own = machine(name)
+    noisy, still = recorded(name, {}, noise=1.0), healthy(name)
+    for column, one in own.log.items():
+        assert np.std(noisy[column] - still[column]) == pytest.approx(one.noise, rel=0.15)
+    assert set(own.without) <= set(own.logged) < set(own.log) == set(own.logged) | set(own.sent)
+
+
+@pytest.mark.parametrize("name", STARTERS)
+def test_a_case_depends_on_its_number_alone(name: str) -> None:
+    few, many = draw_cases("test", 7, 3, name), draw_cases("test", 30, 3, name)
+    assert few == many[:7]
+    assert [c.stratum for c in few] == [c.stratum for c in draw_cases("test", 7, 3)]
+
+
+DIGESTS: dict[str, str] = {
+    "cascaded-tanks": "1f5d60f50fbd2fc4",
+    "cylinder-bench": "3871b27dfe87e97e",
+    "damper-bench": "72ac4a91ae3576d6",
+    "dc-motor": "def1601883ba5983",
+    "servo-pendulum": "4265e9062f023748",
+    "thermal-block": "ada26a6792c48bff",
+    "two-masses": "0c50a121cbc64fd6",
+}
+
+
+@pytest.mark.parametrize("name", STARTERS)
+def test_the_questions_are_the_same_everywhere(name: str) -> None:
+    """But for `removed`, which follows the catalogue."""
+    asked = [replace(c, removed=()) for c in draw_cases("test", 30, 0, name)]
+    assert cases_sha256(asked).startswith(DIGESTS[name])
