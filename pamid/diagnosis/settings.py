@@ -272,6 +272,12 @@ class Settings:
     further_least: float = _setting(
         0.02, "share of the gap", "what an effect has to remove to be named beside another"
     )
+    subset_rows: int = _setting(
+        8000,
+        "residuals",
+        "of the part screened that say what candidates change together, evenly thinned to these",
+        COST,
+    )
     rivals: int = _setting(
         2, "count", "runners-up tried in place of the first effect beside the second", COST
     )

@@ -1,0 +1,86 @@
+"""A fit's least squares row by row: weighted residuals, joints between windows, the data sheet, and
+their derivatives by the free parameters and the window starts.
+
+A fit itself needs their sums alone (`pamid.estimation.multiple_shooting`, whose notation holds
+here). The rows are wanted where several models are compared to first order.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.engine.program import Memory, Stepping
+from pamid.estimation.problem import Problem
+from pamid.estimation.weights import Weights
+from pamid.simulation.windows import Runner, Window
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class LinearRows:
+    """away (m,): what a fit squares and adds up; by_parameters (m, free), in prior spreads;
+    by_starts (m, window starts); the last `free` rows are the data sheet's."""
+
+    away: Array
+    by_parameters: Array
+    by_starts: Array
+
+    @property
+    def finite(self) -> bool:
+        return bool(np.isfinite(self.away).all() and np.isfinite(self.by_parameters).all())
+
+
+def linear_rows(
+    problem: Problem,
+    p: Array,
+    starts: tuple[Array, ...],
+    weights: Weights,
+    continuity: tuple[Array, ...],
+    stepping: Stepping,
+    most: int,
+) -> LinearRows:
+    """At parameters p (SI) and these starts; of residuals about `most` rows at most, evenly thinned
+    and weighed up for those left out: neighbours of a finely sampled residual say the same."""
+    free, scale = list(problem.free), problem.scale
+    k, columns = len(free), sum(x.size for x in starts)
+    every = max(1, -(-sum(t.y.size for t in problem.tracks) // most))
+    blocks, at = list[tuple[Array, Array]](), 0  # residuals, derivatives by everything
+    for track, x, joint in zip(problem.tracks, starts, continuity, strict=True):
+        runner = Runner(problem.assembly, track, stepping, problem.free)
+        own, windows, n = runner.parameters(p), problem.windows(track), runner.start_states
+        memory, root = runner.memory(own), np.where(track.seen, weights.root, 0.0)
+        for w, window in enumerate(windows):
+            runner.enter(memory, x[w])
+            r, A = _residuals(runner, memory, window, own, root, every)
+            rows = np.zeros((len(r), k + columns))
+            rows[:, :k], rows[:, k + at : k + at + n] = A[:, :k], A[:, k : k + n]
+            blocks.append((r, rows))
+            if w + 1 < len(windows):
+                inverse, rows = np.sqrt(joint), np.zeros((n, k + columns))
+                end = inverse[:, None] * memory.S[:n, : k + n]
+                rows[:, :k], rows[:, k + at : k + at + n] = -end[:, :k], -end[:, k:]
+                rows[:, k + at + n : k + at + 2 * n] = np.diag(inverse)
+                blocks.append((inverse * (x[w + 1] - memory.x[:n]), rows))
+            at += n
+    sheet = np.eye(k, k + columns)
+    away = np.concatenate([*(r for r, _ in blocks), scale.inside(p[free])])
+    by = np.concatenate([rows for _, rows in blocks])
+    by[:, :k] *= scale.slope(p[free])
+    by = np.concatenate([by, sheet])
+    return LinearRows(away, by[:, :k], by[:, k:])
+
+
+def _residuals(
+    runner: Runner, memory: Memory, window: Window, p: Array, root: Array, every: int
+) -> tuple[Array, Array]:
+    """Weighted residuals of every so many samples of a window, and their derivatives by parameters
+    (SI) and the window's start."""
+    Y, A, _ = runner.run(memory, window, p, True, root)
+    away = np.nan_to_num((Y - runner.track.y[window.start : window.stop]) * root)
+    A = A.reshape(*away.shape, -1)
+    heavier = np.sqrt(every)
+    return heavier * away[::every].ravel(), heavier * A[::every].reshape(-1, A.shape[2])
