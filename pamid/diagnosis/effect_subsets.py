@@ -6,26 +6,27 @@ D_e = r(e) - r(baseline), and the derivatives T_e of that by its own parameters.
 window starts projected out (P, onto what their derivatives cannot make), the gain of a set S of
 effects is to first order
 
-    gain(S) = |P r|^2 - min_(a,b) [ |P (r + sum_(e in S) (a_e D_e + T_e b_e))|^2 + sum |b_e|^2 ]
+    gain(S) = |P r|^2 - min [ |P (r + sum_e (a_e D_e + T_e b_e))|^2 + sum_e (a_e^2 + |b_e|^2) ]
 
-which needs inner products alone, so that every pair and triple of other families is looked at. It
-only says which are refitted jointly: held-out windows decide. Frisch and Waugh (1933), Econometrica
-1:387, for the projection; Miller (2002), Subset Selection in Regression, section 3.5, for all
-subsets in the place of a greedy path.
+with a_e >= 0 and b_e (in prior spreads) within the parameters' ranges; a_e^2 keeps what changed
+hardly anything from being blown up to all that is missing. It needs inner products alone, so that
+every pair is looked at; it only says which are refitted jointly, and held-out windows decide.
+Frisch and Waugh (1933), Econometrica 1:387, for the projection; Miller (2002), Subset Selection in
+Regression, section 3.5, for subsets in the place of a greedy path.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pamid.diagnosis.screening import Screened, ScreeningBaseline
 from pamid.estimation.linear_rows import linear_rows
-from pamid.parallel.jobs import Failed, Work, WorkerPool
+from pamid.model.attachment import Attachment
+from pamid.parallel.jobs import Failed, ObjectWork, WorkerPool
 from pamid.parallel.result_store import Plain
 from pamid.simulation.data_split import DataSplit
 
@@ -33,70 +34,97 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Responding(Work[Screened, Array]):
-    """What a screened candidate changes in the rows of the baseline, less what parameters and window
-    starts could change as well: (rows, 1 + own parameters), D_e and T_e."""
+class Response:
+    """Of one candidate, in the rows of the baseline: columns (rows, 1 + own parameters) are P D_e
+    and P T_e; room: how far a_e and b_e may go before a parameter leaves its range."""
+
+    columns: Array
+    room: Array  # (1 + own parameters, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Responding(ObjectWork[Screened, Response]):
+    """The response of a screened candidate. ground: the baseline's rows; spanned: orthonormal
+    columns that span what its parameters and window starts change."""
 
     what = "response of"
     evidence: DataSplit
     reference: ScreeningBaseline
-    ground: Array  # the baseline's rows
-    spanned: Array  # orthonormal columns that span what parameters and starts change
+    ground: Array
+    spanned: Array
 
-    def __call__(self, item: Screened) -> Plain:
-        assert item.assembly is not None and item.p is not None and item.stepping is not None
-        problem = self.reference.problem(self.evidence, item.assembly)
-        base = self.reference.baseline.fit
+    def result(self, item: Screened) -> Response:
+        assembly, p = item.ended
+        assert item.stepping is not None
+        problem = self.reference.problem(self.evidence, assembly)
+        base, settings = self.reference.baseline.fit, self.reference.settings
         rows = linear_rows(
             problem,
-            item.p,
+            p,
             item.starts,
             base.weights,
             base.continuity,
             item.stepping,
-            self.reference.settings.subset_rows,
+            settings.subset_rows,
         )
-        own = {b.key for b in item.assembly.parameters if b.owner == item.attachment.label}
-        keys = [item.assembly.parameters[i].key for i in problem.free]
-        shared = [i for i, key in enumerate(keys) if key not in own]
-        # the own parameters' rows of the data sheet are left out: the baseline has none
-        kept = [*range(len(rows.away) - len(keys)), *(len(rows.away) - len(keys) + i for i in shared)]
-        tangents = rows.by_parameters[np.ix_(kept, [i for i, key in enumerate(keys) if key in own])]
-        found = np.column_stack([rows.away[kept] - self.ground, tangents])
-        return {"columns": found - self.spanned @ (self.spanned.T @ found)}
+        label, bounds = item.attachment.label, assembly.parameters
+        own = np.array([bounds[i].owner == label for i in problem.free], bool)
+        # the last rows are the data sheet's, and the baseline has none for the effect
+        kept = np.concatenate([np.ones(len(rows.away) - len(own), bool), ~own])
+        columns = np.column_stack(
+            [rows.away[kept] - self.ground, rows.by_parameters[np.ix_(kept, own)]]
+        )
+        scale = problem.scale
+        at = scale.inside(p[list(problem.free)])
+        room = np.column_stack([scale.low - at, scale.high - at])[own]
+        return Response(
+            columns - self.spanned @ (self.spanned.T @ columns),
+            np.concatenate([[[0.0, np.inf]], room]),
+        )
 
-    def restored(self, item: Screened, found: Plain) -> Array:
-        columns: Array = found["columns"]
-        return columns
+    def plain_form(self, item: Screened, found: Response) -> Plain:
+        return {"columns": found.columns, "room": found.room}
+
+    def restored(self, item: Screened, found: Plain) -> Response:
+        return Response(found["columns"], found["room"])
 
     def name(self, item: Screened) -> str:
         return item.attachment.label
 
 
 @dataclass(frozen=True, eq=False)
-class Responses:
-    """Projected responses of screened candidates. gram: inner products of all their columns;
-    against: of each with the baseline's projected residual; places: columns of each candidate."""
+class ScreenedResponses:
+    """Of all candidates. gram: inner products of all their columns; against: those with the
+    baseline's projected residual; places: every candidate's columns."""
 
     screened: list[Screened]
     gram: Array
     against: Array
+    room: Array
     places: list[range]
-    slack: float
 
     def gain(self, members: Sequence[int]) -> float:
-        """To first order, of these candidates together, in units of the fit's cost; 0 where one of
-        them would have to change the rows the other way round."""
+        """gain(S) of these candidates: a quadratic programme with bounds, by an active set that
+        takes in the worst offender until there is none."""
         at = np.concatenate([self.places[i] for i in members])
-        own = np.concatenate([np.arange(len(self.places[i])) > 0 for i in members])
-        A = self.gram[np.ix_(at, at)] + np.diag(np.where(own, 1.0, self.slack))
-        steps = -np.linalg.solve(A, self.against[at])
-        return float(-steps @ self.against[at])
+        A, g = self.gram[np.ix_(at, at)] + np.eye(len(at)), self.against[at]
+        low, high = self.room[at].T
+        x, free = np.zeros(len(at)), np.ones(len(at), bool)
+        while free.any():
+            held = A[np.ix_(free, ~free)] @ x[~free]
+            x[free] = -np.linalg.solve(A[np.ix_(free, free)], g[free] + held)
+            beyond = np.where(free, np.maximum(low - x, x - high), 0.0)
+            worst = int(beyond.argmax())
+            if beyond[worst] <= 0.0:
+                break
+            x[worst] = np.clip(x[worst], low[worst], high[worst])
+            free[worst] = False
+        return float(-(2.0 * g + A @ x) @ x)
 
 
 def responses_of(
     evidence: DataSplit, reference: ScreeningBaseline, screened: list[Screened], pool: WorkerPool
-) -> Responses:
+) -> ScreenedResponses:
     """Of all screened candidates, each linearised where its screening has ended."""
     base = reference.baseline
     ground = linear_rows(
@@ -109,45 +137,67 @@ def responses_of(
         reference.settings.subset_rows,
     )
     spanned = _span(np.column_stack([ground.by_parameters, ground.by_starts]))
-    work = Responding(evidence, reference, ground.away, spanned)
-    found = pool.run(work, screened)
+    found = pool.run(Responding(evidence, reference, ground.away, spanned), screened)
     kept = [
-        (s, columns)
-        for s, columns in zip(screened, found, strict=True)
-        if not isinstance(columns, Failed) and np.isfinite(columns).all()
+        (s, r)
+        for s, r in zip(screened, found, strict=True)
+        if not isinstance(r, Failed) and np.isfinite(r.columns).all()
     ]
-    everything = np.column_stack([columns for _, columns in kept])
-    edges = np.cumsum([0, *(columns.shape[1] for _, columns in kept)])
-    gram = everything.T @ everything
-    return Responses(
+    columns = np.column_stack([np.zeros((len(ground.away), 0)), *(r.columns for _, r in kept)])
+    edges = np.cumsum([0, *(len(r.room) for _, r in kept)]).tolist()
+    return ScreenedResponses(
         [s for s, _ in kept],
-        gram,
-        everything.T @ (ground.away - spanned @ (spanned.T @ ground.away)),
+        columns.T @ columns,
+        columns.T @ ground.away,
+        np.concatenate([np.zeros((0, 2)), *(r.room for _, r in kept)]),
         [range(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)],
-        1e-9 * float(gram.diagonal().max()),
     )
 
 
 def _span(columns: Array) -> Array:
-    """Orthonormal columns with the same span."""
-    u, s, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300), full_matrices=False)
-    return u[:, s > 1e-9 * s[0]]
+    """Orthonormal columns with the same span, to working precision."""
+    sized = columns / np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
+    u, values, _ = np.linalg.svd(sized, full_matrices=False)
+    return u[:, values > np.sqrt(np.finfo(float).eps) * values[0]]
+
+
+@dataclass(frozen=True)
+class Subset:
+    """Candidates of several families that may act together. gain: see above, in the unit of a fit's
+    cost."""
+
+    members: tuple[Screened, ...]
+    gain: float
+
+    @property
+    def labels(self) -> frozenset[str]:
+        return frozenset(s.attachment.label for s in self.members)
 
 
 def best_subsets(
-    responses: Responses, family_of: dict[str, str], size: int
-) -> list[tuple[float, tuple[Screened, ...]]]:
-    """The best set of `size` candidates of every combination of as many families, with its gain,
-    the largest first."""
-    families = [family_of[s.attachment.label] for s in responses.screened]
+    found: ScreenedResponses, family: Callable[[Attachment], str], size: int, most: int
+) -> list[Subset]:
+    """The best `size` candidates of every combination of as many families, the `most` best of
+    these.
+
+    Every pair is looked at; of larger sets those that add a candidate to one of the `most` best
+    that are smaller by one.
+    """
+    families = [family(s.attachment) for s in found.screened]
+    everyone = range(len(families))
+    leading: list[tuple[int, ...]] = [(i,) for i in everyone]
     best: dict[frozenset[str], tuple[float, tuple[int, ...]]] = {}
-    for members in combinations(range(len(families)), size):
-        names = frozenset(families[i] for i in members)
-        if len(names) == size:
-            gain = responses.gain(members)
-            if names not in best or gain > best[names][0]:
-                best[names] = gain, members
+    for _ in range(size - 1):
+        tried = {tuple(sorted((*m, i))) for m in leading for i in everyone if i not in m}
+        best = {}
+        for members in sorted(tried):
+            names = frozenset(families[i] for i in members)
+            if len(names) == len(members):
+                gain = found.gain(members)
+                if names not in best or gain > best[names][0]:
+                    best[names] = gain, members
+        leading = [m for _, m in sorted(best.values(), key=lambda e: (-e[0], e[1]))][:most]
     return [
-        (gain, tuple(responses.screened[i] for i in members))
-        for gain, members in sorted(best.values(), key=lambda e: (-e[0], e[1]))
+        Subset(tuple(found.screened[i] for i in m), gain)
+        for gain, m in sorted(best.values(), key=lambda e: (-e[0], e[1]))[:most]
     ]

@@ -51,6 +51,12 @@ class Screened:
         """Did it stay stable?"""
         return self.assembly is not None and bool(np.isfinite(self.gain))
 
+    @property
+    def ended(self) -> tuple[Assembly, Array]:
+        """Its model, and the parameters (SI) to which screening has led: of a usable one."""
+        assert self.assembly is not None and self.p is not None
+        return self.assembly, self.p
+
 
 def starting_points(
     assembly: Assembly, attachment: Attachment, hints: Hints, settings: Settings = DEFAULT

@@ -272,6 +272,21 @@ class Settings:
     further_least: float = _setting(
         0.02, "share of the gap", "what an effect has to remove to be named beside another"
     )
+    further_sure: float = _setting(
+        5.0,
+        "standard errors",
+        "a further effect that gains this surely, and removes further_least, is named whatever its "
+        "line says",
+        "the usual five standard errors of a discovery; three of four pairs that a sealed machine "
+        "lost fell to the line alone, one of them at 11.9",
+    )
+    subsets: int = _setting(
+        6,
+        "combinations of families",
+        "of best subsets of the screened effects refitted jointly",
+        "of a surrogate's pairs the truth is among the first ten in 71-88 %; the count bounds the "
+        "cost",
+    )
     subset_rows: int = _setting(
         8000,
         "residuals",

@@ -27,6 +27,7 @@ from pamid.diagnosis.misfit_beyond_range import scale_doubt
 from pamid.diagnosis.naive_forecast import explains_nothing
 from pamid.diagnosis.port_evidence import PortEvidence, locate
 from pamid.diagnosis.search import (
+    Round,
     Search,
     carried_on,
     indistinguishable_from_first,
@@ -129,7 +130,7 @@ def diagnose(
     progress("looking where something is missing")
     located = locate(evidence, base, pool, settings=settings)
     first = run_round(search, base, candidates_to_screen(search.candidates, located, settings))
-    judged = _judged(search, located, first.models)
+    judged = _judged(search, located, first, first.models)
     failed = first.failed
     if judged.decision.verdict == "unknown-effect":
         # before it is said that nothing known explains it, everything known that acts there is
@@ -139,7 +140,7 @@ def diagnose(
         failed = failed + more
         everything = carried_on(search, [*first.models, *models])
         if everything != first.models:
-            judged = _judged(search, located, everything)
+            judged = _judged(search, located, first, everything)
     opposite: list[tuple[CandidateModel, float]] = []
     if judged.decision.verdict == "unknown-effect":
         opposite = opposite_signs(search, list(judged.ranking))
@@ -182,13 +183,17 @@ class _Judged:
     units: dict[str, Any] | None
 
 
-def _judged(search: Search, located: PortEvidence, models: list[CandidateModel]) -> _Judged:
+def _judged(
+    search: Search, located: PortEvidence, first: Round, models: list[CandidateModel]
+) -> _Judged:
     """Ranking, further effects and verdict."""
     evidence, budget, chosen, seed = search.evidence, search.budget, search.chosen, search.seed
     base, settings = budget.baseline, search.settings
     ranking, wins = ranked(search, models)
     classes = look_alike_classes(evidence, base, list(ranking[: settings.compared]), settings)
-    found = select_forward(search, ranking, located) if ranking else ForwardSelection(base, located)
+    found = ForwardSelection(base, located)
+    if ranking:
+        found = select_forward(search, ranking, located, first)
     best = _freed(evidence, found.best) if ranking else None
     ranking, wins = _with_best(ranking, wins, best)
     grounds = verdict_statistics(budget, chosen, ranking, best, located, found.after, seed)
