@@ -104,13 +104,12 @@ def select_forward(
         search.progress(f"looking where something is missing beside {best.label}")
         leaders = [k[0] for k in located.classes]
         after = locate(search.evidence, best, search.pool, leaders, settings=chosen)
-        helped = search.budget.shrinkage(best.absolutes, search.chosen) > chosen.worth
         # too little to look into: a share of what was missing at first, within fixed bounds
         little = max(
             min(chosen.further_share * located.most, chosen.further_always * best.samples),
             chosen.further_never * best.samples,
         )
-        if len(best.attached) == chosen.effects_most or after.most < little or not helped:
+        if len(best.attached) == chosen.effects_most or after.most < little:
             break
         if responses is None:
             responses = responses_of(search.evidence, first.reference, first.screened, search.pool)
@@ -150,7 +149,9 @@ def _larger(
     least = search.settings.further_ports * after.most
     open_ports = {port for k in located.classes for port in k if after.gains[k[0]] > least}
     others = [a for a in search.candidates if search.family(a) not in taken]
-    beside = [a for a in others if open_ports & set(a.ports)]
+    # nothing is put on top of what does not help by itself: there is no first effect
+    helps = search.budget.shrinkage(best.absolutes, search.chosen) > search.settings.worth
+    beside = [a for a in others if helps and open_ports & set(a.ports)]
     models = run_round(search, best, beside).models if beside else []
     known = {_labels(c) for c in models}
     subsets = best_subsets(
@@ -197,7 +198,7 @@ def _weighed(
     closed: tuple[str, ...],
 ) -> ForwardStep:
     """The first of the larger models against `best`: is it taken? What is as good as certain on
-    held-out windows and removes a material share needs no line's consent."""
+    held-out windows, removes a material share and has no equal needs no line's consent."""
     newest, chosen = larger[0], search.settings
     families = set(_families(search, newest))
     other = next((c for c in larger if set(_families(search, c)) != families), best)
@@ -222,7 +223,9 @@ def _weighed(
     )
     line = calibration().lines["further"]
     probability = line.probability(found.features())
-    backed = probability >= line.yes or found.sure >= chosen.further_sure
+    # one of several families that do as well would be named by chance
+    plain = found.sure >= chosen.further_sure and found.margin >= chosen.tie_errors
+    backed = probability >= line.yes or plain
     taken = backed and found.removed >= chosen.further_least
     return replace(found, probability=probability, taken=taken)
 

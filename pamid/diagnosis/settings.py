@@ -275,8 +275,8 @@ class Settings:
     further_sure: float = _setting(
         5.0,
         "standard errors",
-        "a further effect that gains this surely, and removes further_least, is named whatever its "
-        "line says",
+        "a further effect that gains this surely, removes further_least and has no equal of "
+        "another family (tie_errors) is named whatever its line says",
         "the usual five standard errors of a discovery; three of four pairs that a sealed machine "
         "lost fell to the line alone, one of them at 11.9",
     )
