@@ -275,24 +275,11 @@ class Settings:
     further_sure: float = _setting(
         5.0,
         "standard errors",
-        "a further effect that gains this surely, removes further_least and has no equal of "
-        "another family (tie_errors) is named whatever its line says",
-        "the usual five standard errors of a discovery; three of four pairs that a sealed machine "
-        "lost fell to the line alone, one of them at 11.9",
+        "surer ones that remove further_least and are tied with none need no line's consent",
+        "the usual five of a discovery: the line alone had lost a right effect at 11.9",
     )
-    subsets: int = _setting(
-        6,
-        "combinations of families",
-        "of best subsets of the screened effects refitted jointly",
-        "of a surrogate's pairs the truth is among the first ten in 71-88 %; the count bounds the "
-        "cost",
-    )
-    subset_rows: int = _setting(
-        8000,
-        "residuals",
-        "of the part screened that say what candidates change together, evenly thinned to these",
-        COST,
-    )
+    subsets: int = _setting(6, "combinations", "best subsets of effects refitted jointly", COST)
+    subset_rows: int = _setting(8000, "residuals", "thinned to which subsets are compared", COST)
     rivals: int = _setting(
         2, "count", "runners-up tried in place of the first effect beside the second", COST
     )

@@ -6,7 +6,7 @@ from __future__ import annotations
 from pamid.trial.marking import Marked
 
 #: gate -> what it says, in the order in which a pair meets them
-GATES = {
+PAIR_GATES = {
     "unseen": "one does not show beside the other",
     "nothing-sought": "nothing was looked for beside the first effect",
     "screen": "one was never refitted, by itself or with another",
@@ -42,4 +42,4 @@ def lost_at(m: Marked) -> str:
         "further": not any(step["taken"] for step in foremost),
         "verdict": True,
     }
-    return next(gate for gate in GATES if met[gate])
+    return next(gate for gate in PAIR_GATES if met[gate])

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pamid.base.metrics import wilson_interval
 from pamid.schemas.estimates import FailedJob
 from pamid.schemas.trial_file import Bin, Figure, Rate, TrialFile
-from pamid.trial.lost_pairs import GATES, lost_at
+from pamid.trial.lost_pairs import PAIR_GATES, lost_at
 from pamid.trial.machines import ONE_DOF
 from pamid.trial.marking import LEAST_VISIBILITY, Marked
 
@@ -308,7 +308,7 @@ def _confusion(visible: list[Marked]) -> dict[str, dict[str, int]]:
 def _lost_pairs(marked: list[Marked]) -> dict[str, int]:
     """Of visible pairs that were not both named, in the order of the gates."""
     lost = Counter(lost_at(m) for m in marked if m.stratum == "double" and m.visible)
-    return {gate: lost[gate] for gate in GATES if lost[gate]}
+    return {gate: lost[gate] for gate in PAIR_GATES if lost[gate]}
 
 
 def _baselines(visible: list[Marked], seed: int) -> dict[str, Rate]:

@@ -32,9 +32,9 @@ def named(d: Diagnosis) -> set[str]:
 
 @pytest.mark.parametrize("subsets", [DEFAULT.subsets, 1])
 def test_a_pair_without_a_first_effect_to_build_on(subsets: int, tmp_path: Path) -> None:
-    """Friction alone takes nothing away, and the delay's model, with integration steps as fine as it
-    needs, leaves more than none: nothing is to be put on top of it. The linear solve puts the pair
-    first of all."""
+    """Friction alone takes nothing away, and the delay's model, with integration steps as fine as
+    it needs, leaves more than none: nothing is to be put on top of it. The linear solve puts the
+    pair first of all."""
     d = found_with(tmp_path, *LATE_AND_RUBBING, settings=Settings(subsets=subsets))
     assert d.verdict == "explained" and named(d) == set(LATE_AND_RUBBING)
     friction = d.singles["coulomb-friction"]

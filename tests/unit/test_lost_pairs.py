@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from pamid.trial.figure_table import trial_text
-from pamid.trial.lost_pairs import GATES, lost_at
+from pamid.trial.lost_pairs import PAIR_GATES, lost_at
 from pamid.trial.marking import Marked
 from pamid.trial.scoring import score_cases
 
@@ -63,7 +63,7 @@ LOST = {
 }
 
 
-@pytest.mark.parametrize("gate", GATES)
+@pytest.mark.parametrize("gate", PAIR_GATES)
 def test_each_gate(gate: str) -> None:
     assert lost_at(Marked({"truth": [FRICTION, PLAY]}, LOST[gate])) == gate
 
@@ -95,4 +95,4 @@ def test_the_trial_counts_them_and_shows_them() -> None:
     found = score_cases(labels, results)
     assert found.lost_pairs == {"unseen": 1, "further": 2}
     text = trial_text(found.as_json())
-    assert f"    2  {GATES['further']}" in text and f"    1  {GATES['unseen']}" in text
+    assert f"    2  {PAIR_GATES['further']}" in text and f"    1  {PAIR_GATES['unseen']}" in text
