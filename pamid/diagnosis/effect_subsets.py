@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.diagnosis.screening import Screened, ScreeningBaseline
+from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.estimation.linear_rows import linear_rows
 from pamid.model.attachment import Attachment
 from pamid.parallel.jobs import Failed, ObjectWork, WorkerPool
@@ -175,29 +176,37 @@ class Subset:
 
 
 def best_subsets(
-    found: ScreenedResponses, family: Callable[[Attachment], str], size: int, most: int
+    found: ScreenedResponses,
+    family: Callable[[Attachment], str],
+    size: int,
+    settings: Settings = DEFAULT,
 ) -> list[Subset]:
-    """The best `size` candidates of every combination of as many families, the `most` best of
-    these.
+    """The best `size` (two or more) candidates of every combination of as many families, the
+    `subsets` best of these, as far as they gain something beyond fewer candidates and not next to
+    nothing against the first.
 
-    Every pair is looked at; of larger sets those that add a candidate to one of the `most` best
-    that are smaller by one.
+    Every pair is looked at; of larger sets those that add a candidate to one of the best that are
+    smaller by one.
     """
     families = [family(s.attachment) for s in found.screened]
     everyone = range(len(families))
-    leading: list[tuple[int, ...]] = [(i,) for i in everyone]
-    best: dict[frozenset[str], tuple[float, tuple[int, ...]]] = {}
+    leading = [(found.gain((i,)), (i,)) for i in everyone]
+    fewer = 0.0
     for _ in range(size - 1):
-        tried = {tuple(sorted((*m, i))) for m in leading for i in everyone if i not in m}
-        best = {}
+        fewer = max((gain for gain, _ in leading), default=0.0)
+        tried = {tuple(sorted((*m, i))) for _, m in leading for i in everyone if i not in m}
+        best: dict[frozenset[str], tuple[float, tuple[int, ...]]] = {}
         for members in sorted(tried):
             names = frozenset(families[i] for i in members)
             if len(names) == len(members):
                 gain = found.gain(members)
                 if names not in best or gain > best[names][0]:
                     best[names] = gain, members
-        leading = [m for _, m in sorted(best.values(), key=lambda e: (-e[0], e[1]))][:most]
+        leading = sorted(best.values(), key=lambda e: (-e[0], e[1]))[: settings.subsets]
+    most = max((gain - fewer for gain, _ in leading), default=0.0)
+    least = max(settings.family_nats, settings.family_share * most)
     return [
         Subset(tuple(found.screened[i] for i in m), gain)
-        for gain, m in sorted(best.values(), key=lambda e: (-e[0], e[1]))[:most]
+        for gain, m in leading
+        if gain - fewer > least
     ]

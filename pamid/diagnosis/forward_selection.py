@@ -19,6 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pamid.base.errors import PamidError
 from pamid.diagnosis.candidate_model import CandidateModel, transferred
 from pamid.diagnosis.decision import calibration, decades, in_errors, within
 from pamid.diagnosis.effect_subsets import (
@@ -98,12 +99,12 @@ def select_forward(
     chosen = search.settings
     best, steps = with_finer_steps(search, ranking[0]), list[ForwardStep]()
     responses: ScreenedResponses | None = None
-    been: set[frozenset[str]] = set()
+    been: dict[frozenset[str], PortEvidence] = {}
     while True:
-        been.add(_labels(best))
         search.progress(f"looking where something is missing beside {best.label}")
         leaders = [k[0] for k in located.classes]
         after = locate(search.evidence, best, search.pool, leaders, settings=chosen)
+        been[_labels(best)] = after
         # too little to look into: a share of what was missing at first, within fixed bounds
         little = max(
             min(chosen.further_share * located.most, chosen.further_always * best.samples),
@@ -124,7 +125,7 @@ def select_forward(
         best = with_finer_steps(search, best)
         if _labels(best) in been:  # what was added was dropped again
             break
-    return ForwardSelection(best, after, tuple(steps))
+    return ForwardSelection(best, been[_labels(best)], tuple(steps))
 
 
 def _labels(c: CandidateModel) -> frozenset[str]:
@@ -154,14 +155,12 @@ def _larger(
     beside = [a for a in others if helps and open_ports & set(a.ports)]
     models = run_round(search, best, beside).models if beside else []
     known = {_labels(c) for c in models}
-    subsets = best_subsets(
-        responses, search.family, len(best.attached) + 1, search.settings.subsets
-    )
+    subsets = best_subsets(responses, search.family, len(best.attached) + 1, search.settings)
     work = Refitting(
         search.evidence, search.budget.baseline.fit, search.budget.sizes, search.settings
     )
     starts = [_joint_start(search, s, best, ranking) for s in subsets if s.labels not in known]
-    refitted = search.pool.run(work, starts, search.progress)
+    refitted = search.pool.run(work, [s for s in starts if s is not None], search.progress)
     models = [*models, *(c for c in refitted if not isinstance(c, Failed) and c.finite)]
     losses = search.losses(models).mean(axis=1) if models else []
     order = sorted(range(len(models)), key=lambda i: (losses[i], models[i].label))
@@ -171,9 +170,10 @@ def _larger(
 
 def _joint_start(
     search: Search, subset: Subset, best: CandidateModel, ranking: tuple[CandidateModel, ...]
-) -> RefitStart:
+) -> RefitStart | None:
     """A subset's model, refitted from what each member has found alone, the strongest last: it
-    knows the rig's own parameters best. Members that are in `best` come first, as there."""
+    knows the rig's own parameters best. Members that are in `best` come first, as there; None of
+    effects that cannot act together."""
     alone = {c.label: (c.assembly, c.fit.p) for c in ranking}
     before = [a.label for a in best.attached]
     strongest = sorted(subset.members, key=lambda s: (-s.gain, s.attachment.label))
@@ -184,7 +184,10 @@ def _joint_start(
         ),
     )
     attached = tuple(s.attachment for s in members)
-    assembly = model_with(search.evidence, attached, search.budget.sizes)
+    try:
+        assembly = model_with(search.evidence, attached, search.budget.sizes)
+    except PamidError:
+        return None
     found = [alone.get(s.attachment.label, s.ended) for s in strongest[::-1]]
     return RefitStart(attached, transferred(assembly, *found), assembly=assembly)
 

@@ -278,7 +278,7 @@ class Settings:
         "surer ones that remove further_least and are tied with none need no line's consent",
         "the usual five of a discovery: the line alone had lost a right effect at 11.9",
     )
-    subsets: int = _setting(6, "combinations", "best subsets of effects refitted jointly", COST)
+    subsets: int = _setting(6, "combinations", "at most, of effects, refitted jointly", COST)
     subset_rows: int = _setting(8000, "residuals", "thinned to which subsets are compared", COST)
     rivals: int = _setting(
         2, "count", "runners-up tried in place of the first effect beside the second", COST

@@ -23,7 +23,7 @@ def lost_at(m: Marked) -> str:
     pair = {str(t["family"]) for t in m.truth}
     if len(pair) < 2 or m.caught == len(pair):
         return ""
-    steps = m.found["further"]
+    steps = m.found.get("further", ())
     together = [[set(families) for families in step.get("tried", ())] for step in steps]
     refitted = set(m.families).union(*(families for tried in together for families in tried))
     weighed = [

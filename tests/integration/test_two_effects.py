@@ -15,8 +15,10 @@ from pamid.diagnosis import forward_selection
 from pamid.diagnosis.forward_selection import ForwardStep
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.tournament import Diagnosis, diagnose
-from pamid.diagnosis.verdict import diagnosis_file
+from pamid.diagnosis.verdict import diagnosis_file, diagnosis_json
 from pamid.model.registry import effects
+from pamid.parallel.jobs import WorkerPool
+from pamid.parallel.result_store import Store
 
 LATE_AND_RUBBING = ("coulomb-friction", "dead-time")
 
@@ -59,6 +61,16 @@ def test_one_planted_is_one_named(planted: str, tmp_path: Path) -> None:
 def test_none_planted_is_none_named(tmp_path: Path) -> None:
     d = found_with(tmp_path)
     assert d.verdict == "no-structural-gap" and named(d) == set()
+
+
+def test_the_same_pair_from_two_processes_and_read_back(tmp_path: Path) -> None:
+    catalogue = {k: v for k, v in effects().items() if k in FEW}
+    evidence = cart_evidence(record_cart(tmp_path, LATE_AND_RUBBING))
+    alone = diagnosis_json(diagnose(evidence, catalogue), None, 0)
+    for _ in range(2):
+        pool = WorkerPool(2, Store(tmp_path / "store"))
+        assert diagnosis_json(diagnose(evidence, catalogue, pool=pool), None, 0) == alone
+    assert pool.worked == 0 < pool.from_store
 
 
 # ---- the rule by itself ----------------------------------------------------------------------

@@ -3,6 +3,7 @@ combination of families."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 from types import SimpleNamespace
 from typing import Any
@@ -12,10 +13,12 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from pamid.diagnosis.effect_subsets import ScreenedResponses, best_subsets
+from pamid.diagnosis.settings import Settings
 
 ROWS = 60
 FAMILY = {"rub": "friction", "stick": "friction", "slip": "hysteresis", "late": "timing"}
 FAMILY |= {"drift": "offset"}
+EVERY = Settings(subsets=99, family_nats=0.0, family_share=0.0)
 
 
 def responses(left: np.ndarray, columns: dict[str, np.ndarray]) -> ScreenedResponses:
@@ -54,20 +57,37 @@ def test_the_pair_is_found_that_no_single_one_leads_to(
     found = responses(*drawn)
     alone = {k: found.gain([i]) for i, k in enumerate(FAMILY)}
     assert max(alone, key=lambda k: alone[k]) == "rub", "what a greedy path would begin with"
-    assert best_subsets(found, family, 2, 1)[0].labels == {"slip", "late"}
+    assert best_subsets(found, family, 2)[0].labels == {"slip", "late"}
 
 
-def test_every_combination_of_families_stands_once(
+def test_every_combination_of_families_is_stood_for_by_its_best(
     drawn: tuple[np.ndarray, dict[str, np.ndarray]],
 ) -> None:
-    pairs = best_subsets(responses(*drawn), family, 2, len(FAMILY) ** 2)
-    names = [frozenset(FAMILY[k] for k in p.labels) for p in pairs]
-    assert len(names) == len(set(names)) == len(list(combinations(set(FAMILY.values()), 2)))
-    gains = [p.gain for p in pairs]
-    assert gains == sorted(gains, reverse=True)
-    three = best_subsets(responses(*drawn), family, 3, 2)
-    assert [len({FAMILY[k] for k in p.labels}) for p in three] == [3, 3]
+    found, labels = responses(*drawn), list(FAMILY)
+    most: dict[frozenset[str], float] = {}
+    for i, j in combinations(range(len(labels)), 2):
+        names = frozenset((FAMILY[labels[i]], FAMILY[labels[j]]))
+        most[names] = max(most.get(names, 0.0), found.gain((i, j)))
+    alone = max(found.gain([i]) for i in range(len(labels)))
+    pairs = best_subsets(found, family, 2, EVERY)
+    assert [(frozenset(FAMILY[k] for k in p.labels), p.gain) for p in pairs] == sorted(
+        ((names, g) for names, g in most.items() if len(names) == 2 and g > alone),
+        key=lambda e: -e[1],
+    )
+    three = best_subsets(responses(*drawn), family, 3, EVERY)
+    assert three and {len({FAMILY[k] for k in p.labels}) for p in three} == {3}
     assert three[0].labels > {"slip", "late"} and three[0].gain >= pairs[0].gain
+
+
+def test_those_that_add_next_to_nothing_are_left_out(
+    drawn: tuple[np.ndarray, dict[str, np.ndarray]],
+) -> None:
+    found = responses(*drawn)
+    pairs = best_subsets(found, family, 2)
+    assert set().union(*(p.labels for p in pairs)) == {"slip", "late", "rub"}
+    assert len(pairs) < len(best_subsets(found, family, 2, EVERY))
+    assert best_subsets(found, family, 2, Settings(family_nats=1e6)) == []
+    assert len(best_subsets(found, family, 2, replace(EVERY, subsets=1))) == 1
 
 
 def test_the_gain_is_that_of_bounded_least_squares(
