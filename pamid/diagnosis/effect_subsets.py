@@ -190,7 +190,7 @@ def best_subsets(
     """
     families = [family(s.attachment) for s in found.screened]
     everyone = range(len(families))
-    leading = [(found.gain((i,)), (i,)) for i in everyone]
+    leading: list[tuple[float, tuple[int, ...]]] = [(found.gain((i,)), (i,)) for i in everyone]
     fewer = 0.0
     for _ in range(size - 1):
         fewer = max((gain for gain, _ in leading), default=0.0)
