@@ -1,13 +1,13 @@
-"""Several effects: forward selection with a backward check.
+"""Several effects: proposed from two sides, decided by one rule, with a backward check.
 
-Step k adds to the model M_(k-1) the effect that lowers the bootstrapped held-out log loss most,
-
-    j* = argmin_j L(M_(k-1) + e_j),    all parameters refitted jointly each time,
-
-among effects of other families whose ports still have latent evidence; a logistic function
-(calibration.json, "further") decides whether it is kept. Then an earlier effect whose removal costs
-less than the share `worth` of the gap is dropped, and the first is replaced by one of its rivals
-where the pair fits better: chosen alone, it had to account for what the second explains, too.
+Beside the model M_(k-1) found so far two kinds of models with k effects of different families are
+refitted, all parameters jointly: M_(k-1) with the effects that a screening on top of it puts first
+where its ports still have latent evidence (forward selection), and the best subsets of k effects
+among all that were screened on top of the baseline (`effect_subsets`), with or without those of
+M_(k-1): chosen alone, the first had to account for what the second explains, too. Of all of them
+the one with the lowest bootstrapped held-out log loss is taken, or none (`_weighed`). Then an
+earlier effect whose removal costs less than the share `worth` of the gap is dropped, and the first
+is replaced by one of its rivals where the pair fits better.
 
 Efroymson (1960), Multiple regression analysis, in Mathematical Methods for Digital Computers;
 Miller (2002), Subset Selection in Regression, sections 3.2 to 3.5 (forward, backward, replacement).
@@ -19,12 +19,27 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from pamid.base.errors import PamidError
 from pamid.diagnosis.candidate_model import CandidateModel, in_errors, transferred
+from pamid.diagnosis.effect_subsets import (
+    ScreenedResponses,
+    Subset,
+    best_subsets,
+    responses_of,
+)
 from pamid.diagnosis.judgement import calibration, decades, within
 from pamid.diagnosis.port_evidence import PortEvidence, locate
-from pamid.diagnosis.search import RefitStart, Refitting, Search, run_round, with_finer_steps
+from pamid.diagnosis.search import (
+    RefitStart,
+    Refitting,
+    Round,
+    Search,
+    run_round,
+    with_finer_steps,
+)
 from pamid.estimation.grey_box import model_with
 from pamid.model.attachment import Attachment
+from pamid.parallel.jobs import Failed
 
 
 @dataclass(frozen=True)
@@ -35,7 +50,8 @@ class ForwardStep:
     squared error per channel, sure: in standard errors; margin: standard errors by which it beats
     the next of another family; at_port: latent evidence at its port over the largest one;
     unexplained: that one, nats per sample; probability of being real; taken: is it added
-    to the model?
+    to the model? tried: families of every combination that was refitted, the best first; closed:
+    families not tried on top of those found, since little is missing where they act.
     """
 
     effect: str
@@ -49,6 +65,8 @@ class ForwardStep:
     unexplained: float
     probability: float = 0.0
     taken: bool = False
+    tried: tuple[tuple[str, ...], ...] = ()
+    closed: tuple[str, ...] = ()
 
     def features(self) -> dict[str, float]:
         """As the logistic function takes them."""
@@ -74,60 +92,119 @@ class ForwardSelection:
 
 
 def select_forward(
-    search: Search, ranking: tuple[CandidateModel, ...], located: PortEvidence
+    search: Search, ranking: tuple[CandidateModel, ...], located: PortEvidence, first: Round
 ) -> ForwardSelection:
-    """The first of the ranking and the effects that forward selection adds to it."""
+    """The first of the ranking and the effects that are found beside it; first: the round that the
+    ranking is from."""
     chosen = search.settings
     best, steps = with_finer_steps(search, ranking[0]), list[ForwardStep]()
+    responses: ScreenedResponses | None = None
+    been: dict[frozenset[str], PortEvidence] = {}
     while True:
         search.progress(f"looking where something is missing beside {best.label}")
         leaders = [k[0] for k in located.classes]
         after = locate(search.evidence, best, search.pool, leaders, settings=chosen)
-        helped = search.budget.shrinkage(best.absolutes, search.chosen) > chosen.worth
+        been[_labels(best)] = after
         # too little to look into: a share of what was missing at first, within fixed bounds
         little = max(
             min(chosen.further_share * located.most, chosen.further_always * best.samples),
             chosen.further_never * best.samples,
         )
-        if len(best.attached) == chosen.effects_most or after.most < little or not helped:
+        if len(best.attached) == chosen.effects_most or after.most < little:
             break
-        more = _candidates(search, best, located, after)
-        if not more:
+        if responses is None:
+            responses = responses_of(search.evidence, first.reference, first.screened, search.pool)
+        larger, closed = _larger(search, ranking, best, located, after, responses)
+        if not larger:
             break
-        steps.append(_step(search, best, more, located, after))
+        steps.append(_weighed(search, best, larger, located, after, closed))
         if not steps[-1].taken:
             break
-        best = with_finer_steps(
-            search, _best_first(search, ranking, _backward_check(search, more[0]))
-        )
-    return ForwardSelection(best, after, tuple(steps))
+        known = {_labels(c) for c in larger}
+        best = _best_first(search, ranking, _backward_check(search, larger[0]), known)
+        best = with_finer_steps(search, best)
+        if _labels(best) in been:  # what was added was dropped again
+            break
+    return ForwardSelection(best, been[_labels(best)], tuple(steps))
 
 
-def _candidates(
-    search: Search, best: CandidateModel, located: PortEvidence, after: PortEvidence
-) -> list[CandidateModel]:
-    """Refitted models with one more effect, of another family and where something is still missing,
-    best first."""
+def _labels(c: CandidateModel) -> frozenset[str]:
+    return frozenset(a.label for a in c.attached)
+
+
+def _families(search: Search, c: CandidateModel) -> tuple[str, ...]:
+    return tuple(search.family(a) for a in c.attached)
+
+
+def _larger(
+    search: Search,
+    ranking: tuple[CandidateModel, ...],
+    best: CandidateModel,
+    located: PortEvidence,
+    after: PortEvidence,
+    responses: ScreenedResponses,
+) -> tuple[list[CandidateModel], tuple[str, ...]]:
+    """Refitted models with one effect more than `best`, the lowest held-out loss first; families
+    that were not tried on top of it because little is missing where they act."""
     taken = {search.family(a) for a in best.attached}
     least = search.settings.further_ports * after.most
     open_ports = {port for k in located.classes for port in k if after.gains[k[0]] > least}
-    others = [
-        a for a in search.candidates if search.family(a) not in taken and open_ports & set(a.ports)
-    ]
-    more = run_round(search, best, others).models if others else []
-    losses = search.losses(more).mean(axis=1) if more else []
-    return [more[i] for i in sorted(range(len(more)), key=lambda i: (losses[i], more[i].label))]
+    others = [a for a in search.candidates if search.family(a) not in taken]
+    # nothing is put on top of what does not help by itself: there is no first effect
+    helps = search.budget.shrinkage(best.absolutes, search.chosen) > search.settings.worth
+    beside = [a for a in others if helps and open_ports & set(a.ports)]
+    models = run_round(search, best, beside).models if beside else []
+    known = {_labels(c) for c in models}
+    subsets = best_subsets(responses, search.family, len(best.attached) + 1, search.settings)
+    work = Refitting(
+        search.evidence, search.budget.baseline.fit, search.budget.sizes, search.settings
+    )
+    starts = [_joint_start(search, s, best, ranking) for s in subsets if s.labels not in known]
+    refitted = search.pool.run(work, [s for s in starts if s is not None], search.progress)
+    models = [*models, *(c for c in refitted if not isinstance(c, Failed) and c.finite)]
+    losses = search.losses(models).mean(axis=1) if models else []
+    order = sorted(range(len(models)), key=lambda i: (losses[i], models[i].label))
+    closed = {search.family(a) for a in others} - {search.family(a) for a in beside}
+    return [models[i] for i in order], tuple(sorted(closed))
 
 
-def _step(
+def _joint_start(
+    search: Search, subset: Subset, best: CandidateModel, ranking: tuple[CandidateModel, ...]
+) -> RefitStart | None:
+    """A subset's model, refitted from what each member has found alone, the strongest last: it
+    knows the rig's own parameters best. Members that are in `best` come first, as there; None of
+    effects that cannot act together."""
+    alone = {c.label: (c.assembly, c.fit.p) for c in ranking}
+    before = [a.label for a in best.attached]
+    strongest = sorted(subset.members, key=lambda s: (-s.gain, s.attachment.label))
+    members = sorted(
+        strongest,
+        key=lambda s: (
+            before.index(s.attachment.label) if s.attachment.label in before else len(before)
+        ),
+    )
+    attached = tuple(s.attachment for s in members)
+    try:
+        assembly = model_with(search.evidence, attached, search.budget.sizes)
+    except PamidError:
+        return None
+    found = [alone.get(s.attachment.label, s.ended) for s in strongest[::-1]]
+    return RefitStart(attached, transferred(assembly, *found), assembly=assembly)
+
+
+def _weighed(
     search: Search,
     best: CandidateModel,
-    more: list[CandidateModel],
+    larger: list[CandidateModel],
     located: PortEvidence,
     after: PortEvidence,
+    closed: tuple[str, ...],
 ) -> ForwardStep:
-    newest = more[0]
-    other = next((c for c in more if c.family != newest.family), best)
+    """The first of the larger models against `best`: is it taken? What is as good as certain on
+    held-out windows, removes a material share and has no equal needs no line's consent."""
+    newest, chosen = larger[0], search.settings
+    families = set(_families(search, newest))
+    other = next((c for c in larger if set(_families(search, c)) != families), best)
     losses = search.losses([best, newest, other])
     gain, margin = losses[0] - losses[1], losses[2] - losses[1]
     gap, left = search.excess(search.budget.baseline), search.excess(best)
@@ -144,10 +221,15 @@ def _step(
         in_errors(margin),
         here / after.most,
         after.most / best.samples,
+        tried=tuple(dict.fromkeys(_families(search, c) for c in larger)),
+        closed=closed,
     )
     line = calibration().lines["further"]
     probability = line.probability(found.features())
-    taken = probability >= line.yes and found.removed >= search.settings.further_least
+    # one of several families that do as well would be named by chance
+    plain = found.sure >= chosen.further_sure and found.margin >= chosen.tie_errors
+    backed = probability >= line.yes or plain
+    taken = backed and found.removed >= chosen.further_least
     return replace(found, probability=probability, taken=taken)
 
 
@@ -164,16 +246,25 @@ def _backward_check(search: Search, best: CandidateModel) -> CandidateModel:
 
 
 def _best_first(
-    search: Search, ranking: tuple[CandidateModel, ...], best: CandidateModel
+    search: Search,
+    ranking: tuple[CandidateModel, ...],
+    best: CandidateModel,
+    known: set[frozenset[str]],
 ) -> CandidateModel:
-    """The first effect chosen again, among itself and its rivals, beside those added since."""
+    """The first effect chosen again, among itself and its rivals, beside those added since; known:
+    combinations that were worse already."""
     if len(best.attached) < 2 or best.attached[0] is not ranking[0].attached[-1]:
         return best
     taken = {search.family(a) for a in best.attached[1:]}
     rivals = [c for c in ranking[1:] if c.family not in taken][: search.settings.rivals]
+    others = [(r, (*r.attached, *best.attached[1:])) for r in rivals]
     options = [
         best,
-        *(refitted_with(search, (*r.attached, *best.attached[1:]), r, best) for r in rivals),
+        *(
+            refitted_with(search, attached, r, best)
+            for r, attached in others
+            if frozenset(a.label for a in attached) not in known
+        ),
     ]
     stable = [c for c in options if c.finite]
     return stable[int(np.argmin(search.losses(stable).mean(axis=1)))]

@@ -19,7 +19,7 @@ from pamid.diagnosis.misfit_beyond_range import scale_doubt
 from pamid.diagnosis.naive_forecast import explains_nothing
 from pamid.diagnosis.port_evidence import PortEvidence, locate
 from pamid.diagnosis.ranges import at_bounds
-from pamid.diagnosis.search import Search, indistinguishable_from_first, ranked
+from pamid.diagnosis.search import Round, Search, indistinguishable_from_first, ranked
 from pamid.diagnosis.signature import Signature, alone, cause_probability, signature
 from pamid.diagnosis.verdict_grounds import VerdictStatistics, verdict_statistics
 from pamid.estimation.restart import escape_local_minimum
@@ -64,12 +64,16 @@ class Judged:
     units: dict[str, Any] | None  # why units and signs are in doubt
 
 
-def judge(search: Search, located: PortEvidence, models: list[CandidateModel]) -> Judged:
-    """Ranking, further effects and verdict. located: where something is missing before any
-    effect."""
+def judge(
+    search: Search, located: PortEvidence, screened: Round, models: list[CandidateModel]
+) -> Judged:
+    """Ranking, further effects and verdict. located: where something is missing before any effect;
+    screened: the round of single effects; models: those of them that were refitted."""
     base, settings = search.budget.baseline, search.settings
     ranking = ranked(search, models)
-    found = select_forward(search, ranking, located) if ranking else ForwardSelection(base, located)
+    found = ForwardSelection(base, located)
+    if ranking:
+        found = select_forward(search, ranking, located, screened)
     best, after = _freed(search.evidence, found.best) if ranking else base, found.after
     ranking = _with_best(ranking, best)
     classes = look_alike_classes(

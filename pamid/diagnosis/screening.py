@@ -7,7 +7,7 @@ what is refitted: the refit on held-out windows decides.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,13 +34,28 @@ Array = NDArray[np.float64]
 @dataclass(frozen=True)
 class Screened:
     """A candidate with its best start. gain: drop of the training cost (nats) against the baseline,
-    steps taken."""
+    steps taken; p, starts, stepping: where these steps have led (parameters in SI, states at the
+    windows screened per track)."""
 
     attachment: Attachment
-    assembly: Assembly | None
+    assembly: Assembly | None = field(compare=False)
     first: dict[str, float]
     gain: float
     why: str = ""
+    p: Array | None = None
+    starts: tuple[Array, ...] = ()
+    stepping: Stepping | None = None
+
+    @property
+    def usable(self) -> bool:
+        """Did it stay stable?"""
+        return self.assembly is not None and bool(np.isfinite(self.gain))
+
+    @property
+    def ended(self) -> tuple[Assembly, Array]:
+        """Its model, and the parameters (SI) to which screening has led: of a usable one."""
+        assert self.assembly is not None and self.p is not None
+        return self.assembly, self.p
 
 
 def starting_points(
@@ -196,7 +211,15 @@ def screen(
         return unstable
     more = settings.screen_steps
     done = _probed(reference, problem, found.p, found.starts, more, found.stepping)
-    return replace(best, gain=max(best.gain, reference.cost - done.cost))
+    if reference.cost - done.cost < best.gain:
+        done = found
+    return replace(
+        best,
+        gain=reference.cost - done.cost,
+        p=done.p,
+        starts=done.starts,
+        stepping=done.stepping,
+    )
 
 
 def _probed(
@@ -228,7 +251,7 @@ def promising(
     other family. Beside effects that are already found: the leading ones alone."""
     settings, first_round = reference.settings, not reference.baseline.attached
     usable = sorted(
-        (s for s in screened if s.assembly is not None and np.isfinite(s.gain)),
+        (s for s in screened if s.usable),
         key=lambda s: (-s.gain, s.attachment.label),
     )
     if not usable or (first_round and len(usable) <= settings.refits_all and not reference.held):

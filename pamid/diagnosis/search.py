@@ -22,6 +22,7 @@ from pamid.diagnosis.screening import Screened, ScreeningBaseline, promising, sc
 from pamid.diagnosis.serialise import candidate_plain, candidate_restored
 from pamid.diagnosis.settings import Settings
 from pamid.diagnosis.starting_hints import GapHints
+from pamid.engine.program import Stepping
 from pamid.estimation.grey_box import COARSE, model_with, rechecked
 from pamid.estimation.multiple_shooting import fit
 from pamid.estimation.problem import Fit
@@ -81,6 +82,9 @@ class _Screening(ObjectWork[Attachment, Screened]):
             "gain": found.gain,
             "why": found.why,
             "fits": found.assembly is not None,
+            "p": found.p,
+            "starts": found.starts,
+            "stepping": found.stepping and [found.stepping.substeps, found.stepping.implicit],
         }
 
     def restored(self, item: Attachment, found: Plain) -> Screened:
@@ -91,6 +95,9 @@ class _Screening(ObjectWork[Attachment, Screened]):
             found["first"],
             found["gain"],
             found["why"],
+            found["p"],
+            tuple(found["starts"]),
+            found["stepping"] and Stepping(*found["stepping"]),
         )
 
     def name(self, item: Attachment) -> str:
@@ -150,12 +157,15 @@ class Refitting(ObjectWork[RefitStart, CandidateModel]):
 @dataclass(frozen=True, eq=False)
 class Round:
     """What a round has found. models: refitted and replayed; failed: candidates that could not be,
-    and why; first_family: of the screen's own first choice; passed_over: screened candidates that
+    and why; first_family: of the screen's own first choice; reference: what was screened against;
+    screened: all candidates that stayed stable in the screening; passed_over: those of them that
     were not refitted."""
 
     models: list[CandidateModel]
     failed: list[tuple[str, str]]
     first_family: str
+    reference: ScreeningBaseline
+    screened: list[Screened]
     passed_over: list[Screened]
 
 
@@ -171,19 +181,16 @@ def run_round(search: Search, base: CandidateModel, candidates: list[Attachment]
     ]
     leading = promising({a.label: search.family(a) for a in candidates}, found, reference)
     models, failed = refit_screened(search, base, leading)
-    hopeless = [
-        (s.attachment.label, s.why) for s in found if s.assembly is None or not np.isfinite(s.gain)
-    ]
+    hopeless = [(s.attachment.label, s.why) for s in found if not s.usable]
     taken = {s.attachment.label for s in leading}
+    usable = [s for s in found if s.usable]
     return Round(
         models,
         hopeless + failed,
         search.family(leading[0].attachment) if leading else "",
-        [
-            s
-            for s in found
-            if s.attachment.label not in taken and s.assembly is not None and np.isfinite(s.gain)
-        ],
+        reference,
+        usable,
+        [s for s in usable if s.attachment.label not in taken],
     )
 
 

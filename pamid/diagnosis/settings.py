@@ -277,6 +277,14 @@ class Settings:
     further_least: float = _setting(
         0.02, "share of the gap", "what an effect has to remove to be named beside another"
     )
+    further_sure: float = _setting(
+        5.0,
+        "standard errors",
+        "surer ones that remove further_least and are tied with none need no line's consent",
+        "the usual five of a discovery: the line alone had lost a right effect at 11.9",
+    )
+    subsets: int = _setting(6, "combinations", "at most, of effects, refitted jointly", COST)
+    subset_rows: int = _setting(8000, "residuals", "thinned to which subsets are compared", COST)
     rivals: int = _setting(
         2, "count", "runners-up tried in place of the first effect beside the second", COST
     )

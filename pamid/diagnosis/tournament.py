@@ -124,7 +124,7 @@ def diagnose(
     progress("looking where something is missing")
     located = locate(evidence, base, pool, settings=settings)
     first = run_round(search, base, candidates_to_screen(search.candidates, located, settings))
-    judged = judge(search, located, first.models)
+    judged = judge(search, located, first, first.models)
     failed = first.failed
     opposite: list[tuple[CandidateModel, float]] = []
     if not judged.decision.named and judged.decision.verdict != "no-structural-gap":
@@ -135,7 +135,7 @@ def diagnose(
         failed = failed + more
         everything = carried_on(search, [*first.models, *models])
         if any(a is not b for a, b in zip_longest(everything, first.models)):
-            judged = judge(search, located, everything)
+            judged = judge(search, located, first, everything)
         if not judged.decision.named:
             opposite = opposite_signs(search, list(judged.ranking))
     return Diagnosis(

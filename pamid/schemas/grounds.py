@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from pamid.schemas.model import Count, Flag, Model, Number, NumbersByKey, Text, Written
+from pamid.schemas.model import Count, Flag, ListOf, Model, Number, NumbersByKey, Text, Written
 
 
 class Further(Model):
@@ -24,6 +24,14 @@ class Further(Model):
     unexplained: Number = Field(description="the largest evidence, nats per sample")
     probability: Number = Field(description="of being real, 0 to 1")
     taken: Flag = Field(description="whether it is part of the answer")
+    tried: ListOf[ListOf[Text]] = Field(
+        default=(),
+        description="families of every combination of effects that was refitted, the best first",
+    )
+    closed: ListOf[Text] = Field(
+        default=(),
+        description="families not tried beside those found: little is missing where they act",
+    )
 
 
 class SignatureFigures(NumbersByKey):

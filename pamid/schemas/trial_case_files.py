@@ -52,6 +52,10 @@ class TrialCaseFile(Model):
     visibility_each: Annotated[Number | None, MAY_LACK] = Field(
         default=None, description="of two faults, that of the less visible one by itself"
     )
+    lost_at: Sometimes[Text] = Field(
+        default=None,
+        description="gate at which one of two faults was lost; empty where both were named",
+    )
     shrinkage: Annotated[ShrinkageForecast | None, MAY_LACK] = Field(
         default=None, description="null without a cause, or where a model became unstable"
     )

@@ -44,7 +44,9 @@ from pamid.schemas.trial_case_files import (
 )
 from pamid.simulation.data_split import DataSplit, Span, split_recordings
 from pamid.trial.cases import Case, cases_sha256, draw_cases
+from pamid.trial.lost_pairs import lost_at
 from pamid.trial.machine import ONE_DOF, Machine, Record, machine_named
+from pamid.trial.marking import Marked
 from pamid.trial.scoring import score_cases
 
 Array = NDArray[np.float64]
@@ -192,17 +194,17 @@ def examine(case: Case, place: Path) -> dict[str, Any]:
         if len(case.planted) > 1
         else []
     )
-    held = None
+    held, marked = None, {"diagnosis": verdict, "visibility_each": min(each, default=seen)}
     if d.cause is not None:
         fresh = _written(case, bench.run(case.planted, fresh=True), place / "fresh.csv")
         held = _shrinkage(d, verdict, fresh)
     return {
-        "diagnosis": verdict,
+        **marked,
         "screened_family": d.screened,
         "seconds": seconds,
         "visibility": seen,
-        "visibility_each": min(each, default=seen),
         "shrinkage": held,
+        **({"lost_at": lost_at(Marked(case.label(), marked))} if each else {}),
     }
 
 

@@ -17,14 +17,16 @@ FEW = ("coulomb-friction", "viscous-friction", "quadratic-drag", "dead-time", "l
 PERIOD_S = 0.01
 
 
-def record_cart(folder: Path, effect: str = "coulomb-friction", seconds: float = 9.0) -> Path:
-    """Recording of a cart that is pushed to and fro; its path."""
+def record_cart(
+    folder: Path, planted: tuple[str, ...] = ("coulomb-friction",), seconds: float = 9.0
+) -> Path:
+    """Recording of a cart that is pushed to and fro, with these effects; its path."""
     random, count = np.random.default_rng(3), round(seconds / 0.3)
     push = np.repeat(random.choice([-1.0, 1.0], count) * random.uniform(2.0, 6.0, count), 30)
     time = PERIOD_S * np.arange(len(push))
     write_recording(folder / "push.csv", time, {"force_n": push})
     made = simulate_virtual_rig(
-        RIG, read_recording(folder / "push.csv"), (effect,), {}, {"mass_kg": 1.2}, 1.0, 1
+        RIG, read_recording(folder / "push.csv"), planted, {}, {"mass_kg": 1.2}, 1.0, 1
     )
     write_recording(folder / "rec.csv", time, made.columns, made.meta)
     return folder / "rec.csv"

@@ -1,0 +1,212 @@
+"""Which effects might act together: best subsets of what the screened candidates change.
+
+Of every candidate e two things are known in the rows r of the baseline's least squares
+(`pamid.estimation.linear_rows`) where it was screened: what it changes at its best screened start,
+D_e = r(e) - r(baseline), and the derivatives T_e of that by its own parameters. With parameters and
+window starts projected out (P, onto what their derivatives cannot make), the gain of a set S of
+effects is to first order
+
+    gain(S) = |P r|^2 - min [ |P (r + sum_e (a_e D_e + T_e b_e))|^2 + sum_e (a_e^2 + |b_e|^2) ]
+
+with a_e >= 0 and b_e (in prior spreads) within the parameters' ranges; a_e^2 keeps what changed
+hardly anything from being blown up to all that is missing. It needs inner products alone, so that
+every pair is looked at; it only says which are refitted jointly, and held-out windows decide.
+Frisch and Waugh (1933), Econometrica 1:387, for the projection; Miller (2002), Subset Selection in
+Regression, section 3.5, for subsets in the place of a greedy path.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.diagnosis.screening import Screened, ScreeningBaseline
+from pamid.diagnosis.settings import DEFAULT, Settings
+from pamid.estimation.linear_rows import linear_rows
+from pamid.model.attachment import Attachment
+from pamid.parallel.jobs import Failed, ObjectWork, WorkerPool
+from pamid.parallel.result_store import Plain
+from pamid.simulation.data_split import DataSplit
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Response:
+    """Of one candidate, in the rows of the baseline: columns (rows, 1 + own parameters) are P D_e
+    and P T_e; room: how far a_e and b_e may go before a parameter leaves its range."""
+
+    columns: Array
+    room: Array  # (1 + own parameters, 2)
+
+
+@dataclass(frozen=True, eq=False)
+class Responding(ObjectWork[Screened, Response]):
+    """The response of a screened candidate. ground: the baseline's rows; spanned: orthonormal
+    columns that span what its parameters and window starts change."""
+
+    what = "response of"
+    evidence: DataSplit
+    reference: ScreeningBaseline
+    ground: Array
+    spanned: Array
+
+    def result(self, item: Screened) -> Response:
+        assembly, p = item.ended
+        assert item.stepping is not None
+        problem = self.reference.problem(self.evidence, assembly)
+        base, settings = self.reference.baseline.fit, self.reference.settings
+        rows = linear_rows(
+            problem,
+            p,
+            item.starts,
+            base.weights,
+            base.continuity,
+            item.stepping,
+            settings.subset_rows,
+        )
+        label, bounds = item.attachment.label, assembly.parameters
+        own = np.array([bounds[i].owner == label for i in problem.free], bool)
+        # the last rows are the data sheet's, and the baseline has none for the effect
+        kept = np.concatenate([np.ones(len(rows.away) - len(own), bool), ~own])
+        columns = np.column_stack(
+            [rows.away[kept] - self.ground, rows.by_parameters[np.ix_(kept, own)]]
+        )
+        scale = problem.scale
+        at = scale.inside(p[list(problem.free)])
+        room = np.column_stack([scale.low - at, scale.high - at])[own]
+        return Response(
+            columns - self.spanned @ (self.spanned.T @ columns),
+            np.concatenate([[[0.0, np.inf]], room]),
+        )
+
+    def plain_form(self, item: Screened, found: Response) -> Plain:
+        return {"columns": found.columns, "room": found.room}
+
+    def restored(self, item: Screened, found: Plain) -> Response:
+        return Response(found["columns"], found["room"])
+
+    def name(self, item: Screened) -> str:
+        return item.attachment.label
+
+
+@dataclass(frozen=True, eq=False)
+class ScreenedResponses:
+    """Of all candidates. gram: inner products of all their columns; against: those with the
+    baseline's projected residual; places: every candidate's columns."""
+
+    screened: list[Screened]
+    gram: Array
+    against: Array
+    room: Array
+    places: list[range]
+
+    def gain(self, members: Sequence[int]) -> float:
+        """gain(S) of these candidates: a quadratic programme with bounds, by an active set that
+        takes in the worst offender until there is none."""
+        at = np.concatenate([self.places[i] for i in members])
+        A, g = self.gram[np.ix_(at, at)] + np.eye(len(at)), self.against[at]
+        low, high = self.room[at].T
+        x, free = np.zeros(len(at)), np.ones(len(at), bool)
+        while free.any():
+            held = A[np.ix_(free, ~free)] @ x[~free]
+            x[free] = -np.linalg.solve(A[np.ix_(free, free)], g[free] + held)
+            beyond = np.where(free, np.maximum(low - x, x - high), 0.0)
+            worst = int(beyond.argmax())
+            if beyond[worst] <= 0.0:
+                break
+            x[worst] = np.clip(x[worst], low[worst], high[worst])
+            free[worst] = False
+        return float(-(2.0 * g + A @ x) @ x)
+
+
+def responses_of(
+    evidence: DataSplit, reference: ScreeningBaseline, screened: list[Screened], pool: WorkerPool
+) -> ScreenedResponses:
+    """Of all screened candidates, each linearised where its screening has ended."""
+    base = reference.baseline
+    ground = linear_rows(
+        reference.problem(evidence, base.assembly),
+        reference.p,
+        reference.starts,
+        base.fit.weights,
+        base.fit.continuity,
+        base.fit.stepping,
+        reference.settings.subset_rows,
+    )
+    spanned = _span(np.column_stack([ground.by_parameters, ground.by_starts]))
+    found = pool.run(Responding(evidence, reference, ground.away, spanned), screened)
+    kept = [
+        (s, r)
+        for s, r in zip(screened, found, strict=True)
+        if not isinstance(r, Failed) and np.isfinite(r.columns).all()
+    ]
+    columns = np.column_stack([np.zeros((len(ground.away), 0)), *(r.columns for _, r in kept)])
+    edges = np.cumsum([0, *(len(r.room) for _, r in kept)]).tolist()
+    return ScreenedResponses(
+        [s for s, _ in kept],
+        columns.T @ columns,
+        columns.T @ ground.away,
+        np.concatenate([np.zeros((0, 2)), *(r.room for _, r in kept)]),
+        [range(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)],
+    )
+
+
+def _span(columns: Array) -> Array:
+    """Orthonormal columns with the same span, to working precision."""
+    sized = columns / np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
+    u, values, _ = np.linalg.svd(sized, full_matrices=False)
+    return u[:, values > np.sqrt(np.finfo(float).eps) * values[0]]
+
+
+@dataclass(frozen=True)
+class Subset:
+    """Candidates of several families that may act together. gain: see above, in the unit of a fit's
+    cost."""
+
+    members: tuple[Screened, ...]
+    gain: float
+
+    @property
+    def labels(self) -> frozenset[str]:
+        return frozenset(s.attachment.label for s in self.members)
+
+
+def best_subsets(
+    found: ScreenedResponses,
+    family: Callable[[Attachment], str],
+    size: int,
+    settings: Settings = DEFAULT,
+) -> list[Subset]:
+    """The best `size` (two or more) candidates of every combination of as many families, the
+    `subsets` best of these, as far as they gain something beyond fewer candidates and not next to
+    nothing against the first.
+
+    Every pair is looked at; of larger sets those that add a candidate to one of the best that are
+    smaller by one.
+    """
+    families = [family(s.attachment) for s in found.screened]
+    everyone = range(len(families))
+    leading: list[tuple[float, tuple[int, ...]]] = [(found.gain((i,)), (i,)) for i in everyone]
+    fewer = 0.0
+    for _ in range(size - 1):
+        fewer = max((gain for gain, _ in leading), default=0.0)
+        tried = {tuple(sorted((*m, i))) for _, m in leading for i in everyone if i not in m}
+        best: dict[frozenset[str], tuple[float, tuple[int, ...]]] = {}
+        for members in sorted(tried):
+            names = frozenset(families[i] for i in members)
+            if len(names) == len(members):
+                gain = found.gain(members)
+                if names not in best or gain > best[names][0]:
+                    best[names] = gain, members
+        leading = sorted(best.values(), key=lambda e: (-e[0], e[1]))[: settings.subsets]
+    most = max((gain - fewer for gain, _ in leading), default=0.0)
+    least = max(settings.family_nats, settings.family_share * most)
+    return [
+        Subset(tuple(found.screened[i] for i in m), gain)
+        for gain, m in leading
+        if gain - fewer > least
+    ]

@@ -1,0 +1,136 @@
+"""Two effects at once on a small cart: both named, also where none of them is anything by itself;
+one planted is one named, and none none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from small_cart import FEW, cart_evidence, record_cart
+
+from pamid.diagnosis import forward_selection
+from pamid.diagnosis.forward_selection import ForwardStep
+from pamid.diagnosis.settings import DEFAULT, Settings
+from pamid.diagnosis.tournament import Diagnosis, diagnose
+from pamid.diagnosis.verdict import diagnosis_file, diagnosis_json
+from pamid.model.registry import effects
+from pamid.parallel.jobs import WorkerPool
+from pamid.parallel.result_store import Store
+
+LATE_AND_RUBBING = ("coulomb-friction", "dead-time")
+
+
+def found_with(folder: Path, *planted: str, settings: Settings = DEFAULT) -> Diagnosis:
+    catalogue = {k: v for k, v in effects().items() if k in FEW}
+    return diagnose(cart_evidence(record_cart(folder, planted)), catalogue, settings=settings)
+
+
+def named(d: Diagnosis) -> set[str]:
+    return {c.effect for c in diagnosis_file(d, None, 0).causes}
+
+
+@pytest.mark.parametrize("subsets", [DEFAULT.subsets, 1])
+def test_a_pair_without_a_first_effect_to_build_on(subsets: int, tmp_path: Path) -> None:
+    """Friction alone takes nothing away, and the delay's model, with integration steps as fine as
+    it needs, leaves more than none: nothing is to be put on top of it. The linear solve puts the
+    pair first of all."""
+    d = found_with(tmp_path, *LATE_AND_RUBBING, settings=Settings(subsets=subsets))
+    assert d.verdict == "explained" and named(d) == set(LATE_AND_RUBBING)
+    friction = d.singles["coulomb-friction"]
+    assert d.budget.shrinkage(friction.absolutes, d.chosen) < d.settings.worth
+    step = d.forward_steps[0]
+    assert {"sensor-dynamics", "friction"} == set(step.tried[0])
+    assert step.removed > 1.0, "beside the first it removes more than the gap"
+
+
+def test_a_slight_one_beside_a_plain_one(tmp_path: Path) -> None:
+    """Friction of a hundredth of the push, a tenth of the gap."""
+    planted = ("coulomb-friction:force_n=0.05", "dead-time")
+    assert named(found_with(tmp_path, *planted)) == set(LATE_AND_RUBBING)
+
+
+@pytest.mark.parametrize("planted", ["dead-time", "quadratic-drag"])
+def test_one_planted_is_one_named(planted: str, tmp_path: Path) -> None:
+    d = found_with(tmp_path, planted)
+    assert d.verdict == "explained" and named(d) == {planted}
+
+
+def test_none_planted_is_none_named(tmp_path: Path) -> None:
+    d = found_with(tmp_path)
+    assert d.verdict == "no-structural-gap" and named(d) == set()
+
+
+def test_the_same_pair_from_two_processes_and_read_back(tmp_path: Path) -> None:
+    catalogue = {k: v for k, v in effects().items() if k in FEW}
+    evidence = cart_evidence(record_cart(tmp_path, LATE_AND_RUBBING))
+    alone = diagnosis_json(diagnose(evidence, catalogue), None, 0)
+    for _ in range(2):
+        pool = WorkerPool(2, Store(tmp_path / "store"))
+        assert diagnosis_json(diagnose(evidence, catalogue, pool=pool), None, 0) == alone
+    assert pool.worked == 0 < pool.from_store
+
+
+# ---- the rule by itself ----------------------------------------------------------------------
+
+
+def model(label: str, family: str, error: float) -> Any:
+    effect = SimpleNamespace(label=label, family=lambda rig: family, ports=("guide",))
+    return SimpleNamespace(
+        attached=(effect,),
+        family=family,
+        label=label,
+        squares=np.ones((4, 1)),
+        absolutes=error,
+        samples=100,
+    )
+
+
+def weighed(
+    monkeypatch: pytest.MonkeyPatch,
+    *,
+    gain: float,
+    other: float = 0.0,
+    spread: float = 0.1,
+    left: float = 0.4,
+    settings: Settings = DEFAULT,
+) -> ForwardStep:
+    """A second effect weighed that gains so much in log loss, beside one of another family that
+    gains `other`, each with this standard error; the logistic line says no."""
+    draws = spread * np.where(np.arange(1000) % 2, 1.0, -1.0)
+    of = {"first": 0.0 * draws, "second": -gain + draws, "third": -other - draws}
+    search: Any = SimpleNamespace(
+        settings=settings,
+        family=lambda a: a.family(None),
+        losses=lambda models: np.array([of[m.label] for m in models]),
+        excess=lambda m: m.absolutes,
+        budget=SimpleNamespace(baseline=SimpleNamespace(absolutes=1.0)),
+    )
+    line = SimpleNamespace(probability=lambda x: 0.2, yes=0.31)
+    monkeypatch.setattr(
+        forward_selection, "calibration", lambda: SimpleNamespace(lines={"further": line})
+    )
+    evidence: Any = SimpleNamespace(gains={"guide": 50.0}, most=50.0, classes=(("guide",),))
+    first, second = model("first", "friction", left), model("second", "play", 0.6 * left)
+    third = model("third", "lag", 0.8 * left)
+    return forward_selection._weighed(search, first, [second, third], evidence, evidence, ())
+
+
+def test_five_standard_errors_overrule_the_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    sure = weighed(monkeypatch, gain=1.19)
+    assert sure.probability == 0.2 and sure.taken
+    assert sure.sure == pytest.approx(11.9) and sure.of_left == pytest.approx(0.4)
+    assert not weighed(monkeypatch, gain=0.4).taken, "four are left to the line"
+    assert weighed(monkeypatch, gain=0.4, settings=Settings(further_sure=3.0)).taken
+
+
+def test_what_removes_next_to_nothing_is_not_taken_however_sure(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    assert not weighed(monkeypatch, gain=1.19, left=0.04).taken
+
+
+def test_one_of_two_that_do_as_well_is_left_to_the_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert not weighed(monkeypatch, gain=1.19, other=1.1).taken

@@ -1,0 +1,113 @@
+"""Best subsets of what screened candidates change: found by inner products, bounded, one of every
+combination of families."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import lsq_linear
+
+from pamid.diagnosis.effect_subsets import ScreenedResponses, best_subsets
+from pamid.diagnosis.settings import Settings
+
+ROWS = 60
+FAMILY = {"rub": "friction", "stick": "friction", "slip": "hysteresis", "late": "timing"}
+FAMILY |= {"drift": "offset"}
+EVERY = Settings(subsets=99, family_nats=0.0, family_share=0.0)
+
+
+def responses(left: np.ndarray, columns: dict[str, np.ndarray]) -> ScreenedResponses:
+    """Of candidates with these columns, the first of each its change; own parameters may move up
+    alone."""
+    screened: Any = [SimpleNamespace(attachment=SimpleNamespace(label=k)) for k in columns]
+    edges = np.cumsum([0, *(c.shape[1] for c in columns.values())]).tolist()
+    everything = np.column_stack(list(columns.values()))
+    return ScreenedResponses(
+        screened,
+        everything.T @ everything,
+        everything.T @ left,
+        np.array([[0.0, np.inf]] * everything.shape[1]),
+        [range(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)],
+    )
+
+
+@pytest.fixture
+def drawn() -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """What is left is made by `slip` and `late`; `rub` does some of both by itself."""
+    random = np.random.default_rng(5)
+    columns = {k: 10.0 * random.normal(size=(ROWS, 2)) for k in FAMILY}
+    columns["rub"][:, 0] = columns["slip"][:, 0] + columns["late"][:, 0]
+    columns["rub"] += random.normal(size=(ROWS, 2))
+    left = -columns["slip"][:, 0] - 0.6 * columns["late"][:, 0] + 0.1 * random.normal(size=ROWS)
+    return left, columns
+
+
+def family(a: Any) -> str:
+    return FAMILY[a.label]
+
+
+def test_the_pair_is_found_that_no_single_one_leads_to(
+    drawn: tuple[np.ndarray, dict[str, np.ndarray]],
+) -> None:
+    found = responses(*drawn)
+    alone = {k: found.gain([i]) for i, k in enumerate(FAMILY)}
+    assert max(alone, key=lambda k: alone[k]) == "rub", "what a greedy path would begin with"
+    assert best_subsets(found, family, 2)[0].labels == {"slip", "late"}
+
+
+def test_every_combination_of_families_is_stood_for_by_its_best(
+    drawn: tuple[np.ndarray, dict[str, np.ndarray]],
+) -> None:
+    found, labels = responses(*drawn), list(FAMILY)
+    most: dict[frozenset[str], float] = {}
+    for i, j in combinations(range(len(labels)), 2):
+        names = frozenset((FAMILY[labels[i]], FAMILY[labels[j]]))
+        most[names] = max(most.get(names, 0.0), found.gain((i, j)))
+    alone = max(found.gain([i]) for i in range(len(labels)))
+    pairs = best_subsets(found, family, 2, EVERY)
+    assert [(frozenset(FAMILY[k] for k in p.labels), p.gain) for p in pairs] == sorted(
+        ((names, g) for names, g in most.items() if len(names) == 2 and g > alone),
+        key=lambda e: -e[1],
+    )
+    three = best_subsets(responses(*drawn), family, 3, EVERY)
+    assert three and {len({FAMILY[k] for k in p.labels}) for p in three} == {3}
+    assert three[0].labels > {"slip", "late"} and three[0].gain >= pairs[0].gain
+
+
+def test_those_that_add_next_to_nothing_are_left_out(
+    drawn: tuple[np.ndarray, dict[str, np.ndarray]],
+) -> None:
+    found = responses(*drawn)
+    pairs = best_subsets(found, family, 2)
+    assert set().union(*(p.labels for p in pairs)) == {"slip", "late", "rub"}
+    assert len(pairs) < len(best_subsets(found, family, 2, EVERY))
+    assert best_subsets(found, family, 2, Settings(family_nats=1e6)) == []
+    assert len(best_subsets(found, family, 2, replace(EVERY, subsets=1))) == 1
+
+
+def test_the_gain_is_that_of_bounded_least_squares(
+    drawn: tuple[np.ndarray, dict[str, np.ndarray]],
+) -> None:
+    left, columns = drawn
+    found, names = responses(left, columns), list(columns)
+    for members in combinations(range(len(names)), 2):
+        A = np.column_stack([columns[names[i]] for i in members])
+        rows, b = np.concatenate([A, np.eye(4)]), np.concatenate([-left, np.zeros(4)])
+        best = lsq_linear(rows, b, bounds=(0.0, np.inf), tol=1e-12)
+        assert found.gain(members) == pytest.approx(left @ left - 2.0 * best.cost, rel=1e-6)
+
+
+def test_what_would_have_to_act_the_other_way_round_gains_nothing() -> None:
+    change = np.ones((ROWS, 1))
+    assert responses(np.ones(ROWS), {"rub": change}).gain([0]) == 0.0
+    assert responses(-np.ones(ROWS), {"rub": change}).gain([0]) > 0.9 * ROWS
+
+
+def test_what_changed_hardly_anything_is_not_blown_up() -> None:
+    trace = 1e-3 * np.ones((ROWS, 1))
+    assert responses(-np.ones(ROWS), {"rub": trace}).gain([0]) < 1e-3 * ROWS

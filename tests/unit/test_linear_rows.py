@@ -1,0 +1,70 @@
+"""The rows of a fit's least squares: they add up to its cost, and their derivatives are those of
+differences."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from small_cart import cart_evidence, record_cart
+
+from pamid.estimation.grey_box import fit_model
+from pamid.estimation.linear_rows import LinearRows, linear_rows
+from pamid.estimation.problem import Fit
+
+EVERYTHING = 10**9
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory: pytest.TempPathFactory) -> Fit:
+    return fit_model(cart_evidence(record_cart(tmp_path_factory.mktemp("cart")))).fit
+
+
+def rows_of(f: Fit, most: int = EVERYTHING) -> LinearRows:
+    return linear_rows(f.problem, f.p, f.starts, f.weights, f.continuity, f.stepping, most)
+
+
+def test_they_add_up_to_the_cost_of_the_fit(fitted: Fit) -> None:
+    away = rows_of(fitted).away
+    assert away @ away == pytest.approx(fitted.cost, rel=1e-9)
+
+
+def test_derivatives_are_those_of_differences(fitted: Fit) -> None:
+    found, scale = rows_of(fitted), fitted.problem.scale
+
+    def at(ds: float, dx: float) -> np.ndarray:
+        p, starts = fitted.p.copy(), [x.copy() for x in fitted.starts]
+        free = list(fitted.problem.free)
+        p[free] = scale.outside(scale.inside(p[free]) + ds)
+        starts[0][1, 0] += dx
+        problem = fitted.problem
+        return linear_rows(
+            problem,
+            p,
+            tuple(starts),
+            fitted.weights,
+            fitted.continuity,
+            fitted.stepping,
+            EVERYTHING,
+        ).away
+
+    def slope(f: Callable[[float], np.ndarray], h: float) -> np.ndarray:
+        return (f(h) - f(-h)) / (2.0 * h)
+
+    n = fitted.starts[0].shape[1]
+    for by, difference in (
+        (found.by_parameters.sum(axis=1), slope(lambda h: at(h, 0.0), 1e-4)),
+        (found.by_starts[:, n], slope(lambda h: at(0.0, h), 1e-5)),
+    ):
+        assert np.linalg.norm(by) > 0.0
+        assert np.linalg.norm(by - difference) < 1e-4 * np.linalg.norm(by)
+
+
+def test_thinned_rows_weigh_as_much(fitted: Fit) -> None:
+    whole = rows_of(fitted)
+    thin = rows_of(fitted, most=len(whole.away) // 4)
+    assert len(thin.away) < 0.3 * len(whole.away)
+    # by half a per cent of what the parameters change: neighbours say the same
+    everything, some = (r.by_parameters.T @ r.by_parameters for r in (whole, thin))
+    assert some == pytest.approx(everything, rel=0.05)
