@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from pamid.api.exciting import pulse_excitation, release_excitation
     from pamid.api.fitting import fit
     from pamid.api.new_rigs import NewRig, new_rig
+    from pamid.api.planning import PowerResult, power
     from pamid.api.results import (
         DiagnosisResult,
         FitResult,
@@ -76,6 +77,7 @@ _HOME = {
     "ParameterEstimate": "pamid.api.results",
     "ParameterTable": "pamid.api.results",
     "Port": "pamid.model.rig",
+    "PowerResult": "pamid.api.planning",
     "Recording": "pamid.recording.recording",
     "Rig": "pamid.model.rig",
     "SmoothGain": "pamid.model.background",
@@ -90,6 +92,7 @@ _HOME = {
     "guess_mapping": "pamid.ingest.ingesting",
     "new_rig": "pamid.api.new_rigs",
     "open_run": "pamid.api.runs",
+    "power": "pamid.api.planning",
     "pulse_excitation": "pamid.api.exciting",
     "read_recording": "pamid.recording.recording",
     "release_excitation": "pamid.api.exciting",
@@ -115,6 +118,7 @@ __all__ = [
     "ParameterEstimate",
     "ParameterTable",
     "Port",
+    "PowerResult",
     "Recording",
     "Rig",
     "SmoothGain",
@@ -131,6 +135,7 @@ __all__ = [
     "ingest",
     "new_rig",
     "open_run",
+    "power",
     "pulse_excitation",
     "read_recording",
     "release_excitation",

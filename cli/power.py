@@ -1,0 +1,102 @@
+"""`pamid power`: What an experiment would show of every effect, before anything is measured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from . import frame
+from .options import jobs_option, noise_factor, parse_known, seed_option
+from .terminal import progress_line, quoted
+
+PLACE = 22
+EXAMPLE = """
+pamid power --rig one-dof --excitation excitation.csv --figure power.png
+"""
+
+
+@frame.command("power", example=EXAMPLE)
+@click.option(
+    "--rig",
+    help="Rig by name, or the path of a rig file (it is run). "
+    "[default: the one the excitation names, else one-dof]",
+)
+@click.option(
+    "--excitation",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="CSV with time_s and what would be sent.",
+)
+@click.option(
+    "--effect",
+    "effects",
+    multiple=True,
+    help="Path of an effect file to try besides the catalogue (it is run).",
+)
+@click.option(
+    "--known",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="Parameter that the recording would state as known.",
+)
+@click.option(
+    "--noise",
+    default="default",
+    show_default=True,
+    help="default | FACTOR on the noise of the rig's sensors.",
+)
+@seed_option("Same seed, same noise.")
+@jobs_option()
+@click.option(
+    "--figure",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="PNG to write: effects by size.",
+)
+@frame.overwrite_option("Replace the figure if it exists.")
+def command(
+    rig: str | None,
+    excitation: Path,
+    effects: tuple[str, ...],
+    known: tuple[str, ...],
+    noise: str,
+    seed: int,
+    jobs: int,
+    figure: Path | None,
+    overwrite: bool,
+) -> frame.Result:
+    """Before measuring: which effects would this experiment show, from which size on, by which
+    sensor alone, and which would it confuse?
+
+    The experiment is run on the rig of the data sheet with its sensors' noise. An effect shows
+    where the refitted model would err by 10 % more than the noise floor; what parameters and
+    tolerances can take up is taken off. Real machines have roughness of their own, which is not in
+    it: read the smallest sizes as the best case.
+    """
+    from pamid.api.planning import power
+    from pamid.base.errors import UsageError
+    from pamid.base.files import require_new, write_atomically
+
+    if figure is not None and figure.suffix.lower() != ".png":
+        raise UsageError(
+            f"--figure {figure}: the picture is a PNG.",
+            f"Write --figure {quoted(figure.with_suffix('.png'))}.",
+        )
+    require_new([figure] if figure else [], overwrite)
+    with progress_line("power") as progress:
+        found = power(
+            excitation,
+            rig,
+            effects=effects,
+            known=parse_known(known),
+            noise=noise_factor(noise),
+            seed=seed,
+            jobs=jobs,
+            progress=progress,
+        )
+    text = found.summary()
+    if figure is not None:
+        write_atomically(figure, found.picture())
+        text += f"\n\nFigure: {figure}"
+    follow = f"pamid simulate --excitation {quoted(excitation)} --rig {quoted(found.rig)}"
+    return frame.Result(found.to_dict(), f"{text}\nNext: {follow} --output rec.csv")

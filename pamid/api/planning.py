@@ -1,0 +1,190 @@
+"""`pamid.power`: what an experiment would show of every effect, before anything is measured."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from pamid.api.given import EffectLike, RecordingLike, effects_given, recording_given
+from pamid.api.modelled import recorded
+from pamid.api.workers import worker_pool
+from pamid.base.card import card, html_table
+from pamid.base.progress import ShowProgress, progress_steps
+from pamid.model.registry import RigLike, effects_with, rig_given, rig_named, rig_of
+from pamid.planning.power import EffectPower, Power, experiment_power
+from pamid.recording.recording import SIGNIFICANT_DIGITS
+from pamid.schemas import power_file as said
+from pamid.simulation.data_split import Span, split_recordings
+from pamid.simulation.virtual_rig import simulate_virtual_rig
+
+if TYPE_CHECKING:
+    from pamid.recording.plot import NotebookFigure
+    from pamid.report.style import Drawing
+
+HEAD: tuple[str, ...] = ("effect", "shows from", "usual", "alone by", "taken for")
+
+
+@dataclass(frozen=True)
+class PowerResult:
+    """What an experiment would show.
+
+    effects: plainest first; showing: labels of those that show at their usual size; hidden: of
+    those that do not.
+    """
+
+    rig: str
+    excitation: str
+    noise: float
+    seed: int
+    _found: Power
+
+    @property
+    def effects(self) -> tuple[EffectPower, ...]:
+        usual = self._found.sizes.index(1.0)
+        return tuple(
+            sorted(
+                self._found.effects,
+                key=lambda e: (-(e.visible[usual] if e.visible else 0.0), e.effect),
+            )
+        )
+
+    @property
+    def showing(self) -> tuple[str, ...]:
+        return tuple(e.effect for e in self.effects if e in self._found.showing)
+
+    @property
+    def hidden(self) -> tuple[str, ...]:
+        return tuple(e.effect for e in self.effects if e not in self._found.showing)
+
+    @property
+    def title(self) -> str:
+        """The finding in a sentence."""
+        count = len(self.effects)
+        confused = sum(bool(e.confused) for e in self.effects if e in self._found.showing)
+        return (
+            f"{self._found.seconds:.3g} s of this experiment show {len(self.showing)} of {count} "
+            f"effects at their usual size, {confused} of them not to be told from another family"
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """What the command prints with --json."""
+        p = self._found
+        return said.PowerFile(
+            rig=self.rig,
+            excitation=self.excitation,
+            seconds=p.seconds,
+            noise=self.noise,
+            seed=self.seed,
+            channels=p.channels,
+            sizes=p.sizes,
+            seen=p.seen,
+            effects=tuple(
+                said.ShownEffect(
+                    effect=e.effect,
+                    family=e.family,
+                    port=e.port,
+                    amount=self._amount(e),
+                    visible=e.visible,
+                    standard_errors=e.errors,
+                    by_channel=e.by_channel or {},
+                    confused=e.confused,
+                    failed=e.failed,
+                )
+                for e in self.effects
+            ),
+        ).as_json()
+
+    def _amount(self, e: EffectPower) -> said.UsualAmount | None:
+        if e.amount is None:
+            return None
+        least = self._found.least(e)
+        return said.UsualAmount(
+            parameter=e.amount.name,
+            unit=e.amount.unit,
+            usual=e.amount.usual,
+            least=None if least is None else least * e.amount.usual,
+        )
+
+    def summary(self) -> str:
+        """The finding and a table, as lines of text."""
+        rows = [HEAD, *(self._row(e) for e in self.effects)]
+        widths = [max(len(row[i]) for row in rows) for i in range(len(HEAD))]
+        lines = [
+            "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+            for row in rows
+        ]
+        return "\n".join([f"{self.title}.", "", *lines])
+
+    def _row(self, e: EffectPower) -> tuple[str, ...]:
+        if e.failed:
+            return e.effect, "-", "-", "-", e.failed
+        least, seen = self._found.least(e), self._found.seen
+        unit = f" {e.amount.unit}" if e.amount and e.amount.unit not in ("", "1", "-") else ""
+        usual = e.amount.usual if e.amount else 1.0
+        alone = [c for c, v in (e.by_channel or {}).items() if v >= seen]
+        return (
+            e.effect,
+            "does not show" if least is None else f"{least * usual:.2g}{unit}",
+            f"{usual:.2g}{unit}",
+            ", ".join(alone) or "-",
+            ", ".join(e.confused[:3]) + (" ..." if len(e.confused) > 3 else ""),
+        )
+
+    def plot(self) -> NotebookFigure:
+        """Effects by size: what shows, from when on."""
+        from pamid.report.style import figure_of
+
+        return figure_of(self._drawing())
+
+    def picture(self) -> bytes:
+        """The same as a PNG."""
+        from pamid.report.style import render
+
+        return render(self._drawing()).png
+
+    def _drawing(self) -> Drawing:
+        from pamid.report.power_figure import power_drawing
+
+        return power_drawing(self._found, self.effects, self.title)
+
+    def _repr_html_(self) -> str:
+        return card(self.title, html_table((HEAD, [self._row(e) for e in self.effects])))
+
+
+def power(
+    excitation: RecordingLike,
+    rig: RigLike | None = None,
+    *,
+    effects: EffectLike | Iterable[EffectLike] = (),
+    known: Mapping[str, float] | None = None,
+    noise: float = 1.0,
+    seed: int = 0,
+    jobs: int = 1,
+    progress: ShowProgress = None,
+) -> PowerResult:
+    """Which effects an experiment would show, from which size on, by which sensor, and which it
+    would confuse: on the rig of the data sheet, to first order, against noise and what parameters
+    and tolerances can take up. What no model of the rig describes is not in it: on a real machine
+    an effect has to exceed that, too.
+
+    excitation   what is to be sent, as `pamid.simulate` takes it
+    rig          as in `pamid.fit`; default: the one that the excitation names, else one-dof
+    effects      effect files or Effects besides those of the catalogue
+    known        parameters by name, in their unit, that the recording would state
+    noise        factor on the sensors' noise
+    progress     as in `pamid.fit`
+
+    PamidError for whatever is wrong with files, data or the call.
+    """
+    source = recording_given(excitation, "excitation")
+    virtual = rig_given(rig) or rig_of([source])
+    made = simulate_virtual_rig(virtual, source, (), dict(known or {}), {}, noise, seed)
+    recording = recorded(source, made, SIGNIFICANT_DIGITS, None)
+    split = split_recordings(rig_named(virtual), [recording], [])
+    # nothing is chosen here: all of it counts as fitted
+    split = replace(split, fit=(Span(recording, 0, len(recording)),))
+    catalogue, _ = effects_with(effects_given(effects))
+    with progress_steps(progress, "power") as (show, _), worker_pool(jobs, None) as pool:
+        found = experiment_power(split, catalogue, pool=pool, progress=show)
+    return PowerResult(split.rig.name, str(source.path), noise, seed, found)

@@ -1,0 +1,47 @@
+"""The picture of an experiment's power: effects by size, and from when on each of them shows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib import colormaps
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+
+from pamid.planning.power import EffectPower, Power
+from pamid.report.style import Drawing, colour, label
+
+ROW_IN, HEAD_IN = 0.2, 1.2
+PLAINEST = 100.0  # error over the noise floor at which the colours end
+
+
+def power_drawing(found: Power, effects: Sequence[EffectPower], title: str) -> Drawing:
+    """A row per effect (plainest first), a column per size; the colour is the error of the
+    refitted model over the noise floor, what does not show is left white."""
+    shown = [e for e in effects if e.visible]
+
+    def draw(figure: Figure, narrow: bool) -> None:
+        axes = figure.subplots()
+        table = np.array([e.visible for e in shown])
+        seen = np.ma.masked_less(np.minimum(table, PLAINEST), found.seen)
+        image = axes.imshow(
+            seen,
+            aspect="auto",
+            cmap=colormaps["viridis_r"],
+            norm=LogNorm(found.seen, PLAINEST),
+        )
+        axes.set_yticks(range(len(shown)), [label(e.effect) for e in shown], fontsize=7.0)
+        axes.set_xticks(range(len(found.sizes)), [f"{s:g}" for s in found.sizes])
+        axes.set_xlabel("size [usual sizes]")
+        for i, e in enumerate(shown):
+            for j, v in enumerate(e.visible):
+                if v < found.seen:
+                    axes.text(
+                        j, i, "-", ha="center", va="center", fontsize=7.0, color=colour("muted")
+                    )
+        bar = figure.colorbar(image, ax=axes, pad=0.02, aspect=40)
+        bar.set_label("error over the noise floor [-]")
+
+    height = HEAD_IN + ROW_IN * len(shown)
+    return Drawing("power", title, draw, height, height)

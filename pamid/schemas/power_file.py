@@ -1,0 +1,61 @@
+"""What an experiment would show of every effect, before anything is measured."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import ConfigDict, Field
+
+from pamid.schemas.estimates import RIG, SEED, UNIT
+from pamid.schemas.model import ListOf, MapOf, Model, Number, Text
+
+VISIBLE = "error of the refitted model over the noise floor"
+
+
+class UsualAmount(Model):
+    """The parameter that says how large an effect is."""
+
+    parameter: Text = Field(description="by name with unit")
+    unit: Text = Field(description=UNIT)
+    usual: Number = Field(description="its value at the usual size")
+    least: Number | None = Field(description="the smallest that shows; null where none tried does")
+
+
+class ShownEffect(Model):
+    """What the experiment would show of an effect."""
+
+    effect: Text = Field(description="label, effect@port where the place is not unique")
+    family: Text = Field(description="of effects that are mistaken for each other")
+    port: Text = Field(description="group of ports that it acts on")
+    amount: UsualAmount | None
+    visible: ListOf[Number] = Field(
+        description=f"{VISIBLE}, worst channel, at every one of `sizes`; empty where it failed"
+    )
+    standard_errors: ListOf[Number] = Field(description="its size in standard errors, likewise")
+    by_channel: MapOf[Number] = Field(
+        description=f"{VISIBLE} at the usual size if that sensor were the only one"
+    )
+    confused: ListOf[Text] = Field(
+        description="effects of other families that would be taken for it at its usual size"
+    )
+    failed: Text = Field(description="why nothing can be said; else empty")
+
+
+class PowerFile(Model):
+    """What an experiment would show of every effect, and what it would confuse."""
+
+    model_config = ConfigDict(
+        title="pamid power: what an experiment would show of every effect, and what it would "
+        "confuse"
+    )
+
+    schema_: Literal["pamid.power/1"] = Field(default="pamid.power/1", alias="schema")
+    rig: Text = Field(description=RIG)
+    excitation: Text
+    seconds: Number = Field(description="of the experiment, s")
+    noise: Number = Field(description="factor on the noise of the rig's sensors")
+    seed: int = Field(description=SEED)
+    channels: ListOf[Text]
+    sizes: ListOf[Number] = Field(description="multiples of the usual size that were tried")
+    seen: Number = Field(description="an effect shows where `visible` is as large")
+    effects: ListOf[ShownEffect] = Field(description="the plainest first")
