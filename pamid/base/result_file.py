@@ -31,6 +31,9 @@ def need_result(
     if not isinstance(content, dict):
         raise FileError(f"{path} should hold one JSON object.", REMEDY, code="damaged")
     schema = kind.model_fields["schema_"].default
+    earlier = next((one for one in kind.earlier if one == content.get("schema")), None)
+    if not any_schema and earlier is not None:
+        raise outdated(path, kind, earlier)
     if not any_schema and content.get("schema") != schema:
         found = repr(content["schema"])[:60] if "schema" in content else "missing"
         raise damaged(path, "schema", repr(schema), found)
@@ -46,6 +49,18 @@ def need_result(
             ) from None
         found = "missing" if misfit.missing else f"{misfit.value!r:.60}"
         raise damaged(path, misfit.place, misfit.expected, found) from None
+
+
+def outdated(path: Path, kind: type[Model], schema: str) -> FileError:
+    """The error of a file that an earlier version wrote under another schema: what has changed, and
+    how to come by the new one."""
+    now = kind.model_fields["schema_"].default
+    return FileError(
+        f"{path} was written by an earlier version of pamid ({schema}; now {now}): "
+        f"{kind.earlier[schema]}.",
+        f"Run `{kind.written_by}` on the same recordings again.",
+        code="earlier-version",
+    )
 
 
 def damaged(path: Path, place: str, expected: str, found: str) -> FileError:

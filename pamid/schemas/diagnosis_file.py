@@ -317,6 +317,12 @@ class DiagnosisFile(Model):
     )
 
     not_read: ClassVar = ("units", "further")
+    earlier: ClassVar = {
+        "pamid.diagnosis/1": "every cause now has a probability of its own and the share of the "
+        "gap that it removes, `remainder` tells what is left, and the verdicts partly-explained "
+        "and cannot-tell are new"
+    }
+    written_by: ClassVar = "pamid diagnose"
 
     schema_: Literal["pamid.diagnosis/2"] = Field(default="pamid.diagnosis/2", alias="schema")
     verdict: Verdict

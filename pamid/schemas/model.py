@@ -185,6 +185,10 @@ class Model(BaseModel):
 
     #: keys that readers leave alone unless they ask for them, whatever an older version wrote there
     not_read: ClassVar[tuple[str, ...]] = ()
+    #: earlier schemas of the same file -> what has changed since, as the end of a sentence
+    earlier: ClassVar[dict[str, str]] = {}
+    #: the command that writes it
+    written_by: ClassVar[str] = ""
 
     def as_json(self) -> dict[str, Any]:
         """What is written: plain dicts and lists, the fields that were set, in their order."""
