@@ -5,10 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pamid.diagnosis.decision import CAUSED
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.verdict_words import RECORD_MORE
-from pamid.schemas.diagnosis_file import Cause, DiagnosisFile
+from pamid.schemas.diagnosis_file import CAUSED, Cause, DiagnosisFile
 
 
 def inconsistencies(found: DiagnosisFile, settings: Settings = DEFAULT) -> list[str]:

@@ -28,8 +28,6 @@ from pamid.diagnosis.verdict_grounds import Misfit
 
 Array = NDArray[np.float64]
 
-CAUSED = ("explained", "partly-explained", "ambiguous")  # verdicts that name a cause
-
 
 @dataclass(frozen=True)
 class Share:

@@ -43,6 +43,7 @@ Verdict = Literal[
     "no-structural-gap",
     "cannot-tell",
 ]
+CAUSED = ("explained", "partly-explained", "ambiguous")  # verdicts that name a cause
 ERROR = "mean absolute error, in the unit of the channel"
 
 
