@@ -168,18 +168,18 @@ def _left(found: dict[str, Any]) -> list[str]:
 
 def _ranking(found: dict[str, Any]) -> list[str]:
     """The candidates, after what the figures mean."""
-    from pamid.base.share_words import chance_text
+    from pamid.diagnosis.verdict_words import chance_figure
 
     sure = found.get("confidence")
-    at_all = f": P {chance_text(sure['gap'])}" if sure else ""
+    at_all = f": P {chance_figure(sure['gap'])}" if sure else ""
     return [
         "",
         "P is how often, among virtual machines with figures like these, an effect of that family",
         f"was really there; that anything is missing at all{at_all}. Shrinkage is that of the",
         "held-out error over all channels.",
-        f"{'effect':36s} {'family':20s} {'P':>5s} {'shrinkage':>10s} {'95 %':>16s}",
+        f"{'effect':36s} {'family':20s} {'P':>6s} {'shrinkage':>10s} {'95 %':>16s}",
         *(
-            f"{r['effect']:36s} {r['family']:20s} {r['probability']:5.2f} "
+            f"{r['effect']:36s} {r['family']:20s} {chance_figure(r['probability']):>6s} "
             f"{100 * r['shrinkage']:8.1f} % {100 * r['low']:6.1f} .. {100 * r['high']:5.1f}"
             for r in found["ranking"][:8]
         ),

@@ -14,7 +14,7 @@ from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.consistency import inconsistencies
 from pamid.diagnosis.decision import Share
 from pamid.diagnosis.judgement import calibration, forecast_interval
-from pamid.diagnosis.judging import Judged, Member
+from pamid.diagnosis.judging import Member
 from pamid.diagnosis.localise import frequency_band, regimes, worst_windows
 from pamid.diagnosis.notes import notes
 from pamid.diagnosis.proposal import Proposal, proposal_result
@@ -62,16 +62,19 @@ def diagnosis_file(
         background=_background(d, d.cause or d.budget.baseline),
         unknown=result.Unknown(**unknown) if unknown and d.cause is None else None,
         notes=tuple(notes(d)),
-        **(_judgement(d, d.judged) if d.judged else {}),
+        **_judgement(d),
     )
     said = found.model_copy(update={"sentence": sentence(found)})
     against = [f"This result contradicts itself: {one}." for one in inconsistencies(said)]
     return said.model_copy(update={"notes": (*against, *said.notes)})
 
 
-def _judgement(d: Diagnosis, j: Judged) -> dict[str, Any]:
-    """What stands in the file where candidates were judged."""
-    rig = d.evidence.rig
+def _judgement(d: Diagnosis) -> dict[str, Any]:
+    """What candidates were judged by; nothing where there was no gap to judge them on."""
+    rig, j = d.evidence.rig, d.judged
+    if j is None:
+        nothing: dict[str, Any] = dict.fromkeys(("members", "look_alikes", "further"), ())
+        return nothing | dict.fromkeys(("units", "grounds", "confidence"))
     return {
         "members": tuple(
             result.BestMember(
