@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from pamid.base.errors import FileError, nearest
 from pamid.base.json_file import read_json
-from pamid.schemas.model import Misfit, Model, read
+from pamid.schemas.model import Mismatch, Model, read
 
 M = TypeVar("M", bound=Model)
 REMEDY = "Run the command that wrote it again."
@@ -39,16 +39,16 @@ def need_result(
         raise damaged(path, "schema", repr(schema), found)
     try:
         return read(kind, content, also=also)
-    except Misfit as misfit:
-        if misfit.choices and isinstance(misfit.value, str):
-            hint = nearest(misfit.value, misfit.choices)
+    except Mismatch as mismatch:
+        if mismatch.choices and isinstance(mismatch.value, str):
+            hint = nearest(mismatch.value, mismatch.choices)
             raise FileError(
-                f"{path}: there is no {misfit.place} {misfit.value!r:.60}.",
-                hint or f"There are: {', '.join(misfit.choices)}.",
+                f"{path}: there is no {mismatch.place} {mismatch.value!r:.60}.",
+                hint or f"There are: {', '.join(mismatch.choices)}.",
                 code="damaged",
             ) from None
-        found = "missing" if misfit.missing else f"{misfit.value!r:.60}"
-        raise damaged(path, misfit.place, misfit.expected, found) from None
+        found = "missing" if mismatch.missing else f"{mismatch.value!r:.60}"
+        raise damaged(path, mismatch.place, mismatch.expected, found) from None
 
 
 def outdated(path: Path, kind: type[Model], schema: str) -> FileError:

@@ -39,7 +39,7 @@ from pamid.schemas.diagnosis_file import (
     Where,
 )
 
-CHANCE = (
+PROBABILITY_MEANS = (
     "A probability is how often, among virtual machines with figures like these, an effect of that "
     "family was really there"
 )
@@ -173,7 +173,7 @@ def _confidence(diagnosis: DiagnosisFile) -> str:
         return ""
     gap = diagnosis.confidence.gap if diagnosis.confidence is not None else None
     at_all = "" if gap is None else f"; that anything is missing at all: {formatting.chance(gap)}"
-    return f"{CHANCE}{at_all}."
+    return f"{PROBABILITY_MEANS}{at_all}."
 
 
 def _explained(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
