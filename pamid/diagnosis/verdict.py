@@ -81,7 +81,7 @@ def _judgement(d: Diagnosis) -> dict[str, Any]:
                 effect=m.effect.label,
                 family=m.effect.family(rig),
                 port=m.effect.group(rig),
-                probability=m.probability,
+                probability=_believed(d, m.probability),
                 removes=_share(m.removes),
                 signature=grounds.SignatureFigures(**vars(m.signature)),
             )
@@ -93,10 +93,15 @@ def _judgement(d: Diagnosis) -> dict[str, Any]:
         "grounds": grounds.Grounds(**vars(j.grounds)),
         "confidence": grounds.Confidence(
             gap=j.decision.gap,
-            known=j.decision.known,
-            first=j.probability[0] if j.probability else 0.0,
+            known=_believed(d, j.decision.known),
+            first=_believed(d, j.probability[0]) if j.probability else 0.0,
         ),
     }
+
+
+def _believed(d: Diagnosis, probability: float) -> float:
+    """No effect is probable on recordings that show nothing of the model."""
+    return 0.0 if remark(d) else probability
 
 
 def _rig_parameters(model: CandidateModel) -> dict[str, result.Estimate]:
@@ -268,7 +273,7 @@ def _ranking(d: Diagnosis, seed: int) -> tuple[result.Candidate, ...]:
     if j is None:
         return ()
     return tuple(
-        _ranked(d, c, chance, own, seed)
+        _ranked(d, c, _believed(d, chance), own, seed)
         for c, chance, own in zip(j.ranking, j.probability, j.signatures, strict=True)
     )
 
