@@ -106,7 +106,7 @@ def main() -> int:
             f"{100 * first['shrinkage']:5.1f} %  angle "
             f"{far['mae_refitted'] / far['noise_floor']:.2f} -> "
             f"{far['mae_with_cause'] / far['noise_floor']:.2f} floors, causes "
-            f"{[c['effect'] for c in found['causes']]}, {time.process_time() - begun:.1f} s CPU",
+            f"{[(c['effect'], round(c['probability'], 2)) for c in found['causes']]}, {time.process_time() - begun:.1f} s CPU",
             flush=True,
         )
     print(f"{right} of {len(labels)} right")
