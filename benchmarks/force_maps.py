@@ -200,9 +200,10 @@ def main() -> int:
         out, diagnosed = run_case(name, options.data, options.jobs)
         found = out.found
         print(
-            f"{name}: {found['verdict']} at {found['where']['port']}. {found['sentence']} Hysteresis "
-            f"{out.hysteresis or 'not claimed'}; held-out RMS {out.before:.1f} -> {out.after:.1f} "
-            f"N; {time.perf_counter() - begun:.0f} s, {time.process_time() - cpu:.0f} s CPU"
+            f"{name}: {found['verdict']} at {found['where']['port']}. {found['sentence']} "
+            f"Hysteresis {out.hysteresis or 'not claimed'}; held-out RMS {out.before:.1f} -> "
+            f"{out.after:.1f} N; {time.perf_counter() - begun:.0f} s, "
+            f"{time.process_time() - cpu:.0f} s CPU"
         )
         # what could not be fitted comes last
         for row, c in zip(found["ranking"], diagnosed.ranking, strict=False):
