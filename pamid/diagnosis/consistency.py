@@ -5,9 +5,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from pamid.diagnosis.judgement import calibration
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.verdict_words import RECORD_MORE
-from pamid.schemas.diagnosis_file import CAUSED, Cause, DiagnosisFile
+from pamid.schemas.diagnosis_file import CAUSED, BestMember, Cause, DiagnosisFile
 
 
 def inconsistencies(found: DiagnosisFile, settings: Settings = DEFAULT) -> list[str]:
@@ -19,8 +20,29 @@ def inconsistencies(found: DiagnosisFile, settings: Settings = DEFAULT) -> list[
             for cause in found.causes
             for why in _cause(found, cause, settings)
         ),
+        *(
+            f"{m.effect} is probable (P {m.probability:.2f}) and nothing here speaks against it, "
+            "but it is not named"
+            for m, why in unnamed(found, settings)
+            if not why
+        ),
         *_where(found),
         *_sentence(found),
+    ]
+
+
+def unnamed(
+    found: DiagnosisFile, settings: Settings = DEFAULT
+) -> list[tuple[BestMember, list[str]]]:
+    """Probable effects of the best model that the verdict does not name, and what speaks against
+    each."""
+    if found.remark or found.verdict in ("ambiguous", "no-structural-gap"):
+        return []
+    named, yes = {c.effect for c in found.causes}, calibration().lines["cause"].yes
+    return [
+        (m, list(_cause(found, m, settings)))
+        for m in found.members
+        if m.effect not in named and m.probability is not None and m.probability >= yes
     ]
 
 
@@ -46,7 +68,7 @@ def _verdict(found: DiagnosisFile) -> Iterator[str]:
         yield f"the verdict is {verdict}, and a remark says that nothing can be said"
 
 
-def _cause(found: DiagnosisFile, cause: Cause, settings: Settings) -> Iterator[str]:
+def _cause(found: DiagnosisFile, cause: Cause | BestMember, settings: Settings) -> Iterator[str]:
     """What may not be said of a cause (`pamid.diagnosis.decision.Weighed.objections`)."""
     if cause.probability is None:
         yield "a cause without a probability"

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pamid.base.metrics import seen_mean
 from pamid.base.units import column_size
 from pamid.diagnosis.candidate_model import CandidateModel
-from pamid.diagnosis.consistency import inconsistencies
+from pamid.diagnosis.consistency import inconsistencies, unnamed
 from pamid.diagnosis.decision import Share
 from pamid.diagnosis.judgement import calibration, forecast_interval
 from pamid.diagnosis.judging import Member
@@ -23,7 +23,7 @@ from pamid.diagnosis.signature import Signature
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.diagnosis.transfer import transfer
 from pamid.diagnosis.unknown import left_over
-from pamid.diagnosis.verdict_words import remark, sentence
+from pamid.diagnosis.verdict_words import chance_figure, remark, sentence
 from pamid.estimation.intervals import background_pull, estimates
 from pamid.model.isolability import isolability
 from pamid.schemas import diagnosis_file as result
@@ -65,8 +65,16 @@ def diagnosis_file(
         **_judgement(d),
     )
     said = found.model_copy(update={"sentence": sentence(found)})
-    against = [f"This result contradicts itself: {one}." for one in inconsistencies(said)]
-    return said.model_copy(update={"notes": (*against, *said.notes)})
+    against = [
+        f"This result contradicts itself: {one}." for one in inconsistencies(said, d.settings)
+    ]
+    held_back = [
+        f"{m.effect} is probable (P {chance_figure(m.probability or 0.0)}), but not named: "
+        f"{'; '.join(why)}."
+        for m, why in unnamed(said, d.settings)
+        if why
+    ]
+    return said.model_copy(update={"notes": (*against, *held_back, *said.notes)})
 
 
 def _judgement(d: Diagnosis) -> dict[str, Any]:

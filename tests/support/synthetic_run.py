@@ -228,7 +228,7 @@ def _diagnosis_json(verdict: str) -> dict[str, Any]:
                 "effect": "coulomb-friction",
                 "family": "friction",
                 "port": "joint",
-                "probability": 0.91,
+                "probability": 0.12 if verdict == "unknown-effect" else 0.91,
                 "removes": {"share": 0.41, "low": -0.1, "high": 0.7}
                 if verdict == "cannot-tell"
                 else gap_share(removes),

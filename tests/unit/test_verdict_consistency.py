@@ -15,8 +15,9 @@ from pamid_cli.diagnose import diagnosis_text
 from synthetic_run import diagnosis_json
 from test_decision import FRICTION, GAP, LEAK, PLAIN
 
+import pamid.diagnosis.consistency as consistency
 import pamid.diagnosis.decision as decision
-from pamid.diagnosis.consistency import inconsistencies
+from pamid.diagnosis.consistency import inconsistencies, unnamed
 from pamid.diagnosis.decision import Decision, Share, Weighed, decide
 from pamid.diagnosis.verdict_grounds import Misfit
 from pamid.diagnosis.verdict_words import RECORD_MORE, sentence
@@ -42,7 +43,8 @@ CHANCES = st.floats(0.0, 1.0)
 @pytest.fixture(autouse=True, scope="module")
 def _plain() -> Any:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(decision, "calibration", lambda: PLAIN)
+        for module in (decision, consistency):
+            patch.setattr(module, "calibration", lambda: PLAIN)
         yield
 
 
@@ -227,8 +229,12 @@ def file_of(
 @st.composite
 def files(draw: st.DrawFn) -> DiagnosisFile:
     before, after, weighed, tied, doubt = draw(questions())
-    found = decide(before, after, weighed, tied, doubt=doubt)
     ports = {effect: draw(st.sampled_from(PORTS)) for effect, _ in EFFECTS}
+    here = {port: draw(st.floats(0.0, 1.0)) for port in PORTS}
+    weighed, tied = (
+        [replace(w, here=here[ports[w.effect]]) for w in these] for these in (weighed, tied)
+    )
+    found = decide(before, after, weighed, tied, doubt=doubt)
     return file_of(found, weighed, tied, draw(shares()), ports)
 
 
@@ -346,6 +352,20 @@ SHARES_ELSEWHERE = [{"port": "valve", "share": 0.995}, {"port": "joint", "share"
 def test_a_contradiction_is_found(verdict: str, changes: dict[str, Any], told: str) -> None:
     assert inconsistencies(changed(verdict)) == []
     assert any(told in one for one in inconsistencies(changed(verdict, **changes)))
+
+
+def test_what_is_probable_and_not_named_has_something_against_it() -> None:
+    likely = of("explained", "members", probability=0.97)["members"]
+    bare = changed("unknown-effect", members=likely)
+    assert any("is probable (P 0.97) and nothing here" in one for one in inconsistencies(bare))
+    pressed = changed("unknown-effect", members=[likely[0] | {"signature": {"bounds": 1.0}}])
+    ((member, why),) = unnamed(pressed)
+    assert (member.effect, why) == (
+        "coulomb-friction",
+        ["a parameter ended at a bound that physics did not set"],
+    )
+    assert inconsistencies(pressed) == []
+    assert unnamed(changed("explained")) == []
 
 
 def test_a_port_that_the_sensors_cannot_tell_carries_the_share_of_both() -> None:
