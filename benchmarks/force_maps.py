@@ -198,11 +198,12 @@ def main() -> int:
     for name in options.only:
         begun, cpu = time.perf_counter(), time.process_time()
         out, diagnosed = run_case(name, options.data, options.jobs)
-        found, names = out.found, [c["effect"] for c in out.found["causes"]]
+        found = out.found
         print(
-            f"{name}: {found['verdict']} at {found['where']['port']}, causes {names}, hysteresis "
-            f"{out.hysteresis or 'not claimed'}; held-out RMS {out.before:.1f} -> {out.after:.1f} "
-            f"N; {time.perf_counter() - begun:.0f} s, {time.process_time() - cpu:.0f} s CPU"
+            f"{name}: {found['verdict']} at {found['where']['port']}. {found['sentence']} "
+            f"Hysteresis {out.hysteresis or 'not claimed'}; held-out RMS {out.before:.1f} -> "
+            f"{out.after:.1f} N; {time.perf_counter() - begun:.0f} s, "
+            f"{time.process_time() - cpu:.0f} s CPU"
         )
         # what could not be fitted comes last
         for row, c in zip(found["ranking"], diagnosed.ranking, strict=False):

@@ -102,7 +102,8 @@ def main() -> int:
             counts[word] += 1
             print(
                 f"{word:6s} {name:6s} {label or '(nothing)':32s} {family:18s} -> "
-                f"{found['verdict']:18s} {first['effect']:28s} {100 * first['shrinkage']:5.1f} %  "
+                f"{found['verdict']:18s} {first['effect']:28s} "
+                f"P {first.get('probability', 0.0):.2f} {100 * first['shrinkage']:5.1f} %  "
                 f"{far['mae_refitted'] / far['noise_floor']:.2f} -> "
                 f"{far['mae_with_cause'] / far['noise_floor']:.2f} "
                 f"floors, {time.process_time() - begun:.1f} s CPU",

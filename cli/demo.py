@@ -90,11 +90,12 @@ def demo_text(found: dict[str, Any], output: Path) -> str:
             f"{name:30s} {p['prior']:12.4g} {truth['parameters'][name]:12.4g} {p['value']:12.4g} "
             f"{p['low']:12.4g} .. {p['high']:9.4g}"
         )
-    heads = ("data sheet", "refitted", "with cause", "noise floor")
-    lines += ["", f"{'held-out MAE':30s} " + " ".join(f"{h:>12s}" for h in heads)]
+    shown = {"mae_data_sheet": "data sheet", "mae_refitted": "refitted"}
+    shown |= {"mae_with_cause": "with cause"} if found["causes"] else {}
+    shown |= {"noise_floor": "noise floor"}
+    lines += ["", f"{'held-out MAE':30s} " + " ".join(f"{h:>12s}" for h in shown.values())]
     for channel, h in found["how_far"].items():
-        cells = (h["mae_data_sheet"], h["mae_refitted"], h["mae_with_cause"], h["noise_floor"])
-        lines.append(f"{channel:30s} " + " ".join(f"{v:12.4g}" for v in cells))
+        lines.append(f"{channel:30s} " + " ".join(f"{h[key]:12.4g}" for key in shown))
     for channel, errors in found["network"].items():
         lines.append(
             f"A network instead, on the model in its own loop: {channel} {errors['refitted']:.4g} "

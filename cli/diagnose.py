@@ -98,14 +98,9 @@ def diagnosis_text(found: dict[str, Any], output: Path) -> str:
             ]
         )
     lines = [found["sentence"], "", *_where(found["where"]), *_which(found["causes"])]
-    lines += _how_far(found)
+    lines += [*_left(found), *_how_far(found)]
     lines.append("          (each half of the held-out windows as the other half has chosen)")
-    lines += ["", f"{'effect':36s} {'family':20s} {'P':>5s} {'shrinkage':>10s} {'95 %':>16s}"]
-    lines += [
-        f"{r['effect']:36s} {r['family']:20s} {r['probability']:5.2f} {100 * r['shrinkage']:8.1f} "
-        f"% {100 * r['low']:6.1f} .. {100 * r['high']:5.1f}"
-        for r in found["ranking"][:8]
-    ]
+    lines += _ranking(found)
     lines += _further(found, output)
     lines += [f"Note      {note}" for note in found.get("notes") or []]
     lines += failed_text(found)
@@ -133,6 +128,7 @@ def _where(where: dict[str, Any]) -> list[str]:
 
 
 def _which(causes: list[dict[str, Any]]) -> list[str]:
+    """Every cause with its parameters and what it removes, beside the others."""
     lines = []
     for i, c in enumerate(causes):
         values = ", ".join(
@@ -140,22 +136,59 @@ def _which(causes: list[dict[str, Any]]) -> list[str]:
             for k, v in c["parameters"].items()
         )
         lines.append(
-            ("Which     " if i == 0 else "          ") + f"{c['effect']} ({c['family']}): {values}"
+            ("Which     " if i == 0 else "          ")
+            + f"{c['effect']} ({c['family']}), {_removed(c['removes'])}: {values}"
         )
     return lines
 
 
-def _further(found: dict[str, Any], output: Path) -> list[str]:
-    """How sure it is, and what to measure next."""
-    lines = []
+def _removed(share: dict[str, float]) -> str:
+    from pamid.base.share_words import percent_text, percents_text
+
+    interval = percents_text(share["low"], share["high"])
+    return f"{percent_text(share['share'])} of the gap ({interval})"
+
+
+def _left(found: dict[str, Any]) -> list[str]:
+    """What remains: how much, whether it is more than tolerances, where, and what it looks like."""
+    from pamid.diagnosis.verdict_words import size_of, weight_of
+    from pamid.schemas.diagnosis_file import Remainder
+    from pamid.schemas.model import read
+
+    if not found["remainder"]:
+        return []
+    rest = read(Remainder, found["remainder"])
+    size = size_of(rest, beside=bool(found["causes"]))
+    lines = [f"Left      {size}:" if size else "Left", f"          {weight_of(rest)}"]
+    told = rest.formula or (found["unknown"] or {}).get("formula", "")
+    if rest.port:
+        lines.append(f"          at the {rest.port} port{f': {told}' if told else ''}")
+    return lines
+
+
+def _ranking(found: dict[str, Any]) -> list[str]:
+    """The candidates, after what the figures mean."""
+    from pamid.diagnosis.verdict_words import chance_figure
+
     sure = found.get("confidence")
-    if sure:
-        lines += [
-            "",
-            f"Calibrated: a gap {100 * sure['gap']:.0f} %, its cause in the catalogue "
-            f"{100 * sure['known']:.0f} %, the first one (or a look-alike) "
-            f"{100 * sure['first']:.0f} %.",
-        ]
+    at_all = f": P {chance_figure(sure['gap'])}" if sure else ""
+    return [
+        "",
+        "P is how often, among virtual machines with figures like these, an effect of that family",
+        f"was really there; that anything is missing at all{at_all}. Shrinkage is that of the",
+        "held-out error over all channels.",
+        f"{'effect':36s} {'family':20s} {'P':>6s} {'shrinkage':>10s} {'95 %':>16s}",
+        *(
+            f"{r['effect']:36s} {r['family']:20s} {chance_figure(r['probability']):>6s} "
+            f"{100 * r['shrinkage']:8.1f} % {100 * r['low']:6.1f} .. {100 * r['high']:5.1f}"
+            for r in found["ranking"][:8]
+        ),
+    ]
+
+
+def _further(found: dict[str, Any], output: Path) -> list[str]:
+    """What to measure next."""
+    lines = [""]
     n = found["next_experiment"]
     if n:
         lines.append(
@@ -169,9 +202,11 @@ def _further(found: dict[str, Any], output: Path) -> list[str]:
 
 
 def _how_far(found: dict[str, Any]) -> list[str]:
+    """Held-out errors of every channel."""
     return [
         ("How far   " if i == 0 else "          ")
-        + f"{c}: {h['mae_data_sheet']:.4g} data sheet, {h['mae_refitted']:.4g} refitted, "
-        f"{h['mae_with_cause']:.4g} with the cause (noise floor {h['noise_floor']:.4g})"
+        + f"{c}: {h['mae_data_sheet']:.4g} data sheet, {h['mae_refitted']:.4g} refitted"
+        + (f", {h['mae_with_cause']:.4g} with the cause" if found["causes"] else "")
+        + f" (noise floor {h['noise_floor']:.4g})"
         for i, (c, h) in enumerate(found["how_far"].items())
     ]

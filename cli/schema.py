@@ -22,7 +22,7 @@ def command(name: str | None) -> frame.Result:
     one of them.
 
     They are JSON Schema, draft 2020-12, for editors and for programs that read the results; keys
-    may be added in later versions, none changes its meaning within one number (pamid.diagnosis/1).
+    may be added in later versions, none changes its meaning within one number (pamid.diagnosis/2).
     """
     found = schemas()
     if name is None:
@@ -32,7 +32,9 @@ def command(name: str | None) -> frame.Result:
             {"schema": "pamid.schemas/1", "schemas": titles},
             "\n".join(f"{key:{width}s}  {title}" for key, title in titles.items()),
         )
-    stem = name.removeprefix("pamid.").removesuffix("/1")
+    from pamid.schemas import stem_of
+
+    stem = stem_of(name)
     if stem not in found:
         raise click.UsageError(
             f"There is no schema {name!r}. {names.suggest(stem, found)}".rstrip()

@@ -50,7 +50,8 @@ recording = pamid.simulate(
 # ## 2. Ask
 #  Every effect of the catalogue that fits a port of this rig is a candidate. All are screened; the
 # promising ones are refitted *together with all parameters* and replayed on windows that no fit has
-# seen. Half of these windows choose, the other half report.
+# seen. Half of these windows choose, the other half report. A cause is named with its probability
+# and the share of the gap that it removes, and what is left is told with its size.
 
 # %%
 run = pamid.diagnose(recording, rig="one-dof", jobs=2, progress=False)

@@ -14,7 +14,7 @@ from pamid_cli.schema import schemas
 
 import pamid.base.json_file as json_file
 
-VALIDATORS = {f"pamid.{name}/1": Draft202012Validator(schema) for name, schema in schemas().items()}
+VALIDATORS = {schema["$id"]: Draft202012Validator(schema) for schema in schemas().values()}
 #: of tests only, and the list of schemas itself
 UNDESCRIBED = ("pamid.test/1", "pamid.schemas/1", "pamid.calibration/1")
 

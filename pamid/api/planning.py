@@ -63,7 +63,7 @@ class PowerResult:
         count = len(self.effects)
         confused = sum(bool(e.confused) for e in self.effects if e in self._found.showing)
         return (
-            f"{self._found.seconds:.3g} s of this experiment show {len(self.showing)} of {count} "
+            f"This experiment of {self._found.seconds:.3g} s shows {len(self.showing)} of {count} "
             f"effects at their usual size, {confused} of them not to be told from another family"
         )
 

@@ -18,13 +18,22 @@ from pamid.base.errors import FileError, nearest
 from pamid.base.files import PathLike
 from pamid.base.json_file import read_json
 from pamid.base.result_file import read_result
+from pamid.base.share_words import chance_text, percent_text, percents_text
 from pamid.base.units import split_column
+from pamid.diagnosis.verdict_words import size_of, weight_of
 from pamid.model.effect import Effect
 from pamid.model.rig import Rig
 from pamid.recording.recording import Recording
 from pamid.report.channel_errors import ChannelErrors, errors_of
 from pamid.report.load import RunData, load_run, read_diagnosis
-from pamid.schemas.diagnosis_file import Candidate, NextExperiment, Regime, Unknown
+from pamid.schemas.diagnosis_file import (
+    Candidate,
+    GapShare,
+    NextExperiment,
+    Regime,
+    Remainder,
+    Unknown,
+)
 from pamid.schemas.estimates import Interval
 from pamid.schemas.fit_file import FitFile, RecordingUsed
 
@@ -36,6 +45,7 @@ if TYPE_CHECKING:
 RunCode: TypeAlias = tuple[str | Rig | None, tuple[str | type[Effect], ...]]
 
 MOST_CARD_ROWS = 8  # rows of a card
+CAUSE_HEADS = ("which", "family", "port", "P", "removes of the gap (95 %)", "parameters (95 %)")
 
 
 @dataclass(frozen=True)
@@ -110,8 +120,9 @@ class IdentifiedCause:
     """An effect that the verdict names.
 
     effect: name, with @port where the rig has several of its kind; parameters: in the model that
-    has all causes; share: Shapley share of the shrinkage among the causes, 0 to 1; probability: 0
-    to 1, None where the diagnosis gives none.
+    has all causes; share: Shapley share of the shrinkage among the causes, 0 to 1; probability:
+    that it is really there, 0 to 1; removes: share of the gap, beside the other causes, with its
+    95 % interval.
     """
 
     effect: str
@@ -120,9 +131,17 @@ class IdentifiedCause:
     parameters: ParameterTable
     share: float | None
     probability: float | None
+    removes: GapShare | None = None
 
     def __repr__(self) -> str:
         return f"<{self.effect} ({self.family}): {self.parameter_text()}>"
+
+    def removes_text(self) -> str:
+        """ "64 % (60 to 68 %)", of the gap."""
+        one = self.removes
+        if one is None:
+            return "–"
+        return f"{percent_text(one.share)} ({percents_text(one.low, one.high)})"
 
     def parameter_text(self) -> str:
         """Values with their intervals in one line."""
@@ -267,11 +286,12 @@ class DiagnosisResult(FitResult):
     beside that all that a fit holds, of the refitted model (`refitted`: its parameters) and of the
     one with its causes (`parameters`).
 
-    verdict: "explained", "ambiguous", "unknown-effect", "no-structural-gap" ...; sentence: the same
-    in words; remark: why nothing can be said, where that is so; ports: share of the gap that enters
-    at each, 0 to 1, largest first; causes: strongest first; ranking: every candidate that was
-    refitted; regimes: where in its range the gap shows; unknown: the term that no effect explains;
-    next_experiment: what to measure next.
+    verdict: "explained", "partly-explained", "ambiguous", "unknown-effect", "no-structural-gap" or
+    "cannot-tell"; sentence: the same in words; remark: why nothing can be said, where that is so;
+    ports: share of the gap that enters at each, 0 to 1, largest first; causes: strongest first;
+    remainder: what is left of the gap; ranking: every candidate that was refitted; regimes: where
+    in its range the gap shows; unknown: the term that no effect explains; next_experiment: what to
+    measure next.
     """
 
     verdict: str = ""
@@ -279,6 +299,7 @@ class DiagnosisResult(FitResult):
     remark: str = ""
     ports: tuple[tuple[str, float], ...] = ()
     causes: tuple[IdentifiedCause, ...] = ()
+    remainder: Remainder | None = None
     ranking: tuple[Candidate, ...] = ()
     regimes: tuple[Regime, ...] = ()
     look_alikes: tuple[tuple[str, ...], ...] = ()
@@ -312,7 +333,14 @@ class DiagnosisResult(FitResult):
             return card(self.verdict, paragraph(self.remark), self._errors_html())
         where = ", ".join(f"{port} {share:.0%}" for port, share in self.ports if share >= 0.005)
         causes = [
-            (c.effect, c.family, c.port, c.parameter_text(), _percent(c.share))
+            (
+                c.effect,
+                c.family,
+                c.port,
+                "–" if c.probability is None else chance_text(c.probability),
+                c.removes_text(),
+                c.parameter_text(),
+            )
             for c in self.causes[:MOST_CARD_ROWS]
         ]
         gains = [
@@ -324,11 +352,19 @@ class DiagnosisResult(FitResult):
         return card(
             self.sentence or self.verdict,
             paragraph(f"Where: {where}" if where else ""),
-            html_table((("which", "family", "port", "parameters (95 %)", "share"), causes)),
+            html_table((CAUSE_HEADS, causes)),
+            paragraph(self._left()),
             paragraph(f"How far the held-out error shrinks: {', '.join(gains)}" if gains else ""),
             self._errors_html(),
             paragraph(f"Measure next: {following.name}. {following.why}" if following else ""),
         )
+
+    def _left(self) -> str:
+        """What remains, and whether it is more than tolerances."""
+        if self.remainder is None:
+            return ""
+        size = size_of(self.remainder, beside=bool(self.causes))
+        return f"Left: {size}; {weight_of(self.remainder)}."
 
 
 def result_of(
@@ -366,7 +402,6 @@ def result_of(
     if diagnosis is None:
         return FitResult(parameters=parameters, **common)
     where = diagnosis.where
-    chances = {one.effect: one.probability for one in diagnosis.ranking}
     shares = [(one.port, one.share) for one in where.ports] if where is not None else []
     return DiagnosisResult(
         parameters=_parameters(diagnosis.parameters),
@@ -383,10 +418,12 @@ def result_of(
                 one.port,
                 _parameters(one.parameters),
                 one.share,
-                chances.get(one.effect),
+                one.probability,
+                one.removes,
             )
             for one in diagnosis.causes
         ),
+        remainder=diagnosis.remainder,
         ranking=tuple(diagnosis.ranking),
         regimes=tuple(where.regimes) if where is not None else (),
         look_alikes=diagnosis.look_alikes,
@@ -414,7 +451,3 @@ def _estimate(name: str, one: Interval) -> ParameterEstimate:
         stated["at_bound"] or "",
         stated["source"] or "",
     )
-
-
-def _percent(share: float | None) -> str:
-    return "–" if share is None else f"{share:.0%}"

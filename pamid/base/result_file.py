@@ -8,7 +8,7 @@ from typing import TypeVar
 
 from pamid.base.errors import FileError, nearest
 from pamid.base.json_file import read_json
-from pamid.schemas.model import Misfit, Model, read
+from pamid.schemas.model import Mismatch, Model, read
 
 M = TypeVar("M", bound=Model)
 REMEDY = "Run the command that wrote it again."
@@ -31,21 +31,36 @@ def need_result(
     if not isinstance(content, dict):
         raise FileError(f"{path} should hold one JSON object.", REMEDY, code="damaged")
     schema = kind.model_fields["schema_"].default
+    earlier = next((one for one in kind.earlier if one == content.get("schema")), None)
+    if not any_schema and earlier is not None:
+        raise outdated(path, kind, earlier)
     if not any_schema and content.get("schema") != schema:
         found = repr(content["schema"])[:60] if "schema" in content else "missing"
         raise damaged(path, "schema", repr(schema), found)
     try:
         return read(kind, content, also=also)
-    except Misfit as misfit:
-        if misfit.choices and isinstance(misfit.value, str):
-            hint = nearest(misfit.value, misfit.choices)
+    except Mismatch as mismatch:
+        if mismatch.choices and isinstance(mismatch.value, str):
+            hint = nearest(mismatch.value, mismatch.choices)
             raise FileError(
-                f"{path}: there is no {misfit.place} {misfit.value!r:.60}.",
-                hint or f"There are: {', '.join(misfit.choices)}.",
+                f"{path}: there is no {mismatch.place} {mismatch.value!r:.60}.",
+                hint or f"There are: {', '.join(mismatch.choices)}.",
                 code="damaged",
             ) from None
-        found = "missing" if misfit.missing else f"{misfit.value!r:.60}"
-        raise damaged(path, misfit.place, misfit.expected, found) from None
+        found = "missing" if mismatch.missing else f"{mismatch.value!r:.60}"
+        raise damaged(path, mismatch.place, mismatch.expected, found) from None
+
+
+def outdated(path: Path, kind: type[Model], schema: str) -> FileError:
+    """The error of a file that an earlier version wrote under another schema: what has changed, and
+    how to come by the new one."""
+    now = kind.model_fields["schema_"].default
+    return FileError(
+        f"{path} was written by an earlier version of pamid ({schema}; now {now}): "
+        f"{kind.earlier[schema]}.",
+        f"Run `{kind.written_by}` on the same recordings again.",
+        code="earlier-version",
+    )
 
 
 def damaged(path: Path, place: str, expected: str, found: str) -> FileError:

@@ -27,8 +27,6 @@ from pamid.diagnosis.verdict_grounds import LeftOver
 
 Array = NDArray[np.float64]
 
-CAUSED = ("explained", "partly-explained", "ambiguous")  # verdicts that name a cause
-
 
 @dataclass(frozen=True)
 class Share:

@@ -102,6 +102,8 @@ def pairs_to_separate(d: Diagnosis) -> list[tuple[CandidateModel, CandidateModel
     pair of those that are tied, else the chosen model and each of its nearest rivals."""
     if d.verdict == "no-structural-gap" or d.empty or d.judged is None or not d.ranking:
         return []
+    if d.judged.units:
+        return []  # what to measure with units or signs in doubt would be a guess
     best = d.cause or d.ranking[0]
     tied = d.verdict == "ambiguous"
     firsts: dict[str, CandidateModel] = {}

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from pamid.diagnosis.ranges import at_bounds
 from pamid.diagnosis.tournament import Diagnosis
+from pamid.estimation.intervals import background_pull
 from pamid.estimation.observed_sizes import unsized
 
 
 def notes(d: Diagnosis) -> list[str]:
     """Sentences, the most important first."""
-    return [*_signs(d), *_halves(d), *_windows(d), *_fits(d), *_bounds(d), *_sizes(d)]
+    kinds = (_signs, _halves, _windows, _fits, _bounds, _background, _sizes)
+    return [note for of_kind in kinds for note in of_kind(d)]
 
 
 def _signs(d: Diagnosis) -> list[str]:
@@ -65,6 +67,31 @@ def _bounds(d: Diagnosis) -> list[str]:
         f"{', '.join(held)} of {named.attached[-1].label} ended at a bound although that was "
         "widened: its form may be another."
     ]
+
+
+def _background(d: Diagnosis) -> list[str]:
+    """Background terms that stand as far off as they may, and the effects that would take that
+    up: a muscle that is stronger than its twin bends a force map, too."""
+    final, s = d.cause or d.budget.baseline, d.settings
+    named = {a.label for a in final.attached}
+    others = [c for c in d.ranking if not named & {a.label for a in c.attached}]
+    texts = []
+    for term, pull in background_pull(final.fit).items():
+        if pull < s.background_pressed:
+            continue
+        eased = {c.label: background_pull(c.fit).get(term, pull) for c in others}
+        like = [
+            f"{label} (with it {now:.1f})"
+            for label, now in eased.items()
+            if now <= pull - s.background_eased
+        ][: s.background_alike]
+        meant = (
+            f"{' or '.join(like)} would look like this"
+            if like
+            else "no effect of the ranking takes that up; the tolerance may be too tight"
+        )
+        texts.append(f"Background {term} stands at {pull:.1f} tolerances: {meant}.")
+    return texts
 
 
 def _sizes(d: Diagnosis) -> list[str]:

@@ -46,13 +46,13 @@ class PortEvidence:
     worth: dict[str, float]
     smoothers: dict[str, Smoother] = field(compare=False, repr=False)
 
-    def shares(self, rig: Rig, named: str = "") -> dict[str, float]:
+    def shares(self, rig: Rig, *named: str) -> dict[str, float]:
         """Every port group's share of the Shapley values: the groups of a class divide its value
-        equally, or it all goes to the one that is named."""
+        equally, or it all goes to those that are named."""
         out = {rig.group_of(name): 0.0 for name in rig.ports}
         for members in self.classes:
             groups = list(dict.fromkeys(rig.group_of(name) for name in members))
-            groups = [named] if named in groups else groups
+            groups = [group for group in groups if group in named] or groups
             for group in groups:
                 out[group] += self.worth.get(members[0], 0.0) / len(groups)
         total = sum(out.values())

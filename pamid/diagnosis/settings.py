@@ -196,6 +196,16 @@ class Settings:
     few_windows: int = _setting(
         12, "windows", "with fewer held out it is said that they are few", SHOWN_ONLY
     )
+    background_pressed: float = _setting(
+        2.9,
+        "tolerances",
+        "a background term farther off is named beside the effects that would take that up",
+        "its range ends at three tolerances (REACH in pamid/model/background.py)",
+    )
+    background_eased: float = _setting(
+        0.5, "tolerances", "what an effect has to take off such a term to be named", SHOWN_ONLY
+    )
+    background_alike: int = _setting(3, "effects", "named beside such a term at most", SHOWN_ONLY)
     reweight_rounds: int = _setting(
         2, "count", "refits with the weights of the model's own residuals, at most", COST
     )

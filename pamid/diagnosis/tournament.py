@@ -13,7 +13,7 @@ from pamid.base.progress import Progress, silent
 from pamid.diagnosis.budget import Budget, gap_budget
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.cross_fitting import reported
-from pamid.diagnosis.decision import CAUSED, Share, at_noise_floor, gap_share
+from pamid.diagnosis.decision import Share, at_noise_floor, gap_share
 from pamid.diagnosis.judging import Judged, judge
 from pamid.diagnosis.naive_forecast import explains_nothing
 from pamid.diagnosis.port_evidence import PortEvidence, locate
@@ -29,6 +29,7 @@ from pamid.diagnosis.starting_hints import gather_hints
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.effect import Effect
 from pamid.parallel.jobs import WorkerPool
+from pamid.schemas.diagnosis_file import CAUSED
 from pamid.simulation.data_split import DataSplit, selection_part
 
 Array = NDArray[np.float64]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import isclose
 from typing import Any, cast
 
 import numpy as np
@@ -10,9 +11,10 @@ from numpy.typing import NDArray
 from pamid.base.metrics import seen_mean
 from pamid.base.units import column_size
 from pamid.diagnosis.candidate_model import CandidateModel
+from pamid.diagnosis.consistency import inconsistencies, unnamed
 from pamid.diagnosis.decision import Share
-from pamid.diagnosis.judgement import forecast_interval
-from pamid.diagnosis.judging import Judged, Member
+from pamid.diagnosis.judgement import calibration, forecast_interval
+from pamid.diagnosis.judging import Member
 from pamid.diagnosis.localise import frequency_band, regimes, worst_windows
 from pamid.diagnosis.notes import notes
 from pamid.diagnosis.proposal import Proposal, proposal_result
@@ -21,7 +23,7 @@ from pamid.diagnosis.signature import Signature
 from pamid.diagnosis.tournament import Diagnosis
 from pamid.diagnosis.transfer import transfer
 from pamid.diagnosis.unknown import left_over
-from pamid.diagnosis.verdict_words import remark, sentence
+from pamid.diagnosis.verdict_words import chance_figure, remark, sentence
 from pamid.estimation.intervals import background_pull, estimates
 from pamid.model.isolability import isolability
 from pamid.schemas import diagnosis_file as result
@@ -44,14 +46,13 @@ def diagnosis_file(
     altogether where none is named (`pamid.diagnosis.unknown`)."""
     shares = _where_shares(d)
     causes = _causes(d)
-    rest = _remainder(d, unknown)
-    port = _leading_port(d, shares, causes)
-    return result.DiagnosisFile(
+    port = _leading_port(shares, causes, unknown)
+    found = result.DiagnosisFile(
         verdict=cast(result.Verdict, d.verdict),
-        sentence=sentence(d, causes, rest, port),
+        sentence="",
         remark=remark(d),
         causes=causes,
-        remainder=rest,
+        remainder=_remainder(d, port, unknown),
         ranking=(*_ranking(d, seed), *(_unfitted(label, why) for label, why in d.failed)),
         where=_where(d, port, shares),
         how_far={c: how_far(d, i, seed) for i, c in enumerate(d.evidence.channels)},
@@ -61,20 +62,34 @@ def diagnosis_file(
         background=_background(d, d.cause or d.budget.baseline),
         unknown=result.Unknown(**unknown) if unknown and d.cause is None else None,
         notes=tuple(notes(d)),
-        **(_judgement(d, d.judged) if d.judged else {}),
+        **_judgement(d),
     )
+    said = found.model_copy(update={"sentence": sentence(found)})
+    against = [
+        f"This result contradicts itself: {one}." for one in inconsistencies(said, d.settings)
+    ]
+    held_back = [
+        f"{m.effect} is probable (P {chance_figure(m.probability or 0.0)}), but not named: "
+        f"{'; '.join(why)}."
+        for m, why in unnamed(said, d.settings)
+        if why
+    ]
+    return said.model_copy(update={"notes": (*against, *held_back, *said.notes)})
 
 
-def _judgement(d: Diagnosis, j: Judged) -> dict[str, Any]:
-    """What stands in the file where candidates were judged."""
-    rig = d.evidence.rig
+def _judgement(d: Diagnosis) -> dict[str, Any]:
+    """What candidates were judged by; nothing where there was no gap to judge them on."""
+    rig, j = d.evidence.rig, d.judged
+    if j is None:
+        nothing: dict[str, Any] = dict.fromkeys(("members", "look_alikes", "further"), ())
+        return nothing | dict.fromkeys(("units", "grounds", "confidence"))
     return {
         "members": tuple(
             result.BestMember(
                 effect=m.effect.label,
                 family=m.effect.family(rig),
                 port=m.effect.group(rig),
-                probability=m.probability,
+                probability=_believed(d, m.probability),
                 removes=_share(m.removes),
                 signature=grounds.SignatureFigures(**vars(m.signature)),
             )
@@ -86,10 +101,15 @@ def _judgement(d: Diagnosis, j: Judged) -> dict[str, Any]:
         "grounds": grounds.Grounds(**vars(j.grounds)),
         "confidence": grounds.Confidence(
             gap=j.decision.gap,
-            known=j.decision.known,
-            first=j.probability[0] if j.probability else 0.0,
+            known=_believed(d, j.decision.known),
+            first=_believed(d, j.probability[0]) if j.probability else 0.0,
         ),
     }
+
+
+def _believed(d: Diagnosis, probability: float) -> float:
+    """No effect is probable on recordings that show nothing of the model."""
+    return 0.0 if remark(d) else probability
 
 
 def _rig_parameters(model: CandidateModel) -> dict[str, result.Estimate]:
@@ -123,11 +143,18 @@ def _where(d: Diagnosis, port: str, shares: tuple[result.PortShare, ...]) -> res
 
 
 def _leading_port(
-    d: Diagnosis, shares: tuple[result.PortShare, ...], causes: tuple[result.Cause, ...]
+    shares: tuple[result.PortShare, ...],
+    causes: tuple[result.Cause, ...],
+    unknown: dict[str, Any] | None,
 ) -> str:
     """The port of the cause that removes most, which carries most of the gap among those that the
-    sensors cannot tell from it; without a cause the one with the largest share."""
-    return causes[0].port if causes else shares[0].port
+    sensors cannot tell from it; without a cause the one with the largest share, of several with the
+    same the one whose signals describe best what is missing."""
+    if causes:
+        return causes[0].port
+    largest = [s.port for s in shares if isclose(s.share, shares[0].share)]
+    described = (unknown or {}).get("port", "")
+    return described if described in largest else largest[0]
 
 
 def groups(d: Diagnosis) -> list[str]:
@@ -137,9 +164,10 @@ def groups(d: Diagnosis) -> list[str]:
 
 def _where_shares(d: Diagnosis) -> tuple[result.PortShare, ...]:
     """Every port group's share of the gap, largest first."""
-    named = d.cause.group if d.cause and len(d.cause.attached) == 1 else ""
+    rig = d.evidence.rig
+    named = [a.group(rig) for a in d.cause.attached] if d.cause else []
     found = (
-        d.located.shares(d.evidence.rig, named)
+        d.located.shares(rig, *named)
         if d.located
         else dict.fromkeys(groups(d), 1.0 / len(groups(d)))
     )
@@ -202,8 +230,11 @@ def _share(s: Share) -> result.GapShare:
     return result.GapShare(share=s.share, low=s.low, high=s.high)
 
 
-def _remainder(d: Diagnosis, unknown: dict[str, Any] | None) -> result.Remainder | None:
-    """What is left of the gap with the causes; the gap itself where there are none."""
+def _remainder(
+    d: Diagnosis, leading: str, unknown: dict[str, Any] | None
+) -> result.Remainder | None:
+    """What is left of the gap with the causes; the gap itself, which enters at the leading port,
+    where there are none."""
     j = d.judged
     if j is None:
         return None
@@ -215,8 +246,11 @@ def _remainder(d: Diagnosis, unknown: dict[str, Any] | None) -> result.Remainder
         if d.cause
         else (j.decision.gap, j.decision.gap_p_value)
     )
-    real = left_over(d)
-    described = unknown or {}
+    # of recordings that do not suffice, too: what they leave is there, only not its cause
+    unsure = d.verdict == "cannot-tell" and chance >= calibration().lines["missing"].yes
+    described = unknown if unknown and left_over(d) else {}
+    at = described.get("port", "")
+    port = at if d.cause else leading
     return result.Remainder(
         share=rest.share,
         low=rest.low,
@@ -224,9 +258,9 @@ def _remainder(d: Diagnosis, unknown: dict[str, Any] | None) -> result.Remainder
         floors=misfit.floors,
         probability=chance,
         p_value=p_value,
-        real=real,
-        port=described.get("port", "") if real else "",
-        formula=described.get("formula", "") if real else "",
+        real=left_over(d) or unsure,
+        port=port if left_over(d) or unsure else "",
+        formula=described.get("formula", "") if at == port else "",
         family="",
     )
 
@@ -247,7 +281,7 @@ def _ranking(d: Diagnosis, seed: int) -> tuple[result.Candidate, ...]:
     if j is None:
         return ()
     return tuple(
-        _ranked(d, c, chance, own, seed)
+        _ranked(d, c, _believed(d, chance), own, seed)
         for c, chance, own in zip(j.ranking, j.probability, j.signatures, strict=True)
     )
 

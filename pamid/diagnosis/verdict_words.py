@@ -1,12 +1,34 @@
 """A verdict in words: the sentence that opens terminal, page and JSON, and the remark that goes
-before it where nothing can be said."""
+before it where nothing can be said.
+
+The sentence is made of what stands in diagnosis.json and of nothing else, so that whoever reads the
+file can say the same, with names spelt in another way.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from pamid.diagnosis.tournament import Diagnosis
-from pamid.schemas.diagnosis_file import Cause, Remainder
+from pamid.base.share_words import chance_text, percent_text, percents_text
+from pamid.schemas.diagnosis_file import BestMember, Cause, DiagnosisFile, Remainder
+
+if TYPE_CHECKING:
+    from pamid.diagnosis.tournament import Diagnosis
+
+RECORD_MORE = "Record for longer, or with larger motion."
+
+
+@dataclass(frozen=True)
+class Spelling:
+    """How names are written."""
+
+    effect: Callable[[str], str] = str
+    port: Callable[[str], str] = str
+
+
+AS_IN_FILE = Spelling()
 
 
 def remark(d: Diagnosis) -> str:
@@ -29,61 +51,98 @@ def remark(d: Diagnosis) -> str:
     )
 
 
-def sentence(d: Diagnosis, causes: Sequence[Cause], rest: Remainder | None, port: str) -> str:
-    """The verdict in one sentence; a remark goes before it. port: where most of the gap enters."""
-    if said := remark(d):
-        return said
-    if d.verdict == "no-structural-gap":
+def sentence(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
+    """The verdict in one sentence; a remark goes before it."""
+    if found.remark:
+        return found.remark
+    rest = found.remainder
+    if found.verdict == "no-structural-gap":
         return (
             "Nothing beyond retuned parameters and ordinary tolerances: no structural gap was "
             "found."
         )
-    if d.verdict == "unknown-effect":
-        where = rest.port if rest and rest.port else port
-        at = f" It enters at the {where}." if where else ""
+    if found.verdict == "unknown-effect":
+        port = found.where.port if found.where else ""
+        at = f" It enters at the {spelling.port(port)} port." if port else ""
         return (
             "Something material is missing from the model, and no effect of the catalogue "
             f"explains it.{at}"
         )
-    if d.verdict == "cannot-tell" or rest is None:
-        return _unsure(d)
-    share = _percent(1.0 - (rest.share or 0.0))
-    if d.verdict == "ambiguous":
-        names = " or ".join(_with_chance(c) for c in causes)
-        return (
-            f"{names} explains {share} of the gap: these recordings cannot tell them apart."
-            f"{_left(rest, 'The rest')}"
-        )
-    names = " and ".join(_with_chance(c) for c in causes)
-    verb = "explains" if len(causes) == 1 else "explain"
+    if found.verdict == "cannot-tell":
+        return _unsure(found, spelling)
+    last = "or" if found.verdict == "ambiguous" else "and"
+    names = _joined((_with_chance(c, spelling) for c in found.causes), last)
+    verb = "explain" if last == "and" and len(found.causes) > 1 else "explains"
+    if rest is None or rest.share is None:
+        return f"{names} {verb} the gap."
+    said = f"{names} {verb} {percent_text(1.0 - rest.share)} of the gap"
+    if found.verdict == "ambiguous":
+        said += ": these recordings cannot tell them apart"
     if not rest.real:
-        return f"{names} {verb} {share} of the gap; what remains is within noise and tolerances."
-    at = f", at the {rest.port}" if rest.port else ""
-    return f"{names} {verb} {share} of the gap; {_percent(rest.share or 0.0)} remain{at}."
+        return f"{said}; what remains is within noise and tolerances."
+    return f"{said}; {percent_text(rest.share)} remain{_entering(rest, spelling)}."
 
 
-def _left(rest: Remainder, subject: str) -> str:
-    return (
-        f" {subject}, {_percent(rest.share or 0.0)}, is more than tolerances." if rest.real else ""
+def size_of(rest: Remainder, *, beside: bool) -> str:
+    """What is left, in figures: "36 % of the gap (95 % interval 30 to 42 %), 1.4 times the noise
+    floor in the worst channel"; beside: causes, without which it is the gap itself."""
+    texts = []
+    if beside and rest.share is not None:
+        text = f"{percent_text(rest.share)} of the gap"
+        if rest.low is not None and rest.high is not None and rest.low < rest.high:
+            text += f" (95 % interval {percents_text(rest.low, rest.high)})"
+        texts.append(text)
+    if rest.floors is not None:
+        texts.append(f"{rest.floors:.2g} times the noise floor in the worst channel")
+    return ", ".join(texts)
+
+
+def weight_of(rest: Remainder) -> str:
+    """Whether what is left is more than noise and tolerances, and how often these alone leave as
+    much."""
+    text = (
+        "more than noise and ordinary tolerances"
+        if rest.real
+        else "not told from noise and ordinary tolerances"
     )
+    if rest.probability is not None:
+        text += f" (P {chance_figure(rest.probability)} that it is more)"
+    if rest.p_value is not None:
+        of = 100.0 * rest.p_value
+        often = "fewer than 1" if of < 1.0 else f"{of:.0f}"
+        text += (
+            f"; of 100 machines on which nothing is missing, {often} would leave as much or more"
+        )
+    return text
 
 
-def _unsure(d: Diagnosis) -> str:
+def _entering(rest: Remainder, spelling: Spelling) -> str:
+    return f", at the {spelling.port(rest.port)} port" if rest.port else ""
+
+
+def _unsure(found: DiagnosisFile, spelling: Spelling) -> str:
     """A probable cause that the held-out windows do not confirm."""
-    assert d.judged is not None
-    m = max(d.judged.members, key=lambda m: m.probability)
+    m = max(found.members, key=lambda m: m.probability or 0.0, default=None)
+    if m is None or m.removes is None:
+        return f"These recordings do not suffice for a verdict. {RECORD_MORE}"
     return (
-        f"{m.effect.label} may be missing (P {m.probability:.2f}), but the held-out windows do not "
-        f"suffice to confirm it: it removes {_percent(m.removes.share)} of the gap "
-        f"({100.0 * m.removes.low:.0f} to {_percent(m.removes.high)}). Record for longer, or with "
-        "larger motion."
+        f"{_with_chance(m, spelling)} may be missing, but the held-out windows do not suffice to "
+        f"confirm it: it removes {percent_text(m.removes.share)} of the gap (95 % interval "
+        f"{percents_text(m.removes.low, m.removes.high)}). {RECORD_MORE}"
     )
 
 
-def _with_chance(c: Cause) -> str:
-    place = "" if "@" in c.effect else f" at the {c.port}"
-    return f"{c.effect}{place} (P {c.probability:.2f})"
+def _with_chance(c: Cause | BestMember, spelling: Spelling) -> str:
+    place = f" at the {spelling.port(c.port)} port" if c.port and "@" not in c.effect else ""
+    chance = f" (P {chance_figure(c.probability)})" if c.probability is not None else ""
+    return f"{spelling.effect(c.effect)}{place}{chance}"
 
 
-def _percent(share: float) -> str:
-    return f"{100.0 * share:.0f} %"
+def chance_figure(probability: float) -> str:
+    """As figures stand in brackets: "> 0.99"."""
+    return chance_text(probability).replace("above", ">").replace("below", "<")
+
+
+def _joined(parts: Iterable[str], last: str) -> str:
+    words = list(parts)
+    return f" {last} ".join(filter(None, (", ".join(words[:-1]), *words[-1:])))

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pamid.base.errors import quoted
+from pamid.diagnosis import verdict_words
 from pamid.report import formatting
 from pamid.report.captions import (
     causes_label,
@@ -14,6 +15,7 @@ from pamid.report.captions import (
     regime_label,
     runner_up,
     sensor_label,
+    set_figures,
     split_labels,
 )
 from pamid.report.channel_errors import ChannelErrors, headline
@@ -27,15 +29,20 @@ from pamid.report.formatting import (
     short,
 )
 from pamid.report.load import RunData
+from pamid.report.missing_term import formula_texts, missing_term, nature_texts
 from pamid.schemas.diagnosis_file import (
     Candidate,
+    Cause,
     DiagnosisFile,
     NextExperiment,
     Regime,
-    Unknown,
     Where,
 )
 
+PROBABILITY_MEANS = (
+    "A probability is how often, among virtual machines with figures like these, an effect of that "
+    "family was really there"
+)
 DIAGNOSE_HINT = "`pamid diagnose` on the same recordings adds this answer."
 _MOST_WINDOWS = 6
 
@@ -57,6 +64,8 @@ def where_answer(run: RunData) -> Answer:
         return Answer("Not asked yet.", (DIAGNOSE_HINT,))
     if diagnosis.verdict == "no-structural-gap":
         return Answer("Nowhere: no gap is left to place.")
+    if diagnosis.remark:
+        return Answer("These recordings do not tell.")
     where = diagnosis.where
     if where is None or not (where.port or where.ports):
         return Answer("The diagnosis names no port.")
@@ -78,12 +87,10 @@ def where_answer(run: RunData) -> Answer:
         details.append(
             f"It shows most in these windows of the recording: {', '.join(shown)}{more}."
         )
-    return Answer(
-        _where_lead(diagnosis.verdict, where), tuple(details), tuple(map(_regime, where.regimes))
-    )
+    return Answer(_where_lead(diagnosis, where), tuple(details), tuple(map(_regime, where.regimes)))
 
 
-def _where_lead(verdict: str, where: Where) -> str:
+def _where_lead(diagnosis: DiagnosisFile, where: Where) -> str:
     if not where.port:
         return "No single port stands out."
     alike = sorted(
@@ -91,7 +98,11 @@ def _where_lead(verdict: str, where: Where) -> str:
         - {where.port}
     )
     # the form of the effect tells what the sensors alone cannot
-    if not alike or verdict == "explained":
+    if diagnosis.causes and diagnosis.verdict != "ambiguous":
+        ports = dict.fromkeys(formatting.port_label(one.port) for one in diagnosis.causes)
+        every = [port for port in ports if port] or [formatting.port_label(where.port)]
+        return f"At the {formatting.join(every)} port{'s' if len(every) > 1 else ''}."
+    if not alike:
         return f"At the {formatting.port_label(where.port)} port."
     return sentence(
         f"at the {formatting.port_label(where.port)} port; these sensors cannot tell it from "
@@ -146,45 +157,57 @@ def which_answer(run: RunData) -> Answer:
         return Answer("Not asked yet.", (DIAGNOSE_HINT,))
     leads = {
         "explained": _explained,
+        "partly-explained": _explained,
         "ambiguous": _ambiguous,
         "unknown-effect": _unknown,
         "no-structural-gap": _no_gap,
+        "cannot-tell": _cannot_tell,
     }
     lead, details = leads[diagnosis.verdict](diagnosis)
     return Answer(lead, (*details, *_beside(diagnosis), _confidence(diagnosis)))
 
 
 def _confidence(diagnosis: DiagnosisFile) -> str:
-    """The calibrated probabilities behind the verdict."""
-    asked = {
-        "gap": "there is a structural gap at all",
-        "known": "the catalogue knows its cause",
-        "first": "the first of the ranking, or a look-alike, is it",
-    }
-    known = diagnosis.confidence.numbers() if diagnosis.confidence is not None else {}
-    texts = [
-        f"{question} {formatting.chance(known[key])}"
-        for key, question in asked.items()
-        if key in known
-    ]
-    return f"Calibrated probabilities: {', '.join(texts)}." if texts else ""
+    """What a probability means here, and the one that anything is missing at all."""
+    if diagnosis.remark or not any(one.probability is not None for one in diagnosis.ranking):
+        return ""
+    gap = diagnosis.confidence.gap if diagnosis.confidence is not None else None
+    at_all = "" if gap is None else f"; that anything is missing at all: {formatting.chance(gap)}"
+    return f"{PROBABILITY_MEANS}{at_all}."
 
 
 def _explained(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
-    texts = [_with_chance(diagnosis, cause.effect) for cause in diagnosis.causes]
-    details = []
-    if len(diagnosis.causes) > 1:
-        shares = [f"{effect_label(one.effect)} {percent(one.share)}" for one in diagnosis.causes]
-        details.append(sentence(f"shares of the shrinkage: {formatting.join(shares)}"))
-    return sentence(formatting.join(texts)), details + _sizes(diagnosis) + _unsettled(diagnosis)
+    lead = sentence(formatting.join(_with_chance(cause) for cause in diagnosis.causes))
+    return lead, _removed(diagnosis) + _sizes(diagnosis) + _unsettled(diagnosis)
 
 
-def _with_chance(diagnosis: DiagnosisFile, effect: str) -> str:
-    chance = next((one.probability for one in diagnosis.ranking if one.effect == effect), None)
-    text = effect_label(effect)
-    port = next(cause.port for cause in diagnosis.causes if cause.effect == effect)
-    text += f" at the {formatting.port_label(port)} port" if port and "@" not in effect else ""
+def _with_chance(cause: Cause) -> str:
+    port = formatting.port_label(cause.port)
+    text = effect_label(cause.effect)
+    text += f" at the {port} port" if port and "@" not in cause.effect else ""
+    chance = cause.probability
     return text if chance is None else f"{text}, with probability {formatting.chance(chance)}"
+
+
+def _removed(diagnosis: DiagnosisFile) -> list[str]:
+    """The share of the gap that every cause removes, and how they share what they remove
+    together."""
+    several = len(diagnosis.causes) > 1
+    beside = " beside the other" + ("s" if len(diagnosis.causes) > 2 else "") if several else ""
+    if diagnosis.verdict == "ambiguous":
+        beside = " alone"
+    details = [
+        sentence(
+            f"{effect_label(one.effect)} removes {percent(one.removes.share)} of the gap{beside}"
+            f"{formatting.interval_tail(percent_span(one.removes.low, one.removes.high))}"
+        )
+        for one in diagnosis.causes
+        if one.removes is not None
+    ]
+    if several and diagnosis.verdict != "ambiguous":
+        shares = [f"{percent(one.share)} to {effect_label(one.effect)}" for one in diagnosis.causes]
+        details.append(f"Of what they remove together, {formatting.join(shares)} is due.")
+    return details
 
 
 def _sizes(diagnosis: DiagnosisFile) -> list[str]:
@@ -203,7 +226,7 @@ def _sizes(diagnosis: DiagnosisFile) -> list[str]:
 
 def _ambiguous(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
     lead = sentence(f"either {causes_label(diagnosis)}: these recordings cannot tell")
-    return lead, _sizes(diagnosis) + _unsettled(diagnosis)
+    return lead, _removed(diagnosis) + _sizes(diagnosis) + _unsettled(diagnosis)
 
 
 def _unsettled(diagnosis: DiagnosisFile) -> list[str]:
@@ -222,61 +245,17 @@ def _unsettled(diagnosis: DiagnosisFile) -> list[str]:
 def _unknown(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
     lead = "None of the catalogue."
     one = diagnosis.unknown
-    return lead, [] if one is None else [text for text in (*_nature(one), *_formula(one)) if text]
-
-
-def _nature(one: Unknown) -> list[str]:
-    """Odd or even, memory, dissipative: in words."""
-    against = formatting.port_label(
-        "velocity" if "velocity" in one.variables else (one.variables or ("signal",))[0]
-    )
-    parity = {
-        "odd": f"It changes its sign with the {against}.",
-        "even": f"It is alike on both sides of the {against}.",
-        "mixed": f"It is neither odd nor even in the {against}.",
-    }
-    memory = {
-        True: "Most of it is no function of these signals at the same instant: it depends on the "
-        "past, or on something that is not among them.",
-        False: "It follows these signals without memory.",
-    }
-    energy = {
-        True: "It takes energy out, as friction does.",
-        False: "On the whole it takes no energy out beyond what the refitted model takes.",
-    }
-    return [
-        parity.get(one.parity, "") if one.variables else "",
-        memory[one.memory] if one.memory is not None else "",
-        energy[one.dissipative] if one.dissipative is not None else "",
+    return lead, [] if one is None else [
+        text for text in (*nature_texts(one), *formula_texts(one)) if text
     ]
-
-
-def _formula(one: Unknown) -> list[str]:
-    if not one.formula:
-        return ["No function of the signals at this port describes it."]
-    of = (
-        f" of {formatting.join(map(formatting.port_label, one.variables))}" if one.variables else ""
-    )
-    at = f" at the {formatting.port_label(one.port)} port" if one.port else ""
-    texts = [
-        f"The missing term{at} is described best, as a function{of}, by "
-        f"`{formatting.clean(one.formula)}`."
-    ]
-    if one.inclusion is not None:
-        texts.append(
-            f"Each of its terms came up in at least {percent(one.inclusion)} of the fits to "
-            "resampled data."
-        )
-    if one.described is not None:
-        texts.append(
-            f"The formula covers {percent(one.described)} of its variance; it is a description, "
-            "not a cause."
-        )
-    return texts
 
 
 def _no_gap(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
     return "No effect is needed beyond retuned parameters and the background.", []
+
+
+def _cannot_tell(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
+    return "These recordings do not tell.", []
 
 
 def _beside(diagnosis: DiagnosisFile) -> list[str]:
@@ -379,6 +358,36 @@ def _channel_point(row: ChannelErrors) -> str:
         f"{channel_label(row.channel)}: {percent(row.shrinkage)} of the held-out error "
         f"removed{tail}"
     )
+
+
+def left_answer(run: RunData) -> Answer | None:
+    """What is left of the gap with the causes, or the gap where there is none: its size, whether it
+    is more than noise and tolerances, where it enters, and what it looks like. None where there is
+    nothing to say."""
+    diagnosis = run.diagnosis
+    rest = diagnosis.remainder if diagnosis is not None else None
+    if diagnosis is None or rest is None or diagnosis.remark:
+        return None
+    beside = bool(diagnosis.causes)
+    at = f", at the {formatting.port_label(rest.port)} port" if rest.port else ""
+    if not rest.real:
+        lead = "Nothing that can be told from noise and ordinary tolerances."
+    elif beside and rest.share is not None:
+        lead = f"{percent(rest.share)} of the gap{at}."
+    else:
+        lead = f"The whole gap{at}."
+    size = set_figures(verdict_words.size_of(rest, beside=beside))
+    details = [
+        sentence(f"left over: {size}") if size else "",
+        sentence(f"that is {set_figures(verdict_words.weight_of(rest))}"),
+    ]
+    if beside and (term := missing_term(diagnosis)) is not None:
+        details += formula_texts(term)
+    if rest.real and rest.family:
+        details.append(
+            sentence(f"a free form of the {effect_label(rest.family)} family would take it up")
+        )
+    return Answer(lead, tuple(filter(None, details)))
 
 
 def next_answer(run: RunData) -> Answer:

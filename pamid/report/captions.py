@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from pamid.diagnosis.verdict_words import Spelling, sentence
 from pamid.report import formatting
 from pamid.report.channel_errors import MODEL_NAMES, ChannelErrors, WorstWindow, headline
 from pamid.report.formatting import (
@@ -13,13 +14,15 @@ from pamid.report.formatting import (
     channel_unit,
     effect_label,
     percent,
-    percent_span,
     with_unit_text,
 )
 from pamid.report.load import RunData
 from pamid.report.reading import FloatArray
 from pamid.schemas.diagnosis_file import Candidate, DiagnosisFile, Regime, Sensor, Where
 from pamid.schemas.network_file import NetworkFile
+
+#: names in the sentence of a verdict
+SPELLING = Spelling(effect_label, formatting.port_label)
 
 
 def causes_label(diagnosis: DiagnosisFile) -> str:
@@ -32,11 +35,16 @@ def causes_label(diagnosis: DiagnosisFile) -> str:
 def model_label(field: str, diagnosis: DiagnosisFile | None) -> str:
     """What a field of ChannelErrors is called in a legend: "refitted", "with Coulomb friction",
     "with the causes"."""
-    if field == "with_cause" and diagnosis is not None and diagnosis.verdict == "explained":
+    if field == "with_cause" and diagnosis is not None and _together(diagnosis):
         return (
             f"with {causes_label(diagnosis)}" if len(diagnosis.causes) == 1 else "with the causes"
         )
     return MODEL_NAMES[field]
+
+
+def _together(diagnosis: DiagnosisFile) -> bool:
+    """Is there a model that has all the causes, which the figures are of?"""
+    return bool(diagnosis.causes) and diagnosis.verdict != "ambiguous"
 
 
 def candidate_order(diagnosis: DiagnosisFile) -> list[Candidate]:
@@ -62,30 +70,15 @@ def runner_up(diagnosis: DiagnosisFile) -> Candidate | None:
 
 def verdict_sentence(run: RunData, rows: tuple[ChannelErrors, ...]) -> str:
     """The whole page in one sentence."""
-    diagnosis, row = run.diagnosis, headline(rows)
+    diagnosis = run.diagnosis
     if diagnosis is None:
-        return _fit_sentence(row)
-    if diagnosis.remark:
-        return formatting.clean(diagnosis.remark)
-    if diagnosis.verdict == "no-structural-gap":
-        return (
-            "No structural gap: retuned parameters and the background account for what was "
-            "measured."
-        )
-    if diagnosis.verdict == "unknown-effect":
-        port = (
-            diagnosis.unknown.port
-            if diagnosis.unknown
-            else diagnosis.where.port
-            if diagnosis.where
-            else ""
-        )
-        at = f" at the {formatting.port_label(port)} port" if port else ""
-        return f"Something material enters{at} that no effect of the catalogue explains."
-    if diagnosis.verdict == "ambiguous":
-        named = formatting.join(effect_label(cause.effect) for cause in diagnosis.causes)
-        return f"The gap is explained, but these recordings cannot tell apart {named}."
-    return formatting.sentence(f"{causes_label(diagnosis)} {_removes(diagnosis)} {_gain(row)}")
+        return _fit_sentence(headline(rows))
+    return formatting.sentence(set_figures(sentence(diagnosis, SPELLING)))
+
+
+def set_figures(text: str) -> str:
+    """One line in which no number is parted from its sign."""
+    return formatting.clean(text).replace(" %", f"{formatting.SPACE}%")
 
 
 def _fit_sentence(row: ChannelErrors | None) -> str:
@@ -111,13 +104,6 @@ def _fit_sentence(row: ChannelErrors | None) -> str:
 
 def _removes(diagnosis: DiagnosisFile) -> str:
     return "removes" if len(diagnosis.causes) == 1 else "together remove"
-
-
-def _gain(row: ChannelErrors | None) -> str:
-    if row is None or row.shrinkage is None:
-        return "the gap"
-    tail = formatting.interval_tail(percent_span(row.low, row.high))
-    return f"{percent(row.shrinkage)} of the held-out {channel_label(row.channel)} error{tail}"
 
 
 def ports_title(where: Where) -> str:
@@ -188,12 +174,11 @@ def ranking_title(diagnosis: DiagnosisFile) -> str:
     """The best candidate against the runner-up; for verdicts without a cause, how far the best
     falls short."""
     best, second = diagnosis.ranking[0], runner_up(diagnosis)
-    if diagnosis.verdict in ("unknown-effect", "no-structural-gap"):
-        tail = (
-            "not enough to be named"
-            if diagnosis.verdict == "unknown-effect"
-            else "no effect is needed"
-        )
+    if not diagnosis.causes:
+        tail = {
+            "unknown-effect": "not enough to be named",
+            "no-structural-gap": "no effect is needed",
+        }.get(diagnosis.verdict, "these recordings do not suffice to confirm it")
         return formatting.sentence(
             f"the best candidate, {effect_label(best.effect)}, removes {percent(best.shrinkage)} "
             f"of the held-out error{over_channels(diagnosis)}; {tail}"
@@ -217,8 +202,8 @@ def budget_title(rows: tuple[ChannelErrors, ...], diagnosis: DiagnosisFile | Non
     if row is None or row.refitted is None:
         return "Held-out error of each model"
     what, unit_text = channel_label(row.channel), channel_unit(row.channel)
-    explained = diagnosis is not None and diagnosis.verdict == "explained"
-    if explained and diagnosis is not None and row.with_cause is not None and row.refitted > 0:
+    known = row.with_cause is not None and row.refitted > 0
+    if diagnosis is not None and _together(diagnosis) and known and row.with_cause is not None:
         share = row.shrinkage if row.shrinkage is not None else 1.0 - row.with_cause / row.refitted
         text = (
             f"{causes_label(diagnosis)} {_removes(diagnosis)} {percent(share)} of the held-out "

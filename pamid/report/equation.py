@@ -26,6 +26,7 @@ from pamid.report.formula import FormulaError, formula_html
 from pamid.report.load import RunData
 from pamid.report.markup import tag
 from pamid.report.mathml import Typeset, fraction, math_html, name, number_html, operator
+from pamid.report.missing_term import missing_term
 from pamid.schemas.diagnosis_file import Cause, CauseParameter, Unknown
 from pamid.symbolic import vocabulary as equations
 from pamid.symbolic.expression import Expr, expression, substitute, symbol, text
@@ -119,13 +120,19 @@ def _acting(effect: Effect, port: Port, port_name: str, rig_period_s: float) -> 
 
 
 def cause_equations(run: RunData) -> tuple[Equation, ...]:
-    """The equations of the causes, or the formula of the missing term."""
+    """The equations of the causes, or the formula of what is missing where there is none."""
     diagnosis = run.diagnosis
     if diagnosis is None:
         return ()
     if diagnosis.unknown is not None and diagnosis.unknown.formula:
         return _unknown_equation(diagnosis.unknown)
     return _known(_cause_equation(run.rig, one) for one in diagnosis.causes)
+
+
+def remainder_equations(run: RunData) -> tuple[Equation, ...]:
+    """The formula of what is missing beside the causes."""
+    term = missing_term(run.diagnosis) if run.diagnosis and run.diagnosis.causes else None
+    return _unknown_equation(term) if term is not None and term.formula else ()
 
 
 def model_equations(run: RunData) -> tuple[Equation, ...]:

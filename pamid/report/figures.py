@@ -27,6 +27,7 @@ from pamid.report.captions import (
 )
 from pamid.report.channel_errors import MODEL_NAMES, ChannelErrors, WorstWindow
 from pamid.report.load import Residual, RunData
+from pamid.report.missing_term import missing_term
 from pamid.report.reading import FloatArray
 from pamid.report.style import Drawing, bare, colour, grid, label, legend_above
 from pamid.schemas.diagnosis_file import Candidate, DiagnosisFile, Regime, Where
@@ -131,12 +132,13 @@ def _regime_name(one: Regime) -> str:
 def missing_drawing(run: RunData) -> Drawing | None:
     """Points and binned medians: the missing value [port's unit] over the signal that describes it
     best [its unit]."""
-    unknown = run.diagnosis.unknown if run.diagnosis is not None else None
-    if unknown is None or run.missing is None:
+    term = missing_term(run.diagnosis)
+    if term is None or run.missing is None:
         return None
     stems = {split_column(name)[0]: name for name in run.missing}
+    told = term.variables or sorted((s for s in stems if s in term.formula), key=term.formula.index)
     found = [
-        *(v for v in unknown.variables if v in stems),
+        *(v for v in told if v in stems),
         *(s for s in stems if s not in NO_SIGNALS),
     ]
     if not found:
@@ -180,7 +182,7 @@ def missing_drawing(run: RunData) -> Drawing | None:
         grid(axes, "y")
         legend_above(axes, 2)
 
-    return Drawing("missing", missing_title(unknown.port, found[0], share), draw, 2.8, 2.8)
+    return Drawing("missing", missing_title(term.port, found[0], share), draw, 2.8, 2.8)
 
 
 def _binned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray, float]:

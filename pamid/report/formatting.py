@@ -7,6 +7,7 @@ import math
 import re
 from collections.abc import Iterable
 
+from pamid.base.share_words import chance_text, percent_text
 from pamid.base.units import NONE, split_column
 
 #: names of people and letters that a hyphenated effect name has lost
@@ -111,16 +112,10 @@ def with_unit_text(value: float | None, unit_text: str, digits: int = 3) -> str:
 
 
 def percent(share: float | None) -> str:
-    """0.784 -> "78 %"; shares below 1 % keep a digit, and none is rounded up to 100 %."""
+    """`percent_text` as the page sets it; a dash for None."""
     if share is None:
         return DASH
-    value = 100.0 * share
-    if 0.0 < abs(value) < 1.0 or 99.0 < value < 100.0:
-        text = f"{math.copysign(math.floor(abs(value) * 10.0 + 1e-9) / 10.0, value):.1f}"
-    else:
-        text = f"{value:.0f}"
-    text = "0" if text in ("-0", "0.0", "-0.0") else text
-    return f"{text}{SPACE}%".replace("-", MINUS)
+    return percent_text(share).replace(" ", SPACE).replace("-", MINUS)
 
 
 def span(low: float | None, high: float | None, unit_text: str = "", digits: int = 3) -> str:
@@ -142,12 +137,8 @@ def span(low: float | None, high: float | None, unit_text: str = "", digits: int
 
 
 def chance(probability: float | None) -> str:
-    """Two digits; never a certainty: "above 0.99", "below 0.01"."""
-    if probability is None:
-        return DASH
-    if probability > 0.99:
-        return "above 0.99"
-    return "below 0.01" if probability < 0.01 else f"{probability:.2f}"
+    """`chance_text`; a dash for None."""
+    return DASH if probability is None else chance_text(probability)
 
 
 def interval_tail(interval: str) -> str:

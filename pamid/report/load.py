@@ -11,7 +11,7 @@ from pamid.base.result_file import REMEDY, damaged, read_result
 from pamid.base.run_folder import Run
 from pamid.base.units import split_column
 from pamid.report.reading import FloatArray, read_columns
-from pamid.schemas.diagnosis_file import DiagnosisFile
+from pamid.schemas.diagnosis_file import CAUSED, DiagnosisFile
 from pamid.schemas.fit_file import FitFile
 from pamid.schemas.network_file import NetworkFile
 from pamid.schemas.run_file import RunFile, Step
@@ -118,7 +118,7 @@ def load_run(folder: Path) -> RunData:
 def read_diagnosis(path: Path) -> DiagnosisFile | None:
     """The diagnosis in a file; None if there is no such file, FileError where it is damaged."""
     found = read_result(path, DiagnosisFile)
-    if found is not None and found.verdict in ("explained", "ambiguous") and not found.causes:
+    if found is not None and found.verdict in CAUSED and not found.causes:
         needed = f"a list with at least one effect, as the verdict is {found.verdict!r}"
         raise damaged(path, "causes", needed, "empty")
     return found

@@ -8,12 +8,14 @@ import numpy as np
 from matplotlib import colormaps
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
 
 from pamid.planning.power import EffectPower, Power
 from pamid.report.style import Drawing, colour, label
 
 ROW_IN, HEAD_IN = 0.2, 1.2
 PLAINEST = 100.0  # error over the noise floor at which the colours end
+MARKS = (2.0, 5.0, 10.0, 20.0, 50.0, PLAINEST)
 
 
 def power_drawing(found: Power, effects: Sequence[EffectPower], title: str) -> Drawing:
@@ -40,7 +42,11 @@ def power_drawing(found: Power, effects: Sequence[EffectPower], title: str) -> D
                     axes.text(
                         j, i, "-", ha="center", va="center", fontsize=7.0, color=colour("muted")
                     )
-        bar = figure.colorbar(image, ax=axes, pad=0.02, aspect=40)
+        marks = [found.seen, *(m for m in MARKS if m > found.seen)]
+        bar = figure.colorbar(
+            image, ax=axes, pad=0.02, aspect=40, ticks=marks, format=lambda v, _: f"{v:g}"
+        )
+        bar.ax.yaxis.set_minor_locator(NullLocator())
         bar.set_label("error over the noise floor [-]")
 
     height = HEAD_IN + ROW_IN * len(shown)

@@ -5,7 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from pamid.report import formatting
-from pamid.report.answers import Answer, how_far_answer, next_answer, where_answer, which_answer
+from pamid.report.answers import (
+    Answer,
+    how_far_answer,
+    left_answer,
+    next_answer,
+    where_answer,
+    which_answer,
+)
 from pamid.report.captions import verdict_sentence
 from pamid.report.channel_errors import ChannelErrors, disagreements
 from pamid.report.document import (
@@ -20,7 +27,7 @@ from pamid.report.document import (
     figures,
     notes,
 )
-from pamid.report.equation import cause_equations, model_equations
+from pamid.report.equation import cause_equations, model_equations, remainder_equations
 from pamid.report.load import RunData
 from pamid.report.player import player_html, player_script
 from pamid.report.style import Picture
@@ -79,9 +86,10 @@ def answer_sections(
     where: Sequence[Block] = (),
     how_far: Sequence[Block] = (),
 ) -> tuple[Section, ...]:
-    """The three answers and the next experiment; where, how_far: what else stands below these
-    answers."""
+    """The three answers, what is left and the next experiment; where, how_far: what else stands
+    below these answers."""
     unknown = run.diagnosis is not None and run.diagnosis.unknown is not None
+    left = left_answer(run)
     # the ranking leads, unless no effect of it is the answer
     which = (("missing",), ("ranking",)) if unknown else (("ranking",), ())
 
@@ -100,6 +108,18 @@ def answer_sections(
         ),
         _answer(
             "How far", how_far_answer(run, rows), drawn("budget"), (*drawn("window"), *how_far)
+        ),
+        *(
+            (
+                _answer(
+                    "What is left",
+                    left,
+                    () if unknown else drawn("missing"),
+                    remainder_equations(run),
+                ),
+            )
+            if left is not None
+            else ()
         ),
         _answer("Next experiment", next_answer(run)),
     )
@@ -185,7 +205,7 @@ def _errors(run: RunData, rows: tuple[ChannelErrors, ...]) -> Iterator[Block]:
 
 
 def _transfer(run: RunData) -> Iterator[Block]:
-    if run.diagnosis is None or not run.diagnosis.transfer:
+    if run.diagnosis is None or not (run.diagnosis.transfer and run.diagnosis.causes):
         return
     yield Heading("Does it hold elsewhere?", 3)
     yield transfer_table(run.diagnosis.transfer, run.fit)

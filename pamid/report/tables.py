@@ -49,6 +49,11 @@ GROUNDS = {
     "at_port": "Evidence at the port of the first candidate over the largest at any port.",
     "strain": "Largest strain of a parameter in the best model, in prior standard deviations.",
     "pull": "Largest pull of the background in the best model, in tolerances.",
+    "channels": "Channels that are measured.",
+    "remaining": "Error of the best model over the noise floor, in the channel where it is "
+    "largest.",
+    "remaining_of_signal": "Error of the best model over the standard deviation of the signal, in "
+    "the worst channel.",
 }
 SHARES = frozenset({"left", "ceiling", "shrinkage", "helps", "margin", "wins", "at_port"})
 
@@ -223,7 +228,7 @@ def _remark(one: FitParameter, strained: bool) -> str:
 def ranking_table(diagnosis: DiagnosisFile) -> Table:
     """Every candidate that was refitted, with its errors per channel."""
     channels = list(dict.fromkeys(name for one in diagnosis.ranking for name in one.held_out))
-    heads = ["effect", "family", "port", "P", "removed", formatting.INTERVAL]
+    heads = ["effect", "family", "port", "P", "held-out error removed", formatting.INTERVAL]
     heads += [f"{channel_label(name)} MAE [{channel_unit(name) or '-'}]" for name in channels] + [
         "remark"
     ]

@@ -21,5 +21,9 @@ def all_schemas() -> dict[str, dict[str, Any]]:
         for kind in vars(module).values()
         if isinstance(kind, type) and issubclass(kind, Model) and "schema_" in kind.model_fields
     }
-    stems = {name.removeprefix("pamid.").removesuffix("/1"): one for name, one in found.items()}
-    return dict(sorted(stems.items()))
+    return dict(sorted((stem_of(name), one) for name, one in found.items()))
+
+
+def stem_of(name: str) -> str:
+    """ "pamid.diagnosis/2" -> "diagnosis"."""
+    return name.removeprefix("pamid.").partition("/")[0]

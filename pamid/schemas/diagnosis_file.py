@@ -43,6 +43,7 @@ Verdict = Literal[
     "no-structural-gap",
     "cannot-tell",
 ]
+CAUSED = ("explained", "partly-explained", "ambiguous")  # verdicts that name a cause
 ERROR = "mean absolute error, in the unit of the channel"
 
 
@@ -317,6 +318,12 @@ class DiagnosisFile(Model):
     )
 
     not_read: ClassVar = ("units", "further")
+    earlier: ClassVar = {
+        "pamid.diagnosis/1": "every cause now has a probability of its own and the share of the "
+        "gap that it removes, `remainder` tells what is left, and the verdicts partly-explained "
+        "and cannot-tell are new"
+    }
+    written_by: ClassVar = "pamid diagnose"
 
     schema_: Literal["pamid.diagnosis/2"] = Field(default="pamid.diagnosis/2", alias="schema")
     verdict: Verdict

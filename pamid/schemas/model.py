@@ -43,7 +43,7 @@ DRAFT = "https://json-schema.org/draft/2020-12/schema"
 _NULL = {"type": "null"}
 
 
-class Misfit(ValueError):
+class Mismatch(ValueError):
     """A JSON value that is not what its model says.
 
     place: keys and indices down to it, "where.windows_s[0]"; expected: in words; value: what stands
@@ -185,6 +185,10 @@ class Model(BaseModel):
 
     #: keys that readers leave alone unless they ask for them, whatever an older version wrote there
     not_read: ClassVar[tuple[str, ...]] = ()
+    #: earlier schemas of the same file -> what has changed since, as the end of a sentence
+    earlier: ClassVar[dict[str, str]] = {}
+    #: the command that writes it
+    written_by: ClassVar[str] = ""
 
     def as_json(self) -> dict[str, Any]:
         """What is written: plain dicts and lists, the fields that were set, in their order."""
@@ -263,7 +267,7 @@ def json_schema(kind: type[Model]) -> dict[str, Any]:
 
 
 def read(kind: type[M], content: Mapping[str, Any], *, also: tuple[str, ...] = ()) -> M:
-    """The object that was read as JSON; Misfit at the first value that is not what it should be.
+    """The object that was read as JSON; Mismatch at the first value that is not what it should be.
     also: keys of its `not_read` that this reader needs."""
     try:
         return kind.model_validate(
@@ -280,7 +284,7 @@ def read(kind: type[M], content: Mapping[str, Any], *, also: tuple[str, ...] = (
     else:
         what = context.get("what") or _EXPECTED.get(first["type"], first["msg"])
     missing = value is MISSING
-    raise Misfit(_place(first["loc"]), what, value, missing, choices) from None
+    raise Mismatch(_place(first["loc"]), what, value, missing, choices) from None
 
 
 _EXPECTED = {

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from pamid.diagnosis.decision import CAUSED
+from pamid.schemas.diagnosis_file import CAUSED
 
 LEAST_VISIBILITY = 1.1  # visibility from which a fault has to be named
 

@@ -9,12 +9,14 @@ import shlex
 import subprocess
 import sys
 from pathlib import Path
+from typing import get_args
 
 import pytest
 from pamid_cli.table import COMMANDS, load_command
 
 from pamid.model.effect import KINDS
 from pamid.model.registry import effects, rigs
+from pamid.schemas.diagnosis_file import Verdict
 from pamid.simulation.virtual_rig import split_spec
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -25,7 +27,7 @@ PAGES = [
     ROOT / "data" / "README.md",
     ROOT / "data" / "rigs" / "README.md",
 ]
-VERDICTS = {"explained", "ambiguous", "unknown-effect", "no-structural-gap"}
+VERDICTS = set(get_args(Verdict))
 #: hyphenated words in backquotes that are neither commands nor members of the catalogue
 OTHER = {"my-effect"}
 #: files that a reader is to write

@@ -6,6 +6,8 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,8 +22,7 @@ from pamid.base.progress import silent
 from pamid.checks.recording_quality import blocking, examine
 from pamid.diagnosis.candidate_model import candidate_from
 from pamid.diagnosis.misfit_beyond_range import scale_doubt
-from pamid.diagnosis.tournament import Diagnosis
-from pamid.diagnosis.verdict import sentence
+from pamid.diagnosis.verdict_words import remark
 from pamid.estimation.grey_box import fit_model
 from pamid.model.registry import effects, rig_named
 from pamid.recording.recording import Recording, read_recording, write_recording
@@ -238,9 +239,9 @@ def test_far_off_after_the_refit_explains_nothing(piston: tuple[Recording, str])
     found = scale_doubt(evidence, base, None)
     assert found is not None and found["error_over_spread"]["force_n"] > 10.0
     assert {"kind": "parameter", "name": "area", "factor": 1e-4} in found["slips"]
-    chosen = np.ones(len(base.squares), bool)
-    told = Diagnosis(evidence, None, chosen, "unknown-effect", units=found)  # type: ignore[arg-type]
-    assert "Check units and signs: " in sentence(told, None) and "area" in sentence(told, None)
+    judged: Any = SimpleNamespace(units=found)
+    told: Any = SimpleNamespace(judged=judged, empty=False)
+    assert "Check units and signs: " in remark(told) and "area" in remark(told)
 
 
 def test_a_good_fit_is_in_no_doubt(pushed: Recording) -> None:
@@ -277,7 +278,7 @@ def test_the_verdict_of_a_diagnosis_gives_way(
         ]
     )
     said = json.loads(capsys.readouterr().out)
-    assert code in (0, 5) and said["verdict"] == "unknown-effect" and not said["causes"]
+    assert code in (0, 5) and said["verdict"] == "cannot-tell" and not said["causes"]
     assert "Check units and signs" in said["sentence"] and said["units"]["slips"]
 
 

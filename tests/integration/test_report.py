@@ -18,6 +18,7 @@ from pamid_cli.frame import run as run_command
 from report_pages import VERDICTS, Outline, flat, outline_of, scripts_of, text_of
 from synthetic_run import (
     CHANNELS,
+    DESCRIBED,
     WINDOW_ROWS,
     diagnosis_json,
     fit_json,
@@ -26,6 +27,7 @@ from synthetic_run import (
     run_json,
 )
 
+import pamid
 from pamid.base.errors import FileError
 from pamid.report.channel_errors import errors_of, headline, worst_window
 from pamid.report.load import load_run
@@ -34,6 +36,7 @@ from pamid.report.style import Drawing, Picture, render
 from pamid.report.traces import traces_scripts
 from pamid.report.web_page import page_script
 from pamid.report.writing import drawings_of, write_report
+from pamid.schemas.diagnosis_file import CAUSED
 
 
 def blank(drawing: Drawing) -> Picture:
@@ -53,7 +56,7 @@ def reported(
     folder = make_run(tmp_path_factory.mktemp("run") / "RUN", request.param)
     with pytest.MonkeyPatch.context() as patch:
         # no figure that the others do not have
-        if request.param in ("ambiguous", "no-structural-gap"):
+        if request.param not in ("explained", "unknown-effect"):
             patch.setattr("pamid.report.writing.render", blank)
         return request.param, folder, outline_of(write_report(folder).page)
 
@@ -62,30 +65,64 @@ def test_three_answers_come_before_the_evidence(reported: tuple[str, Path, Outli
     verdict, _, page = reported
     text = flat(page.text)
     places = [
-        text.index(mark) for mark in ("Where", "Which", "How far", "Next experiment", "Evidence")
+        text.index(mark)
+        for mark in ("Where", "Which", "How far", "What is left", "Next experiment", "Evidence")
     ]
     assert places == sorted(places)
     expected = {
         "explained": [
-            "Coulomb friction removes 79 % of the held-out angle error (95 % interval 69 to 84 %).",
+            "Coulomb friction at the joint port (P 0.91) explains 86 % of the gap; what remains is "
+            "within noise and tolerances.",
             "Coulomb friction at the joint port, with probability 0.91.",
+            "Coulomb friction removes 86 % of the gap (95 % interval 80 to 90 %).",
+            "Angle: 79 % of the held-out error removed (95 % interval 69 to 84 %).",
+            "What is left Nothing that can be told from noise and ordinary tolerances.",
+            "Left over: 14 % of the gap (95 % interval 10 to 20 %), 1.4 times the noise floor in "
+            "the worst channel.",
+            "of 100 machines on which nothing is missing, 43 would leave as much or more.",
             "Runner-up: Bouc-Wen hysteresis, removes 41 % of the held-out error over all channels",
             "rec inertia_kg_m2 0.014, loop open, controller kp_per_deg 0.2 0.610 → 0.200 (67 % "
             "removed)",
         ],
-        "ambiguous": ["these recordings cannot tell apart Coulomb friction and leak."],
+        "partly-explained": [
+            "Coulomb friction at the joint port (P 0.91) explains 64 % of the gap; 36 % remain, "
+            "at the muscle port.",
+            "What is left 36 % of the gap, at the muscle port.",
+            "Left over: 36 % of the gap (95 % interval 32 to 42 %), 3.7 times the noise floor in "
+            "the worst channel.",
+            "That is more than noise and ordinary tolerances (P 0.97 that it is more); of 100 "
+            "machines on which nothing is missing, 1 would leave as much or more.",
+            "The missing term at the muscle port is described best, as a function, by",
+            "-0.42 sign(velocity) + 0.11 contraction^2",
+        ],
+        "ambiguous": [
+            "Coulomb friction at the joint port (P 0.91) or leak at the pressure port (P 0.38) "
+            "explains 86 % of the gap: these recordings cannot tell them apart; what remains is "
+            "within noise and tolerances.",
+        ],
         "unknown-effect": [
-            "Something material enters at the muscle port that no effect of the catalogue "
-            "explains.",
+            "Something material is missing from the model, and no effect of the catalogue "
+            "explains it. It enters at the joint port.",
+            "What is left The whole gap, at the joint port. Left over: 10 times the noise floor",
             "-0.42 sign(velocity) + 0.11 contraction^2",
             "83 % of the fits",
             "velocity and contraction",
         ],
-        "no-structural-gap": ["No structural gap", "Nowhere: no gap is left to place."],
+        "no-structural-gap": [
+            "Nothing beyond retuned parameters and ordinary tolerances: no structural gap was "
+            "found.",
+            "Nowhere: no gap is left to place.",
+        ],
+        "cannot-tell": [
+            "Coulomb friction at the joint port (P 0.91) may be missing, but the held-out windows "
+            "do not suffice to confirm it: it removes 41 % of the gap (95 % interval -10 to 70 %). "
+            "Record for longer, or with larger motion.",
+            "Which These recordings do not tell.",
+        ],
     }[verdict]
     for sentence in expected:
         assert sentence in re.sub(r" (?=[,.)])", "", text), sentence
-    assert ("with cause" in text) == (verdict in ("explained", "ambiguous"))
+    assert ("with cause" in text or "with the cause" in text) == (verdict in CAUSED)
 
 
 def test_nothing_is_loaded_and_only_our_scripts_run(reported: tuple[str, Path, Outline]) -> None:
@@ -116,7 +153,7 @@ def test_figures_are_written_and_shown(reported: tuple[str, Path, Outline]) -> N
         "background",
         "training",
     }
-    every |= {"missing"} if verdict == "unknown-effect" else set()
+    every |= {"missing"} if verdict in DESCRIBED else set()
     assert set(names) == every - (
         {"ports", "regimes", "timeline"} if verdict == "no-structural-gap" else set()
     )
@@ -367,6 +404,18 @@ def test_damaged_files_are_named(damage: Callable[[Path], Any], told: str, tmp_p
     damage(folder)
     with pytest.raises(FileError, match=re.escape(told)):
         write_report(folder)
+    assert not (folder / "report.html").exists()
+
+
+def test_a_diagnosis_under_the_earlier_schema_says_what_has_changed(tmp_path: Path) -> None:
+    """Every reader of it refuses in the same words, and says how to come by a new one."""
+    earlier = {**diagnosis_json("explained"), "schema": "pamid.diagnosis/1"}
+    folder = make_run(tmp_path / "RUN", diagnosis=earlier)
+    for reader in (write_report, pamid.open_run):
+        with pytest.raises(FileError, match="pamid.diagnosis/1; now pamid.diagnosis/2") as caught:
+            reader(folder)
+        assert "partly-explained and cannot-tell are new" in str(caught.value)
+        assert "Run `pamid diagnose` on the same recordings again." in str(caught.value)
     assert not (folder / "report.html").exists()
 
 

@@ -65,13 +65,14 @@ def test_the_first_page_holds_the_answers(reader: PdfReader) -> None:
     places = [
         first.index(mark)
         for mark in (
-            "Coulomb friction removes 79 %",
+            "Coulomb friction at the joint port (P 0.91) explains 86 % of the gap",
             "WHERE",
             "At the joint port",
             "WHICH",
             "with probability 0.91",
             "HOW FAR",
             "The held-out angle error is",
+            "WHAT IS LEFT",
             "NEXT EXPERIMENT",
             "Torque loops two pressures",
         )

@@ -675,7 +675,7 @@ def test_the_number_of_joint_or_muscle_counts() -> None:
     text = trial_text({**told, "rig": "two-link"})
     assert (
         "rig two-link" in text
-        and ">= 80 %" in text
+        and ">= 88 %" in text
         and ">= 85 %" in text
         and "number of joint" in text
     )

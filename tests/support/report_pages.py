@@ -15,7 +15,14 @@ from pamid.report.load import load_run
 from pamid.report.run_page import run_document
 from pamid.report.web_page import html_of
 
-VERDICTS = ("explained", "ambiguous", "unknown-effect", "no-structural-gap")
+VERDICTS = (
+    "explained",
+    "partly-explained",
+    "ambiguous",
+    "unknown-effect",
+    "no-structural-gap",
+    "cannot-tell",
+)
 
 
 class Outline(HTMLParser):

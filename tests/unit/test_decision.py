@@ -1,8 +1,9 @@
-"""From grounds to a verdict: features, probabilities, intervals, and what calibration makes of
-labelled cases."""
+"""From figures to a verdict: rules, what is said against a cause, p-values, intervals, and what
+calibration makes of labelled cases."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
@@ -11,26 +12,75 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+import pamid.diagnosis.decision as decision
 from pamid.base.errors import DataError
 from pamid.base.metrics import shrinkage_interval
 from pamid.diagnosis.budget import Budget
-from pamid.diagnosis.decision import (
-    Decision,
-    Line,
-    VerdictStatistics,
-    calibration,
-    decide,
-    features,
-    forecast_interval,
-    is_confirmed,
-    probabilities,
-)
+from pamid.diagnosis.decision import Share, Weighed, decide, gap_share
 from pamid.diagnosis.forward_selection import ForwardStep
-from pamid.trial.calibration import calibration_json
+from pamid.diagnosis.judgement import (
+    QUESTIONS,
+    Calibration,
+    Line,
+    calibration,
+    forecast_interval,
+)
+from pamid.diagnosis.signature import Signature
+from pamid.diagnosis.verdict_grounds import Misfit, VerdictStatistics
+from pamid.trial.calibration import calibration_json, lesson
 from pamid.trial.cases import TRIAL_PARTS
 
 Array = NDArray[np.float64]
 
+#: what is missing shows as latent evidence alone: even odds at one nat per sample
+PLAIN = Calibration(
+    {
+        "missing": Line(0.0, {"missing": 4.0}, 0.5),
+        "cause": Line(0.0, {"sure": 1.0}, 0.5),
+        "further": Line(0.0, {"sure": 1.0}, 0.5),
+    },
+    silent=(0.01, 0.02, 0.02, 0.1, 0.4),
+    spread=0.3,
+    cases={},
+)
+#: a gap, and what nothing but noise and tolerances leaves
+GAP = Misfit(floors=6.0, of_signal=0.05, missing=30.0, next_sure=15.0, next_removes=0.75)
+SILENT = Misfit(floors=1.03, of_signal=0.01, missing=0.02, next_sure=0.5, next_removes=0.01)
+FRICTION = Weighed("coulomb-friction", "friction", 0.97, Share(0.64, 0.55, 0.7), (), 0.8)
+LEAK = Weighed("leak", "leak", 0.8, Share(0.2, 0.1, 0.3), (), 0.15)
+#: what speaks for an effect that is there, and for one that is not
+SPEAKING = Signature(
+    removed=0.6,
+    of_left=0.6,
+    sure=12.0,
+    steady=1.0,
+    lead=0.3,
+    lead_sure=8.0,
+    wins=1.0,
+    at_port=1.0,
+    evidence=400.0,
+    eased=4.0,
+    left=0.05,
+    remaining=1.1,
+    bounds=0.0,
+    converged=1.0,
+    beside=0.0,
+)
+SPEECHLESS = replace(
+    SPEAKING,
+    removed=0.01,
+    of_left=0.01,
+    sure=0.6,
+    steady=0.5,
+    lead=-0.2,
+    lead_sure=-6.0,
+    wins=0.0,
+    at_port=0.3,
+    evidence=1.0,
+    eased=0.0,
+    left=0.98,
+    remaining=6.0,
+)
 #: a further effect that is real, and one that is not
 ADDED = ForwardStep(
     "leak",
@@ -62,55 +112,90 @@ CLEAR = VerdictStatistics(
     margin_sure=12.0,
     wins=1.0,
     missing=30.0,
-    unexplained=0.3,
+    unexplained=0.03,
     at_port=1.0,
     strain=1.0,
     pull=1.0,
     channels=3,
+    remaining=1.05,
+    remaining_of_signal=0.01,
 )
 QUIET = replace(
-    CLEAR,
-    visible=1.03,
-    gap=0.05,
-    of_signal=0.01,
-    shrinkage=0.01,
-    sure=0.5,
-    missing=0.02,
-    left=0.9,
-    margin=0.0,
-    margin_sure=0.3,
-    wins=0.4,
-    unexplained=0.02,
+    CLEAR, visible=1.03, gap=0.05, of_signal=0.01, shrinkage=0.01, sure=0.5, missing=0.02
 )
-FOREIGN = replace(
-    CLEAR,
-    left=0.98,
-    shrinkage=0.01,
-    sure=0.8,
-    margin=0.01,
-    margin_sure=0.5,
-    wins=0.4,
-    unexplained=28.0,
-    at_port=0.6,
+FOREIGN = replace(CLEAR, left=0.98, shrinkage=0.01, sure=0.8, unexplained=28.0, remaining=5.9)
+
+
+@pytest.fixture
+def plain(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Rules do not depend on what was learnt from which cases."""
+    monkeypatch.setattr(decision, "calibration", lambda: PLAIN)
+    yield
+
+
+@pytest.mark.usefixtures("plain")
+def test_the_words_follow_from_causes_and_remainder() -> None:
+    found = decide(GAP, SILENT, [FRICTION], [FRICTION])
+    assert (found.verdict, found.named, found.known) == ("explained", (FRICTION.effect,), 0.97)
+    assert not found.remainder_real and found.gap > 0.99 > 0.01 > found.remainder
+    found = decide(GAP, GAP, [FRICTION, LEAK])
+    assert (found.verdict, found.named) == ("partly-explained", (FRICTION.effect, LEAK.effect))
+    assert found.remainder_real
+    unlikely = replace(FRICTION, probability=0.2)
+    found = decide(GAP, GAP, [unlikely], [unlikely])
+    assert (found.verdict, found.named, found.known) == ("unknown-effect", (), 0.2)
+    assert decide(SILENT, SILENT, [unlikely], [unlikely]).verdict == "no-structural-gap"
+    assert decide(SILENT, SILENT, []).verdict == "no-structural-gap"
+
+
+@pytest.mark.usefixtures("plain")
+def test_families_that_tie_are_ambiguous_where_one_of_them_is_probable() -> None:
+    halves = [replace(FRICTION, probability=0.45), replace(LEAK, probability=0.4)]
+    found = decide(GAP, SILENT, halves[:1], halves)
+    assert (found.verdict, found.known) == ("ambiguous", pytest.approx(0.85))
+    assert found.named == (FRICTION.effect, LEAK.effect)
+    few = [replace(one, probability=0.1) for one in halves]
+    assert decide(GAP, GAP, few[:1], few).verdict == "unknown-effect"
+    twins = [FRICTION, replace(FRICTION, effect="lugre-friction")]
+    assert decide(GAP, SILENT, twins[:1], twins).verdict == "explained", "of one family"
+
+
+@pytest.mark.usefixtures("plain")
+@pytest.mark.parametrize(
+    ("against", "why"),
+    [
+        ({"removes": Share(0.3, -0.1, 0.6)}, "goes through zero"),
+        ({"removes": Share(0.01, 0.005, 0.02)}, "next to nothing"),
+        ({"at_bound": ("torque_n_m",)}, "torque_n_m ended at a bound"),
+        ({"here": 0.001}, "enters at its port"),
+    ],
 )
+def test_no_probability_names_a_cause_that_something_speaks_against(
+    against: dict[str, Any], why: str
+) -> None:
+    bad = replace(FRICTION, probability=0.999, **against)
+    assert any(why in one for one in bad.objections()) and not FRICTION.objections()
+    assert FRICTION.effect not in decide(GAP, SILENT, [bad], [bad]).named
+    beside = decide(GAP, SILENT, [bad, LEAK])
+    assert beside.named == (LEAK.effect,), "what stands beside it stays"
+    assert decide(SILENT, SILENT, [bad], [bad]).verdict == "no-structural-gap"
 
 
-def test_the_three_plain_cases() -> None:
-    assert decide(CLEAR, ambiguous=False).verdict == "explained"
-    assert decide(CLEAR, ambiguous=True).verdict == "ambiguous"
-    assert decide(FOREIGN, ambiguous=False).verdict == "unknown-effect"
-    assert decide(QUIET, ambiguous=False).verdict == "no-structural-gap"
-    assert decide(CLEAR, ambiguous=False).first > 0.9 > 0.2 > decide(FOREIGN, ambiguous=False).first
+@pytest.mark.usefixtures("plain")
+def test_a_probable_cause_that_the_held_out_windows_do_not_back_wants_more_data() -> None:
+    unsure = replace(FRICTION, removes=Share(0.41, -0.1, 0.7))
+    found = decide(GAP, SILENT, [unsure], [unsure])
+    assert (found.verdict, found.named, found.why) == ("cannot-tell", (), "few")
+    improbable = replace(unsure, probability=0.2)
+    assert decide(GAP, SILENT, [improbable], [improbable]).verdict == "unknown-effect"
 
 
-def test_a_cause_that_removes_next_to_nothing_is_not_named() -> None:
-    assert decide(replace(CLEAR, shrinkage=0.01), ambiguous=False).verdict == "unknown-effect"
-
-
-def test_a_cause_that_the_held_out_windows_do_not_back_is_not_named() -> None:
-    found = decide(CLEAR, ambiguous=False, confirmed=False)
-    assert found.verdict == "unknown-effect" and found.first <= found.known <= 0.5
-    assert decide(QUIET, ambiguous=False, confirmed=False).verdict == "no-structural-gap"
+@pytest.mark.usefixtures("plain")
+def test_nothing_is_blamed_for_recordings_that_show_nothing_of_the_model() -> None:
+    for before in (GAP, SILENT):
+        for tied in ([FRICTION], [FRICTION, LEAK]):
+            found = decide(before, SILENT, [FRICTION], tied, doubt="empty")
+            assert (found.verdict, found.named, found.why) == ("cannot-tell", (), "empty")
 
 
 def test_a_name_that_hangs_on_the_windows_is_no_more_than_even_odds() -> None:
@@ -122,14 +207,19 @@ def test_a_name_that_hangs_on_the_windows_is_no_more_than_even_odds() -> None:
 
 
 def test_held_out_windows_back_a_cause_or_do_not() -> None:
-    """Eight windows that chose and eight that report; losses of the refitted model are 1 to 2."""
+    """Eight windows that chose and eight that report; losses of the refitted model are 1 to 2, the
+    floor is at 0.2."""
     before = np.random.default_rng(2).uniform(1.0, 2.0, (16, 1))
     reporting = np.arange(16) % 4 > 1
+    stands = cast(Any, SimpleNamespace)
+    ones = np.ones((16, 1))
+    budget = Budget(stands(), stands(absolutes=before), before, 0.2 * ones, before)
 
     def backs(after: Array) -> bool:
-        stands = cast(Any, SimpleNamespace)
-        budget = Budget(stands(), stands(absolutes=before), before, np.ones((16, 1)), before)
-        return is_confirmed(budget, stands(absolutes=after), reporting, 0)
+        model = stands(absolutes=after)
+        share = gap_share(budget, budget.baseline, model, reporting, 0)
+        own = replace(FRICTION, removes=share)
+        return not own.objections()
 
     assert backs(0.6 * before) and backs(
         np.where(np.arange(16)[:, None] % 5 == 0, 1.1, 0.6) * before
@@ -142,33 +232,52 @@ def test_held_out_windows_back_a_cause_or_do_not() -> None:
     assert not backs(few), "one window makes the whole difference"
 
 
-def test_nothing_is_blamed_for_recordings_that_show_nothing_of_the_model() -> None:
-    for ambiguous in (False, True):
-        found = decide(CLEAR, ambiguous=ambiguous, empty=True)
-        assert (found.verdict, found.known, found.first) == ("unknown-effect", 0.0, 0.0)
-    assert decide(QUIET, ambiguous=False, empty=True).verdict == "no-structural-gap"
+def test_the_share_of_the_gap_is_that_above_the_floor() -> None:
+    """Half of an error of 2 floors is all that is above the floor; what is left is the rest."""
+    stands = cast(Any, SimpleNamespace)
+    floor, rows = np.ones((8, 1)), np.ones(8, bool)
+    budget = Budget(stands(), stands(absolutes=2.0 * floor), floor, floor, floor)
+    whole = gap_share(budget, budget.baseline, stands(absolutes=1.0 * floor), rows, 0)
+    assert (whole.share, whole.rest.share) == (pytest.approx(1.0), pytest.approx(0.0))
+    half = gap_share(budget, budget.baseline, stands(absolutes=1.5 * floor), rows, 0)
+    assert half.share == half.low == half.high == pytest.approx(0.5)
+    other = stands(absolutes=1.75 * floor)
+    beside = gap_share(budget, other, stands(absolutes=1.5 * floor), rows, 0)
+    assert beside.share == pytest.approx(0.25), "beside what another removes"
+    rest = Share(0.64, 0.58, 0.7).rest
+    assert (rest.share, rest.low, rest.high) == pytest.approx((0.36, 0.3, 0.42))
+    none = Budget(stands(), stands(absolutes=floor), floor, floor, floor)
+    found = gap_share(none, none.baseline, stands(absolutes=floor), rows, 0)
+    assert (found.share, found.low, found.high) == (0.0, -1.0, 1.0), "no gap, no share of it"
+
+
+def test_a_p_value_counts_the_silent_cases_that_reach_as_much() -> None:
+    assert [PLAIN.p_value(p) for p in (0.5, 0.4, 0.1, 0.02, 0.0)] == pytest.approx(
+        [1 / 6, 2 / 6, 3 / 6, 5 / 6, 1.0]
+    )
 
 
 def test_features_stay_within_what_the_trial_has_seen() -> None:
     """Whatever a rig brings, no feature runs away with a probability."""
-    wild = replace(
-        CLEAR, visible=1e6, missing=1e9, sure=1e4, margin_sure=1e4, strain=50.0, left=3.0, gap=1e6
-    )
-    x = features(wild)
-    assert (x["visible"], x["missing"], x["sure"], x["left"]) == (2.0, 3.0, 2.0, 1.2)
+    x = Misfit(1e6, 50.0, 1e9, 1e4, -7.0).features()
+    assert x == {
+        "floors": 2.0,
+        "of_signal": 0.0,
+        "missing": 3.0,
+        "next_sure": 2.0,
+        "next_removes": -0.2,
+    }
     lines = calibration().lines
-    assert set(x) >= {name for q, line in lines.items() if q != "further" for name in line.weights}
+    assert set(lines) == set(QUESTIONS) and set(lines["missing"].weights) <= set(x)
+    wild = replace(
+        SPEAKING, removed=9.0, of_left=-3.0, sure=1e4, lead_sure=-1e4, left=7.0, remaining=1e9
+    ).features()
+    assert set(lines["cause"].weights) <= set(wild)
+    assert (wild["removed"], wild["of_left"], wild["sure"]) == (1.0, -0.2, 2.0)
+    assert (wild["lead_sure"], wild["left"], wild["remaining"]) == (-2.0, 1.2, 2.0)
     odd = replace(ADDED, removed=-3.0, gain=1e3, sure=1e4, margin=-1.0, unexplained=1e9).features()
-    assert set(odd) >= set(lines["further"].weights)
+    assert set(lines["further"].weights) <= set(odd)
     assert (odd["removed"], odd["gain"], odd["sure"], odd["margin"]) == (-3.0, 2.0, 2.0, 0.0)
-
-
-def test_probabilities_share_what_is_left() -> None:
-    found = probabilities(Decision("explained", 0.99, 0.9, 0.6), [0.7, 0.2, 0.1])
-    assert found[0] == 0.6
-    assert sum(found) == pytest.approx(0.9)
-    assert found[1] / found[2] == pytest.approx(0.201 / 0.101)
-    assert probabilities(Decision("unknown-effect", 0.9, 0.1, 0.05), []) == []
 
 
 def test_forecasts_are_wider_than_the_windows_alone() -> None:
@@ -188,19 +297,13 @@ def test_forecasts_are_wider_than_the_windows_alone() -> None:
 def _case(
     number: int, stratum: str, grounds: VerdictStatistics | None, right: bool
 ) -> tuple[dict[str, Any], dict[str, Any]]:
-    truth = (
-        []
-        if stratum == "no-gap"
-        else [
-            {
-                "fault": "leak",
-                "family": "leak",
-                "port": "pressure",
-                "exact": ["leak"] if stratum == "single" else [],
-            }
-        ]
-    )
-    top = "leak" if right else "gravity"
+    planted = {
+        "fault": "leak",
+        "family": "leak",
+        "port": "pressure",
+        "exact": ["leak"] if stratum == "single" else [],
+    }
+    truth = [] if stratum == "no-gap" else [planted]
     label = {
         "number": number,
         "part": "calibration",
@@ -208,15 +311,23 @@ def _case(
         "truth": truth,
         "conditions": {},
     }
-    ranking = [{"effect": top, "family": top, "port": "", "probability": 0.0}] if grounds else []
+    first = {
+        "effect": "leak" if right else "gravity",
+        "family": "leak" if right else "gravity",
+        "port": "pressure" if right else "joint",
+        "probability": 0.0,
+        "signature": vars(SPEAKING if right else SPEECHLESS),
+    }
     result = {
         "case": number,
         "failed": None,
         "visibility": 3.0 if truth else None,
+        "visibility_each": 3.0 if truth else None,
         "shrinkage": None,
         "diagnosis": {
             "grounds": vars(grounds) if grounds else None,
-            "ranking": ranking,
+            "ranking": [first] if grounds else [],
+            "members": [first] if grounds else [],
             "look_alikes": [],
             "causes": [],
             "verdict": "explained",
@@ -228,7 +339,7 @@ def _case(
 
 
 def test_calibration_learns_what_the_labels_say() -> None:
-    """Sixty cases drawn around the three plain ones: the lines fitted to them tell them apart."""
+    """Sixty cases drawn around three plain ones: the lines fitted to them tell them apart."""
     random = np.random.default_rng(1)
 
     def near(g: VerdictStatistics) -> VerdictStatistics:
@@ -236,8 +347,8 @@ def test_calibration_learns_what_the_labels_say() -> None:
             g,
             visible=g.visible * random.uniform(0.9, 1.2),
             missing=g.missing * random.uniform(0.5, 2.0),
+            unexplained=g.unexplained * random.uniform(0.5, 2.0),
             sure=g.sure * random.uniform(0.5, 1.5),
-            margin_sure=g.margin_sure * random.uniform(0.5, 1.5),
         )
 
     cases = [
@@ -248,28 +359,33 @@ def test_calibration_learns_what_the_labels_say() -> None:
         )
     ]
     cases.append(_case(60, "no-gap", None, False))
-    found = calibration_json([c[0] for c in cases], [c[1] for c in cases], seed=0, digest="abc")
-    assert found["cases"] == {"part": "calibration", "seed": 0, "sha256": "abc", "used": 60}
-
-    def says(question: str, g: VerdictStatistics) -> float:
-        line, x = found["lines"][question], features(g)
-        return float(
-            1.0 / (1.0 + np.exp(-line["bias"] - sum(w * x[k] for k, w in line["weights"].items())))
-        )
-
-    assert says("gap", QUIET) < found["lines"]["gap"]["yes"] < says("gap", CLEAR)
-    assert says("known", FOREIGN) < found["lines"]["known"]["yes"] < says("known", CLEAR)
-    assert says("first", CLEAR) > 0.8
-    further = Line(**found["lines"]["further"])
+    one = lesson(
+        [c[0] for c in cases], [c[1] for c in cases], machine="one-dof", seed=0, digest="abc"
+    )
+    found = calibration_json([one])
+    assert (found["cases"]["part"], found["cases"]["used"]) == ("calibration", 61)
+    assert found["cases"]["machines"] == [
+        {"rig": "one-dof", "seed": 0, "sha256": "abc", "used": 61}
+    ]
+    lines = {q: Line(**line) for q, line in found["lines"].items()}
+    missing, cause, further = (lines[q] for q in QUESTIONS)
+    steps = [NEEDLESS]
+    assert missing.probability(QUIET.before.features()) < missing.yes
+    assert missing.probability(CLEAR.before.features()) > missing.yes
+    assert missing.probability(CLEAR.after(steps).features()) < missing.yes, "nothing is left"
+    assert missing.probability(FOREIGN.before.features()) > missing.yes
+    assert cause.probability(SPEECHLESS.features()) < 0.2 < 0.5 <= cause.yes
+    assert cause.probability(SPEAKING.features()) > max(cause.yes, 0.8)
     assert (
         further.probability(NEEDLESS.features()) < 0.2 < 0.8 < further.probability(ADDED.features())
     )
+    assert found["silent"] == sorted(found["silent"]) and found["silent"][0] == 0.0
 
 
 def test_the_test_part_teaches_nothing() -> None:
     label, result = _case(0, "single", CLEAR, True)
     with pytest.raises(DataError, match="calibration part"):
-        calibration_json([{**label, "part": "test"}], [result], seed=0, digest="")
+        lesson([{**label, "part": "test"}], [result], machine="one-dof", seed=0, digest="")
 
 
 def test_the_shipped_calibration_names_its_cases() -> None:
@@ -280,3 +396,4 @@ def test_the_shipped_calibration_names_its_cases() -> None:
         and len(c.cases["sha256"]) == 64
     )
     assert all(0.0 < line.yes < 1.0 for line in c.lines.values())
+    assert list(c.silent) == sorted(c.silent) and c.spread >= 0.0

@@ -11,15 +11,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_decision import CLEAR
+from test_decision import FRICTION
 from test_missing_term import missing
 
 import pamid.diagnosis
 from pamid.base.errors import UsageError
-from pamid.diagnosis import ranges
+from pamid.diagnosis import notes, ranges
 from pamid.diagnosis.budget import Budget, _BlackBox
 from pamid.diagnosis.candidate_model import resamples
-from pamid.diagnosis.decision import at_noise_floor, decide, is_confirmed
+from pamid.diagnosis.decision import at_noise_floor
 from pamid.diagnosis.naive_forecast import _better
 from pamid.diagnosis.port_evidence import _Smoothing
 from pamid.diagnosis.screening import Screened, ScreeningBaseline, promising
@@ -136,20 +136,56 @@ def test_the_margin_of_a_gap() -> None:
     assert at_noise_floor(budget(1.15, Settings(gap_margin=0.2)), 0)
 
 
-def test_the_least_that_a_cause_removes() -> None:
-    demanding = Settings(least_shrinkage=0.9)
-    assert decide(CLEAR, ambiguous=False, settings=demanding).verdict == "unknown-effect"
-    model: Any = SimpleNamespace(absolutes=0.5 * np.ones((16, 1)))
-    reporting = np.arange(16) % 2 == 0
-    assert is_confirmed(budget(1.0, DEFAULT), model, reporting, 0)
-    assert not is_confirmed(budget(1.0, demanding), model, reporting, 0)
+def test_what_speaks_against_a_cause() -> None:
+    assert not FRICTION.objections()
+    assert FRICTION.objections(Settings(least_shrinkage=0.9)) == ["it removes next to nothing"]
+    elsewhere = replace(FRICTION, here=0.02)
+    assert not elsewhere.objections() and elsewhere.objections(Settings(port_negligible=0.05))
 
 
-def test_what_is_given_to_a_cause_without_backing() -> None:
-    def known(settings: Settings) -> float:
-        return decide(CLEAR, ambiguous=False, confirmed=False, settings=settings).known
+def test_the_pull_from_which_a_background_is_named() -> None:
+    def told(settings: Settings) -> list[str]:
+        return notes._background(pulled(settings))
 
-    assert known(DEFAULT) == 0.5 and known(Settings(unbacked_probability=0.25)) == 0.25
+    (found,) = told(DEFAULT)
+    assert found == (
+        "Background force_map_1 stands at 3.0 tolerances: length-asymmetry (with it 2.0) or "
+        "force-asymmetry (with it 2.4) would look like this."
+    )
+    (fewer,) = told(Settings(background_alike=1))
+    assert "length-asymmetry" in fewer and "force-asymmetry" not in fewer
+    (none,) = told(Settings(background_eased=2.0))
+    assert "no effect of the ranking takes that up" in none
+    assert told(Settings(background_pressed=3.1)) == []
+    assert len(told(Settings(background_pressed=1.0))) == 2, "force_map_2 stands at 1.2"
+
+
+def pulled(settings: Settings) -> Any:
+    """A diagnosis without a cause, its model's background at a bound, and four candidates."""
+
+    def model(label: str, *pulls: float) -> Any:
+        terms = [
+            SimpleNamespace(nuisance=True, owner=f"background.force_map_{k}", value=1.0, spread=0.1)
+            for k in (1, 2)
+        ]
+        fitted = SimpleNamespace(
+            problem=SimpleNamespace(assembly=SimpleNamespace(parameters=terms)),
+            p=[1.0 - 0.1 * pulls[0], 1.0 + 0.1 * pulls[1]],
+        )
+        attached = [SimpleNamespace(label=label)] if label else []
+        return SimpleNamespace(label=label, attached=attached, fit=fitted)
+
+    return SimpleNamespace(
+        cause=None,
+        settings=settings,
+        budget=SimpleNamespace(baseline=model("", 3.0, 1.2)),
+        ranking=(
+            model("leak", 2.9, 1.2),
+            model("length-asymmetry", 2.0, 1.1),
+            model("force-asymmetry", 2.4, 1.1),
+            model("gravity", 3.0, 1.0),
+        ),
+    )
 
 
 def test_the_margin_over_a_guess() -> None:

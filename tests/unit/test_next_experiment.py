@@ -208,8 +208,15 @@ def test_nothing_in_question_nothing_to_do(
     rubbing: tuple[Path, Path, Recording, Diagnosis, Proposal],
 ) -> None:
     _, _, _, d, _ = rubbing
-    assert next_experiment(replace(d, verdict="no-structural-gap")) is None
-    assert next_experiment(replace(d, ranking=d.ranking[:1])) is None
+    assert d.judged is not None
+    quiet = replace(d.judged.decision, verdict="no-structural-gap", named=())
+    for judged in (
+        None,
+        replace(d.judged, decision=quiet),
+        replace(d.judged, ranking=d.ranking[:1]),
+        replace(d.judged, units={"advice": "Check units and signs."}),
+    ):
+        assert next_experiment(replace(d, judged=judged)) is None
     assert proposal_result(None) is None
 
 

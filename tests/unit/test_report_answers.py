@@ -10,14 +10,14 @@ from typing import get_args
 import pytest
 from matplotlib.figure import Figure
 from report_pages import VERDICTS, text_of
-from synthetic_run import diagnosis_json, fit_json, make_run, network_json, run_json
+from synthetic_run import cause, diagnosis_json, fit_json, make_run, network_json, run_json
 
 from pamid.report.captions import ports_title
 from pamid.report.channel_errors import errors_of
 from pamid.report.figures import missing_drawing, regimes_drawing
 from pamid.report.load import load_run
 from pamid.report.writing import drawings_of
-from pamid.schemas.diagnosis_file import Verdict, Where
+from pamid.schemas.diagnosis_file import CAUSED, Verdict, Where
 from pamid.schemas.model import read
 
 NO_TRACES = ("residual.csv", "trace.csv", "network.json")
@@ -35,8 +35,8 @@ def test_the_page_says_what_was_found(verdict: str, tmp_path: Path) -> None:
     for told in (
         "Error of the refitted model over the noise floor, in the channel where it is largest.",
         "a later figure 1.50",
-        "there is a structural gap at all above 0.99, the catalogue knows its cause 0.93, the "
-        "first of the ranking",
+        "A probability is how often, among virtual machines with figures like these, an effect of "
+        "that family was really there; that anything is missing at all: above 0.99.",
         "The nearest two of these models are expected to differ by 4.2 noise standard deviations "
         "rms; it takes about 8 min at the rig.",
         "Its excitations, one for each run, are next-experiment.csv and next-experiment-2.csv in "
@@ -53,9 +53,9 @@ def test_the_page_says_what_was_found(verdict: str, tmp_path: Path) -> None:
         "separate muscle and joint."
     )
     assert (apart in text) == (verdict != "no-structural-gap")
-    assert ("Does it hold elsewhere?" in text) == (verdict in ("explained", "ambiguous"))
+    assert ("Does it hold elsewhere?" in text) == (verdict in CAUSED)
     assert ("At the joint port; these sensors cannot tell it from muscle." in text) == (
-        verdict in ("ambiguous", "unknown-effect")
+        verdict in ("ambiguous", "unknown-effect", "cannot-tell")
     )
     nature = (
         "It changes its sign with the velocity. It follows these signals without memory. It takes "
@@ -111,18 +111,33 @@ def test_nothing_found_is_null_in_places(tmp_path: Path) -> None:
     assert "What the verdict rests on" not in text
 
 
-def test_a_remark_on_the_recordings_goes_before_the_verdict(tmp_path: Path) -> None:
-    diagnosis = {
-        **diagnosis_json("no-structural-gap"),
-        "remark": "Nothing of the model shows: check the columns.",
-    }
+def test_a_remark_on_the_recordings_is_the_whole_answer(tmp_path: Path) -> None:
+    remark = "Nothing of the model shows: check the columns."
+    diagnosis = {**diagnosis_json("cannot-tell"), "remark": remark}
     text = text_of(
-        make_run(tmp_path / "RUN", "no-structural-gap", diagnosis=diagnosis, without=NO_TRACES)
+        make_run(tmp_path / "RUN", "cannot-tell", diagnosis=diagnosis, without=NO_TRACES)
     )
-    assert (
-        "Nothing of the model shows: check the columns." in text
-        and "No structural gap:" not in text
+    assert remark in text and "may be missing" not in text
+    assert text.count("These recordings do not tell.") == 2, "neither where nor which"
+    assert "What is left" not in text and "A probability is" not in text
+
+
+def test_two_causes_share_what_they_remove(tmp_path: Path) -> None:
+    diagnosis = diagnosis_json("partly-explained")
+    diagnosis["causes"] += [cause("leak", "leak", "pressure", 0.07, 0.81, 0.05)]
+    text = re.sub(
+        r" (?=[,.):;])",
+        "",
+        text_of(make_run(tmp_path / "RUN", diagnosis=diagnosis, without=NO_TRACES)),
     )
+    for told in (
+        "Coulomb friction at the joint port (P 0.91) and leak at the pressure port (P 0.81) "
+        "explain 64 % of the gap; 36 % remain, at the muscle port.",
+        "At the joint and pressure ports.",
+        "Leak removes 5 % of the gap beside the other (95 % interval",
+        "Of what they remove together, 93 % to Coulomb friction and 7 % to leak is due.",
+    ):
+        assert told in text, told
 
 
 def test_a_port_that_the_shares_do_not_lead_is_said() -> None:
@@ -159,7 +174,7 @@ def test_the_missing_force_is_shown_against_its_main_signal(tmp_path: Path) -> N
     assert drawing is not None
     title = drawing.title.replace("\u00a0", " ")
     share = re.fullmatch(
-        r"Velocity alone accounts for (\d+) % of what is missing at the muscle port", title
+        r"Velocity alone accounts for (\d+) % of what is missing at the joint port", title
     )
     assert share is not None and int(share[1]) == pytest.approx(82, abs=5)
     figure = Figure()

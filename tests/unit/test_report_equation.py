@@ -14,7 +14,7 @@ from synthetic_run import diagnosis_json, fit_json, make_run
 from pamid.model.attachment import attachments
 from pamid.model.registry import effects, rig_named
 from pamid.report.document import Equation
-from pamid.report.equation import acting, cause_equations, model_equations
+from pamid.report.equation import acting, cause_equations, model_equations, remainder_equations
 from pamid.report.formatting import SPACE
 from pamid.report.formula import FormulaError, formula_html
 from pamid.report.load import RunData, load_run
@@ -201,4 +201,7 @@ def test_an_unreadable_formula_stays_text(tmp_path: Path) -> None:
     )
     assert cause_equations(run) == ()
     fine = load_run(make_run(tmp_path / "FINE", "unknown-effect", without=("residual.csv",)))
-    assert "The term that is missing at the muscle port" in read(shown(cause_equations(fine)))
+    assert "The term that is missing at the joint port" in read(shown(cause_equations(fine)))
+    left = load_run(make_run(tmp_path / "LEFT", "partly-explained", without=("residual.csv",)))
+    assert "The equation of Coulomb friction" in read(shown(cause_equations(left)))
+    assert "The term that is missing at the muscle port" in read(shown(remainder_equations(left)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pamid.schemas import all_schemas
+from pamid.schemas import all_schemas, stem_of
 from pamid.schemas.model import Model
 
 
@@ -16,5 +16,6 @@ def test_no_two_models_bear_one_name() -> None:
         kind.model_fields["schema_"] for kind in kinds(Model) if "schema_" in kind.model_fields
     ]
     names = [field.default for field in named]
-    assert sorted(names) == sorted(f"pamid.{stem}/1" for stem in found)
+    assert sorted(names) == sorted(one["$id"] for one in found.values())
+    assert sorted(map(stem_of, names)) == sorted(found)
     assert all(one["title"] and "schema" in one["required"] for one in found.values())
