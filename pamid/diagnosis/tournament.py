@@ -21,6 +21,7 @@ from pamid.diagnosis.decision import (
     probabilities,
     verdict_statistics,
 )
+from pamid.diagnosis.family_forms import FreeForm, free_forms, ports_of_forms
 from pamid.diagnosis.forward_selection import ForwardSelection, ForwardStep, select_forward
 from pamid.diagnosis.look_alikes import look_alike_classes
 from pamid.diagnosis.misfit_beyond_range import scale_doubt
@@ -73,6 +74,8 @@ class Diagnosis:
     units: dict[str, Any] | None = None  # why units and signs are in doubt
     # effects that remove much with the opposite sign, and the share of the error that they remove
     opposite: tuple[tuple[CandidateModel, float], ...] = ()
+    # families to one of which an effect outside the catalogue belongs, best first
+    free_forms: tuple[FreeForm, ...] = ()
 
     @property
     def cause(self) -> CandidateModel | None:
@@ -143,6 +146,10 @@ def diagnose(
     opposite: list[tuple[CandidateModel, float]] = []
     if judged.decision.verdict == "unknown-effect":
         opposite = opposite_signs(search, list(judged.ranking))
+    forms: list[FreeForm] = []
+    if judged.nameless and not opposite:
+        progress("looking for the family of what the catalogue does not hold")
+        forms = free_forms(search, base, ports_of_forms(located, settings), judged.ranking)
     return Diagnosis(
         evidence,
         budget,
@@ -162,6 +169,7 @@ def diagnose(
         judged.empty,
         judged.units,
         tuple(opposite),
+        tuple(forms),
     )
 
 
@@ -180,6 +188,12 @@ class _Judged:
     forward_steps: tuple[ForwardStep, ...]
     empty: bool
     units: dict[str, Any] | None
+
+    @property
+    def nameless(self) -> bool:
+        """Is something missing for which the catalogue has no name? Not where the recordings show
+        nothing of the model, or are misread."""
+        return self.verdict == "unknown-effect" and not self.empty and self.units is None
 
 
 def _judged(search: Search, located: PortEvidence, models: list[CandidateModel]) -> _Judged:

@@ -81,7 +81,7 @@ def diagnosis_file(
             if not e.bound.owner
         },
         background=_background(d, final),
-        unknown=result.Unknown(**unknown) if unknown else None,
+        unknown=result.Unknown(**unknown, free_forms=family_forms(d)) if unknown else None,
         units=result.UnitsInDoubt(**d.units) if d.units else None,
         further=tuple(Further(**vars(n)) for n in d.forward_steps),
         grounds=Grounds(**vars(d.grounds)) if d.grounds else None,
@@ -89,6 +89,24 @@ def diagnosis_file(
         confidence=Confidence(gap=d.decision.gap, known=d.decision.known, first=d.decision.first)
         if d.decision
         else None,
+    )
+
+
+def family_forms(d: Diagnosis) -> tuple[result.FamilyForm, ...]:
+    """The free forms that take up what the catalogue does not explain, best first."""
+    rig = d.evidence.rig
+    return tuple(
+        result.FamilyForm(
+            effect=f.attachment.label,
+            family=f.attachment.family(rig),
+            port=f.attachment.group(rig),
+            known_by=f.known_by,
+            shrinkage=f.shrinkage,
+            low=f.low,
+            high=f.high,
+            curve=f.curve,
+        )
+        for f in d.free_forms
     )
 
 
@@ -306,7 +324,7 @@ def sentence(d: Diagnosis, unknown: dict[str, Any] | None) -> str:
         where = f" It enters at the {unknown['port']}." if unknown else ""
         return (
             "Something material is missing from the model, and no effect of the catalogue "
-            f"explains it.{where}"
+            f"explains it.{where}{_family_sentence(d)}"
         )
     rows = d.reporting if d.reporting.any() else d.chosen
     share = 100.0 * d.budget.shrinkage(d.cause.absolutes, rows)
@@ -317,3 +335,19 @@ def sentence(d: Diagnosis, unknown: dict[str, Any] | None) -> str:
     place = "" if "@" in names else f" at the {d.cause.group}"
     verb = "explains" if len(d.cause.attached) == 1 else "explain"
     return f"{names}{place} {verb} the gap: the held-out error shrinks by {share:.0f} %."
+
+
+def _family_sentence(d: Diagnosis) -> str:
+    """Of which family it is, where a free form of one takes it up; begins with a space."""
+    if not d.free_forms:
+        return ""
+    rig = d.evidence.rig
+    families = " or ".join(f.attachment.family(rig) for f in d.free_forms)
+    taken = " or ".join(
+        f"{f.known_by} at the {f.attachment.group(rig)} removes {100.0 * f.shrinkage:.0f} %"
+        for f in d.free_forms
+    )
+    return (
+        f" It is of the {families} family, in a form not in the catalogue: {taken} of the held-out "
+        "error."
+    )
