@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from pamid.base.units import NONE, display_unit, from_si, size_from_si
 from pamid.diagnosis.candidate_model import CandidateModel, transferred
 from pamid.diagnosis.decision import forecast_interval, is_confirmed
-from pamid.diagnosis.port_evidence import PortEvidence
 from pamid.diagnosis.search import RefitStart, Refitting, Search, indistinguishable_from_first
 from pamid.diagnosis.settings import Settings
 from pamid.estimation.grey_box import model_with
@@ -55,15 +54,18 @@ class FreeForm:
         return self.model.attached[-1]
 
     @property
+    def family(self) -> str:
+        return self.model.family
+
+    @property
+    def port(self) -> str:
+        """The port (group) under which it is reported."""
+        return self.model.group
+
+    @property
     def known_by(self) -> str:
         """What its family has in common, in words."""
         return _form(self.attachment).known_by
-
-
-def ports_of_forms(located: PortEvidence, settings: Settings) -> list[str]:
-    """Ports at which free forms are tried: where much is missing."""
-    least = settings.further_ports * located.most
-    return [name for name, gain in located.gains.items() if gain > 0.0 and gain >= least]
 
 
 def free_forms(
@@ -72,8 +74,9 @@ def free_forms(
     ports: Sequence[str],
     rivals: Sequence[CandidateModel] = (),
 ) -> list[FreeForm]:
-    """The free forms at these ports that take up what `best` leaves, one per family: the first, and
-    those that do nearly as well, best first; none where none removes a material share of it.
+    """The free forms at these ports that take up what `best` leaves: the first, and those of other
+    families or at other ports that do nearly as well, best first; none where none removes a
+    material share of it.
 
     best: with effects or without; rivals: models of the catalogue on top of it. Where one of these
     does as well, what is missing has a form of the catalogue, and nothing is returned.
@@ -89,8 +92,7 @@ def free_forms(
         if worse.mean() < search.settings.tie_errors * worse.std():
             return []
     tied = indistinguishable_from_first(beyond, tuple(models[i] for i in order), [])
-    of_families = {c.family: c for c in reversed(tied)}
-    return [_described(beyond, c) for c in tied if of_families[c.family] is c]
+    return [_described(beyond, c) for c in tied]
 
 
 def _form(a: Attachment) -> FreeFormEffect:

@@ -21,7 +21,7 @@ from pamid.diagnosis.decision import (
     probabilities,
     verdict_statistics,
 )
-from pamid.diagnosis.family_forms import FreeForm, free_forms, ports_of_forms
+from pamid.diagnosis.family_forms import FreeForm, free_forms
 from pamid.diagnosis.forward_selection import ForwardSelection, ForwardStep, select_forward
 from pamid.diagnosis.look_alikes import look_alike_classes
 from pamid.diagnosis.misfit_beyond_range import scale_doubt
@@ -90,6 +90,13 @@ class Diagnosis:
         return ~self.chosen
 
     @property
+    def nameless_at(self) -> list[str]:
+        """Ports at one of which something enters that has no name: where a free form takes it up,
+        else those with the largest latent evidence, which the recordings cannot tell apart."""
+        formed = dict.fromkeys(f.attachment.ports[0] for f in self.free_forms)
+        return list(formed or (self.located.classes[0] if self.located else ()))
+
+    @property
     def singles(self) -> dict[str, CandidateModel]:
         return {c.attached[-1].label: c for c in self.ranking}
 
@@ -147,9 +154,10 @@ def diagnose(
     if judged.decision.verdict == "unknown-effect":
         opposite = opposite_signs(search, list(judged.ranking))
     forms: list[FreeForm] = []
-    if judged.nameless and not opposite:
+    if judged.nameless:
         progress("looking for the family of what the catalogue does not hold")
-        forms = free_forms(search, base, ports_of_forms(located, settings), judged.ranking)
+        rivals = [*judged.ranking, *(c for c, _ in opposite)]
+        forms = free_forms(search, base, located.classes[0], rivals)
     return Diagnosis(
         evidence,
         budget,

@@ -56,12 +56,12 @@ def describe_unknown(d: Diagnosis, *, seed: int = 0) -> dict[str, Any] | None:
 
 
 def find_missing(d: Diagnosis, *, seed: int = 0, pool: WorkerPool | None = None) -> Missing | None:
-    """The missing term at the port with the largest latent evidence; of ports that the recordings
-    cannot tell apart, at the one whose own signals describe it best. None where nothing is missing,
-    or no function of these signals fits."""
+    """The missing term at the port with the largest latent evidence, or where a free form takes it
+    up; of ports that the recordings cannot tell apart, at the one whose own signals describe it
+    best. None where nothing is missing, or no function of these signals fits."""
     if d.located is None or d.located.most <= 0.0:
         return None
-    names = list(d.located.classes[0])
+    names = d.nameless_at
     base = d.located.smoothers[names[0]].base
     work = _Describing(d.evidence, base, seed, d.settings, d.located.smoothers)
     found = [
@@ -101,7 +101,7 @@ def described(d: Diagnosis, best: Missing | None) -> dict[str, Any] | None:
     rig = d.evidence.rig
     if best is None:
         return {
-            "port": rig.group_of(d.located.port),
+            "port": rig.group_of(d.nameless_at[0]),
             "formula": "",
             "variables": [],
             "inclusion": 0.0,

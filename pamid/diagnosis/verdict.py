@@ -94,12 +94,11 @@ def diagnosis_file(
 
 def family_forms(d: Diagnosis) -> tuple[result.FamilyForm, ...]:
     """The free forms that take up what the catalogue does not explain, best first."""
-    rig = d.evidence.rig
     return tuple(
         result.FamilyForm(
             effect=f.attachment.label,
-            family=f.attachment.family(rig),
-            port=f.attachment.group(rig),
+            family=f.family,
+            port=f.port,
             known_by=f.known_by,
             shrinkage=f.shrinkage,
             low=f.low,
@@ -341,13 +340,14 @@ def _family_sentence(d: Diagnosis) -> str:
     """Of which family it is, where a free form of one takes it up; begins with a space."""
     if not d.free_forms:
         return ""
-    rig = d.evidence.rig
-    families = " or ".join(f.attachment.family(rig) for f in d.free_forms)
-    taken = " or ".join(
-        f"{f.known_by} at the {f.attachment.group(rig)} removes {100.0 * f.shrinkage:.0f} %"
-        for f in d.free_forms
-    )
+    best = {f.family: f for f in reversed(d.free_forms)}  # of every family
+    families = list(dict.fromkeys(f.family for f in d.free_forms))
+    taken = []
+    for family in families:
+        ports = dict.fromkeys(f.port for f in d.free_forms if f.family == family)
+        removed = 100.0 * best[family].shrinkage
+        taken.append(f"{best[family].known_by} at the {' or '.join(ports)} removes {removed:.0f} %")
     return (
-        f" It is of the {families} family, in a form not in the catalogue: {taken} of the held-out "
-        "error."
+        f" It is of the {' or '.join(families)} family, in a form not in the catalogue: "
+        f"{' or '.join(taken)} of the held-out error."
     )

@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 
 PLACED = "placed over the range that the recordings reach"
 SHRUNKEN = "shrunken: nothing, unless the recordings say otherwise"
-POINTS = 81  # of a curve
+CURVE_POINTS = 81  # of a curve
 ORDINALS = ("first", "second", "third", "fourth", "fifth")
 
 
@@ -83,7 +83,7 @@ class FreeFormEffect(Effect):
 
     def curve(self, p: Any, low: float, high: float) -> FormShapes:
         """What `act` takes off or adds between low and high; p: numbers (SI)."""
-        x = np.linspace(low, high, POINTS)
+        x = np.linspace(low, high, CURVE_POINTS)
         columns = [[float(expression(s)) for s in self.shapes(expression(v), p)] for v in x]
         return FormShapes(x, np.zeros_like(x), np.array(columns))
 

@@ -10,11 +10,13 @@ from pamid.base.errors import quoted
 from pamid.report import formatting
 from pamid.report.captions import (
     causes_label,
+    free_families,
     over_channels,
     regime_label,
     runner_up,
     sensor_label,
     split_labels,
+    taken_up,
 )
 from pamid.report.channel_errors import ChannelErrors, headline
 from pamid.report.formatting import (
@@ -220,9 +222,30 @@ def _unsettled(diagnosis: DiagnosisFile) -> list[str]:
 
 
 def _unknown(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
-    lead = "None of the catalogue."
-    one = diagnosis.unknown
-    return lead, [] if one is None else [text for text in (*_nature(one), *_formula(one)) if text]
+    one, families = diagnosis.unknown, free_families(diagnosis)
+    lead = f"None of the catalogue: it is {families}." if families else "None of the catalogue."
+    if one is None:
+        return lead, []
+    return lead, [text for text in (*_free_forms(one), *_nature(one), *_formula(one)) if text]
+
+
+def _free_forms(one: Unknown) -> list[str]:
+    """What each family's free form takes up, and what its curve stands beside."""
+    texts = [
+        sentence(
+            f"{taken_up(form)}{formatting.interval_tail(percent_span(form.low, form.high))}, "
+            "whatever its curve"
+        )
+        for form in one.free_forms
+    ]
+    if len(texts) > 1:
+        texts.append("These recordings do not tell these apart.")
+    if texts:
+        texts.append(
+            "The curve stands beside the refitted parameters of the rig: what these can take up "
+            "as well, such as a part in proportion, may be shared out otherwise."
+        )
+    return texts
 
 
 def _nature(one: Unknown) -> list[str]:

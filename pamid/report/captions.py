@@ -18,7 +18,7 @@ from pamid.report.formatting import (
 )
 from pamid.report.load import RunData
 from pamid.report.reading import FloatArray
-from pamid.schemas.diagnosis_file import Candidate, DiagnosisFile, Regime, Sensor, Where
+from pamid.schemas.diagnosis_file import Candidate, DiagnosisFile, FamilyForm, Regime, Sensor, Where
 from pamid.schemas.network_file import NetworkFile
 
 
@@ -81,11 +81,38 @@ def verdict_sentence(run: RunData, rows: tuple[ChannelErrors, ...]) -> str:
             else ""
         )
         at = f" at the {formatting.port_label(port)} port" if port else ""
-        return f"Something material enters{at} that no effect of the catalogue explains."
+        families = free_families(diagnosis)
+        return f"Something material enters{at} that no effect of the catalogue explains." + (
+            f" It is {families}." if families else ""
+        )
     if diagnosis.verdict == "ambiguous":
         named = formatting.join(effect_label(cause.effect) for cause in diagnosis.causes)
         return f"The gap is explained, but these recordings cannot tell apart {named}."
     return formatting.sentence(f"{causes_label(diagnosis)} {_removes(diagnosis)} {_gain(row)}")
+
+
+def free_families(diagnosis: DiagnosisFile) -> str:
+    """ "of the friction family, in a form not in the catalogue"; empty where no free form takes
+    it up."""
+    forms = diagnosis.unknown.free_forms if diagnosis.unknown is not None else ()
+    names = dict.fromkeys(effect_label(one.family) for one in forms)
+    families = formatting.join(names, "or")
+    return f"of the {families} family, in a form not in the catalogue" if forms else ""
+
+
+def free_form_title(one: FamilyForm) -> str:
+    """ "A function of the velocity at the guide port removes 87 % of the held-out error: friction,
+    in a form not in the catalogue"."""
+    return formatting.sentence(
+        f"{taken_up(one)}: {effect_label(one.family)}, in a form not in the catalogue"
+    ).removesuffix(".")
+
+
+def taken_up(one: FamilyForm) -> str:
+    """ "a function of the velocity at the guide port removes 87 % of the held-out error"."""
+    at = f" at the {formatting.port_label(one.port)} port" if one.port else ""
+    what = formatting.clean(one.known_by) or effect_label(one.effect)
+    return f"{what}{at} removes {percent(one.shrinkage)} of the held-out error"
 
 
 def _fit_sentence(row: ChannelErrors | None) -> str:

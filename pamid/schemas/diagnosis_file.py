@@ -259,8 +259,8 @@ class Unknown(Model):
     memory: Written[Flag] = Field(None, description="whether it depends on the past")
     free_forms: ListOf[FamilyForm] = Field(
         (),
-        description="families, best first, that these recordings cannot tell apart and to one of "
-        "which it belongs, in a form not in the catalogue; empty where none takes it up",
+        description="free forms of families, best first, that take it up and that these recordings "
+        "cannot tell apart: it is of one of them, in a form not in the catalogue; else empty",
     )
 
 

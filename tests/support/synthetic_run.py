@@ -124,6 +124,31 @@ def cause(effect: str, family: str, port: str, share: float) -> dict[str, Any]:
     }
 
 
+def free_form_json() -> dict[str, Any]:
+    """Friction that is small at creep and grows with the speed."""
+    velocity = np.linspace(-90.0, 90.0, 31)
+    force = 12.0 * np.sinh(velocity / 45.0)
+    return {
+        "effect": "free-friction@muscle",
+        "family": "friction",
+        "port": "muscle",
+        "known_by": "a function of the velocity",
+        "shrinkage": 0.71,
+        "low": 0.62,
+        "high": 0.78,
+        "curve": {
+            "signal": "velocity",
+            "signal_unit": "deg/s",
+            "shown": "friction",
+            "unit": "N",
+            "x": velocity.tolist(),
+            "y": force.tolist(),
+            "low": (force - 1.5 - 0.05 * np.abs(velocity)).tolist(),
+            "high": (force + 1.5 + 0.05 * np.abs(velocity)).tolist(),
+        },
+    }
+
+
 def diagnosis_json(verdict: str) -> dict[str, Any]:
     friction = cause("coulomb-friction", "friction", "joint", 0.93)
     causes = {
@@ -152,6 +177,7 @@ def diagnosis_json(verdict: str) -> dict[str, Any]:
         "dissipative": True,
         "parity": "odd",
         "memory": False,
+        "free_forms": [free_form_json()],
     }
     elsewhere = [
         {

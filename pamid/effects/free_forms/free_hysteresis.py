@@ -2,8 +2,8 @@
 
 What it is
     A force that depends on where the motion has turned and not on how fast it is: a bank of
-    elasto-slip elements that slip after a fiftieth of the range up to after one and a half of it,
-    each with a force of its own.
+    elasto-slip elements that slip after an eightieth of the range up to after four fifths of it, each
+    twice as late as the one before, with a force of its own.
 What it looks like
     Loops of what is missing over the position, the same slow and fast, that differ with the length
     of the way.
@@ -11,7 +11,8 @@ Looks like it
     Dry friction, whose loops are rectangles; a spring, which is an element that never slips;
     damping, whose loops grow with the speed.
 Equation
-    value -= sum_j c_j stop(position, r_j) / r_j, r = (0.02, 0.06, 0.2, 0.6, 1.5) half the range
+    value -= sum_j c_j stop(position, r_j) / r_j, r = (0.025, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6) half
+    the range
 References
     Kuhnen (2003), European J. Control 9(4), 407-418; Iwan (1966), A distributed-element model for
     hysteresis, J. Appl. Mech. 33(4), 893-900.
@@ -24,8 +25,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from pamid.model.free_form import (
+    CURVE_POINTS,
     ORDINALS,
-    POINTS,
     FormShapes,
     FreeFormEffect,
     coefficient,
@@ -33,7 +34,7 @@ from pamid.model.free_form import (
 )
 from pamid.symbolic.vocabulary import Expr, stop
 
-SLIPS = (0.02, 0.06, 0.2, 0.6, 1.5)  # halves of the range
+SLIPS = (0.025, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6)  # halves of the range
 ELEMENT_NAMES = tuple(f"{place}_element" for place in ORDINALS[: len(SLIPS)])
 
 
@@ -44,7 +45,9 @@ def bank(x: Expr, half: Any) -> list[Expr]:
 
 def loop(half: float, low: float, high: float) -> FormShapes:
     """The bank on its way up from low to high and back, as it closes after the first time."""
-    way = np.concatenate([np.linspace(low, high, POINTS), np.linspace(high, low, POINTS)])
+    way = np.concatenate(
+        [np.linspace(low, high, CURVE_POINTS), np.linspace(high, low, CURVE_POINTS)]
+    )
     widths = half * np.array(SLIPS)
     held, columns = np.zeros(len(widths)), np.empty((len(way), len(widths)))
     before = low

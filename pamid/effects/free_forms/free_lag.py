@@ -24,7 +24,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from pamid.model.free_form import POINTS, FormShapes, FreeFormEffect, coefficient
+from pamid.model.free_form import CURVE_POINTS, FormShapes, FreeFormEffect, coefficient
 from pamid.model.parameter import Parameter
 from pamid.symbolic.vocabulary import Expr, lag
 
@@ -77,7 +77,7 @@ class FreeLag(FreeFormEffect):
         """Response to a unit step, over the time since: 1 - exp(-t/T) and 1 - (1 + t/T)
         exp(-t/T)."""
         longest = PACES[-1] * p.span
-        t = np.linspace(0.0, SHOWN * longest, POINTS)
+        t = np.linspace(0.0, SHOWN * longest, CURVE_POINTS)
         shares = t[:, None] / (p.span * np.array(PACES))
         left = np.exp(-shares)
         columns = np.hstack([-left, -(1.0 + shares) * left])
