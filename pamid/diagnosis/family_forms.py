@@ -89,7 +89,7 @@ def free_forms(
     order = sorted(range(len(models)), key=lambda i: (losses[i].mean(), models[i].label))
     for other in losses[len(models) :]:
         worse = other - losses[order[0]]
-        if worse.mean() < search.settings.tie_errors * worse.std():
+        if worse.mean() <= search.settings.tie_errors * worse.std():
             return []
     tied = indistinguishable_from_first(beyond, tuple(models[i] for i in order), [])
     return [_described(beyond, c) for c in tied]

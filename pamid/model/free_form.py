@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 PLACED = "placed over the range that the recordings reach"
 SHRUNKEN = "shrunken: nothing, unless the recordings say otherwise"
 CURVE_POINTS = 81  # of a curve
-ORDINALS = ("first", "second", "third", "fourth", "fifth")
+ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh")
 
 
 @dataclass(frozen=True)

@@ -4,23 +4,26 @@ takes them up, with its curve."""
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from one_cart import DAMPING, MASS, PERIOD_S, SAMPLES, SPRING, cart
+from one_cart import DAMPING, MASS, PERIOD_S, SPRING, cart
 
 from pamid.api.given import evidence_of
 from pamid.base.progress import silent
-from pamid.diagnosis.family_forms import FreeForm
-from pamid.diagnosis.search import Search
+from pamid.diagnosis.candidate_model import CandidateModel
+from pamid.diagnosis.family_forms import FreeForm, free_forms
+from pamid.diagnosis.search import RefitStart, Refitting, Search
 from pamid.diagnosis.starting_hints import gather_hints
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.diagnosis.unknown import describe_unknown
 from pamid.diagnosis.verdict import diagnosis_file
 from pamid.excitation.aprbs import aprbs
+from pamid.model.attachment import attach
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
 from pamid.model.registry import effects
@@ -32,9 +35,10 @@ from pamid.symbolic.vocabulary import Expr, Number, absolute, exp, stop, tanh, w
 
 Array = NDArray[np.float64]
 #: none of them of a family that is planted
-FEW = ("external-vibration", "clock-skew", "dead-time", "quantisation", "offset", "gain-drift")
+FEW = ("external-vibration", "dead-time")
 SPECIMEN = {"mass": MASS, "spring": SPRING, "damping": DAMPING}
 NOISE = 1e-4  # m
+SAMPLES = 1800
 NEAR = 0.12  # of the planted curve's range
 PUSH = 9.0  # N
 
@@ -205,3 +209,64 @@ def test_its_curve_is_the_planted_one(planted: type[Effect]) -> None:
     moving = np.abs(x) > 0.02 * np.ptp(x)  # a curve may jump at zero
     assert np.max(np.abs(said - planned)[moving]) < NEAR * np.ptp(planned)
     assert np.all(np.array(form.curve.low) <= y) and np.all(y <= np.array(form.curve.high))
+
+
+def test_nothing_has_no_family() -> None:
+    d = diagnosed(Nothing)
+    assert d.verdict == "no-structural-gap" and d.free_forms == ()
+    assert free_forms(search_of(d), d.budget.baseline, list(d.evidence.rig.ports)) == []
+
+
+def test_noise_has_no_family() -> None:
+    """A position that the push has not made: nothing takes it up where it was not fitted."""
+    random = np.random.default_rng(3)
+    columns = {
+        "push": random.uniform(-PUSH, PUSH, SAMPLES),
+        "place": 0.1 * random.standard_normal(SAMPLES),
+    }
+    recording = recording_of(PERIOD_S * np.arange(SAMPLES), columns)
+    evidence = evidence_of([recording], cart(), warn=lambda _: None).evidence
+    d = diagnose(evidence, {"dead-time": effects()["dead-time"]})
+    assert d.free_forms == ()
+    assert free_forms(search_of(d), d.budget.baseline, list(evidence.rig.ports)) == []
+
+
+@cache
+def stuck() -> tuple[Search, CandidateModel]:
+    """A cart with dry friction and a force that changes its sign near one place; the model that
+    has the first alone."""
+    search = search_of(diagnose(recorded("coulomb-friction", Step), {}))
+    named = attach(search.evidence.rig, "coulomb-friction", effects())
+    work = Refitting(
+        search.evidence, search.budget.baseline.fit, search.budget.sizes, search.settings
+    )
+    return search, search.pool.one(work, RefitStart((named,)))
+
+
+def test_the_remainder_beside_a_named_cause_has_a_family() -> None:
+    search, named = stuck()
+    found = free_forms(search, named, ["guide"])
+    assert [f.family for f in found] == ["stiffness"]
+    assert [a.effect.name for a in found[0].model.attached] == [
+        "coulomb-friction",
+        "free-position-force",
+    ]
+    assert found[0].shrinkage > 0.5
+    assert found[0].model.fit.p[found[0].model.assembly.keys["coulomb-friction:level"]] > 0.0
+
+
+def test_what_the_catalogue_does_as_well_is_not_said_to_be_outside() -> None:
+    search, named = stuck()
+    (first,) = free_forms(search, named, ["guide"])
+    assert free_forms(search, named, ["guide"], [first.model]) == []
+    assert free_forms(search, named, ["guide"], [named])
+
+
+def test_forms_that_do_as_well_are_all_said() -> None:
+    """Of forms that the recordings cannot tell apart the sentence names every family and port."""
+    d = diagnosed(Step)
+    (form,) = d.free_forms
+    other = diagnosed(TwoSlips).free_forms[0]
+    said = diagnosis_file(replace(d, free_forms=(form, other)), describe_unknown(d), 0)
+    assert "of the stiffness or hysteresis family" in said.sentence
+    assert said.unknown is not None and len(said.unknown.free_forms) == 2

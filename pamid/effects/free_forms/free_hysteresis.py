@@ -2,8 +2,8 @@
 
 What it is
     A force that depends on where the motion has turned and not on how fast it is: a bank of
-    elasto-slip elements that slip after an eightieth of the range up to after four fifths of it, each
-    twice as late as the one before, with a force of its own.
+    elasto-slip elements that slip after an eightieth of the range up to after four fifths of it,
+    each twice as late as the one before, with a force of its own.
 What it looks like
     Loops of what is missing over the position, the same slow and fast, that differ with the length
     of the way.
@@ -45,9 +45,8 @@ def bank(x: Expr, half: Any) -> list[Expr]:
 
 def loop(half: float, low: float, high: float) -> FormShapes:
     """The bank on its way up from low to high and back, as it closes after the first time."""
-    way = np.concatenate(
-        [np.linspace(low, high, CURVE_POINTS), np.linspace(high, low, CURVE_POINTS)]
-    )
+    up = np.linspace(low, high, CURVE_POINTS)
+    way = np.concatenate([up, up[::-1]])
     widths = half * np.array(SLIPS)
     held, columns = np.zeros(len(widths)), np.empty((len(way), len(widths)))
     before = low

@@ -2,15 +2,16 @@
 
 What it is
     A command or a reading that lags behind every turn of what it should follow by a share of the
-    way since then, at any speed: a bank of plays whose widths go from a fiftieth of the range to
-    one and a half of it, each with a share of its own.
+    way since then, at any speed: a bank of plays whose widths go from an eightieth of the range to
+    four fifths of it, each with a share of its own.
 What it looks like
     A loop between what goes in and what comes out, of the same width slow and fast; small loops
     close.
 Looks like it
     A lag, whose loop closes at low speed; a curve that is not straight, the same up and down.
 Equation
-    value -= sum_j c_j stop(value, r_j) / r_j, r = (0.02, 0.06, 0.2, 0.6, 1.5) half the range
+    value -= sum_j c_j stop(value, r_j) / r_j, r = (0.025, 0.05, 0.1, 0.2, 0.4, 0.8, 1.6) half
+    the range
 References
     Kuhnen (2003), European J. Control 9(4), 407-418; Brokate, Sprekels (1996), Hysteresis and
     Phase Transitions, Springer.
