@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from pamid.base.units import NONE, display_unit, from_si, size_from_si
 from pamid.diagnosis.candidate_model import CandidateModel, transferred
 from pamid.diagnosis.decision import forecast_interval, is_confirmed
-from pamid.diagnosis.search import RefitStart, Refitting, Search, indistinguishable_from_first
+from pamid.diagnosis.search import RefitStart, Refitting, Search
 from pamid.diagnosis.settings import Settings
 from pamid.estimation.grey_box import model_with
 from pamid.estimation.intervals import NORMAL_95
@@ -91,8 +91,9 @@ def free_forms(
         worse = other - losses[order[0]]
         if worse.mean() <= search.settings.tie_errors * worse.std():
             return []
-    tied = indistinguishable_from_first(beyond, tuple(models[i] for i in order), [])
-    return [_described(beyond, c) for c in tied]
+    first = models[order[0]]
+    near = beyond.excess(first) + search.settings.tie_share * beyond.excess(best)
+    return [_described(beyond, models[i]) for i in order if beyond.excess(models[i]) <= near]
 
 
 def _form(a: Attachment) -> FreeFormEffect:

@@ -139,7 +139,7 @@ def free_form_json() -> dict[str, Any]:
         "curve": {
             "signal": "velocity",
             "signal_unit": "deg/s",
-            "shown": "friction",
+            "shown": "friction beyond the rig's own",
             "unit": "N",
             "x": velocity.tolist(),
             "y": force.tolist(),

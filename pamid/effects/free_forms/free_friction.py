@@ -51,7 +51,7 @@ class FreeFriction(FreeFormEffect):
     )
     look_alikes = ("coulomb-friction", "viscous-friction", "quadratic-drag")
     along = "velocity"
-    shown = "friction"
+    shown = "friction beyond the rig's own"
     known_by = "a function of the velocity"
 
     @classmethod

@@ -69,7 +69,7 @@ class FreeHysteresis(FreeFormEffect):
     )
     look_alikes = ("maxwell-slip-hysteresis", "bouc-wen-hysteresis", "coulomb-friction")
     along = "position"
-    shown = "force"
+    shown = "force beyond the rig's own"
     known_by = "a force that remembers where the motion turned"
 
     @classmethod

@@ -38,7 +38,7 @@ class FreeLoss(FreeFormEffect):
     )
     look_alikes = ("leak", "first-order-loss", "orifice-loss", "heat-transfer", "overflow")
     along = "stored"
-    shown = "loss"
+    shown = "loss beyond the rig's own"
     known_by = "a function of what is stored"
 
     def shapes(self, x: Expr, p: Any) -> list[Expr]:

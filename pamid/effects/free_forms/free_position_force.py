@@ -41,7 +41,7 @@ class FreePositionForce(FreeFormEffect):
     )
     look_alikes = ("linear-stiffness", "cubic-stiffness", "gravity", "end-stop", "cogging")
     along = "position"
-    shown = "force"
+    shown = "force beyond the rig's own"
     known_by = "a function of the position"
 
     def shapes(self, x: Expr, p: Any) -> list[Expr]:
