@@ -28,14 +28,15 @@ from pamid.estimation.problem import Fit
 from pamid.model.attachment import Attachment, attachments
 from pamid.model.free_form import FreeFormEffect
 from pamid.model.registry import free_form_effects
-from pamid.model.rig import Port
+from pamid.model.rig import Port, Rig
 from pamid.parallel.jobs import Failed
 from pamid.schemas.diagnosis_file import FormCurve
 from pamid.simulation.replay import run_windows
 from pamid.symbolic.vocabulary import Expr
 
 Array = NDArray[np.float64]
-Reached = dict[tuple[str, str], tuple[float, float]]  # (port, signal) -> lowest, highest (SI)
+Span = tuple[float, float]  # lowest and highest value (SI)
+Reached = dict[tuple[str, str], Span]  # by port and signal
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,35 +102,41 @@ def _form(a: Attachment) -> FreeFormEffect:
 
 
 def _fitted(search: Search, best: CandidateModel, ports: Sequence[str]) -> list[CandidateModel]:
-    """`best` with each free form that fits one of the ports, refitted and replayed."""
-    rig = search.evidence.rig
-    forms = [
-        a
+    """`best` with each free form that fits one of the ports and has something to be drawn over
+    there, refitted and replayed."""
+    rig, reached = search.evidence.rig, reached_at(best, ports, search.settings)
+    starts = [
+        _start(search, best, a, span)
         for a in attachments(rig, free_form_effects().values())
         if len(a.ports) == 1 and a.ports[0] in ports
+        if (span := _span(a, rig, reached)) is not None
     ]
-    reached = reached_at(best, ports, search.settings)
-    starts = [_start(search, best, a, reached) for a in forms]
     work = Refitting(search.evidence, best.fit, search.budget.sizes, search.settings)
     found = search.pool.run(work, starts, search.progress)
     return [c for c in found if not isinstance(c, Failed) and c.finite]
 
 
-def _start(search: Search, best: CandidateModel, a: Attachment, reached: Reached) -> RefitStart:
+def _start(search: Search, best: CandidateModel, a: Attachment, span: Span) -> RefitStart:
     """At the model without the form, whose shapes are placed where the recordings went."""
     attached = (*best.attached, a)
     assembly = model_with(search.evidence, attached, search.budget.sizes)
     p = transferred(assembly, (best.assembly, best.fit.p))
-    span = reached.get((a.ports[0], _along(a, search.evidence.rig.ports[a.ports[0]])))
-    if span is not None:
-        for name, value in _form(a).placed(*span).items():
-            p[assembly.keys[f"{a.label}:{name}"]] = value
+    for name, value in _form(a).placed(*span).items():
+        p[assembly.keys[f"{a.label}:{name}"]] = value
     return RefitStart(attached, p, assembly=assembly)
 
 
 def _along(a: Attachment, port: Port) -> str:
     """The name under which the port offers the signal that the form's curve is drawn over."""
     return a.effect.offered_as(_form(a).along, port.signals)
+
+
+def _span(a: Attachment, rig: Rig, reached: Reached) -> Span | None:
+    """From where to where its curve goes; None where its signal is not offered, or rests."""
+    name = a.ports[0]
+    if _form(a).along == "time":
+        return reached.get((name, "value"))
+    return reached.get((name, _along(a, rig.ports[name])))
 
 
 def _is_material(search: Search, c: CandidateModel) -> bool:
@@ -155,11 +162,11 @@ def curve_of(c: CandidateModel, settings: Settings) -> FormCurve:
     a, fit = c.attached[-1], c.fit
     port, form = c.assembly.rig.ports[a.ports[0]], _form(a)
     along = _along(a, port)
-    low, high = reached_at(c, a.ports, settings).get((a.ports[0], along), (0.0, 0.0))
+    span = _span(a, c.assembly.rig, reached_at(c, a.ports, settings))
     bounds = c.assembly.parameters
     own = {b.key.rpartition(":")[2]: i for i, b in enumerate(bounds) if b.owner == a.label}
     p = SimpleNamespace(**{name: float(fit.p[i]) for name, i in own.items()})
-    shapes = form.curve(p, low, high)
+    shapes = form.curve(p, *(span or (0.0, 0.0)))
     coefficients = np.array([fit.p[own[name]] for name in form.coefficients()])
     y = shapes.base + shapes.columns @ coefficients
     known = _covariance(fit, [own[name] for name in form.coefficients()])

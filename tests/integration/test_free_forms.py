@@ -16,17 +16,17 @@ from one_cart import DAMPING, MASS, PERIOD_S, SPRING, cart
 from pamid.api.given import evidence_of
 from pamid.base.progress import silent
 from pamid.diagnosis.candidate_model import CandidateModel
-from pamid.diagnosis.family_forms import FreeForm, free_forms
+from pamid.diagnosis.family_forms import FreeForm, _span, free_forms, reached_at
 from pamid.diagnosis.search import RefitStart, Refitting, Search
 from pamid.diagnosis.starting_hints import gather_hints
 from pamid.diagnosis.tournament import Diagnosis, diagnose
 from pamid.diagnosis.unknown import describe_unknown
 from pamid.diagnosis.verdict import diagnosis_file
 from pamid.excitation.aprbs import aprbs
-from pamid.model.attachment import attach
+from pamid.model.attachment import attach, attachments
 from pamid.model.effect import Effect
 from pamid.model.parameter import Parameter
-from pamid.model.registry import effects
+from pamid.model.registry import effects, free_form_effects
 from pamid.parallel.jobs import WorkerPool
 from pamid.recording.recording import recording_of
 from pamid.simulation.data_split import DataSplit
@@ -270,3 +270,19 @@ def test_forms_that_do_as_well_are_all_said() -> None:
     said = diagnosis_file(replace(d, free_forms=(form, other)), describe_unknown(d), 0)
     assert "of the stiffness or hysteresis family" in said.sentence
     assert said.unknown is not None and len(said.unknown.free_forms) == 2
+
+
+def test_a_form_needs_something_to_be_drawn_over() -> None:
+    """At a port that offers no position no curve can be drawn over it."""
+    d = diagnosed(Nothing)
+    base = d.budget.baseline
+    reached = reached_at(base, ["guide", "ruler"], d.settings)
+    low, high = reached["guide", "position"]
+    assert -0.5 < low < -0.05 and 0.05 < high < 0.5
+    assert {name for port, name in reached if port == "ruler"} == {"value", "rate"}
+    assert ("amplifier", "value") not in reached
+    forms = attachments(d.evidence.rig, free_form_effects().values())
+    known = {key: span for key, span in reached.items() if key[1] != "position"}
+    left = {a.effect.name for a in forms if _span(a, d.evidence.rig, known) is not None}
+    assert "free-friction" in left and "free-map" in left
+    assert not {"free-position-force", "free-hysteresis"} & left
