@@ -100,12 +100,11 @@ def free_families(diagnosis: DiagnosisFile) -> str:
     return f"of the {families} family, in a form not in the catalogue" if forms else ""
 
 
-def free_form_title(one: FamilyForm) -> str:
-    """ "A function of the velocity at the guide port removes 87 % of the held-out error: friction,
-    in a form not in the catalogue"."""
-    return formatting.sentence(
-        f"{taken_up(one)}: {effect_label(one.family)}, in a form not in the catalogue"
-    ).removesuffix(".")
+def free_form_title(diagnosis: DiagnosisFile, one: FamilyForm) -> str:
+    """ "A function of the velocity at the guide port removes 87 % of the held-out error: of the
+    friction family, in a form not in the catalogue"."""
+    text = f"{taken_up(one)}: {free_families(diagnosis)}"
+    return formatting.sentence(text).removesuffix(".")
 
 
 def taken_up(one: FamilyForm) -> str:

@@ -47,4 +47,4 @@ def free_form_drawing(diagnosis: DiagnosisFile) -> Drawing | None:
         grid(axes, "y")
         legend_above(axes, 2)
 
-    return Drawing("free-form", free_form_title(forms[0]), draw, 2.8, 2.8)
+    return Drawing("free-form", free_form_title(diagnosis, forms[0]), draw, 2.8, 2.8)

@@ -6,12 +6,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 from one_cart import DAMPING, MASS, PERIOD_S, SPRING, cart
+from pamid_cli.diagnose import diagnosis_text
 
 from pamid.api.given import evidence_of
 from pamid.base.progress import silent
@@ -270,6 +272,12 @@ def test_forms_that_do_as_well_are_all_said() -> None:
     said = diagnosis_file(replace(d, free_forms=(form, other)), describe_unknown(d), 0)
     assert "of the stiffness or hysteresis family" in said.sentence
     assert said.unknown is not None and len(said.unknown.free_forms) == 2
+    shown = diagnosis_text(said.as_json(), Path("run")).splitlines()
+    lines = [line for line in shown if line.startswith(("Family ", "       or "))]
+    assert [line[10:].split(",")[0] for line in lines] == [
+        "stiffness at the guide",
+        "hysteresis at the guide",
+    ]
 
 
 def test_a_form_needs_something_to_be_drawn_over() -> None:

@@ -41,12 +41,12 @@ class FreeFriction(FreeFormEffect):
         half_width("velocity"),
         Parameter(
             "give",
-            0.002,
-            low=0.0005,
+            0.001,
+            low=0.0001,
             high=0.02,
             size="position",
             fitted=False,
-            source="presliding of thousandths of the stroke",
+            source="presliding of a thousandth of the stroke",
         ),
     )
     look_alikes = ("coulomb-friction", "viscous-friction", "quadratic-drag")
