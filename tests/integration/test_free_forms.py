@@ -233,6 +233,18 @@ def test_noise_has_no_family() -> None:
     assert free_forms(search_of(d), d.budget.baseline, list(evidence.rig.ports)) == []
 
 
+def test_a_withheld_effect_keeps_its_family() -> None:
+    d = diagnose(recorded("dead-time@amplifier"), {"offset": effects()["offset"]})
+    assert d.verdict == "unknown-effect"
+    assert [(f.family, f.port) for f in d.free_forms] == [("command-timing", "amplifier")]
+
+
+def test_what_is_no_function_of_the_signals_has_no_family() -> None:
+    """A force from outside, which depends on the time alone."""
+    d = diagnose(recorded("external-vibration"), {"offset": effects()["offset"]})
+    assert d.verdict == "unknown-effect" and d.free_forms == ()
+
+
 @cache
 def stuck() -> tuple[Search, CandidateModel]:
     """A cart with dry friction and a force that changes its sign near one place; the model that
