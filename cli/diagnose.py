@@ -98,6 +98,7 @@ def diagnosis_text(found: dict[str, Any], output: Path) -> str:
             ]
         )
     lines = [found["sentence"], "", *_where(found["where"]), *_which(found["causes"])]
+    lines += _free_forms(found.get("unknown") or {})
     lines += [*_left(found), *_how_far(found)]
     lines.append("          (each half of the held-out windows as the other half has chosen)")
     lines += _ranking(found)
@@ -163,6 +164,24 @@ def _left(found: dict[str, Any]) -> list[str]:
     told = rest.formula or (found["unknown"] or {}).get("formula", "")
     if rest.port:
         lines.append(f"          at the {rest.port} port{f': {told}' if told else ''}")
+    return lines
+
+
+def _free_forms(unknown: dict[str, Any]) -> list[str]:
+    """Families whose free forms take up what has no name, each with a few points of its curve."""
+    lines = []
+    for i, form in enumerate(unknown.get("free_forms") or []):
+        curve = form["curve"]
+        points = list(zip(curve["x"], curve["y"], strict=True))
+        shown = ", ".join(f"{y:.3g} at {x:.3g}" for x, y in points[:: max(1, len(points) // 6)])
+        lines += [
+            ("Family    " if i == 0 else "       or ")
+            + f"{form['family']} at the {form['port']}, {form['known_by']}: removes "
+            f"{100 * form['shrinkage']:.0f} % ({100 * form['low']:.0f} .. "
+            f"{100 * form['high']:.0f})",
+            f"          {curve['shown']} [{curve['unit'] or '-'}] over {curve['signal']} "
+            f"[{curve['signal_unit'] or '-'}]: {shown}",
+        ]
     return lines
 
 

@@ -21,7 +21,14 @@ pamid effects coulomb-friction --rig one-dof
     multiple=True,
     help="Rig (name or file) to look for fitting ports. [default: all rigs]",
 )
-def command(name: str | None, rigs: tuple[str, ...]) -> frame.Result:
+@click.option(
+    "--free-forms",
+    "free",
+    is_flag=True,
+    help="List the free forms of the families, too, which say what an effect outside the catalogue "
+    "is like.",
+)
+def command(name: str | None, rigs: tuple[str, ...], free: bool) -> frame.Result:
     """List the effects by family and kind of port, or explain one: NAME, or the path of an effect
     file.
 
@@ -39,7 +46,7 @@ def command(name: str | None, rigs: tuple[str, ...]) -> frame.Result:
         library.rig_named(rig) for rig in library.rigs()
     ]
     if name is None:
-        known = library.effects()
+        known = library.all_effects() if free else library.effects()
         fit = (
             {a.effect.name for rig in looked_at for a in attachments(rig, known.values())}
             if rigs

@@ -239,9 +239,13 @@ def null_error(rig: Rig, attachment: Attachment, draws: int = 3, seed: int = 0) 
 
 
 def visible_change(rig: Rig, attachment: Attachment) -> float:
-    """Largest change of any output, as a share of its size, by the effect at its typical size."""
+    """Largest change of any output, as a share of its size, by the effect at its typical size: that
+    of its prior, where this lies about nothing."""
     trial = ExcitedRig(rig, attachment)
     p = trial.assembly.values()
+    if all(b.null is None or b.value == b.null for _, b in trial.own):
+        for i, b in trial.own:
+            p[i] = b.value if b.null is None else min(b.value + b.spread, b.high)
     step = trial.stepping(p)
     before = free_run(
         trial.plain, trial.u, trial.plain.values(), rig.period_s, stepping=step

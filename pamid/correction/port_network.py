@@ -55,7 +55,7 @@ from pamid.estimation.posterior import read_posterior
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attach
 from pamid.model.effect import Effect
-from pamid.model.registry import effects, rig_again
+from pamid.model.registry import all_effects, rig_again
 from pamid.model.rig import Rig
 from pamid.networks.network_training import Training
 from pamid.networks.trained_network import TrainedNetwork
@@ -197,7 +197,7 @@ def origin_of(folder: Path, rig: str | Rig | None = None) -> Origin:
         [r for path, r in recordings.items() if roles[path] != "held-out"],
         [r for path, r in recordings.items() if roles[path] == "held-out"],
     )
-    return Origin(evidence, tuple(attach(made, label, effects()) for label in fit.effects), fit)
+    return Origin(evidence, tuple(attach(made, label, all_effects()) for label in fit.effects), fit)
 
 
 def _place(folder: Path, path: str) -> Path:

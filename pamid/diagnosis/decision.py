@@ -19,8 +19,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pamid.base.metrics import moving_block_interval
+from pamid.base.metrics import moving_block_interval, shrinkage_interval
 from pamid.diagnosis.budget import Budget
+from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.judgement import calibration
 from pamid.diagnosis.settings import DEFAULT, Settings
 from pamid.diagnosis.verdict_grounds import LeftOver
@@ -89,6 +90,11 @@ class Decision:
     why: str = ""  # of cannot-tell
 
     @property
+    def left_over(self) -> bool:
+        """Is more than noise and tolerances left, with the causes or because there is none?"""
+        return self.verdict == "unknown-effect" or (bool(self.named) and self.remainder_real)
+
+    @property
     def remainder_real(self) -> bool:
         """Is what remains more than noise and tolerances?"""
         return self.remainder >= calibration().lines["missing"].yes
@@ -129,6 +135,17 @@ def gap_share(
     scale = whole / gap
     share = float((other - one).sum()) / gap
     return Share(min(share, 1.0), min(low * scale, 1.0), min(high * scale, 1.0))
+
+
+def is_confirmed(
+    budget: Budget, model: CandidateModel, reporting: NDArray[np.bool_], seed: int
+) -> bool:
+    """Does the error shrink on the windows that only report, and on everything held out with 95 %
+    confidence? A single window has no say."""
+    before, after = (budget.channel_losses(c.absolutes) for c in (budget.baseline, model))
+    most = 1.0 - budget.settings.least_shrinkage
+    own = not reporting.any() or after[reporting].sum() < most * before[reporting].sum()
+    return own and (len(before) < 2 or shrinkage_interval(before, after, seed=seed)[0] > 0.0)
 
 
 def decide(

@@ -450,6 +450,10 @@ class Settings:
     parity_bins: int = _setting(
         8, "count", "ranges of size in which both directions are compared", SHOWN_ONLY
     )
+    form_share: float = _setting(
+        0.5, "share of the gap", "what a free form has to remove for its family to be said"
+    )
+    form_tail: float = _setting(0.5, "per cent of the samples", "beyond either end of its curve")
     missing_rows: int = _setting(4000, "rows", "of missing.csv at most", SHOWN_ONLY)
 
     # ---- how far, and what next (transfer, next_experiment)

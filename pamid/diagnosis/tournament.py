@@ -14,6 +14,7 @@ from pamid.diagnosis.budget import Budget, gap_budget
 from pamid.diagnosis.candidate_model import CandidateModel
 from pamid.diagnosis.cross_fitting import reported
 from pamid.diagnosis.decision import Share, at_noise_floor, gap_share
+from pamid.diagnosis.family_forms import FreeForm, free_forms
 from pamid.diagnosis.judging import Judged, judge
 from pamid.diagnosis.naive_forecast import explains_nothing
 from pamid.diagnosis.port_evidence import PortEvidence, locate
@@ -51,6 +52,8 @@ class Diagnosis:
     screened: str = ""  # family that the screen alone would have named
     # effects that remove much with the opposite sign, and the share of the error that they remove
     opposite: tuple[tuple[CandidateModel, float], ...] = ()
+    # families to one of which an effect outside the catalogue belongs, best first
+    free_forms: tuple[FreeForm, ...] = ()
 
     @property
     def verdict(self) -> str:
@@ -87,6 +90,13 @@ class Diagnosis:
     def reported(self, c: CandidateModel) -> tuple[Array, NDArray[np.bool_]]:
         """Errors of a model per held-out window and channel, and the windows that report them."""
         return reported(self.judged.halves if self.judged else None, self.chosen, c)
+
+    @property
+    def nameless_at(self) -> list[str]:
+        """Ports at one of which something enters that has no name: where a free form takes it up,
+        else those with the largest latent evidence, which the recordings cannot tell apart."""
+        formed = dict.fromkeys(f.attachment.ports[0] for f in self.free_forms)
+        return list(formed or (self.left_at.classes[0] if self.left_at else ()))
 
     @property
     def singles(self) -> dict[str, CandidateModel]:
@@ -139,6 +149,10 @@ def diagnose(
             judged = judge(search, located, first, everything)
         if not judged.decision.named:
             opposite = opposite_signs(search, list(judged.ranking))
+    forms: list[FreeForm] = []
+    if judged.decision.left_over:
+        progress("looking for the family of what the catalogue does not hold")
+        forms = _forms(search, located, judged, [c for c, _ in opposite])
     return Diagnosis(
         evidence,
         budget,
@@ -150,7 +164,18 @@ def diagnose(
         tuple(failed),
         first.first_family,
         tuple(opposite),
+        tuple(forms),
     )
+
+
+def _forms(
+    search: Search, located: PortEvidence, judged: Judged, opposite: list[CandidateModel]
+) -> list[FreeForm]:
+    """Free forms of what is missing: beside the causes, or altogether where none is named."""
+    if judged.decision.named:
+        return free_forms(search, judged.best, judged.after.classes[0])
+    rivals = [*judged.ranking, *opposite]
+    return free_forms(search, search.budget.baseline, located.classes[0], rivals)
 
 
 def _acts_where(located: PortEvidence, a: Attachment, settings: Settings) -> bool:

@@ -52,10 +52,7 @@ class Missing:
 
 def left_over(d: Diagnosis) -> bool:
     """Is more than noise and tolerances left, with the causes or because there is none?"""
-    j = d.judged
-    return j is not None and (
-        d.verdict == "unknown-effect" or (d.cause is not None and j.decision.remainder_real)
-    )
+    return d.judged is not None and d.judged.decision.left_over
 
 
 def describe_unknown(d: Diagnosis, *, seed: int = 0) -> dict[str, Any] | None:
@@ -64,13 +61,16 @@ def describe_unknown(d: Diagnosis, *, seed: int = 0) -> dict[str, Any] | None:
 
 
 def find_missing(d: Diagnosis, *, seed: int = 0, pool: WorkerPool | None = None) -> Missing | None:
-    """The missing term beside the causes, at the port with the largest latent evidence; of ports
-    that the recordings cannot tell apart, at the one whose own signals describe it best. None where
-    nothing is missing, or no function of these signals fits."""
+    """The missing term beside the causes, at the port with the largest latent evidence, or where a
+    free form takes it up; of ports that the recordings cannot tell apart, at the one whose own
+    signals describe it best. None where nothing is missing, or no function of these signals
+    fits."""
     located = d.left_at
     if located is None or located.most <= 0.0:
         return None
-    names = list(located.classes[0])
+    names = [name for name in d.nameless_at if name in located.smoothers]
+    if not names:
+        return None
     base = located.smoothers[names[0]].base
     work = _Describing(d.evidence, base, seed, d.settings, located.smoothers)
     found = [
@@ -111,7 +111,7 @@ def described(d: Diagnosis, best: Missing | None) -> dict[str, Any] | None:
     rig = d.evidence.rig
     if best is None:
         return {
-            "port": rig.group_of(located.port),
+            "port": rig.group_of(d.nameless_at[0]),
             "formula": "",
             "variables": [],
             "inclusion": 0.0,

@@ -60,7 +60,9 @@ def diagnosis_file(
         next_experiment=proposal_result(proposal),
         parameters=_rig_parameters(d.cause or d.budget.baseline),
         background=_background(d, d.cause or d.budget.baseline),
-        unknown=result.Unknown(**unknown) if unknown and d.cause is None else None,
+        unknown=result.Unknown(**unknown, free_forms=family_forms(d))
+        if unknown and d.cause is None
+        else None,
         notes=tuple(notes(d)),
         **_judgement(d),
     )
@@ -155,6 +157,23 @@ def _leading_port(
     largest = [s.port for s in shares if isclose(s.share, shares[0].share)]
     described = (unknown or {}).get("port", "")
     return described if described in largest else largest[0]
+
+
+def family_forms(d: Diagnosis) -> tuple[result.FamilyForm, ...]:
+    """The free forms that take up what the catalogue does not explain, best first."""
+    return tuple(
+        result.FamilyForm(
+            effect=f.attachment.label,
+            family=f.family,
+            port=f.port,
+            known_by=f.known_by,
+            shrinkage=f.shrinkage,
+            low=f.low,
+            high=f.high,
+            curve=f.curve,
+        )
+        for f in d.free_forms
+    )
 
 
 def groups(d: Diagnosis) -> list[str]:
@@ -261,7 +280,7 @@ def _remainder(
         real=left_over(d) or unsure,
         port=port if left_over(d) or unsure else "",
         formula=described.get("formula", "") if at == port else "",
-        family="",
+        family=d.free_forms[0].family if d.cause and d.free_forms else "",
     )
 
 

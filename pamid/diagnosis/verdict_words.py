@@ -64,9 +64,10 @@ def sentence(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
     if found.verdict == "unknown-effect":
         port = found.where.port if found.where else ""
         at = f" It enters at the {spelling.port(port)} port." if port else ""
+        families = free_families(found, spelling)
         return (
             "Something material is missing from the model, and no effect of the catalogue "
-            f"explains it.{at}"
+            f"explains it.{at}{f' It is {families}.' if families else ''}"
         )
     if found.verdict == "cannot-tell":
         return _unsure(found, spelling)
@@ -81,6 +82,14 @@ def sentence(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
     if not rest.real:
         return f"{said}; what remains is within noise and tolerances."
     return f"{said}; {percent_text(rest.share)} remain{_entering(rest, spelling)}."
+
+
+def free_families(found: DiagnosisFile, spelling: Spelling = AS_IN_FILE) -> str:
+    """ "of the friction family, in a form not in the catalogue"; empty where no free form takes
+    it up."""
+    forms = found.unknown.free_forms if found.unknown is not None else ()
+    names = dict.fromkeys(spelling.effect(one.family) for one in forms)
+    return f"of the {_joined(names, 'or')} family, in a form not in the catalogue" if forms else ""
 
 
 def size_of(rest: Remainder, *, beside: bool) -> str:
@@ -117,7 +126,8 @@ def weight_of(rest: Remainder) -> str:
 
 
 def _entering(rest: Remainder, spelling: Spelling) -> str:
-    return f", at the {spelling.port(rest.port)} port" if rest.port else ""
+    at = f", at the {spelling.port(rest.port)} port" if rest.port else ""
+    return at + (f", of the {spelling.effect(rest.family)} family" if rest.family else "")
 
 
 def _unsure(found: DiagnosisFile, spelling: Spelling) -> str:

@@ -11,6 +11,7 @@ import hashlib
 import importlib.machinery
 import importlib.util
 import os
+import re
 import sys
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
@@ -23,6 +24,7 @@ from pamid.base.files import PathLike
 from pamid.base.scanned import classes_of, modules_of
 from pamid.base.trust import is_code
 from pamid.model.effect import Effect, require_sound
+from pamid.model.free_form import FreeFormEffect
 from pamid.model.rig import Rig, check_rig
 from pamid.recording.recording import Recording
 
@@ -42,8 +44,18 @@ def _scanned(package: str, base: type) -> dict[str, type]:
 
 
 def effects() -> dict[str, type[Effect]]:
-    """Every effect of the catalogue by name."""
+    """Every effect of the catalogue by name; the free forms are none."""
     return dict(_scanned("pamid.effects", Effect))
+
+
+def free_form_effects() -> dict[str, type[FreeFormEffect]]:
+    """The free forms of the families by name."""
+    return dict(_scanned("pamid.effects.free_forms", FreeFormEffect))
+
+
+def all_effects() -> dict[str, type[Effect]]:
+    """What a run may have been made with: the catalogue and the free forms."""
+    return effects() | free_form_effects()
 
 
 def rigs() -> dict[str, type[Rig]]:
@@ -229,7 +241,7 @@ def effects_again(
                 code="effect",
             )
         wanted[files[Path(path).name]] = sha256.get(path, "")
-    return effects_with(named, wanted)[0]
+    return all_effects() | effects_with(named, wanted)[0]
 
 
 def code_files(rig: str | Rig | None, specs: Sequence[str | type[Effect]]) -> list[Path]:
@@ -270,8 +282,9 @@ def rig_of(recordings: list[Recording]) -> str:
 def effects_with(
     specs: tuple[str | type[Effect], ...], sha256: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[dict[str, type[Effect]], list[str]]:
-    """The catalogue, widened by the effects among `specs` and by the effect files, which a user
-    said and which are run; and the specs as names. sha256: what files have to be, by spec."""
+    """The catalogue, widened by the effects and the free forms among `specs` and by the effect
+    files, which a user said and which are run; and the specs as names. sha256: what files have to
+    be, by spec."""
     known, names = effects(), []
     for spec in specs:
         if isinstance(spec, type):
@@ -291,6 +304,8 @@ def effects_with(
                 known[cls.name] = cls  # type: ignore[attr-defined]
             names.append(found[0].name + spec.removeprefix(path))  # type: ignore[attr-defined]
         else:
+            free = free_form_effects()
+            known |= {n: free[n] for n in free if n == re.split("[@:]", spec, maxsplit=1)[0]}
             names.append(spec)
     return known, names
 

@@ -10,6 +10,7 @@ from pamid.base.errors import quoted
 from pamid.diagnosis import verdict_words
 from pamid.report import formatting
 from pamid.report.captions import (
+    SPELLING,
     causes_label,
     over_channels,
     regime_label,
@@ -17,6 +18,7 @@ from pamid.report.captions import (
     sensor_label,
     set_figures,
     split_labels,
+    taken_up,
 )
 from pamid.report.channel_errors import ChannelErrors, headline
 from pamid.report.formatting import (
@@ -36,6 +38,7 @@ from pamid.schemas.diagnosis_file import (
     DiagnosisFile,
     NextExperiment,
     Regime,
+    Unknown,
     Where,
 )
 
@@ -243,11 +246,31 @@ def _unsettled(diagnosis: DiagnosisFile) -> list[str]:
 
 
 def _unknown(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:
-    lead = "None of the catalogue."
-    one = diagnosis.unknown
-    return lead, [] if one is None else [
-        text for text in (*nature_texts(one), *formula_texts(one)) if text
+    one, families = diagnosis.unknown, verdict_words.free_families(diagnosis, SPELLING)
+    lead = f"None of the catalogue: it is {families}." if families else "None of the catalogue."
+    if one is None:
+        return lead, []
+    told = (*_free_forms(one), *nature_texts(one), *formula_texts(one))
+    return lead, [text for text in told if text]
+
+
+def _free_forms(one: Unknown) -> list[str]:
+    """What each family's free form takes up, and what its curve stands beside."""
+    texts = [
+        sentence(
+            f"{taken_up(form)}{formatting.interval_tail(percent_span(form.low, form.high))}, "
+            "whatever its curve"
+        )
+        for form in one.free_forms
     ]
+    if len(texts) > 1:
+        texts.append("These recordings do not tell these apart.")
+    if texts:
+        texts.append(
+            "The curve stands beside the refitted parameters of the rig: what these can take up "
+            "as well, such as a part in proportion, may be shared out otherwise."
+        )
+    return texts
 
 
 def _no_gap(diagnosis: DiagnosisFile) -> tuple[str, list[str]]:

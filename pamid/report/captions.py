@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pamid.diagnosis.verdict_words import Spelling, sentence
+from pamid.diagnosis.verdict_words import Spelling, free_families, sentence
 from pamid.report import formatting
 from pamid.report.channel_errors import MODEL_NAMES, ChannelErrors, WorstWindow, headline
 from pamid.report.formatting import (
@@ -18,7 +18,7 @@ from pamid.report.formatting import (
 )
 from pamid.report.load import RunData
 from pamid.report.reading import FloatArray
-from pamid.schemas.diagnosis_file import Candidate, DiagnosisFile, Regime, Sensor, Where
+from pamid.schemas.diagnosis_file import Candidate, DiagnosisFile, FamilyForm, Regime, Sensor, Where
 from pamid.schemas.network_file import NetworkFile
 
 #: names in the sentence of a verdict
@@ -79,6 +79,20 @@ def verdict_sentence(run: RunData, rows: tuple[ChannelErrors, ...]) -> str:
 def set_figures(text: str) -> str:
     """One line in which no number is parted from its sign."""
     return formatting.clean(text).replace(" %", f"{formatting.SPACE}%")
+
+
+def free_form_title(diagnosis: DiagnosisFile, one: FamilyForm) -> str:
+    """ "A function of the velocity at the guide port removes 87 % of the held-out error: of the
+    friction family, in a form not in the catalogue"."""
+    text = f"{taken_up(one)}: {free_families(diagnosis, SPELLING)}"
+    return formatting.sentence(text).removesuffix(".")
+
+
+def taken_up(one: FamilyForm) -> str:
+    """ "a function of the velocity at the guide port removes 87 % of the held-out error"."""
+    at = f" at the {formatting.port_label(one.port)} port" if one.port else ""
+    what = formatting.clean(one.known_by) or effect_label(one.effect)
+    return f"{what}{at} removes {percent(one.shrinkage)} of the held-out error"
 
 
 def _fit_sentence(row: ChannelErrors | None) -> str:

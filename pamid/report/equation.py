@@ -17,7 +17,7 @@ from pamid.base.units import quantity_of, split_column
 from pamid.model.attachment import attach
 from pamid.model.bound_parameter import bind, parameters_of
 from pamid.model.effect import Effect
-from pamid.model.registry import catalogue_rig, effects
+from pamid.model.registry import all_effects, catalogue_rig
 from pamid.model.rig import Port
 from pamid.report import formatting
 from pamid.report.document import Equation
@@ -101,7 +101,7 @@ def acting(rig: str, label: str) -> Acting | None:
     files, which are code that a report does not run."""
     try:
         of = catalogue_rig(rig)
-        where = attach(of, label, effects())
+        where = attach(of, label, all_effects())
         port = of.ports[where.ports[0]]
         return _acting(where.effect, port, where.ports[0], of.period_s)
     except PamidError:

@@ -24,6 +24,7 @@ def missing_term(diagnosis: DiagnosisFile | None) -> Unknown | None:
         dissipative=None,
         parity="none",
         memory=None,
+        free_forms=(),
     )
 
 

@@ -91,7 +91,9 @@ def answer_sections(
     unknown = run.diagnosis is not None and run.diagnosis.unknown is not None
     left = left_answer(run)
     # the ranking leads, unless no effect of it is the answer
-    which = (("missing",), ("ranking",)) if unknown else (("ranking",), ())
+    order = ("free-form", "missing", "ranking") if unknown else ("ranking",)
+    lead = next((name for name in order[:-1] if name in pictures), order[-1])
+    above = () if unknown and lead == "ranking" else (lead,)
 
     def drawn(*names: str) -> tuple[Block, ...]:
         return figures(pictures, names)
@@ -103,8 +105,8 @@ def answer_sections(
         _answer(
             "Which",
             which_answer(run),
-            drawn(*which[0]),
-            (*drawn(*which[1]), *cause_equations(run)),
+            drawn(*above),
+            (*drawn(*(n for n in order if n not in above)), *cause_equations(run)),
         ),
         _answer(
             "How far", how_far_answer(run, rows), drawn("budget"), (*drawn("window"), *how_far)

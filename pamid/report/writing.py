@@ -27,6 +27,7 @@ from pamid.report.figures import (
     regimes_drawing,
     window_drawing,
 )
+from pamid.report.free_form_figure import free_form_drawing
 from pamid.report.load import RunData, load_run, read_steps
 from pamid.report.paper_page import paper_document
 from pamid.report.papers import PaperStory, read_paper
@@ -45,6 +46,7 @@ FIGURE_NAMES = (
     "ports",
     "regimes",
     "timeline",
+    "free-form",
     "missing",
     "ranking",
     "budget",
@@ -158,7 +160,7 @@ def drawings_of(run: RunData, rows: tuple[ChannelErrors, ...]) -> list[Drawing]:
     diagnosis, row = run.diagnosis, headline(rows)
     gap = diagnosis is None or diagnosis.verdict != "no-structural-gap"
     if diagnosis is not None:
-        found += [ranking_drawing(diagnosis), missing_drawing(run)]
+        found += [ranking_drawing(diagnosis), free_form_drawing(diagnosis), missing_drawing(run)]
         found += [ports_drawing(diagnosis), regimes_drawing(diagnosis)] if gap else []
     found += [budget_drawing(rows, diagnosis), pulls_drawing(pulls_of(run))]
     if run.residual is not None and row is not None:

@@ -274,6 +274,33 @@ class Pull(Model):
     share_of_gap: Written[Number] = Field(None, description=SHARE)
 
 
+class FormCurve(Model):
+    """What a free form takes off a value or adds to it, over the range that the recordings
+    reach."""
+
+    signal: Text = Field(description="over which it is drawn")
+    signal_unit: Text = Field("", description=UNIT)
+    shown: Text = Field("", description="what it shows, in words")
+    unit: Text = Field("", description=UNIT)
+    x: ListOf[Number] = Field((), description="of the signal; of a loop, there and back")
+    y: ListOf[Number] = Field((), description="one per entry of x")
+    low: ListOf[Number] = Field((), description=LOW)
+    high: ListOf[Number] = Field((), description=HIGH)
+
+
+class FamilyForm(Model):
+    """A family whose free form, a curve without a law, takes up what is missing."""
+
+    effect: Text = Field(description="label of the free form")
+    family: Text
+    port: Text = Field("", description="group of ports that it acts on")
+    known_by: Text = Field("", description="what the family has in common, in words")
+    shrinkage: Written[Number] = Field(None, description=SHRINKAGE)
+    low: Written[Number] = Field(None, description=LOW)
+    high: Written[Number] = Field(None, description=HIGH)
+    curve: Written[FormCurve] = Field(None, description="with its 95 % band")
+
+
 class Unknown(Model):
     """What is known of an effect that the catalogue does not hold."""
 
@@ -289,6 +316,11 @@ class Unknown(Model):
     dissipative: Written[Flag] = Field(None, description="whether it takes energy out")
     parity: Text = Field("none", description="odd, even or none, in the velocity")
     memory: Written[Flag] = Field(None, description="whether it depends on the past")
+    free_forms: ListOf[FamilyForm] = Field(
+        (),
+        description="free forms of families, best first, that take it up and that these recordings "
+        "cannot tell apart: it is of one of them, in a form not in the catalogue; else empty",
+    )
 
 
 class Slip(Model):

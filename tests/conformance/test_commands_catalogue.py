@@ -112,6 +112,15 @@ def test_list_of_effects_is_the_scanned_catalogue(capsys: pytest.CaptureFixture[
     assert all(f"  {name} " in shown for name in library.effects())
 
 
+def test_free_forms_are_listed_when_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
+    said = call(capsys, "effects", "--free-forms")[1]
+    assert [row["name"] for row in said["effects"]] == sorted(library.all_effects())
+    assert not set(library.free_form_effects()) & set(library.effects())
+    for name in library.free_form_effects():
+        code, said = call(capsys, "effects", name, "--rig", "one-dof")
+        assert code == 0 and said["effect"]["name"] == name and said["effect"]["parameters"]
+
+
 def test_list_of_effects_for_one_rig_leaves_out_what_does_not_fit(
     capsys: pytest.CaptureFixture[str],
 ) -> None:

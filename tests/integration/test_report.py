@@ -102,8 +102,11 @@ def test_three_answers_come_before_the_evidence(reported: tuple[str, Path, Outli
         ],
         "unknown-effect": [
             "Something material is missing from the model, and no effect of the catalogue "
-            "explains it. It enters at the joint port.",
+            "explains it. It enters at the joint port. It is of the friction family, in a form not "
+            "in the catalogue.",
             "What is left The whole gap, at the joint port. Left over: 10 times the noise floor",
+            "A function of the velocity at the muscle port removes 71 % of the held-out error "
+            "(95 % interval 62 to 78 %), whatever its curve.",
             "-0.42 sign(velocity) + 0.11 contraction^2",
             "83 % of the fits",
             "velocity and contraction",
@@ -154,6 +157,7 @@ def test_figures_are_written_and_shown(reported: tuple[str, Path, Outline]) -> N
         "training",
     }
     every |= {"missing"} if verdict in DESCRIBED else set()
+    every |= {"free-form"} if verdict == "unknown-effect" else set()
     assert set(names) == every - (
         {"ports", "regimes", "timeline"} if verdict == "no-structural-gap" else set()
     )

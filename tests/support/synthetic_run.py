@@ -137,6 +137,31 @@ def cause(
     }
 
 
+def free_form_json() -> dict[str, Any]:
+    """Friction that is small at creep and grows with the speed."""
+    velocity = np.linspace(-90.0, 90.0, 31)
+    force = 12.0 * np.sinh(velocity / 45.0)
+    return {
+        "effect": "free-friction@muscle",
+        "family": "friction",
+        "port": "muscle",
+        "known_by": "a function of the velocity",
+        "shrinkage": 0.71,
+        "low": 0.62,
+        "high": 0.78,
+        "curve": {
+            "signal": "velocity",
+            "signal_unit": "deg/s",
+            "shown": "friction beyond the rig's own",
+            "unit": "N",
+            "x": velocity.tolist(),
+            "y": force.tolist(),
+            "low": (force - 1.5 - 0.05 * np.abs(velocity)).tolist(),
+            "high": (force + 1.5 + 0.05 * np.abs(velocity)).tolist(),
+        },
+    }
+
+
 FORMULA = "-0.42 sign(velocity) + 0.11 contraction^2"
 
 
@@ -204,6 +229,7 @@ def _diagnosis_json(verdict: str) -> dict[str, Any]:
         "port": "joint",
         "formula": FORMULA,
         "variables": ["velocity", "contraction"],
+        "free_forms": [free_form_json()],
         "inclusion": 0.83,
         "described": 0.62,
         "dissipative": True,

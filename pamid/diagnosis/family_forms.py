@@ -1,0 +1,229 @@
+"""Which family an effect outside the catalogue belongs to: the one whose free form takes up what
+is missing.
+
+Free forms (`pamid.model.free_form`) have no law, only what a family has in common, so they take no
+part in the ranking of causes. Where no cause is named, or beside one, those that fit the ports at
+which something is missing are fitted on top of a model, all parameters jointly; the held-out
+windows that choose choose among them, and the others report.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from types import SimpleNamespace
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.base.units import NONE, display_unit, from_si, size_from_si
+from pamid.diagnosis.candidate_model import CandidateModel, transferred
+from pamid.diagnosis.decision import is_confirmed
+from pamid.diagnosis.judgement import forecast_interval
+from pamid.diagnosis.search import RefitStart, Refitting, Search
+from pamid.diagnosis.settings import Settings
+from pamid.estimation.grey_box import model_with
+from pamid.estimation.intervals import NORMAL_95
+from pamid.estimation.problem import Fit
+from pamid.model.attachment import Attachment, attachments
+from pamid.model.free_form import FreeFormEffect
+from pamid.model.registry import free_form_effects
+from pamid.model.rig import Port, Rig
+from pamid.parallel.jobs import Failed
+from pamid.schemas.diagnosis_file import FormCurve
+from pamid.simulation.replay import run_windows
+from pamid.symbolic.vocabulary import Expr
+
+Array = NDArray[np.float64]
+Span = tuple[float, float]  # lowest and highest value (SI)
+Reached = dict[tuple[str, str], Span]  # by port and signal
+
+
+@dataclass(frozen=True, eq=False)
+class FreeForm:
+    """A free form that takes up a material share of what a model leaves. shrinkage, low, high:
+    share of the error that it removes on the windows that only report, with its 95 % interval."""
+
+    model: CandidateModel = field(repr=False)
+    shrinkage: float
+    low: float
+    high: float
+    curve: FormCurve
+
+    @property
+    def attachment(self) -> Attachment:
+        return self.model.attached[-1]
+
+    @property
+    def family(self) -> str:
+        return self.model.family
+
+    @property
+    def port(self) -> str:
+        """The port (group) under which it is reported."""
+        return self.model.group
+
+    @property
+    def known_by(self) -> str:
+        """What its family has in common, in words."""
+        return _form(self.attachment).known_by
+
+
+def free_forms(
+    search: Search,
+    best: CandidateModel,
+    ports: Sequence[str],
+    rivals: Sequence[CandidateModel] = (),
+) -> list[FreeForm]:
+    """The free forms at these ports that take up what `best` leaves: the first, and those of other
+    families or at other ports that do nearly as well, best first; none where none removes a
+    material share of it.
+
+    best: with effects or without; rivals: models of the catalogue on top of it. Where one of these
+    does as well, what is missing has a form of the catalogue, and nothing is returned.
+    """
+    beyond = replace(search, budget=replace(search.budget, baseline=best))
+    models = [c for c in _fitted(search, best, ports) if _is_material(beyond, c)]
+    if not models:
+        return []
+    losses = beyond.losses([*models, *rivals])
+    order = sorted(range(len(models)), key=lambda i: (losses[i].mean(), models[i].label))
+    for other in losses[len(models) :]:
+        worse = other - losses[order[0]]
+        if worse.mean() <= search.settings.tie_errors * worse.std():
+            return []
+    first = models[order[0]]
+    near = beyond.excess(first) + search.settings.tie_share * beyond.excess(best)
+    return [_described(beyond, models[i]) for i in order if beyond.excess(models[i]) <= near]
+
+
+def _form(a: Attachment) -> FreeFormEffect:
+    return cast(FreeFormEffect, a.effect)
+
+
+def _fitted(search: Search, best: CandidateModel, ports: Sequence[str]) -> list[CandidateModel]:
+    """`best` with each free form that fits one of the ports and has something to be drawn over
+    there, refitted and replayed."""
+    rig, reached = search.evidence.rig, reached_at(best, ports, search.settings)
+    starts = [
+        _start(search, best, a, span)
+        for a in attachments(rig, free_form_effects().values())
+        if len(a.ports) == 1 and a.ports[0] in ports
+        if (span := _span(a, rig, reached)) is not None
+    ]
+    work = Refitting(search.evidence, best.fit, search.budget.sizes, search.settings)
+    found = search.pool.run(work, starts, search.progress)
+    return [c for c in found if not isinstance(c, Failed) and c.finite]
+
+
+def _start(search: Search, best: CandidateModel, a: Attachment, span: Span) -> RefitStart:
+    """At the model without the form, whose shapes are placed where the recordings went."""
+    attached = (*best.attached, a)
+    assembly = model_with(search.evidence, attached, search.budget.sizes)
+    p = transferred(assembly, (best.assembly, best.fit.p))
+    for name, value in _form(a).placed(*span).items():
+        p[assembly.keys[f"{a.label}:{name}"]] = value
+    return RefitStart(attached, p, assembly=assembly)
+
+
+def _along(a: Attachment, port: Port) -> str:
+    """The name under which the port offers the signal that the form's curve is drawn over."""
+    return a.effect.offered_as(_form(a).along, port.signals)
+
+
+def _span(a: Attachment, rig: Rig, reached: Reached) -> Span | None:
+    """From where to where its curve goes; None where its signal is not offered, or rests."""
+    name = a.ports[0]
+    if _form(a).along == "time":
+        return reached.get((name, "value"))
+    return reached.get((name, _along(a, rig.ports[name])))
+
+
+def _is_material(search: Search, c: CandidateModel) -> bool:
+    """Does it remove enough of what the baseline leaves, on the windows that choose and on those
+    that report?"""
+    gap = search.excess(search.budget.baseline)
+    removed = gap - search.excess(c)
+    enough = gap > 0.0 and removed >= search.settings.form_share * gap
+    return enough and is_confirmed(search.budget, c, ~search.chosen, search.seed)
+
+
+def _described(search: Search, c: CandidateModel) -> FreeForm:
+    budget, reporting = search.budget, ~search.chosen
+    rows = reporting if reporting.any() else search.chosen
+    before, after = (budget.channel_losses(m.absolutes)[rows] for m in (budget.baseline, c))
+    low, high = forecast_interval(before, after, search.seed, search.settings)
+    return FreeForm(c, budget.shrinkage(c.absolutes, rows), low, high, curve_of(c, search.settings))
+
+
+def curve_of(c: CandidateModel, settings: Settings) -> FormCurve:
+    """The curve of a model's last effect, a free form, with the 95 % band of the fit's covariance,
+    over what the recordings reach, in the units people read."""
+    a, fit = c.attached[-1], c.fit
+    port, form = c.assembly.rig.ports[a.ports[0]], _form(a)
+    along = _along(a, port)
+    span = _span(a, c.assembly.rig, reached_at(c, a.ports, settings))
+    bounds = c.assembly.parameters
+    own = {b.key.rpartition(":")[2]: i for i, b in enumerate(bounds) if b.owner == a.label}
+    p = SimpleNamespace(**{name: float(fit.p[i]) for name, i in own.items()})
+    shapes = form.curve(p, *(span or (0.0, 0.0)))
+    coefficients = np.array([fit.p[own[name]] for name in form.coefficients()])
+    y = shapes.base + shapes.columns @ coefficients
+    known = _covariance(fit, [own[name] for name in form.coefficients()])
+    variance = np.einsum("ij,jk,ik->i", shapes.columns, known, shapes.columns)
+    half = NORMAL_95 * np.sqrt(np.maximum(variance, 0.0))
+    shared = form.along == "time"  # a response is a share of the step
+    x_unit = _shown_unit("s" if shared else port.unit_of(along))
+    y_unit = "" if shared else _shown_unit(port.unit)
+    lower, middle, upper = (size_from_si(v, y_unit) for v in (y - half, y, y + half))
+    return FormCurve(
+        signal=along,
+        signal_unit=x_unit,
+        shown=form.shown,
+        unit=y_unit,
+        x=tuple(map(float, from_si(shapes.x, x_unit))),
+        y=tuple(map(float, middle)),
+        low=tuple(map(float, lower)),
+        high=tuple(map(float, upper)),
+    )
+
+
+def _shown_unit(si: str) -> str:
+    found = display_unit(si)
+    return "" if found == NONE else found
+
+
+def _covariance(fit: Fit, places: list[int]) -> Array:
+    """Of fitted parameters at these places of the parameter vector (SI)."""
+    free = list(fit.problem.free)
+    rows = [free.index(i) for i in places]
+    slope = fit.problem.scale.slope(fit.p[free])[rows]
+    return np.asarray(fit.covariance[np.ix_(rows, rows)] * np.outer(slope, slope))
+
+
+def reached_at(c: CandidateModel, ports: Sequence[str], settings: Settings) -> Reached:
+    """Between which values (SI) the values and signals at these ports lie over the windows of the
+    fit, but for outliers; of ports with several places over all of them."""
+    assembly, fit = c.assembly, c.fit
+    wanted: dict[tuple[str, str, str], Expr] = {
+        (q.port, q.where, name): value
+        for q in assembly.traced.passages
+        if q.port in ports
+        for name, value in (("value", q.value), *q.signals)
+        if isinstance(value, Expr)
+    }
+    program = assembly.program_with({f"{where}.{n}": x for (_, where, n), x in wanted.items()})
+    rows = np.concatenate(
+        [
+            run_windows(program, assembly, fit.p, t, fit.problem.windows(t), x, fit.stepping)
+            for t, x in zip(fit.problem.tracks, fit.starts, strict=True)
+        ]
+    )
+    tail = settings.form_tail
+    ends = np.percentile(rows[:, len(program.outputs) - len(wanted) :], [tail, 100.0 - tail], 0)
+    reached: Reached = {}
+    for (port, _, name), low, high in zip(wanted, *ends, strict=True):
+        before = reached.get((port, name), (np.inf, -np.inf))
+        reached[port, name] = (min(before[0], float(low)), max(before[1], float(high)))
+    return {key: (low, high) for key, (low, high) in reached.items() if high > low}

@@ -1,0 +1,48 @@
+"""A force that depends on the position by no known law.
+
+What it is
+    A spring that bends as no formula says, a cam, a magnet that pulls towards one place, a weight
+    on a lever, a cable that drags along: one force at one place, whatever went before.
+What it looks like
+    What is missing, seen over the position, falls into one line, the same up and down.
+Looks like it
+    Friction or hysteresis, whose lines up and down part; a sensor that is not straight, which other
+    sensors do not follow.
+Equation
+    value -= offset + sum_k c_k ramp_k(position), between quarters of the range on both sides of its
+    middle
+References
+    Eilers, Marx (1996), Statistical Science 11(2), 89-121; Kovacic, Brennan (2011), The Duffing
+    Equation: Nonlinear Oscillators and their Behaviour, Wiley.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+from pamid.model.free_form import FreeFormEffect, coefficient, places, ramps, rises
+from pamid.symbolic.vocabulary import Expr, expression
+
+QUARTERS = (0.25, 0.5, 0.75, 1.0)
+
+
+class FreePositionForce(FreeFormEffect):
+    """A function of the position, or of the stretch of what transmits."""
+
+    family = "stiffness"
+    families: ClassVar[dict[str, str]] = {"transmission": "flexible-transmission"}
+    kinds = ("motion", "actuator-force", "transmission")
+    signals = ("position",)
+    stand_ins: ClassVar[dict[str, tuple[str, ...]]] = {"position": ("stretch",)}
+    parameters = (
+        coefficient("offset", 0.3, 0.5),
+        *rises(QUARTERS, 0.5, 0.5),
+        *places("position"),
+    )
+    look_alikes = ("linear-stiffness", "cubic-stiffness", "gravity", "end-stop", "cogging")
+    along = "position"
+    shown = "force beyond the rig's own"
+    known_by = "a function of the position"
+
+    def shapes(self, x: Expr, p: Any) -> list[Expr]:
+        return [expression(1.0), *ramps(x, p.middle, p.half, QUARTERS)]

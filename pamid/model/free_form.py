@@ -1,0 +1,151 @@
+"""A free form of a family: what a family has in common, without a law.
+
+A friction of no known law is still an odd or even function of the velocity; a spring of no known
+law a function of the position. A free form says the family and leaves the curve to the recordings:
+a sum of fixed shapes over the range that these reach, linear in its coefficients,
+
+    y(x) = sum_k c_k phi_k(x),    c_k ~ N(0, spread_k^2),
+
+so that without any it is nothing, and what the recordings do not show stays at nothing. The shapes
+of a function are ramps between knots: their coefficients are the rises from knot to knot, and the
+prior of each is that of a random walk, with a variance in proportion to the distance. That is a
+penalty on slopes: Eilers and Marx (1996), Statistical Science 11(2), 89-121. Beyond the last knot
+the curve stays where it is, and no effect can run away.
+
+Free forms take no part in the ranking of causes: they say which family an effect outside the
+catalogue belongs to (`pamid.diagnosis.family_forms`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pamid.model.effect import Effect
+from pamid.model.parameter import Parameter
+from pamid.symbolic.vocabulary import Expr, Number, clip, expression
+
+Array = NDArray[np.float64]
+
+PLACED = "placed over the range that the recordings reach"
+SHRUNKEN = "shrunken: nothing, unless the recordings say otherwise"
+CURVE_POINTS = 81  # of a curve
+ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh")
+
+
+@dataclass(frozen=True)
+class FormShapes:
+    """The curve of a free form over x (n,): y = base (n,) + columns (n, k) @ coefficients (k,),
+    SI."""
+
+    x: Array
+    base: Array
+    columns: Array
+
+
+class FreeFormEffect(Effect):
+    """Base of all free forms: `shapes` are the functions, `act` adds them up."""
+
+    along: ClassVar[str] = ""  # the signal that its curve is drawn over
+    shown: ClassVar[str] = ""  # what its curve shows
+    known_by: ClassVar[str] = ""  # what its family has in common, in words
+    taken_off: ClassVar[bool] = True  # its curve is taken off the value; else it is added
+
+    @classmethod
+    def coefficients(cls) -> tuple[str, ...]:
+        """The parameters that the form is linear in, in the order of its shapes."""
+        return tuple(p.name for p in cls.parameters if p.fitted)
+
+    def shapes(self, x: Expr, p: Any) -> list[Expr]:
+        """One function of x per coefficient."""
+        raise NotImplementedError
+
+    def added_up(self, shapes: Sequence[Number], value: Expr, p: Any) -> Number:
+        """The value with these shapes taken off, or added."""
+        whole: Number = 0.0
+        for name, shape in zip(self.coefficients(), shapes, strict=True):
+            whole = whole + getattr(p, name) * shape
+        return value - whole if self.taken_off else value + whole
+
+    def act(self, value: Expr, at: Any, p: Any, z: Any) -> Number:
+        x = value if self.along == "value" else getattr(at, self.along)
+        return self.added_up(self.shapes(x, p), value, p)
+
+    @classmethod
+    def placed(cls, low: float, high: float) -> dict[str, float]:
+        """Where its shapes lie (SI, by parameter), for a signal that goes from low to high."""
+        return {"middle": 0.5 * (low + high), "half": 0.5 * (high - low)}
+
+    def curve(self, p: Any, low: float, high: float) -> FormShapes:
+        """What `act` takes off or adds between low and high; p: numbers (SI)."""
+        x = np.linspace(low, high, CURVE_POINTS)
+        columns = [[float(expression(s)) for s in self.shapes(expression(v), p)] for v in x]
+        return FormShapes(x, np.zeros_like(x), np.array(columns))
+
+
+def ramps(x: Number, middle: Number, half: Number, knots: Sequence[float]) -> list[Expr]:
+    """Functions that rise from 0 to 1 between two neighbouring knots (shares of half, from 0 on)
+    above the middle, and fall from 0 to -1 between the same below it: an odd function has the same
+    coefficients on both sides, an even one opposite ones."""
+    share = (expression(x) - middle) / half
+    found = []
+    for side in (1.0, -1.0):
+        for before, after in zip((0.0, *knots), knots, strict=False):
+            rise = clip((side * share - before) * (1.0 / (after - before)), 0.0, 1.0)
+            found.append(side * rise)
+    return found
+
+
+def rises(
+    knots: Sequence[float], spread: float, most: float, size: str = "value"
+) -> tuple[Parameter, ...]:
+    """Coefficients of `ramps`: the rises above the middle, then those below. spread: of the whole
+    way to the last knot, of which every rise has its share (a random walk); most: of one of
+    them; both in multiples of the size."""
+    return tuple(
+        Parameter(
+            f"{side}_{place}",
+            0.0,
+            low=-most,
+            high=most,
+            spread=spread * math.sqrt((after - before) / knots[-1]),
+            size=size,
+            null=0.0,
+            source=SHRUNKEN,
+        )
+        for side in ("above", "below")
+        for place, before, after in zip(ORDINALS, (0.0, *knots), knots, strict=False)
+    )
+
+
+def coefficient(name: str, spread: float, most: float, size: str = "value") -> Parameter:
+    """A coefficient by itself; spread and most in multiples of the size."""
+    return Parameter(
+        name,
+        0.0,
+        low=-most,
+        high=most,
+        spread=spread,
+        size=size,
+        null=0.0,
+        source=SHRUNKEN,
+    )
+
+
+def places(signal: str) -> tuple[Parameter, Parameter]:
+    """Middle and half width of the range that the shapes cover, in multiples of the signal's
+    size."""
+    return (
+        Parameter("middle", 0.0, low=-10.0, high=10.0, size=signal, fitted=False, source=PLACED),
+        half_width(signal),
+    )
+
+
+def half_width(signal: str) -> Parameter:
+    """Half width of the range that the shapes cover, in multiples of the signal's size."""
+    return Parameter("half", 1.0, low=0.001, high=10.0, size=signal, fitted=False, source=PLACED)
