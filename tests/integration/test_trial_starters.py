@@ -173,8 +173,8 @@ def test_a_case_depends_on_its_number_alone(name: str) -> None:
 
 DIGESTS: dict[str, str] = {
     "cascaded-tanks": "1f5d60f50fbd2fc4",
-    "cylinder-bench": "3871b27dfe87e97e",
-    "damper-bench": "72ac4a91ae3576d6",
+    "cylinder-bench": "b45eda835173649b",
+    "damper-bench": "abc0ae137c5faac0",
     "dc-motor": "def1601883ba5983",
     "servo-pendulum": "4265e9062f023748",
     "thermal-block": "ada26a6792c48bff",
