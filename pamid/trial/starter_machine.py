@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pamid.base.errors import UsageError, nearest
 from pamid.trial.conditions import ALL, Conditions, StarterConditions, draw_starter_conditions
 from pamid.trial.faults import Draw, Fault
-from pamid.trial.joint_plant import packed
+from pamid.trial.joint_plant import AHEAD, packed
 from pamid.trial.machine import Record
 from pamid.trial.starter_faults import (
     ClockSizes,
@@ -222,7 +222,11 @@ class StarterMachine:
         steps = steps or self.steps
         h = self.period_s / steps
         there = {k: packed(**asdict(one)) for k, one in places.items()}
-        fine = {k: _fine(signal[k], steps, one.ramped) for k, one in self.sent.items()}
+        # it runs on after the end, for readings that are stamped early
+        fine = {
+            k: _fine(np.concatenate([signal[k], np.full(AHEAD, signal[k][-1])]), steps, one.ramped)
+            for k, one in self.sent.items()
+        }
 
         def through(column: str, x: Array) -> Array:
             port = self.log[column].port
@@ -230,7 +234,7 @@ class StarterMachine:
                 return x  # nothing is planted there
             return np.asarray(passed_on(np.ascontiguousarray(x), there[port], h))
 
-        y = np.zeros((n * steps, len(self.logged)))
+        y = np.zeros(((n + AHEAD) * steps, len(self.logged)))
         self.run(
             np.stack([through(k, x) for k, x in fine.items()], axis=1),
             packed(**true),
@@ -244,13 +248,13 @@ class StarterMachine:
                 f"the machine flies apart with {', '.join(faults) or 'no fault'}",
                 "draw smaller sizes",
             )
-        time = np.arange(n, dtype=np.float64) * self.period_s
-        clock = places[CLOCK]
+        stamps = np.arange(n + AHEAD, dtype=np.float64) * self.period_s
+        time, clock = stamps[:n], places[CLOCK]
         when = time + clock.early_s - clock.skew_ppm * 1e-6 * time
         random = np.random.default_rng(seed)
         shown = {k: np.asarray(signal[k]) for k in fine}
         for k, x in zip(self.logged, y.T, strict=True):
-            shown[k] = np.interp(when, time, through(k, x)[::steps])
+            shown[k] = np.interp(when, stamps, through(k, x)[::steps])
         return {"time_s": time} | {
             k: self.log[k].written(x, noise * random.standard_normal(n), converter[k])
             for k, x in shown.items()

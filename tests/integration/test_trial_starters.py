@@ -164,6 +164,33 @@ def test_noise_steps_and_channels(name: str) -> None:
     assert set(own.without) <= set(own.logged) < set(own.log) == set(own.logged) | set(own.sent)
 
 
+@pytest.mark.parametrize("name", [n for n in STARTERS if machine(n).clock])
+def test_readings_stamped_early_are_those_to_come(name: str) -> None:
+    """By two samples, up to the last one; what is sent is on time."""
+    own, still = machine(name), healthy(name)
+    fault = f"clock-skew@{own.clock}"
+    early = recorded(name, {fault: {"early_s": 2.0 * own.period_s, "skew_ppm": 0.0}})
+    for column in own.logged:
+        assert early[column][:-2] == pytest.approx(still[column][2:], abs=1e-6)
+        assert not np.array_equal(early[column][-2:], np.repeat(still[column][-1], 2))
+    assert all(np.array_equal(early[column], still[column]) for column in own.sent)
+
+
+@pytest.mark.parametrize("name", STARTERS)
+def test_the_errors_of_a_map_have_their_size(name: str) -> None:
+    """Off by so much in all, by no more than that in level and slope, which parameters take up;
+    a case without background has none."""
+    random = np.random.default_rng(SEED)
+    for span in machine(name).maps:
+        waves = draw_map(random, 0.02, span)
+        s = np.linspace(-span, span, 2001)
+        error = (waves[:, 0] * np.cos(np.outer(s, waves[:, 1]) + waves[:, 2])).sum(axis=1)
+        assert np.sqrt(np.mean(error**2)) == pytest.approx(0.02, rel=0.02)
+        line = np.polynomial.polynomial.polyfit(s / span, error, 1)
+        assert np.abs(line).max() < 0.02
+        assert not draw_map(random, 0.0, span)[:, 0].any()
+
+
 @pytest.mark.parametrize("name", STARTERS)
 def test_a_case_depends_on_its_number_alone(name: str) -> None:
     few, many = draw_cases("test", 7, 3, name), draw_cases("test", 30, 3, name)
@@ -173,8 +200,8 @@ def test_a_case_depends_on_its_number_alone(name: str) -> None:
 
 DIGESTS: dict[str, str] = {
     "cascaded-tanks": "1f5d60f50fbd2fc4",
-    "cylinder-bench": "3871b27dfe87e97e",
-    "damper-bench": "72ac4a91ae3576d6",
+    "cylinder-bench": "b45eda835173649b",
+    "damper-bench": "abc0ae137c5faac0",
     "dc-motor": "def1601883ba5983",
     "servo-pendulum": "4265e9062f023748",
     "thermal-block": "ada26a6792c48bff",

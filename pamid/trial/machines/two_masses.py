@@ -114,6 +114,7 @@ MACHINE = StarterMachine(
     },
     twins={"constant-offset@carriage_1": "offset", "offset@drive": "constant-offset"},
     further=(
+        # play of a coupling is in the catalogue, but this rig offers it no stretch there
         nameless_fault("slack-coupling", "coupling", {"slack": around(0.002)}),
         nameless_fault("tight-rail", "carriage_1", {"bent_damping": around(15.0)}),
         nameless_fault(
