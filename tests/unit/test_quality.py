@@ -9,7 +9,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import one_cart
 import pytest
 from numpy.typing import NDArray
 
@@ -339,22 +338,6 @@ def test_what_contradicts_the_rig_is_found(
     assert set(issue.columns) == columns and issue.severity == severity and issue.hint
     if kind == "delay":
         assert abs(issue.figures["delay_s"]) == pytest.approx(12 * PERIOD, abs=1.1 * PERIOD)
-
-
-@pytest.mark.parametrize("time", [1.0, 200.0, 1.0 / 200.0])
-def test_late_is_late_at_any_pace(time: float) -> None:
-    """Neither what counts as late nor how far is looked is a matter of the unit of time."""
-    written = one_cart.Written(time=time)
-    recording, rig = one_cart.recorded(written), one_cart.cart(written)
-    late = changed(recording, place=np.roll(recording.columns["place"], 4))
-    shifts = [
-        issue.figures["delay_s"] / given.sampling_period_s
-        for given in (recording, late)
-        for issue in examine(given, rig)
-        if issue.kind == "delay"
-    ]
-    # a cart heavier than its data sheet is late by itself
-    assert shifts == pytest.approx([8.0, 12.0], abs=1.1)
 
 
 def test_bar_are_told_by_name(joint: Recording) -> None:
