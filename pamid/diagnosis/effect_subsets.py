@@ -203,10 +203,11 @@ def best_subsets(
                 if names not in best or gain > best[names][0]:
                     best[names] = gain, members
         leading = sorted(best.values(), key=lambda e: (-e[0], e[1]))[: settings.subsets]
-    most = max((gain - fewer for gain, _ in leading), default=0.0)
-    least = max(settings.family_nats, settings.family_share * most)
+    # a share, no size in nats: the weights are those of the baseline's residuals, and where the
+    # first effect removes nearly all of these, one that halves the rest gains a fraction of one
+    least = settings.family_share * max((gain - fewer for gain, _ in leading), default=0.0)
     return [
         Subset(tuple(found.screened[i] for i in m), gain)
         for gain, m in leading
-        if gain - fewer > least
+        if gain - fewer > max(least, 0.0)
     ]

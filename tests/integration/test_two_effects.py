@@ -47,9 +47,11 @@ def test_a_pair_without_a_first_effect_to_build_on(subsets: int, tmp_path: Path)
 
 
 def test_a_slight_one_beside_a_plain_one(tmp_path: Path) -> None:
-    """Friction of a hundredth of the push, a tenth of the gap."""
-    planted = ("coulomb-friction:force_n=0.05", "dead-time")
-    assert named(found_with(tmp_path, *planted)) == set(LATE_AND_RUBBING)
+    """Friction of a hundredth of the push, a tenth of the gap, at a port where little seems to be
+    missing beside the delay."""
+    d = found_with(tmp_path, "coulomb-friction:force_n=0.05", "dead-time")
+    assert named(d) == set(LATE_AND_RUBBING)
+    assert "friction" in d.forward_steps[0].closed
 
 
 @pytest.mark.parametrize("planted", ["dead-time", "quadratic-drag"])
