@@ -29,7 +29,7 @@ from pamid.diagnosis.unknown import describe_unknown
 from pamid.diagnosis.verdict import diagnosis_json
 from pamid.estimation.grey_box import fit_model
 from pamid.model.effect import Effect
-from pamid.model.registry import catalogue_rig, effects
+from pamid.model.registry import catalogue_rig, effects, in_catalogue
 from pamid.parallel.jobs import Failed, Work, WorkerPool, fault_text
 from pamid.parallel.result_store import Plain
 from pamid.recording.recording import TIME, Recording, read_recording, write_recording
@@ -44,7 +44,8 @@ from pamid.schemas.trial_case_files import (
 )
 from pamid.simulation.data_split import DataSplit, Span, split_recordings
 from pamid.trial.cases import Case, cases_sha256, draw_cases
-from pamid.trial.machine import ONE_DOF, Machine, Record, machine_named
+from pamid.trial.machine import ONE_DOF, Machine, Record
+from pamid.trial.own_machine import OwnMachine
 from pamid.trial.scoring import score_cases
 
 Array = NDArray[np.float64]
@@ -56,13 +57,17 @@ Done = Callable[[int, int], None]
 @dataclass(frozen=True)
 class CaseSelection:
     """Which cases a trial has: so many of a part, drawn from a seed for a rig; of these only those
-    of one stratum, where one is named."""
+    of one stratum, where one is named. rig: its name, or a machine that is made of it."""
 
     part: str
     count: int
     seed: int
-    rig: str = ONE_DOF
+    rig: str | OwnMachine = ONE_DOF
     only: str = ""
+
+    @property
+    def rig_name(self) -> str:
+        return self.rig if isinstance(self.rig, str) else self.rig.name
 
     def draw(self) -> list[Case]:
         drawn = draw_cases(self.part, self.count, self.seed, self.rig)
@@ -85,7 +90,7 @@ def run_trial(
     digest = cases_sha256(cases)
     sweep(folder / "cases")
     about = TrialLabelsFile(
-        rig=selection.rig,
+        rig=selection.rig_name,
         part=selection.part,
         seed=selection.seed,
         cases_sha256=digest,
@@ -98,7 +103,7 @@ def run_trial(
         results,
         part=selection.part,
         seed=selection.seed,
-        rig=selection.rig,
+        rig=selection.rig_name,
         cases_sha256=digest,
     ).as_json()
     write_json(folder / "trial.json", found)
@@ -179,7 +184,8 @@ def examine(case: Case, place: Path) -> dict[str, Any]:
     recorded = _written(case, bench.run(case.planted), place / "recording.csv")
     catalogue = {k: v for k, v in effects().items() if k not in case.removed}
     begun = time.process_time()
-    d, verdict = diagnosed(split_recordings(catalogue_rig(case.rig), [recorded], []), catalogue)
+    rig = case.own.rig if case.own else catalogue_rig(case.rig)
+    d, verdict = diagnosed(split_recordings(rig, [recorded], []), catalogue)
     seconds = time.process_time() - begun
     seen = (
         _visibility(d, _written(case, bench.run({}), place / "twin.csv")) if case.planted else None
@@ -228,7 +234,7 @@ class CaseMachine:
 
     @classmethod
     def of(cls, case: Case) -> CaseMachine:
-        random, machine = np.random.default_rng(case.seed), machine_named(case.rig)
+        random, machine = np.random.default_rng(case.seed), case.machine
         seeds = tuple(int(s) for s in random.integers(2**31, size=4))
         return cls(case, machine, machine.build(random, case.conditions), seeds)
 
@@ -243,10 +249,12 @@ class CaseMachine:
 def _written(case: Case, columns: dict[str, Array], path: Path) -> Recording:
     """The recording as a user has it: written to a file with the channels of the case, and read
     back."""
-    c, machine = case.conditions, machine_named(case.rig)
+    c, machine = case.conditions, case.machine
     hidden = machine.withheld_columns[c.channels]
+    about = {"loop": c.loop, "sampling_period_s": machine.period_s}
     meta: dict[str, Any] = {
-        "recording": {"rig": case.rig, "loop": c.loop, "sampling_period_s": machine.period_s},
+        # a rig that only its user knows is not named: its file's name may tell more than the rig
+        "recording": {"rig": case.rig, **about} if in_catalogue(case.rig) else about,
         "known": machine.known(c),
     }
     if c.loop == "closed":

@@ -15,6 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from math import log1p
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -22,13 +23,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pamid.base.errors import DataError, UsageError, nearest
+from pamid.base.trust import is_code
 from pamid.base.units import split_column, to_si
 from pamid.model.assembly import Assembly
 from pamid.model.attachment import Attachment, attachments, fits
 from pamid.model.bound_parameter import Bound, Sizes
-from pamid.model.registry import effects
+from pamid.model.registry import effects, name_of, rig_named
 from pamid.model.rig import Rig
 from pamid.model.sampling import as_sampled
+from pamid.parallel.result_store import digest
 from pamid.recording.recording import TIME, Recording, recording_of
 from pamid.simulation.correlation_time import timescale_of
 from pamid.simulation.free_runs import (
@@ -41,7 +44,7 @@ from pamid.simulation.virtual_rig import in_its_loop
 from pamid.symbolic.vocabulary import Expr
 from pamid.trial.conditions import ALL, StarterConditions, draw_starter_conditions
 from pamid.trial.faults import Draw, Fault, around, between
-from pamid.trial.machine import Record
+from pamid.trial.machine import Record, machine_names
 from pamid.trial.own_excitation import made_excitation, runs_closed, runs_open, sampled
 from pamid.trial.own_forms import (
     BEND,
@@ -88,7 +91,7 @@ class OwnMachine:
 
     name        of the rig, or of its file without the folders
     sent        the user's own excitation, if there is one
-    sha256      of the rig's file, if it is none of the catalogue
+    sha256      digest of the rig, its file included, and of the user's own excitation
     """
 
     rig: Rig
@@ -197,6 +200,19 @@ class OwnMachine:
 
     def build(self, random: np.random.Generator, c: StarterConditions) -> Record:
         return draw_specimen(self, random, c).record
+
+
+def machine_given(rig: str | Rig, excitation: Recording | None = None) -> str | OwnMachine:
+    """The name of the machine that stands for a rig that a user named, or one made of the rig where
+    there is none, or where something of the user's own is sent. A path is code and is run;
+    FileError for what is no rig."""
+    if isinstance(rig, str) and rig in machine_names() and excitation is None:
+        return rig
+    made, about = rig_named(rig), name_of(rig)
+    sent = [] if excitation is None else [dict(excitation.columns), dict(excitation.known)]
+    return OwnMachine(
+        made, Path(about).name if is_code(about) else about, excitation, digest(made, *sent)
+    )
 
 
 @dataclass(frozen=True, eq=False)
