@@ -29,7 +29,7 @@ from pamid.diagnosis.unknown import describe_unknown
 from pamid.diagnosis.verdict import diagnosis_json
 from pamid.estimation.grey_box import fit_model
 from pamid.model.effect import Effect
-from pamid.model.registry import catalogue_rig, effects, in_catalogue
+from pamid.model.registry import catalogue_rig, effects
 from pamid.parallel.jobs import Failed, Work, WorkerPool, fault_text
 from pamid.parallel.result_store import Plain
 from pamid.recording.recording import TIME, Recording, read_recording, write_recording
@@ -44,6 +44,7 @@ from pamid.schemas.trial_case_files import (
 )
 from pamid.simulation.data_split import DataSplit, Span, split_recordings
 from pamid.trial.cases import Case, cases_sha256, draw_cases
+from pamid.trial.conditions import StarterConditions
 from pamid.trial.machine import ONE_DOF, Machine, Record
 from pamid.trial.own_machine import OwnMachine
 from pamid.trial.scoring import score_cases
@@ -251,14 +252,14 @@ def _written(case: Case, columns: dict[str, Array], path: Path) -> Recording:
     back."""
     c, machine = case.conditions, case.machine
     hidden = machine.withheld_columns[c.channels]
-    about = {"loop": c.loop, "sampling_period_s": machine.period_s}
     meta: dict[str, Any] = {
-        # a rig that only its user knows is not named: its file's name may tell more than the rig
-        "recording": {"rig": case.rig, **about} if in_catalogue(case.rig) else about,
+        "recording": {"rig": case.rig, "loop": c.loop, "sampling_period_s": machine.period_s},
         "known": machine.known(c),
     }
     if c.loop == "closed":
         meta["controller"] = dict(machine.controller)
+    if case.own is not None and isinstance(c, StarterConditions):
+        meta = case.own.meta(c)
     write_recording(
         path,
         columns[TIME],

@@ -25,8 +25,9 @@ from pamid.trial.starter_machine import WAVES
 
 Array = NDArray[np.float64]
 
-BEND, SKEW, SETTLING, SCALE = "form_bend", "form_skew", "form_settling", "form_scale"
-SIGNAL_SIZE = "form_size_"
+FORM = "form_"  # leads the names of what makes the other form
+BEND, SKEW, SETTLING, SCALE = (FORM + word for word in ("bend", "skew", "settling", "scale"))
+SIGNAL_SIZE = FORM + "size_"
 #: signals that tell no motion and no level: they are what they are
 STRAIGHT = ("time", "period", "inertia")
 

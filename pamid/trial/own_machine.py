@@ -26,9 +26,9 @@ from pamid.base.errors import DataError, UsageError, nearest
 from pamid.base.trust import is_code
 from pamid.base.units import split_column, to_si
 from pamid.model.assembly import Assembly
-from pamid.model.attachment import Attachment, attachments, fits
+from pamid.model.attachment import Attachment
 from pamid.model.bound_parameter import Bound, Sizes
-from pamid.model.registry import effects, name_of, rig_named
+from pamid.model.registry import in_catalogue, name_of, rig_named
 from pamid.model.rig import Rig
 from pamid.model.sampling import as_sampled
 from pamid.parallel.result_store import digest
@@ -43,12 +43,13 @@ from pamid.simulation.free_runs import (
 from pamid.simulation.virtual_rig import in_its_loop
 from pamid.symbolic.vocabulary import Expr
 from pamid.trial.conditions import ALL, StarterConditions, draw_starter_conditions
-from pamid.trial.faults import Draw, Fault, around, between
+from pamid.trial.faults import Fault
 from pamid.trial.machine import Record, machine_names
 from pamid.trial.own_excitation import made_excitation, runs_closed, runs_open, sampled
+from pamid.trial.own_faults import NAMELESS, TIMES, WAY, fault_of, planted_places
 from pamid.trial.own_forms import (
     BEND,
-    NAMELESS_EFFECTS,
+    FORM,
     SCALE,
     SETTLING,
     SIGNAL_SIZE,
@@ -61,7 +62,6 @@ from pamid.trial.starter_machine import draw_map
 
 Array = NDArray[np.float64]
 
-NAMELESS = "nameless:"
 ROUGH_KINDS = ("motion", "actuator-force", "flow", "rate")
 FINENESS = 7  # steps of the machine in one of a fit
 NOISE_SHARE = 0.002  # of a reading's usual deviation, where the rig states no noise
@@ -71,18 +71,6 @@ SHOWN = 2.0  # times noise and roughness, by which what is planted is to change 
 MOST_SCALED = 4.0  # if it takes no more than this times its drawn size
 HALVINGS = 6  # of what makes the machine fly apart
 PROBE_SEED = 0  # of the excitation over which sizes are looked at
-TIMES, WAY = "times", "way"  # of what is planted: times the typical size, and which way
-
-
-def _signed(low: float, high: float) -> Draw:
-    return lambda random: float(random.choice((-1.0, 1.0))) * float(random.uniform(low, high))
-
-
-FORM_DRAWS: dict[str, Draw] = {
-    BEND: _signed(0.2, 0.4),
-    SKEW: _signed(0.03, 0.1),
-    SETTLING: between(0.3, 1.5),  # sampling periods
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,40 +93,12 @@ class OwnMachine:
 
     @cached_property
     def attached(self) -> dict[str, Attachment]:
-        """Everything that can be planted, by the name of its fault. UsageError where there is no
-        port."""
-        known = {
-            f"{a.effect.name}@{a.label.partition('@')[2] or a.group(self.rig)}": a
-            for a in attachments(self.rig, effects().values())
-        }
-        nameless = {
-            f"{NAMELESS}{kind.name}@{port}": Attachment(kind(), (port,), f"{kind.name}@{port}")
-            for kind in NAMELESS_EFFECTS.values()
-            for port, at in self.rig.ports.items()
-            if fits(kind, replace(at, general=True))
-        }
-        if not known or not nameless:
-            raise UsageError(
-                f"nothing can be planted in rig {self.rig.name!r}: no effect fits its ports",
-                "give it ports: pamid rigs shows those of others",
-            )
-        return known | nameless
+        """What can be planted, by the name of its fault."""
+        return planted_places(self.rig)
 
     @cached_property
     def faults(self) -> Mapping[str, Fault]:
-        return {name: self._fault(name, a) for name, a in self.attached.items()}
-
-    def _fault(self, name: str, a: Attachment) -> Fault:
-        if name.startswith(NAMELESS):
-            return Fault(name, "", a.group(self.rig), {TIMES: around(1.0)}, (TIMES,))
-        others = {
-            p.name: around(1.0, 0.7, 1.4)
-            for p in a.effect.parameters_at(self.rig.ports[a.ports[0]].kind)
-            if p.null is None
-        }
-        draws = {TIMES: around(1.0), WAY: _signed(1.0, 1.0), **FORM_DRAWS, **others}
-        exact = frozenset((a.effect.name,))
-        return Fault(name, a.family(self.rig), a.group(self.rig), draws, (TIMES,), exact)
+        return {name: fault_of(self.rig, name, a) for name, a in self.attached.items()}
 
     @property
     def controller(self) -> Mapping[str, float]:
@@ -185,18 +145,24 @@ class OwnMachine:
             return {k: v for k, v in self.sent.columns.items() if k not in self.rig.outputs}
         return made_excitation(self.rig, c.loop, c.amplitude, seed)
 
-    def as_recording(self, c: StarterConditions, columns: Mapping[str, Array]) -> Recording:
-        """What is sent as an excitation that a virtual rig takes."""
-        meta: dict[str, Any] = {
-            "recording": {"loop": c.loop, "sampling_period_s": self.period_s},
+    def meta(self, c: StarterConditions) -> dict[str, Any]:
+        """The TOML of a recording. A rig that only its user knows is not named there: its file's
+        name may tell more than the rig."""
+        named = {"rig": self.name} if in_catalogue(self.name) else {}
+        tables: dict[str, Any] = {
+            "recording": {**named, "loop": c.loop, "sampling_period_s": self.period_s},
             "known": self.known(c),
         }
         if c.loop == "closed":
-            meta["controller"] = dict(self.controller)
+            tables["controller"] = dict(self.controller)
         if self.sent is not None and self.sent.between:
-            meta["between"] = dict(self.sent.between)
+            tables["between"] = dict(self.sent.between)
+        return tables
+
+    def as_recording(self, c: StarterConditions, columns: Mapping[str, Array]) -> Recording:
+        """What is sent as an excitation that a virtual rig takes."""
         time = np.arange(len(next(iter(columns.values())))) * self.period_s
-        return recording_of(time, columns, meta, name="sent")
+        return recording_of(time, columns, self.meta(c), name="sent")
 
     def build(self, random: np.random.Generator, c: StarterConditions) -> Record:
         return draw_specimen(self, random, c).record
@@ -208,6 +174,11 @@ def machine_given(rig: str | Rig, excitation: Recording | None = None) -> str | 
     FileError for what is no rig."""
     if isinstance(rig, str) and rig in machine_names() and excitation is None:
         return rig
+    return machine_of(rig, excitation)
+
+
+def machine_of(rig: str | Rig, excitation: Recording | None = None) -> OwnMachine:
+    """A machine made of a rig; errors as of `machine_given`."""
     made, about = rig_named(rig), name_of(rig)
     sent = [] if excitation is None else [dict(excitation.columns), dict(excitation.known)]
     return OwnMachine(
@@ -287,8 +258,14 @@ class Specimen:
         seed: int = 0,
     ) -> dict[str, Array]:
         """Readings before the converters. DataError where the machine flies apart."""
-        waves = self.waves if rough else {}
-        ports = self.rig.ports
+        assembly, p = self._model(faults, rough)
+        return virtual_recording(assembly, sent, p, noise=noise, seed=seed, fineness=FINENESS)
+
+    def _model(
+        self, faults: Mapping[str, Mapping[str, float]], rough: bool = True
+    ) -> tuple[Assembly, Array]:
+        """The machine's equations with what is planted, and its parameters (SI)."""
+        waves, ports = self.waves if rough else {}, self.rig.ports
         texture = [
             Attachment(Roughness(next(iter(ports[port].signals), "")), (port,), f"rough@{port}")
             for port in waves
@@ -301,21 +278,42 @@ class Specimen:
             controller=tuple(sorted(self.machine.controller.items())) if closed else (),
             sizes=self.sizes,
         )
-        p = assembly.values(sent.known)
+        p = assembly.values(self.probe.known)
+        known = {assembly.index_of(name) for name in self.probe.known}
         for key, value in self.values.items():
-            if not any(assembly.index_of(k) == assembly.keys[key] for k in sent.known):
+            if assembly.keys[key] not in known:
                 p[assembly.keys[key]] = value
         for port, rows in waves.items():
             for key, value in wave_values(rows).items():
                 p[assembly.keys[f"rough@{port}:{key}"]] = value
         for name, sizes in faults.items():
             self._set_sizes(assembly, p, there[name], sizes)
-        return virtual_recording(assembly, sent, p, noise=noise, seed=seed, fineness=FINENESS)
+        return assembly, p
+
+    def told(self, name: str, sizes: Mapping[str, float]) -> dict[str, float]:
+        """Parameters of what is planted in the words of its effect, by name with unit."""
+        assembly, p = self._model({name: {**sizes, TIMES: self.settled(name, sizes)}})
+        label = _label(name)
+        return {
+            b.name: float(p[assembly.keys[b.key]]) / b.factor
+            for b in assembly.parameters
+            if b.owner == label and not b.name.startswith(FORM)
+        }
+
+    @property
+    def true_parameters(self) -> dict[str, tuple[float, float]]:
+        """Parameters of the rig that are off: true and data-sheet value, by name with unit."""
+        assembly, p = self._model({})
+        return {
+            b.full_name: (float(p[assembly.keys[b.key]]) / b.factor, b.value / b.factor)
+            for b in assembly.parameters
+            if b.key in self.values and p[assembly.keys[b.key]] != b.value
+        }
 
     def _planted(self, name: str) -> Attachment:
         """What is planted, in its other form; under a label that no other one has."""
         a = self.machine.attached[name]
-        label = name.replace(":", "-")
+        label = _label(name)
         if name.startswith(NAMELESS):
             return replace(a, label=label)
         kind = in_another_form(type(a.effect), self._bent(a))
@@ -375,6 +373,11 @@ class Specimen:
         made = _read(plain, self.probe, at, changes)[:, -len(changes) :]
         usual = float(np.percentile(np.abs(made), 95.0)) if len(made) else 0.0
         return usual if usual > 0.0 else 1.0
+
+
+def _label(name: str) -> str:
+    """Of what is planted: a colon would part it from its parameters."""
+    return name.replace(":", "-")
 
 
 def _amount(b: Bound, times: float, way: float) -> float:
