@@ -4,10 +4,11 @@ are built from a rig's own equations.
 Such a machine must not be a model that the tool can reach by fitting, or the trial asks nothing.
 Here an effect of the catalogue acts in another form: with d the change that it makes,
 
-    value + lag(d (1 + bend tanh(d/scale)), settling)
+    value + lag(d (1 + bend tanh((d/scale)^2)), settling)
 
-one direction counting for more than the other, on signals that are bent likewise. Where the effect
-is at its null d is 0, and so is all of this, exactly.
+large changes counting for more, or less, than small ones, on signals that are bent slightly. The
+bend is even in d: were it odd, a friction would become one that is larger one way, which is another
+effect of the catalogue. Where the effect is at its null d is 0, and so is all of this, exactly.
 """
 
 from __future__ import annotations
@@ -68,7 +69,8 @@ def in_another_form(kind: type[Effect], signals: Sequence[str]) -> type[Effect]:
         found = kind.act(self, value, _BentSignals(at, p, bent), p, z)
         after, rates = found if isinstance(found, tuple) else (found, None)
         change = expression(after) - value
-        stretched = change * (1.0 + getattr(p, BEND) * tanh(change / getattr(p, SCALE)))
+        share = change / getattr(p, SCALE)
+        stretched = change * (1.0 + getattr(p, BEND) * tanh(share * share))
         other = value + lag(stretched, getattr(p, SETTLING))
         return other if rates is None else (other, rates)
 

@@ -187,7 +187,7 @@ def machine_of(rig: str | Rig, excitation: Recording | None = None) -> OwnMachin
 
 
 @dataclass(frozen=True, eq=False)
-class Specimen:
+class RigSpecimen:
     """A drawn machine.
 
     rig       with the noise of these sensors
@@ -411,7 +411,7 @@ def _rms(x: Array) -> float:
 
 def draw_specimen(
     machine: OwnMachine, random: np.random.Generator, c: StarterConditions
-) -> Specimen:
+) -> RigSpecimen:
     """A machine of these conditions; what is drawn are shares and multiples of what the data sheet
     says, so that no unit counts."""
     rig = as_sampled(machine.rig, [machine.period_s])
@@ -430,7 +430,7 @@ def draw_specimen(
         noise[name] = stated or NOISE_SHARE * float(spread) / _si_per_unit(name)
     rig = copy.copy(rig)
     vars(rig)["noise"] = noise
-    return Specimen(
+    return RigSpecimen(
         machine=machine,
         conditions=c,
         rig=rig,
