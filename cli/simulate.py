@@ -96,8 +96,8 @@ def command(
 
     A reference column runs the rig's controller (closed loop), a command column is replayed (open
     loop); a rig of several joints takes the references of all of them, or all commands. What the
-    excitation's TOML states as known holds for the rig, and is stated in the recording. Nothing else
-    of what was simulated is: neither effects, nor --set, nor the name of a rig file.
+    excitation's TOML states as known holds for the rig, and is stated in the recording. Nothing
+    else of what was simulated is: neither effects, nor --set, nor the name of a rig file.
     """
     from pamid.api.simulating import simulate
     from pamid.schemas.command_files import SimulatedFile
