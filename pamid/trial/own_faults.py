@@ -10,10 +10,10 @@ from pamid.model.attachment import Attachment, attachments, fits
 from pamid.model.registry import effects
 from pamid.model.rig import Rig
 from pamid.trial.faults import Draw, Fault, around, between
-from pamid.trial.own_forms import BEND, NAMELESS_EFFECTS, SETTLING, SKEW
+from pamid.trial.own_forms import FORM_BEND, FORM_SETTLING, FORM_SKEW, NAMELESS_EFFECTS
 
 NAMELESS = "nameless:"
-TIMES, WAY = "times", "way"  # of what is planted: times the typical size, and which way
+TIMES_TYPICAL, WAY = "times", "way"  # of what is planted: times the typical size, and which way
 
 
 def _signed(low: float, high: float) -> Draw:
@@ -21,9 +21,9 @@ def _signed(low: float, high: float) -> Draw:
 
 
 FORM_DRAWS: dict[str, Draw] = {
-    BEND: _signed(0.2, 0.4),
-    SKEW: _signed(0.03, 0.1),
-    SETTLING: between(0.3, 1.5),  # sampling periods
+    FORM_BEND: _signed(0.2, 0.4),
+    FORM_SKEW: _signed(0.03, 0.1),
+    FORM_SETTLING: between(0.3, 1.5),  # sampling periods
 }
 
 
@@ -52,11 +52,13 @@ def fault_of(rig: Rig, name: str, a: Attachment) -> Fault:
     """How its sizes are drawn: as multiples of what is typical at its port on that rig, so that no
     unit counts."""
     if name.startswith(NAMELESS):
-        return Fault(name, "", a.group(rig), {TIMES: around(1.0)}, (TIMES,))
+        return Fault(name, "", a.group(rig), {TIMES_TYPICAL: around(1.0)}, (TIMES_TYPICAL,))
     others = {
         p.name: around(1.0, 0.7, 1.4)
         for p in a.effect.parameters_at(rig.ports[a.ports[0]].kind)
         if p.null is None
     }
-    draws = {TIMES: around(1.0), WAY: _signed(1.0, 1.0), **FORM_DRAWS, **others}
-    return Fault(name, a.family(rig), a.group(rig), draws, (TIMES,), frozenset((a.effect.name,)))
+    draws = {TIMES_TYPICAL: around(1.0), WAY: _signed(1.0, 1.0), **FORM_DRAWS, **others}
+    return Fault(
+        name, a.family(rig), a.group(rig), draws, (TIMES_TYPICAL,), frozenset((a.effect.name,))
+    )

@@ -27,10 +27,12 @@ from pamid.trial.starter_machine import WAVES
 Array = NDArray[np.float64]
 
 FORM = "form_"  # leads the names of what makes the other form
-BEND, SKEW, SETTLING, SCALE = (FORM + word for word in ("bend", "skew", "settling", "scale"))
+FORM_BEND, FORM_SKEW, FORM_SETTLING, FORM_SCALE = (
+    FORM + word for word in ("bend", "skew", "settling", "scale")
+)
 SIGNAL_SIZE = FORM + "size_"
 #: signals that tell no motion and no level: they are what they are
-STRAIGHT = ("time", "period", "inertia")
+UNBENT = ("time", "period", "inertia")
 
 
 def _number(name: str, value: float) -> Parameter:
@@ -50,17 +52,17 @@ class _BentSignals:
         if name not in self._bent or not isinstance(value, Expr):
             return value
         return value * (
-            1.0 + getattr(self._p, SKEW) * tanh(value / getattr(self._p, SIGNAL_SIZE + name))
+            1.0 + getattr(self._p, FORM_SKEW) * tanh(value / getattr(self._p, SIGNAL_SIZE + name))
         )
 
 
 def in_another_form(kind: type[Effect], signals: Sequence[str]) -> type[Effect]:
     """The effect as the module's docstring has it, under the same name; signals: those that are
     bent. Its further parameters (SI) are set by who draws the machine."""
-    bent = tuple(s for s in signals if s not in STRAIGHT)
+    bent = tuple(s for s in signals if s not in UNBENT)
     own = (
-        *(_number(name, 0.0) for name in (BEND, SKEW, SETTLING)),
-        *(_number(name, 1.0) for name in (SCALE, *(SIGNAL_SIZE + s for s in bent))),
+        *(_number(name, 0.0) for name in (FORM_BEND, FORM_SKEW, FORM_SETTLING)),
+        *(_number(name, 1.0) for name in (FORM_SCALE, *(SIGNAL_SIZE + s for s in bent))),
     )
 
     def act(
@@ -69,9 +71,9 @@ def in_another_form(kind: type[Effect], signals: Sequence[str]) -> type[Effect]:
         found = kind.act(self, value, _BentSignals(at, p, bent), p, z)
         after, rates = found if isinstance(found, tuple) else (found, None)
         change = expression(after) - value
-        share = change / getattr(p, SCALE)
-        stretched = change * (1.0 + getattr(p, BEND) * tanh(share * share))
-        other = value + lag(stretched, getattr(p, SETTLING))
+        share = change / getattr(p, FORM_SCALE)
+        stretched = change * (1.0 + getattr(p, FORM_BEND) * tanh(share * share))
+        other = value + lag(stretched, getattr(p, FORM_SETTLING))
         return other if rates is None else (other, rates)
 
     return type(

@@ -46,14 +46,14 @@ from pamid.trial.conditions import ALL, StarterConditions, draw_starter_conditio
 from pamid.trial.faults import Fault
 from pamid.trial.machine import Record, machine_names
 from pamid.trial.own_excitation import made_excitation, runs_closed, runs_open, sampled
-from pamid.trial.own_faults import NAMELESS, TIMES, WAY, fault_of, planted_places
+from pamid.trial.own_faults import NAMELESS, TIMES_TYPICAL, WAY, fault_of, planted_places
 from pamid.trial.own_forms import (
-    BEND,
     FORM,
-    SCALE,
-    SETTLING,
+    FORM_BEND,
+    FORM_SCALE,
+    FORM_SETTLING,
+    FORM_SKEW,
     SIGNAL_SIZE,
-    SKEW,
     Roughness,
     in_another_form,
     wave_values,
@@ -65,11 +65,11 @@ Array = NDArray[np.float64]
 ROUGH_KINDS = ("motion", "actuator-force", "flow", "rate")
 FINENESS = 7  # steps of the machine in one of a fit
 NOISE_SHARE = 0.002  # of a reading's usual deviation, where the rig states no noise
-STEPS = (0.2, 2.0)  # of the converters, in standard deviations of the noise
+CONVERTER_STEPS = (0.2, 2.0)  # of the converters, in standard deviations of the noise
 OPEN_SHARE = 0.25  # of the cases, on a rig that runs in both ways
 SHOWN = 2.0  # times noise and roughness, by which what is planted is to change a reading,
 MOST_SCALED = 4.0  # if it takes no more than this times its drawn size
-HALVINGS = 6  # of what makes the machine fly apart
+GENTLER = 6  # of what makes the machine fly apart
 PROBE_SEED = 0  # of the excitation over which sizes are looked at
 
 
@@ -217,7 +217,7 @@ class RigSpecimen:
                     f"{name!r} cannot be planted in {self.machine.name}",
                     nearest(name, list(self.machine.attached)) or "see its faults",
                 )
-        settled = {k: {**v, TIMES: self.settled(k, v)} for k, v in faults.items()}
+        settled = {k: {**v, TIMES_TYPICAL: self.settled(k, v)} for k, v in faults.items()}
         sent = self.machine.as_recording(self.conditions, signal)
         columns = self._run(sent, settled, noise=self.conditions.noise, seed=seed)
         for name, step in self.steps.items():
@@ -227,12 +227,12 @@ class RigSpecimen:
     def settled(self, name: str, sizes: Mapping[str, float]) -> float:
         """`times` of a planted effect: raised once where it would be lost in noise and roughness,
         halved while the machine flies apart with it."""
-        times, raised = sizes[TIMES], False
+        times, raised = sizes[TIMES_TYPICAL], False
         rough = self._run(self.probe, {})
         smooth = self._run(self.probe, {}, rough=False)
-        for _ in range(HALVINGS):
+        for _ in range(GENTLER):
             try:
-                made = self._run(self.probe, {name: {**sizes, TIMES: times}})
+                made = self._run(self.probe, {name: {**sizes, TIMES_TYPICAL: times}})
             except DataError:
                 times, raised = 0.5 * times, True
                 continue
@@ -292,7 +292,7 @@ class RigSpecimen:
 
     def told(self, name: str, sizes: Mapping[str, float]) -> dict[str, float]:
         """Parameters of what is planted in the words of its effect, by name with unit."""
-        assembly, p = self._model({name: {**sizes, TIMES: self.settled(name, sizes)}})
+        assembly, p = self._model({name: {**sizes, TIMES_TYPICAL: self.settled(name, sizes)}})
         label = _label(name)
         return {
             b.name: float(p[assembly.keys[b.key]]) / b.factor
@@ -341,17 +341,17 @@ class RigSpecimen:
         }
         for name, (i, b) in place.items():
             if b.null is not None:
-                p[i] = _amount(b, sizes[TIMES], sizes.get(WAY, 1.0))
-            elif name in (BEND, SKEW):
+                p[i] = _amount(b, sizes[TIMES_TYPICAL], sizes.get(WAY, 1.0))
+            elif name in (FORM_BEND, FORM_SKEW):
                 p[i] = sizes[name]
-            elif name == SETTLING:
+            elif name == FORM_SETTLING:
                 p[i] = sizes[name] * self.machine.period_s
             elif name.startswith(SIGNAL_SIZE):
                 p[i] = self._size(a, name.removeprefix(SIGNAL_SIZE))
-            elif name != SCALE:
+            elif name != FORM_SCALE:
                 p[i] = min(max(b.value * sizes.get(name, 1.0), b.low), b.high)
-        if SCALE in place:
-            p[place[SCALE][0]] = self._change(assembly, p, a)
+        if FORM_SCALE in place:
+            p[place[FORM_SCALE][0]] = self._change(assembly, p, a)
 
     def _size(self, a: Attachment, signal: str) -> float:
         """The largest size of a signal at its ports, SI."""
@@ -363,7 +363,9 @@ class RigSpecimen:
         plain = replace(assembly, attachments=(a,))
         at = plain.values(self.probe.known)
         for b in plain.parameters:
-            straight = b.key in {f"{a.label}:{name}" for name in (BEND, SKEW, SETTLING)}
+            straight = b.key in {
+                f"{a.label}:{name}" for name in (FORM_BEND, FORM_SKEW, FORM_SETTLING)
+            }
             at[plain.keys[b.key]] = b.value if straight else p[assembly.keys[b.key]]
         changes = {
             f"change.{passage.where}": passage.result - passage.value
@@ -438,7 +440,7 @@ def draw_specimen(
         values={b.key: _drawn(b, random) for b in plain.parameters if b.fitted},
         waves=_draw_roughness(rig, sizes, random, c.background),
         steps={
-            name: c.noise * one * float(random.uniform(*STEPS))
+            name: c.noise * one * float(random.uniform(*CONVERTER_STEPS))
             for name, one in noise.items()
             if one
         },

@@ -23,14 +23,14 @@ from pamid.simulation.free_runs import free_run, input_table
 from pamid.trial.case_runs import CaseMachine, _written
 from pamid.trial.cases import NAMELESS, Case, cases_sha256, draw_cases
 from pamid.trial.own_excitation import MOST_OWN_SAMPLES, made_excitation, sampled
-from pamid.trial.own_faults import TIMES
+from pamid.trial.own_faults import TIMES_TYPICAL
 from pamid.trial.own_forms import (
-    BEND,
+    FORM_BEND,
+    FORM_SCALE,
+    FORM_SETTLING,
+    FORM_SKEW,
     NAMELESS_EFFECTS,
-    SCALE,
-    SETTLING,
     SIGNAL_SIZE,
-    SKEW,
     in_another_form,
 )
 from pamid.trial.own_machine import OwnMachine, draw_specimen, machine_given, machine_of
@@ -199,7 +199,12 @@ def test_the_other_form_vanishes_exactly_at_the_null(name: str) -> None:
     for b in other.parameters:
         if b.null is not None:
             p[other.keys[b.key]] = b.null
-    for word, value in ((BEND, 0.4), (SKEW, 0.1), (SETTLING, 0.05), (SCALE, 0.3)):
+    for word, value in (
+        (FORM_BEND, 0.4),
+        (FORM_SKEW, 0.1),
+        (FORM_SETTLING, 0.05),
+        (FORM_SCALE, 0.3),
+    ):
         p[other.index_of(f"bent:{word}")] = value
     was = free_run(healthy, u, healthy.values(), 0.01).outputs
     now = free_run(other, u, p, 0.01).outputs
@@ -216,7 +221,10 @@ def test_the_other_form_is_another_and_stays_even_in_the_change() -> None:
     p[assembly.keys[amount.key]] = 0.1
     plain = free_run(Assembly(rig), u, Assembly(rig).values(), 0.01).outputs[:, 0]
     scale = 0.05 * np.abs(plain).max()
-    p[assembly.index_of(f"bent:{BEND}")], p[assembly.index_of(f"bent:{SCALE}")] = 0.4, scale
+    p[assembly.index_of(f"bent:{FORM_BEND}")], p[assembly.index_of(f"bent:{FORM_SCALE}")] = (
+        0.4,
+        scale,
+    )
     change = free_run(assembly, u, p, 0.01).outputs[:, 0] - plain
     expected = 0.1 * plain * (1.0 + 0.4 * np.tanh((0.1 * plain / scale) ** 2))
     np.testing.assert_allclose(change, expected, rtol=0.0, atol=1e-9 * np.ptp(plain))
@@ -232,7 +240,7 @@ def test_signals_are_bent_by_their_size() -> None:
     u, p = input_table(assembly, sent), assembly.values()
     p[assembly.index_of("bent:" + SIGNAL_SIZE + "velocity")] = 0.1
     straight = free_run(assembly, u, p, 0.01).outputs
-    p[assembly.index_of(f"bent:{SKEW}")] = 0.1
+    p[assembly.index_of(f"bent:{FORM_SKEW}")] = 0.1
     skewed = free_run(assembly, u, p, 0.01).outputs
     assert np.abs(skewed - straight).max() > 1e-3 * np.ptp(straight)
 
@@ -257,7 +265,7 @@ def test_what_is_planted_is_raised_until_it_shows_and_never_lowered(machine: Own
     case = planted_case(machine)
     (site, sizes) = next(iter(case.planted.items()))
     drawn = draw_specimen(machine, np.random.default_rng(3), case.conditions)
-    small, large = ({**sizes, TIMES: times} for times in (1e-4, 2.0))
+    small, large = ({**sizes, TIMES_TYPICAL: times} for times in (1e-4, 2.0))
     assert drawn.settled(site, small) == pytest.approx(4e-4)  # no more than four times
     assert drawn.settled(site, large) >= 2.0
     with pytest.raises(UsageError, match="cannot be planted"):
